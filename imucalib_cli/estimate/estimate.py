@@ -1,0 +1,94 @@
+"""What an estimator returns: numbers and the evidence for them, without names or files."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class UnobservableDirection:
+    """A direction of the pose that the motion did not determine."""
+
+    kind: Literal["translation", "rotation"]
+    direction_parent: Floats
+    """(3,), unit vector in the parent frame: along it, or about it."""
+    std: float | None
+    """1 sigma along the direction, m or rad; None where nothing bounds it."""
+    motion: str
+    """Which motion would determine it, in words."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Window:
+    """The filter window that was used and why."""
+
+    samples: int
+    seconds: float
+    reason: str
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Residuals:
+    """What is left after the fit: root mean square per axis of the window residuals."""
+
+    accel_rms: Floats
+    """(3,), parent-frame axes, m/s²."""
+    gyro_rms: Floats
+    """(3,), parent-frame axes, rad/s."""
+    windows_used: int
+    windows_dropped: int
+    """Left out by the robust weights (contacts, shocks, bad stamps)."""
+    samples_replaced: int
+    """Single IMU samples found to be spikes and bridged."""
+    gaps: int
+    """Holes in either stream that no window straddles."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Estimate:
+    """Pose of the IMU in its parent link, with the evidence for it.
+
+    Covariances are in the tangent of conventions.md: translation first, then rotation, both in
+    the parent frame, rotation perturbed on the left, exp([phi]x) R.
+    """
+
+    method: Literal["matched", "paper"]
+    R_parent_imu: Floats
+    """(3, 3)."""
+    t_parent_imu: Floats
+    """(3,), m."""
+    covariance: Floats | None
+    """(6, 6), m², m rad, rad²; tx ty tz rx ry rz; None where the method states none."""
+    time_offset: float
+    """IMU stamp - robot stamp of the same instant, s."""
+    time_offset_std: float | None
+    """None where it was not estimated."""
+    accel_bias: Floats
+    """(3,), IMU frame, m/s²."""
+    accel_bias_std: Floats | None
+    gyro_bias: Floats
+    """(3,), IMU frame, rad/s."""
+    gyro_bias_std: Floats | None
+    gravity_world: Floats
+    """(3,), m/s²; zero where there is none."""
+    window: Window
+    residuals: Residuals
+    unobservable: tuple[UnobservableDirection, ...] = ()
+    sigma_source: Literal["noise", "segments"] = "noise"
+    """What set the covariance: noise, or the scatter of segments (model error)."""
+    distrust: tuple[str, ...] = ()
+    """Why the result must not be trusted, one sentence each; empty if it may be."""
+    warnings: tuple[str, ...] = ()
+    notes: dict[str, float | str | bool | None] = field(default_factory=dict)
+    """Further diagnostics by name, scalar, for the record."""
+
+    @property
+    def trusted(self) -> bool:
+        """Whether every direction was determined and nothing contradicts the result."""
+        return not self.unobservable and not self.distrust

@@ -1,0 +1,1 @@
+"""Bytes to typed streams; knows nothing of robots."""

@@ -1,0 +1,66 @@
+"""Typed streams: what a log is decoded into.
+
+Stamps are int64 nanoseconds at this border; float64 seconds begin after a clock is chosen
+(:mod:`imucalib_cli.logs.clock`). Rows are in the order of the log.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Nanoseconds = NDArray[np.int64]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Stream:
+    """What all streams share: where it came from and when each row was stamped."""
+
+    topic: str
+    header_ns: Nanoseconds
+    """(N,), the message header's stamp, ns."""
+    log_ns: Nanoseconds
+    """(N,), when the recorder received the message, ns."""
+
+    def __len__(self) -> int:
+        return len(self.header_ns)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ImuStream(Stream):
+    """sensor_msgs/Imu of one topic."""
+
+    frame_id: str
+    """Frame the values are expressed in, without a leading slash."""
+    gyro: Floats
+    """(N, 3), angular rate in the IMU frame, rad/s."""
+    accel: Floats
+    """(N, 3), specific force in the IMU frame, m/s²; at rest it points up."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class JointStream(Stream):
+    """sensor_msgs/JointState rows that carry the same set of joints (one publisher, usually)."""
+
+    names: tuple[str, ...]
+    position: Floats
+    """(N, len(names)), rad or m."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PoseStream(Stream):
+    """Pose of ``child`` in ``parent`` (T_parent_child) over time, from any pose-like message."""
+
+    parent: str
+    """Frame the pose is expressed in, without a leading slash."""
+    child: str
+    """Frame whose pose it is; empty where the message has none (PoseStamped)."""
+    position: Floats
+    """(N, 3), p_parent_child, m."""
+    quaternion_xyzw: Floats
+    """(N, 4), R_parent_child, x y z w, normalised."""
+    is_static: bool = False
+    """From /tf_static: holds for the whole log, whatever its stamp."""

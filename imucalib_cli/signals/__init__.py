@@ -1,0 +1,1 @@
+"""Time: clocks, gaps, interpolation, Savitzky-Golay filters and their Peano kernels, lag."""

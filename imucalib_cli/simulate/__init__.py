@@ -1,0 +1,1 @@
+"""Robots moved by a physics engine, IMU noise, and logs of it with their truth."""
