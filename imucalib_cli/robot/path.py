@@ -13,7 +13,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from imucalib_cli.robot.rotations import matrix_from_quaternion
+
 Floats = NDArray[np.float64]
+
+_BLOCK = 4096
+"""Instants multiplied through at a time: their matrices stay in the processor's cache."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -27,6 +32,8 @@ class Track:
     """(N,), s since the log's start, as stamped: may jitter, repeat or have gaps."""
     values: Floats
     """(N, J) joint positions, rad or m; or (N, 7) position xyz, m, and quaternion xyzw."""
+    names: tuple[str, ...] = ()
+    """The joint of each column; empty for a pose."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -83,6 +90,101 @@ class KinematicPath:
                 need not be normalised.
 
         Returns:
-            R_world_parent (M, 3, 3) and p_world_parent (M, 3), m.
+            R_world_parent (M, 3, 3) and p_world_parent (M, 3), m, both C-contiguous.
+
+        Raises:
+            ValueError: The arrays are not one for each track, or differ in length.
         """
-        raise NotImplementedError
+        lengths = {len(track_values) for track_values in values}
+        if len(values) != len(self.tracks) or len(lengths) > 1:
+            raise ValueError(
+                f"{len(self.tracks)} arrays of one length are needed, got {len(values)} of "
+                f"lengths {sorted(lengths)}"
+            )
+        count = lengths.pop() if lengths else 1
+        R_world_parent = np.empty((count, 3, 3))
+        p_world_parent = np.empty((count, 3))
+        for first in range(0, count, _BLOCK):
+            block = slice(first, first + _BLOCK)
+            R, p = _multiply(
+                self.steps, tuple(v[block] for v in values), min(_BLOCK, count - first)
+            )
+            R_world_parent[block] = R.transpose(2, 0, 1)
+            p_world_parent[block] = p.T
+        return R_world_parent, p_world_parent
+
+
+def merge_fixed(steps: tuple[Step, ...] | list[Step]) -> tuple[Step, ...]:
+    """Multiply neighbouring fixed steps into one, so that they cost nothing per sample."""
+    merged: list[Step] = []
+    for step in steps:
+        last = merged[-1] if merged else None
+        if isinstance(step, FixedStep) and isinstance(last, FixedStep):
+            merged[-1] = FixedStep(R=last.R @ step.R, p=last.p + last.R @ step.p)
+        else:
+            merged.append(step)
+    return tuple(merged)
+
+
+def _multiply(
+    steps: tuple[Step, ...], values: tuple[Floats, ...], count: int
+) -> tuple[Floats, Floats]:
+    """Product of the steps; samples are the last axis, (3, 3, M) and (3, M), so rows are long."""
+    R = np.repeat(np.eye(3)[:, :, None], count, axis=2)
+    p = np.zeros((3, count))
+    for step in steps:
+        if isinstance(step, FixedStep):
+            p += np.matmul(step.p, R)
+            R = np.matmul(step.R.T, R)
+        elif isinstance(step, PoseStep):
+            R, p = _append_pose(R, p, step, values[step.track])
+        else:
+            position = step.multiplier * values[step.track][:, step.column] + step.offset
+            if step.kind == "prismatic":
+                p += np.matmul(step.axis, R) * position
+            else:
+                R = _turn(R, step.axis, position)
+    return R, p
+
+
+def _turn(R: Floats, axis: Floats, angle: Floats) -> Floats:
+    """R times the rotation about ``axis``: two columns of R mix, the one along the axis stays."""
+    along = int(np.argmax(np.abs(axis)))
+    aligned = np.count_nonzero(axis) == 1
+    basis = np.eye(3) if aligned else _basis_with_z(axis)
+    if not aligned:
+        along = 2
+        R = np.matmul(basis.T, R)
+    sine = np.sin(angle) * (np.sign(axis[along]) if aligned else 1.0)
+    cosine = np.cos(angle)
+    i, j = (along + 1) % 3, (along + 2) % 3
+    turned = np.empty_like(R)
+    turned[:, along] = R[:, along]
+    turned[:, i] = cosine * R[:, i] + sine * R[:, j]
+    turned[:, j] = cosine * R[:, j] - sine * R[:, i]
+    return turned if aligned else np.matmul(basis, turned)
+
+
+def _basis_with_z(axis: Floats) -> Floats:
+    """Rotation whose third column is the axis: turning about it is turning about z."""
+    helper = np.eye(3)[int(np.argmin(np.abs(axis)))]
+    x = np.cross(helper, axis)
+    x /= np.sqrt(x @ x)
+    return np.column_stack((x, np.cross(axis, x), axis))
+
+
+def _append_pose(R: Floats, p: Floats, step: PoseStep, pose: Floats) -> tuple[Floats, Floats]:
+    R_step = np.ascontiguousarray(matrix_from_quaternion(pose[:, 3:7]).transpose(1, 2, 0))
+    p_step = pose[:, :3].T
+    if step.inverse:
+        R_step = R_step.transpose(1, 0, 2)
+        p_step = -_times_vector(R_step, p_step)
+    product = R[:, 0, None] * R_step[0]
+    for k in (1, 2):
+        product += R[:, k, None] * R_step[k]
+    return product, p + _times_vector(R, p_step)
+
+
+def _times_vector(R: Floats, v: Floats) -> Floats:
+    product: Floats = R[:, 0] * v[0] + R[:, 1] * v[1] + R[:, 2] * v[2]
+    return product

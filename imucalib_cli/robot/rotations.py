@@ -1,0 +1,194 @@
+"""Rotations as matrices, quaternions (xyzw), roll-pitch-yaw and rotation vectors, in numpy only.
+
+Every function takes stacks: the leading axes are the caller's. ``R`` is active, ``R_a_b`` maps
+b-coordinates to a. scipy.spatial.transform knows the same, but importing it costs more than a
+whole calibration.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Floats = NDArray[np.float64]
+
+_GIMBAL_LOCK = 1e-14
+"""cos(pitch) below which roll and yaw are one angle in double precision."""
+
+
+def skew(v: ArrayLike) -> Floats:
+    """Give the matrix [v]x of the cross product: [v]x u = v x u.
+
+    Args:
+        v: (..., 3).
+
+    Returns:
+        (..., 3, 3).
+    """
+    v = np.asarray(v, dtype=np.float64)
+    matrix = np.zeros((*v.shape, 3))
+    matrix[..., 2, 1] = v[..., 0]
+    matrix[..., 0, 2] = v[..., 1]
+    matrix[..., 1, 0] = v[..., 2]
+    matrix[..., 1, 2] = -v[..., 0]
+    matrix[..., 2, 0] = -v[..., 1]
+    matrix[..., 0, 1] = -v[..., 2]
+    return matrix
+
+
+def matrix_from_rotvec(rotvec: ArrayLike) -> Floats:
+    """Exponential map of SO(3), exp([rotvec]x), by Rodrigues' formula.
+
+    Args:
+        rotvec: (..., 3), axis times angle, rad.
+
+    Returns:
+        (..., 3, 3).
+    """
+    rotvec = np.asarray(rotvec, dtype=np.float64)
+    angle = np.sqrt(np.sum(rotvec * rotvec, axis=-1))[..., None, None]
+    K = skew(rotvec)
+    # sinc has no singularity at zero, so neither has the map: sin(a)/a and (1 - cos a)/a².
+    return (
+        np.eye(3) + np.sinc(angle / np.pi) * K + 0.5 * np.sinc(angle / (2.0 * np.pi)) ** 2 * (K @ K)
+    )
+    return R
+
+
+def rotvec_from_matrix(R: ArrayLike) -> Floats:
+    """Logarithm of SO(3): the rotation vector of angle at most pi.
+
+    Args:
+        R: (..., 3, 3).
+
+    Returns:
+        (..., 3), rad.
+    """
+    quaternion = quaternion_from_matrix(R)
+    v, w = quaternion[..., :3], quaternion[..., 3:]
+    sine = np.sqrt(np.sum(v * v, axis=-1, keepdims=True))
+    small = sine < 1e-7
+    # angle / sin(angle / 2), which tends to 2 at the identity; cubic terms are below rounding.
+    factor = 2.0 * np.arctan2(sine, w) / np.where(small, 1.0, sine)
+    return v * np.where(small, 2.0, factor)
+
+
+def rotation_angle(R: ArrayLike) -> Floats:
+    """Geodesic distance from the identity, exact for tiny angles too.
+
+    Args:
+        R: (..., 3, 3).
+
+    Returns:
+        (...), rad, in [0, pi].
+    """
+    quaternion = quaternion_from_matrix(R)
+    sine = np.sqrt(np.sum(quaternion[..., :3] ** 2, axis=-1))
+    angle: Floats = 2.0 * np.arctan2(sine, quaternion[..., 3])
+    return angle
+
+
+def matrix_from_quaternion(quaternion_xyzw: ArrayLike) -> Floats:
+    """Rotation matrix of a quaternion, which need not have unit norm.
+
+    Args:
+        quaternion_xyzw: (..., 4), not zero.
+
+    Returns:
+        (..., 3, 3).
+    """
+    q = np.asarray(quaternion_xyzw, dtype=np.float64)
+    x, y, z, w = np.moveaxis(q, -1, 0)
+    s = 2.0 / np.sum(q * q, axis=-1)
+    R = np.empty((*q.shape[:-1], 3, 3))
+    R[..., 0, 0] = 1.0 - s * (y * y + z * z)
+    R[..., 0, 1] = s * (x * y - z * w)
+    R[..., 0, 2] = s * (x * z + y * w)
+    R[..., 1, 0] = s * (x * y + z * w)
+    R[..., 1, 1] = 1.0 - s * (x * x + z * z)
+    R[..., 1, 2] = s * (y * z - x * w)
+    R[..., 2, 0] = s * (x * z - y * w)
+    R[..., 2, 1] = s * (y * z + x * w)
+    R[..., 2, 2] = 1.0 - s * (x * x + y * y)
+    return R
+
+
+def quaternion_from_matrix(R: ArrayLike) -> Floats:
+    """Unit quaternion of a rotation matrix, with w >= 0.
+
+    4 q qᵀ is linear in R; its row with the largest diagonal is q times a number far from zero,
+    so no angle loses digits.
+
+    Args:
+        R: (..., 3, 3).
+
+    Returns:
+        (..., 4), x y z w.
+    """
+    R = np.asarray(R, dtype=np.float64)
+    m = np.moveaxis(R, (-2, -1), (0, 1))
+    outer = np.empty((*R.shape[:-2], 4, 4))
+    outer[..., 0, 0] = 1.0 + m[0, 0] - m[1, 1] - m[2, 2]
+    outer[..., 1, 1] = 1.0 - m[0, 0] + m[1, 1] - m[2, 2]
+    outer[..., 2, 2] = 1.0 - m[0, 0] - m[1, 1] + m[2, 2]
+    outer[..., 3, 3] = 1.0 + m[0, 0] + m[1, 1] + m[2, 2]
+    for i, j, value in (
+        (0, 1, m[1, 0] + m[0, 1]),
+        (0, 2, m[0, 2] + m[2, 0]),
+        (1, 2, m[2, 1] + m[1, 2]),
+        (0, 3, m[2, 1] - m[1, 2]),
+        (1, 3, m[0, 2] - m[2, 0]),
+        (2, 3, m[1, 0] - m[0, 1]),
+    ):
+        outer[..., i, j] = outer[..., j, i] = value
+    best = np.argmax(np.diagonal(outer, axis1=-2, axis2=-1), axis=-1)
+    q: Floats = np.take_along_axis(outer, best[..., None, None], axis=-2)[..., 0, :]
+    q = q / np.sqrt(np.sum(q * q, axis=-1, keepdims=True))
+    return np.where(q[..., 3:] < 0.0, -q, q) + 0.0  # no negative zeros in results
+
+
+def matrix_from_rpy(rpy: ArrayLike) -> Floats:
+    """Rotation matrix of URDF's roll, pitch, yaw: Rz(yaw) Ry(pitch) Rx(roll).
+
+    Args:
+        rpy: (..., 3), rad, about the fixed axes x, y, z in this order.
+
+    Returns:
+        (..., 3, 3).
+    """
+    rpy = np.asarray(rpy, dtype=np.float64)
+    sr, sp, sy = np.moveaxis(np.sin(rpy), -1, 0)
+    cr, cp, cy = np.moveaxis(np.cos(rpy), -1, 0)
+    R = np.empty((*rpy.shape, 3))
+    R[..., 0, 0] = cy * cp
+    R[..., 0, 1] = cy * sp * sr - sy * cr
+    R[..., 0, 2] = cy * sp * cr + sy * sr
+    R[..., 1, 0] = sy * cp
+    R[..., 1, 1] = sy * sp * sr + cy * cr
+    R[..., 1, 2] = sy * sp * cr - cy * sr
+    R[..., 2, 0] = -sp
+    R[..., 2, 1] = cp * sr
+    R[..., 2, 2] = cp * cr
+    return R
+
+
+def rpy_from_matrix(R: ArrayLike) -> Floats:
+    """URDF's roll, pitch, yaw of a rotation matrix; pitch in [-pi/2, pi/2].
+
+    Roll is taken from what remains after yaw, so the three give R back to rounding even next to
+    gimbal lock; at gimbal lock yaw is zero.
+
+    Args:
+        R: (..., 3, 3).
+
+    Returns:
+        (..., 3), rad.
+    """
+    R = np.asarray(R, dtype=np.float64)
+    m = np.moveaxis(R, (-2, -1), (0, 1))
+    cos_pitch = np.hypot(m[0, 0], m[1, 0])
+    yaw = np.where(cos_pitch < _GIMBAL_LOCK, 0.0, np.arctan2(m[1, 0], m[0, 0]))
+    s, c = np.sin(yaw), np.cos(yaw)
+    pitch = np.arctan2(-m[2, 0], cos_pitch)
+    roll = np.arctan2(s * m[0, 2] - c * m[1, 2], c * m[1, 1] - s * m[0, 1])
+    return np.stack((roll, pitch, yaw), axis=-1) + 0.0

@@ -1,0 +1,222 @@
+"""A URDF as a tree of links and joints: what kinematics need of it, and nothing else.
+
+Our own check (:mod:`imucalib_cli.robot.urdf_check`) reads the file first and keeps only its
+kinematic elements; yourdfpy parses those. Visuals, meshes, inertias and extensions never reach
+it, so what is wrong with them cannot matter.
+"""
+
+from __future__ import annotations
+
+import difflib
+import hashlib
+import logging
+import threading
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cached_property
+from io import BytesIO
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imucalib_cli.errors import InputError
+from imucalib_cli.robot.urdf_check import check_urdf
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+Floats = NDArray[np.float64]
+JointKind = Literal["fixed", "revolute", "continuous", "prismatic", "floating", "planar"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Mimic:
+    """Position = multiplier * position of ``joint`` + offset."""
+
+    joint: str
+    multiplier: float
+    offset: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Joint:
+    """A joint, its origin included: T_parent_child = origin * motion about or along the axis."""
+
+    name: str
+    kind: JointKind
+    parent: str
+    child: str
+    R_origin: Floats
+    """(3, 3), R_parent_joint."""
+    p_origin: Floats
+    """(3,), p_parent_joint, m."""
+    axis: Floats
+    """(3,), unit vector in the joint frame; of no meaning for a fixed joint."""
+    mimic: Mimic | None = None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Robot:
+    """The tree of a URDF's links."""
+
+    name: str
+    root: str
+    links: tuple[str, ...]
+    joints: tuple[Joint, ...]
+    sha256: str
+    """Of the file's bytes."""
+    source: Path
+
+    @cached_property
+    def joint_by_name(self) -> dict[str, Joint]:
+        """Every joint by its name."""
+        return {joint.name: joint for joint in self.joints}
+
+    @cached_property
+    def joint_above(self) -> dict[str, Joint]:
+        """The joint that carries each link; the root has none."""
+        return {joint.child: joint for joint in self.joints}
+
+    def chain(self, base: str, tip: str) -> tuple[Joint, ...]:
+        """Joints from ``base`` down to ``tip``, in this order.
+
+        Raises:
+            InputError: A link is not in the URDF, ``tip`` is not below ``base``, or a joint
+                between them is floating or planar.
+        """
+        self.require_link(base)
+        self.require_link(tip)
+        joints = []
+        link = tip
+        while link != base:
+            joint = self.joint_above.get(link)
+            if joint is None:
+                raise InputError(f"{self.source}: link '{tip}' is not below link '{base}'")
+            self._require_one_axis(joint)
+            joints.append(joint)
+            link = joint.parent
+        return tuple(reversed(joints))
+
+    def route(self, start: str, end: str) -> tuple[tuple[Joint, bool], ...]:
+        """Joints on the way between any two links, each with whether it is passed upwards.
+
+        Raises:
+            InputError: As :meth:`chain`.
+        """
+        above_start = [start]
+        self.require_link(start)
+        self.require_link(end)
+        while above_start[-1] in self.joint_above:
+            above_start.append(self.joint_above[above_start[-1]].parent)
+        common = end
+        while common not in above_start:
+            common = self.joint_above[common].parent
+        up = [(joint, True) for joint in reversed(self.chain(common, start))]
+        down = [(joint, False) for joint in self.chain(common, end)]
+        return (*up, *down)
+
+    def require_link(self, link: str) -> None:
+        """Raise InputError with near matches if the URDF has no such link."""
+        if link not in self.links:
+            raise InputError(
+                f"{self.source}: no link '{link}' in the URDF{near_matches(link, self.links)}"
+            )
+
+    def _require_one_axis(self, joint: Joint) -> None:
+        if joint.kind in ("floating", "planar"):
+            raise InputError(
+                f"{self.source}: joint '{joint.name}' is {joint.kind}, its position is not one "
+                "number: give the pose of what it carries as a pose stream (--pose-topic or /tf)"
+            )
+
+
+def near_matches(name: str, known: tuple[str, ...] | list[str], *, limit: int = 12) -> str:
+    """Tail of an error line: names like this one, else the first of those there are."""
+    near = difflib.get_close_matches(name, known, n=3, cutoff=0.6)
+    if near:
+        return "; did you mean " + " or ".join(f"'{match}'" for match in near) + "?"
+    if not known:
+        return ""
+    more = f" and {len(known) - limit} more" if len(known) > limit else ""
+    return "; there are: " + ", ".join(known[:limit]) + more
+
+
+def load_robot(path: Path) -> Robot:
+    """Read a URDF's kinematic tree.
+
+    Meshes are not looked for. Axes are normalised; a missing axis is x, as URDF has it.
+
+    Raises:
+        InputError: The file cannot be read or is no valid URDF; says which elements.
+    """
+    path = Path(path)
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}): check --urdf") from None
+    kinematics = check_urdf(data, path)
+    with _quiet():
+        model = _yourdfpy().URDF.load(
+            BytesIO(kinematics), build_scene_graph=False, load_meshes=False
+        )
+    links = tuple(link.name for link in model.robot.links)
+    joints = tuple(_joint(joint) for joint in model.robot.joints)
+    children = {joint.child for joint in joints}
+    return Robot(
+        name=model.robot.name,
+        root=next(link for link in links if link not in children),
+        links=links,
+        joints=joints,
+        sha256=hashlib.sha256(data).hexdigest(),
+        source=path,
+    )
+
+
+def preload() -> threading.Thread:
+    """Import yourdfpy in the background, to be waited for by the first :func:`load_robot`.
+
+    The import takes longer than most logs take to read; joining the thread is not needed.
+    """
+    thread = threading.Thread(target=_yourdfpy, name="preload-yourdfpy", daemon=True)
+    thread.start()
+    return thread
+
+
+def _yourdfpy() -> Any:
+    with _quiet():
+        import yourdfpy  # noqa: PLC0415 - half a second that only a URDF should cost
+
+    return yourdfpy
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep yourdfpy and trimesh from writing to stderr: our own check has said it better."""
+    loggers = [logging.getLogger(name) for name in ("yourdfpy", "trimesh")]
+    before = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        for logger, level in zip(loggers, before, strict=True):
+            logger.setLevel(level)
+
+
+def _joint(parsed: Any) -> Joint:
+    origin = np.eye(4) if parsed.origin is None else np.asarray(parsed.origin, dtype=np.float64)
+    axis = np.asarray(parsed.axis, dtype=np.float64)
+    norm = float(np.sqrt(axis @ axis))
+    mimic = parsed.mimic
+    return Joint(
+        name=parsed.name,
+        kind=cast("JointKind", parsed.type),
+        parent=parsed.parent,
+        child=parsed.child,
+        R_origin=np.ascontiguousarray(origin[:3, :3]),
+        p_origin=np.ascontiguousarray(origin[:3, 3]),
+        axis=axis / norm if norm > 0.0 else axis,
+        mimic=mimic and Mimic(joint=mimic.joint, multiplier=mimic.multiplier, offset=mimic.offset),
+    )

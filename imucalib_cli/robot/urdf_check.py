@@ -1,0 +1,293 @@
+"""Check a URDF's XML before any library sees it, and keep only what kinematics need.
+
+Expat's own events are used, so that a DOCTYPE (entity bombs, external entities) is refused at
+the moment it begins, before anything in it is expanded.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+from xml.etree import ElementTree as ET
+from xml.parsers import expat
+
+from imucalib_cli.errors import InputError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+SIZE_LIMIT = 64 << 20
+"""Bytes; the largest published robot descriptions have a few hundred kilobytes."""
+DEPTH_LIMIT = 200
+KINDS = ("fixed", "revolute", "continuous", "prismatic", "floating", "planar")
+_MOVING = ("revolute", "continuous", "prismatic")
+_SHOWN = 3
+_KEPT = {
+    "parent": ("link",),
+    "child": ("link",),
+    "origin": ("xyz", "rpy"),
+    "axis": ("xyz",),
+    "mimic": ("joint", "multiplier", "offset"),
+}
+
+
+@dataclass
+class _Element:
+    tag: str
+    attributes: dict[str, str]
+    line: int
+    children: list[_Element] = field(default_factory=list)
+
+    def find(self, tag: str) -> _Element | None:
+        return next((child for child in self.children if child.tag == tag), None)
+
+    def findall(self, tag: str) -> list[_Element]:
+        return [child for child in self.children if child.tag == tag]
+
+
+class _Refused(Exception):  # noqa: N818 - carries a fault out of an expat callback
+    pass
+
+
+def check_urdf(data: bytes, path: Path) -> bytes:
+    """Refuse what is no sound URDF; return its links and joints as XML, without the rest.
+
+    Lenient where the meaning is clear: limits may be missing, a missing axis is x, and what is
+    not kinematics (visuals, inertias, transmissions, extensions) is not looked at.
+
+    Raises:
+        InputError: One line with the file and the first faults, each with its element.
+    """
+    root = _parse(data, path)
+    faults = _Faults()
+    links = _links(root, faults)
+    joints = _joints(root, faults)
+    if not faults.found:
+        _check_tree(links, joints, faults)
+        _check_mimics(joints, faults)
+    if faults.found:
+        shown = "; ".join(faults.found[:_SHOWN])
+        more = len(faults.found) - _SHOWN
+        raise InputError(f"{path}: {shown}" + (f"; and {more} more faults" if more > 0 else ""))
+    return _kinematics_only(root, links, joints)
+
+
+class _Faults:
+    def __init__(self) -> None:
+        self.found: list[str] = []
+
+    def add(self, element: _Element | None, text: str) -> None:
+        self.found.append(text if element is None else f"line {element.line}: {text}")
+
+
+def _parse(data: bytes, path: Path) -> _Element:
+    if len(data) > SIZE_LIMIT:
+        raise InputError(f"{path}: {len(data) >> 20} MB is no URDF (limit {SIZE_LIMIT >> 20} MB)")
+    if not data.strip():
+        raise InputError(f"{path}: the file is empty: check --urdf")
+    stack: list[_Element] = []
+    roots: list[_Element] = []
+    parser = expat.ParserCreate()
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        element = _Element(tag, attributes, parser.CurrentLineNumber)
+        if len(stack) >= DEPTH_LIMIT:
+            raise _Refused(f"elements are nested more than {DEPTH_LIMIT} deep")
+        # Below a joint's children nothing is kinematics; not keeping it bounds the memory.
+        if stack and len(stack) < 3:
+            stack[-1].children.append(element)
+        if not stack:
+            roots.append(element)
+        if tag.startswith("xacro:") or _has_xacro(element):
+            raise _Refused(
+                f"line {element.line}: <{tag}> is xacro, not URDF: expand it first, "
+                f"`xacro {path} > robot.urdf`, and give robot.urdf"
+            )
+        stack.append(element)
+
+    def end(_tag: str) -> None:
+        stack.pop()
+
+    def doctype(*_args: object) -> None:
+        raise _Refused("has a DOCTYPE, which a URDF does not need and may hide entities: remove it")
+
+    parser.StartElementHandler = start
+    parser.EndElementHandler = end
+    parser.StartDoctypeDeclHandler = doctype
+    try:
+        parser.Parse(data, True)
+    except _Refused as refused:
+        raise InputError(f"{path}: {refused}") from None
+    except expat.ExpatError as error:
+        raise InputError(
+            f"{path}: not well-formed XML ({expat.ErrorString(error.code)}, line {error.lineno} "
+            f"column {error.offset + 1}): give a URDF"
+        ) from None
+    except (ValueError, LookupError) as error:
+        raise InputError(
+            f"{path}: its encoding cannot be read ({error}): save it as UTF-8"
+        ) from None
+    root = roots[0]
+    if root.tag != "robot":
+        raise InputError(f"{path}: the root element is <{root.tag}>, not <robot>: give a URDF")
+    if root.find("link") is None:
+        raise InputError(f"{path}: <robot> has no <link>: give a complete URDF")
+    return root
+
+
+def _has_xacro(element: _Element) -> bool:
+    return any(
+        "${" in value or "$(" in value
+        for name, value in element.attributes.items()
+        if element.tag in ("robot", "link", "joint") or name in ("xyz", "rpy", "link")
+    )
+
+
+def _links(root: _Element, faults: _Faults) -> dict[str, _Element]:
+    return _by_name(root.findall("link"), faults)
+
+
+def _by_name(elements: list[_Element], faults: _Faults) -> dict[str, _Element]:
+    named: dict[str, _Element] = {}
+    for element in elements:
+        name = element.attributes.get("name", "")
+        if not name:
+            faults.add(element, f"<{element.tag}> has no name")
+        elif name in named:
+            faults.add(
+                element,
+                f"{element.tag} '{name}' is there twice (first in line {named[name].line})",
+            )
+        else:
+            named[name] = element
+    return named
+
+
+def _joints(root: _Element, faults: _Faults) -> dict[str, _Element]:
+    joints = _by_name(root.findall("joint"), faults)
+    for name, joint in joints.items():
+        kind = joint.attributes.get("type")
+        if kind not in KINDS:
+            said = "no type" if kind is None else f"the unknown type '{kind}'"
+            faults.add(joint, f"joint '{name}' has {said}, not one of {', '.join(KINDS)}")
+        for tag in ("parent", "child"):
+            end = joint.find(tag)
+            if end is None or not end.attributes.get("link"):
+                faults.add(joint, f"joint '{name}' has no <{tag} link=...>")
+        for tag in _KEPT:
+            if len(joint.findall(tag)) > 1:
+                faults.add(joint, f"joint '{name}' has more than one <{tag}>")
+        _check_numbers(name, joint, faults)
+    return joints
+
+
+def _check_numbers(name: str, joint: _Element, faults: _Faults) -> None:
+    for tag, attribute, count in (
+        ("origin", "xyz", 3),
+        ("origin", "rpy", 3),
+        ("axis", "xyz", 3),
+        ("mimic", "multiplier", 1),
+        ("mimic", "offset", 1),
+    ):
+        element = joint.find(tag)
+        text = None if element is None else element.attributes.get(attribute)
+        if text is None:
+            continue
+        numbers = _numbers(text)
+        if len(numbers) != count or not all(map(math.isfinite, numbers)):
+            need = "three finite numbers" if count == 3 else "one finite number"
+            faults.add(element, f"joint '{name}': <{tag} {attribute}=\"{text}\"> is not {need}")
+        elif tag == "axis" and joint.attributes.get("type") in _MOVING and not any(numbers):
+            faults.add(element, f"joint '{name}': its <axis> is zero")
+
+
+def _numbers(text: str) -> list[float]:
+    try:
+        return [float(word) for word in text.split()]
+    except ValueError:
+        return []
+
+
+def _end(joint: _Element, tag: str) -> str:
+    element = joint.find(tag)
+    return "" if element is None else element.attributes["link"]
+
+
+def _check_tree(links: dict[str, _Element], joints: dict[str, _Element], faults: _Faults) -> None:
+    above: dict[str, str] = {}
+    for name, joint in joints.items():
+        for tag in ("parent", "child"):
+            if _end(joint, tag) not in links:
+                faults.add(
+                    joint, f"joint '{name}': its {tag} link '{_end(joint, tag)}' is not defined"
+                )
+        child = _end(joint, "child")
+        if child in above:
+            faults.add(
+                joint, f"link '{child}' is the child of joints '{above[child]}' and '{name}'"
+            )
+        above.setdefault(child, name)
+    if faults.found:
+        return
+    roots = [link for link in links if link not in above]
+    if len(roots) > 1:
+        faults.add(
+            links[roots[1]],
+            f"{len(roots)} links have no parent ({', '.join(roots[:4])}): a URDF has one root",
+        )
+    for name in _on_loop(joints, above):
+        faults.add(joints[name], f"joint '{name}' closes a loop: a URDF is a tree")
+
+
+def _on_loop(joints: dict[str, _Element], above: dict[str, str]) -> list[str]:
+    """First joint found of each loop; each link is visited once."""
+    state: Counter[str] = Counter()
+    loops = []
+    for visit, start in enumerate(above, start=1):
+        link = start
+        while link in above and not state[link]:
+            state[link] = visit
+            link = _end(joints[above[link]], "parent")
+        if link in above and state[link] == visit:
+            loops.append(above[link])
+    return loops
+
+
+def _check_mimics(joints: dict[str, _Element], faults: _Faults) -> None:
+    followed = {}
+    for name, joint in joints.items():
+        mimic = joint.find("mimic")
+        if mimic is None:
+            continue
+        target = mimic.attributes.get("joint", "")
+        if target not in joints:
+            faults.add(mimic, f"joint '{name}' mimics '{target}', which is not there")
+        followed[name] = target
+    for name in followed:
+        target, steps = name, 0
+        while target in followed and steps <= len(followed):
+            target, steps = followed[target], steps + 1
+        if steps > len(followed):
+            faults.add(joints[name], f"joint '{name}' mimics itself in the end")
+
+
+def _kinematics_only(
+    root: _Element, links: dict[str, _Element], joints: dict[str, _Element]
+) -> bytes:
+    robot = ET.Element("robot", name=root.attributes.get("name") or "robot")
+    for name in links:
+        ET.SubElement(robot, "link", name=name)
+    for name, joint in joints.items():
+        kept = ET.SubElement(robot, "joint", name=name, type=joint.attributes["type"])
+        for tag, attributes in _KEPT.items():
+            element = joint.find(tag)
+            if element is not None:
+                ET.SubElement(
+                    kept,
+                    tag,
+                    {a: element.attributes[a] for a in attributes if a in element.attributes},
+                )
+    kinematics: bytes = ET.tostring(robot, encoding="utf-8")
+    return kinematics
