@@ -1,0 +1,25 @@
+"""Names of the columns in which every residual of the estimator is linear.
+
+A window's residual is J x, with x = (1, t, vec R, b_a', b_g', g, tau): further unknowns (a joint
+zero, a scale factor) are further columns, and nothing else changes.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+ONE: Final = 0
+"""The known part: the derivative of the parent frame's own motion."""
+T: Final = slice(1, 4)
+"""t_parent_imu, m."""
+R: Final = slice(4, 13)
+"""R_parent_imu, row by row."""
+BA: Final = slice(13, 16)
+"""Accelerometer bias seen in the parent frame, R_parent_imu b_a, m/s²."""
+BG: Final = slice(16, 19)
+"""Gyroscope bias seen in the parent frame, R_parent_imu b_g, rad/s."""
+G: Final = slice(19, 22)
+"""gravity_world, m/s²."""
+TAU: Final = 22
+"""Change of the time offset, s."""
+COUNT: Final = 23

@@ -1,0 +1,70 @@
+"""Coarse time offset from the one thing both streams know in any frame: how fast it turns."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imucalib_cli.signals.grid import ImuGrid
+from imucalib_cli.signals.kernels import convolve_at, matched_filter
+from imucalib_cli.signals.lag import Lag, best_lag
+from imucalib_cli.signals.trajectory import Trajectory
+
+Floats = NDArray[np.float64]
+
+_STEP_SECONDS = 0.005
+"""Resolution of the search; the fine solve takes over from there."""
+_WINDOW_SECONDS = 0.1
+
+
+def coarse_time_offset(
+    grid: ImuGrid, trajectory: Trajectory, most: float
+) -> tuple[float, Lag | None]:
+    """Shift at which |angular rate| of the IMU and of the kinematics agree best.
+
+    Args:
+        grid: The IMU.
+        trajectory: The parent link.
+        most: Largest |offset| searched, s.
+
+    Returns:
+        IMU stamp - robot stamp, s, to a few milliseconds, and how clear it was; zero and None
+        where nothing turns.
+    """
+    step = max(round(_STEP_SECONDS / grid.dt), 1)
+    length = 2 * max(round(_WINDOW_SECONDS / grid.dt / 2), 2) + 1
+    pair = matched_filter(length, 2, 1, grid.dt)
+    reach = len(pair.average) // 2
+    lead = int(np.ceil(most / (grid.dt * step))) * step
+    # The robot's own axis reaches beyond the IMU's by the largest offset on either side.
+    count = len(grid.usable)
+    t_robot = grid.t0 + grid.dt * np.arange(-lead - reach, count + lead + reach)
+    covered = trajectory.covered(t_robot)
+    if not covered.any():
+        return 0.0, None
+    poses = np.zeros((len(t_robot), 9))
+    poses[covered] = trajectory.poses(t_robot[covered])[0].reshape(-1, 9)
+    centres = np.arange(reach, len(t_robot) - reach, step)
+    clean = _windows_clean(covered, centres, reach)
+    derivative = convolve_at(poses, pair.derivative, centres - length // 2)
+    # |Ro' dR/dt| is sqrt(2) |omega| for any rotation.
+    derived = np.linalg.norm(derivative, axis=1) / np.sqrt(2.0)
+
+    measured = np.zeros(len(centres))
+    measured_clean = np.zeros(len(centres), dtype=bool)
+    inner = centres - lead - reach
+    inside = (inner >= reach) & (inner < count - reach)
+    rate = convolve_at(grid.gyro, pair.average, inner[inside] - reach)
+    measured[inside] = np.linalg.norm(rate, axis=1)
+    measured_clean[inside] = _windows_clean(grid.usable, inner[inside], reach)
+    lag = best_lag(derived, measured, np.stack([clean, measured_clean]), lead // step)
+    if lag is None:
+        return 0.0, None
+    return lag.samples * step * grid.dt, lag
+
+
+def _windows_clean(
+    usable: NDArray[np.bool_], centres: NDArray[np.intp], reach: int
+) -> NDArray[np.bool_]:
+    holes = np.concatenate([[0], np.cumsum(~usable)])
+    return np.asarray(holes[centres + reach + 1] == holes[centres - reach])

@@ -1,0 +1,231 @@
+"""The pose from the statistics: a global solve on SO(3), with no guess to start from."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imucalib_cli.estimate import columns
+from imucalib_cli.robot.rotations import matrix_from_rotvec, rotation_angle
+
+Floats = NDArray[np.float64]
+
+_STEPS = 60
+_CONVERGED = 1e-12
+"""Step, in the mixed units of the tangent, below which the solve has arrived."""
+
+
+@dataclass(frozen=True, eq=False)
+class Unknowns:
+    """Which unknowns the solve may move, and what is known of them beforehand."""
+
+    gravity_norm: float
+    """m/s²; zero for none."""
+    free: NDArray[np.bool_]
+    """(TANGENT,), which tangent components move."""
+    prior_information: Floats
+    """(TANGENT,), 1 / std² of each component about its nominal value."""
+
+
+# Tangent components: the pose in the parent frame, then the nuisances.
+POSE = slice(0, 6)
+DT = slice(0, 3)
+DPHI = slice(3, 6)
+DBA = slice(6, 9)
+DBG = slice(9, 12)
+DTILT = slice(12, 14)
+DTAU = 14
+TANGENT = 15
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """One value of every unknown."""
+
+    t: Floats
+    R: Floats
+    accel_bias: Floats
+    """Seen in the parent frame."""
+    gyro_bias: Floats
+    """Seen in the parent frame."""
+    gravity: Floats
+    tau: float = 0.0
+    """Change of the time offset since the rows were made, s."""
+
+    def vector(self) -> Floats:
+        """The columns' coefficients x."""
+        x = np.zeros(columns.COUNT)
+        x[columns.ONE] = 1.0
+        x[columns.T] = self.t
+        x[columns.R] = self.R.reshape(9)
+        x[columns.BA] = self.accel_bias
+        x[columns.BG] = self.gyro_bias
+        x[columns.G] = self.gravity
+        x[columns.TAU] = self.tau
+        return x
+
+    def jacobian(self) -> Floats:
+        """dx / d(tangent), (columns.COUNT, TANGENT)."""
+        J = np.zeros((columns.COUNT, TANGENT))
+        J[columns.T, DT] = np.eye(3)
+        for axis in range(3):
+            # d(exp([phi]x) R) = [e]x R: column by column of R, e x R_k.
+            J[columns.R, 3 + axis] = np.cross(np.eye(3)[axis], self.R.T).T.reshape(9)
+        J[columns.BA, DBA] = np.eye(3)
+        J[columns.BG, DBG] = np.eye(3)
+        # Tilt is a rotation of gravity about the world's x and y, at constant norm.
+        J[columns.G, 12] = np.cross([1.0, 0.0, 0.0], self.gravity)
+        J[columns.G, 13] = np.cross([0.0, 1.0, 0.0], self.gravity)
+        if abs(self.gravity[2]) < 0.5 * np.linalg.norm(self.gravity):
+            # Near the horizon x and y no longer span gravity's sphere.
+            basis = np.linalg.svd(self.gravity[None])[2][1:]
+            J[columns.G, DTILT] = np.stack([np.cross(axis, self.gravity) for axis in basis], 1)
+        J[columns.TAU, DTAU] = 1.0
+        return J
+
+    def moved(self, step: Floats) -> State:
+        """State after a tangent step."""
+        J = self.jacobian()
+        gravity = self.gravity + J[columns.G] @ step
+        norm = np.linalg.norm(self.gravity)
+        if norm > 0.0:
+            gravity *= norm / np.linalg.norm(gravity)
+        return State(
+            self.t + step[DT],
+            matrix_from_rotvec(step[DPHI]) @ self.R,
+            self.accel_bias + step[DBA],
+            self.gyro_bias + step[DBG],
+            gravity,
+            self.tau + float(step[DTAU]),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Where the cost is least."""
+
+    state: State
+    cost: float
+    information: Floats
+    """(TANGENT, TANGENT), Gauss-Newton Hessian with the priors, zero where not free."""
+    runner_up: float
+    """Cost of the best other minimum over the least one; inf where there is none."""
+
+
+def solve_globally(normal: Floats, unknowns: Unknowns) -> Solution:
+    """Least cost over all rotations: start from the relaxed solution and the cube's rotations.
+
+    Args:
+        normal: (COUNT, COUNT), normal matrix; cost = x' normal x.
+        unknowns: What may move, and priors.
+    """
+    best: list[Solution] = []
+    for R in [_relaxed_rotation(normal), *cube_rotations()]:
+        found = refine(normal, unknowns, _start(normal, R, unknowns))
+        best.append(found)
+    best.sort(key=lambda solution: solution.cost)
+    first = best[0]
+    others = [s.cost for s in best[1:] if rotation_angle(s.state.R.T @ first.state.R) > 0.02]
+    runner_up = min(others) / max(first.cost, 1e-300) if others else np.inf
+    return Solution(first.state, first.cost, first.information, float(runner_up))
+
+
+def refine(normal: Floats, unknowns: Unknowns, state: State) -> Solution:
+    """Levenberg-Marquardt from a state to the minimum of its basin."""
+    free = unknowns.free
+    damping = 1e-9
+    nominal = state_prior_offset(state, unknowns)
+    cost = _cost(normal, state, unknowns, nominal)
+    information = np.zeros((TANGENT, TANGENT))
+    for _ in range(_STEPS):
+        J = state.jacobian()
+        NJ = normal @ J
+        H = J.T @ NJ + np.diag(unknowns.prior_information)
+        gradient = NJ.T @ state.vector() + unknowns.prior_information * nominal
+        information = np.where(np.outer(free, free), H, 0.0)
+        scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
+        unit = information / np.outer(scale, scale) + np.diag(np.where(free, damping, 1.0))
+        step = np.where(free, -np.linalg.solve(unit, gradient / scale * free) / scale, 0.0)
+        trial = state.moved(step)
+        trial_nominal = state_prior_offset(trial, unknowns)
+        trial_cost = _cost(normal, trial, unknowns, trial_nominal)
+        small = float(np.abs(step).max()) < _CONVERGED
+        if trial_cost <= cost * (1 + 1e-15):
+            done = small or cost - trial_cost <= 1e-15 * cost
+            state, cost, nominal = trial, trial_cost, trial_nominal
+            damping = max(damping / 10, 1e-12)
+            if done:
+                break
+        else:
+            damping = max(damping * 10, 1e-6)
+            if damping > 1e6 or small:
+                break
+    return Solution(state, cost, information, np.inf)
+
+
+def state_prior_offset(state: State, unknowns: Unknowns) -> Floats:
+    """Distance of each tangent component from what its prior expects."""
+    offset = np.zeros(TANGENT)
+    offset[DBA], offset[DBG] = state.accel_bias, state.gyro_bias
+    if unknowns.gravity_norm > 0.0:
+        # Small rotation that takes -z to gravity: about x and y.
+        direction = state.gravity / unknowns.gravity_norm
+        offset[12], offset[13] = direction[1], -direction[0]
+    offset[DTAU] = state.tau
+    return np.where(unknowns.prior_information > 0.0, offset, 0.0)
+
+
+def _cost(normal: Floats, state: State, unknowns: Unknowns, nominal: Floats) -> float:
+    x = state.vector()
+    return float(x @ normal @ x + unknowns.prior_information @ nominal**2)
+
+
+def _start(normal: Floats, R: Floats, unknowns: Unknowns) -> State:
+    """For a rotation, all other unknowns by linear least squares, gravity scaled to its norm."""
+    moving = np.r_[columns.T, columns.BA, columns.BG, columns.G]
+    known = np.zeros(columns.COUNT)
+    known[columns.ONE], known[columns.R] = 1.0, R.reshape(9)
+    x = _least_squares(normal[np.ix_(moving, moving)], normal[moving] @ known)
+    gravity = np.array([0.0, 0.0, -unknowns.gravity_norm])
+    found = x[9:12]
+    if unknowns.gravity_norm > 0.0 and unknowns.free[DTILT].all() and found.any():
+        gravity = found * unknowns.gravity_norm / np.linalg.norm(found)
+    accel_bias = np.where(unknowns.free[DBA], x[3:6], 0.0)
+    gyro_bias = np.where(unknowns.free[DBG], x[6:9], 0.0)
+    return State(x[0:3], R, accel_bias, gyro_bias, gravity)
+
+
+def _least_squares(matrix: Floats, rhs: Floats) -> Floats:
+    """Minimum-norm x of matrix x = -rhs, columns scaled to one."""
+    scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    inverse = np.linalg.pinv(matrix / np.outer(scale, scale), rcond=1e-10, hermitian=True)
+    return np.asarray(-(inverse @ (rhs / scale)) / scale)
+
+
+def _relaxed_rotation(normal: Floats) -> Floats:
+    """Rotation nearest to the unconstrained 3x3 matrix that fits best."""
+    rest = np.r_[1:22]
+    x = _least_squares(normal[np.ix_(rest, rest)], normal[rest, columns.ONE])
+    return nearest_rotation(x[3:12].reshape(3, 3))
+
+
+def nearest_rotation(M: Floats) -> Floats:
+    """Rotation nearest to a 3x3 matrix in the Frobenius norm (Schönemann 1966)."""
+    U, _, Vt = np.linalg.svd(M)
+    return np.asarray(U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt)
+
+
+def cube_rotations() -> list[Floats]:
+    """The 24 rotations of the cube: no rotation is further than 63 degrees from one of them."""
+    found = []
+    for order in itertools.permutations(range(3)):
+        for signs in itertools.product((1.0, -1.0), repeat=3):
+            M = np.zeros((3, 3))
+            M[range(3), order] = signs
+            if np.linalg.det(M) > 0:
+                found.append(M)
+    return found
+

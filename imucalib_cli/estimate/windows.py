@@ -1,0 +1,198 @@
+"""From a trajectory and an IMU to rows of the linear system, one triple per window and sensor.
+
+Per window, with D the Savitzky-Golay derivative and K its Peano kernel (docs/method.md):
+
+    accelerometer  D2 p + D2 R t - K2*(R (x) a) vec R_fs + (K2*R) b_a' - g      = noise
+    gyroscope      vee(R_c' D1 R) - vee(R_c' K1*(R [R_fs w - b_g']x))           = noise
+
+R is R_world_parent, R_c the same at the window's centre; the accelerometer's rows are turned by
+R_c' as well, so that all residuals read in the parent frame.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imucalib_cli.estimate import columns
+from imucalib_cli.signals.grid import ImuGrid
+from imucalib_cli.signals.kernels import MARGIN, MatchedFilter, convolve_at, matched_filter
+from imucalib_cli.signals.trajectory import Trajectory
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+WINDOWS_PER_LENGTH = 8
+"""Windows overlap so that the filtered signal, band-limited by the window, is oversampled."""
+_CHUNK = 4096
+"""Grid samples handled at once: the products of one chunk stay in the processor's cache."""
+
+
+@dataclass(frozen=True, eq=False)
+class WindowPlan:
+    """Which windows there are: length, filters, centres."""
+
+    length: int
+    """Grid samples per window, odd."""
+    hop: int
+    """Grid samples between neighbouring windows."""
+    first_derivative: MatchedFilter
+    second_derivative: MatchedFilter
+
+
+def plan_windows(length: int, degree: int, dt: float) -> WindowPlan:
+    """Filters for windows of ``length`` samples spaced ``dt`` seconds."""
+    return WindowPlan(
+        length=length,
+        hop=max(length // WINDOWS_PER_LENGTH, 1),
+        first_derivative=matched_filter(length, degree, 1, dt),
+        second_derivative=matched_filter(length, degree, 2, dt),
+    )
+
+
+def window_centres(plan: WindowPlan, usable: NDArray[np.bool_]) -> Indices:
+    """Centres, multiples of the hop, of the windows all of whose samples are usable."""
+    reach = plan.length // 2 + MARGIN
+    if len(usable) < 2 * reach + 1:
+        return np.zeros(0, np.intp)
+    holes = np.concatenate([[0], np.cumsum(~usable)])
+    candidates = np.arange(-(-reach // plan.hop) * plan.hop, len(usable) - reach, plan.hop)
+    clean = holes[candidates + reach + 1] == holes[candidates - reach]
+    return np.asarray(candidates[clean], dtype=np.intp)
+
+
+@dataclass(frozen=True, eq=False)
+class WindowRows:
+    """Rows of the linear system, residual = rows @ x, for W windows."""
+
+    centres: Indices
+    """(W,), grid index."""
+    accel: Floats
+    """(W, 3, columns.COUNT), m/s²."""
+    gyro: Floats
+    """(W, 3, columns.COUNT), rad/s."""
+
+    def residuals(self, x: Floats) -> tuple[Floats, Floats]:
+        """Accelerometer and gyroscope residuals (W, 3), in the parent frame."""
+        return self.accel @ x, self.gyro @ x
+
+
+def window_rows(
+    grid: ImuGrid, trajectory: Trajectory, time_offset: float, plan: WindowPlan, centres: Indices
+) -> WindowRows:
+    """Fill every column but TAU, which depends on the solution.
+
+    Args:
+        grid: The IMU.
+        trajectory: The parent link.
+        time_offset: IMU stamp - robot stamp, s: the pose is taken that much earlier.
+        plan: Length and filters.
+        centres: (W,), grid indices of window centres, ascending.
+    """
+    accel = np.zeros((len(centres), 3, columns.COUNT))
+    gyro = np.zeros((len(centres), 3, columns.COUNT))
+    for part, local, R, p, span in _chunks(grid, trajectory, time_offset, plan, centres):
+        R_centre = R[local]
+        accel[part] = _accel_rows(R, p, grid.accel[span], R_centre, local, plan)
+        gyro[part] = _gyro_rows(R, grid.gyro[span], R_centre, local, plan)
+    return WindowRows(centres, accel, gyro)
+
+
+def window_residuals(
+    grid: ImuGrid,
+    trajectory: Trajectory,
+    time_offset: float,
+    plan: WindowPlan,
+    centres: Indices,
+    x: Floats,
+) -> tuple[Floats, Floats]:
+    """Residuals of a known solution: what window_rows @ x would give, a tenth of the work."""
+    t, R_fs = x[columns.T], x[columns.R].reshape(3, 3)
+    accel, gyro = np.zeros((len(centres), 3)), np.zeros((len(centres), 3))
+    for part, local, R, p, span in _chunks(grid, trajectory, time_offset, plan, centres):
+        R_centre = R[local]
+        force = grid.accel[span] @ R_fs.T - x[columns.BA]
+        rate = grid.gyro[span] @ R_fs.T - x[columns.BG]
+        derived = _derive(p + R @ t, plan.second_derivative, local)
+        measured = _average(np.einsum("nij,nj->ni", R, force), plan.second_derivative, local)
+        accel[part] = np.einsum("wji,wj->wi", R_centre, derived - measured - x[columns.G])
+        derived = _derive(R.reshape(-1, 9), plan.first_derivative, local)
+        turned = R @ _cross_matrices(rate)
+        measured = _average(turned.reshape(-1, 9), plan.first_derivative, local)
+        gyro[part] = _vee(np.swapaxes(R_centre, 1, 2) @ (derived - measured).reshape(-1, 3, 3))
+    return accel, gyro
+
+
+def _chunks(  # type: ignore[no-untyped-def]
+    grid: ImuGrid, trajectory: Trajectory, time_offset: float, plan: WindowPlan, centres: Indices
+):
+    """Yield parts of the windows with the poses of the grid samples they cover."""
+    reach = plan.length // 2 + MARGIN
+    per_chunk = max(_CHUNK // plan.hop, 1)
+    for start in range(0, len(centres), per_chunk):
+        part = slice(start, min(start + per_chunk, len(centres)))
+        span = slice(int(centres[part][0]) - reach, int(centres[part][-1]) + reach + 1)
+        t = grid.t0 + grid.dt * np.arange(span.start, span.stop)
+        R, p = trajectory.poses(t - time_offset)
+        # Derivatives do not see a constant; taking it off keeps digits.
+        yield part, centres[part] - span.start, R, p - p[0], span
+
+
+def _derive(values: Floats, pair: MatchedFilter, centres: Indices) -> Floats:
+    return convolve_at(values, pair.derivative, centres - len(pair.derivative) // 2)
+
+
+def _average(values: Floats, pair: MatchedFilter, centres: Indices) -> Floats:
+    return convolve_at(values, pair.average, centres - len(pair.average) // 2)
+
+
+def _accel_rows(
+    R: Floats, p: Floats, force: Floats, R_centre: Floats, centres: Indices, plan: WindowPlan
+) -> Floats:
+    pair, flat = plan.second_derivative, R.reshape(-1, 9)
+    derived = _derive(np.hstack([p, flat]), pair, centres)
+    # R_rj a_k for every row r, then every entry (j, k) of R_fs.
+    products = (flat[:, :, None] * force[:, None, :]).reshape(-1, 27)
+    averaged = _average(np.hstack([products, flat]), pair, centres)
+    rows = np.zeros((len(centres), 3, columns.COUNT))
+    rows[:, :, columns.ONE] = derived[:, :3]
+    rows[:, :, columns.T] = derived[:, 3:].reshape(-1, 3, 3)
+    rows[:, :, columns.R] = -averaged[:, :27].reshape(-1, 3, 9)
+    rows[:, :, columns.BA] = averaged[:, 27:].reshape(-1, 3, 3)
+    rows[:, :, columns.G] = -np.eye(3)
+    return np.asarray(np.swapaxes(R_centre, 1, 2) @ rows)
+
+
+def _gyro_rows(
+    R: Floats, rate: Floats, R_centre: Floats, centres: Indices, plan: WindowPlan
+) -> Floats:
+    pair, flat = plan.first_derivative, R.reshape(-1, 9)
+    back = np.swapaxes(R_centre, 1, 2)
+    derived = _derive(flat, pair, centres).reshape(-1, 3, 3)
+    products = (flat[:, None, :] * rate[:, :, None]).reshape(-1, 27)
+    averaged = _average(np.hstack([products, flat]), pair, centres).reshape(-1, 4, 3, 3)
+    turned = back[:, None] @ averaged
+    # vee(B [e_j]x) = (tr B e_j - B' e_j) / 2: how rate j, seen through B, turns the window.
+    trace = np.trace(turned, axis1=2, axis2=3)
+    response = 0.5 * (trace[:, :, None, None] * np.eye(3) - np.swapaxes(turned, 2, 3))
+    rows = np.zeros((len(centres), 3, columns.COUNT))
+    rows[:, :, columns.ONE] = _vee(back @ derived)
+    rows[:, :, columns.R] = -np.moveaxis(response[:, :3], 1, 3).reshape(-1, 3, 9)
+    rows[:, :, columns.BG] = response[:, 3]
+    return rows
+
+
+def _vee(A: Floats) -> Floats:
+    """Axial vector of the skew part of (..., 3, 3)."""
+    skew = 0.5 * (A - np.swapaxes(A, -1, -2))
+    return np.stack([skew[..., 2, 1], skew[..., 0, 2], skew[..., 1, 0]], axis=-1)
+
+
+def _cross_matrices(v: Floats) -> Floats:
+    """[v]x for (N, 3)."""
+    matrices = np.zeros((len(v), 3, 3))
+    matrices[:, 2, 1], matrices[:, 0, 2], matrices[:, 1, 0] = v.T
+    matrices[:, 1, 2], matrices[:, 2, 0], matrices[:, 0, 1] = -v.T
+    return matrices

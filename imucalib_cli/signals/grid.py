@@ -1,0 +1,76 @@
+"""The IMU on an even grid of time, on which every filter is one convolution."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imucalib_cli.signals.interpolate import lagrange
+from imucalib_cli.signals.stamps import EXACT_SECONDS, gap_breaks
+
+Floats = NDArray[np.float64]
+_POINTS = 4
+"""A cubic through four samples, as the quadrature of the filters has it."""
+
+
+@dataclass(frozen=True, eq=False)
+class ImuGrid:
+    """IMU values at t0 + k dt; rows inside gaps are not usable."""
+
+    t0: float
+    dt: float
+    gyro: Floats
+    """(N, 3), rad/s."""
+    accel: Floats
+    """(N, 3), m/s²."""
+    usable: NDArray[np.bool_]
+    """(N,)."""
+    gaps: int
+
+    @property
+    def t(self) -> Floats:
+        """(N,), s."""
+        return self.t0 + self.dt * np.arange(len(self.usable))
+
+
+def imu_grid(t: Floats, gyro: Floats, accel: Floats, refine: int = 1) -> ImuGrid:
+    """Put IMU samples on an even grid: copied where they lie on it, else local cubics.
+
+    Args:
+        t: (N,), s, strictly increasing.
+        gyro: (N, 3).
+        accel: (N, 3).
+        refine: Grid points per IMU interval.
+    """
+    dt = _interval(t) / refine
+    count = int(np.floor((t[-1] - t[0]) / dt + 1e-6)) + 1
+    grid = t[0] + dt * np.arange(count)
+    nearest = np.clip(np.searchsorted(t, grid - 0.5 * dt), 0, len(t) - 1)
+    on_grid = np.abs(t[nearest] - grid) < EXACT_SECONDS
+    values = np.hstack([gyro, accel])
+    breaks = gap_breaks(t)
+    placed = values[nearest]
+    off = np.flatnonzero(~on_grid)
+    if len(off):
+        placed[off] = lagrange(t, values, grid[off], points=_POINTS, breaks=breaks)
+    usable = np.ones(count, dtype=bool)
+    for index in breaks:
+        usable &= (grid <= t[index - 1] + EXACT_SECONDS) | (grid >= t[index] - EXACT_SECONDS)
+    return ImuGrid(
+        t0=float(t[0]),
+        dt=dt,
+        gyro=np.ascontiguousarray(placed[:, :3]),
+        accel=np.ascontiguousarray(placed[:, 3:]),
+        usable=usable,
+        gaps=len(breaks),
+    )
+
+
+def _interval(t: Floats) -> float:
+    """Sample interval: the slope of the stamps over their rank, holes left out."""
+    intervals = np.diff(t)
+    median = float(np.median(intervals))
+    near = np.abs(intervals / median - 1.0) < 0.5
+    return float(np.mean(intervals[near])) if near.any() else median

@@ -1,0 +1,49 @@
+"""Local polynomial interpolation, at any instants, of samples at any stamps."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+
+def lagrange(
+    t: Floats, values: Floats, at: Floats, *, points: int = 6, breaks: Indices | None = None
+) -> Floats:
+    """Interpolate by the polynomial through the ``points`` samples around each instant.
+
+    Args:
+        t: (N,), s, strictly increasing.
+        values: (N, C).
+        at: (M,), s; instants outside the samples are extrapolated, so mask them.
+        points: Samples per polynomial, even; fewer where the series is shorter.
+        breaks: Indices at which a new stretch of samples begins, ascending; no polynomial
+            reaches over one unless its stretch is shorter than ``points``.
+
+    Returns:
+        (M, C).
+    """
+    points = min(points, len(t))
+    right = np.searchsorted(t, at)
+    low: int | Indices = 0
+    high: int | Indices = len(t)
+    if breaks is not None and len(breaks):
+        edges = np.concatenate([[0], breaks, [len(t)]])
+        # The stretch of the sample at or before the instant.
+        stretch = np.searchsorted(edges, np.maximum(right - 1, 0), side="right") - 1
+        low, high = edges[stretch], edges[stretch + 1]
+        short = high - low < points
+        low, high = np.where(short, 0, low), np.where(short, len(t), high)
+    first = np.minimum(np.maximum(right - points // 2, low), high - points)
+    # Offsets from the instant keep digits where stamps are large against their spacing.
+    x = np.stack([t[first + j] - at for j in range(points)])
+    result = np.zeros((len(at), values.shape[1]))
+    for j in range(points):
+        weight = np.ones(len(at))
+        for k in range(points):
+            if k != j:
+                weight *= x[k] / (x[k] - x[j])
+        result += weight[:, None] * values[first + j]
+    return result

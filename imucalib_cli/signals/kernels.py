@@ -1,0 +1,150 @@
+"""Savitzky-Golay derivative filters and the Peano kernels that match them.
+
+A filter ``D`` that fits a polynomial of degree >= d to the samples of a window and takes its
+d-th derivative annihilates polynomials of degree < d. By Peano's theorem then, for any f with an
+integrable d-th derivative, and not only where f is close to a polynomial,
+
+    D f = integral of K(s) f^(d)(c + s) ds,   K(s) = sum_j h_j (x_j - s)_+^(d-1) / (d-1)!
+
+The derivative of the kinematics and the kernel-weighted mean of the measurement are therefore
+the same number: comparing the two has no truncation error at any window length.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+MARGIN = 1
+"""Samples beyond the window, on each side, that the local cubic of the quadrature touches."""
+
+
+def savitzky_golay(samples: int, degree: int, order: int) -> Floats:
+    """Coefficients of the derivative filter at the centre of a window of unit spacing.
+
+    Args:
+        samples: Window length, odd, greater than ``degree``.
+        degree: Degree of the fitted polynomial, at least ``order``.
+        order: Which derivative.
+
+    Returns:
+        (samples,), to be divided by dt**order; ``h @ f(x_j)`` is the derivative.
+
+    Raises:
+        ValueError: The window is even or too short for the degree.
+
+    Source:
+        Savitzky and Golay, Anal. Chem. 36(8), 1964, 1627-1639.
+    """
+    if samples % 2 == 0 or samples <= degree or degree < order:
+        raise ValueError(f"no filter of {samples} samples, degree {degree}, order {order}")
+    half = samples // 2
+    # Scaled to [-1, 1]: powers of sample counts would lose digits in long windows.
+    x = np.arange(-half, half + 1) / half
+    powers = np.vander(x, degree + 1, increasing=True)
+    row = np.linalg.pinv(powers)[order]
+    return np.asarray(row * (math.factorial(order) / float(half) ** order), dtype=np.float64)
+
+
+def peano_kernel(s: Floats, h: Floats, order: int) -> Floats:
+    """Value of the Peano kernel of filter ``h`` at offsets ``s`` from the centre.
+
+    Args:
+        s: Offsets in samples, any shape.
+        h: Filter of unit spacing, (L,).
+        order: Order of the derivative the filter takes.
+
+    Returns:
+        K(s), same shape as ``s``, per sample; zero outside the window, of unit area.
+    """
+    half = len(h) // 2
+    x = np.arange(-half, half + 1, dtype=np.float64)
+    rest = x - np.asarray(s, dtype=np.float64)[..., None]
+    rest = np.where(rest > 0, rest ** (order - 1), 0.0)
+    return np.asarray(rest @ h / math.factorial(order - 1), dtype=np.float64)
+
+
+def quadrature_weights(h: Floats, order: int) -> Floats:
+    """Weights that integrate samples of a signal against the Peano kernel of ``h``.
+
+    The signal is taken as the local cubic through four neighbouring samples, the kernel, a
+    polynomial of degree order - 1 on each interval, exactly.
+
+    Args:
+        h: Filter of unit spacing, (L,).
+        order: Order of the derivative the filter takes.
+
+    Returns:
+        (L + 2 MARGIN,), of unit sum, for the samples from one before the window to one after.
+    """
+    half = len(h) // 2
+    # Gauss-Legendre with 4 points is exact to degree 7: cubic times kernel has 3 + order - 1.
+    nodes, gauss = np.polynomial.legendre.leggauss(4)
+    u = 0.5 * (nodes + 1.0)
+    # Lagrange basis on the samples -1, 0, 1, 2 around the interval [0, 1].
+    basis = np.stack(
+        [
+            -u * (u - 1) * (u - 2) / 6,
+            (u + 1) * (u - 1) * (u - 2) / 2,
+            -(u + 1) * u * (u - 2) / 2,
+            (u + 1) * u * (u - 1) / 6,
+        ]
+    )
+    starts = np.arange(-half, half, dtype=np.float64)
+    kernel = peano_kernel(starts[:, None] + u, h, order)
+    per_interval = np.einsum("iq,q,bq->ib", kernel, 0.5 * gauss, basis)
+    weights = np.zeros(len(h) + 2 * MARGIN)
+    for offset in range(4):
+        weights[offset : offset + len(starts)] += per_interval[:, offset]
+    return weights
+
+
+@dataclass(frozen=True, eq=False)
+class MatchedFilter:
+    """A derivative filter and the weights that average a measurement exactly as it does."""
+
+    derivative: Floats
+    """(L,), includes 1 / dt**order."""
+    average: Floats
+    """(L + 2 MARGIN,), unit sum."""
+    order: int
+
+
+@lru_cache(maxsize=64)
+def matched_filter(samples: int, degree: int, order: int, dt: float) -> MatchedFilter:
+    """Pair of filters for one derivative order, for samples spaced ``dt`` seconds."""
+    h = savitzky_golay(samples, degree, order)
+    return MatchedFilter(h / dt**order, quadrature_weights(h, order), order)
+
+
+def convolve_at(values: Floats, weights: Floats, first: NDArray[np.intp]) -> Floats:
+    """Weighted sums of consecutive rows, only where they are wanted.
+
+    Args:
+        values: (N, C).
+        weights: (L,).
+        first: (W,), index of the first row of each sum.
+
+    Returns:
+        (W, C): sum_j weights[j] * values[first + j].
+    """
+    if len(first) == 0:
+        return np.zeros((0, values.shape[1]))
+    steps = np.diff(first)
+    total = np.zeros((len(first), values.shape[1]))
+    if len(steps) and np.all(steps == steps[0]):
+        # Evenly spaced windows are strided views: no index arrays, no copies of rows.
+        step, start = int(steps[0]), int(first[0])
+        stop = start + step * (len(first) - 1) + 1
+        for j, weight in enumerate(weights):
+            total += weight * values[start + j : stop + j : step]
+        return total
+    for j, weight in enumerate(weights):
+        total += weight * values[first + j]
+    return total

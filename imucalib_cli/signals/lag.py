@@ -1,0 +1,69 @@
+"""Coarse time offset between two series that should be the same."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Lag:
+    """Shift at which two series agree best."""
+
+    samples: int
+    correlation: float
+    """At the best shift, of the parts that overlap, -1 to 1."""
+    runner_up: float
+    """Correlation of the best other peak, away from the first."""
+    at_edge: bool
+    """The best shift is the last one searched: the true one may lie beyond."""
+
+
+def best_lag(
+    reference: Floats, series: Floats, usable: NDArray[np.bool_], most: int
+) -> Lag | None:
+    """Find k such that series[i + k] matches reference[i], by normalised cross-correlation.
+
+    Args:
+        reference: (N,).
+        series: (N,), on the same grid.
+        usable: (2, N), which samples of each may be used.
+        most: Largest |k| searched.
+
+    Returns:
+        None where either series is constant.
+    """
+    most = min(most, len(reference) - 2)
+    size = 1 << int(np.ceil(np.log2(len(reference) + most + 1)))
+    mask_a, mask_b = (row.astype(np.float64) for row in usable)
+    a = (reference - _mean(reference, mask_a)) * mask_a
+    b = (series - _mean(series, mask_b)) * mask_b
+
+    def correlate(x: Floats, y: Floats) -> Floats:
+        spectrum = np.conj(np.fft.rfft(x, size)) * np.fft.rfft(y, size)
+        full = np.fft.irfft(spectrum, size)
+        return np.concatenate([full[size - most :], full[: most + 1]])
+
+    energy = correlate(a * a, mask_b) * correlate(mask_a, b * b)
+    scale = float(np.max(energy, initial=0.0))
+    if scale <= 0.0 or not np.isfinite(scale):
+        return None
+    score = correlate(a, b) / np.sqrt(np.maximum(energy, 1e-6 * scale))
+    peak = int(np.argmax(score))
+    inner = np.flatnonzero((score[1:-1] >= score[:-2]) & (score[1:-1] >= score[2:])) + 1
+    others = inner[inner != peak]
+    runner_up = float(np.max(score[others], initial=-1.0))
+    return Lag(
+        samples=peak - most,
+        correlation=float(score[peak]),
+        runner_up=runner_up,
+        at_edge=peak in (0, 2 * most),
+    )
+
+
+def _mean(x: Floats, mask: Floats) -> float:
+    return float(np.sum(x * mask) / max(np.sum(mask), 1.0))

@@ -1,0 +1,122 @@
+"""The parent link's pose as a function of time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imucalib_cli.errors import InputError
+from imucalib_cli.robot.path import KinematicPath, Track
+from imucalib_cli.signals.interpolate import lagrange
+from imucalib_cli.signals.stamps import constant_rate_ticks, gap_breaks, tidy_rows
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.intp]
+MIN_TRACK_SAMPLES = 6
+
+
+@dataclass(frozen=True, eq=False)
+class CleanTrack:
+    """One track in order, its gaps known; quaternions of one sign."""
+
+    name: str
+    t: Floats
+    values: Floats
+    breaks: Indices
+    t_ticks: Floats | None
+    """The constant-rate clock behind jittered stamps, if there is one."""
+
+    @property
+    def interval(self) -> float:
+        """Median interval, s."""
+        return float(np.median(np.diff(self.t)))
+
+
+def clean_track(track: Track) -> CleanTrack:
+    """Order a track, find its gaps, and make its quaternions continuous.
+
+    Raises:
+        InputError: Fewer usable samples than an interpolation needs.
+    """
+    tidy = tidy_rows(track.t, track.values)
+    if len(tidy.rows) < MIN_TRACK_SAMPLES:
+        raise InputError(
+            f"{track.name}: {len(tidy.rows)} usable samples of {len(track.t)}, "
+            f"need at least {MIN_TRACK_SAMPLES}: record a longer log"
+        )
+    t, values = track.t[tidy.rows], track.values[tidy.rows]
+    if track.kind == "pose":
+        values = values.copy()
+        q = values[:, 3:]
+        flips = np.sum(q[1:] * q[:-1], axis=1) < 0  # q and -q are one rotation
+        values[1:, 3:] *= np.where(np.cumsum(flips) % 2, -1.0, 1.0)[:, None]
+    ticks = constant_rate_ticks(t)
+    return CleanTrack(track.name, t, values, gap_breaks(t), ticks.t if ticks else None)
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """T_world_parent(t), interpolated in each track's own values."""
+
+    path: KinematicPath
+    tracks: tuple[CleanTrack, ...]
+    use_ticks: bool = False
+    """Take each track's constant-rate clock for its stamps, where it has one."""
+    _breaks: tuple[Indices, ...] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        breaks = tuple(gap_breaks(self._stamps(track)) for track in self.tracks)
+        object.__setattr__(self, "_breaks", breaks)
+
+    @classmethod
+    def of(cls, path: KinematicPath) -> Trajectory:
+        """Trajectory of a path, each of its tracks cleaned.
+
+        Raises:
+            InputError: A track has too few usable samples.
+        """
+        return cls(path, tuple(clean_track(track) for track in path.tracks))
+
+    def _stamps(self, track: CleanTrack) -> Floats:
+        return track.t_ticks if self.use_ticks and track.t_ticks is not None else track.t
+
+    @property
+    def has_jitter(self) -> bool:
+        """Whether some track's stamps jitter about a constant rate."""
+        return any(track.t_ticks is not None for track in self.tracks)
+
+    @property
+    def interval(self) -> float:
+        """Median interval of the slowest track, s."""
+        return max((track.interval for track in self.tracks), default=0.0)
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """First and last instant, s, at which every track has samples."""
+        stamps = [self._stamps(track) for track in self.tracks]
+        return max(t[0] for t in stamps), min(t[-1] for t in stamps)
+
+    def covered(self, t: Floats) -> NDArray[np.bool_]:
+        """Whether every track has samples around each instant: inside it and in no gap."""
+        result = np.ones(len(t), dtype=bool)
+        for track, breaks in zip(self.tracks, self._breaks, strict=True):
+            stamps = self._stamps(track)
+            result &= (t >= stamps[0]) & (t <= stamps[-1])
+            for index in breaks:
+                result &= (t <= stamps[index - 1]) | (t >= stamps[index])
+        return result
+
+    def poses(self, t: Floats) -> tuple[Floats, Floats]:
+        """R_world_parent (M, 3, 3) and p_world_parent (M, 3), m, at instants (M,), s."""
+        values = tuple(
+            lagrange(self._stamps(track), track.values, t, breaks=breaks)
+            for track, breaks in zip(self.tracks, self._breaks, strict=True)
+        )
+        return self.path.poses(values)
+
+    @property
+    def gaps(self) -> int:
+        """Gaps over all tracks."""
+        return sum(len(breaks) for breaks in self._breaks)
