@@ -1,0 +1,70 @@
+"""Write a file whole or not at all, and never over an input."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import secrets
+from typing import TYPE_CHECKING
+
+from imucalib_cli.errors import ChoiceError, InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+    from pathlib import Path
+
+
+def write_whole(path: Path, text: str, *, inputs: Iterable[Path] = ()) -> None:
+    """Write text so that a reader sees the old file or the new one, never half of it.
+
+    A symbolic link is kept and its target replaced. Devices and pipes are written to as they
+    are.
+
+    Args:
+        path: File to write; its folder must exist.
+        text: Content, written as UTF-8 without translating line ends.
+        inputs: Files that must not be overwritten, whichever name or link leads to them.
+
+    Raises:
+        ChoiceError: The path is one of the inputs.
+        InputError: The path cannot be written (folder missing, no permission, disk full).
+    """
+    try:
+        target = path.resolve()
+        _refuse_inputs(path, target, inputs)
+        if target.exists() and not target.is_file():
+            if target.is_dir():
+                raise InputError(f"{path}: is a folder; end it with / to write files into it")
+            with target.open("w", encoding="utf-8", newline="") as device:
+                device.write(text)
+            return
+        _replace(target, text)
+    except (OSError, RuntimeError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise InputError(f"{path}: cannot be written: {reason}") from error
+
+
+def _refuse_inputs(path: Path, target: Path, inputs: Iterable[Path]) -> None:
+    for source in inputs:
+        same = target == source.resolve()
+        with contextlib.suppress(OSError):
+            same = same or target.samefile(source)  # hard links
+        if same:
+            raise ChoiceError(f"{path} is an input and would be overwritten: name another file")
+
+
+def _replace(target: Path, text: str) -> None:
+    partial = target.with_name(f".{target.name}.{secrets.token_hex(4)}.part")
+    # os.open rather than tempfile: the new file obeys the umask as any other file does
+    handle = os.open(partial, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
+    try:
+        with os.fdopen(handle, "w", encoding="utf-8", newline="") as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+        if target.exists():
+            partial.chmod(target.stat().st_mode & 0o7777)
+        partial.replace(target)
+    except BaseException:
+        partial.unlink(missing_ok=True)
+        raise

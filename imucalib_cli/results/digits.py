@@ -1,0 +1,52 @@
+"""Print a value to the digits its uncertainty earns, as the Particle Data Group does."""
+
+from __future__ import annotations
+
+import math
+
+
+def decimals(std: float) -> int:
+    """Decimal places that a value with this 1 sigma deserves.
+
+    The three leading digits of sigma decide: 100 to 354 keeps two digits, 355 to 949 one, and
+    950 to 999 rounds up to 1000 and keeps two (PDG Review of Particle Physics, Introduction).
+
+    Args:
+        std: 1 sigma, positive and finite.
+
+    Returns:
+        Places after the decimal point; negative where even units are noise.
+    """
+    exponent = math.floor(math.log10(std))
+    leading = round(std / 10.0 ** (exponent - 2))
+    if leading >= 1000:  # rounding carried into the next decade
+        exponent, leading = exponent + 1, 100
+    if leading <= 354:
+        return 1 - exponent
+    return -exponent
+
+
+def with_std(value: float, std: float | None, *, default: int = 6) -> str:
+    """``value ± std``, both to the same place.
+
+    Args:
+        value: The estimate.
+        std: Its 1 sigma in the same unit; None, zero or not finite where it has none.
+        default: Decimal places then.
+    """
+    if std is None or not math.isfinite(std) or std <= 0.0:
+        return f"{_plain(value, default)} (no sigma)"
+    places = decimals(std)
+    return f"{_plain(value, places)} ± {_plain(std, places)}"
+
+
+def sigma(std: float) -> str:
+    """A lone 1 sigma to the digits it earns; a dash where there is none."""
+    if not math.isfinite(std) or std <= 0.0:
+        return "-"
+    return _plain(std, decimals(std))
+
+
+def _plain(value: float, places: int) -> str:
+    rounded = round(value, places) + 0.0  # no minus zero
+    return f"{rounded:.{max(places, 0)}f}"

@@ -1,0 +1,186 @@
+"""The result as a plain document, exactly the keys and order of schema 1.
+
+What the motion did not determine is null in ``transform``; its conditional values stand in
+``partial``. Numbers are finite or null, so that the document is valid JSON.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from imucalib_cli.results.calibration import (
+    SCHEMA,
+    Calibration,
+    Nominal,
+    Provenance,
+    SourceFile,
+    distance_to,
+)
+from imucalib_cli.robot.rotations import quaternion_from_matrix, rpy_from_matrix
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from numpy.typing import ArrayLike
+
+    from imucalib_cli.estimate.estimate import UnobservableDirection
+
+Document = dict[str, Any]
+
+
+def to_document(calibration: Calibration) -> Document:
+    """Result of one IMU as dicts, lists and scalars, in the order a reader wants."""
+    estimate = calibration.estimate
+    document: Document = {
+        "schema": SCHEMA,
+        "status": calibration.status,
+        "transform": _transform(calibration),
+    }
+    if not (calibration.known_rotation and all(calibration.known_translation)):
+        document["partial"] = _pose(estimate.R_parent_imu, estimate.t_parent_imu)
+    document |= {
+        "covariance": None if estimate.covariance is None else _table(estimate.covariance),
+        "std": _std(calibration),
+        "time_offset": {
+            "seconds": _number(estimate.time_offset),
+            "std": _number(estimate.time_offset_std),
+        },
+        "accel_bias": _with_std(estimate.accel_bias, estimate.accel_bias_std),
+        "gyro_bias": _with_std(estimate.gyro_bias, estimate.gyro_bias_std),
+        "gravity_world": _vector(estimate.gravity_world),
+        "diagnostics": _diagnostics(calibration),
+        "provenance": _provenance(calibration.provenance),
+    }
+    return document
+
+
+def _transform(calibration: Calibration) -> Document:
+    estimate = calibration.estimate
+    pose = _pose(estimate.R_parent_imu, estimate.t_parent_imu)
+    pose["translation"] = [
+        value if known else None
+        for value, known in zip(pose["translation"], calibration.known_translation, strict=True)
+    ]
+    if not calibration.known_rotation:
+        pose["rotation_xyzw"] = pose["rotation_rpy"] = None
+    return {"parent": calibration.parent, "child": calibration.child, **pose}
+
+
+def _pose(R: ArrayLike, t: ArrayLike) -> Document:
+    return {
+        "translation": _vector(t),
+        "rotation_xyzw": _vector(quaternion_from_matrix(R)),
+        "rotation_rpy": _vector(rpy_from_matrix(R)),
+    }
+
+
+def _std(calibration: Calibration) -> Document | None:
+    translation, rotation = calibration.translation_std, calibration.rotation_std
+    if translation is None or rotation is None:
+        return None
+    return {
+        "translation_mm": _vector(translation * 1e3),
+        "rotation_deg": _vector(np.degrees(rotation)),
+    }
+
+
+def _diagnostics(calibration: Calibration) -> Document:
+    estimate = calibration.estimate
+    residuals = estimate.residuals
+    return {
+        "method": estimate.method,
+        "unobservable": [_unobservable(direction) for direction in estimate.unobservable],
+        "distrust": list(estimate.distrust),
+        "warnings": list(estimate.warnings),
+        "sigma_source": estimate.sigma_source,
+        "nominal": _nominal(calibration),
+        "window": {
+            "samples": int(estimate.window.samples),
+            "seconds": _number(estimate.window.seconds),
+            "reason": estimate.window.reason,
+        },
+        "residual_rms": {
+            "accel": _vector(residuals.accel_rms),
+            "gyro": _vector(residuals.gyro_rms),
+        },
+        "windows_used": int(residuals.windows_used),
+        "windows_dropped": int(residuals.windows_dropped),
+        "samples_replaced": int(residuals.samples_replaced),
+        "gaps": int(residuals.gaps),
+        "notes": {name: _scalar(value) for name, value in estimate.notes.items()},
+    }
+
+
+def _unobservable(direction: UnobservableDirection) -> Document:
+    return {
+        "kind": direction.kind,
+        "direction_parent": _vector(direction.direction_parent),
+        "std": _number(direction.std),
+        "motion": direction.motion,
+    }
+
+
+def _nominal(calibration: Calibration) -> Document | None:
+    nominal: Nominal | None = calibration.nominal
+    if nominal is None:
+        return None
+    distance = distance_to(calibration, nominal)
+    return {
+        "joint": nominal.joint,
+        **_pose(nominal.R_parent_imu, nominal.t_parent_imu),
+        "distance_mm": _number(distance.translation * 1e3),
+        "distance_deg": _number(math.degrees(distance.rotation)),
+    }
+
+
+def _provenance(provenance: Provenance) -> Document:
+    return {
+        "tool": "imucalib",
+        "version": provenance.version,
+        "files": [_file(file) for file in provenance.files],
+        "urdf": None if provenance.urdf is None else _file(provenance.urdf),
+        "topics": {"imu": provenance.imu_topic, "motion": list(provenance.motion)},
+        "world": provenance.world,
+        "clock": provenance.clock,
+        "options": {name: _scalar(value) for name, value in provenance.options.items()},
+    }
+
+
+def _file(file: SourceFile) -> Document:
+    return {"path": file.path, "sha256": file.sha256}
+
+
+def _with_std(value: ArrayLike, std: ArrayLike | None) -> Document:
+    return {"value": _vector(value), "std": None if std is None else _vector(std)}
+
+
+def _table(values: ArrayLike) -> list[list[float | None]]:
+    return [_vector(row) for row in np.asarray(values, dtype=np.float64)]
+
+
+def _vector(values: ArrayLike) -> list[float | None]:
+    numbers: Iterable[float] = np.asarray(values, dtype=np.float64).ravel()
+    return [_number(value) for value in numbers]
+
+
+def _number(value: float | None) -> float | None:
+    if value is None or not math.isfinite(value):
+        return None
+    return float(value) + 0.0  # minus zero reads as if it meant something
+
+
+def _scalar(value: object) -> float | int | str | bool | None:
+    """Notes and options may hold numpy scalars and infinities; a document may not."""
+    if value is None or isinstance(value, (str, bool, int)):
+        return value
+    if isinstance(value, np.bool_):
+        return bool(value)
+    if isinstance(value, np.integer):
+        return int(value)
+    if isinstance(value, (float, np.floating)):
+        number = float(value)
+        return number if math.isfinite(number) else str(number)
+    return str(value)

@@ -1,0 +1,81 @@
+"""One result or several in the format that was asked for."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal, get_args
+
+from imucalib_cli.errors import UntrustedError
+from imucalib_cli.results.document import to_document
+from imucalib_cli.results.summary import summarise
+from imucalib_cli.results.text import to_json, to_yaml
+from imucalib_cli.robot.rotations import quaternion_from_matrix
+
+if TYPE_CHECKING:
+    from imucalib_cli.results.calibration import Calibration
+
+Format = Literal["yaml", "json", "urdf", "tf", "summary"]
+FORMATS: tuple[str, ...] = get_args(Format)
+SUFFIXES: dict[Format, str] = {
+    "yaml": ".yaml",
+    "json": ".json",
+    "urdf": ".urdf",
+    "tf": ".txt",
+    "summary": ".txt",
+}
+"""Of the files that ``-o FOLDER/`` writes."""
+
+
+def render(calibrations: list[Calibration], fmt: Format, *, force: bool = False) -> str:
+    """Text of the results in a format.
+
+    Args:
+        calibrations: One for each IMU, at least one.
+        fmt: yaml, json and summary tell the whole result; urdf is a <joint> for each IMU; tf is
+            one line for each IMU with the named arguments of ROS 2's static_transform_publisher.
+        force: Give a pose as urdf or tf although it should not be trusted.
+
+    Raises:
+        UntrustedError: A pose that should not be trusted was asked for as urdf or tf.
+    """
+    match fmt:
+        case "yaml":
+            return to_yaml([to_document(calibration) for calibration in calibrations])
+        case "json":
+            return to_json([to_document(calibration) for calibration in calibrations])
+        case "summary":
+            return "\n".join(summarise(calibration) for calibration in calibrations)
+        case "urdf":
+            return "".join(_joint(calibration, force=force) for calibration in calibrations)
+        case "tf":
+            return "".join(_tf(calibration, force=force) for calibration in calibrations)
+
+
+def refuse_untrusted(calibration: Calibration, use: str, *, force: bool) -> None:
+    """Raise UntrustedError unless the pose may be used, or the user insists."""
+    if calibration.status == "ok" or force:
+        return
+    estimate = calibration.estimate
+    reasons = [
+        *(f"{d.kind} not determined" for d in estimate.unobservable),
+        *estimate.distrust,
+    ]
+    raise UntrustedError(
+        f"{calibration.child} in {calibration.parent}: result is untrusted "
+        f"({'; '.join(dict.fromkeys(reasons))}), so no {use}; --force gives it all the same"
+    )
+
+
+def _joint(calibration: Calibration, *, force: bool) -> str:
+    refuse_untrusted(calibration, "URDF joint", force=force)
+    from imucalib_cli.results.urdf_edit import joint_snippet
+
+    return joint_snippet(calibration).rstrip("\n") + "\n"
+
+
+def _tf(calibration: Calibration, *, force: bool) -> str:
+    refuse_untrusted(calibration, "tf arguments", force=force)
+    estimate = calibration.estimate
+    names = ("x", "y", "z", "qx", "qy", "qz", "qw")
+    values = (*estimate.t_parent_imu, *quaternion_from_matrix(estimate.R_parent_imu))
+    numbers = " ".join(f"--{n} {v + 0.0:.12g}" for n, v in zip(names, values, strict=True))
+    return f"{numbers} --frame-id {calibration.parent} --child-frame-id {calibration.child}\n"

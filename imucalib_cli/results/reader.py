@@ -1,0 +1,261 @@
+"""Read a result back, from YAML or JSON, and say plainly what is wrong with a bad one."""
+
+from __future__ import annotations
+
+import re
+from typing import Any, NoReturn, TypeVar
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from imucalib_cli.errors import InputError
+from imucalib_cli.estimate.estimate import (
+    Estimate,
+    Residuals,
+    UnobservableDirection,
+    Window,
+)
+from imucalib_cli.results.calibration import (
+    SCHEMA,
+    Calibration,
+    Nominal,
+    Provenance,
+    SourceFile,
+)
+from imucalib_cli.robot.rotations import matrix_from_quaternion
+
+Floats = NDArray[np.float64]
+T = TypeVar("T")
+
+
+def read_calibrations(text: str, name: str) -> list[Calibration]:
+    """Results of one file: a YAML stream, a JSON object or a JSON array.
+
+    Args:
+        text: Content of the file.
+        name: What to call the file in a message.
+
+    Raises:
+        InputError: It is not a result of this tool, is damaged, or is of a newer schema.
+    """
+    try:
+        # JSON is YAML 1.2, so one parser reads both
+        loaded = [part for part in yaml.load_all(text, Loader=_Loader) if part is not None]
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        reason = " ".join(str(error).split())
+        raise InputError(f"{name}: neither YAML nor JSON: {reason}") from error
+    if len(loaded) == 1 and isinstance(loaded[0], list):
+        loaded = loaded[0]
+    if not loaded:
+        raise InputError(f"{name}: empty, so no result to read; write one with `imucalib run`")
+    return [from_document(part, name) for part in loaded]
+
+
+class _Loader(yaml.SafeLoader):
+    """YAML 1.1's safe loader that also takes 1e-05 for a number, as JSON and YAML 1.2 write it."""
+
+
+_Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:float",
+    re.compile(r"^[-+]?[0-9]+(?:\.[0-9]*)?[eE][-+]?[0-9]+$"),
+    list("-+0123456789"),
+)
+
+
+class _Node:
+    """A mapping of the document that knows where it stands, for messages."""
+
+    def __init__(self, content: object, file: str, where: str) -> None:
+        self.file, self.where = file, where
+        if not isinstance(content, dict):
+            self.fail("should be a mapping; is this a result of `imucalib run`?")
+        self.content: dict[Any, Any] = content
+
+    def fail(self, complaint: str, key: str = "") -> NoReturn:
+        place = ".".join(part for part in (self.where, key) if part) or "document"
+        raise InputError(f"{self.file}: {place} {complaint}")
+
+    def get(self, key: str) -> Any:
+        if key not in self.content:
+            self.fail("is missing; is this a result of `imucalib run`?", key)
+        return self.content[key]
+
+    def child(self, key: str) -> _Node:
+        return _Node(self.get(key), self.file, ".".join(p for p in (self.where, key) if p))
+
+    def optional(self, key: str) -> _Node | None:
+        return None if self.content.get(key) is None else self.child(key)
+
+    def children(self, key: str) -> list[_Node]:
+        return [_Node(item, self.file, f"{self.where}.{key}") for item in self._list(key)]
+
+    def of(self, key: str, kind: type[T]) -> T:
+        value = self.get(key)
+        if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):
+            self.fail(f"should be of type {kind.__name__}, not {value!r}", key)
+        return value
+
+    def choice(self, key: str, *allowed: str) -> str:
+        value = self.of(key, str)
+        if value not in allowed:
+            self.fail(f"should be {' or '.join(allowed)}, not {value!r}", key)
+        return value
+
+    def texts(self, key: str) -> tuple[str, ...]:
+        values = self._list(key)
+        if not all(isinstance(value, str) for value in values):
+            self.fail("should be a list of texts", key)
+        return tuple(values)
+
+    def number(self, key: str) -> float:
+        value = self.number_or_none(key)
+        return self.fail("should be a number", key) if value is None else value
+
+    def number_or_none(self, key: str) -> float | None:
+        value = self.get(key)
+        if value is None:
+            return None
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
+            self.fail(f"should be a number, not {value!r}", key)
+        if not np.isfinite(value):
+            self.fail("should be a finite number", key)
+        return float(value)
+
+    def array(self, key: str, *shape: int) -> Floats:
+        values = self.array_with_gaps(key, *shape)
+        if np.isnan(values).any():
+            self.fail("should have no null or non-finite numbers", key)
+        return values
+
+    def array_with_gaps(self, key: str, *shape: int) -> Floats:
+        """Numbers where null means not known: NaN inside."""
+        try:
+            values = np.array(self.get(key), dtype=np.float64)
+        except (TypeError, ValueError, OverflowError):
+            self.fail(f"should be {'x'.join(map(str, shape))} numbers", key)
+        if values.shape != shape:
+            self.fail(f"should be {'x'.join(map(str, shape))} numbers", key)
+        return values
+
+    def _list(self, key: str) -> list[Any]:
+        values: list[Any] = self.of(key, list)
+        return values
+
+
+def from_document(document: object, name: str) -> Calibration:
+    """One result from its parsed document, the inverse of document.to_document.
+
+    Raises:
+        InputError: A key is missing or has a value that cannot be; it is named.
+    """
+    root = _Node(document, name, "")
+    schema = root.of("schema", int)
+    if schema != SCHEMA:
+        root.fail(
+            f"is {schema}, this version reads {SCHEMA}: use the imucalib it came from", "schema"
+        )
+    status = root.choice("status", "ok", "untrusted")
+    transform = root.child("transform")
+    calibration = Calibration(
+        parent=transform.of("parent", str),
+        child=transform.of("child", str),
+        estimate=_estimate(root),
+        nominal=_nominal(root.child("diagnostics")),
+        provenance=_provenance(root.child("provenance")),
+    )
+    if calibration.status != status:
+        root.fail(f"is {status}, but the diagnostics say {calibration.status}", "status")
+    return calibration
+
+
+def _estimate(root: _Node) -> Estimate:
+    # with nulls in transform the values to keep are the conditional ones
+    pose = root.optional("partial") or root.child("transform")
+    R, t = _pose(pose)
+    offset, accel, gyro = (root.child(k) for k in ("time_offset", "accel_bias", "gyro_bias"))
+    diagnostics = root.child("diagnostics")
+    window, rms = diagnostics.child("window"), diagnostics.child("residual_rms")
+    method = diagnostics.choice("method", "matched", "paper")
+    source = diagnostics.choice("sigma_source", "noise", "segments")
+    known_covariance = root.get("covariance") is not None
+    return Estimate(
+        method="paper" if method == "paper" else "matched",
+        R_parent_imu=R,
+        t_parent_imu=t,
+        covariance=root.array_with_gaps("covariance", 6, 6) if known_covariance else None,
+        time_offset=offset.number("seconds"),
+        time_offset_std=offset.number_or_none("std"),
+        accel_bias=accel.array("value", 3),
+        accel_bias_std=_std(accel),
+        gyro_bias=gyro.array("value", 3),
+        gyro_bias_std=_std(gyro),
+        gravity_world=root.array("gravity_world", 3),
+        window=Window(
+            samples=window.of("samples", int),
+            seconds=window.number("seconds"),
+            reason=window.of("reason", str),
+        ),
+        residuals=Residuals(
+            accel_rms=rms.array_with_gaps("accel", 3),
+            gyro_rms=rms.array_with_gaps("gyro", 3),
+            windows_used=diagnostics.of("windows_used", int),
+            windows_dropped=diagnostics.of("windows_dropped", int),
+            samples_replaced=diagnostics.of("samples_replaced", int),
+            gaps=diagnostics.of("gaps", int),
+        ),
+        unobservable=tuple(_unobservable(node) for node in diagnostics.children("unobservable")),
+        sigma_source="segments" if source == "segments" else "noise",
+        distrust=diagnostics.texts("distrust"),
+        warnings=diagnostics.texts("warnings"),
+        notes=dict(diagnostics.child("notes").content),
+    )
+
+
+def _pose(node: _Node) -> tuple[Floats, Floats]:
+    quaternion = node.array("rotation_xyzw", 4)
+    norm = float(np.linalg.norm(quaternion))
+    if abs(norm - 1.0) > 1e-6:
+        node.fail(f"should have norm 1, not {norm:.6g}", "rotation_xyzw")
+    return matrix_from_quaternion(quaternion), node.array("translation", 3)
+
+
+def _std(node: _Node) -> Floats | None:
+    return None if node.get("std") is None else node.array_with_gaps("std", 3)
+
+
+def _unobservable(node: _Node) -> UnobservableDirection:
+    kind = node.choice("kind", "translation", "rotation")
+    return UnobservableDirection(
+        kind="rotation" if kind == "rotation" else "translation",
+        direction_parent=node.array("direction_parent", 3),
+        std=node.number_or_none("std"),
+        motion=node.of("motion", str),
+    )
+
+
+def _nominal(diagnostics: _Node) -> Nominal | None:
+    node = diagnostics.optional("nominal")
+    if node is None:
+        return None
+    R, t = _pose(node)
+    return Nominal(joint=node.of("joint", str), R_parent_imu=R, t_parent_imu=t)
+
+
+def _provenance(node: _Node) -> Provenance:
+    topics = node.child("topics")
+    urdf = node.optional("urdf")
+    return Provenance(
+        version=node.of("version", str),
+        files=tuple(_file(file) for file in node.children("files")),
+        urdf=None if urdf is None else _file(urdf),
+        imu_topic=topics.of("imu", str),
+        motion=topics.texts("motion"),
+        world=node.of("world", str),
+        clock=node.of("clock", str),
+        options=dict(node.child("options").content),
+    )
+
+
+def _file(node: _Node) -> SourceFile:
+    return SourceFile(path=node.of("path", str), sha256=node.of("sha256", str))

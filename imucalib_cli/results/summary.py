@@ -1,0 +1,175 @@
+"""The result in words for someone at a terminal: both directions, digits that mean something."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imucalib_cli.results.calibration import Calibration, distance_to
+from imucalib_cli.results.digits import sigma, with_std
+from imucalib_cli.robot.rotations import quaternion_from_matrix, rotvec_from_matrix, rpy_from_matrix
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from imucalib_cli.estimate.estimate import UnobservableDirection
+
+Floats = NDArray[np.float64]
+
+_AXES = "xyz"
+_GREEN, _RED, _RESET = "\x1b[32m", "\x1b[31m", "\x1b[0m"
+
+
+def summarise(calibration: Calibration, *, colour: bool = False) -> str:
+    """Some thirty lines about one IMU, with a newline at the end.
+
+    Args:
+        calibration: The result.
+        colour: Whether to colour the verdict with ANSI codes.
+    """
+    return "\n".join(_lines(calibration, colour=colour)) + "\n"
+
+
+def _lines(calibration: Calibration, *, colour: bool) -> Iterator[str]:
+    parent, child = calibration.parent, calibration.child
+    trusted = calibration.status == "ok"
+    verdict = "ok" if trusted else "UNTRUSTED, do not use as it stands"
+    if colour:
+        verdict = f"{_GREEN if trusted else _RED}{verdict}{_RESET}"
+    origin = calibration.provenance
+    yield f"{child} in {parent}: {verdict}"
+    files = ", ".join(file.path for file in origin.files)
+    yield f"  from {files}: {origin.imu_topic} with {', '.join(origin.motion)}"
+    yield from (f"  not trusted: {reason}" for reason in calibration.estimate.distrust)
+    yield from (f"  {line}" for line in _unobservable(calibration))
+    yield ""
+    yield from _pose(calibration)
+    yield ""
+    yield from _sigmas(calibration)
+    yield from _nuisances(calibration)
+    yield from _fit(calibration)
+    yield from (f"  warning: {warning}" for warning in calibration.estimate.warnings)
+
+
+def _unobservable(calibration: Calibration) -> Iterator[str]:
+    for direction in calibration.estimate.unobservable:
+        axis = _numbers(direction.direction_parent, 2)
+        how = "along" if direction.kind == "translation" else "about"
+        yield (
+            f"not determined: {direction.kind} {how} ({axis}) of {calibration.parent}, "
+            f"sigma {_direction_std(direction)}; {direction.motion}"
+        )
+
+
+def _direction_std(direction: UnobservableDirection) -> str:
+    if direction.std is None or not math.isfinite(direction.std):
+        return "unbounded"
+    if direction.kind == "translation":
+        return f"{direction.std * 1e3:.2g} mm"
+    return f"{math.degrees(direction.std):.2g} deg"
+
+
+def _pose(calibration: Calibration) -> Iterator[str]:
+    parent, child = calibration.parent, calibration.child
+    R, t = calibration.estimate.R_parent_imu, calibration.estimate.t_parent_imu
+    known = calibration.known_rotation and all(calibration.known_translation)
+    given = "" if known else "  (conditional: some of it is not determined, see above)"
+    yield f"  pose of {child} in {parent}: p_{parent} = R p_{child} + t{given}"
+    yield from _paste(R, t)
+    yield f'    <origin xyz="{_numbers(t, 6)}" rpy="{_numbers(rpy_from_matrix(R), 6)}"/>'
+    example = R @ np.array([0.1, 0.0, 0.0]) + t
+    yield f"    e.g. the point (0.1 0 0) of {child} is ({_numbers(example, 4)}) of {parent}"
+    yield f"  the other way, pose of {parent} in {child}: p_{child} = R p_{parent} + t{given}"
+    yield from _paste(R.T, -R.T @ t)
+
+
+def _paste(R: Floats, t: Floats) -> Iterator[str]:
+    yield f"    xyz             {_numbers(t, 6)}    m"
+    yield f"    rpy             {_numbers(rpy_from_matrix(R), 6)}    rad, about fixed x, y, z"
+    yield f"    quaternion xyzw {_numbers(quaternion_from_matrix(R), 8)}"
+
+
+def _sigmas(calibration: Calibration) -> Iterator[str]:
+    translation_std, rotation_std = calibration.translation_std, calibration.rotation_std
+    if translation_std is None or rotation_std is None:
+        yield f"  sigma           none: --method {calibration.estimate.method} states no covariance"
+        return
+    millimetres = calibration.estimate.t_parent_imu * 1e3
+    for axis, value, std, known in zip(
+        _AXES, millimetres, translation_std * 1e3, calibration.known_translation, strict=True
+    ):
+        text = f"{with_std(value, std)} mm" if known else "not determined"
+        yield f"  {axis:<15} {text}"
+    if calibration.known_rotation:
+        stds = " ".join(sigma(std) for std in np.degrees(rotation_std))
+        yield f"  rotation        ± {stds} deg about x, y, z of {calibration.parent}"
+    else:
+        yield "  rotation        not determined"
+    source = calibration.estimate.sigma_source
+    if source == "segments":
+        yield "  sigmas are 1 sigma; set by how segments of the log scatter: the robot model, not"
+        yield "                  the noise, limits this result"
+
+
+def _nuisances(calibration: Calibration) -> Iterator[str]:
+    estimate = calibration.estimate
+    offset = estimate.time_offset
+    if estimate.time_offset_std is None:
+        number = f"{offset * 1e3:g} ms, not estimated"
+    else:
+        number = f"{with_std(offset * 1e3, estimate.time_offset_std * 1e3)} ms"
+    sense = "late" if offset > 0 else "early"
+    yield (
+        f"  time offset     {number}: t_robot = t_imu - ({offset:.6f} s)"
+        + (f", the IMU's stamps are {sense}" if offset else "")
+    )
+    yield f"  accel bias      {_bias(estimate.accel_bias, estimate.accel_bias_std)} m/s²"
+    yield f"  gyro bias       {_bias(estimate.gyro_bias, estimate.gyro_bias_std)} rad/s"
+    yield f"  gravity         {_gravity(estimate.gravity_world, calibration.provenance.world)}"
+
+
+def _bias(value: Floats, std: Floats | None) -> str:
+    if std is None:
+        return f"{_numbers(value, 6)} (not estimated)"
+    return ", ".join(with_std(v, s) for v, s in zip(value, std, strict=True))
+
+
+def _gravity(gravity_world: Floats, world: str) -> str:
+    norm = float(np.linalg.norm(gravity_world))
+    if norm == 0.0:
+        return "none"
+    tilt = math.degrees(math.atan2(float(np.hypot(*gravity_world[:2])), -float(gravity_world[2])))
+    return f"{norm:.5f} m/s², {tilt:.2g} deg off -z of {world}"
+
+
+def _fit(calibration: Calibration) -> Iterator[str]:
+    estimate = calibration.estimate
+    window, residuals = estimate.window, estimate.residuals
+    yield f"  window          {window.samples} samples, {window.seconds:.3g} s: {window.reason}"
+    yield (
+        f"  windows         {residuals.windows_used} used, {residuals.windows_dropped} dropped, "
+        f"{residuals.samples_replaced} spikes bridged, {residuals.gaps} gaps"
+    )
+    yield (
+        f"  residual rms    accel {_numbers(residuals.accel_rms, 5)} m/s², "
+        f"gyro {_numbers(residuals.gyro_rms, 6)} rad/s"
+    )
+    nominal = calibration.nominal
+    if nominal is None:
+        return
+    distance = distance_to(calibration, nominal)
+    where = f"joint {nominal.joint}" if nominal.joint else f"frame {calibration.child} itself"
+    shift = (estimate.t_parent_imu - nominal.t_parent_imu) * 1e3
+    turn = np.degrees(rotvec_from_matrix(estimate.R_parent_imu @ nominal.R_parent_imu.T))
+    yield (
+        f"  from the URDF   {distance.translation * 1e3:.3g} mm and "
+        f"{math.degrees(distance.rotation):.3g} deg away from {where}: "
+        f"({_numbers(shift, 2)}) mm, ({_numbers(turn, 3)}) deg in {calibration.parent}"
+    )
+
+
+def _numbers(values: Sequence[float] | Floats, places: int) -> str:
+    return " ".join(f"{round(float(value), places) + 0.0:.{places}f}" for value in values)

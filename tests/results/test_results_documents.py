@@ -1,0 +1,333 @@
+"""The documents against the published schema, against themselves, and against bad input."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import numpy as np
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from imucalib_cli.errors import InputError, UntrustedError
+from imucalib_cli.estimate.estimate import (
+    Estimate,
+    Residuals,
+    UnobservableDirection,
+    Window,
+)
+from imucalib_cli.results.calibration import (
+    Calibration,
+    Nominal,
+    Provenance,
+    SourceFile,
+    Tolerance,
+    distance_to,
+    require,
+)
+from imucalib_cli.results.document import to_document
+from imucalib_cli.results.formats import render
+from imucalib_cli.results.reader import from_document, read_calibrations
+from imucalib_cli.results.text import to_json, to_yaml
+
+ROOT = Path(__file__).parents[2]
+SCHEMA = json.loads((ROOT / "docs/result.schema.json").read_text())
+
+R_TRUE = Rotation.from_euler("xyz", [0.1, -0.4, 2.9])
+UP = UnobservableDirection(
+    kind="translation", direction_parent=np.array([0.0, 0.0, 1.0]), std=None, motion="tilt it"
+)
+ROLL = UnobservableDirection(
+    kind="rotation", direction_parent=np.array([1.0, 0.0, 0.0]), std=0.3, motion="roll it"
+)
+
+
+def make_calibration(**changes: Any) -> Calibration:
+    rng = np.random.default_rng(4)
+    root = rng.normal(scale=1e-4, size=(6, 6))
+    estimate = Estimate(
+        method="matched",
+        R_parent_imu=R_TRUE.as_matrix(),
+        t_parent_imu=np.array([-0.0225, 0.1, 1e-5]),
+        covariance=root @ root.T,
+        time_offset=-0.042,
+        time_offset_std=1e-5,
+        accel_bias=np.array([0.1, -0.2, 0.3]),
+        accel_bias_std=np.array([1e-3, 2e-3, 3e-3]),
+        gyro_bias=np.zeros(3),
+        gyro_bias_std=None,
+        gravity_world=np.array([0.0, 0.0, -9.80665]),
+        window=Window(samples=51, seconds=0.1, reason="encoder noise 2e-5 rad"),
+        residuals=Residuals(
+            accel_rms=np.full(3, 0.02),
+            gyro_rms=np.full(3, 1e-3),
+            windows_used=1000,
+            windows_dropped=3,
+            samples_replaced=2,
+            gaps=1,
+        ),
+        notes={"chi2": float("nan"), "count": 3, "flag": True},
+    )
+    estimate = replace(estimate, **changes)
+    return Calibration(
+        parent="wrist_3_link",
+        child="imu_link",
+        estimate=estimate,
+        nominal=Nominal(
+            joint="imu_joint", R_parent_imu=np.eye(3), t_parent_imu=np.array([0.0, 0.1, 0.0])
+        ),
+        provenance=Provenance(
+            version="0.1.0",
+            files=(SourceFile(path="a b.mcap", sha256="0" * 64),),
+            urdf=SourceFile(path="robot.urdf", sha256="f" * 64),
+            imu_topic="/imu/data",
+            motion=("/joint_states",),
+            world="base_link",
+            clock="header",
+            options={"max_offset": 1.0, "tilt_std": math.inf},
+        ),
+    )
+
+
+VARIANTS: dict[str, dict[str, Any]] = {
+    "ok": {},
+    "no sigma": {"covariance": None, "time_offset_std": None, "method": "paper"},
+    "translation unknown": {"unobservable": (UP,)},
+    "rotation unknown": {"unobservable": (ROLL,)},
+    "infinite sigma": {"covariance": np.diag([1.0, 1.0, math.inf, 1.0, 1.0, 1.0])},
+    "distrusted": {"distrust": ("segments disagree",)},
+}
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("write", [to_yaml, to_json])
+def test_documents_obey_the_schema_and_read_back_equal(variant: str, write: Any) -> None:
+    calibration = make_calibration(**VARIANTS[variant])
+    document = to_document(calibration)
+    text = write([document])
+    jsonschema.validate(document, SCHEMA, cls=jsonschema.Draft202012Validator)
+    jsonschema.validate(yaml.safe_load(text), SCHEMA) if write is to_yaml else json.loads(text)
+    (again,) = read_calibrations(text, "result.yaml")
+    rewritten = to_document(again)
+    # matrix -> quaternion -> matrix costs a rounding; everything else is exact
+    _assert_close(rewritten, document)
+    np.testing.assert_array_equal(again.estimate.t_parent_imu, calibration.estimate.t_parent_imu)
+
+
+def _assert_close(a: Any, b: Any) -> None:
+    assert type(a) is type(b)
+    if isinstance(a, dict):
+        assert list(a) == list(b)
+        for key in a:
+            _assert_close(a[key], b[key])
+    elif isinstance(a, list):
+        assert len(a) == len(b)
+        for x, y in zip(a, b, strict=True):
+            _assert_close(x, y)
+    elif isinstance(a, float):
+        assert a == pytest.approx(b, rel=1e-12, abs=1e-14)
+    else:
+        assert a == b
+
+
+def test_keys_stand_in_the_order_of_the_contract() -> None:
+    assert list(to_document(make_calibration(unobservable=(UP,)))) == [
+        "schema",
+        "status",
+        "transform",
+        "partial",
+        "covariance",
+        "std",
+        "time_offset",
+        "accel_bias",
+        "gyro_bias",
+        "gravity_world",
+        "diagnostics",
+        "provenance",
+    ]
+
+
+def test_an_unknown_translation_nulls_its_component_only() -> None:
+    document = to_document(make_calibration(unobservable=(UP,)))
+    assert document["status"] == "untrusted"
+    assert document["transform"]["translation"] == [-0.0225, 0.1, None]
+    assert document["transform"]["rotation_xyzw"] is not None
+    assert document["partial"]["translation"] == [-0.0225, 0.1, 1e-5]
+    assert document["diagnostics"]["unobservable"][0]["std"] is None
+
+
+def test_an_oblique_unknown_direction_nulls_every_component_it_touches() -> None:
+    oblique = replace(UP, direction_parent=np.array([0.8, 0.0, 0.6]))
+    translation = to_document(make_calibration(unobservable=(oblique,)))["transform"]["translation"]
+    assert translation == [None, 0.1, None]
+
+
+def test_an_unknown_rotation_nulls_the_whole_rotation() -> None:
+    document = to_document(make_calibration(unobservable=(ROLL,)))
+    assert document["transform"]["rotation_xyzw"] is None
+    assert document["transform"]["rotation_rpy"] is None
+    assert document["transform"]["translation"] == [-0.0225, 0.1, 1e-5]
+    np.testing.assert_allclose(
+        Rotation.from_quat(document["partial"]["rotation_xyzw"]).as_matrix(), R_TRUE.as_matrix()
+    )
+
+
+def test_std_and_rotation_agree_with_scipy() -> None:
+    calibration = make_calibration()
+    document = to_document(calibration)
+    covariance = np.array(document["covariance"])
+    np.testing.assert_allclose(
+        document["std"]["translation_mm"], 1e3 * np.sqrt(np.diag(covariance))[:3]
+    )
+    np.testing.assert_allclose(
+        document["std"]["rotation_deg"], np.degrees(np.sqrt(np.diag(covariance))[3:])
+    )
+    np.testing.assert_allclose(
+        document["transform"]["rotation_rpy"], R_TRUE.as_euler("xyz"), atol=1e-12
+    )
+    assert document["transform"]["rotation_xyzw"][3] >= 0
+
+
+def test_vectors_stand_on_one_line_in_yaml() -> None:
+    text = to_yaml([to_document(make_calibration(unobservable=(UP,)))])
+    assert "  translation: [-0.0225, 0.1, null]\n" in text
+    assert "\n- [" in text.split("covariance:")[1]
+    assert "&id" not in text
+
+
+def test_several_imus_are_a_stream_or_an_array() -> None:
+    pair = [make_calibration(), make_calibration(unobservable=(UP,))]
+    documents = [to_document(calibration) for calibration in pair]
+    assert len(list(yaml.safe_load_all(to_yaml(documents)))) == 2
+    assert len(json.loads(to_json(documents))) == 2
+    for text in (to_yaml(documents), to_json(documents)):
+        assert [c.status for c in read_calibrations(text, "x")] == ["ok", "untrusted"]
+
+
+@given(value=st.floats(allow_nan=False, allow_infinity=False))
+def test_floats_survive_yaml_and_json(value: float) -> None:
+    document = {"value": [value], "again": value}
+    assert yaml.safe_load(to_yaml([document])) == document
+    assert json.loads(to_json([document])) == document
+
+
+@pytest.mark.parametrize("written", ["1e-05", "1E-5", "1.0e-05", "0.00001"])
+def test_numbers_of_other_writers_are_numbers(written: str) -> None:
+    text = to_yaml([to_document(make_calibration())]).replace("1.0e-05", written)
+    assert written in text
+    (again,) = read_calibrations(text, "x")
+    assert again.estimate.t_parent_imu[2] == 1e-5
+    assert again.estimate.time_offset_std == 1e-5
+
+
+@pytest.mark.parametrize(
+    ("text", "part"),
+    [
+        ("", "empty"),
+        ("[]", "empty"),
+        ("a: [1", "neither YAML nor JSON"),
+        ("\x00", "neither YAML nor JSON"),
+        ("hello", "should be a mapping"),
+        ("{}", "schema is missing"),
+        ("schema: true\nstatus: ok", "schema should be of type int"),
+        ("schema: 2\nstatus: ok", "schema is 2"),
+        ("schema: 1\nstatus: fine", "status should be ok or untrusted"),
+        ("schema: 1\nstatus: ok\ntransform: 3", "transform should be a mapping"),
+    ],
+)
+def test_bad_files_give_one_line(text: str, part: str) -> None:
+    with pytest.raises(InputError) as caught:
+        read_calibrations(text, "bad.yaml")
+    message = str(caught.value)
+    assert message.startswith("bad.yaml: ")
+    assert part in message
+    assert "\n" not in message
+
+
+def _paths(node: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
+    found = [path] if path else []
+    items = node.items() if isinstance(node, dict) else ()
+    for key, value in items:
+        found += _paths(value, (*path, key))
+    return found
+
+
+def test_every_missing_or_mistyped_key_is_an_input_error() -> None:
+    """No key's absence and no wrong type may end in a traceback."""
+    whole = to_document(make_calibration(unobservable=(UP, ROLL)))
+    unread = {"tool", "rotation_rpy", "distance_mm", "distance_deg"}
+    for path in _paths(whole):
+        for damage in ("missing", "nonsense"):
+            document = json.loads(json.dumps(whole))
+            node = document
+            for key in path[:-1]:
+                node = node[key]
+            if damage == "missing":
+                del node[path[-1]]
+            else:
+                node[path[-1]] = {"non": ["sense"]}
+            free = path[0] == "std" or path[-1] in unread or "notes" in path or "options" in path
+            free |= path in {("transform", k) for k in ("translation", "rotation_xyzw")}
+            free |= path in {("partial",), ("diagnostics", "nominal"), ("provenance", "urdf")}
+            try:
+                from_document(document, "f")
+            except InputError:
+                continue
+            assert free, (path, damage)
+
+
+def test_status_must_agree_with_the_diagnostics() -> None:
+    document = to_document(make_calibration(unobservable=(UP,))) | {"status": "ok"}
+    with pytest.raises(InputError, match="status is ok"):
+        read_calibrations(to_json([document]), "x")
+
+
+def test_require_distrusts_a_sigma_that_is_too_large() -> None:
+    calibration = make_calibration(covariance=np.diag([1e-6] * 3 + [1e-8] * 3))
+    assert require(calibration, Tolerance(translation=1.1e-3, rotation=1.1e-4)).status == "ok"
+    tight = require(calibration, Tolerance(translation=0.9e-3, rotation=1.1e-4))
+    assert tight.status == "untrusted"
+    assert tight.estimate.distrust == ("largest translation sigma is 1 mm, required 0.9 mm",)
+    turned = require(calibration, Tolerance(translation=1.1e-3, rotation=0.9e-4))
+    assert "rotation sigma" in turned.estimate.distrust[0]
+
+
+def test_distance_matches_scipy_near_and_far() -> None:
+    for angle in (0.0, 1e-9, 0.5, math.pi):
+        R = Rotation.from_rotvec([0.0, angle, 0.0])
+        calibration = make_calibration(R_parent_imu=R.as_matrix())
+        assert calibration.nominal is not None
+        found = distance_to(calibration, calibration.nominal)
+        assert found.rotation == pytest.approx(angle, rel=1e-9, abs=1e-15)
+        assert found.translation == pytest.approx(math.hypot(0.0225, 1e-5))
+
+
+def test_tf_arguments_put_the_child_where_the_estimate_does() -> None:
+    line = render([make_calibration()], "tf")
+    words = line.split()
+    named = {words[i][2:]: words[i + 1] for i in range(0, len(words), 2)}
+    assert named["frame-id"] == "wrist_3_link"
+    assert named["child-frame-id"] == "imu_link"
+    q = Rotation.from_quat([float(named[k]) for k in ("qx", "qy", "qz", "qw")])
+    np.testing.assert_allclose(q.as_matrix(), R_TRUE.as_matrix(), atol=1e-11)
+    assert [float(named[k]) for k in "xyz"] == [-0.0225, 0.1, 1e-5]
+
+
+@pytest.mark.parametrize("fmt", ["tf", "urdf"])
+def test_untrusted_poses_are_refused_without_force(fmt: Any) -> None:
+    bad = make_calibration(unobservable=(UP,))
+    with pytest.raises(UntrustedError, match="translation not determined"):
+        render([bad], fmt)
+    assert render([bad], "yaml")
+
+
+def test_published_and_packaged_schema_are_one() -> None:
+    packaged = ROOT / "imucalib_cli/results/result.schema.json"
+    assert packaged.read_bytes() == (ROOT / "docs/result.schema.json").read_bytes()
