@@ -49,9 +49,9 @@ def matrix_from_rotvec(rotvec: ArrayLike) -> Floats:
     angle = np.sqrt(np.sum(rotvec * rotvec, axis=-1))[..., None, None]
     K = skew(rotvec)
     # sinc has no singularity at zero, so neither has the map: sin(a)/a and (1 - cos a)/a².
-    return (
-        np.eye(3) + np.sinc(angle / np.pi) * K + 0.5 * np.sinc(angle / (2.0 * np.pi)) ** 2 * (K @ K)
-    )
+    first = np.sinc(angle / np.pi)
+    second = 0.5 * np.sinc(angle / (2.0 * np.pi)) ** 2
+    R: Floats = np.eye(3) + first * K + second * (K @ K)
     return R
 
 

@@ -1,0 +1,136 @@
+"""Rotations against scipy's, near the identity, at half turns and at gimbal lock as well."""
+
+import warnings
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from imucalib_cli.robot import rotations
+
+Floats = NDArray[np.float64]
+
+directions = st.tuples(*[st.floats(-1.0, 1.0)] * 3).filter(lambda v: np.linalg.norm(v) > 1e-3)
+angles = st.one_of(
+    st.floats(0.0, np.pi),
+    st.floats(0.0, 1e-6),  # where naive formulas lose every digit
+    st.just(0.0),
+    st.floats(0.0, 1e-6).map(lambda small: np.pi - small),
+    st.just(np.pi),
+)
+right_angles = st.sampled_from((0.0, np.pi / 2, -np.pi / 2, np.pi))
+roll_pitch_yaw = st.tuples(
+    *[
+        st.one_of(
+            st.floats(-np.pi, np.pi),
+            right_angles,
+            st.builds(lambda a, d: a + d, right_angles, st.floats(-1e-8, 1e-8)),
+        )
+    ]
+    * 3
+)
+
+
+@st.composite
+def rotvecs(draw: st.DrawFn) -> Floats:
+    axis = np.array(draw(directions))
+    return np.asarray(axis / np.linalg.norm(axis) * draw(angles))
+
+
+@given(rotvecs())
+def test_exponential_is_scipys(rotvec: Floats) -> None:
+    expected = Rotation.from_rotvec(rotvec).as_matrix()
+    np.testing.assert_allclose(rotations.matrix_from_rotvec(rotvec), expected, atol=1e-15)
+
+
+@given(rotvecs())
+def test_logarithm_is_scipys_up_to_the_sign_of_a_half_turn(rotvec: Floats) -> None:
+    R = Rotation.from_rotvec(rotvec).as_matrix()
+    found = rotations.rotvec_from_matrix(R)
+    angle = np.linalg.norm(rotvec)
+    assert np.linalg.norm(found) <= np.pi + 1e-15
+    error = np.linalg.norm(found - rotvec)
+    if angle > np.pi - 1e-7:
+        error = min(error, np.linalg.norm(found + rotvec) - 2.0 * (np.pi - angle))
+    assert error < 1e-14
+
+
+@given(rotvecs())
+def test_angle_is_the_length_of_the_rotation_vector(rotvec: Floats) -> None:
+    R = Rotation.from_rotvec(rotvec).as_matrix()
+    assert rotations.rotation_angle(R) == pytest.approx(np.linalg.norm(rotvec), abs=1e-14)
+
+
+@given(rotvecs(), st.floats(0.01, 100.0))
+def test_quaternion_is_scipys_with_w_not_negative(rotvec: Floats, scale: float) -> None:
+    rotation = Rotation.from_rotvec(rotvec)
+    found = rotations.quaternion_from_matrix(rotation.as_matrix())
+    expected = rotation.as_quat()
+    assert found[3] >= 0.0
+    error = min(np.linalg.norm(found - expected), np.linalg.norm(found + expected))
+    assert error < 1e-14
+    back = rotations.matrix_from_quaternion(scale * expected)
+    np.testing.assert_allclose(back, rotation.as_matrix(), atol=2e-15)
+
+
+@given(roll_pitch_yaw)
+def test_rpy_to_matrix_is_scipys_fixed_axes(rpy: tuple[float, float, float]) -> None:
+    expected = Rotation.from_euler("xyz", rpy).as_matrix()
+    np.testing.assert_allclose(rotations.matrix_from_rpy(rpy), expected, atol=1e-15)
+
+
+@given(roll_pitch_yaw)
+def test_matrix_to_rpy_gives_the_matrix_back_even_at_gimbal_lock(
+    rpy: tuple[float, float, float],
+) -> None:
+    R = Rotation.from_euler("xyz", rpy).as_matrix()
+    found = rotations.rpy_from_matrix(R)
+    assert abs(found[1]) <= np.pi / 2
+    np.testing.assert_allclose(Rotation.from_euler("xyz", found).as_matrix(), R, atol=3e-14)
+
+
+@given(roll_pitch_yaw.filter(lambda rpy: abs(np.cos(rpy[1])) > 1e-3))
+@settings(max_examples=50)
+def test_matrix_to_rpy_is_scipys_away_from_gimbal_lock(rpy: tuple[float, float, float]) -> None:
+    R = Rotation.from_euler("xyz", rpy).as_matrix()
+    difference = rotations.rpy_from_matrix(R) - Rotation.from_matrix(R).as_euler("xyz")
+    wrapped = (difference + np.pi) % (2.0 * np.pi) - np.pi
+    np.testing.assert_allclose(wrapped, 0.0, atol=1e-11)
+
+
+def test_yaw_is_zero_at_gimbal_lock() -> None:
+    R = Rotation.from_euler("xyz", (0.3, np.pi / 2, -0.4)).as_matrix()
+    roll, pitch, yaw = rotations.rpy_from_matrix(R)
+    assert yaw == 0.0
+    assert pitch == pytest.approx(np.pi / 2)
+    assert roll == pytest.approx(0.7)
+
+
+def test_skew_is_the_cross_product() -> None:
+    rng = np.random.default_rng(0)
+    v, u = rng.normal(size=(2, 7, 3))
+    np.testing.assert_allclose((rotations.skew(v) @ u[..., None])[..., 0], np.cross(v, u))
+
+
+def test_every_function_takes_stacks_of_any_shape() -> None:
+    rng = np.random.default_rng(1)
+    rotvec = rng.normal(size=(2, 5, 3))
+    R = rotations.matrix_from_rotvec(rotvec)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        stacked = [
+            (rotations.matrix_from_rotvec, rotvec),
+            (rotations.skew, rotvec),
+            (rotations.matrix_from_rpy, rotvec),
+            (rotations.rotvec_from_matrix, R),
+            (rotations.rotation_angle, R),
+            (rotations.quaternion_from_matrix, R),
+            (rotations.rpy_from_matrix, R),
+            (rotations.matrix_from_quaternion, rotations.quaternion_from_matrix(R)),
+        ]
+        for function, values in stacked:
+            whole = function(values)
+            np.testing.assert_array_equal(whole[1, 3], function(values[1, 3]))
