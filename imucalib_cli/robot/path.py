@@ -114,6 +114,11 @@ class KinematicPath:
         return R_world_parent, p_world_parent
 
 
+def fixed_inverse(step: FixedStep) -> FixedStep:
+    """Give the step that undoes a fixed one."""
+    return FixedStep(R=step.R.T.copy(), p=-step.R.T @ step.p)
+
+
 def merge_fixed(steps: tuple[Step, ...] | list[Step]) -> tuple[Step, ...]:
     """Multiply neighbouring fixed steps into one, so that they cost nothing per sample."""
     merged: list[Step] = []

@@ -87,54 +87,68 @@ def _parse(data: bytes, path: Path) -> _Element:
         raise InputError(f"{path}: {len(data) >> 20} MB is no URDF (limit {SIZE_LIMIT >> 20} MB)")
     if not data.strip():
         raise InputError(f"{path}: the file is empty: check --urdf")
-    stack: list[_Element] = []
-    roots: list[_Element] = []
-    parser = expat.ParserCreate()
-
-    def start(tag: str, attributes: dict[str, str]) -> None:
-        element = _Element(tag, attributes, parser.CurrentLineNumber)
-        if len(stack) >= DEPTH_LIMIT:
-            raise _Refused(f"elements are nested more than {DEPTH_LIMIT} deep")
-        # Below a joint's children nothing is kinematics; not keeping it bounds the memory.
-        if stack and len(stack) < 3:
-            stack[-1].children.append(element)
-        if not stack:
-            roots.append(element)
-        if tag.startswith("xacro:") or _has_xacro(element):
-            raise _Refused(
-                f"line {element.line}: <{tag}> is xacro, not URDF: expand it first, "
-                f"`xacro {path} > robot.urdf`, and give robot.urdf"
-            )
-        stack.append(element)
-
-    def end(_tag: str) -> None:
-        stack.pop()
-
-    def doctype(*_args: object) -> None:
-        raise _Refused("has a DOCTYPE, which a URDF does not need and may hide entities: remove it")
-
-    parser.StartElementHandler = start
-    parser.EndElementHandler = end
-    parser.StartDoctypeDeclHandler = doctype
+    reader = _Reader(path)
     try:
-        parser.Parse(data, True)
+        root = reader.read(data)
     except _Refused as refused:
         raise InputError(f"{path}: {refused}") from None
     except expat.ExpatError as error:
         raise InputError(
-            f"{path}: not well-formed XML ({expat.ErrorString(error.code)}, line {error.lineno} "
+            f"{path}: not well-formed XML ({expat.ErrorString(error.code)}, line {error.lineno}, "
             f"column {error.offset + 1}): give a URDF"
         ) from None
     except (ValueError, LookupError) as error:
         raise InputError(
             f"{path}: its encoding cannot be read ({error}): save it as UTF-8"
         ) from None
-    root = roots[0]
     if root.tag != "robot":
         raise InputError(f"{path}: the root element is <{root.tag}>, not <robot>: give a URDF")
     if root.find("link") is None:
         raise InputError(f"{path}: <robot> has no <link>: give a complete URDF")
     return root
+
+
+class _Reader:
+    """Elements down to those inside a <joint>; below, nothing is kinematics."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._stack: list[_Element] = []
+        self._root: _Element | None = None
+        self._parser = expat.ParserCreate()
+        self._parser.StartElementHandler = self._start
+        self._parser.EndElementHandler = self._end
+        self._parser.StartDoctypeDeclHandler = self._doctype
+
+    def read(self, data: bytes) -> _Element:
+        self._parser.Parse(data, True)
+        if self._root is None:
+            raise _Refused("has no element: give a URDF")
+        return self._root
+
+    def _start(self, tag: str, attributes: dict[str, str]) -> None:
+        element = _Element(tag, attributes, self._parser.CurrentLineNumber)
+        if tag.startswith("xacro:") or _has_xacro(element):
+            raise _Refused(
+                f"line {element.line}: <{tag}> is xacro, not URDF: expand it first with "
+                f"`xacro {self._path} > robot.urdf` and give robot.urdf"
+            )
+        depth = len(self._stack)
+        if depth >= DEPTH_LIMIT:
+            raise _Refused(f"elements are nested more than {DEPTH_LIMIT} deep: give a URDF")
+        if depth == 0:
+            self._root = element
+        elif depth < 3:
+            self._stack[-1].children.append(element)
+        self._stack.append(element)
+
+    def _end(self, _tag: str) -> None:
+        self._stack.pop()
+
+    def _doctype(self, *_args: object) -> None:
+        raise _Refused(
+            "has a DOCTYPE, which a URDF does not need and which may hide entities: remove it"
+        )
 
 
 def _has_xacro(element: _Element) -> bool:
@@ -264,6 +278,8 @@ def _check_mimics(joints: dict[str, _Element], faults: _Faults) -> None:
         target = mimic.attributes.get("joint", "")
         if target not in joints:
             faults.add(mimic, f"joint '{name}' mimics '{target}', which is not there")
+        elif joints[target].attributes["type"] not in _MOVING:
+            faults.add(mimic, f"joint '{name}' mimics '{target}', which has no position")
         followed[name] = target
     for name in followed:
         target, steps = name, 0

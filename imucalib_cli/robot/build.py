@@ -1,0 +1,229 @@
+"""Paths through a URDF driven by joint states, on a base that stands or moves."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from imucalib_cli.errors import ChoiceError, InputError
+from imucalib_cli.robot.frames import Edge, frame_path, has_motion_above
+from imucalib_cli.robot.path import (
+    FixedStep,
+    JointStep,
+    KinematicPath,
+    PoseStep,
+    Step,
+    Track,
+    fixed_inverse,
+    merge_fixed,
+)
+from imucalib_cli.robot.urdf import Joint, Robot, near_matches
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+
+def joint_path(
+    robot: Robot, parent: str, tracks: Sequence[Track], *, world: str | None = None
+) -> KinematicPath:
+    """Build the path from ``world`` to ``parent`` through the URDF.
+
+    Each joint on the way takes the column of its name, a mimic joint that of the joint it
+    follows. Where several tracks have a joint, the one with most of the needed joints drives
+    it, then the one with most samples. Only tracks that are needed are kept.
+
+    Args:
+        robot: The tree.
+        parent: Link that carries the IMU.
+        tracks: Joint positions with their names, one track for each publisher.
+        world: Link the path starts in; default: the URDF's root.
+
+    Raises:
+        InputError: A link is not in the URDF, joints are missing in the log or not finite, or
+            a joint on the way is floating or planar.
+    """
+    world = robot.root if world is None else world
+    route = robot.route(world, parent)
+    logged = {name for track in tracks for name in track.names}
+    drives = {
+        joint.name: _drive(robot, joint, logged)
+        for joint, _upwards in route
+        if joint.kind != "fixed"
+    }
+    needed = tuple(dict.fromkeys(name for name, _multiplier, _offset in drives.values()))
+    columns = _columns(robot, needed, tracks)
+    used = sorted({track for track, _column in columns.values()})
+    steps: list[Step] = []
+    for joint, upwards in route:
+        motion: list[Step] = []
+        if joint.kind != "fixed":
+            followed, multiplier, offset = drives[joint.name]
+            track, column = columns[followed]
+            sign = -1.0 if upwards else 1.0  # the way back undoes the motion
+            motion = [
+                JointStep(
+                    name=joint.name,
+                    kind="prismatic" if joint.kind == "prismatic" else "revolute",
+                    axis=joint.axis,
+                    track=used.index(track),
+                    column=column,
+                    multiplier=sign * multiplier,
+                    offset=sign * offset,
+                )
+            ]
+        origin = FixedStep(R=joint.R_origin, p=joint.p_origin)
+        steps += [*motion, fixed_inverse(origin)] if upwards else [origin, *motion]
+    return KinematicPath(
+        world=world,
+        parent=parent,
+        steps=merge_fixed(steps),
+        tracks=tuple(tracks[index] for index in used),
+    )
+
+
+def find_base(edges: Sequence[Edge], robot: Robot) -> Edge | None:
+    """Find the edge that joins the robot to a frame it moves in.
+
+    Its child is a link of the URDF, its parent is not, and it or an edge above it is dynamic. A
+    robot_state_publisher only repeats the URDF's own links in /tf; those edges are no base.
+
+    Returns:
+        The edge, or None if the robot stands still as far as the log tells.
+
+    Raises:
+        ChoiceError: Several edges qualify; lists them.
+    """
+    links = set(robot.links)
+    outside = _outside(edges, links)
+    bases = [
+        edge
+        for edge in outside
+        if edge.child in links
+        and edge.parent not in links
+        and (not edge.is_static or has_motion_above(edge.parent, outside))
+    ]
+    if len(bases) > 1:
+        listed = ", ".join(
+            f"'{edge.child}' in '{edge.parent}' by {edge.track.name}" for edge in bases
+        )
+        raise ChoiceError(
+            f"several poses move links of {robot.source}: {listed}; choose one with --pose-topic"
+        )
+    return bases[0] if bases else None
+
+
+def moving_base_path(
+    edges: Sequence[Edge],
+    robot: Robot,
+    parent: str,
+    tracks: Sequence[Track],
+    *,
+    base: str,
+    world: str | None = None,
+) -> KinematicPath:
+    """Build the path world -> (pose edges) -> ``base`` -> (joints of the URDF) -> ``parent``.
+
+    Args:
+        edges: Poses; those between two links of the URDF are left to its joints.
+        robot: The tree that ``base`` and ``parent`` belong to.
+        parent: Link that carries the IMU.
+        tracks: Joint positions, as for :func:`joint_path`.
+        base: Link of the URDF whose pose the edges tell, for instance ``find_base(...).child``.
+        world: Frame the path starts in; default: the root of the base's tree.
+
+    Raises:
+        ChoiceError, InputError: As :func:`joint_path` and
+            :func:`imucalib_cli.robot.frames.frame_path`.
+    """
+    to_base = frame_path(_outside(edges, set(robot.links)), base, world=world)
+    arm = joint_path(robot, parent, tracks, world=base)
+    first = len(to_base.tracks)
+    steps = [
+        step if isinstance(step, FixedStep) else replace(step, track=step.track + first)
+        for step in arm.steps
+    ]
+    return KinematicPath(
+        world=to_base.world,
+        parent=parent,
+        steps=merge_fixed([*to_base.steps, *steps]),
+        tracks=(*to_base.tracks, *arm.tracks),
+    )
+
+
+def _outside(edges: Sequence[Edge], links: set[str]) -> list[Edge]:
+    """Edges that say more than the URDF's own joints do."""
+    return [edge for edge in edges if not (edge.parent in links and edge.child in links)]
+
+
+def is_still(path: KinematicPath) -> bool:
+    """Whether nothing on the path ever moves, so that no log can tell the IMU's pose."""
+    driven = [step for step in path.steps if not isinstance(step, FixedStep)]
+    return not any(_moves(step, path.tracks[step.track]) for step in driven)
+
+
+def _moves(step: JointStep | PoseStep, track: Track) -> bool:
+    values = track.values if isinstance(step, PoseStep) else track.values[:, step.column]
+    return bool(np.any(values != values[:1]))
+
+
+def _drive(robot: Robot, joint: Joint, logged: set[str]) -> tuple[str, float, float]:
+    """The joint whose value drives this one, and the multiplier and offset on the way.
+
+    A mimic joint whose model is not logged but which is logged itself drives itself.
+    """
+    multiplier, offset = 1.0, 0.0
+    while joint.mimic is not None and not (
+        joint.name in logged and joint.mimic.joint not in logged
+    ):
+        offset += multiplier * joint.mimic.offset
+        multiplier *= joint.mimic.multiplier
+        joint = robot.joint_by_name[joint.mimic.joint]
+    return joint.name, multiplier, offset
+
+
+def _columns(
+    robot: Robot, needed: tuple[str, ...], tracks: Sequence[Track]
+) -> dict[str, tuple[int, int]]:
+    """For each needed joint its (track, column)."""
+    ranked = sorted(
+        range(len(tracks)),
+        key=lambda index: (
+            -len(set(needed) & set(tracks[index].names)),
+            -len(tracks[index].t),
+            index,
+        ),
+    )
+    columns: dict[str, tuple[int, int]] = {}
+    for index in ranked:
+        for column, name in enumerate(tracks[index].names):
+            if name in needed and name not in columns:
+                columns[name] = (index, column)
+    missing = [name for name in needed if name not in columns]
+    if missing:
+        _raise_missing(robot, missing, tracks)
+    for name, (index, column) in columns.items():
+        if not np.isfinite(tracks[index].values[:, column]).all():
+            raise InputError(
+                f"{tracks[index].name}: joint '{name}' has positions that are not finite: "
+                "repair the recording or choose another --joint-topic"
+            )
+    return columns
+
+
+def _raise_missing(robot: Robot, missing: list[str], tracks: Sequence[Track]) -> None:
+    known = tuple(dict.fromkeys(name for track in tracks for name in track.names))
+    plural = "s" if len(missing) > 1 else ""
+    listed = ", ".join(f"'{name}'" for name in missing)
+    if not known:
+        raise InputError(
+            f"{robot.source}: the log has no joint states for joint{plural} {listed}: record "
+            "them, or give the parent's pose with --pose-topic"
+        )
+    hint = near_matches(missing[0], known)
+    there = "" if hint.startswith("; there are") else f"; the log has: {', '.join(known[:12])}"
+    raise InputError(
+        f"{robot.source}: no position of joint{plural} {listed} in the log's joint "
+        f"states{hint}{there}"
+    )

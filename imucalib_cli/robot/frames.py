@@ -1,0 +1,169 @@
+"""A way through a tree of frames (/tf, odometry, motion capture) as steps of a path."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from imucalib_cli.errors import ChoiceError, InputError
+from imucalib_cli.robot.path import (
+    FixedStep,
+    KinematicPath,
+    PoseStep,
+    Step,
+    Track,
+    fixed_inverse,
+    merge_fixed,
+)
+from imucalib_cli.robot.rotations import matrix_from_quaternion, quaternion_from_matrix
+from imucalib_cli.robot.urdf import Joint, Robot, near_matches
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Edge:
+    """Pose of ``child`` in ``parent`` (T_parent_child) over time, or once and for all."""
+
+    parent: str
+    child: str
+    track: Track
+    """Of kind "pose"."""
+    is_static: bool = False
+    """From /tf_static: the last value holds for the whole log."""
+
+
+Tree = dict[str, list[Edge]]
+"""For each frame the edges that tell its pose in another; more than one is a conflict."""
+
+
+def frame_path(
+    edges: Sequence[Edge], parent: str, *, world: str | None = None, robot: Robot | None = None
+) -> KinematicPath:
+    """Build the path from ``world`` to ``parent`` over pose edges.
+
+    Edges are passed in either direction. Static edges become fixed steps; fixed joints of
+    ``robot`` supply edges the log lacks.
+
+    Args:
+        edges: Of a tree, static and dynamic.
+        parent: Frame that carries the IMU.
+        world: Frame the path starts in; default: the root of the parent's tree.
+        robot: Its fixed joints are edges too where the log has none to their child.
+
+    Raises:
+        ChoiceError: A frame is not in the tree, the two are not connected, or a frame on the
+            way has two sources of its pose; lists frames or topics.
+        InputError: The edges form a loop, or a pose is not a number.
+    """
+    above = _tree(edges, robot)
+    parents = (edge.parent for candidates in above.values() for edge in candidates)
+    frames = tuple(dict.fromkeys([*parents, *above]))
+    for option, frame in (("--parent", parent), ("--world", world)):
+        if frame is not None and frame not in frames:
+            raise ChoiceError(
+                f"{option} {frame}: no pose of this frame in the log{near_matches(frame, frames)}"
+            )
+    up_from_parent = _ancestors(parent, above)
+    world = up_from_parent[-1] if world is None else world
+    up_from_world = _ancestors(world, above)
+    common = next((frame for frame in up_from_parent if frame in up_from_world), None)
+    if common is None:
+        raise ChoiceError(
+            f"frames '{world}' and '{parent}' are in separate trees (roots '{up_from_world[-1]}' "
+            f"and '{up_from_parent[-1]}'): choose --world below '{up_from_parent[-1]}', "
+            "or record the transform that joins them"
+        )
+    upwards = up_from_world[: up_from_world.index(common)]
+    downwards = up_from_parent[: up_from_parent.index(common)]
+    tracks: list[Track] = []
+    steps = [_step(above[frame][0], tracks, inverse=True) for frame in upwards]
+    steps += [_step(above[frame][0], tracks, inverse=False) for frame in reversed(downwards)]
+    return KinematicPath(world=world, parent=parent, steps=merge_fixed(steps), tracks=tuple(tracks))
+
+
+def fixed_inverse(step: FixedStep) -> FixedStep:
+    """Give the step that undoes a fixed one."""
+    return FixedStep(R=step.R.T.copy(), p=-step.R.T @ step.p)
+
+
+def has_motion_above(frame: str, edges: Sequence[Edge]) -> bool:
+    """Whether a dynamic edge lies between a frame and the root of its tree."""
+    above = _tree(edges, None)
+    return any(
+        not above[ancestor][0].is_static
+        for ancestor in _ancestors(frame, above)
+        if ancestor in above
+    )
+
+
+def _tree(edges: Sequence[Edge], robot: Robot | None) -> Tree:
+    above: Tree = {}
+    for edge in edges:
+        candidates = above.setdefault(edge.child, [])
+        if not any(_is_repeated(edge, known) for known in candidates):
+            candidates.append(edge)
+    for joint in () if robot is None else robot.joints:
+        if joint.kind == "fixed" and joint.child not in above:
+            above[joint.child] = [_fixed_edge(joint)]
+    return above
+
+
+def _is_repeated(edge: Edge, known: Edge) -> bool:
+    """Static transforms are often sent again, by every node that starts."""
+    if not (edge.is_static and known.is_static and edge.parent == known.parent):
+        return False
+    a, b = edge.track.values[-1:], known.track.values[-1:]
+    return bool(np.array_equal(a, b))
+
+
+def _fixed_edge(joint: Joint) -> Edge:
+    pose = np.concatenate((joint.p_origin, quaternion_from_matrix(joint.R_origin)))[None]
+    track = Track(name="URDF", kind="pose", t=np.zeros(1), values=pose)
+    return Edge(parent=joint.parent, child=joint.child, track=track, is_static=True)
+
+
+def _ancestors(frame: str, above: Tree) -> list[str]:
+    """The frame and all above it, to the root."""
+    path = [frame]
+    while path[-1] in above:
+        candidates = above[path[-1]]
+        if len(candidates) > 1:
+            listed = ", ".join(f"in '{edge.parent}' by {edge.track.name}" for edge in candidates)
+            raise ChoiceError(
+                f"the pose of frame '{path[-1]}' is told {len(candidates)} times: {listed}; "
+                "choose one with --pose-topic"
+            )
+        following = candidates[0].parent
+        if following in path:
+            loop = " -> ".join([*path[path.index(following) :], following])
+            raise InputError(
+                f"{candidates[0].track.name}: frames form a loop ({loop}): choose another "
+                "--pose-topic"
+            )
+        path.append(following)
+    return path
+
+
+def _step(edge: Edge, tracks: list[Track], *, inverse: bool) -> Step:
+    _require_poses(edge)
+    if edge.is_static:
+        last = edge.track.values[-1]
+        step = FixedStep(R=matrix_from_quaternion(last[3:7]), p=last[:3].copy())
+        return fixed_inverse(step) if inverse else step
+    tracks.append(edge.track)
+    return PoseStep(track=len(tracks) - 1, inverse=inverse)
+
+
+def _require_poses(edge: Edge) -> None:
+    values = edge.track.values
+    what = f"{edge.track.name}: the pose of '{edge.child}' in '{edge.parent}'"
+    if len(values) == 0:
+        raise InputError(f"{what} has no samples: record it, or choose other frames")
+    if not np.isfinite(values).all():
+        raise InputError(f"{what} is not finite in some messages: repair the recording")
+    if not np.any(values[:, 3:] != 0.0, axis=1).all():
+        raise InputError(f"{what} has a quaternion of zeros in some messages: fix its publisher")
