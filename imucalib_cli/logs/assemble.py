@@ -1,0 +1,164 @@
+"""Decoded pieces to streams: one per frame, set of joints or edge of the tf tree."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+
+from imucalib_cli.logs.messages import TF_TYPES
+from imucalib_cli.logs.streams import ImuStream, JointStream, PoseStream
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from numpy.typing import NDArray
+
+    from imucalib_cli.logs.collect import Piece, TopicData
+    from imucalib_cli.logs.streams import Floats, Nanoseconds
+
+
+def imu_stream(data: TopicData) -> tuple[ImuStream | None, list[str]]:
+    """The IMU of a topic, and what had to be left out of it."""
+    losses = []
+    frames: Counter[str] = Counter()
+    for piece in data.pieces:
+        frames[_frame(piece)] += len(piece.stamp_ns)
+    if not frames:
+        return None, losses
+    frame, kept = frames.most_common(1)[0]
+    if len(frames) > 1:
+        others = ", ".join(repr(each) for each in frames if each != frame)
+        losses.append(
+            f"{data.topic}: {frames.total() - kept} messages in other frames ({others}) than "
+            f"{frame!r} are left out"
+        )
+    joined = _Joined([piece for piece in data.pieces if _frame(piece) == frame])
+    gyro, accel = joined.numbers("gyro"), joined.numbers("accel")
+    finite = np.isfinite(gyro).all(axis=1) & np.isfinite(accel).all(axis=1)
+    if not finite.all():
+        losses.append(
+            f"{data.topic}: {np.count_nonzero(~finite)} messages whose values are not finite "
+            "are left out"
+        )
+    stream = ImuStream(
+        topic=data.topic,
+        header_ns=joined.stamp_ns[finite],
+        log_ns=joined.log_ns[finite],
+        frame_id=frame,
+        gyro=gyro[finite],
+        accel=accel[finite],
+    )
+    return stream, losses
+
+
+def joint_streams(data: TopicData) -> tuple[tuple[JointStream, ...], list[str]]:
+    """One stream per set of joint names; rows in another order are put into the first one's."""
+    sets: dict[tuple[str, ...], tuple[tuple[str, ...], list[Piece]]] = {}
+    repeated = short = 0
+    for piece in data.pieces:
+        names = cast("tuple[str, ...]", piece.texts["name"])
+        if not names:
+            continue
+        if len(set(names)) != len(names):
+            repeated += len(piece.stamp_ns)
+        elif piece.numbers["position"].shape[1] != len(names):
+            short += len(piece.stamp_ns)
+        else:
+            sets.setdefault(tuple(sorted(names)), (names, []))[1].append(piece)
+    losses = []
+    if repeated:
+        losses.append(f"{data.topic}: {repeated} messages that name a joint twice are left out")
+    if short:
+        losses.append(
+            f"{data.topic}: {short} messages without one position for each joint are left out"
+        )
+    streams = []
+    for names, pieces in sets.values():
+        joined = _Joined(pieces)
+        position = joined.ordered(
+            [
+                piece.numbers["position"]
+                if piece.texts["name"] == names
+                else piece.numbers["position"][
+                    :, [piece.texts["name"].index(name) for name in names]
+                ]
+                for piece in pieces
+            ]
+        )
+        streams.append(
+            JointStream(
+                topic=data.topic,
+                header_ns=joined.stamp_ns,
+                log_ns=joined.log_ns,
+                names=names,
+                position=position,
+            )
+        )
+    return tuple(streams), losses
+
+
+def pose_streams(data: TopicData) -> tuple[tuple[PoseStream, ...], list[str]]:
+    """One stream per (parent, child)."""
+    edges: dict[tuple[str, str], list[Piece]] = {}
+    for piece in data.pieces:
+        child = str(piece.texts.get("child_frame_id", "")).removeprefix("/")
+        edges.setdefault((_frame(piece), child), []).append(piece)
+    is_static = data.type in TF_TYPES and data.topic.rsplit("/", 1)[-1] == "tf_static"
+    streams = []
+    unusable = 0
+    for (parent, child), pieces in edges.items():
+        joined = _Joined(pieces)
+        position, quaternion = joined.numbers("position"), joined.numbers("quaternion")
+        norm = np.linalg.norm(quaternion, axis=1)
+        sound = np.isfinite(position).all(axis=1) & np.isfinite(norm) & (norm > 0.5) & (norm < 2)
+        unusable += int(np.count_nonzero(~sound))
+        if sound.any():
+            streams.append(
+                PoseStream(
+                    topic=data.topic,
+                    header_ns=joined.stamp_ns[sound],
+                    log_ns=joined.log_ns[sound],
+                    parent=parent,
+                    child=child,
+                    position=position[sound],
+                    quaternion_xyzw=quaternion[sound] / norm[sound, None],
+                    is_static=is_static,
+                )
+            )
+    losses = []
+    if unusable:
+        losses.append(
+            f"{data.topic}: {unusable} poses that are not finite or whose quaternion is not of "
+            "unit norm are left out"
+        )
+    return tuple(streams), losses
+
+
+def _frame(piece: Piece) -> str:
+    return str(piece.texts["frame_id"]).removeprefix("/")
+
+
+class _Joined:
+    """Pieces as one, in the order of receive time; ties stay as the file has them."""
+
+    def __init__(self, pieces: Iterable[Piece]) -> None:
+        self._pieces = list(pieces)
+        log_ns = np.concatenate([each.log_ns for each in self._pieces])
+        arrival = np.concatenate([each.arrival for each in self._pieces])
+        order = np.lexsort((arrival, log_ns))
+        self._order: NDArray[np.intp] | slice = order
+        if (np.diff(order) == 1).all():
+            self._order = slice(None)
+        self.log_ns: Nanoseconds = log_ns[self._order]
+        self.stamp_ns: Nanoseconds = np.concatenate([each.stamp_ns for each in self._pieces])[
+            self._order
+        ]
+
+    def ordered(self, values: list[Floats]) -> Floats:
+        joined: Floats = np.concatenate(values)[self._order]
+        return joined
+
+    def numbers(self, name: str) -> Floats:
+        return self.ordered([each.numbers[name] for each in self._pieces])

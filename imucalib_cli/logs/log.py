@@ -1,0 +1,194 @@
+"""A recording, whatever it is stored as: its topics, and the streams of those that are wanted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from imucalib_cli.errors import ChoiceError, InputError
+from imucalib_cli.logs.messages import MESSAGE_TYPES
+from imucalib_cli.logs.recording import open_storages
+from imucalib_cli.logs.streams import ImuStream, JointStream, PoseStream
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from imucalib_cli.logs.storage import Channel, Storage
+
+ENCODINGS = frozenset({"cdr", "ros1"})
+"""Encodings that can be decoded."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Topic:
+    """A topic as the recording lists it; nothing of it has been decoded."""
+
+    name: str
+    type: str
+    """Without ``/msg/``: sensor_msgs/Imu."""
+    encoding: str
+    """``cdr``, ``ros1`` or what else the log says."""
+    count: int
+    """Messages."""
+    start_ns: int
+    """Receive time of the first message, ns; 0 without messages."""
+    end_ns: int
+
+    @property
+    def readable(self) -> bool:
+        """Whether :meth:`Log.read` can make streams of it."""
+        return self.type in MESSAGE_TYPES and self.encoding in ENCODINGS
+
+
+@dataclass(kw_only=True)
+class LogData:
+    """The streams of the wanted topics, each by its topic."""
+
+    imus: dict[str, ImuStream] = field(default_factory=dict)
+    joints: dict[str, tuple[JointStream, ...]] = field(default_factory=dict)
+    """One per set of joint names."""
+    poses: dict[str, tuple[PoseStream, ...]] = field(default_factory=dict)
+    """One per (parent, child)."""
+    losses: tuple[str, ...] = ()
+    """What was damaged or left out, one sentence each."""
+
+
+class Log:
+    """An opened recording; holds no open files.
+
+    Attributes:
+        paths: The files it is made of.
+        topics: Its topics, by name.
+    """
+
+    def __init__(self, storages: Sequence[Storage]) -> None:
+        self._storages = sorted(storages, key=_start_ns)
+        self.paths = tuple(each.path for each in self._storages)
+        self.topics = _topics(self._storages)
+
+    @property
+    def losses(self) -> tuple[str, ...]:
+        """What was found damaged so far, one sentence each."""
+        return tuple(
+            f"{storage.path}: {loss}" for storage in self._storages for loss in storage.losses
+        )
+
+    def read(
+        self, topics: Iterable[str], progress: Callable[[float], None] | None = None
+    ) -> LogData:
+        """Read the wanted topics in one pass; nothing else is decoded.
+
+        Args:
+            topics: Names from :attr:`topics`.
+            progress: Told the share that is done, 0 to 1, now and then.
+
+        Raises:
+            ChoiceError: A topic is not in the recording.
+            InputError: A topic's type or encoding cannot be read, or the file went away.
+        """
+        from imucalib_cli.logs.assemble import imu_stream, joint_streams, pose_streams
+        from imucalib_cli.logs.collect import Collector
+
+        wanted = set(topics)
+        self._check(wanted)
+        collector = Collector()
+        for number, storage in enumerate(self._storages):
+            channels = [
+                each.number
+                for each in storage.channels
+                if each.topic in wanted
+                and each.type in MESSAGE_TYPES
+                and each.encoding in ENCODINGS
+            ]
+            if channels:
+                share = _share(progress, number, len(self._storages))
+                try:
+                    storage.read(channels, collector, share)
+                except OSError as error:
+                    raise InputError(f"{storage.path} cannot be read: {error}") from error
+            collector.next_file()
+        data = LogData()
+        losses = list(self.losses)
+        for name, found in sorted(collector.finish().items()):
+            if found.undecoded:
+                losses.append(
+                    f"{name}: {found.undecoded} of {found.messages} messages do not fit "
+                    f"{found.type} and are left out"
+                )
+            match found.message_type.kind:
+                case "imu":
+                    imu, lost = imu_stream(found)
+                    if imu is not None:
+                        data.imus[name] = imu
+                case "joints":
+                    data.joints[name], lost = joint_streams(found)
+                case "pose":
+                    data.poses[name], lost = pose_streams(found)
+            losses += lost
+        data.losses = tuple(losses)
+        return data
+
+    def _check(self, wanted: set[str]) -> None:
+        known = {each.name for each in self.topics}
+        for name in sorted(wanted - known):
+            listed = ", ".join(sorted(known)) or "none"
+            raise ChoiceError(f"there is no topic {name} in {self._label()}; it has: {listed}")
+        readable = {each.name for each in self.topics if each.readable}
+        for topic in self.topics:
+            if topic.name in wanted and topic.name not in readable:
+                raise InputError(
+                    f"topic {topic.name} in {self._label()} holds {topic.type or 'untyped data'} "
+                    f"({topic.encoding or 'no encoding'}), which cannot be read: choose a topic of "
+                    + ", ".join(sorted(MESSAGE_TYPES))
+                )
+
+    def _label(self) -> str:
+        return str(self.paths[0]) if self.paths else "the log"
+
+
+def open_log(paths: Sequence[Path]) -> Log:
+    """Open one recording.
+
+    Args:
+        paths: A file or folder, or the files of a split recording: ROS 1 bag, ROS 2 folder (or
+            its metadata.yaml), .db3 or .mcap, told apart by content rather than by suffix.
+
+    Raises:
+        InputError: A path is missing, unreadable, or not a log.
+        ChoiceError: A folder holds several recordings.
+    """
+    return Log([storage for path in paths for storage in open_storages(path)])
+
+
+def _start_ns(storage: Storage) -> int:
+    return min((each.start_ns for each in storage.channels if each.count), default=0)
+
+
+def _topics(storages: Sequence[Storage]) -> tuple[Topic, ...]:
+    groups: dict[tuple[str, str, str], list[Channel]] = {}
+    for storage in storages:
+        for channel in storage.channels:
+            groups.setdefault((channel.topic, channel.type, channel.encoding), []).append(channel)
+    topics = []
+    for (name, type_name, encoding), channels in sorted(groups.items()):
+        filled = [each for each in channels if each.count]
+        topics.append(
+            Topic(
+                name=name,
+                type=type_name,
+                encoding=encoding,
+                count=sum(each.count for each in filled),
+                start_ns=min((each.start_ns for each in filled), default=0),
+                end_ns=max((each.end_ns for each in filled), default=0),
+            )
+        )
+    return tuple(topics)
+
+
+def _share(
+    progress: Callable[[float], None] | None, number: int, total: int
+) -> Callable[[float], None]:
+    if progress is None:
+        return lambda _: None
+    return lambda done: progress((number + done) / total)

@@ -1,0 +1,143 @@
+"""Message types that can be read: one row each, in the order of their fields on the wire.
+
+A new type is one more row of :data:`MESSAGE_TYPES`. The bulk decoder (:mod:`.wire`) walks the
+row over bytes, the slow one (:mod:`.slow`) over a deserialised message, so both read the same
+fields. Layouts follow the ROS interface definitions (sensor_msgs, nav_msgs, geometry_msgs,
+tf2_msgs), whose wire form is the same in every ROS 2 distribution; ROS 1 adds ``seq`` to Header.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+Kind = Literal["imu", "joints", "pose"]
+
+
+@dataclass(frozen=True)
+class Header:
+    """std_msgs/Header: becomes the stamp and the text ``frame_id``."""
+
+
+@dataclass(frozen=True)
+class Text:
+    """One string."""
+
+    path: str
+
+
+@dataclass(frozen=True)
+class Texts:
+    """A sequence of strings."""
+
+    path: str
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """A fixed run of float64, whatever structs it is made of."""
+
+    path: str
+    count: int
+    name: str = ""
+    """What it is kept as; empty where it is only passed over."""
+
+
+@dataclass(frozen=True)
+class NumberList:
+    """A sequence of float64."""
+
+    path: str
+    name: str = ""
+
+
+@dataclass(frozen=True)
+class Repeat:
+    """A sequence of structs, each an element of its own."""
+
+    path: str
+    fields: tuple[Header | Text | Numbers, ...]
+
+
+Field = Header | Text | Texts | Numbers | NumberList | Repeat
+
+
+@dataclass(frozen=True)
+class MessageType:
+    """What a message of this type becomes, and its fields on the wire."""
+
+    kind: Kind
+    fields: tuple[Field, ...]
+
+
+_TRANSFORM = (
+    Header(),
+    Text("child_frame_id"),
+    Numbers("transform.translation", 3, "position"),
+    Numbers("transform.rotation", 4, "quaternion"),
+)
+_TF = MessageType("pose", (Repeat("transforms", _TRANSFORM),))
+
+MESSAGE_TYPES: dict[str, MessageType] = {
+    "sensor_msgs/Imu": MessageType(
+        "imu",
+        (
+            Header(),
+            Numbers("orientation", 4),
+            Numbers("orientation_covariance", 9),
+            Numbers("angular_velocity", 3, "gyro"),
+            Numbers("angular_velocity_covariance", 9),
+            Numbers("linear_acceleration", 3, "accel"),
+            Numbers("linear_acceleration_covariance", 9),
+        ),
+    ),
+    "sensor_msgs/JointState": MessageType(
+        "joints",
+        (
+            Header(),
+            Texts("name"),
+            NumberList("position", "position"),
+            NumberList("velocity"),
+            NumberList("effort"),
+        ),
+    ),
+    "tf2_msgs/TFMessage": _TF,
+    "tf/tfMessage": _TF,
+    "geometry_msgs/TransformStamped": MessageType("pose", _TRANSFORM),
+    "geometry_msgs/PoseStamped": MessageType(
+        "pose",
+        (
+            Header(),
+            Numbers("pose.position", 3, "position"),
+            Numbers("pose.orientation", 4, "quaternion"),
+        ),
+    ),
+    "geometry_msgs/PoseWithCovarianceStamped": MessageType(
+        "pose",
+        (
+            Header(),
+            Numbers("pose.pose.position", 3, "position"),
+            Numbers("pose.pose.orientation", 4, "quaternion"),
+            Numbers("pose.covariance", 36),
+        ),
+    ),
+    "nav_msgs/Odometry": MessageType(
+        "pose",
+        (
+            Header(),
+            Text("child_frame_id"),
+            Numbers("pose.pose.position", 3, "position"),
+            Numbers("pose.pose.orientation", 4, "quaternion"),
+            Numbers("pose.covariance", 36),
+            Numbers("twist.twist", 6),
+            Numbers("twist.covariance", 36),
+        ),
+    ),
+}
+
+TF_TYPES = frozenset({"tf2_msgs/TFMessage", "tf/tfMessage"})
+
+
+def normalise_type(name: str) -> str:
+    """Drop the ``/msg/`` of ROS 2 names: sensor_msgs/msg/Imu is sensor_msgs/Imu."""
+    return name.replace("/msg/", "/")

@@ -1,0 +1,131 @@
+"""Message-by-message decoding through rosbags: for what the bulk route cannot follow, and its oracle."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import fields as dataclass_fields
+from dataclasses import is_dataclass
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from imucalib_cli.logs.messages import (
+    Field,
+    Header,
+    MessageType,
+    NumberList,
+    Numbers,
+    Repeat,
+    Text,
+    Texts,
+)
+from imucalib_cli.logs.wire import Element, Texted, WireError
+
+if TYPE_CHECKING:
+    from rosbags.typesys.store import Typestore
+
+_TF_MESSAGE = "geometry_msgs/TransformStamped[] transforms"
+
+
+class SlowDecoder:
+    """Decodes single payloads of one topic.
+
+    Args:
+        type_name: Normalised name, sensor_msgs/Imu.
+        message_type: The row of the table.
+        encoding: ``cdr`` or ``ros1``.
+        definition: Definition embedded in the log, in .msg form, if there is one; where it is
+            missing or cannot be parsed the standard one counts.
+    """
+
+    def __init__(
+        self, type_name: str, message_type: MessageType, encoding: str, definition: str = ""
+    ) -> None:
+        self._type_name = type_name
+        self._fields = message_type.fields
+        self._encoding = encoding
+        self._definition = definition
+
+    def __call__(self, payload: bytes) -> list[Element]:
+        """Decode one payload into elements of one row each.
+
+        Raises:
+            WireError: The payload does not fit its definition.
+        """
+        full_name = self._type_name.replace("/", "/msg/")
+        store = _typestore(self._encoding, full_name, self._definition)
+        try:
+            if self._encoding == "ros1":
+                message = store.deserialize_ros1(payload, full_name)
+            else:
+                message = store.deserialize_cdr(payload, full_name)
+            return [_element(part, fields) for part, fields in _parts(message, self._fields)]
+        # rosbags' generated code raises whatever the bytes provoke.
+        except Exception as error:
+            raise WireError(str(error)) from error
+
+
+@cache
+def _typestore(encoding: str, full_name: str, definition: str) -> Typestore:
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    ros1 = encoding == "ros1"
+    if definition:
+        store = get_typestore(Stores.EMPTY)
+        try:
+            store.register(get_types_from_msg(definition, full_name))
+        except Exception:  # whatever a broken definition provokes: the standard one is left
+            store = None
+        if store is not None and full_name in store.fielddefs:
+            return store
+    store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE)
+    for name in ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage"):
+        if name not in store.fielddefs:
+            store.register(get_types_from_msg(_TF_MESSAGE, name))
+    return store
+
+
+def _parts(message: Any, fields: tuple[Field, ...]) -> Iterator[tuple[Any, tuple[Field, ...]]]:
+    match fields:
+        case (Repeat(path, inner),):
+            for each in _get(message, path):
+                yield each, inner
+        case _:
+            yield message, fields
+
+
+def _element(message: Any, fields: tuple[Field, ...]) -> Element:
+    stamp = 0
+    texts: Texted = {}
+    numbers = {}
+    for each in fields:
+        match each:
+            case Header():
+                stamp = message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
+                texts["frame_id"] = message.header.frame_id
+            case Text(path):
+                texts[path] = _get(message, path)
+            case Texts(path):
+                texts[path] = tuple(_get(message, path))
+            case Numbers(path, _, name) | NumberList(path, name):
+                if name:
+                    values = np.array([_flatten(_get(message, path))], dtype=np.float64)
+                    numbers[name] = values.reshape(1, -1)
+            case Repeat():
+                raise WireError("a sequence beside other fields")
+    return Element(np.zeros(1, dtype=np.intp), np.array([stamp], dtype=np.int64), texts, numbers)
+
+
+def _get(message: Any, path: str) -> Any:
+    for name in path.split("."):
+        message = getattr(message, name)
+    return message
+
+
+def _flatten(value: Any) -> list[float]:
+    if is_dataclass(value):
+        return [x for each in dataclass_fields(value) for x in _flatten(getattr(value, each.name))]
+    if np.ndim(value):
+        return [float(x) for x in value]
+    return [float(value)]

@@ -1,0 +1,92 @@
+"""What every storage offers: channels, and their payloads in bulk."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from imucalib_cli.logs.streams import Nanoseconds
+
+Bytes = NDArray[np.uint8]
+Progress = Callable[[float], None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Channel:
+    """One publisher's messages on a topic, as the file numbers them."""
+
+    number: int
+    topic: str
+    type: str
+    """Normalised, sensor_msgs/Imu."""
+    encoding: str
+    """``cdr``, ``ros1``, or whatever else the file says."""
+    definition: str = ""
+    """The type's definition in .msg form where the file embeds it."""
+    count: int = 0
+    start_ns: int = 0
+    end_ns: int = 0
+
+
+class Sink(Protocol):
+    """Takes payloads as a storage comes upon them."""
+
+    def add(
+        self, channel: Channel, arrival: NDArray[np.int64], log_ns: Nanoseconds, rows: Bytes
+    ) -> None:
+        """Take payloads of one length.
+
+        Args:
+            channel: Whose they are.
+            arrival: (n,), position in the file: orders messages of equal receive time.
+            log_ns: (n,), receive time, ns.
+            rows: (n, L); may be a view of a buffer that is used again after the call.
+        """
+
+
+class Storage(Protocol):
+    """One file of a log."""
+
+    path: Path
+    channels: tuple[Channel, ...]
+    losses: list[str]
+    """What was found damaged so far, one sentence each."""
+
+    def read(self, wanted: Collection[int], sink: Sink, progress: Progress) -> None:
+        """Give the sink all messages of the wanted channels, in one pass."""
+
+
+def cut(data: Bytes, starts: NDArray[np.int64], size: int) -> Bytes:
+    """Copy the slices ``data[start : start + size]`` into the rows of (n, size)."""
+    if not size or not len(starts):
+        return np.empty((len(starts), size), dtype=np.uint8)
+    return sliding_window_view(data, size)[starts]
+
+
+def add_by_length(
+    sink: Sink,
+    channel: Channel,
+    data: Bytes,
+    base: int,
+    starts: NDArray[np.int64],
+    sizes: NDArray[np.int64],
+    log_ns: Nanoseconds,
+) -> None:
+    """Give the payloads ``data[start : start + size]`` to the sink, grouped by their size."""
+    first = sizes[0] if len(sizes) else 0
+    if (sizes == first).all():
+        sink.add(channel, base + starts, log_ns, cut(data, starts, int(first)))
+        return
+    for size in np.unique(sizes):
+        chosen = sizes == size
+        sink.add(
+            channel, base + starts[chosen], log_ns[chosen], cut(data, starts[chosen], int(size))
+        )
