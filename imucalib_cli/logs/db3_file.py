@@ -33,7 +33,7 @@ class Db3File:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._at = path
+        self._file = path
         self.losses: list[str] = []
         try:
             with closing(self._connect()) as database:
@@ -43,7 +43,7 @@ class Db3File:
 
     def _connect(self) -> sqlite3.Connection:
         # mode=ro rather than immutable: a -wal left by a crash still counts.
-        return sqlite3.connect(f"file:{quote(str(self._at.absolute()))}?mode=ro", uri=True)
+        return sqlite3.connect(f"file:{quote(str(self._file.absolute()))}?mode=ro", uri=True)
 
     def read(self, wanted: Collection[int], sink: Sink, progress: Progress) -> None:
         """Give the sink all messages of the wanted channels, in one scan."""

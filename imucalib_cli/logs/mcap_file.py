@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
 
+from imucalib_cli.logs.damage import Cursor, DamageError, Tally
 from imucalib_cli.logs.inflate import Inflated, Scratch, inflate, inflate_file
 from imucalib_cli.logs.mcap_records import (
     CHUNK,
@@ -22,9 +23,6 @@ from imucalib_cli.logs.mcap_records import (
     STATISTICS,
     Catalogue,
     Chunk,
-    Cursor,
-    DamageError,
-    Tally,
     parse_chunk_head,
     parse_chunk_index,
     parse_counts,
@@ -59,6 +57,7 @@ class McapFile:
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        self._file = path
         self.losses: list[str] = []
         self._size = path.stat().st_size
         self._scratch = Scratch()
@@ -80,7 +79,7 @@ class McapFile:
         channels = {each.number: each for each in self.channels if each.number in wanted}
         needed = [each for each in self._chunks if _may_hold(each, channels)]
         base = 0
-        with self.path.open("rb", buffering=0) as file:
+        with self._file.open("rb", buffering=0) as file:
             for done, chunk in enumerate(needed):
                 progress(done / len(needed))
                 try:

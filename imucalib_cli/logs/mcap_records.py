@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from imucalib_cli.logs.damage import Cursor, DamageError, Tally
 from imucalib_cli.logs.messages import normalise_type
 from imucalib_cli.logs.storage import Bytes, Channel
 
@@ -34,38 +35,6 @@ MESSAGE_HEAD = np.dtype(
 _CHUNK_HEAD = struct.Struct("<QQQII")
 
 
-class DamageError(Exception):
-    """Bytes that are not what they should be."""
-
-
-class Cursor:
-    """Reads values off a record; a length beyond its end is damage."""
-
-    def __init__(self, data: bytes | memoryview) -> None:
-        self._data = memoryview(data)
-        self.at = 0
-
-    @property
-    def left(self) -> int:
-        """Bytes not yet read."""
-        return len(self._data) - self.at
-
-    def take(self, size: int) -> memoryview:
-        """The next ``size`` bytes."""
-        if size > len(self._data) - self.at:
-            raise DamageError("a length points beyond its record")
-        self.at += size
-        return self._data[self.at - size : self.at]
-
-    def number(self, size: int) -> int:
-        """An unsigned integer."""
-        return int.from_bytes(self.take(size), "little")
-
-    def text(self) -> str:
-        """A string after its 4-byte length."""
-        return str(self.take(self.number(4)), "utf-8", "replace")
-
-
 @dataclass(kw_only=True)
 class Chunk:
     """Where a run of messages lies."""
@@ -82,22 +51,6 @@ class Chunk:
     """Channel to its messages' offsets, where a scan found them."""
     start_ns: int = 0
     end_ns: int = 0
-
-
-@dataclass
-class Tally:
-    """How many messages of a channel there are and when."""
-
-    count: int = 0
-    start_ns: int = (1 << 63) - 1
-    end_ns: int = 0
-
-    def add(self, times: NDArray[np.int64]) -> None:
-        """Count messages by their receive times."""
-        if len(times):
-            self.count += len(times)
-            self.start_ns = min(self.start_ns, int(times.min()))
-            self.end_ns = max(self.end_ns, int(times.max()))
 
 
 @dataclass

@@ -65,9 +65,14 @@ def _open_file(path: Path, head: bytes) -> Storage:
     if head.startswith(_ZSTD):
         from imucalib_cli.logs.unpacked import unpack
 
-        unpacked = unpack(path)
-        storage = _open_file(unpacked, _head(unpacked))
+        unpacked, loss = unpack(path)
+        head = _head(unpacked)
+        if head.startswith(_ZSTD):
+            raise InputError(f"{path} is compressed twice: unpack it with zstd -d")
+        storage = _open_file(unpacked, head)
         storage.path = path
+        if loss:
+            storage.losses.append(loss)
         return storage
     if not head:
         raise InputError(f"{path} is empty: record or copy it again")

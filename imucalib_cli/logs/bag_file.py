@@ -1,0 +1,362 @@
+"""ROS 1 bags, format 2.0 (wiki.ros.org/Bags/Format/2.0): by index, or by a scan without one."""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, BinaryIO
+
+import numpy as np
+
+from imucalib_cli.logs.damage import Cursor, DamageError, Tally
+from imucalib_cli.logs.inflate import Inflated, Scratch, inflate, inflate_file
+from imucalib_cli.logs.messages import normalise_type
+from imucalib_cli.logs.storage import Bytes, Channel, Progress, Sink, add_by_length, cut
+
+if TYPE_CHECKING:
+    from collections.abc import Collection
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from imucalib_cli.logs.streams import Nanoseconds
+
+MAGIC = b"#ROSBAG V2.0\n"
+_MESSAGE, _BAG, _INDEX, _CHUNK, _CHUNK_INFO, _CONNECTION = 2, 3, 4, 5, 6, 7
+_SIZE = struct.Struct("<I")
+_ENTRY = np.dtype([("sec", "<u4"), ("nsec", "<u4"), ("offset", "<u4")])
+_LARGEST_HEADER = 1 << 20
+
+Index = dict[int, tuple["Nanoseconds", "NDArray[np.int64]"]]
+"""Connection to receive times and offsets of its messages in the chunk."""
+
+
+@dataclass(kw_only=True)
+class _Chunk:
+    start: int
+    """Of its record in the file."""
+    connections: frozenset[int] | None = None
+    """Whose messages it holds, where the index says."""
+    index: Index | None = None
+    """Where a scan found them."""
+    start_ns: int = 0
+    end_ns: int = 0
+
+
+@dataclass
+class _Catalogue:
+    connections: dict[int, dict[str, bytes]] = field(default_factory=dict)
+    tallies: dict[int, Tally] = field(default_factory=dict)
+
+    def add(self, head: dict[str, bytes], data: bytes | memoryview) -> None:
+        number = int.from_bytes(head.get("conn", b""), "little")
+        if number not in self.connections:
+            # The topic in the record's own header is the one after remapping.
+            self.connections[number] = {**_fields(data), "topic": head.get("topic", b"")}
+
+    def channels(self) -> tuple[Channel, ...]:
+        found = []
+        for number, fields in sorted(self.connections.items()):
+            tally = self.tallies.get(number, Tally(start_ns=0))
+            found.append(
+                Channel(
+                    number=number,
+                    topic=fields["topic"].decode("utf-8", "replace"),
+                    type=normalise_type(fields.get("type", b"").decode("utf-8", "replace")),
+                    encoding="ros1",
+                    definition=fields.get("message_definition", b"").decode("utf-8", "replace"),
+                    count=tally.count,
+                    start_ns=tally.start_ns,
+                    end_ns=tally.end_ns,
+                )
+            )
+        return tuple(found)
+
+
+class BagFile:
+    """One ROS 1 bag.
+
+    Args:
+        path: The file; its magic has been checked.
+
+    Raises:
+        OSError: The file cannot be opened.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._file = path
+        self.losses: list[str] = []
+        self._size = path.stat().st_size
+        self._scratch = Scratch()
+        self._packed = Scratch()
+        self._chunks: list[_Chunk] = []
+        catalogue = _Catalogue()
+        with path.open("rb") as file:
+            try:
+                indexed = self._read_index(file, catalogue)
+            except DamageError:
+                indexed = False
+            if not indexed:
+                self._chunks = []
+                catalogue = _Catalogue()
+                self._scan(file, catalogue)
+        self.channels: tuple[Channel, ...] = catalogue.channels()
+
+    def read(self, wanted: Collection[int], sink: Sink, progress: Progress) -> None:
+        """Give the sink all messages of the wanted connections, chunk by chunk."""
+        channels = {each.number: each for each in self.channels if each.number in wanted}
+        needed = [
+            each
+            for each in self._chunks
+            if each.connections is None or not each.connections.isdisjoint(channels)
+        ]
+        base = 0
+        with self._file.open("rb", buffering=0) as file:
+            for done, chunk in enumerate(needed):
+                progress(done / len(needed))
+                try:
+                    base += self._read_chunk(file, chunk, channels, sink, base)
+                except (DamageError, ValueError) as error:
+                    self._lose(f"a chunk at byte {chunk.start} is left out: {error}")
+        progress(1.0)
+
+    def _lose(self, what: str) -> None:
+        if what not in self.losses:
+            self.losses.append(what)
+
+    # Records
+
+    def _record(self, file: BinaryIO, at: int) -> tuple[dict[str, bytes], int, int]:
+        """Header fields of the record at a position, and where and how long its data are.
+
+        Raises:
+            DamageError: It is not whole, its data aside.
+        """
+        file.seek(at)
+        head_size = _size(file.read(4))
+        if head_size > _LARGEST_HEADER:
+            raise DamageError("a record's header is too long")
+        raw = file.read(head_size + 4)
+        if len(raw) < head_size + 4:
+            raise DamageError("a record is cut short")
+        return _fields(raw[:-4]), at + 8 + head_size, _size(raw[-4:])
+
+    def _data(self, file: BinaryIO, start: int, size: int) -> bytes:
+        if size > self._size - start:
+            raise DamageError("a record is cut short")
+        file.seek(start)
+        return file.read(size)
+
+    # The index at the end of a bag that was closed properly
+
+    def _read_index(self, file: BinaryIO, catalogue: _Catalogue) -> bool:
+        head, _, _ = self._record(file, len(MAGIC))
+        at = int.from_bytes(head.get("index_pos", b""), "little")
+        if head.get("op") != bytes([_BAG]) or not len(MAGIC) < at < self._size:
+            return False
+        expected = int.from_bytes(head.get("chunk_count", b""), "little")
+        while at < self._size:
+            head, start, size = self._record(file, at)
+            data = self._data(file, start, size)
+            match head.get("op", b"\0")[0]:
+                case 7:
+                    catalogue.add(head, data)
+                case 6:
+                    self._chunks.append(_chunk_info(head, data, catalogue))
+            at = start + size
+        if len(self._chunks) != expected:
+            return False
+        self._chunks.sort(key=lambda chunk: chunk.start)
+        return all(
+            number in catalogue.connections
+            for chunk in self._chunks
+            for number in chunk.connections or ()
+        )
+
+    def _message_index(self, file: BinaryIO, at: int, channels: Collection[int]) -> Index:
+        """The index records that follow a chunk."""
+        found: Index = {}
+        while at < self._size:
+            head, start, size = self._record(file, at)
+            if head.get("op") != bytes([_INDEX]):
+                break
+            number = int.from_bytes(head.get("conn", b""), "little")
+            if number in channels:
+                data = self._data(file, start, size)
+                if head.get("ver") != b"\1\0\0\0" or size % _ENTRY.itemsize:
+                    raise DamageError("its index is of another version")
+                entries = np.frombuffer(data, dtype=_ENTRY)
+                times = entries["sec"] * np.int64(10**9) + entries["nsec"]
+                found[number] = (times, entries["offset"].astype(np.int64))
+            at = start + size
+        return found
+
+    # A scan of a bag that has no index
+
+    def _scan(self, file: BinaryIO, catalogue: _Catalogue) -> None:
+        at = len(MAGIC)
+        try:
+            while at < self._size:
+                head, start, size = self._record(file, at)
+                op = head.get("op", b"\0")[0]
+                whole = size <= self._size - start
+                if op == _CONNECTION:
+                    catalogue.add(head, self._data(file, start, size))
+                elif op == _CHUNK:
+                    self._scan_chunk(file, at, catalogue)
+                if not whole or not _MESSAGE <= op <= _CONNECTION:
+                    raise DamageError("a record is cut short")
+                at = start + size
+        except DamageError:
+            self._lose(
+                f"the bag is cut short or damaged at byte {at} of {self._size}: "
+                "what stands before is used"
+            )
+        else:
+            self._lose("the bag has no usable index and was scanned; nothing is lost")
+
+    def _scan_chunk(self, file: BinaryIO, at: int, catalogue: _Catalogue) -> None:
+        try:
+            inflated, _ = self._inflated(file, at)
+        except (DamageError, ValueError) as error:
+            self._lose(f"a chunk at byte {at} is left out: {error}")
+            return
+        data = inflated.upto()
+        if not inflated.complete:
+            self._lose(f"a chunk at byte {at} is used as far as it can be unpacked")
+        chunk = _Chunk(start=at, index=_walk(data, catalogue))
+        for number, (times, _) in (chunk.index or {}).items():
+            catalogue.tallies.setdefault(number, Tally()).add(times)
+        self._chunks.append(chunk)
+
+    # Reading messages
+
+    def _inflated(self, file: BinaryIO, at: int) -> tuple[Inflated, int]:
+        """The unpacked bytes of the chunk at a position, lazily, and where its record ends."""
+        head, start, size = self._record(file, at)
+        if head.get("op") != bytes([_CHUNK]):
+            raise DamageError("no chunk where the index says")
+        compression = head.get("compression", b"none").decode("utf-8", "replace")
+        claimed = int.from_bytes(head.get("size", b""), "little")
+        here = min(size, self._size - start)
+        if compression == "none":
+            return inflate_file(file, start, here, self._scratch, claimed), start + size
+        packed = memoryview(self._packed.reserve(here))[:here]
+        file.seek(start)
+        got = file.readinto(packed)  # type: ignore[attr-defined]
+        return inflate(compression, packed[:got], claimed, self._scratch), start + size
+
+    def _read_chunk(
+        self, file: BinaryIO, chunk: _Chunk, channels: dict[int, Channel], sink: Sink, base: int
+    ) -> int:
+        inflated, end = self._inflated(file, chunk.start)
+        index = chunk.index
+        if index is None:
+            index = self._message_index(file, end, channels)
+        index = {number: index[number] for number in channels if number in index}
+        last = max((int(at.max()) for _, at in index.values() if len(at)), default=-1)
+        if last < 0:
+            return 0
+        data = inflated.upto(last + 4)
+        # Up to the length of the header, to that of the data, and to the end of the data.
+        end = last + 8 + _size_at(data, last)
+        data = inflated.upto(end)
+        end += _size_at(data, end - 4)
+        data = inflated.upto(end)
+        if inflated.damage or len(data) < end:
+            self._lose(f"a chunk at byte {chunk.start} is used as far as it can be unpacked")
+        for number, (times, offsets) in index.items():
+            self._add(data, channels[number], times, offsets, sink, base)
+        return len(data)
+
+    def _add(
+        self,
+        data: Bytes,
+        channel: Channel,
+        times: Nanoseconds,
+        offsets: NDArray[np.int64],
+        sink: Sink,
+        base: int,
+    ) -> None:
+        head_sizes, inside = _sizes(data, offsets)
+        data_sizes, also = _sizes(data, offsets + 4 + head_sizes)
+        starts = offsets + 8 + head_sizes
+        sound = inside & also & (data_sizes <= len(data) - starts)
+        if not sound.all():
+            self._lose(f"some messages of {channel.topic} are damaged and left out")
+        starts, data_sizes, times = starts[sound], data_sizes[sound], times[sound]
+        add_by_length(sink, channel, data, base, starts, data_sizes, times)
+
+
+def _size(raw: bytes | memoryview) -> int:
+    if len(raw) < 4:
+        raise DamageError("a record is cut short")
+    return int.from_bytes(raw[:4], "little")
+
+
+def _size_at(data: Bytes, at: int) -> int:
+    return int.from_bytes(data[at : at + 4].tobytes(), "little")
+
+
+def _sizes(data: Bytes, offsets: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """The 4-byte lengths at the offsets, and which offsets lie inside the data."""
+    inside = (offsets >= 0) & (offsets <= len(data) - 4)
+    sizes = np.zeros(len(offsets), dtype=np.int64)
+    sizes[inside] = cut(data, offsets[inside], 4).view("<u4")[:, 0]
+    return sizes, inside
+
+
+def _fields(raw: bytes | memoryview) -> dict[str, bytes]:
+    """Fields ``name=value`` of a header."""
+    cursor = Cursor(raw)
+    found = {}
+    while cursor.left:
+        name, _, value = bytes(cursor.take(cursor.number(4))).partition(b"=")
+        found[name.decode("utf-8", "replace")] = value
+    return found
+
+
+def _chunk_info(head: dict[str, bytes], data: bytes, catalogue: _Catalogue) -> _Chunk:
+    counts = np.frombuffer(data[: len(data) // 8 * 8], dtype="<u4").reshape(-1, 2)
+    start_ns, end_ns = _time(head.get("start_time", b"")), _time(head.get("end_time", b""))
+    for number, count in counts.tolist():
+        tally = catalogue.tallies.setdefault(number, Tally())
+        tally.count += count
+        tally.start_ns = min(tally.start_ns, start_ns)
+        tally.end_ns = max(tally.end_ns, end_ns)
+    return _Chunk(
+        start=int.from_bytes(head.get("chunk_pos", b""), "little"),
+        connections=frozenset(counts[:, 0].tolist()),
+        start_ns=start_ns,
+        end_ns=end_ns,
+    )
+
+
+def _time(raw: bytes) -> int:
+    return int.from_bytes(raw[:4], "little") * 10**9 + int.from_bytes(raw[4:8], "little")
+
+
+def _walk(data: Bytes, catalogue: _Catalogue) -> Index:
+    """Go through the records of a chunk one by one, up to the first that is not whole."""
+    cursor = Cursor(memoryview(data))
+    times: dict[int, list[int]] = {}
+    offsets: dict[int, list[int]] = {}
+    try:
+        while cursor.left:
+            at = cursor.at
+            head = _fields(cursor.take(cursor.number(4)))
+            body = cursor.take(cursor.number(4))
+            op = head.get("op", b"\0")[0]
+            if op == _CONNECTION:
+                catalogue.add(head, body)
+            elif op == _MESSAGE:
+                number = int.from_bytes(head.get("conn", b""), "little")
+                times.setdefault(number, []).append(_time(head.get("time", b"")))
+                offsets.setdefault(number, []).append(at)
+    except DamageError:
+        pass
+    return {
+        number: (np.array(times[number], dtype=np.int64), np.array(at, dtype=np.int64))
+        for number, at in offsets.items()
+    }
