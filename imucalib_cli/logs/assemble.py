@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 def imu_stream(data: TopicData) -> tuple[ImuStream | None, list[str]]:
     """The IMU of a topic, and what had to be left out of it."""
-    losses = []
+    losses: list[str] = []
     frames: Counter[str] = Counter()
     for piece in data.pieces:
         frames[_frame(piece)] += len(piece.stamp_ns)

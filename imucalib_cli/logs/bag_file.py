@@ -242,7 +242,7 @@ class BagFile:
         here = min(size, self._size - start)
         if compression == "none":
             return inflate_file(file, start, here, self._scratch, claimed), start + size
-        packed = memoryview(self._packed.reserve(here))[:here]
+        packed = self._packed.reserve(here).data[:here]
         file.seek(start)
         got = file.readinto(packed)  # type: ignore[attr-defined]
         return inflate(compression, packed[:got], claimed, self._scratch), start + size
@@ -339,7 +339,7 @@ def _time(raw: bytes) -> int:
 
 def _walk(data: Bytes, catalogue: _Catalogue) -> Index:
     """Go through the records of a chunk one by one, up to the first that is not whole."""
-    cursor = Cursor(memoryview(data))
+    cursor = Cursor(data.data)
     times: dict[int, list[int]] = {}
     offsets: dict[int, list[int]] = {}
     try:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any, BinaryIO, Protocol
+from typing import TYPE_CHECKING, Any, BinaryIO, Protocol
 
 import numpy as np
 
-from imucalib_cli.logs.storage import Bytes
+if TYPE_CHECKING:
+    from imucalib_cli.logs.storage import Bytes
 
 _STEP = 1 << 16
 """Bytes asked of a decompressor at a time: small enough that the allocator reuses them."""
@@ -55,7 +56,7 @@ class Inflated:
             room = min(wanted - self._done, max(1 << 20, self._done))
             buffer = self._scratch.reserve(self._done + room, keep=self._done)
             try:
-                got = self._source.fill(memoryview(buffer)[self._done : self._done + room])
+                got = self._source.fill(buffer.data[self._done : self._done + room])
             # lz4, zstandard and bz2 each raise their own kinds on damaged bytes.
             except Exception as error:  # noqa: BLE001
                 self.damage = str(error) or type(error).__name__

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.logs.messages import MESSAGE_TYPES
 from imucalib_cli.logs.recording import open_storages
-from imucalib_cli.logs.streams import ImuStream, JointStream, PoseStream
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Sequence
     from pathlib import Path
 
     from imucalib_cli.logs.storage import Channel, Storage
+    from imucalib_cli.logs.streams import ImuStream, JointStream, PoseStream
 
 ENCODINGS = frozenset({"cdr", "ros1"})
 """Encodings that can be decoded."""

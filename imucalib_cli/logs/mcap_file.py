@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import zlib
 from typing import TYPE_CHECKING, BinaryIO
 
@@ -222,7 +221,7 @@ class McapFile:
             self._lose(f"a chunk at byte {start} is left out: {error}")
             return
         data = inflated.upto()
-        if inflated.complete and crc and zlib.crc32(data) != crc:
+        if inflated.complete and crc and zlib.crc32(data.data) != crc:
             self._lose(f"a chunk at byte {start} is left out: its checksum is wrong")
             return
         if not inflated.complete:
@@ -253,7 +252,7 @@ class McapFile:
         if head.compression in {"", "none"}:
             at = chunk.start + head.packed_at
             return inflate_file(file, at, min(size, head.size), self._scratch, head.size), head.crc
-        packed = memoryview(self._packed.reserve(size))[:size]
+        packed = self._packed.reserve(size).data[:size]
         file.seek(chunk.start + head.packed_at)
         got = file.readinto(packed)  # type: ignore[attr-defined]
         return inflate(head.compression, packed[:got], head.size, self._scratch), head.crc
@@ -276,10 +275,10 @@ class McapFile:
         if last < 0:
             return 0
         head = inflated.upto(last + MESSAGE_HEAD.itemsize)[last:]
-        size = RECORD_HEAD.unpack_from(head)[1] if len(head) >= RECORD_HEAD.size else 0
+        size = RECORD_HEAD.unpack_from(head.data)[1] if len(head) >= RECORD_HEAD.size else 0
         needed = last + RECORD_HEAD.size + size
         data = inflated.upto(needed if needed < _CRC_SHARE * inflated.claimed else None)
-        if crc and inflated.complete and zlib.crc32(data) != crc:
+        if crc and inflated.complete and zlib.crc32(data.data) != crc:
             raise DamageError("its checksum is wrong")
         if inflated.damage or len(data) < needed:
             self._lose(f"a chunk at byte {chunk.start} is used as far as it can be unpacked")

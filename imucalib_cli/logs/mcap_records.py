@@ -1,4 +1,4 @@
-"""The records of an MCAP file that matter here, parsed with every length checked (mcap.dev/spec)."""
+"""The records of an MCAP file that matter here, every length checked (mcap.dev/spec)."""
 
 from __future__ import annotations
 
@@ -156,7 +156,7 @@ def walk(data: Bytes, catalogue: Catalogue) -> dict[int, NDArray[np.int64]]:
         For each channel the offsets of its message records. Schemas and channels go into the
         catalogue; messages are not counted.
     """
-    view = memoryview(data)
+    view = data.data
     offsets: dict[int, list[int]] = {}
     at, end = 0, len(view)
     unpack = RECORD_HEAD.unpack_from

@@ -1,8 +1,8 @@
-"""Message-by-message decoding through rosbags: for what the bulk route cannot follow, and its oracle."""
+"""Message-by-message decoding through rosbags: what the bulk route cannot follow, and its oracle."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import contextlib
 from dataclasses import fields as dataclass_fields
 from dataclasses import is_dataclass
 from functools import cache
@@ -23,6 +23,8 @@ from imucalib_cli.logs.messages import (
 from imucalib_cli.logs.wire import Element, Texted, WireError
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from rosbags.typesys.store import Typestore
 
 _TF_MESSAGE = "geometry_msgs/TransformStamped[] transforms"
@@ -72,13 +74,12 @@ def _typestore(encoding: str, full_name: str, definition: str) -> Typestore:
 
     ros1 = encoding == "ros1"
     if definition:
-        store = get_typestore(Stores.EMPTY)
-        try:
-            store.register(get_types_from_msg(definition, full_name))
-        except Exception:  # whatever a broken definition provokes: the standard one is left
-            store = None
-        if store is not None and full_name in store.fielddefs:
-            return store
+        embedded = get_typestore(Stores.EMPTY)
+        # Whatever a broken definition provokes, the standard one is left.
+        with contextlib.suppress(Exception):
+            embedded.register(get_types_from_msg(definition, full_name))
+            if full_name in embedded.fielddefs:
+                return embedded
     store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE)
     for name in ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage"):
         if name not in store.fielddefs:

@@ -12,8 +12,8 @@ counted from after it; ROS 1 neither aligns nor ends strings with NUL.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +28,11 @@ from imucalib_cli.logs.messages import (
     Text,
     Texts,
 )
-from imucalib_cli.logs.streams import Floats, Nanoseconds
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from imucalib_cli.logs.streams import Floats, Nanoseconds
 
 Rows = NDArray[np.uint8]
 """(N, L): N payloads of one length."""
@@ -143,7 +147,7 @@ class _Walker:
     def _count(self, least_size: int) -> int:
         start = self.at = self._aligned(4)
         self._move(4)
-        order = "big" if self.shape.big_endian else "little"
+        order: Literal["big", "little"] = "big" if self.shape.big_endian else "little"
         count = int.from_bytes(self.payload[start : self.at], order)
         if count * least_size > len(self.payload) - self.at:
             raise WireError(f"a count of {count} does not fit into the payload")

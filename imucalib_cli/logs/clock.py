@@ -1,0 +1,173 @@
+"""One clock for all streams of a log: header stamps, or receive times where those are broken."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from imucalib_cli.logs.streams import Floats, Nanoseconds, PoseStream, Stream
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+Kind = Literal["header", "log"]
+
+_MAX_OFFSET_S = 2.0
+"""Streams whose header stamps lie further apart, seen from the receive times, do not share a
+clock. Delays and unsynchronised computers stay well below; a sensor's time since boot does not."""
+_MAX_RATE_SPREAD = 0.02
+_MIN_SPAN_S = 5.0
+"""Shortest stream whose clock rate is compared: delays would pass for a rate below it."""
+_FEW = 0.01
+"""Share of broken stamps that may be cleaned up later rather than condemn a clock."""
+_NS = 1_000_000_000
+
+
+@dataclass(frozen=True, kw_only=True)
+class Clock:
+    """Which stamps count, and where their seconds begin.
+
+    One kind holds for all streams: taking header stamps of one and receive times of another
+    would invent a time offset between them.
+    """
+
+    kind: Kind
+    origin_ns: int
+    """First plausible stamp of any stream that moves, ns."""
+    warnings: tuple[str, ...] = ()
+
+    def stamps_ns(self, stream: Stream) -> Nanoseconds:
+        """The stamps that count, (N,), ns."""
+        return stream.header_ns if self.kind == "header" else stream.log_ns
+
+    def seconds(self, stream: Stream) -> Floats:
+        """Seconds since the origin, (N,); may repeat, jitter or run backwards as stamped."""
+        seconds: Floats = (self.stamps_ns(stream) - self.origin_ns) / _NS
+        return seconds
+
+
+def choose_clock(
+    streams: Sequence[Stream], wanted: Literal["auto", "header", "log"] = "auto"
+) -> Clock:
+    """Choose the clock of a log.
+
+    Args:
+        streams: Those that will be used together; static transforms and empty ones are passed
+            over.
+        wanted: ``auto`` takes header stamps unless those of a stream are broken (zero, constant,
+            mostly backwards) or on another clock than the rest, and receive times do better.
+    """
+    moving = [each for each in streams if len(each) and not _is_static(each)]
+    header_faults = _faults(moving, "header")
+    log_faults = _faults(moving, "log")
+    kind: Kind = "header"
+    warnings: list[str] = []
+    if wanted == "auto":
+        if not header_faults and len(moving) > 1 and not log_faults:
+            header_faults = _different_clocks(moving)
+        if header_faults and not log_faults:
+            kind = "log"
+            warnings = [
+                f"{fault}: receive times are used for all topics (--clock log)"
+                for fault in header_faults
+            ]
+        else:
+            warnings = [
+                f"{fault}, and receive times are no better: {log_faults[0]}"
+                for fault in header_faults
+            ]
+    else:
+        kind = wanted
+        other = "log" if kind == "header" else "header"
+        faults = header_faults if kind == "header" else log_faults
+        warnings = [f"{fault}, yet --clock {kind} was asked for: try {other}" for fault in faults]
+    origin = min((_first_plausible(_stamps(each, kind)) for each in moving), default=0)
+    return Clock(kind=kind, origin_ns=origin, warnings=tuple(warnings))
+
+
+def _is_static(stream: Stream) -> bool:
+    return isinstance(stream, PoseStream) and stream.is_static
+
+
+def _stamps(stream: Stream, kind: Kind) -> Nanoseconds:
+    return stream.header_ns if kind == "header" else stream.log_ns
+
+
+def _faults(streams: Sequence[Stream], kind: Kind) -> list[str]:
+    """What is wrong with the stamps of each topic, one sentence each."""
+    name = "header stamps" if kind == "header" else "receive times"
+    found = {}
+    for stream in streams:
+        fault = _fault(_stamps(stream, kind))
+        if fault:
+            found[stream.topic] = f"{name} of {stream.topic} {fault}"
+    return list(found.values())
+
+
+def _fault(stamps: Nanoseconds) -> str:
+    zeros = np.count_nonzero(stamps <= 0)
+    if zeros == len(stamps):
+        return "are all zero"
+    if zeros > _FEW * len(stamps) and zeros > 1:
+        return f"are zero in {zeros} of {len(stamps)} messages"
+    if len(stamps) < 3:
+        return ""
+    if (stamps == stamps[0]).all():
+        return "are all the same"
+    steps = np.diff(stamps)
+    forward = np.count_nonzero(steps > 0)
+    if forward < 0.1 * len(steps):
+        return f"advance in only {forward} of {len(steps)} steps"
+    backward = np.count_nonzero(steps < 0)
+    if backward > 0.4 * len(steps):
+        return f"run backwards in {backward} of {len(steps)} steps"
+    return ""
+
+
+def _different_clocks(streams: Sequence[Stream]) -> list[str]:
+    """Streams whose header stamps are on another clock than the rest.
+
+    Receive times, all by one recorder, tell: header - receive is a delay, alike for all; and
+    both advance at one rate, or at one factor where time is simulated.
+    """
+    offsets = np.array([float(np.median(each.header_ns - each.log_ns)) / _NS for each in streams])
+    rates = np.array([_rate(each) for each in streams])
+    spread = float(offsets.max() - offsets.min())
+    known = rates[np.isfinite(rates)]
+    rate_spread = float(known.max() / known.min() - 1) if len(known) > 1 else 0.0
+    if rate_spread > _MAX_RATE_SPREAD:
+        odd = int(np.nanargmax(np.abs(np.log(rates) - np.nanmedian(np.log(rates)))))
+        return [
+            f"header stamps of {streams[odd].topic} advance at {rates[odd]:.3g} times the "
+            f"receive times, those of other topics at {np.nanmedian(rates):.3g} times"
+        ]
+    # Where simulated time is slow, offsets drift alike and say nothing about a difference.
+    same_pace = not len(known) or abs(float(np.median(known)) - 1) < _MAX_RATE_SPREAD
+    if spread > _MAX_OFFSET_S and same_pace:
+        odd = int(np.argmax(np.abs(offsets - np.median(offsets))))
+        if len(streams) == 2:
+            odd = int(np.argmax(np.abs(offsets)))
+        return [
+            f"header stamps of {streams[odd].topic} lie {spread:.4g} s apart from those of "
+            "other topics"
+        ]
+    return []
+
+
+def _rate(stream: Stream) -> float:
+    """Header seconds per second of receive time; nan where the stream is too short to tell."""
+    few = max(1, len(stream) // 10)
+    log = np.median(stream.log_ns[-few:]) - np.median(stream.log_ns[:few])
+    header = np.median(stream.header_ns[-few:]) - np.median(stream.header_ns[:few])
+    if log < _MIN_SPAN_S * _NS or header <= 0:
+        return float("nan")
+    return float(header / log)
+
+
+def _first_plausible(stamps: Nanoseconds) -> int:
+    """The first stamp, single glitches (such as zeros) aside: they would cost float64 digits."""
+    low, middle, high = (int(x) for x in np.percentile(stamps, (5, 50, 95)))
+    reach = 2 * (high - low) + _NS
+    return int(stamps[np.abs(stamps - middle) <= reach].min())

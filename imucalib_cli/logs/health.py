@@ -1,0 +1,170 @@
+"""How good the stamps of a topic are, and in which units an IMU seems to speak."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from imucalib_cli.logs.streams import Floats, ImuStream, Nanoseconds
+
+_NS = 1_000_000_000
+_GAP_INTERVALS = 3.0
+_GAP_LEAST_S = 0.010
+_G = 9.80665
+_MAX_RATE = 40.0
+"""rad/s; industrial and MEMS gyroscopes end at 2000 °/s, 34.9 rad/s."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class StampHealth:
+    """What the stamps of one topic look like, in the order of the log."""
+
+    count: int
+    duration: float
+    """First to last plausible stamp, s."""
+    rate_hz: float
+    """1 / median interval; 0 for fewer than two stamps."""
+    median_interval: float
+    """s, of those that advance."""
+    jitter: float
+    """Standard deviation of an interval, from its quartiles so that gaps do not count, s."""
+    longest_gap: float
+    """s."""
+    gaps: int
+    """Intervals longer than 3 median ones and 10 ms."""
+    duplicates: int
+    """Stamps equal to the one before."""
+    backwards: int
+    """Stamps before the one before."""
+    zeros: int
+    bursts: int
+    """Intervals that advance by less than a tenth of the median: messages bunched together."""
+
+
+def stamp_health(stamp_ns: Nanoseconds) -> StampHealth:
+    """Describe stamps.
+
+    Args:
+        stamp_ns: (N,), in the order of the log, ns.
+    """
+    zeros = int(np.count_nonzero(stamp_ns <= 0))
+    stamps = stamp_ns[stamp_ns > 0]
+    steps: Floats = np.diff(stamps) / _NS
+    forward = steps[steps > 0]
+    if not len(forward):
+        return StampHealth(
+            count=len(stamp_ns),
+            duration=0.0,
+            rate_hz=0.0,
+            median_interval=0.0,
+            jitter=0.0,
+            longest_gap=0.0,
+            gaps=0,
+            duplicates=int(np.count_nonzero(steps == 0)),
+            backwards=int(np.count_nonzero(steps < 0)),
+            zeros=zeros,
+            bursts=0,
+        )
+    low, median, high = (float(x) for x in np.percentile(forward, (25, 50, 75)))
+    return StampHealth(
+        count=len(stamp_ns),
+        duration=float(stamps.max() - stamps.min()) / _NS,
+        rate_hz=1 / median,
+        median_interval=median,
+        jitter=(high - low) / 1.349,  # the quartiles of a normal distribution
+        longest_gap=float(forward.max()),
+        gaps=int(np.count_nonzero(forward > max(_GAP_INTERVALS * median, _GAP_LEAST_S))),
+        duplicates=int(np.count_nonzero(steps == 0)),
+        backwards=int(np.count_nonzero(steps < 0)),
+        zeros=zeros,
+        bursts=int(np.count_nonzero(forward < 0.1 * median)),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class UnitGuess:
+    """Units as the calmest part of a recording suggests them."""
+
+    accel_at_rest: float
+    """Median norm over the calmest stretches, in the unit of the log."""
+    accel_unit: Literal["m/s²", "g", "mg", "m/s², no gravity", "unknown"]
+    gyro_at_rest: float
+    """Median norm over the calmest stretches, in the unit of the log: bias and noise."""
+    gyro_largest: float
+    """99.9th percentile of the norm, in the unit of the log."""
+    gyro_unit: Literal["rad/s", "deg/s"]
+    """rad/s unless that would be beyond what gyroscopes measure."""
+    warnings: tuple[str, ...] = ()
+
+
+def guess_units(stream: ImuStream) -> UnitGuess:
+    """Guess the units of an IMU from what it says at rest.
+
+    The calmest tenth of the stretches of half a second counts, by the spread of both sensors.
+    """
+    if not len(stream):
+        return UnitGuess(
+            accel_at_rest=0.0,
+            accel_unit="unknown",
+            gyro_at_rest=0.0,
+            gyro_largest=0.0,
+            gyro_unit="rad/s",
+        )
+    rate = stamp_health(stream.log_ns).rate_hz or 100.0
+    size = min(len(stream), max(2, round(rate / 2)))
+    count = len(stream) // size
+    accel = stream.accel[: count * size].reshape(count, size, 3)
+    gyro = stream.gyro[: count * size].reshape(count, size, 3)
+    unrest = _relative(accel) + _relative(gyro)
+    calm = np.argsort(unrest, kind="stable")[: max(1, count // 10)]
+    accel_norm = float(np.median(np.linalg.norm(accel[calm].mean(axis=1), axis=1)))
+    gyro_norm = float(np.median(np.linalg.norm(gyro[calm].mean(axis=1), axis=1)))
+    largest = float(np.percentile(np.linalg.norm(stream.gyro, axis=1), 99.9))
+    accel_unit = _accel_unit(accel_norm)
+    gyro_unit: Literal["rad/s", "deg/s"] = "deg/s" if largest > _MAX_RATE else "rad/s"
+    warnings = []
+    if accel_unit in {"g", "mg"}:
+        warnings.append(
+            f"{stream.topic}: |accel| at rest is {accel_norm:.4g}, which looks like {accel_unit}; "
+            "sensor_msgs/Imu is in m/s²"
+        )
+    elif accel_unit == "m/s², no gravity":
+        warnings.append(
+            f"{stream.topic}: |accel| at rest is {accel_norm:.3g}: gravity is absent or was "
+            "removed (--gravity none)"
+        )
+    elif accel_unit == "unknown":
+        warnings.append(f"{stream.topic}: |accel| at rest is {accel_norm:.4g}, of no known unit")
+    if gyro_unit == "deg/s":
+        warnings.append(
+            f"{stream.topic}: the gyroscope reaches {largest:.4g}, which looks like deg/s; "
+            "sensor_msgs/Imu is in rad/s"
+        )
+    return UnitGuess(
+        accel_at_rest=accel_norm,
+        accel_unit=accel_unit,
+        gyro_at_rest=gyro_norm,
+        gyro_largest=largest,
+        gyro_unit=gyro_unit,
+        warnings=tuple(warnings),
+    )
+
+
+def _relative(values: Floats) -> Floats:
+    """Spread within each stretch relative to the typical one: (count,)."""
+    spread: Floats = np.sqrt(values.var(axis=1).sum(axis=1))
+    typical = float(np.median(spread))
+    return spread / typical if typical > 0 else spread
+
+
+def _accel_unit(norm: float) -> Literal["m/s²", "g", "mg", "m/s², no gravity", "unknown"]:
+    if abs(norm - _G) < 0.15 * _G:
+        return "m/s²"
+    if abs(norm - 1) < 0.15:
+        return "g"
+    if abs(norm - 1000) < 150:
+        return "mg"
+    return "m/s², no gravity" if norm < 0.5 else "unknown"

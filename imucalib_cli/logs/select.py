@@ -1,0 +1,142 @@
+"""Which topics to read: by their types, or as the user names them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from imucalib_cli.errors import ChoiceError, InputError
+from imucalib_cli.logs.messages import MESSAGE_TYPES, TF_TYPES, Kind
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Mapping, Sequence
+
+    from imucalib_cli.logs.log import Topic
+    from imucalib_cli.logs.streams import JointStream
+
+_OPTIONS: dict[Kind, str] = {
+    "imu": "--imu-topic",
+    "joints": "--joint-topic",
+    "pose": "--pose-topic",
+}
+_NAMES: dict[Kind, str] = {"imu": "IMU", "joints": "joint state", "pose": "pose"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Selection:
+    """Names of the topics to read."""
+
+    imus: tuple[str, ...]
+    joints: tuple[str, ...]
+    poses: tuple[str, ...]
+    """Odometry, PoseStamped and the like."""
+    tf: tuple[str, ...]
+    """/tf and /tf_static."""
+
+    @property
+    def all(self) -> tuple[str, ...]:
+        """Everything to read, in one pass."""
+        return (*self.imus, *self.joints, *self.poses, *self.tf)
+
+
+def candidates(topics: Sequence[Topic], kind: Kind) -> tuple[Topic, ...]:
+    """Topics with messages that can be read as this kind."""
+    return tuple(
+        each
+        for each in topics
+        if each.readable and each.count and MESSAGE_TYPES[each.type].kind == kind
+    )
+
+
+def select_topics(
+    topics: Sequence[Topic],
+    imu_topics: Sequence[str] = (),
+    joint_topics: Sequence[str] = (),
+    pose_topics: Sequence[str] = (),
+) -> Selection:
+    """Choose topics.
+
+    Without names: every IMU, every JointState topic and tf; a pose topic of another type only
+    where there are no joint states and it is the only one. A kind that is named is limited to
+    what is named; static transforms always stay.
+
+    Raises:
+        ChoiceError: A named topic is not there or of another kind, or several pose topics could
+            be meant.
+        InputError: There is no IMU, or nothing that tells a pose.
+    """
+    imus = _of_kind(topics, "imu", imu_topics)
+    joints = _of_kind(topics, "joints", joint_topics)
+    found = _of_kind(topics, "pose", pose_topics)
+    tf = [each for each in candidates(topics, "pose") if each.type in TF_TYPES]
+    poses = [each for each in found if each.type not in TF_TYPES]
+    if pose_topics:
+        tf = [each for each in tf if each.name in pose_topics or each.name.endswith("tf_static")]
+    elif joints:
+        poses = []
+    elif len(poses) > 1:
+        raise ChoiceError(
+            f"several topics tell a pose, choose one with --pose-topic: {_listed([*poses, *tf])}"
+        )
+    if not imus:
+        raise InputError(
+            f"the log has no IMU (sensor_msgs/Imu); it has: {_listed(topics) or 'no topics'}"
+        )
+    if not (joints or poses or tf):
+        raise InputError(
+            "the log has nothing that tells how the robot moved (sensor_msgs/JointState, tf, "
+            f"odometry or poses); it has: {_listed(topics)}"
+        )
+    return Selection(imus=_names(imus), joints=_names(joints), poses=_names(poses), tf=_names(tf))
+
+
+def check_joint_topics(
+    joints: Mapping[str, Sequence[JointStream]], needed: Collection[str] | None = None
+) -> None:
+    """See that each joint comes from one topic.
+
+    Args:
+        joints: Streams by topic, as read.
+        needed: Joints that matter; None for all.
+
+    Raises:
+        ChoiceError: A joint comes from two topics.
+    """
+    source: dict[str, str] = {}
+    for topic, streams in joints.items():
+        for name in (name for stream in streams for name in stream.names):
+            if needed is not None and name not in needed:
+                continue
+            if source.setdefault(name, topic) != topic:
+                raise ChoiceError(
+                    f"joint {name} comes from {source[name]} and {topic}: choose one with "
+                    "--joint-topic (repeat it to keep topics of other joints)"
+                )
+
+
+def _of_kind(topics: Sequence[Topic], kind: Kind, named: Sequence[str]) -> list[Topic]:
+    possible = candidates(topics, kind)
+    if not named:
+        return list(possible)
+    by_name = {each.name: each for each in possible}
+    for name in named:
+        if name not in by_name:
+            there = [each for each in topics if each.name == name]
+            what = f"{name} is not in the log"
+            if there and there[0].count:
+                what = f"{name} is {there[0].type or 'untyped'} ({there[0].encoding})"
+            elif there:
+                what = f"{name} has no messages"
+            raise ChoiceError(
+                f"{what}: {_NAMES[kind]} topics for {_OPTIONS[kind]} are "
+                f"{_listed(possible) or 'none'}"
+            )
+    return [by_name[name] for name in dict.fromkeys(named)]
+
+
+def _names(topics: Sequence[Topic]) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(each.name for each in topics))
+
+
+def _listed(topics: Sequence[Topic]) -> str:
+    return ", ".join(f"{each.name} ({each.type or each.encoding})" for each in topics)
