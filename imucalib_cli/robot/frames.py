@@ -85,11 +85,6 @@ def frame_path(
     return KinematicPath(world=world, parent=parent, steps=merge_fixed(steps), tracks=tuple(tracks))
 
 
-def fixed_inverse(step: FixedStep) -> FixedStep:
-    """Give the step that undoes a fixed one."""
-    return FixedStep(R=step.R.T.copy(), p=-step.R.T @ step.p)
-
-
 def has_motion_above(frame: str, edges: Sequence[Edge]) -> bool:
     """Whether a dynamic edge lies between a frame and the root of its tree."""
     above = _tree(edges, None)

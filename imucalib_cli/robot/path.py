@@ -8,12 +8,15 @@ the same product; only the steps differ.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.robot.rotations import matrix_from_quaternion
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 Floats = NDArray[np.float64]
 
@@ -119,7 +122,7 @@ def fixed_inverse(step: FixedStep) -> FixedStep:
     return FixedStep(R=step.R.T.copy(), p=-step.R.T @ step.p)
 
 
-def merge_fixed(steps: tuple[Step, ...] | list[Step]) -> tuple[Step, ...]:
+def merge_fixed(steps: Sequence[Step]) -> tuple[Step, ...]:
     """Multiply neighbouring fixed steps into one, so that they cost nothing per sample."""
     merged: list[Step] = []
     for step in steps:
