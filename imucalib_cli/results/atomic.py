@@ -14,31 +14,32 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 
-def write_whole(path: Path, text: str, *, inputs: Iterable[Path] = ()) -> None:
-    """Write text so that a reader sees the old file or the new one, never half of it.
+def write_whole(path: Path, content: str | bytes, *, inputs: Iterable[Path] = ()) -> None:
+    """Write content so that a reader sees the old file or the new one, never half of it.
 
     A symbolic link is kept and its target replaced. Devices and pipes are written to as they
     are.
 
     Args:
         path: File to write; its folder must exist.
-        text: Content, written as UTF-8 without translating line ends.
+        content: Bytes, or text to be written as UTF-8 with its line ends as they are.
         inputs: Files that must not be overwritten, whichever name or link leads to them.
 
     Raises:
         ChoiceError: The path is one of the inputs.
         InputError: The path cannot be written (folder missing, no permission, disk full).
     """
+    data = content.encode() if isinstance(content, str) else content
     try:
         target = path.resolve()
         _refuse_inputs(path, target, inputs)
         if target.exists() and not target.is_file():
             if target.is_dir():
                 raise InputError(f"{path}: is a folder; end it with / to write files into it")
-            with target.open("w", encoding="utf-8", newline="") as device:
-                device.write(text)
+            with target.open("wb") as device:
+                device.write(data)
             return
-        _replace(target, text)
+        _replace(target, data)
     except (OSError, RuntimeError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise InputError(f"{path}: cannot be written: {reason}") from error
@@ -53,13 +54,13 @@ def _refuse_inputs(path: Path, target: Path, inputs: Iterable[Path]) -> None:
             raise ChoiceError(f"{path} is an input and would be overwritten: name another file")
 
 
-def _replace(target: Path, text: str) -> None:
+def _replace(target: Path, data: bytes) -> None:
     partial = target.with_name(f".{target.name}.{secrets.token_hex(4)}.part")
     # os.open rather than tempfile: the new file obeys the umask as any other file does
     handle = os.open(partial, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
     try:
-        with os.fdopen(handle, "w", encoding="utf-8", newline="") as file:
-            file.write(text)
+        with os.fdopen(handle, "wb") as file:
+            file.write(data)
             file.flush()
             os.fsync(file.fileno())
         if target.exists():

@@ -8,7 +8,8 @@ from imucalib_cli.errors import UntrustedError
 from imucalib_cli.results.document import to_document
 from imucalib_cli.results.summary import summarise
 from imucalib_cli.results.text import to_json, to_yaml
-from imucalib_cli.robot.rotations import quaternion_from_matrix
+from imucalib_cli.results.urdf_edit import joint_snippet
+from imucalib_cli.robot.rotations import quaternion_from_matrix, rpy_from_matrix
 
 if TYPE_CHECKING:
     from imucalib_cli.results.calibration import Calibration
@@ -67,9 +68,11 @@ def refuse_untrusted(calibration: Calibration, use: str, *, force: bool) -> None
 
 def _joint(calibration: Calibration, *, force: bool) -> str:
     refuse_untrusted(calibration, "URDF joint", force=force)
-    from imucalib_cli.results.urdf_edit import joint_snippet
-
-    return joint_snippet(calibration).rstrip("\n") + "\n"
+    estimate = calibration.estimate
+    rpy = rpy_from_matrix(estimate.R_parent_imu)
+    return joint_snippet(
+        calibration.parent, calibration.child, list(estimate.t_parent_imu), list(rpy)
+    )
 
 
 def _tf(calibration: Calibration, *, force: bool) -> str:

@@ -1,0 +1,145 @@
+"""Options of ``run`` as typed, turned into the options of one estimator."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Any
+
+from imucalib_cli.cli.quantities import (
+    parse_choice,
+    parse_number,
+    parse_pose,
+    parse_prior,
+    parse_seconds,
+    parse_window,
+)
+from imucalib_cli.errors import ChoiceError
+
+if TYPE_CHECKING:
+    from imucalib_cli.estimate.options import MatchedOptions, PaperOptions
+
+_MATCHED_ONLY = ("time_offset", "max_offset", "accel_bias", "gyro_bias", "tilt_std")
+_PAPER_ONLY = ("exclude", "initial", "residual")
+
+
+@dataclass(frozen=True, kw_only=True)
+class EstimatorTexts:
+    """What the user wrote; None where nothing."""
+
+    window: str | None = None
+    time_offset: str | None = None
+    max_offset: str | None = None
+    accel_bias: str | None = None
+    gyro_bias: str | None = None
+    gravity: str | None = None
+    tilt_std: str | None = None
+    exclude: str | None = None
+    initial: str | None = None
+    residual: str | None = None
+
+
+def estimator_options(
+    method: str, degree: int, texts: EstimatorTexts
+) -> MatchedOptions | PaperOptions:
+    """Check and convert what the user wrote.
+
+    Raises:
+        ChoiceError: A value is not understood, or belongs to the other method.
+    """
+    parse_choice("--method", method, ("matched", "paper"))
+    foreign = _PAPER_ONLY if method == "matched" else _MATCHED_ONLY
+    for field in fields(texts):
+        if field.name in foreign and getattr(texts, field.name) is not None:
+            other = "paper" if method == "matched" else "matched"
+            option = "--" + field.name.replace("_", "-")
+            raise ChoiceError(f"{option} belongs to --method {other}: leave out one of the two")
+    return _matched(degree, texts) if method == "matched" else _paper(degree, texts)
+
+
+def _matched(degree: int, texts: EstimatorTexts) -> MatchedOptions:
+    from imucalib_cli.estimate.options import MatchedOptions
+
+    given: dict[str, Any] = {"degree": degree}
+    if texts.window is not None:
+        given["window"] = parse_window(texts.window)
+    if texts.time_offset not in {None, "auto"}:
+        given["time_offset"] = _time_offset(str(texts.time_offset))
+    if texts.max_offset is not None:
+        given["max_offset"] = _positive_seconds("--max-offset", texts.max_offset)
+    if texts.accel_bias is not None:
+        given["accel_bias_std"] = parse_prior("--accel-bias", texts.accel_bias)
+    if texts.gyro_bias is not None:
+        given["gyro_bias_std"] = parse_prior("--gyro-bias", texts.gyro_bias)
+    if texts.gravity in {"tilt", "fixed", "none"}:
+        given["gravity"] = texts.gravity
+    elif texts.gravity is not None:
+        given["gravity_norm"] = _norm(texts.gravity)
+    if texts.tilt_std is not None:
+        given["tilt_std"] = _tilt(texts)
+    return MatchedOptions(**given)
+
+
+def _paper(degree: int, texts: EstimatorTexts) -> PaperOptions:
+    from imucalib_cli.estimate.options import PaperOptions
+
+    given: dict[str, Any] = {"degree": degree}
+    if texts.window is not None:
+        given["window"] = parse_window(texts.window)
+    if texts.gravity == "none":
+        given["gravity_norm"] = 0.0
+    elif texts.gravity == "tilt":
+        raise ChoiceError("--gravity tilt belongs to --method matched: use fixed, none or a norm")
+    elif texts.gravity not in {None, "fixed"}:
+        given["gravity_norm"] = _norm(str(texts.gravity))
+    if texts.exclude is not None:
+        allowed = "a threshold in m/s², or 0 to exclude nothing"
+        threshold = parse_number("--exclude", texts.exclude, allowed)
+        if threshold < 0.0:
+            raise ChoiceError(f"--exclude {texts.exclude}: is negative; expected {allowed}")
+        given["exclusion_threshold"] = threshold
+    if texts.residual is not None:
+        given["residual"] = parse_choice("--residual", texts.residual, ("l1", "components"))
+    if texts.initial is not None:
+        given |= _initial(texts.initial)
+    return PaperOptions(**given)
+
+
+def _initial(text: str) -> dict[str, Any]:
+    xyz, rpy = parse_pose("--initial", text)
+
+    import numpy as np
+
+    from imucalib_cli.robot.rotations import matrix_from_rpy
+
+    return {"t_initial": np.array(xyz), "R_initial": matrix_from_rpy(rpy)}
+
+
+def _time_offset(text: str) -> float:
+    if text == "none":
+        return 0.0
+    return parse_seconds("--time-offset", text, "auto, none, or seconds such as -0.042 or -42ms")
+
+
+def _positive_seconds(option: str, text: str) -> float:
+    value = parse_seconds(option, text)
+    if value <= 0.0:
+        raise ChoiceError(f"{option} {text}: must be positive")
+    return value
+
+
+def _norm(text: str) -> float:
+    allowed = "tilt, fixed, none, or the norm in m/s² such as 9.81"
+    norm = parse_number("--gravity", text, allowed)
+    if norm <= 0.0:
+        raise ChoiceError(f"--gravity {text}: must be positive; expected {allowed}")
+    return norm
+
+
+def _tilt(texts: EstimatorTexts) -> float:
+    if texts.gravity in {"fixed", "none"}:
+        raise ChoiceError(f"--tilt-std means nothing with --gravity {texts.gravity}")
+    degrees = parse_number("--tilt-std", str(texts.tilt_std), "degrees, such as 0.5")
+    if degrees <= 0.0:
+        raise ChoiceError("--tilt-std must be positive; for no tilt at all use --gravity fixed")
+    return math.radians(degrees)

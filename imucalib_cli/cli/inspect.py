@@ -1,0 +1,39 @@
+"""``imucalib inspect``: what is in a log and what can be done with it."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from imucalib_cli.cli.output import deliver, is_terminal
+from imucalib_cli.cli.quantities import parse_choice
+
+
+def inspect_command(
+    logs: Annotated[
+        list[Path], typer.Argument(metavar="LOG...", help="One recording: bag, db3 or MCAP.")
+    ],
+    *,
+    urdf: Annotated[
+        Path | None, typer.Option("--urdf", help="Also say what of the log is in this URDF.")
+    ] = None,
+    fmt: Annotated[
+        str, typer.Option("--format", metavar="text|json", help="Form of the report.")
+    ] = "text",
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", metavar="FILE", help="Where to write; default stdout."),
+    ] = None,
+    quiet: Annotated[bool, typer.Option("-q", "--quiet", help="No progress bar.")] = False,
+) -> None:
+    """Tell topics, rates, gaps, stamps and units of a log, and the command to run on it."""
+    import sys
+
+    from imucalib_cli.cli.progress import ProgressBar
+    from imucalib_cli.jobs.inspect import inspect
+
+    parse_choice("--format", fmt, ("text", "json"))
+    with ProgressBar(enabled=is_terminal(sys.stderr) and not quiet) as bar:
+        report = inspect(tuple(logs), urdf, bar.report)
+    inputs = [*logs, *([urdf] if urdf is not None else [])]
+    deliver(report.as_json() if fmt == "json" else report.as_text(), output, inputs=inputs)

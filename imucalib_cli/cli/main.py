@@ -1,0 +1,130 @@
+"""The command ``imucalib``: commands, and what every error becomes."""
+
+import contextlib
+import os
+import sys
+import warnings
+from collections.abc import Sequence
+from typing import Annotated
+
+import typer
+
+from imucalib_cli.cli.apply import apply_command
+from imucalib_cli.cli.inspect import inspect_command
+from imucalib_cli.cli.output import (
+    EXIT_BROKEN_PIPE,
+    EXIT_INPUT,
+    EXIT_INTERRUPTED,
+    exit_code,
+    say,
+)
+from imucalib_cli.cli.run import run_command
+from imucalib_cli.cli.schema import schema_command
+from imucalib_cli.cli.simulate import simulate_command
+from imucalib_cli.errors import ImucalibError
+
+TRACEBACK = "IMUCALIB_TRACEBACK"
+"""Environment variable that lets an unexpected exception through with its traceback."""
+
+app = typer.Typer(
+    name="imucalib",
+    help="Where on my robot is the IMU, really? Finds it from a log of motion and a URDF.",
+    epilog="Exit codes: 0 trustworthy, 1 input unusable, 2 usage or a choice to make, "
+    "3 computed but not to be trusted.",
+    add_completion=False,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+app.command("run")(run_command)
+app.command("inspect")(inspect_command)
+app.command("apply")(apply_command)
+app.command("simulate")(simulate_command)
+app.command("schema")(schema_command)
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        from imucalib_cli import __version__
+
+        typer.echo(f"imucalib {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def common(
+    *,
+    version: Annotated[
+        bool,
+        typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version."),
+    ] = False,
+) -> None:
+    """Where on my robot is the IMU, really? Finds it from a log of motion and a URDF."""
+    del version
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line and return its exit code; no exception leaves it.
+
+    Args:
+        argv: Arguments without the program's name; default: those of the process.
+    """
+    if argv is None:
+        _prepare_process()
+    try:
+        code = _run(list(sys.argv[1:] if argv is None else argv))
+        sys.stdout.flush()
+    except BrokenPipeError:
+        # the reader has what it wanted; keep the interpreter from flushing into the pipe again
+        with contextlib.suppress(OSError, ValueError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return EXIT_BROKEN_PIPE
+    return code
+
+
+def _prepare_process() -> None:
+    """Set what must be set before numpy is imported."""
+    # small matrices: threads cost more than they give, much more on a busy machine
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # glibc learns from the first freed large block to keep chunk-sized buffers: no page faults
+    block = bytes(31 << 20)
+    del block
+    if not sys.warnoptions and TRACEBACK not in os.environ:
+        warnings.simplefilter("ignore")  # a user can do nothing about a library's warnings
+
+
+def _run(argv: list[str]) -> int:
+    try:
+        code = app(argv, prog_name="imucalib", standalone_mode=False)
+    except ImucalibError as error:
+        say("error", error)
+        sys.stderr.write(getattr(error, "snippet", ""))
+        return exit_code(error)
+    except (KeyboardInterrupt, typer.Abort):
+        say("error", "interrupted")
+        return EXIT_INTERRUPTED
+    except BrokenPipeError:
+        raise
+    except Exception as error:
+        # usage errors of typer, whichever click it is built on
+        if hasattr(error, "format_message") and hasattr(error, "exit_code"):
+            _show_usage_error(error)
+            return int(error.exit_code)
+        if TRACEBACK in os.environ:
+            raise
+        say(
+            "internal error",
+            f"{type(error).__name__}: {error}; please report it, with the traceback that "
+            f"{TRACEBACK}=1 shows",
+        )
+        return EXIT_INPUT
+    return code if isinstance(code, int) else 0
+
+
+def _show_usage_error(error: Exception) -> None:
+    message = error.format_message()  # type: ignore[attr-defined]
+    if not message:  # no arguments at all: the help has been shown
+        return
+    context = getattr(error, "ctx", None)
+    path = context.command_path if context is not None else "imucalib"
+    say("error", f"{message} (see {path} --help)")

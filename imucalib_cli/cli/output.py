@@ -1,0 +1,120 @@
+"""Where text goes: stdout for results, stderr for words, files when asked."""
+
+from __future__ import annotations
+
+import os
+import re
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, TextIO
+
+from imucalib_cli.errors import ChoiceError, ImucalibError, InputError, UntrustedError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from imucalib_cli.results.calibration import Calibration
+    from imucalib_cli.results.formats import Format
+
+EXIT_OK, EXIT_INPUT, EXIT_USAGE, EXIT_UNTRUSTED = 0, 1, 2, 3
+EXIT_INTERRUPTED, EXIT_BROKEN_PIPE = 130, 141
+_SEVERITY = (EXIT_OK, EXIT_UNTRUSTED, EXIT_USAGE, EXIT_INPUT)
+
+
+def exit_code(error: ImucalibError) -> int:
+    """Exit code that docs/exit-codes.md promises for an error."""
+    match error:
+        case ChoiceError():
+            return EXIT_USAGE
+        case UntrustedError():
+            return EXIT_UNTRUSTED
+        case _:
+            return EXIT_INPUT
+
+
+def worst(codes: Iterable[int]) -> int:
+    """Exit code of several IMUs: no result is worse than one that should not be trusted."""
+    return max(codes, key=_SEVERITY.index, default=EXIT_OK)
+
+
+def say(word: str, sentence: object) -> None:
+    """One line on stderr, whatever the sentence contains."""
+    line = " ".join(str(sentence).split())
+    sys.stderr.write(f"{word}: {line}\n")
+
+
+def is_terminal(stream: TextIO) -> bool:
+    """Whether a human reads the stream."""
+    return stream.isatty()
+
+
+def wants_colour(stream: TextIO) -> bool:
+    """Whether to colour: on a terminal, unless NO_COLOR is set (no-color.org)."""
+    return is_terminal(stream) and not os.environ.get("NO_COLOR")
+
+
+def deliver(content: str | bytes, output: Path | None, *, inputs: Iterable[Path] = ()) -> None:
+    """Write to a file, or to stdout where none or ``-`` is named.
+
+    Raises:
+        ChoiceError, InputError: As results.atomic.write_whole.
+    """
+    if output is None or str(output) == "-":
+        if isinstance(content, bytes):
+            sys.stdout.buffer.write(content)
+        else:
+            sys.stdout.write(content)
+        sys.stdout.flush()
+        return
+    from imucalib_cli.results.atomic import write_whole
+
+    write_whole(output, content, inputs=inputs)
+
+
+def is_folder(output: str | None) -> bool:
+    """Whether ``-o`` names a folder: it ends with a slash or exists as one."""
+    return output is not None and (output.endswith(("/", os.sep)) or Path(output).is_dir())
+
+
+def deliver_into(
+    folder: Path,
+    calibrations: Sequence[Calibration],
+    log: Path,
+    fmt: Format,
+    *,
+    force: bool,
+    inputs: Iterable[Path],
+) -> list[Path]:
+    """Write ``<log>.<imu>.<suffix>`` for each IMU into a folder, which is made if need be.
+
+    Raises:
+        ChoiceError, InputError: As results.atomic.write_whole.
+    """
+    from imucalib_cli.results.formats import SUFFIXES, render
+
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be made: {error.strerror}") from error
+    children = [calibration.child for calibration in calibrations]
+    written = []
+    for calibration in calibrations:
+        child = calibration.child
+        # two IMUs may share a frame_id; their topics differ
+        if children.count(child) > 1:
+            child = calibration.provenance.imu_topic
+        name = f"{_log_name(log)}.{_file_name(child)}{SUFFIXES[fmt]}"
+        deliver(render([calibration], fmt, force=force), folder / name, inputs=inputs)
+        written.append(folder / name)
+    return written
+
+
+def _log_name(log: Path) -> str:
+    resolved = log.resolve()
+    if resolved.name == "metadata.yaml":
+        resolved = resolved.parent
+    return resolved.name if resolved.is_dir() else resolved.stem
+
+
+def _file_name(name: str) -> str:
+    return re.sub(r"[^\w.-]+", "_", name.strip("/")) or "imu"

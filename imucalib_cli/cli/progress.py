@@ -1,0 +1,79 @@
+"""A progress bar on stderr, only for a terminal and only for what takes longer than two seconds."""
+
+from __future__ import annotations
+
+import sys
+import threading
+from typing import TYPE_CHECKING, Self
+
+if TYPE_CHECKING:
+    from types import TracebackType
+
+    from rich.progress import Progress, TaskID
+
+PATIENCE = 2.0
+"""s before the bar appears."""
+
+
+class ProgressBar:
+    """Context manager whose :meth:`report` may be called as often as one likes, from any thread."""
+
+    def __init__(self, *, enabled: bool) -> None:
+        self._enabled = enabled
+        self._lock = threading.Lock()
+        self._words = "starting"
+        self._share: float | None = None
+        self._bar: Progress | None = None
+        self._task: TaskID | None = None
+        self._timer = threading.Timer(PATIENCE, self._appear)
+        self._timer.daemon = True
+
+    def __enter__(self) -> Self:
+        if self._enabled:
+            self._timer.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._timer.cancel()
+        with self._lock:
+            self._enabled = False
+            if self._bar is not None:
+                self._bar.stop()
+
+    def report(self, words: str, share: float | None = None) -> None:
+        """Say what is being done and which share of it, 0 to 1, if that is known."""
+        with self._lock:
+            self._words, self._share = words, share
+            self._show()
+
+    def _appear(self) -> None:
+        # rich is imported only now: most runs end before
+        from rich.console import Console
+        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+        with self._lock:
+            if not self._enabled:
+                return
+            self._bar = Progress(
+                TextColumn("{task.description}"),
+                BarColumn(),
+                TimeElapsedColumn(),
+                console=Console(file=sys.stderr),
+                transient=True,
+            )
+            self._task = self._bar.add_task(self._words, total=None)
+            self._bar.start()
+            self._show()
+
+    def _show(self) -> None:
+        if self._bar is None or self._task is None:
+            return
+        total = None if self._share is None else 1.0
+        self._bar.update(
+            self._task, description=self._words, total=total, completed=self._share or 0.0
+        )

@@ -1,0 +1,180 @@
+"""From a log and a URDF to the pose of every IMU in it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from imucalib_cli import __version__
+from imucalib_cli.errors import ImucalibError, InputError
+from imucalib_cli.estimate.options import MatchedOptions, PaperOptions, WindowChoice
+from imucalib_cli.jobs.motion import Motion, find_motion
+from imucalib_cli.jobs.reading import read_recording
+from imucalib_cli.jobs.rest import check_gravity
+from imucalib_cli.logs.select import check_joint_topics
+from imucalib_cli.results.calibration import (
+    Calibration,
+    Provenance,
+    Scalar,
+    SourceFile,
+    require,
+)
+from imucalib_cli.robot.path import JointStep
+
+if TYPE_CHECKING:
+    from imucalib_cli.estimate.estimate import Estimate
+    from imucalib_cli.jobs.reading import Recording
+    from imucalib_cli.jobs.request import CalibrationRequest, Progress
+    from imucalib_cli.logs.streams import ImuStream
+    from imucalib_cli.robot.path import KinematicPath
+    from imucalib_cli.signals.samples import ImuSamples
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """What came out: a result for each IMU that could be calibrated, an error for each other."""
+
+    calibrations: tuple[Calibration, ...]
+    failures: tuple[ImucalibError, ...] = ()
+
+
+def calibrate(request: CalibrationRequest, progress: Progress | None = None) -> Outcome:
+    """Calibrate every IMU of a recording.
+
+    Args:
+        request: Which files, topics, frames and options.
+        progress: Told what is being done and its share, 0 to 1 or None.
+
+    Raises:
+        InputError: The recording cannot be used, for any IMU.
+        ChoiceError: The user must choose something, whichever the IMU.
+    """
+    recording = read_recording(request, progress)
+    calibrations: list[Calibration] = []
+    failures: list[ImucalibError] = []
+    for imu in recording.imus:
+        if progress is not None:
+            progress(f"estimating {imu.topic}", None)
+        try:
+            calibrations.append(_calibrate_one(recording, imu, request))
+        except ImucalibError as error:
+            failures.append(_about(error, imu, several=len(recording.imus) > 1))
+    return Outcome(calibrations=tuple(calibrations), failures=tuple(failures))
+
+
+def _about(error: ImucalibError, imu: ImuStream, *, several: bool) -> ImucalibError:
+    """Name the IMU in its error where there are several."""
+    if not several or imu.topic in str(error):
+        return error
+    return type(error)(f"{imu.topic}: {error}")
+
+
+def _calibrate_one(
+    recording: Recording, imu: ImuStream, request: CalibrationRequest
+) -> Calibration:
+    samples = recording.samples(imu)
+    warnings = check_gravity(imu, wanted=request.wants_gravity)
+    motion = find_motion(recording.sources, recording.robot, imu.frame_id, request)
+    check_joint_topics(recording.joints, _driven(motion.path))
+    _check_overlap(samples, imu.topic, motion)
+    options = _with_initial(request.estimator, motion)
+    estimate = _estimate(samples, motion.path, options)
+    calibration = Calibration(
+        parent=motion.parent,
+        child=motion.child,
+        estimate=replace(estimate, warnings=(*recording.warnings, *warnings, *estimate.warnings)),
+        nominal=motion.nominal,
+        provenance=_provenance(recording, imu, motion, request),
+    )
+    return calibration if request.require is None else require(calibration, request.require)
+
+
+def _estimate(
+    samples: ImuSamples, path: KinematicPath, options: MatchedOptions | PaperOptions
+) -> Estimate:
+    if isinstance(options, MatchedOptions):
+        from imucalib_cli.estimate.matched import calibrate_matched
+
+        return calibrate_matched(samples, path, options)
+    from imucalib_cli.estimate.paper import calibrate_paper
+
+    return calibrate_paper(samples, path, options)
+
+
+def _with_initial(
+    options: MatchedOptions | PaperOptions, motion: Motion
+) -> MatchedOptions | PaperOptions:
+    """The published method starts from the URDF's joint unless told otherwise."""
+    nominal = motion.nominal
+    if isinstance(options, MatchedOptions) or options.R_initial is not None or nominal is None:
+        return options
+    return replace(options, R_initial=nominal.R_parent_imu, t_initial=nominal.t_parent_imu)
+
+
+def _driven(path: KinematicPath) -> set[str]:
+    """Names of the joints whose values the path takes from the log."""
+    return {
+        path.tracks[step.track].names[step.column]
+        for step in path.steps
+        if isinstance(step, JointStep)
+    }
+
+
+def _check_overlap(samples: ImuSamples, topic: str, motion: Motion) -> None:
+    """Stamps of another epoch are the commonest reason for nothing to fit."""
+    start, end = float(np.min(samples.t)), float(np.max(samples.t))
+    for track in motion.path.tracks:
+        if not len(track.t):
+            raise InputError(f"{track.name}: no messages")
+        first, last = float(np.min(track.t)), float(np.max(track.t))
+        if first > end or last < start:
+            raise InputError(
+                f"{topic} is stamped from {start:.3f} to {end:.3f} s of the log, {track.name} "
+                f"from {first:.3f} to {last:.3f} s: they never meet; if one clock is wrong, "
+                "rerun with --clock log to use the times of receipt"
+            )
+
+
+def _provenance(
+    recording: Recording, imu: ImuStream, motion: Motion, request: CalibrationRequest
+) -> Provenance:
+    robot = recording.robot
+    return Provenance(
+        version=__version__,
+        files=recording.files,
+        urdf=None if robot is None else SourceFile(path=str(request.urdf), sha256=robot.sha256),
+        imu_topic=imu.topic,
+        motion=motion.topics,
+        world=motion.path.world,
+        clock=recording.clock.kind,
+        options=_options(request),
+    )
+
+
+def _options(request: CalibrationRequest) -> dict[str, Scalar]:
+    """Every option of the estimator, as it was used, by the name it has in code."""
+    options = request.estimator
+    written: dict[str, Scalar] = {
+        "method": "matched" if isinstance(options, MatchedOptions) else "paper"
+    }
+    for field in fields(options):
+        value = getattr(options, field.name)
+        match value:
+            case WindowChoice():
+                written["window"] = _window(value)
+            case np.ndarray():
+                written[field.name] = " ".join(f"{number:.12g}" for number in value.ravel())
+            case float() if math.isinf(value):
+                written[field.name] = "free"
+            case _:
+                written[field.name] = value
+    return written
+
+
+def _window(choice: WindowChoice) -> str:
+    if choice.samples is not None:
+        return str(choice.samples)
+    return "auto" if choice.seconds is None else f"{choice.seconds:g}s"

@@ -1,0 +1,172 @@
+"""From a log's joint states and poses to the path that carries one IMU."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from imucalib_cli.errors import ChoiceError, InputError
+from imucalib_cli.results.calibration import Nominal
+from imucalib_cli.robot.build import find_base, is_still, joint_path, moving_base_path
+from imucalib_cli.robot.frames import Edge, frame_path
+from imucalib_cli.robot.mount import Mount, find_mount
+from imucalib_cli.robot.rotations import matrix_from_quaternion
+
+if TYPE_CHECKING:
+    from imucalib_cli.jobs.request import CalibrationRequest
+    from imucalib_cli.robot.path import KinematicPath, Track
+    from imucalib_cli.robot.urdf import Robot
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Sources:
+    """Everything in the log that may tell where a link is, on the chosen clock."""
+
+    joints: tuple[Track, ...]
+    edges: tuple[Edge, ...]
+    """One for each parent and child; the child is empty where the message has none."""
+    topics: dict[str, str]
+    """Topic of each track, by the track's name."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Motion:
+    """How the parent of one IMU moves, and what was believed about the mount before."""
+
+    path: KinematicPath
+    parent: str
+    child: str
+    nominal: Nominal | None
+    topics: tuple[str, ...]
+
+
+def find_motion(
+    sources: Sources, robot: Robot | None, frame_id: str, request: CalibrationRequest
+) -> Motion:
+    """Find the link that carries an IMU and the path that moves it.
+
+    Args:
+        sources: Of the log.
+        robot: Of the URDF, if there is one.
+        frame_id: Of the IMU's messages.
+        request: Its parent, imu_link, world and pose_topics.
+
+    Raises:
+        ChoiceError: The user must name the parent, the world or a topic; lists candidates.
+        InputError: The log does not tell how the parent moves.
+    """
+    if robot is not None:
+        motion = _with_robot(sources, robot, frame_id, request)
+    else:
+        motion = _from_frames(sources, frame_id, request)
+    if is_still(motion.path):
+        raise InputError(
+            f"{motion.parent} never moves in {motion.path.world} according to "
+            f"{', '.join(motion.topics) or 'the URDF, whose joints on the way are all fixed'}: "
+            "record a log in which the robot moves, or give what moves it by --pose-topic"
+        )
+    return motion
+
+
+def _with_robot(
+    sources: Sources, robot: Robot, frame_id: str, request: CalibrationRequest
+) -> Motion:
+    mount = find_mount(robot, frame_id, request.parent, request.imu_link)
+    path = _robot_path(sources, robot, mount, request)
+    return Motion(
+        path=path,
+        parent=mount.parent,
+        child=mount.child,
+        nominal=_nominal(mount),
+        topics=_topics(path, sources),
+    )
+
+
+def _nominal(mount: Mount) -> Nominal | None:
+    if mount.R_nominal is None or mount.t_nominal is None:
+        return None
+    return Nominal(
+        joint=mount.joint_name or "", R_parent_imu=mount.R_nominal, t_parent_imu=mount.t_nominal
+    )
+
+
+def _robot_path(
+    sources: Sources, robot: Robot, mount: Mount, request: CalibrationRequest
+) -> KinematicPath:
+    """Joints through the URDF, below a moving base if the log has one; else frames alone."""
+    # joints above all: with them a pose without a child can only be the base's
+    label = robot.root if sources.joints else request.parent
+    edges = _labelled(sources.edges, label)
+    base = find_base(edges, robot)
+    try:
+        if base is not None:
+            return moving_base_path(
+                edges, robot, mount.parent, sources.joints, base=base.child, world=request.world
+            )
+        return joint_path(robot, mount.parent, sources.joints, world=request.world)
+    except InputError:
+        # joint states of other joints only, while /tf knows all frames
+        if not any(mount.parent in (edge.parent, edge.child) for edge in edges):
+            raise
+    return frame_path(edges, mount.parent, world=request.world, robot=robot)
+
+
+def _from_frames(sources: Sources, frame_id: str, request: CalibrationRequest) -> Motion:
+    if not sources.edges:
+        if sources.joints:
+            listed = ", ".join(dict.fromkeys(sources.topics[t.name] for t in sources.joints))
+            raise ChoiceError(
+                f"joint states ({listed}) say nothing without the robot's chain: give --urdf"
+            )
+        raise InputError("no poses of any frame could be read from the log: see `imucalib inspect`")
+    edges = _labelled(sources.edges, request.parent)
+    parent, nominal = request.parent, None
+    if parent is None:
+        parent, nominal = _guess_parent(edges, frame_id)
+    path = frame_path(edges, parent, world=request.world)
+    child = request.imu_link or frame_id or "imu"
+    return Motion(
+        path=path, parent=parent, child=child, nominal=nominal, topics=_topics(path, sources)
+    )
+
+
+def _guess_parent(edges: tuple[Edge, ...], frame_id: str) -> tuple[str, Nominal | None]:
+    """The frame an IMU hangs on, when nobody said so."""
+    for edge in edges:
+        if edge.child != frame_id:
+            continue
+        if not edge.is_static:  # the frame itself is tracked
+            return frame_id, Nominal(joint="", R_parent_imu=np.eye(3), t_parent_imu=np.zeros(3))
+        last = edge.track.values[-1]
+        return edge.parent, Nominal(
+            joint=f"{edge.parent} -> {edge.child} of /tf_static",
+            R_parent_imu=matrix_from_quaternion(last[3:7]),
+            t_parent_imu=last[:3].copy(),
+        )
+    candidates = tuple(dict.fromkeys(edge.child for edge in edges if not edge.is_static))
+    if len(candidates) == 1:
+        return candidates[0], None
+    frames = ", ".join(candidates or dict.fromkeys(edge.child for edge in edges))
+    raise ChoiceError(
+        f"which frame carries the IMU '{frame_id}'? name it with --parent, one of: {frames}"
+    )
+
+
+def _labelled(edges: tuple[Edge, ...], label: str | None) -> tuple[Edge, ...]:
+    """Name the child of poses that have none: as the user says, or after their topic."""
+    return tuple(
+        edge
+        if edge.child
+        else replace(edge, child=label if label is not None else _topic_of(edge.track))
+        for edge in edges
+    )
+
+
+def _topic_of(track: Track) -> str:
+    return track.name.split(" ", 1)[0]
+
+
+def _topics(path: KinematicPath, sources: Sources) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(sources.topics[track.name] for track in path.tracks))

@@ -1,0 +1,152 @@
+"""Read one recording once: streams, robot, clock and fingerprints."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from imucalib_cli.errors import InputError
+from imucalib_cli.jobs.motion import Sources
+from imucalib_cli.jobs.provenance import fingerprints
+from imucalib_cli.logs.clock import choose_clock
+from imucalib_cli.logs.log import open_log
+from imucalib_cli.logs.select import select_topics
+from imucalib_cli.robot.frames import Edge
+from imucalib_cli.robot.path import Track
+from imucalib_cli.robot.urdf import load_robot, preload
+from imucalib_cli.signals.samples import ImuSamples
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from imucalib_cli.jobs.request import CalibrationRequest, Progress
+    from imucalib_cli.logs.clock import Clock
+    from imucalib_cli.logs.log import LogData, Topic
+    from imucalib_cli.logs.streams import ImuStream, JointStream, PoseStream, Stream
+    from imucalib_cli.results.calibration import SourceFile
+    from imucalib_cli.robot.urdf import Robot
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Recording:
+    """All that a calibration needs of the files."""
+
+    imus: tuple[ImuStream, ...]
+    joints: dict[str, tuple[JointStream, ...]]
+    """By topic."""
+    sources: Sources
+    clock: Clock
+    robot: Robot | None
+    files: tuple[SourceFile, ...]
+    warnings: tuple[str, ...]
+    """About the whole log."""
+
+    def samples(self, imu: ImuStream) -> ImuSamples:
+        """One IMU on the log's clock."""
+        return ImuSamples(t=self.clock.seconds(imu), gyro=imu.gyro, accel=imu.accel)
+
+
+def read_recording(request: CalibrationRequest, progress: Progress | None = None) -> Recording:
+    """Open, choose topics, read them in one pass, load the URDF meanwhile.
+
+    Raises:
+        InputError: A file cannot be used, or the log has no IMU or nothing that tells motion.
+        ChoiceError: A topic is not there or must be chosen.
+    """
+    if request.urdf is not None:
+        preload()
+    log = open_log(request.logs)
+    chosen = select_topics(
+        log.topics, request.imu_topics, request.joint_topics, request.pose_topics
+    )
+    with ThreadPoolExecutor(max_workers=2) as background:
+        robot = background.submit(load_robot, request.urdf) if request.urdf is not None else None
+        files = background.submit(fingerprints, log.paths)
+        data = log.read(
+            chosen.all, None if progress is None else lambda share: progress("reading", share)
+        )
+        imus = tuple(imu for imu in data.imus.values() if len(imu))
+        if not imus:
+            raise InputError(
+                f"{log.paths[0]}: no IMU message could be read: {list_topics(log.topics)}"
+            )
+        clock = choose_clock(_moving_streams(data), request.clock)
+        sources, doubles = gather_sources(data, clock)
+        return Recording(
+            imus=imus,
+            joints=data.joints,
+            sources=sources,
+            clock=clock,
+            robot=None if robot is None else robot.result(),
+            files=files.result(),
+            warnings=(*data.losses, *clock.warnings, *doubles),
+        )
+
+
+def list_topics(topics: Iterable[Topic]) -> str:
+    """The log's topics with their types, for the end of a message."""
+    listed = ", ".join(f"{topic.name} ({topic.type or 'untyped'})" for topic in topics)
+    return f"the log has {listed}" if listed else "the log has no topics"
+
+
+def gather_sources(data: LogData, clock: Clock) -> tuple[Sources, tuple[str, ...]]:
+    """Tracks and edges of a log on its clock, and warnings about poses told twice."""
+    topics: dict[str, str] = {}
+    joints = []
+    for topic, streams in data.joints.items():
+        for joint in streams:
+            name = f"{topic} ({', '.join(joint.names)})"
+            topics[name] = topic
+            joints.append(
+                Track(
+                    name=name,
+                    kind="joints",
+                    t=clock.seconds(joint),
+                    values=joint.position,
+                    names=joint.names,
+                )
+            )
+    poses = [pose for streams in data.poses.values() for pose in streams]
+    kept, warnings = _one_for_each_edge(poses)
+    edges = []
+    for pose in kept:
+        name = f"{pose.topic} ({pose.parent} -> {pose.child or '?'})"
+        topics[name] = pose.topic
+        values = np.concatenate((pose.position, pose.quaternion_xyzw), axis=1)
+        # a static pose may be stamped whenever, and its stamps are never used
+        t = np.zeros(len(pose)) if pose.is_static else clock.seconds(pose)
+        track = Track(name=name, kind="pose", t=t, values=values)
+        edges.append(
+            Edge(parent=pose.parent, child=pose.child, track=track, is_static=pose.is_static)
+        )
+    return Sources(joints=tuple(joints), edges=tuple(edges), topics=topics), warnings
+
+
+def _one_for_each_edge(poses: list[PoseStream]) -> tuple[list[PoseStream], tuple[str, ...]]:
+    """Of several topics that tell the same pose, such as /odom and /tf, the one with most rows."""
+    best: dict[tuple[str, str, str], PoseStream] = {}
+    warnings = []
+    for pose in poses:
+        # poses without a child are of different things until told otherwise
+        key = (pose.parent, pose.child, "" if pose.child else pose.topic)
+        known = best.get(key)
+        if known is None:
+            best[key] = pose
+            continue
+        keep, drop = (pose, known) if len(pose) > len(known) else (known, pose)
+        best[key] = keep
+        warnings.append(
+            f"{drop.topic} tells the pose of {pose.child} in {pose.parent} too; "
+            f"{keep.topic} is used, having more messages"
+        )
+    return list(best.values()), tuple(warnings)
+
+
+def _moving_streams(data: LogData) -> list[Stream]:
+    streams: list[Stream] = list(data.imus.values())
+    streams += [joint for joints in data.joints.values() for joint in joints]
+    streams += [pose for poses in data.poses.values() for pose in poses if not pose.is_static]
+    return streams

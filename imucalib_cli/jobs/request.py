@@ -1,0 +1,47 @@
+"""What a user asks for, in the terms of the other rooms."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Literal
+
+from imucalib_cli.estimate.options import MatchedOptions, PaperOptions
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from imucalib_cli.results.calibration import Tolerance
+
+    Progress = Callable[[str, float | None], None]
+
+ClockChoice = Literal["auto", "header", "log"]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CalibrationRequest:
+    """One recording and how to calibrate the IMUs in it."""
+
+    logs: tuple[Path, ...]
+    """One recording: a path, or the files of a split one."""
+    urdf: Path | None = None
+    imu_topics: tuple[str, ...] = ()
+    """Empty: every IMU in the log."""
+    joint_topics: tuple[str, ...] = ()
+    pose_topics: tuple[str, ...] = ()
+    parent: str | None = None
+    """Link or frame that carries the IMU; None finds it."""
+    imu_link: str | None = None
+    """The IMU's frame in the URDF, where the messages' frame_id does not say."""
+    world: str | None = None
+    clock: ClockChoice = "auto"
+    estimator: MatchedOptions | PaperOptions = field(default_factory=MatchedOptions)
+    require: Tolerance | None = None
+
+    @property
+    def wants_gravity(self) -> bool:
+        """Whether the accelerometer should feel gravity at rest."""
+        options = self.estimator
+        if isinstance(options, MatchedOptions) and options.gravity == "none":
+            return False
+        return options.gravity_norm > 0.0
