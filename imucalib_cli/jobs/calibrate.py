@@ -79,7 +79,7 @@ def _calibrate_one(
     warnings = check_gravity(imu, wanted=request.wants_gravity)
     motion = find_motion(recording.sources, recording.robot, imu.frame_id, request)
     check_joint_topics(recording.joints, _driven(motion.path))
-    _check_overlap(samples, imu.topic, motion)
+    check_overlap(samples, imu.topic, motion)
     options = _with_initial(request.estimator, motion)
     estimate = _estimate(samples, motion.path, options)
     calibration = Calibration(
@@ -123,8 +123,12 @@ def _driven(path: KinematicPath) -> set[str]:
     }
 
 
-def _check_overlap(samples: ImuSamples, topic: str, motion: Motion) -> None:
-    """Stamps of another epoch are the commonest reason for nothing to fit."""
+def check_overlap(samples: ImuSamples, topic: str, motion: Motion) -> None:
+    """See that an IMU and what moves it were stamped at the same time.
+
+    Raises:
+        InputError: They never meet; stamps of another epoch are the commonest reason.
+    """
     start, end = float(np.min(samples.t)), float(np.max(samples.t))
     for track in motion.path.tracks:
         if not len(track.t):

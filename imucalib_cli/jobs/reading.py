@@ -73,7 +73,7 @@ def read_recording(request: CalibrationRequest, progress: Progress | None = None
             raise InputError(
                 f"{log.paths[0]}: no IMU message could be read: {list_topics(log.topics)}"
             )
-        clock = choose_clock(_moving_streams(data), request.clock)
+        clock = choose_clock(moving_streams(data), request.clock)
         sources, doubles = gather_sources(data, clock)
         return Recording(
             imus=imus,
@@ -145,7 +145,8 @@ def _one_for_each_edge(poses: list[PoseStream]) -> tuple[list[PoseStream], tuple
     return list(best.values()), tuple(warnings)
 
 
-def _moving_streams(data: LogData) -> list[Stream]:
+def moving_streams(data: LogData) -> list[Stream]:
+    """Streams whose stamps count: all but static transforms."""
     streams: list[Stream] = list(data.imus.values())
     streams += [joint for joints in data.joints.values() for joint in joints]
     streams += [pose for poses in data.poses.values() for pose in poses if not pose.is_static]

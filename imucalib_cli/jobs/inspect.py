@@ -1,0 +1,227 @@
+"""Look at a recording without calibrating: what is there, what is wrong, what to run."""
+
+from __future__ import annotations
+
+import shlex
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from imucalib_cli.errors import ChoiceError, ImucalibError
+from imucalib_cli.jobs.calibrate import check_overlap
+from imucalib_cli.jobs.inspection import (
+    Health,
+    ImuFinding,
+    Inspection,
+    JointFinding,
+    PoseFinding,
+)
+from imucalib_cli.jobs.motion import find_motion
+from imucalib_cli.jobs.reading import gather_sources, moving_streams
+from imucalib_cli.jobs.request import CalibrationRequest
+from imucalib_cli.logs.clock import choose_clock
+from imucalib_cli.logs.health import guess_units, stamp_health
+from imucalib_cli.logs.log import LogData, open_log
+from imucalib_cli.logs.messages import TF_TYPES
+from imucalib_cli.logs.select import candidates, select_topics
+from imucalib_cli.robot.urdf import load_robot, preload
+from imucalib_cli.signals.samples import ImuSamples
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from imucalib_cli.jobs.motion import Sources
+    from imucalib_cli.jobs.request import Progress
+    from imucalib_cli.logs.clock import Clock
+    from imucalib_cli.logs.log import Log
+    from imucalib_cli.logs.streams import ImuStream, JointStream, PoseStream
+    from imucalib_cli.robot.urdf import Robot
+
+
+def inspect(
+    logs: tuple[Path, ...], urdf: Path | None = None, progress: Progress | None = None
+) -> Inspection:
+    """Describe a recording and find the command that calibrates it.
+
+    Args:
+        logs: One recording, as for calibrate.
+        urdf: Of the robot, to be held against the log.
+        progress: As for calibrate.
+
+    Raises:
+        InputError: A file cannot be read at all; a log that cannot be calibrated is described.
+    """
+    if urdf is not None:
+        preload()
+    log = open_log(logs)
+    names = {
+        topic.name for kind in ("imu", "joints", "pose") for topic in candidates(log.topics, kind)
+    }
+    data = log.read(names, None if progress is None else lambda share: progress("reading", share))
+    robot = None if urdf is None else load_robot(urdf)
+    request, problem = _request(log, logs, urdf)
+    clock = choose_clock(moving_streams(data), "auto")
+    findings, hints, options = _imus(data, robot, clock, request, problem)
+    command, placeholders = _command(request, findings, data, options)
+    return Inspection(
+        files=tuple(str(path) for path in log.paths),
+        topics=log.topics,
+        health=_health(data),
+        clock=clock.kind,
+        imus=findings,
+        joints=_joints(data, robot),
+        poses=_poses(data),
+        urdf=None if urdf is None else str(urdf),
+        warnings=(*data.losses, *clock.warnings, *hints),
+        command=command,
+        placeholders=placeholders,
+    )
+
+
+def _request(
+    log: Log, logs: tuple[Path, ...], urdf: Path | None
+) -> tuple[CalibrationRequest, ImucalibError | None]:
+    """The plainest request that selects topics; of several pose topics the one with most rows."""
+    request = CalibrationRequest(logs=logs, urdf=urdf)
+    try:
+        select_topics(log.topics)
+    except ChoiceError:
+        poses = [t for t in candidates(log.topics, "pose") if t.type not in TF_TYPES]
+        if not poses:
+            raise
+        longest = max(poses, key=lambda topic: topic.count)
+        return replace(request, pose_topics=(longest.name,)), None
+    except ImucalibError as error:
+        return request, error
+    return request, None
+
+
+def _imus(
+    data: LogData,
+    robot: Robot | None,
+    clock: Clock,
+    request: CalibrationRequest,
+    problem: ImucalibError | None,
+) -> tuple[tuple[ImuFinding, ...], tuple[str, ...], tuple[str, ...]]:
+    """Findings on each IMU, warnings, and options that the command needs."""
+    sources, warnings = gather_sources(_chosen(data, request), clock)
+    findings, options = [], []
+    hints = list(warnings)
+    for imu in data.imus.values():
+        finding = ImuFinding(
+            topic=imu.topic,
+            frame_id=imu.frame_id,
+            units=guess_units(imu),
+            parent=None,
+            world=None,
+            motion=(),
+            problem=None if problem is None else str(problem),
+        )
+        if problem is None:
+            samples = ImuSamples(t=clock.seconds(imu), gyro=imu.gyro, accel=imu.accel)
+            finding = _with_motion(finding, samples, sources, robot, request)
+        if finding.units.accel_unit == "m/s², no gravity":
+            options.append("--gravity none")
+        hints += finding.units.warnings
+        findings.append(finding)
+    return tuple(findings), tuple(hints), tuple(dict.fromkeys(options))
+
+
+def _chosen(data: LogData, request: CalibrationRequest) -> LogData:
+    """What a run would read: without a wish, joint states go before odometry and poses."""
+    poses = data.poses
+    if request.pose_topics:
+        poses = {
+            topic: streams
+            for topic, streams in poses.items()
+            if topic in request.pose_topics or any(stream.is_static for stream in streams)
+        }
+    elif data.joints:
+        poses = {topic: streams for topic, streams in poses.items() if _is_tf(topic, streams)}
+    return LogData(imus=data.imus, joints=data.joints, poses=poses)
+
+
+def _is_tf(topic: str, streams: tuple[PoseStream, ...]) -> bool:
+    return topic.rsplit("/", 1)[-1] in {"tf", "tf_static"} or any(s.is_static for s in streams)
+
+
+def _with_motion(
+    finding: ImuFinding,
+    samples: ImuSamples,
+    sources: Sources,
+    robot: Robot | None,
+    request: CalibrationRequest,
+) -> ImuFinding:
+    """Say what carries and moves the IMU, or why that is not known."""
+    try:
+        motion = find_motion(sources, robot, finding.frame_id, request)
+        check_overlap(samples, finding.topic, motion)
+    except ImucalibError as error:
+        return replace(finding, problem=str(error))
+    return replace(finding, parent=motion.parent, world=motion.path.world, motion=motion.topics)
+
+
+def _command(
+    request: CalibrationRequest,
+    findings: tuple[ImuFinding, ...],
+    data: LogData,
+    options: tuple[str, ...],
+) -> tuple[str | None, str]:
+    """The command for the IMUs that can be calibrated, and what to replace in it."""
+    if not findings or not (data.joints or data.poses):
+        return None, ""
+    words = ["imucalib", "run", *(shlex.quote(str(path)) for path in request.logs)]
+    placeholders = []
+    good = [finding for finding in findings if finding.problem is None]
+    if request.urdf is not None:
+        words.append(f"--urdf {shlex.quote(str(request.urdf))}")
+    elif data.joints and not good:
+        words.append("--urdf ROBOT.urdf")
+        placeholders.append("ROBOT.urdf by your robot's")
+    words += [f"--pose-topic {shlex.quote(topic)}" for topic in request.pose_topics]
+    if good and len(good) < len(findings):
+        words += [f"--imu-topic {shlex.quote(finding.topic)}" for finding in good]
+    if not good and not placeholders:
+        words.append("--parent FRAME")
+        placeholders.append("FRAME by the link or frame that carries the IMU")
+    return " ".join([*words, *options]), ", ".join(placeholders)
+
+
+def _health(data: LogData) -> tuple[Health, ...]:
+    streams: list[tuple[str, ImuStream | JointStream | PoseStream]] = [
+        (imu.topic, imu) for imu in data.imus.values()
+    ]
+    for joints in data.joints.values():
+        many = len(joints) > 1
+        streams += [(f"{j.topic} ({len(j.names)} joints)" if many else j.topic, j) for j in joints]
+    for poses in data.poses.values():
+        streams += [
+            (f"{p.topic} ({p.parent} -> {p.child or '?'})", p) for p in poses if not p.is_static
+        ]
+    return tuple(
+        Health(name=name, header=stamp_health(stream.header_ns), log=stamp_health(stream.log_ns))
+        for name, stream in streams
+    )
+
+
+def _joints(data: LogData, robot: Robot | None) -> tuple[JointFinding, ...]:
+    return tuple(
+        JointFinding(
+            topic=joint.topic,
+            names=joint.names,
+            missing=None
+            if robot is None
+            else tuple(name for name in joint.names if name not in robot.joint_by_name),
+        )
+        for joints in data.joints.values()
+        for joint in joints
+    )
+
+
+def _poses(data: LogData) -> tuple[PoseFinding, ...]:
+    return tuple(
+        PoseFinding(
+            topic=pose.topic, parent=pose.parent, child=pose.child, is_static=pose.is_static
+        )
+        for poses in data.poses.values()
+        for pose in poses
+    )

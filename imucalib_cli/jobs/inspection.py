@@ -1,0 +1,175 @@
+"""What an inspection found, and how it reads as text and as JSON."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from imucalib_cli.logs.health import StampHealth, UnitGuess
+    from imucalib_cli.logs.log import Topic
+
+_MS = 1e3
+
+
+@dataclass(frozen=True, kw_only=True)
+class Health:
+    """Stamps of one topic, or of one part of it."""
+
+    name: str
+    """Topic, and frames or joints where it holds several streams."""
+    header: StampHealth
+    log: StampHealth
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImuFinding:
+    """One IMU: what it measures, and what carries it."""
+
+    topic: str
+    frame_id: str
+    units: UnitGuess
+    parent: str | None
+    """Frame that would be taken as its parent."""
+    world: str | None
+    motion: tuple[str, ...]
+    """Topics that tell how the parent moves."""
+    problem: str | None
+    """Why it cannot be calibrated as the log and the options stand."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointFinding:
+    """Joints of one publisher."""
+
+    topic: str
+    names: tuple[str, ...]
+    missing: tuple[str, ...] | None
+    """Those that the URDF does not have; None without a URDF."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PoseFinding:
+    """One edge of the frames' tree."""
+
+    topic: str
+    parent: str
+    child: str
+    is_static: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class Inspection:
+    """All that can be said of a recording without calibrating."""
+
+    files: tuple[str, ...]
+    topics: tuple[Topic, ...]
+    health: tuple[Health, ...]
+    clock: str
+    imus: tuple[ImuFinding, ...]
+    joints: tuple[JointFinding, ...]
+    poses: tuple[PoseFinding, ...]
+    urdf: str | None
+    warnings: tuple[str, ...]
+    command: str | None
+    """To run next; None if no command would work."""
+    placeholders: str
+    """What in the command the user must replace; empty if nothing."""
+
+    def as_json(self) -> str:
+        """Everything, for programs."""
+        return json.dumps(asdict(self), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+    def as_text(self) -> str:
+        """Everything, for people."""
+        return "\n".join(self._lines()) + "\n"
+
+    def _lines(self) -> Iterator[str]:
+        yield f"log       {', '.join(self.files)}"
+        if self.urdf is not None:
+            yield f"urdf      {self.urdf}"
+        yield ""
+        yield from _table(
+            ("topic", "type", "messages", "seconds", "Hz"),
+            [_topic_row(topic) for topic in self.topics],
+        )
+        if self.health:
+            yield ""
+            yield f"stamps    {self.clock} stamps would be used"
+            heads = ("stream", "Hz", "jitter ms", "gaps", "longest s", "same", "back", "zero")
+            kind = "log" if self.clock == "log" else "header"
+            yield from _table(heads, [_health_row(each, kind) for each in self.health])
+        yield ""
+        yield from self._imu_lines()
+        yield from self._motion_lines()
+        yield from (f"warning   {warning}" for warning in self.warnings)
+        yield ""
+        if self.command is None:
+            yield "There is nothing to run on this log; see above."
+        else:
+            replace = f" (replace {self.placeholders})" if self.placeholders else ""
+            yield f"Run{replace}:"
+            yield f"    {self.command}"
+
+    def _imu_lines(self) -> Iterator[str]:
+        if not self.imus:
+            yield "imu       none: no sensor_msgs/Imu with messages"
+        for imu in self.imus:
+            units = imu.units
+            yield (
+                f"imu       {imu.topic}, frame '{imu.frame_id}': accel at rest "
+                f"{units.accel_at_rest:.4g} ({units.accel_unit}), gyro up to "
+                f"{units.gyro_largest:.3g} ({units.gyro_unit})"
+            )
+            if imu.problem is not None:
+                yield f"          {imu.problem}"
+            else:
+                yield (
+                    f"          carried by {imu.parent}, moved in {imu.world} by "
+                    f"{', '.join(imu.motion)}"
+                )
+
+    def _motion_lines(self) -> Iterator[str]:
+        for joint in self.joints:
+            yield f"joints    {joint.topic}: {', '.join(joint.names)}"
+            if joint.missing:
+                yield f"          not in the URDF: {', '.join(joint.missing)}"
+        for pose in self.poses:
+            static = " (static)" if pose.is_static else ""
+            child = pose.child or "(no child frame)"
+            yield f"pose      {pose.topic}: {child} in {pose.parent}{static}"
+
+
+def _topic_row(topic: Topic) -> tuple[str, ...]:
+    seconds = (topic.end_ns - topic.start_ns) * 1e-9
+    rate = f"{(topic.count - 1) / seconds:.1f}" if topic.count > 1 and seconds > 0 else "-"
+    return topic.name, topic.type or topic.encoding, str(topic.count), f"{seconds:.1f}", rate
+
+
+def _health_row(each: Health, kind: str) -> tuple[str, ...]:
+    health = each.log if kind == "log" else each.header
+    return (
+        each.name,
+        f"{health.rate_hz:.1f}",
+        f"{health.jitter * _MS:.2f}",
+        str(health.gaps),
+        f"{health.longest_gap:.3f}",
+        str(health.duplicates),
+        str(health.backwards),
+        str(health.zeros),
+    )
+
+
+def _table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> Iterator[str]:
+    """Columns: text to the left, numbers to the right."""
+    widths = [max(len(row[i]) for row in (heads, *rows)) for i in range(len(heads))]
+    texts = {"topic", "type", "stream"}
+    for row in (heads, *rows):
+        cells = (
+            cell.ljust(width) if head in texts else cell.rjust(width)
+            for cell, width, head in zip(row, widths, heads, strict=True)
+        )
+        yield ("  " + "  ".join(cells)).rstrip()
