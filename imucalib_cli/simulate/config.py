@@ -1,0 +1,202 @@
+"""A simulated system as its YAML states it: geometry, masses, motion and rates."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+Vector = tuple[float, float, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Origin:
+    """A fixed transform as URDF writes it."""
+
+    xyz: Vector
+    """m."""
+    rpy: Vector
+    """rad, fixed axes x, y, z."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImuMount:
+    """Where the IMU sits on the system's parent link."""
+
+    link: str
+    """Name of the IMU's frame."""
+    xyz: Vector
+    """m, true position in the parent link."""
+    rpy: Vector
+    """rad, true orientation."""
+    nominal: Origin
+    """What the URDF says instead."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FixedFrame:
+    """A further frame bolted to a link."""
+
+    link: str
+    parent: str
+    xyz: Vector
+    rpy: Vector
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rates:
+    """How finely the system is integrated and recorded."""
+
+    step: float
+    """s, longest integration step."""
+    imu: float
+    """Hz."""
+    robot: float
+    """Hz, of joint states or poses."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Topics:
+    """Names of what is published."""
+
+    imu: str
+    robot: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class ArmJoint:
+    """A revolute joint about its own z axis."""
+
+    name: str
+    parent: str
+    child: str
+    xyz: Vector
+    rpy: Vector
+    range_deg: float
+    """Limit either way, degrees."""
+    velocity_deg: float
+    """Limit, degrees/s."""
+    effort: float
+    """Limit, N m."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ArmLink:
+    """A link's mass, spread as a solid cylinder."""
+
+    name: str
+    mass: float
+    """kg."""
+    com: Vector
+    """m, centre of mass in the link frame."""
+    radius: float
+    length: float
+    axis: Literal["x", "y", "z"]
+    """The cylinder's axis."""
+
+    def inertia(self) -> Vector:
+        """Principal moments about the centre of mass along x, y, z, kg m²."""
+        along = self.mass * self.radius**2 / 2
+        across = self.mass * (3 * self.radius**2 + self.length**2) / 12
+        x, y, z = (along if axis == self.axis else across for axis in "xyz")
+        return x, y, z
+
+
+@dataclass(frozen=True, kw_only=True)
+class Drives:
+    """Position controllers, one number a joint."""
+
+    stiffness: tuple[float, ...]
+    """N m/rad."""
+    damping: tuple[float, ...]
+    """N m s/rad."""
+    rotor_inertia: tuple[float, ...]
+    """kg m², seen at the joint."""
+    gravity_compensation: float
+    """Share of the links' weight the controller carries."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Move:
+    """One reference move and the standstill after it."""
+
+    to_deg: tuple[float, ...]
+    seconds: float
+    rest: float
+    """s."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Arm:
+    """A serial arm under position control."""
+
+    joints: tuple[ArmJoint, ...]
+    links: tuple[ArmLink, ...]
+    drives: Drives
+    start_deg: tuple[float, ...]
+    start_rest: float
+    moves: tuple[Move, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Push:
+    """A force (world axes, N) and a torque (body axes, N m) for one push."""
+
+    force: Vector = (0.0, 0.0, 0.0)
+    torque: Vector = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FreeBody:
+    """A floating box and the pushes it gets; times in s."""
+
+    size: Vector
+    """m, edge lengths along x, y, z."""
+    mass: float
+    inertia: Vector
+    """kg m², principal, along x, y, z."""
+    start_rest: float
+    push: float
+    pushes: tuple[Push, ...]
+    stop: float
+    brake: float
+    """1/s."""
+    pause: float
+    ramp: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class SystemConfig:
+    """Everything a system is: one YAML file. Exactly one of ``arm`` and ``free_body`` is there."""
+
+    name: str
+    description: str
+    gravity: float
+    """m/s², norm; zero where there is none."""
+    duration: float
+    """s."""
+    world: str
+    parent: str
+    imu: ImuMount
+    frames: tuple[FixedFrame, ...]
+    rates: Rates
+    topics: Topics
+    arm: Arm | None = None
+    free_body: FreeBody | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Grade:
+    """An IMU's imperfections in the units of data sheets."""
+
+    accel_noise_ug: float = 0.0
+    """One-sided density, ug/sqrt(Hz)."""
+    gyro_noise_deg: float = 0.0
+    """One-sided density, degrees/s/sqrt(Hz)."""
+    accel_bias: Vector = (0.0, 0.0, 0.0)
+    """m/s²."""
+    gyro_bias: Vector = (0.0, 0.0, 0.0)
+    """rad/s."""
+    accel_bias_walk: float = 0.0
+    """m/s²/sqrt(s)."""
+    gyro_bias_walk: float = 0.0
+    """rad/s/sqrt(s)."""

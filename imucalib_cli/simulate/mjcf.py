@@ -1,0 +1,106 @@
+"""A system's configuration as a MuJoCo model (MJCF): the physics' view of the same numbers."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+from xml.etree import ElementTree as ET
+
+import numpy as np
+
+from imucalib_cli.errors import InputError
+from imucalib_cli.robot.rotations import matrix_from_rpy, quaternion_from_matrix
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from imucalib_cli.simulate.config import Arm, FreeBody, SystemConfig
+
+    Floats = NDArray[np.float64]
+
+SITE = "imu"
+
+
+def model_xml(
+    system: SystemConfig, R_parent_imu: Floats, t_parent_imu: Floats, gravity_world: Floats
+) -> str:
+    """Write the model with an accelerometer and a gyroscope at the IMU's mount.
+
+    Args:
+        system: What to model.
+        R_parent_imu: (3, 3), true orientation of the IMU in its parent link.
+        t_parent_imu: (3,), m.
+        gravity_world: (3,), m/s².
+
+    Raises:
+        InputError: The parent link is not in the configuration.
+    """
+    root = ET.Element("mujoco", model=system.name)
+    ET.SubElement(root, "compiler", angle="radian", autolimits="false")
+    option = ET.SubElement(root, "option", integrator="RK4", gravity=_numbers(gravity_world))
+    ET.SubElement(option, "flag", contact="disable", constraint="disable")
+    world = ET.SubElement(root, "worldbody")
+    if system.arm is not None:
+        bodies = _arm(world, system.arm)
+        _drives(ET.SubElement(root, "actuator"), system.arm)
+    elif system.free_body is not None:
+        bodies = _free_body(world, system.parent, system.free_body)
+    else:
+        raise InputError(f"{system.name}: the configuration states neither arm nor free_body")
+    if system.parent not in bodies:
+        raise InputError(f"{system.name}: no link {system.parent}; it has {', '.join(bodies)}")
+    imu = bodies[system.parent]
+    position, orientation = _numbers(t_parent_imu), _numbers(_wxyz(R_parent_imu))
+    ET.SubElement(imu, "site", name=SITE, pos=position, quat=orientation)
+    sensors = ET.SubElement(root, "sensor")
+    ET.SubElement(sensors, "gyro", site=SITE)
+    ET.SubElement(sensors, "accelerometer", site=SITE)
+    return ET.tostring(root, encoding="unicode")
+
+
+def _arm(world: ET.Element, arm: Arm) -> dict[str, ET.Element]:
+    bodies: dict[str, ET.Element] = {}
+    links = {link.name: link for link in arm.links}
+    for joint, rotor in zip(arm.joints, arm.drives.rotor_inertia, strict=True):
+        link = links.get(joint.child)
+        if link is None:
+            raise InputError(f"joint {joint.name}: no mass is stated for its link {joint.child}")
+        body = ET.SubElement(
+            bodies.get(joint.parent, world),
+            "body",
+            name=link.name,
+            pos=_numbers(joint.xyz),
+            quat=_numbers(_wxyz(matrix_from_rpy(joint.rpy))),
+            gravcomp=repr(arm.drives.gravity_compensation),
+        )
+        ET.SubElement(body, "joint", name=joint.name, axis="0 0 1", armature=repr(rotor))
+        inertia = _numbers(link.inertia())
+        ET.SubElement(
+            body, "inertial", pos=_numbers(link.com), mass=repr(link.mass), diaginertia=inertia
+        )
+        bodies[link.name] = body
+    return bodies
+
+
+def _drives(actuators: ET.Element, arm: Arm) -> None:
+    drives = zip(arm.joints, arm.drives.stiffness, arm.drives.damping, strict=True)
+    for joint, stiffness, damping in drives:
+        ET.SubElement(actuators, "position", joint=joint.name, kp=repr(stiffness), kv=repr(damping))
+
+
+def _free_body(world: ET.Element, name: str, free: FreeBody) -> dict[str, ET.Element]:
+    body = ET.SubElement(world, "body", name=name)
+    ET.SubElement(body, "freejoint")
+    inertia = _numbers(free.inertia)
+    ET.SubElement(body, "inertial", pos="0 0 0", mass=repr(free.mass), diaginertia=inertia)
+    return {name: body}
+
+
+def _wxyz(R: Floats) -> Floats:
+    """MuJoCo's quaternion order, of a rotation matrix (3, 3)."""
+    return np.roll(quaternion_from_matrix(R), 1)
+
+
+def _numbers(values: Sequence[float] | Floats) -> str:
+    return " ".join(repr(float(value)) for value in values)

@@ -1,0 +1,204 @@
+"""What sensors and drivers do to a clean recording. No physics: run once, corrupt many times.
+
+Every effect draws from a random stream of its own, so switching one on or off leaves the others
+as they were for the same seed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+from typing import TYPE_CHECKING, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imucalib_cli.errors import InputError
+from imucalib_cli.robot.rotations import (
+    matrix_from_quaternion,
+    matrix_from_rotvec,
+    quaternion_from_matrix,
+)
+from imucalib_cli.simulate.recording import (
+    Corruption,
+    ImuRecord,
+    JointRecord,
+    Messages,
+    PoseRecord,
+    Recording,
+)
+
+if TYPE_CHECKING:
+    from imucalib_cli.simulate.options import NoiseOptions
+
+Floats = NDArray[np.float64]
+Kept = NDArray[np.bool_]
+Record = TypeVar("Record", bound=Messages)
+Robot = JointRecord | PoseRecord
+
+MAX_JITTER = 0.45
+"""In sample intervals: stamps never change order."""
+
+
+def corrupt(recording: Recording, noise: NoiseOptions, seed: int) -> Recording:
+    """Add noise, biases, offsets and losses to a clean recording.
+
+    The same recording, options and seed give the same numbers bit for bit.
+
+    Args:
+        recording: Made by :func:`imucalib_cli.simulate.physics.record`, not yet corrupted.
+        noise: What to add.
+        seed: Of all random streams.
+
+    Raises:
+        InputError: An option is out of range, or the recording is corrupted already.
+    """
+    if recording.corruption is not None:
+        raise InputError("this recording has noise already; corrupt the clean one")
+    _check(noise)
+    imu_seed, robot_seed = np.random.SeedSequence(seed).spawn(2)
+    imu, corruption = _corrupt_imu(recording.imu, noise, imu_seed, seed)
+    seeds = robot_seed.spawn(len(recording.robot))
+    parts = zip(recording.robot, seeds, strict=True)
+    robot = tuple(_corrupt_robot(record, noise, part_seed) for record, part_seed in parts)
+    dropped = sum(len(r.t) for r in recording.robot) - sum(len(r.t) for r in robot)
+    corruption = replace(corruption, robot_dropped=dropped)
+    return replace(recording, imu=imu, robot=robot, corruption=corruption)
+
+
+def _corrupt_robot(record: Robot, noise: NoiseOptions, seed: np.random.SeedSequence) -> Robot:
+    s = _streams(seed, 4)
+    if isinstance(record, JointRecord):
+        record = replace(record, position=_encoders(record.position, noise, s[0]))
+    else:
+        record = _tracker(record, noise, s[0])
+    record = _publish(record, noise, 0.0, noise.robot_stamp_jitter, s[1:3])
+    return _lose(record, noise.robot_dropouts, s[3])[0]
+
+
+def _corrupt_imu(
+    imu: ImuRecord, noise: NoiseOptions, imu_seed: np.random.SeedSequence, seed: int
+) -> tuple[ImuRecord, Corruption]:
+    s = _streams(imu_seed, 11)
+    interval = _interval(imu)
+    shape = imu.accel.shape
+    accel_bias = noise.accel_bias + _walk(s[0], noise.accel_bias_walk, imu.t)
+    gyro_bias = noise.gyro_bias + _walk(s[1], noise.gyro_bias_walk, imu.t)
+    to_sample = np.sqrt(0.5 / interval)
+    accel_std = np.hypot(noise.accel_noise * to_sample, noise.accel_white)
+    gyro_std = np.hypot(noise.gyro_noise * to_sample, noise.gyro_white)
+    accel = imu.accel + accel_bias + accel_std * s[2].standard_normal(shape)
+    gyro = imu.gyro + gyro_bias + gyro_std * s[3].standard_normal(shape)
+    memory = float(np.exp(-interval / noise.coloured_time))
+    accel += _coloured(s[4], noise.accel_coloured, memory, shape)
+    gyro += _coloured(s[5], noise.gyro_coloured, memory, shape)
+    spiked = s[6].random(len(imu.t)) < noise.spikes
+    accel += _spikes(s[7], noise.spike_accel, spiked)
+    gyro += _spikes(s[7], noise.spike_gyro, spiked)
+    imu = replace(imu, accel=accel, gyro=gyro)
+    imu = _publish(imu, noise, noise.time_offset, noise.stamp_jitter, s[8:10])
+    imu, kept = _lose(imu, noise.dropouts, s[10])
+    corruption = Corruption(
+        noise=noise,
+        seed=seed,
+        spiked=spiked[kept],
+        imu_dropped=int((~kept).sum()),
+        robot_dropped=0,
+        accel_bias=accel_bias[kept],
+        gyro_bias=gyro_bias[kept],
+    )
+    return imu, corruption
+
+
+def _encoders(position: Floats, noise: NoiseOptions, rng: np.random.Generator) -> Floats:
+    """What encoders read."""
+    read = position + noise.encoder_noise * rng.standard_normal(position.shape)
+    if noise.encoder_step == 0:
+        return read
+    return np.asarray(np.round(read / noise.encoder_step) * noise.encoder_step, dtype=np.float64)
+
+
+def _tracker(record: PoseRecord, noise: NoiseOptions, rng: np.random.Generator) -> PoseRecord:
+    """What a tracker of poses reads."""
+    position = record.position + noise.pose_noise * rng.standard_normal(record.position.shape)
+    if noise.pose_noise_rotation == 0:
+        return replace(record, position=position)
+    turn = noise.pose_noise_rotation * rng.standard_normal(record.position.shape)
+    R = matrix_from_rotvec(turn) @ matrix_from_quaternion(record.quaternion_xyzw)
+    return replace(record, position=position, quaternion_xyzw=quaternion_from_matrix(R))
+
+
+def _publish(
+    record: Record,
+    noise: NoiseOptions,
+    offset: float,
+    jitter: float,
+    streams: list[np.random.Generator],
+) -> Record:
+    """Stamp on the publisher's clock and receive on the robot's; nothing is lost yet."""
+    n = len(record.t)
+    limit = MAX_JITTER * _interval(record)
+    error = np.clip(jitter * streams[0].standard_normal(n), -limit, limit)
+    late = noise.delay + noise.delay_jitter * streams[1].standard_exponential(n)
+    # A queue keeps messages in order: one that is late holds up those behind it.
+    received = np.maximum.accumulate(record.t + late)
+    return replace(record, stamp=record.t + offset + error, received=received)
+
+
+def _lose(record: Record, share: float, rng: np.random.Generator) -> tuple[Record, Kept]:
+    """Drop a share of the rows; names and frames stay."""
+    kept = rng.random(len(record.t)) >= share
+    values = {f.name: getattr(record, f.name) for f in fields(record)}
+    arrays = {name: v[kept] for name, v in values.items() if isinstance(v, np.ndarray)}
+    return replace(record, **arrays), kept
+
+
+def _interval(record: Messages) -> float:
+    """Sample interval, s."""
+    return float(np.median(np.diff(record.t))) if len(record.t) > 1 else 1.0
+
+
+def _streams(seed: np.random.SeedSequence, number: int) -> list[np.random.Generator]:
+    return [np.random.default_rng(child) for child in seed.spawn(number)]
+
+
+def _walk(rng: np.random.Generator, density: float, t: Floats) -> Floats:
+    """Random walk of density per sqrt(s) that starts at zero; (N, 3)."""
+    steps = rng.standard_normal((len(t), 3)) * np.sqrt(np.diff(t, prepend=t[:1]))[:, None]
+    return np.asarray(density * np.cumsum(steps, axis=0), dtype=np.float64)
+
+
+def _coloured(
+    rng: np.random.Generator, std: float, memory: float, shape: tuple[int, ...]
+) -> Floats:
+    """First-order Gauss-Markov noise in its steady state; (N, 3)."""
+    if std == 0:
+        return np.zeros(shape)
+    from scipy.signal import lfilter  # noqa: PLC0415 - slow to import, rarely needed
+
+    drive = np.sqrt(1 - memory**2) * rng.standard_normal(shape)
+    drive[0] /= np.sqrt(1 - memory**2)
+    return np.asarray(std * lfilter([1.0], [1.0, -memory], drive, axis=0), dtype=np.float64)
+
+
+def _spikes(rng: np.random.Generator, size: float, spiked: Kept) -> Floats:
+    """One axis of every spiked sample thrown off by ``size`` either way; (N, 3)."""
+    thrown = np.zeros((len(spiked), 3))
+    rows = np.flatnonzero(spiked)
+    sign = rng.choice([-1.0, 1.0], len(rows))
+    thrown[rows, rng.integers(0, 3, len(rows))] = size * sign
+    return thrown
+
+
+def _check(noise: NoiseOptions) -> None:
+    for field in fields(noise):
+        value = getattr(noise, field.name)
+        if field.name == "time_offset" or isinstance(value, tuple):
+            if not np.isfinite(value).all():
+                raise InputError(f"{field.name}: must be a finite number")
+        elif not (np.isfinite(value) and value >= 0):
+            raise InputError(f"{field.name} {value:g}: must not be negative")
+    for name in ("spikes", "dropouts", "robot_dropouts"):
+        if getattr(noise, name) >= 1:
+            raise InputError(f"{name} {getattr(noise, name):g}: a share, below 1")
+    if noise.coloured_time == 0:
+        raise InputError("coloured_time 0: must be positive; use white noise instead")

@@ -1,0 +1,122 @@
+"""What a user may decide about a simulation, apart from the system itself.
+
+Three steps, three sets of options: physics (slow, once), noise (fast, many times), log (once).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+Vector = tuple[float, float, float]
+ZERO: Vector = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PhysicsOptions:
+    """Options of the recording; None takes the system's own value."""
+
+    duration: float | None = None
+    """s."""
+    imu_rate: float | None = None
+    """Hz."""
+    robot_rate: float | None = None
+    """Hz, of joint states or poses, per publisher."""
+    step: float | None = None
+    """s, longest integration step; instants of the log are always met exactly."""
+    gravity: float | None = None
+    """m/s², norm."""
+    base_tilt: tuple[float, float] = (0.0, 0.0)
+    """Rotation vector (x, y) of gravity about the world's axes, rad: a base that is not level."""
+    mount_xyz: Vector | None = None
+    """m, true position of the IMU in its parent link."""
+    mount_rpy: Vector | None = None
+    """rad, true orientation."""
+    profile: Literal["smooth", "hard"] = "smooth"
+    """How a free body is pushed: with ramps, or switched at once."""
+    publishers: int = 1
+    """Joint publishers, each with part of the joints and with instants of its own."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class NoiseOptions:
+    """What sensors and drivers do to a recording; the default does nothing."""
+
+    accel_noise: float = 0.0
+    """One-sided density, m/s²/sqrt(Hz): a sample's std is density * sqrt(rate / 2)."""
+    gyro_noise: float = 0.0
+    """One-sided density, rad/s/sqrt(Hz)."""
+    accel_white: float = 0.0
+    """Std of a sample, m/s², added to the above (sigma_a of the paper)."""
+    gyro_white: float = 0.0
+    """Std of a sample, rad/s (sigma_omega of the paper)."""
+    accel_bias: Vector = ZERO
+    """m/s², IMU frame: measured = true + bias."""
+    gyro_bias: Vector = ZERO
+    """rad/s, IMU frame."""
+    accel_bias_walk: float = 0.0
+    """m/s²/sqrt(s)."""
+    gyro_bias_walk: float = 0.0
+    """rad/s/sqrt(s)."""
+    accel_coloured: float = 0.0
+    """Std of first-order Gauss-Markov noise, m/s²."""
+    gyro_coloured: float = 0.0
+    """The same, rad/s."""
+    coloured_time: float = 0.1
+    """Correlation time of both, s."""
+    time_offset: float = 0.0
+    """IMU stamp - robot stamp of the same instant, s."""
+    spikes: float = 0.0
+    """Share of IMU samples in which one axis of each sensor is thrown off."""
+    spike_accel: float = 20.0
+    """m/s², size of a spike, either sign."""
+    spike_gyro: float = 2.0
+    """rad/s."""
+    dropouts: float = 0.0
+    """Share of IMU messages that are lost."""
+    robot_dropouts: float = 0.0
+    """Share of joint states or poses that are lost."""
+    stamp_jitter: float = 0.0
+    """Std of the error of IMU header stamps, s, cut at 0.45 sample intervals."""
+    robot_stamp_jitter: float = 0.0
+    """The same for joint states or poses."""
+    delay: float = 0.0
+    """s from the instant to the recorder's receive time, for every message."""
+    delay_jitter: float = 0.0
+    """s, mean of an exponential delay on top."""
+    encoder_noise: float = 0.0
+    """Std, rad (arms)."""
+    encoder_step: float = 0.0
+    """Quantisation, rad (arms); 0 is none."""
+    pose_noise: float = 0.0
+    """Std per axis of positions, m (free bodies)."""
+    pose_noise_rotation: float = 0.0
+    """Std per axis of orientations, rad (free bodies)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LogOptions:
+    """How a recording becomes a file; the suffix says which kind of file."""
+
+    compression: Literal["none", "lz4", "zstd", "bz2"] | None = None
+    """None takes zstd for .mcap, lz4 for .bag, none for db3."""
+    imu_topic: str | None = None
+    robot_topic: str | None = None
+    imu_frame: str | None = None
+    """frame_id of the Imu messages."""
+    topic_each: bool = False
+    """Every joint publisher has a topic of its own, instead of sharing one."""
+    joint_order: tuple[str, ...] = ()
+    """Order of joint names in messages; empty is the arm's own."""
+    start: int = 1_700_000_000
+    """Unix time of the first instant, s."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulationOptions:
+    """All of a simulation's options."""
+
+    physics: PhysicsOptions = field(default_factory=PhysicsOptions)
+    noise: NoiseOptions = field(default_factory=NoiseOptions)
+    log: LogOptions = field(default_factory=LogOptions)
+    seed: int = 0

@@ -1,0 +1,226 @@
+"""Runs a system in MuJoCo and records what its encoders and an ideal IMU read.
+
+Readings of one instant belong together: the engine is brought exactly to the instant, forward
+dynamics is computed there, and joint positions and sensors are read from the same state. The IMU
+is MuJoCo's own accelerometer and gyroscope, so it owes nothing to this project's filters.
+"""
+
+from __future__ import annotations
+
+import threading
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imucalib_cli.errors import InputError
+from imucalib_cli.robot.rotations import matrix_from_rotvec, matrix_from_rpy
+from imucalib_cli.simulate.mjcf import model_xml
+from imucalib_cli.simulate.motion import ArmReference, PushPlan, instants
+from imucalib_cli.simulate.options import PhysicsOptions
+from imucalib_cli.simulate.recording import (
+    ImuRecord,
+    JointRecord,
+    PoseRecord,
+    Recording,
+    State,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from imucalib_cli.simulate.config import Arm, FreeBody, SystemConfig
+
+Floats = NDArray[np.float64]
+
+# MuJoCo's control callback is one per process.
+_callback = threading.Lock()
+
+
+def record(
+    system: SystemConfig,
+    options: PhysicsOptions | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> Recording:
+    """Simulate a system without noise.
+
+    Args:
+        system: What moves, and how.
+        options: Rates, duration, gravity, mount; None takes the system's own.
+        progress: Called now and then with the share done, 0 to 1.
+
+    Raises:
+        InputError: MuJoCo is not installed, an option is out of range, or the motion blew up.
+    """
+    options = options or PhysicsOptions()
+    engine = _import_engine()
+    duration = _positive(options.duration, system.duration, "duration")
+    imu_rate = _positive(options.imu_rate, system.rates.imu, "IMU rate")
+    robot_rate = _positive(options.robot_rate, system.rates.robot, "robot rate")
+    step = _positive(options.step, system.rates.step, "step")
+    groups = _publishers(system, options.publishers)
+
+    R_parent_imu = matrix_from_rpy(
+        system.imu.rpy if options.mount_rpy is None else options.mount_rpy
+    )
+    t_parent_imu = np.array(system.imu.xyz if options.mount_xyz is None else options.mount_xyz)
+    gravity_world = _gravity(system, options)
+    model = engine.MjModel.from_xml_string(
+        model_xml(system, R_parent_imu, t_parent_imu, gravity_world)
+    )
+    data = engine.MjData(model)
+    control = _control(system, options, duration)
+    if system.arm is not None:
+        data.qpos[:] = np.radians(system.arm.start_deg)
+
+    imu_t = instants(imu_rate, duration)
+    robot_t = [instants(robot_rate, duration, k / len(groups)) for k in range(len(groups))]
+    # Instants of several clocks that differ by rounding only are one instant.
+    events = np.unique(np.round(np.concatenate([imu_t, *robot_t]), 12))
+    with _callback:
+        previous = engine.get_mjcb_control()
+        engine.set_mjcb_control(control)
+        try:
+            q, qd, qdd, sensors = _run(engine, model, data, events, step, progress=progress)
+        finally:
+            engine.set_mjcb_control(previous)
+    bad = (engine.mjtWarning.mjWARN_BADQPOS, engine.mjtWarning.mjWARN_BADQACC)
+    if not np.isfinite(sensors).all() or any(data.warning[kind].number for kind in bad):
+        raise InputError(f"{system.name}: the motion blew up; use a shorter step or softer drives")
+
+    at = np.searchsorted(events, np.round(imu_t, 12))
+    imu = ImuRecord(
+        t=imu_t, stamp=imu_t, received=imu_t, gyro=sensors[at, :3], accel=sensors[at, 3:]
+    )
+    state = State(t=imu_t, position=q[at], velocity=qd[at], acceleration=qdd[at])
+    rows = [np.searchsorted(events, np.round(t, 12)) for t in robot_t]
+    return Recording(
+        system=system,
+        physics=options,
+        R_parent_imu=R_parent_imu,
+        t_parent_imu=t_parent_imu,
+        gravity_world=gravity_world,
+        imu=imu,
+        robot=_robot(system, groups, robot_t, [q[row] for row in rows]),
+        state=state,
+        engine=f"MuJoCo {engine.__version__}",
+    )
+
+
+def _import_engine() -> Any:
+    try:
+        import mujoco  # noqa: PLC0415 - an extra that only simulation needs
+    except ImportError as error:
+        raise InputError(
+            "simulation needs MuJoCo, which is not installed: pip install 'imucalib[simulate]'"
+        ) from error
+    return mujoco
+
+
+def _positive(chosen: float | None, default: float, name: str) -> float:
+    value = default if chosen is None else chosen
+    if not (np.isfinite(value) and value > 0):
+        raise InputError(f"{name} {value:g}: must be positive")
+    return float(value)
+
+
+def _gravity(system: SystemConfig, options: PhysicsOptions) -> Floats:
+    norm = system.gravity if options.gravity is None else options.gravity
+    R_level_world = matrix_from_rotvec([*options.base_tilt, 0.0])
+    return np.asarray(R_level_world @ [0.0, 0.0, -norm], dtype=np.float64)
+
+
+def _control(system: SystemConfig, options: PhysicsOptions, duration: float) -> Any:
+    """What MuJoCo calls at every stage of every step, so that inputs are smooth in time."""
+    if system.arm is not None:
+        return _arm_control(system.arm, ArmReference(system.arm, duration))
+    if system.free_body is not None:
+        return _body_control(system.free_body, PushPlan(system.free_body, options.profile))
+    raise InputError(f"{system.name}: the configuration states neither arm nor free_body")
+
+
+def _arm_control(arm: Arm, reference: ArmReference) -> Any:
+    lead = np.array(arm.drives.damping) / np.array(arm.drives.stiffness)
+
+    def control(_model: Any, data: Any) -> None:
+        position, rate = reference(data.time)
+        # kp (ctrl - q) - kv q' becomes kp (ref - q) + kv (ref' - q').
+        data.ctrl[:] = position + lead * rate
+
+    return control
+
+
+def _body_control(body: FreeBody, plan: PushPlan) -> Any:
+    inertia = np.array(body.inertia)
+
+    def control(_model: Any, data: Any) -> None:
+        force, torque, brake = plan(data.time)
+        velocity = data.qvel  # linear in the world, angular in the body, as qfrc_applied
+        data.qfrc_applied[:3] = force - brake * body.mass * velocity[:3]
+        data.qfrc_applied[3:] = torque - brake * inertia * velocity[3:]
+
+    return control
+
+
+def _run(
+    engine: Any,
+    model: Any,
+    data: Any,
+    events: Floats,
+    step: float,
+    *,
+    progress: Callable[[float], None] | None,
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Integrate to each event and read the state there."""
+    q = np.empty((len(events), model.nq))
+    qd, qdd = np.empty((2, len(events), model.nv))
+    sensors = np.empty((len(events), model.nsensordata))
+    t = 0.0
+    for i, until in enumerate(events.tolist()):
+        if until > t:
+            steps = max(1, int(np.ceil((until - t) / step - 1e-6)))
+            model.opt.timestep = (until - t) / steps
+            for _ in range(steps):
+                engine.mj_step(model, data)
+            data.time = t = until
+        engine.mj_forward(model, data)
+        q[i], qd[i], qdd[i], sensors[i] = data.qpos, data.qvel, data.qacc, data.sensordata
+        if progress is not None and i % 1000 == 0:
+            progress(i / len(events))
+    return q, qd, qdd, sensors
+
+
+def _publishers(system: SystemConfig, number: int) -> list[list[int]]:
+    """Columns of the joints each publisher has."""
+    if system.arm is None:
+        if number != 1:
+            raise InputError(f"{system.name} has no joints to split over {number} publishers")
+        return [[]]
+    joints = len(system.arm.joints)
+    if not 1 <= number <= joints:
+        raise InputError(f"{number} publishers: {system.name} has {joints} joints to split")
+    return [part.tolist() for part in np.array_split(np.arange(joints), number)]
+
+
+def _robot(
+    system: SystemConfig, groups: list[list[int]], times: list[Floats], positions: list[Floats]
+) -> tuple[JointRecord | PoseRecord, ...]:
+    if system.arm is None:
+        (t,), (q,) = times, positions
+        pose = PoseRecord(
+            t=t,
+            stamp=t,
+            received=t,
+            parent=system.world,
+            child=system.parent,
+            position=q[:, :3],
+            quaternion_xyzw=q[:, [4, 5, 6, 3]],
+        )
+        return (pose,)
+    names = [joint.name for joint in system.arm.joints]
+    return tuple(
+        JointRecord(
+            t=t, stamp=t, received=t, names=tuple(names[c] for c in columns), position=q[:, columns]
+        )
+        for columns, t, q in zip(groups, times, positions, strict=True)
+    )

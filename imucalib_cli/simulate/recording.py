@@ -1,0 +1,109 @@
+"""A simulated run in memory: instants, readings, and what is true about them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from imucalib_cli.simulate.config import SystemConfig
+    from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Messages:
+    """Times of one publisher's messages, s since the first instant."""
+
+    t: Floats
+    """(N,), the physical instants."""
+    stamp: Floats
+    """(N,), header stamps on the publisher's own clock."""
+    received: Floats
+    """(N,), receive times on the robot's clock, never decreasing."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ImuRecord(Messages):
+    """What the IMU publishes."""
+
+    gyro: Floats
+    """(N, 3), rad/s, IMU frame."""
+    accel: Floats
+    """(N, 3), m/s², specific force, IMU frame."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class JointRecord(Messages):
+    """What one joint publisher publishes."""
+
+    names: tuple[str, ...]
+    position: Floats
+    """(N, len(names)), rad."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PoseRecord(Messages):
+    """Pose of child in parent over time."""
+
+    parent: str
+    child: str
+    position: Floats
+    """(N, 3), m."""
+    quaternion_xyzw: Floats
+    """(N, 4)."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class State:
+    """The engine's own state at the IMU's instants, untouched by noise.
+
+    An arm: joint positions, rates, accelerations in the order of the configuration. A free body:
+    (x y z qw qx qy qz), then linear (world) and angular (body) velocity and acceleration.
+    """
+
+    t: Floats
+    position: Floats
+    velocity: Floats
+    acceleration: Floats
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Corruption:
+    """What was done to a recording."""
+
+    noise: NoiseOptions
+    seed: int
+    spiked: NDArray[np.bool_]
+    """(N,), over the IMU samples that are left."""
+    imu_dropped: int
+    robot_dropped: int
+    accel_bias: Floats
+    """(N, 3), m/s², bias in force at each sample left."""
+    gyro_bias: Floats
+    """(N, 3), rad/s."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Recording:
+    """One run of a system."""
+
+    system: SystemConfig
+    physics: PhysicsOptions
+    R_parent_imu: Floats
+    """(3, 3), true."""
+    t_parent_imu: Floats
+    """(3,), true, m."""
+    gravity_world: Floats
+    """(3,), m/s²."""
+    imu: ImuRecord
+    robot: tuple[JointRecord | PoseRecord, ...]
+    """Joint publishers, or one publisher of poses."""
+    state: State
+    engine: str
+    """Physics engine and its version."""
+    corruption: Corruption | None = None

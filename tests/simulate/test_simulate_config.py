@@ -1,0 +1,141 @@
+"""Configurations: what is read, what is refused, and that the URDF is the maker's UR10e."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+import yaml
+
+from imucalib_cli.errors import ChoiceError, InputError
+from imucalib_cli.simulate.config import SystemConfig
+from imucalib_cli.simulate.load import builtin_names, load_grade, load_system
+from imucalib_cli.simulate.urdf import urdf_text
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+ROOT = Path(__file__).parents[2]
+
+# a, d, alpha of each joint, from the maker's table for UR10e
+DH = [
+    (0.0, 0.1807, np.pi / 2),
+    (-0.6127, 0.0, 0.0),
+    (-0.57155, 0.0, 0.0),
+    (0.0, 0.17415, np.pi / 2),
+    (0.0, 0.11985, -np.pi / 2),
+    (0.0, 0.11655, 0.0),
+]
+
+
+def dh_flange(q: NDArray[np.float64]) -> NDArray[np.float64]:
+    T = np.eye(4)
+    for angle, (a, d, alpha) in zip(q, DH, strict=True):
+        c, s, ca, sa = np.cos(angle), np.sin(angle), np.cos(alpha), np.sin(alpha)
+        T = T @ np.array(
+            [[c, -s * ca, s * sa, a * c], [s, c * ca, -c * sa, a * s], [0, sa, ca, d], [0, 0, 0, 1]]
+        )
+    return T
+
+
+def test_the_urdf_is_the_makers_arm() -> None:
+    model: Any = pin.buildModelFromXML(urdf_text(load_system("rihibot")))
+    data = model.createData()
+    rng = np.random.default_rng(0)
+    for q in rng.uniform(-3, 3, (20, 6)):
+        pin.framesForwardKinematics(model, data, q)
+        flange = data.oMf[model.getFrameId("wrist_3_link")].homogeneous
+        np.testing.assert_allclose(flange, dh_flange(q), atol=1e-12)
+    assert sum(inertia.mass for inertia in model.inertias) == pytest.approx(29.104)
+    assert model.existFrame("camera_link")
+
+
+def test_the_papers_mounts_are_the_truth() -> None:
+    rihibot, barbot = load_system("rihibot"), load_system("barbot")
+    assert rihibot.imu.xyz == (-0.0225, 0.1, 0.0)
+    assert rihibot.imu.rpy == pytest.approx((np.pi, 0.0, np.pi / 2))
+    assert barbot.imu.xyz == (0.0, 0.0, 0.055)
+    assert (rihibot.duration, barbot.duration) == (74.0, 128.0)
+    assert (rihibot.gravity, barbot.gravity) == (9.80665, 0.0)
+
+
+def test_builtin_systems_are_found_and_nothing_else() -> None:
+    assert builtin_names() == ["barbot", "rihibot"]
+    with pytest.raises(ChoiceError, match="choose barbot, rihibot"):
+        load_system("imu_grades")
+    with pytest.raises(ChoiceError, match="choose ideal, industrial, mems"):
+        load_grade("tactical")
+
+
+def test_the_package_carries_configs_and_every_folder_of_code() -> None:
+    setuptools = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]
+    init = (path.parent for path in (ROOT / "imucalib_cli").rglob("__init__.py"))
+    folders = {".".join(path.relative_to(ROOT).parts) for path in init}
+    assert set(setuptools["packages"]) == folders | {"imucalib_cli.configs"}
+    assert setuptools["package-dir"] == {"imucalib_cli.configs": "configs"}
+
+
+def write(path: Path, change: dict[str, Any]) -> Path:
+    raw = yaml.safe_load((ROOT / "configs" / "barbot.yaml").read_text())
+    path.write_text(yaml.safe_dump({k: v for k, v in {**raw, **change}.items() if v != "gone"}))
+    return path
+
+
+def test_a_user_may_give_a_system_of_their_own(tmp_path: Path) -> None:
+    path = write(tmp_path / "mine.yaml", {"duration": 7, "gravity": "1e-2"})
+    system = load_system(path)
+    assert isinstance(system, SystemConfig)
+    assert system.duration == 7.0
+    assert system.gravity == 0.01  # YAML reads 1e-2 as a word; we do not
+    assert system.free_body == load_system("barbot").free_body
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"speed": 3}, "unknown key speed"),
+        ({"imu": "gone"}, "key imu is missing"),
+        ({"duration": "long"}, "duration: 'long' does not fit"),
+        ({"duration": True}, "duration: True does not fit"),
+        ({"duration": float("inf")}, "duration: inf does not fit"),
+        ({"duration": -1}, "must be positive"),
+        ({"imu": [1, 2]}, "imu: expected keys and values"),
+        ({"frames": [{"link": "a"}]}, "frames: key parent is missing"),
+        ({"free_body": "gone"}, "state either arm or free_body"),
+    ],
+)
+def test_faults_are_named_with_their_key(
+    tmp_path: Path, change: dict[str, Any], words: str
+) -> None:
+    with pytest.raises(InputError, match=words) as caught:
+        load_system(write(tmp_path / "mine.yaml", change))
+    assert str(tmp_path / "mine.yaml") in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_an_arm_needs_a_number_for_every_joint(tmp_path: Path) -> None:
+    raw = yaml.safe_load((ROOT / "configs" / "rihibot.yaml").read_text())
+    raw["arm"]["moves"][3]["to_deg"].pop()
+    path = tmp_path / "mine.yaml"
+    path.write_text(yaml.safe_dump(raw))
+    with pytest.raises(InputError, match="need 6 numbers, one a joint"):
+        load_system(path)
+
+
+@pytest.mark.parametrize(
+    ("content", "words"), [("a: [", "not YAML"), ("5", "not a system"), ("\xff", "not")]
+)
+def test_files_that_are_no_system_say_so(tmp_path: Path, content: str, words: str) -> None:
+    path = tmp_path / "mine.yaml"
+    path.write_bytes(content.encode("latin-1"))
+    with pytest.raises(InputError, match=words):
+        load_system(path)
+
+
+def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="No such file"):
+        load_system(tmp_path / "none.yaml")

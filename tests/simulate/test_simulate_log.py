@@ -1,0 +1,252 @@
+"""Logs: what rosbags' own reader gets out of them is what the recording holds, bit for bit."""
+
+from __future__ import annotations
+
+import hashlib
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+import yaml
+from rosbags.highlevel import AnyReader
+
+from imucalib_cli.errors import ChoiceError, InputError
+from imucalib_cli.simulate.load import load_system
+from imucalib_cli.simulate.noise import corrupt
+from imucalib_cli.simulate.options import (
+    LogOptions,
+    NoiseOptions,
+    PhysicsOptions,
+    SimulationOptions,
+)
+from imucalib_cli.simulate.physics import record
+from imucalib_cli.simulate.recording import JointRecord, PoseRecord, Recording
+from imucalib_cli.simulate.simulate import simulate
+from imucalib_cli.simulate.write_log import write_log
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+NOISE = NoiseOptions(
+    accel_noise=0.003,
+    gyro_noise=2e-4,
+    accel_bias=(0.1, 0.0, 0.0),
+    time_offset=-0.042,
+    stamp_jitter=3e-4,
+    delay=0.002,
+    delay_jitter=0.003,
+    dropouts=0.05,
+)
+STORAGES = [
+    ("log.mcap", None),
+    ("log.mcap", "none"),
+    ("log.mcap", "lz4"),
+    ("log.mcap", "zstd"),
+    ("log.bag", "none"),
+    ("log.bag", "lz4"),
+    ("log.bag", "bz2"),
+    ("log.db3", None),
+    ("folder", None),
+]
+
+
+@pytest.fixture(scope="module")
+def arm() -> Recording:
+    options = PhysicsOptions(duration=1.2, imu_rate=200.0, robot_rate=125.0)
+    return corrupt(record(load_system("rihibot"), options), NOISE, 3)
+
+
+@pytest.fixture(scope="module")
+def split() -> Recording:
+    options = PhysicsOptions(duration=1.2, imu_rate=200.0, robot_rate=125.0, publishers=2)
+    return corrupt(record(load_system("rihibot"), options), NOISE, 3)
+
+
+@pytest.fixture(scope="module")
+def bar() -> Recording:
+    options = PhysicsOptions(duration=1.2, imu_rate=200.0, robot_rate=125.0)
+    return corrupt(record(load_system("barbot"), options), NOISE, 3)
+
+
+def read(path: Path) -> dict[str, list[tuple[int, Any]]]:
+    """Receive times and messages by topic, in the order of the log."""
+    messages: dict[str, list[tuple[int, Any]]] = {}
+    with AnyReader([path]) as reader:
+        last = 0
+        for connection, ns, raw in reader.messages():
+            assert ns >= last
+            last = ns
+            message = reader.deserialize(raw, connection.msgtype)
+            messages.setdefault(connection.topic, []).append((ns, message))
+    return messages
+
+
+def stamp_ns(header: Any) -> int:
+    return int(header.stamp.sec) * 1_000_000_000 + int(header.stamp.nanosec)
+
+
+def ns(seconds: NDArray[np.float64]) -> list[int]:
+    return [int(v) for v in np.round(seconds * 1e9).astype(np.int64) + 1_700_000_000 * 10**9]
+
+
+def xyz(vectors: list[Any]) -> NDArray[np.float64]:
+    return np.array([[v.x, v.y, v.z] for v in vectors])
+
+
+@pytest.mark.parametrize(("name", "compression"), STORAGES)
+def test_a_reader_of_others_finds_every_number(
+    arm: Recording, tmp_path: Path, name: str, compression: Any
+) -> None:
+    write_log(arm, tmp_path / name, LogOptions(compression=compression))
+    assert [p.name for p in tmp_path.iterdir()] == [name]
+    log = read(tmp_path / name)
+    assert set(log) == {"/imu/data", "/joint_states"}
+    imu = [message for _, message in log["/imu/data"]]
+    np.testing.assert_array_equal(xyz([m.angular_velocity for m in imu]), arm.imu.gyro)
+    np.testing.assert_array_equal(xyz([m.linear_acceleration for m in imu]), arm.imu.accel)
+    assert [stamp_ns(m.header) for m in imu] == ns(arm.imu.stamp)
+    assert [received for received, _ in log["/imu/data"]] == ns(arm.imu.received)
+    assert {m.header.frame_id for m in imu} == {"imu_link"}
+    assert {m.orientation_covariance[0] for m in imu} == {-1.0}  # REP 145: no orientation
+    joints = arm.robot[0]
+    assert isinstance(joints, JointRecord)
+    states = [message for _, message in log["/joint_states"]]
+    np.testing.assert_array_equal([m.position for m in states], joints.position)
+    assert {tuple(m.name) for m in states} == {joints.names}
+    assert [stamp_ns(m.header) for m in states] == ns(joints.stamp)
+
+
+@pytest.mark.parametrize("name", ["log.bag", "log.mcap", "folder"])
+def test_poses_go_to_tf(bar: Recording, tmp_path: Path, name: str) -> None:
+    write_log(bar, tmp_path / name)
+    log = read(tmp_path / name)
+    poses = bar.robot[0]
+    assert isinstance(poses, PoseRecord)
+    transforms = [message.transforms[0] for _, message in log["/tf"]]
+    assert {(t.header.frame_id, t.child_frame_id) for t in transforms} == {("world", "bar_link")}
+    found = [[getattr(t.transform.rotation, a) for a in "xyzw"] for t in transforms]
+    np.testing.assert_array_equal(found, poses.quaternion_xyzw)
+    found = xyz([t.transform.translation for t in transforms]).tolist()
+    np.testing.assert_array_equal(found, poses.position)
+    assert [stamp_ns(t.header) for t in transforms] == ns(poses.stamp)
+
+
+@pytest.mark.parametrize("name", ["log.mcap", "log.bag", "folder"])
+@pytest.mark.parametrize("topic_each", [False, True])
+def test_split_publishers_on_one_topic_or_on_their_own(
+    split: Recording, tmp_path: Path, name: str, topic_each: bool
+) -> None:
+    write_log(split, tmp_path / name, LogOptions(topic_each=topic_each))
+    log = read(tmp_path / name)
+    joint_topics = sorted(set(log) - {"/imu/data"})
+    expected = ["/joint_states_1", "/joint_states_2"] if topic_each else ["/joint_states"]
+    assert joint_topics == expected
+    messages = [message for topic in joint_topics for _, message in log[topic]]
+    for part in split.robot:
+        assert isinstance(part, JointRecord)
+        own = [m for m in messages if tuple(m.name) == part.names]
+        np.testing.assert_array_equal([m.position for m in own], part.position)
+        assert [stamp_ns(m.header) for m in own] == ns(part.stamp)
+    assert len(messages) == sum(len(part.t) for part in split.robot)
+
+
+def test_joint_order_permutes_names_and_positions_alike(arm: Recording, tmp_path: Path) -> None:
+    joints = arm.robot[0]
+    assert isinstance(joints, JointRecord)
+    order = tuple(sorted(joints.names))
+    assert order != joints.names
+    write_log(arm, tmp_path / "log.mcap", LogOptions(joint_order=order))
+    state = read(tmp_path / "log.mcap")["/joint_states"][-1][1]
+    assert tuple(state.name) == order
+    by_name = dict(zip(joints.names, joints.position[-1], strict=True))
+    assert dict(zip(state.name, state.position, strict=True)) == by_name
+
+
+def test_names_are_options(arm: Recording, tmp_path: Path) -> None:
+    options = LogOptions(imu_topic="/arm/imu", robot_topic="/arm/joints", imu_frame="sensor")
+    write_log(arm, tmp_path / "log.mcap", options)
+    log = read(tmp_path / "log.mcap")
+    assert set(log) == {"/arm/imu", "/arm/joints"}
+    assert log["/arm/imu"][0][1].header.frame_id == "sensor"
+
+
+@pytest.mark.parametrize("name", ["log.mcap", "log.bag"])
+def test_the_same_seed_makes_the_same_file(tmp_path: Path, name: str) -> None:
+    options = SimulationOptions(
+        physics=PhysicsOptions(duration=1.0, imu_rate=100.0), noise=NOISE, seed=4
+    )
+    digests = []
+    for folder in ("one", "two"):
+        path = tmp_path / folder / name
+        simulate(load_system("rihibot"), options, path)
+        truth = path.with_suffix(".truth.yaml").read_bytes()
+        digests.append(hashlib.sha256(path.read_bytes() + truth).hexdigest())
+    assert digests[0] == digests[1]
+
+
+def test_truth_lies_beside_the_log(tmp_path: Path) -> None:
+    physics = PhysicsOptions(
+        duration=1.0, mount_xyz=(0.01, 0.02, 0.03), mount_rpy=(0.0, 0.0, np.pi / 2)
+    )
+    options = SimulationOptions(physics=physics, noise=NOISE, seed=11)
+    truth = simulate(load_system("rihibot"), options, tmp_path / "a.mcap", urdf=tmp_path / "a.urdf")
+    document = yaml.safe_load((tmp_path / "a.truth.yaml").read_text())
+    transform = document["transform"]
+    assert (transform["parent"], transform["child"]) == ("wrist_3_link", "imu_link")
+    assert transform["translation"] == [0.01, 0.02, 0.03]
+    np.testing.assert_allclose(transform["rotation_xyzw"], [0, 0, 0.5**0.5, 0.5**0.5], atol=1e-15)
+    assert document["time_offset"] == truth.time_offset == -0.042
+    assert document["accel_bias"] == pytest.approx([0.1, 0.0, 0.0])
+    assert document["gravity_world"] == [0.0, 0.0, -9.80665]
+    assert document["settings"]["seed"] == 11
+    assert document["settings"]["noise"]["dropouts"] == 0.05
+    assert document["settings"]["physics"]["imu_rate"] == 500.0  # the system's own, spelt out
+    log = read(tmp_path / "a.mcap")
+    assert document["log"]["imu_messages"] == len(log["/imu/data"])
+    assert document["log"]["imu_messages"] + document["log"]["imu_dropped"] == 501
+    # the URDF states the drawing, which knows nothing of the mount
+    assert 'xyz="-0.02 0.102 0.003"' in (tmp_path / "a.urdf").read_text()
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "words"),
+    [
+        ("log.txt", LogOptions(), r"ending in .mcap, .bag, .db3, or to a folder"),
+        ("log.bag", LogOptions(compression="zstd"), "choose lz4, bz2, none"),
+        ("log.mcap", LogOptions(joint_order=("elbow_joint",)), "joint order must name each of"),
+    ],
+)
+def test_choices_that_are_none_list_what_there_is(
+    arm: Recording, tmp_path: Path, name: str, options: LogOptions, words: str
+) -> None:
+    with pytest.raises(ChoiceError, match=words):
+        write_log(arm, tmp_path / name, options)
+    assert list(tmp_path.iterdir()) == []  # nothing half-made stays behind
+
+
+def test_a_folder_that_is_there_is_not_written_into(arm: Recording, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="is a folder already"):
+        write_log(arm, tmp_path)
+
+
+def test_a_place_that_cannot_be_written_is_named(arm: Recording, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="cannot be written"):
+        write_log(arm, tmp_path / "file" / "log.mcap")
+
+
+def test_stamps_before_1970_are_refused(arm: Recording, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="before 1970"):
+        write_log(arm, tmp_path / "log.mcap", LogOptions(start=0))
+
+
+def test_an_existing_log_is_replaced_only_by_a_whole_one(arm: Recording, tmp_path: Path) -> None:
+    path = tmp_path / "log.mcap"
+    path.write_text("old")
+    with pytest.raises(InputError, match="before 1970"):
+        write_log(arm, path, LogOptions(start=0))
+    assert path.read_text() == "old"
+    write_log(arm, path)
+    assert "/imu/data" in read(path)

@@ -1,0 +1,269 @@
+"""Noise: its statistics, its signs, and that a seed means the same numbers every time."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from imucalib_cli.errors import InputError
+from imucalib_cli.simulate.load import load_grade, load_system
+from imucalib_cli.simulate.noise import corrupt
+from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
+from imucalib_cli.simulate.physics import record
+from imucalib_cli.simulate.recording import ImuRecord, JointRecord, PoseRecord, Recording
+
+Floats = NDArray[np.float64]
+RATE = 200.0
+EVERYTHING = NoiseOptions(
+    accel_noise=0.003,
+    gyro_noise=2e-4,
+    accel_white=0.01,
+    accel_bias=(0.1, -0.2, 0.3),
+    accel_bias_walk=1e-3,
+    gyro_coloured=0.01,
+    time_offset=-0.042,
+    spikes=0.01,
+    dropouts=0.02,
+    robot_dropouts=0.01,
+    stamp_jitter=3e-4,
+    delay=0.002,
+    delay_jitter=0.01,
+    encoder_noise=1e-5,
+    encoder_step=1e-4,
+    pose_noise=1e-4,
+    pose_noise_rotation=1e-3,
+)
+
+
+def still(n: int, system: str = "rihibot") -> Recording:
+    """A recording whose IMU reads zero n times at 200 Hz."""
+    short = record(load_system(system), PhysicsOptions(duration=0.1))
+    t = np.arange(n) / RATE
+    zero = np.zeros((n, 3))
+    return replace(short, imu=ImuRecord(t=t, stamp=t, received=t, gyro=zero, accel=zero))
+
+
+@pytest.fixture(scope="module")
+def long() -> Recording:
+    return still(200_000)
+
+
+@pytest.fixture(scope="module")
+def arm() -> Recording:
+    return record(load_system("rihibot"), PhysicsOptions(duration=6.0, robot_rate=125.0))
+
+
+@pytest.fixture(scope="module")
+def bar() -> Recording:
+    return record(load_system("barbot"), PhysicsOptions(duration=20.0))
+
+
+def joints(recording: Recording, number: int = 0) -> JointRecord:
+    part = recording.robot[number]
+    assert isinstance(part, JointRecord)
+    return part
+
+
+def pose(recording: Recording) -> PoseRecord:
+    part = recording.robot[0]
+    assert isinstance(part, PoseRecord)
+    return part
+
+
+def test_density_becomes_the_std_of_a_sample_by_half_the_rate(long: Recording) -> None:
+    noisy = corrupt(long, NoiseOptions(accel_noise=0.003, gyro_noise=2e-4), 1).imu
+    np.testing.assert_allclose(noisy.accel.std(axis=0), 0.003 * np.sqrt(RATE / 2), rtol=0.01)
+    np.testing.assert_allclose(noisy.gyro.std(axis=0), 2e-4 * np.sqrt(RATE / 2), rtol=0.01)
+    step = (noisy.accel[1:] * noisy.accel[:-1]).mean(axis=0) / noisy.accel.var(axis=0)
+    np.testing.assert_allclose(step, 0.0, atol=0.01)  # white
+
+
+def test_white_sigma_is_the_std_whatever_the_rate_and_adds_to_density(long: Recording) -> None:
+    white = corrupt(long, NoiseOptions(accel_white=0.2, gyro_white=0.05), 1).imu
+    np.testing.assert_allclose(white.accel.std(axis=0), 0.2, rtol=0.01)
+    np.testing.assert_allclose(white.gyro.std(axis=0), 0.05, rtol=0.01)
+    both = corrupt(long, NoiseOptions(accel_white=0.03, accel_noise=0.004), 1).imu
+    np.testing.assert_allclose(both.accel.std(axis=0), 0.05, rtol=0.01)
+
+
+def test_measured_is_true_plus_bias(arm: Recording) -> None:
+    options = NoiseOptions(accel_bias=(0.1, -0.2, 0.3), gyro_bias=(0.01, 0.02, -0.03))
+    biased = corrupt(arm, options, 0).imu
+    np.testing.assert_allclose(biased.accel - arm.imu.accel, [[0.1, -0.2, 0.3]] * 3001, atol=1e-12)
+    np.testing.assert_allclose(biased.gyro - arm.imu.gyro, [[0.01, 0.02, -0.03]] * 3001, atol=1e-12)
+
+
+def test_bias_walk_grows_with_the_root_of_time() -> None:
+    short = still(int(25 * RATE) + 1)
+    options = NoiseOptions(accel_bias_walk=0.01, gyro_bias_walk=0.002)
+    runs = [corrupt(short, options, seed).imu for seed in range(300)]
+    at_rest = np.array([run.accel[0] for run in runs])
+    np.testing.assert_array_equal(at_rest, 0.0)
+    assert np.std([run.accel[-1] for run in runs]) == pytest.approx(0.05, rel=0.1)
+    assert np.std([run.gyro[-1] for run in runs]) == pytest.approx(0.01, rel=0.1)
+
+
+def test_coloured_noise_has_its_std_and_its_memory(long: Recording) -> None:
+    options = NoiseOptions(accel_coloured=0.3, gyro_coloured=0.02, coloured_time=0.05)
+    noisy = corrupt(long, options, 3).imu
+    np.testing.assert_allclose(noisy.accel.std(axis=0), 0.3, rtol=0.03)
+    np.testing.assert_allclose(noisy.gyro.std(axis=0), 0.02, rtol=0.03)
+    lag = 10  # samples, one correlation time
+    correlation = (noisy.accel[lag:] * noisy.accel[:-lag]).mean() / noisy.accel.var()
+    assert correlation == pytest.approx(np.exp(-1), abs=0.02)
+
+
+def test_coloured_noise_is_steady_from_its_first_sample() -> None:
+    short = still(2)
+    options = NoiseOptions(accel_coloured=1.0, coloured_time=10.0)
+    first = [corrupt(short, options, seed).imu.accel[0] for seed in range(400)]
+    assert np.std(first) == pytest.approx(1.0, rel=0.08)
+
+
+def test_spikes_throw_one_axis_of_each_sensor_and_are_told(long: Recording) -> None:
+    run = corrupt(long, NoiseOptions(spikes=0.005, spike_accel=20.0, spike_gyro=2.0), 1)
+    thrown = np.abs(run.imu.accel).max(axis=1) > 0
+    assert run.corruption is not None
+    np.testing.assert_array_equal(thrown, run.corruption.spiked)
+    assert thrown.mean() == pytest.approx(0.005, rel=0.1)
+    for values, size in ((run.imu.accel[thrown], 20.0), (run.imu.gyro[thrown], 2.0)):
+        np.testing.assert_array_equal(np.sort(np.abs(values), axis=1), [[0, 0, size]] * len(values))
+        assert {-size, 0.0, size} == set(np.unique(values))
+
+
+def test_an_effect_leaves_the_others_as_they_were(long: Recording) -> None:
+    plain = corrupt(long, NoiseOptions(accel_noise=0.003), 5)
+    more = corrupt(long, NoiseOptions(accel_noise=0.003, spikes=0.01, dropouts=0.1), 5)
+    assert more.corruption is not None
+    kept = np.isin(plain.imu.t, more.imu.t)
+    calm = ~more.corruption.spiked
+    np.testing.assert_array_equal(plain.imu.accel[kept][calm], more.imu.accel[calm])
+
+
+def test_losses_are_whole_messages_and_counted(long: Recording) -> None:
+    options = NoiseOptions(dropouts=0.02, robot_dropouts=0.5)
+    run = corrupt(long, options, 1)
+    assert run.corruption is not None
+    assert len(long.imu.t) - len(run.imu.t) == run.corruption.imu_dropped
+    assert run.corruption.imu_dropped == pytest.approx(4000, rel=0.1)
+    assert len(run.imu.accel) == len(run.imu.stamp) == len(run.imu.received) == len(run.imu.t)
+    left = joints(run)
+    assert len(joints(long).t) - len(left.t) == run.corruption.robot_dropped > 0
+    np.testing.assert_array_equal(
+        left.position, joints(long).position[np.isin(joints(long).t, left.t)]
+    )
+
+
+@pytest.mark.parametrize("offset", [-0.042, 0.3])
+def test_time_offset_is_imu_stamp_less_robot_stamp(arm: Recording, offset: float) -> None:
+    run = corrupt(arm, NoiseOptions(time_offset=offset), 0)
+    np.testing.assert_allclose(run.imu.stamp - run.imu.t, offset, atol=1e-12)
+    np.testing.assert_array_equal(joints(run).stamp, joints(run).t)
+    np.testing.assert_array_equal(run.imu.received, run.imu.t)  # the recorder has one clock
+
+
+def test_jitter_moves_stamps_and_never_their_order(long: Recording) -> None:
+    mild = corrupt(long, NoiseOptions(stamp_jitter=5e-4), 1).imu
+    assert (mild.stamp - mild.t).std() == pytest.approx(5e-4, rel=0.02)
+    wild = corrupt(long, NoiseOptions(stamp_jitter=1.0), 1).imu
+    assert np.diff(wild.stamp).min() > 0
+    np.testing.assert_array_equal(wild.accel, long.imu.accel)
+
+
+def test_messages_arrive_late_and_in_order(long: Recording) -> None:
+    run = corrupt(long, NoiseOptions(delay=0.004, delay_jitter=0.003), 1).imu
+    assert (run.received - run.t).min() >= 0.004
+    assert np.diff(run.received).min() >= 0
+    assert (run.received - run.t).mean() > 0.007  # queueing only adds
+    np.testing.assert_array_equal(run.stamp, run.t)
+
+
+def test_encoders_round_to_their_step(arm: Recording) -> None:
+    read = joints(corrupt(arm, NoiseOptions(encoder_step=1e-4), 0)).position
+    counts = read / 1e-4
+    np.testing.assert_allclose(counts, np.round(counts), atol=1e-6)
+    error = read - joints(arm).position
+    assert 4e-5 < np.abs(error).max() <= 5e-5 + 1e-12
+
+
+def test_encoder_noise_has_its_std(arm: Recording) -> None:
+    read = joints(corrupt(arm, NoiseOptions(encoder_noise=3e-5), 0)).position
+    assert (read - joints(arm).position).std() == pytest.approx(3e-5, rel=0.05)
+
+
+def test_pose_noise_has_its_std_in_translation_and_rotation(bar: Recording) -> None:
+    run = pose(corrupt(bar, NoiseOptions(pose_noise=1e-3, pose_noise_rotation=2e-3), 0))
+    assert (run.position - pose(bar).position).std() == pytest.approx(1e-3, rel=0.05)
+    turn = (
+        Rotation.from_quat(run.quaternion_xyzw)
+        * Rotation.from_quat(pose(bar).quaternion_xyzw).inv()
+    )
+    assert turn.as_rotvec().std() == pytest.approx(2e-3, rel=0.05)
+
+
+@pytest.mark.parametrize("system", ["arm", "bar"])
+def test_a_seed_is_a_promise(system: str, request: pytest.FixtureRequest) -> None:
+    clean: Recording = request.getfixturevalue(system)
+    one, two, other = (corrupt(clean, EVERYTHING, seed) for seed in (7, 7, 8))
+    for field in ("t", "stamp", "received", "gyro", "accel"):
+        np.testing.assert_array_equal(getattr(one.imu, field), getattr(two.imu, field))
+    np.testing.assert_array_equal(one.robot[0].position, two.robot[0].position)
+    np.testing.assert_array_equal(one.robot[0].stamp, two.robot[0].stamp)
+    assert not np.array_equal(one.imu.accel[:9], other.imu.accel[:9])
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=st.integers(0, 2**63), n=st.integers(1, 6))
+def test_no_noise_changes_nothing_even_for_a_few_samples(seed: int, n: int) -> None:
+    clean = _FEW
+    few = replace(clean.imu, **{f: getattr(clean.imu, f)[:n] for f in _ARRAYS})
+    same = corrupt(replace(clean, imu=few), NoiseOptions(), seed)
+    for field in _ARRAYS:
+        np.testing.assert_array_equal(getattr(same.imu, field), getattr(few, field))
+
+
+_ARRAYS = ("t", "stamp", "received", "gyro", "accel")
+_FEW = still(6)
+
+
+def test_publishers_have_noise_of_their_own() -> None:
+    options = PhysicsOptions(duration=1.0, robot_rate=100.0, publishers=2)
+    clean = record(load_system("rihibot"), options)
+    run = corrupt(clean, NoiseOptions(robot_stamp_jitter=1e-3), 1)
+    first, second = (joints(run, k).stamp - joints(run, k).t for k in (0, 1))
+    assert abs(np.corrcoef(first[: len(second)], second)[0, 1]) < 0.4
+
+
+def test_a_recording_is_corrupted_once(arm: Recording) -> None:
+    with pytest.raises(InputError, match="noise already"):
+        corrupt(corrupt(arm, NoiseOptions(), 0), NoiseOptions(), 0)
+
+
+@pytest.mark.parametrize(
+    ("option", "words"),
+    [
+        ({"accel_noise": -1.0}, "accel_noise -1: must not be negative"),
+        ({"dropouts": 1.0}, "a share, below 1"),
+        ({"time_offset": float("nan")}, "time_offset: must be a finite number"),
+        ({"gyro_bias": (0.0, float("inf"), 0.0)}, "gyro_bias"),
+        ({"coloured_time": 0.0}, "coloured_time 0"),
+    ],
+)
+def test_options_out_of_range_are_named(arm: Recording, option: Any, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        corrupt(arm, NoiseOptions(**option), 0)
+
+
+def test_grades_are_in_si() -> None:
+    """ADIS16495 by its data sheet, 17 ug/sqrt(Hz): about 0.0002 g at 138 Hz bandwidth."""
+    grade = load_grade("industrial")
+    assert grade.accel_noise * np.sqrt(138) / 9.80665 == pytest.approx(0.0002, rel=0.01)
+    assert grade.gyro_noise == pytest.approx(3.49e-5, rel=0.01)
+    assert load_grade("ideal") == NoiseOptions()
