@@ -46,6 +46,8 @@ def joint_path(
     """
     world = robot.root if world is None else world
     route = robot.route(world, parent)
+    for joint, _upwards in route:
+        robot.require_one_axis(joint)
     logged = {name for track in tracks for name in track.names}
     drives = {
         joint.name: _drive(robot, joint, logged)

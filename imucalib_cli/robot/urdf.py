@@ -11,7 +11,7 @@ import difflib
 import hashlib
 import logging
 import threading
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cached_property
 from io import BytesIO
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 Floats = NDArray[np.float64]
+_LEVELS = threading.RLock()
 JointKind = Literal["fixed", "revolute", "continuous", "prismatic", "floating", "planar"]
 
 
@@ -86,6 +87,30 @@ class Robot:
             InputError: A link is not in the URDF, ``tip`` is not below ``base``, or a joint
                 between them is floating or planar.
         """
+        joints = self._down(base, tip)
+        for joint in joints:
+            self.require_one_axis(joint)
+        return joints
+
+    def route(self, start: str, end: str) -> tuple[tuple[Joint, bool], ...]:
+        """Joints of any kind between two links, each with whether it is passed upwards.
+
+        Raises:
+            InputError: A link is not in the URDF.
+        """
+        self.require_link(start)
+        self.require_link(end)
+        above_start = [start]
+        while above_start[-1] in self.joint_above:
+            above_start.append(self.joint_above[above_start[-1]].parent)
+        common = end
+        while common not in above_start:
+            common = self.joint_above[common].parent
+        up = [(joint, True) for joint in reversed(self._down(common, start))]
+        down = [(joint, False) for joint in self._down(common, end)]
+        return (*up, *down)
+
+    def _down(self, base: str, tip: str) -> tuple[Joint, ...]:
         self.require_link(base)
         self.require_link(tip)
         joints = []
@@ -94,28 +119,9 @@ class Robot:
             joint = self.joint_above.get(link)
             if joint is None:
                 raise InputError(f"{self.source}: link '{tip}' is not below link '{base}'")
-            self._require_one_axis(joint)
             joints.append(joint)
             link = joint.parent
         return tuple(reversed(joints))
-
-    def route(self, start: str, end: str) -> tuple[tuple[Joint, bool], ...]:
-        """Joints on the way between any two links, each with whether it is passed upwards.
-
-        Raises:
-            InputError: As :meth:`chain`.
-        """
-        above_start = [start]
-        self.require_link(start)
-        self.require_link(end)
-        while above_start[-1] in self.joint_above:
-            above_start.append(self.joint_above[above_start[-1]].parent)
-        common = end
-        while common not in above_start:
-            common = self.joint_above[common].parent
-        up = [(joint, True) for joint in reversed(self.chain(common, start))]
-        down = [(joint, False) for joint in self.chain(common, end)]
-        return (*up, *down)
 
     def require_link(self, link: str) -> None:
         """Raise InputError with near matches if the URDF has no such link."""
@@ -124,7 +130,8 @@ class Robot:
                 f"{self.source}: no link '{link}' in the URDF{near_matches(link, self.links)}"
             )
 
-    def _require_one_axis(self, joint: Joint) -> None:
+    def require_one_axis(self, joint: Joint) -> None:
+        """Raise InputError if a joint's position is not one number (floating, planar)."""
         if joint.kind in ("floating", "planar"):
             raise InputError(
                 f"{self.source}: joint '{joint.name}' is {joint.kind}, its position is not one "
@@ -179,9 +186,14 @@ def preload() -> threading.Thread:
 
     The import takes longer than most logs take to read; joining the thread is not needed.
     """
-    thread = threading.Thread(target=_yourdfpy, name="preload-yourdfpy", daemon=True)
+    thread = threading.Thread(target=_import_early, name="preload-yourdfpy", daemon=True)
     thread.start()
     return thread
+
+
+def _import_early() -> None:
+    with suppress(ImportError):  # load_robot meets it again, in the user's thread
+        _yourdfpy()
 
 
 def _yourdfpy() -> Any:
@@ -195,14 +207,15 @@ def _yourdfpy() -> Any:
 def _quiet() -> Iterator[None]:
     """Keep yourdfpy and trimesh from writing to stderr: our own check has said it better."""
     loggers = [logging.getLogger(name) for name in ("yourdfpy", "trimesh")]
-    before = [logger.level for logger in loggers]
-    for logger in loggers:
-        logger.setLevel(logging.CRITICAL + 1)
-    try:
-        yield
-    finally:
-        for logger, level in zip(loggers, before, strict=True):
-            logger.setLevel(level)
+    with _LEVELS:  # else the preloading thread could restore the levels it did not find
+        before = [logger.level for logger in loggers]
+        for logger in loggers:
+            logger.setLevel(logging.CRITICAL + 1)
+        try:
+            yield
+        finally:
+            for logger, level in zip(loggers, before, strict=True):
+                logger.setLevel(level)
 
 
 def _joint(parsed: Any) -> Joint:

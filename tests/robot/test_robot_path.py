@@ -137,7 +137,7 @@ def random_urdf(draw: st.DrawFn) -> tuple[str, str, str]:
         )
         follows = ""
         if kind != "fixed":
-            if free and draw(st.booleans()):
+            if draw(st.booleans()) and free:
                 followed = draw(st.sampled_from(free))
                 factor, offset = draw(numbers), draw(numbers)
                 follows = f'<mimic joint="{followed}" multiplier="{factor}" offset="{offset}"/>'

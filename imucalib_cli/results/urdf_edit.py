@@ -1,0 +1,262 @@
+"""Put a pose into a URDF without touching any other byte of it.
+
+Expat tells at which byte the joint's elements begin; only that start tag is taken apart, so
+comments, CDATA, and joints of transmissions or controllers are never mistaken for the joint.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+from xml.parsers import expat
+from xml.sax.saxutils import quoteattr
+
+from imucalib_cli.errors import InputError
+from imucalib_cli.robot.mount import rigid_transform
+from imucalib_cli.robot.rotations import rpy_from_matrix
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from imucalib_cli.robot.urdf import Robot
+
+_DECIMALS = 13
+"""Digits after the point of metres and radians: round-trips to 1e-13, hides rounding noise."""
+_SPACE = r"[ \t\r\n]"
+_ATTRIBUTE = rf"{_SPACE}+(?P<name>[^ \t\r\n=/>]+){_SPACE}*={_SPACE}*(?P<value>\"[^\"]*\"|'[^']*')"
+_START_TAG = re.compile(
+    r"<[^ \t\r\n/>]+(?:" + re.sub(r"\?P<\w+>", "?:", _ATTRIBUTE) + rf")*{_SPACE}*/?>"
+)
+
+
+class MissingJointError(InputError):
+    """The URDF has no joint to put the pose into; carries the snippet to add."""
+
+    def __init__(self, message: str, snippet: str) -> None:
+        self.snippet = snippet
+        super().__init__(message)
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointOrigin:
+    """A joint's name and its new origin."""
+
+    joint: str
+    xyz: tuple[float, float, float]
+    """m, in the joint's parent link."""
+    rpy: tuple[float, float, float]
+    """rad, URDF convention: Rz(yaw) Ry(pitch) Rx(roll)."""
+
+
+def joint_for(
+    robot: Robot,
+    parent: str,
+    child: str,
+    R_parent_imu: NDArray[np.float64],
+    t_parent_imu: NDArray[np.float64],
+) -> JointOrigin:
+    """Find the fixed joint that holds ``child`` and what its origin becomes.
+
+    Where the joint has another parent than the result, the pose is re-expressed in it through
+    the fixed joints between the two.
+
+    Args:
+        robot: Of the URDF to be changed.
+        parent: The result's parent frame.
+        child: The result's IMU frame.
+        R_parent_imu: (3, 3).
+        t_parent_imu: (3,), m.
+
+    Raises:
+        MissingJointError: The URDF has no fixed joint to ``child``.
+        InputError: Its joint's parent moves relative to the result's parent, or the URDF has no
+            such parent.
+    """
+    joint = robot.joint_above.get(child)
+    if joint is None or joint.kind != "fixed":
+        said = "is the root" if child == robot.root else "is not there"
+        if joint is not None:
+            said = f"hangs on the {joint.kind} joint '{joint.name}'"
+        name = child if child not in robot.links else f"{child}_imu"
+        raise MissingJointError(
+            f"{robot.source}: no fixed joint holds '{child}' (it {said}): add one",
+            joint_snippet(
+                parent, name, _triple(t_parent_imu), _triple(rpy_from_matrix(R_parent_imu))
+            ),
+        )
+    robot.require_link(parent)
+    between = rigid_transform(robot, joint.parent, parent)
+    if between is None:
+        raise InputError(
+            f"{robot.source}: joint '{joint.name}' holds '{child}' on '{joint.parent}', which "
+            f"moves relative to the result's parent '{parent}': run again with "
+            f"--parent {joint.parent}"
+        )
+    R_joint_parent, p_joint_parent = between
+    return JointOrigin(
+        joint=joint.name,
+        xyz=_triple(p_joint_parent + R_joint_parent @ t_parent_imu),
+        rpy=_triple(rpy_from_matrix(R_joint_parent @ R_parent_imu)),
+    )
+
+
+def replace_origin(urdf: bytes, joint: str, xyz: Sequence[float], rpy: Sequence[float]) -> bytes:
+    """Set one joint's origin and leave every other byte as it was.
+
+    A missing <origin> is put before the joint's first element, indented as that one is.
+
+    Args:
+        urdf: The file's bytes, in any encoding expat reads.
+        joint: Name of a joint that is a child of <robot>.
+        xyz: m.
+        rpy: rad, URDF convention.
+
+    Raises:
+        InputError: There is not exactly one such joint, or the XML is not sound.
+    """
+    finder = _Finder(joint)
+    finder.read(urdf)
+    codec = _codec(urdf)
+    values = {"xyz": _words(xyz), "rpy": _words(rpy)}
+    if finder.origin is not None:
+        start = finder.origin
+        tag = _start_tag(urdf[start:].decode(codec, "surrogatepass"))
+        changed = _with_attributes(tag, values)
+    elif finder.first_child is not None:
+        start = finder.first_child
+        before = urdf[:start].decode(codec, "surrogatepass")
+        indent = before[len(before.rstrip(" \t\r\n")) :]
+        tag = ""
+        changed = f'<origin xyz="{values["xyz"]}" rpy="{values["rpy"]}"/>{indent}'
+    else:
+        raise InputError(f"joint '{joint}' of the URDF is empty: give it a <parent> and a <child>")
+    rest = start + len(tag.encode(codec, "surrogatepass"))
+    return urdf[:start] + changed.encode(codec, "surrogatepass") + urdf[rest:]
+
+
+def joint_snippet(parent: str, child: str, xyz: Sequence[float], rpy: Sequence[float]) -> str:
+    """Write a fixed joint and its link, ready to paste into a URDF.
+
+    Args:
+        parent: Link that carries the IMU.
+        child: The IMU's frame.
+        xyz: m.
+        rpy: rad, URDF convention.
+    """
+    return (
+        f"<link name={quoteattr(child)}/>\n"
+        f'<joint name={quoteattr(child + "_joint")} type="fixed">\n'
+        f"  <parent link={quoteattr(parent)}/>\n"
+        f"  <child link={quoteattr(child)}/>\n"
+        f'  <origin xyz="{_words(xyz)}" rpy="{_words(rpy)}"/>\n'
+        "</joint>\n"
+    )
+
+
+class _Finder:
+    """Byte offsets of a kinematic joint's origin and first element."""
+
+    def __init__(self, joint: str) -> None:
+        self.origin: int | None = None
+        self.first_child: int | None = None
+        self._joint = joint
+        self._path: list[str] = []
+        self._inside = False
+        self._found = 0
+        self._origins = 0
+        self._parser = expat.ParserCreate()
+        self._parser.StartElementHandler = self._start
+        self._parser.EndElementHandler = self._end
+        self._parser.StartDoctypeDeclHandler = self._doctype
+
+    def read(self, urdf: bytes) -> None:
+        try:
+            self._parser.Parse(urdf, True)
+        except expat.ExpatError as error:
+            raise InputError(f"the URDF is not well-formed XML ({error}): repair it") from None
+        except (ValueError, LookupError) as error:
+            raise InputError(f"the URDF's encoding cannot be read ({error})") from None
+        if self._found != 1 or self._origins > 1:
+            what = (
+                f"{self._found} joints" if self._found != 1 else f"{self._origins} origins in joint"
+            )
+            raise InputError(f"the URDF has {what} '{self._joint}', it must have one")
+
+    def _start(self, tag: str, attributes: dict[str, str]) -> None:
+        depth = len(self._path)
+        if depth == 1 and tag == "joint" and self._path[0] == "robot":
+            self._inside = attributes.get("name") == self._joint
+            self._found += self._inside
+        elif depth == 2 and self._inside:
+            at = self._parser.CurrentByteIndex
+            if self.first_child is None:
+                self.first_child = at
+            if tag == "origin":
+                self.origin = at
+                self._origins += 1
+        self._path.append(tag)
+
+    def _end(self, _tag: str) -> None:
+        self._path.pop()
+        self._inside = self._inside and len(self._path) > 1
+
+    def _doctype(self, *_args: object) -> None:
+        raise InputError("the URDF has a DOCTYPE, whose entities could hide the joint: remove it")
+
+
+def _codec(urdf: bytes) -> str:
+    """A codec that maps every byte of the file to text and back.
+
+    In all encodings of expat but UTF-16 the characters of markup are their ASCII bytes.
+    """
+    if urdf[:2] in (b"\xff\xfe", b"<\x00"):
+        return "utf-16-le"
+    if urdf[:2] in (b"\xfe\xff", b"\x00<"):
+        return "utf-16-be"
+    return "latin-1"
+
+
+def _start_tag(text: str) -> str:
+    match = _START_TAG.match(text)
+    if match is None:  # expat has read it, so this is a form of XML we do not know
+        raise InputError("the joint's <origin> cannot be taken apart: write it in one plain tag")
+    return match.group()
+
+
+def _with_attributes(tag: str, values: dict[str, str]) -> str:
+    """The start tag with these attributes' values, each in the quotes it had."""
+    missing = dict(values)
+    pieces, done, quote = [], 0, '"'
+    for match in re.finditer(_ATTRIBUTE, tag):
+        quote = match["value"][0]
+        done_before, done = done, match.end()
+        if match["name"] in values:
+            pieces += [
+                tag[done_before : match.start("value")],
+                quote,
+                missing.pop(match["name"]),
+                quote,
+            ]
+        else:
+            pieces.append(tag[done_before:done])
+    head = re.match(r"<[^ \t\r\n/>]+", tag)
+    if done == 0 and head is not None:
+        done = head.end()
+        pieces = [head.group()]
+    pieces += [f" {name}={quote}{value}{quote}" for name, value in missing.items()]
+    return "".join([*pieces, tag[done:]])
+
+
+def _triple(values: Sequence[float] | NDArray[np.float64]) -> tuple[float, float, float]:
+    x, y, z = (float(value) for value in values)
+    return x, y, z
+
+
+def _words(values: Sequence[float]) -> str:
+    return " ".join(
+        repr(round(float(value), _DECIMALS) + 0.0).removesuffix(".0") for value in values
+    )

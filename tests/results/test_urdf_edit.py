@@ -1,0 +1,285 @@
+"""Only the joint's origin may change: bytes are compared, and yourdfpy reads the result."""
+
+import io
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yourdfpy
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from imucalib_cli.errors import InputError
+from imucalib_cli.results.urdf_edit import (
+    MissingJointError,
+    joint_for,
+    joint_snippet,
+    replace_origin,
+)
+from imucalib_cli.robot.urdf import load_robot
+
+XYZ = (0.1234567890123, -2.5e-7, 3.0)
+RPY = (np.pi, -0.7071067811865, 1.0e-3)
+NEW = b'xyz="0.1234567890123 -2.5e-07 3" rpy="3.1415926535898 -0.7071067811865 0.001"'
+
+
+def origin_by_yourdfpy(urdf: bytes, joint: str) -> np.ndarray:
+    model = yourdfpy.URDF.load(io.BytesIO(urdf), build_scene_graph=False, load_meshes=False)
+    return np.asarray(model.joint_map[joint].origin)
+
+
+def assert_origin_is(urdf: bytes, joint: str) -> None:
+    found = origin_by_yourdfpy(urdf, joint)
+    np.testing.assert_allclose(found[:3, 3], XYZ, atol=1e-12)
+    np.testing.assert_allclose(
+        found[:3, :3], Rotation.from_euler("xyz", RPY).as_matrix(), atol=1e-12
+    )
+
+
+TRICKY = b"""<?xml version="1.0"?>
+<!-- <joint name="imu" type="fixed"><origin xyz="9 9 9"/></joint> -->
+<robot name='r'  >
+  <link name="a"/><link name="b"/>
+\t<gazebo><joint name="imu"><origin xyz="8 8 8"/></joint></gazebo>
+  <transmission name="t"><joint name="imu"><origin xyz="7 7 7"/></joint></transmission>
+  <ros2_control name="c"><joint name="imu"><origin xyz="6 6 6"/></joint></ros2_control>
+  <note><![CDATA[<joint name="imu"><origin xyz="5 5 5"/></joint>]]></note>
+  <joint type='fixed'
+         name='imu' >
+    <!-- <origin xyz="4 4 4"/> -->
+    <parent link="a"/><sub><origin xyz="3 3 3"/></sub>
+    ORIGIN
+    <child link="b"/>
+  </joint>
+</robot>
+
+<!-- the end -->
+"""
+
+
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        (b'<origin xyz="0 0 1" rpy="0 0 0"/>', b"<origin " + NEW + b"/>"),
+        (b"<origin  rpy = '0 0 0'\n\t xyz='0 0 1'\n/>", None),
+        (b'<origin xyz="0 0 1"></origin>', b"<origin " + NEW + b"></origin>"),
+        (b"<origin/>", b"<origin " + NEW + b"/>"),
+        (b"<origin />", b"<origin " + NEW + b" />"),
+        (b'<origin note="a>b&lt;" xyz="0 0 1"><!-- > --></origin>', None),
+        (b'<origin rpy="1 2 3"/>', None),
+    ],
+)
+def test_the_origin_alone_is_changed_however_it_is_written(
+    before: bytes, after: bytes | None
+) -> None:
+    head, tail = TRICKY.split(b"ORIGIN")
+    changed = replace_origin(head + before + tail, "imu", XYZ, RPY)
+    assert changed.startswith(head)
+    assert changed.endswith(tail)
+    if after is not None:
+        assert changed == head + after + tail
+    assert_origin_is(changed, "imu")
+
+
+def test_quotes_order_spaces_and_other_attributes_stay() -> None:
+    head, tail = TRICKY.split(b"ORIGIN")
+    before = b"<origin  rpy = '0 0 0'\n\t note=\"x>y\"\txyz='0 0 1'\n/>"
+    xyz, rpy = re.findall(rb'"([^"]*)"', NEW)
+    changed = replace_origin(head + before + tail, "imu", XYZ, RPY)
+    expected = b"<origin  rpy = '" + rpy + b"'\n\t note=\"x>y\"\txyz='" + xyz + b"'\n/>"
+    assert changed == head + expected + tail
+
+
+def test_a_missing_origin_is_inserted_with_the_indentation_of_its_neighbours() -> None:
+    urdf = (
+        b'<robot name="r">\r\n  <link name="a"/>\r\n  <link name="b"/>\r\n  <joint name="imu" '
+        b'type="fixed">\r\n\t <!-- c -->\r\n\t <parent link="a"/>\r\n\t <child link="b"/>\r\n'
+        b"  </joint>\r\n</robot>\r\n"
+    )
+    changed = replace_origin(urdf, "imu", XYZ, RPY)
+    parent = b'<parent link="a"/>'
+    assert changed == urdf.replace(parent, b"<origin " + NEW + b"/>\r\n\t " + parent)
+    assert_origin_is(changed, "imu")
+
+
+@pytest.mark.parametrize(
+    ("codec", "bom", "declared"),
+    [
+        ("utf-8", b"\xef\xbb\xbf", "utf-8"),
+        ("utf-16-le", b"\xff\xfe", "utf-16"),
+        ("utf-16-be", b"\xfe\xff", "utf-16"),
+        ("latin-1", b"", "iso-8859-1"),
+        ("cp1252", b"", "windows-1252"),
+    ],
+)
+def test_encodings_and_byte_order_marks_stay(codec: str, bom: bytes, declared: str) -> None:
+    head = f'<?xml version="1.0" encoding="{declared}"?>\n<robot name="Häß">\n<!-- üé -->'
+    text = (
+        head + '<link name="a"/><link name="ö"/><joint type="fixed" name="ö"><parent link="a"/>'
+        '<child link="ö"/><origin note="ä" xyz="0 0 1"/></joint><!-- ÿ --></robot>'
+    )
+    urdf = bom + text.encode(codec)
+    new = NEW.decode()
+    expected = bom + text.replace('xyz="0 0 1"', new).encode(codec)
+    changed = replace_origin(urdf, "ö", XYZ, RPY)
+    assert changed == expected
+    assert_origin_is(changed, "ö")
+
+
+def test_surrogate_pairs_of_utf_16_do_not_shift_the_place() -> None:
+    text = (
+        '<robot name="r"><!-- \N{ROBOT FACE} --><link name="a"/><link name="b"/><joint name="j" '
+        'type="fixed"><parent link="a"/><child link="b"/></joint></robot>'
+    )
+    changed = replace_origin(b"\xff\xfe" + text.encode("utf-16-le"), "j", XYZ, RPY)
+    expected = text.replace("<parent", f"<origin {NEW.decode()}/><parent")
+    assert changed == b"\xff\xfe" + expected.encode("utf-16-le")
+
+
+spaces = st.text(" \t\r\n", min_size=1, max_size=4)
+comments = st.sampled_from(
+    ("", "<!-- <origin xyz='1 1 1'/> -->", '<?pi <joint name="j3">?>', "<!--\N{SNOWMAN}>-->")
+)
+numbers = st.floats(-3.0, 3.0)
+
+
+@st.composite
+def documents(draw: st.DrawFn) -> tuple[bytes, bytes, bytes, str]:
+    """(before the edited tag, the tag, after it, the joint's name)."""
+    count = draw(st.integers(1, 5))
+    edited = draw(st.integers(0, count - 1))
+    pieces = [f"<robot{draw(spaces)}name='r'>", *(f'<link name="l{k}"/>' for k in range(count + 1))]
+    place = (0, "")
+    for k in range(count):
+        names = draw(st.permutations((f'name="j{k}"', 'type="fixed"')))
+        pieces.append(draw(comments) + draw(spaces) + "<joint " + draw(spaces).join(names) + ">")
+        quote = draw(st.sampled_from("'\""))
+        chosen = draw(st.lists(st.sampled_from(("xyz", "rpy")), unique=True, max_size=2))
+        attributes = [f"{name}={quote}1 2 3{quote}" for name in chosen]
+        tag = "<origin" + "".join(draw(spaces) + attribute for attribute in attributes)
+        closing = draw(st.sampled_from(("/>", " />", "></origin>", ">\n<!-- > --></origin>")))
+        ends = [f'<parent link="l{k}"/>', f'<child link="l{k + 1}"/>', "ORIGIN"]
+        for end in draw(st.permutations(ends)):
+            pieces.append(draw(comments) + draw(spaces))
+            if end != "ORIGIN":
+                pieces.append(end)
+                continue
+            if k == edited:
+                place = (len(pieces), tag)
+            pieces.append(tag)
+            pieces.append(closing)
+        pieces.append(draw(spaces) + "</joint>")
+    pieces.append(draw(comments) + "</robot>" + draw(comments))
+    at, tag = place
+    before, after = "".join(pieces[:at]), "".join(pieces[at + 1 :])
+    return before.encode(), tag.encode(), after.encode(), f"j{edited}"
+
+
+@given(documents(), st.tuples(numbers, numbers, numbers), st.tuples(numbers, numbers, numbers))
+@settings(max_examples=80, deadline=None)
+def test_every_other_byte_of_any_urdf_stays(
+    document: tuple[bytes, bytes, bytes, str],
+    xyz: tuple[float, float, float],
+    rpy: tuple[float, float, float],
+) -> None:
+    before, tag, after, joint = document
+    changed = replace_origin(before + tag + after, joint, xyz, rpy)
+    assert changed.startswith(before + b"<origin")
+    assert changed.endswith(after)
+    assert b">" not in changed[len(before) : len(changed) - len(after)]
+    found = origin_by_yourdfpy(changed, joint)
+    np.testing.assert_allclose(found[:3, 3], xyz, atol=1e-12)
+    np.testing.assert_allclose(
+        found[:3, :3], Rotation.from_euler("xyz", rpy).as_matrix(), atol=1e-12
+    )
+    assert replace_origin(changed, joint, xyz, rpy) == changed
+
+
+@pytest.mark.parametrize(
+    ("urdf", "said"),
+    [
+        (b'<robot name="r"><link name="a"/></robot>', "0 joints 'imu'"),
+        (b'<robot><gazebo><joint name="imu"/></gazebo></robot>', "0 joints 'imu'"),
+        (b'<robot><joint name="imu"/><joint name="imu"/></robot>', "2 joints 'imu'"),
+        (b'<robot><joint name="imu"><origin/><origin/></joint></robot>', "2 origins"),
+        (b'<robot><joint name="imu"/></robot>', "empty"),
+        (b'<robot><joint name="imu">', "not well-formed"),
+        (b'<!DOCTYPE robot [<!ENTITY x "y">]><robot/>', "DOCTYPE"),
+        (b'<?xml version="1.0" encoding="klingon"?><robot/>', "encoding"),
+    ],
+)
+def test_what_cannot_be_edited_is_refused(urdf: bytes, said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        replace_origin(urdf, "imu", XYZ, RPY)
+
+
+ROBOT = """<robot name="r">
+<link name="base"/><link name="arm"/><link name="plate"/><link name="imu"/><link name="tool"/>
+<joint name="j1" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 0 1"/></joint>
+<joint name="f1" type="fixed"><parent link="arm"/><child link="plate"/>
+  <origin xyz="0.1 0.2 0.3" rpy="0.4 -0.5 0.6"/></joint>
+<joint name="f2" type="fixed"><parent link="plate"/><child link="imu"/><origin xyz="1 0 0"/></joint>
+<joint name="f3" type="fixed"><parent link="arm"/><child link="tool"/></joint>
+</robot>
+"""
+
+
+def test_apply_reexpresses_the_pose_in_the_parent_of_the_urdfs_joint(tmp_path: Path) -> None:
+    source = tmp_path / "r.urdf"
+    source.write_text(ROBOT)
+    R_arm_imu = Rotation.from_rotvec((0.3, 0.2, -1.0))
+    p_arm_imu = np.array([0.5, 0.6, 0.7])
+    origin = joint_for(load_robot(source), "arm", "imu", R_arm_imu.as_matrix(), p_arm_imu)
+    assert origin.joint == "f2"
+    changed = replace_origin(source.read_bytes(), origin.joint, origin.xyz, origin.rpy)
+    model = yourdfpy.URDF.load(io.BytesIO(changed), load_meshes=False)
+    found = model.get_transform("imu", "arm")
+    np.testing.assert_allclose(found[:3, 3], p_arm_imu, atol=1e-12)
+    np.testing.assert_allclose(found[:3, :3], R_arm_imu.as_matrix(), atol=1e-12)
+
+
+def test_apply_keeps_the_pose_where_the_parents_agree(tmp_path: Path) -> None:
+    source = tmp_path / "r.urdf"
+    source.write_text(ROBOT)
+    R = Rotation.from_euler("xyz", (0.1, 0.2, 0.3)).as_matrix()
+    origin = joint_for(load_robot(source), "plate", "imu", R, np.array([0.5, 0.6, 0.7]))
+    assert origin.xyz == (0.5, 0.6, 0.7)
+    np.testing.assert_allclose(origin.rpy, (0.1, 0.2, 0.3), atol=1e-15)
+
+
+def test_apply_refuses_a_parent_that_moves_relative_to_the_joints(tmp_path: Path) -> None:
+    source = tmp_path / "r.urdf"
+    source.write_text(ROBOT)
+    with pytest.raises(InputError, match="run again with --parent plate"):
+        joint_for(load_robot(source), "base", "imu", np.eye(3), np.zeros(3))
+
+
+@pytest.mark.parametrize(
+    ("child", "named"), [("new_imu", "new_imu"), ("arm", "arm_imu"), ("base", "base_imu")]
+)
+def test_a_missing_joint_comes_with_a_snippet_that_can_be_pasted(
+    tmp_path: Path, child: str, named: str
+) -> None:
+    source = tmp_path / "r.urdf"
+    source.write_text(ROBOT)
+    R = Rotation.from_euler("xyz", RPY).as_matrix()
+    with pytest.raises(MissingJointError) as caught:
+        joint_for(load_robot(source), "arm", child, R, np.array(XYZ))
+    assert "\n" not in str(caught.value)
+    pasted = ROBOT.replace("</robot>", caught.value.snippet + "</robot>").encode()
+    assert_origin_is(pasted, f"{named}_joint")
+    model = yourdfpy.URDF.load(io.BytesIO(pasted), load_meshes=False)
+    assert model.joint_map[f"{named}_joint"].child == named
+    assert model.joint_map[f"{named}_joint"].parent == "arm"
+
+
+def test_names_in_the_snippet_are_escaped() -> None:
+    snippet = joint_snippet("a&b", 'i"<', (0, 0, 0), (0, 0, 0))
+    model = yourdfpy.URDF.load(
+        io.BytesIO(f"<robot name='r'><link name='a&amp;b'/>{snippet}</robot>".encode()),
+        build_scene_graph=False,
+        load_meshes=False,
+    )
+    assert [(joint.parent, joint.child) for joint in model.robot.joints] == [("a&b", 'i"<')]

@@ -1,0 +1,265 @@
+"""Paths from joints, frames and a moving base; expected poses by scipy and by hand."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from imucalib_cli.errors import ChoiceError, InputError
+from imucalib_cli.robot.build import find_base, is_still, joint_path, moving_base_path
+from imucalib_cli.robot.frames import Edge, frame_path
+from imucalib_cli.robot.path import FixedStep, JointStep, KinematicPath, PoseStep, Track
+from imucalib_cli.robot.urdf import Robot, load_robot
+
+Floats = NDArray[np.float64]
+COUNT = 4
+T = np.arange(COUNT, dtype=float)
+
+ARM = """<robot name="arm">
+<link name="base"/><link name="upper"/><link name="lower"/><link name="plate"/><link name="tail"/>
+<joint name="shoulder" type="continuous"><parent link="base"/><child link="upper"/>
+  <origin xyz="0 0 0.5" rpy="0.1 0 0"/><axis xyz="0 0 1"/></joint>
+<joint name="elbow" type="revolute"><parent link="upper"/><child link="lower"/>
+  <origin xyz="0.4 0 0"/><axis xyz="0 1 0"/>
+  <mimic joint="shoulder" multiplier="-2" offset="0.3"/></joint>
+<joint name="bolt" type="fixed"><parent link="lower"/><child link="plate"/>
+  <origin xyz="0 0 0.1" rpy="0 0 1"/></joint>
+<joint name="slide" type="prismatic"><parent link="base"/><child link="tail"/>
+  <origin rpy="0 1 0"/><axis xyz="1 0 0"/></joint>
+</robot>"""
+
+
+@pytest.fixture
+def arm(tmp_path: Path) -> Robot:
+    source = tmp_path / "arm.urdf"
+    source.write_text(ARM)
+    return load_robot(source)
+
+
+def joints(name: str, **columns: Floats) -> Track:
+    values = np.column_stack(list(columns.values()))
+    return Track(name=name, kind="joints", t=T, values=values, names=tuple(columns))
+
+
+def moving(parent: str, child: str, seed: int, topic: str = "/tf") -> tuple[Edge, RigidTransform]:
+    rng = np.random.default_rng(seed)
+    rotation, p = Rotation.random(COUNT, rng=rng), rng.normal(size=(COUNT, 3))
+    track = Track(name=topic, kind="pose", t=T, values=np.column_stack((p, rotation.as_quat())))
+    return Edge(parent=parent, child=child, track=track), RigidTransform.from_components(
+        p, rotation
+    )
+
+
+def standing(parent: str, child: str, seed: int) -> tuple[Edge, RigidTransform]:
+    edge, transform = moving(parent, child, seed, "/tf_static")
+    return replace(edge, is_static=True), transform[-1]
+
+
+def poses(path: KinematicPath) -> tuple[Floats, Floats]:
+    return path.poses(tuple(track.values for track in path.tracks))
+
+
+def assert_path_is(path: KinematicPath, expected: RigidTransform) -> None:
+    R, p = poses(path)
+    np.testing.assert_allclose(R, expected.rotation.as_matrix().reshape(-1, 3, 3), atol=1e-13)
+    np.testing.assert_allclose(p, expected.translation.reshape(-1, 3), atol=1e-13)
+
+
+def turn(axis: str, angle: Floats | float) -> RigidTransform:
+    unit = np.eye(3)["xyz".index(axis)]
+    return RigidTransform.from_rotation(Rotation.from_rotvec(np.multiply.outer(angle, unit)))
+
+
+def shift(*xyz: float) -> RigidTransform:
+    return RigidTransform.from_translation(xyz)
+
+
+def arm_plate(shoulder: Floats) -> RigidTransform:
+    """T_base_plate by hand."""
+    upper = shift(0, 0, 0.5) * turn("x", 0.1) * turn("z", shoulder)
+    lower = upper * shift(0.4, 0, 0) * turn("y", -2.0 * shoulder + 0.3)
+    return lower * shift(0, 0, 0.1) * turn("z", 1.0)
+
+
+SHOULDER = np.array([0.3, -1.0, 2.0, 0.7])
+
+
+def test_a_mimic_joint_follows_the_joint_it_names(arm: Robot) -> None:
+    path = joint_path(arm, "plate", [joints("/j", slide=T, shoulder=SHOULDER)])
+    assert (path.world, path.parent) == ("base", "plate")
+    assert_path_is(path, arm_plate(SHOULDER))
+    kinds = [type(step) for step in path.steps]
+    assert kinds == [FixedStep, JointStep, FixedStep, JointStep, FixedStep]
+
+
+def test_a_mimic_joint_logged_without_its_model_drives_itself(arm: Robot) -> None:
+    path = joint_path(arm, "lower", [joints("/j", elbow=SHOULDER)], world="upper")
+    assert_path_is(path, shift(0.4, 0, 0) * turn("y", SHOULDER))
+
+
+def test_a_path_may_start_at_any_link(arm: Robot) -> None:
+    slide = np.array([0.1, 0.2, -0.3, 0.4])
+    tracks = [
+        joints("/unused", wheel=T),
+        joints("/a", shoulder=SHOULDER),
+        joints("/b", slide=slide),
+    ]
+    path = joint_path(arm, "plate", tracks, world="tail")
+    along = np.column_stack((slide, np.zeros((COUNT, 2))))
+    base_tail = turn("y", 1.0) * RigidTransform.from_translation(along)
+    assert_path_is(path, base_tail.inv() * arm_plate(SHOULDER))
+    assert [track.name for track in path.tracks] == ["/a", "/b"]
+
+
+def test_the_publisher_with_most_of_the_needed_joints_drives(arm: Robot) -> None:
+    wrong = np.zeros(COUNT)
+    tracks = [
+        joints("/shoulder_only", shoulder=wrong),
+        joints("/all", slide=T, shoulder=SHOULDER),
+    ]
+    path = joint_path(arm, "plate", tracks, world="tail")
+    assert [track.name for track in path.tracks] == ["/all"]
+
+
+@pytest.mark.parametrize(
+    ("tracks", "said"),
+    [
+        ([], "no joint states for joint 'shoulder'"),
+        (
+            [joints("/j", sholder=T)],
+            "no position of joint 'shoulder'.*mean 'sholder'.*log has: sho",
+        ),
+        ([joints("/j", wheel=T, arm=T)], "no position of joint 'shoulder'.*there are: wheel, arm$"),
+        ([joints("/j", shoulder=np.full(COUNT, np.nan))], "/j: joint 'shoulder' .*not finite"),
+    ],
+)
+def test_joints_the_log_lacks_are_told_with_what_it_has(
+    arm: Robot, tracks: list[Track], said: str
+) -> None:
+    with pytest.raises(InputError, match=said) as caught:
+        joint_path(arm, "plate", tracks)
+    assert "\n" not in str(caught.value)
+
+
+def test_floating_joints_on_the_way_ask_for_a_pose_stream(tmp_path: Path) -> None:
+    source = tmp_path / "arm.urdf"
+    source.write_text(ARM.replace('type="prismatic"', 'type="floating"'))
+    with pytest.raises(InputError, match=r"joint 'slide' is floating.*--pose-topic"):
+        joint_path(load_robot(source), "tail", [joints("/j", slide=T)])
+
+
+def test_frames_are_passed_up_and_down_from_the_root_by_default() -> None:
+    map_odom, T_map_odom = moving("map", "odom", 1)
+    odom_base, T_odom_base = moving("odom", "base", 2)
+    base_mast, T_base_mast = standing("base", "mast", 3)
+    map_goal, T_map_goal = standing("map", "goal", 4)
+    edges = [base_mast, odom_base, map_goal, map_odom]
+    path = frame_path(edges, "mast")
+    assert path.world == "map"
+    assert_path_is(path, T_map_odom * T_odom_base * T_base_mast)
+    path = frame_path(edges, "mast", world="goal")
+    assert_path_is(path, T_map_goal.inv() * T_map_odom * T_odom_base * T_base_mast)
+    path = frame_path(edges, "map", world="base")
+    assert_path_is(path, (T_map_odom * T_odom_base).inv())
+    assert [type(step) for step in path.steps] == [PoseStep, PoseStep]
+
+
+def test_fixed_joints_of_the_urdf_fill_gaps_of_the_frames(arm: Robot) -> None:
+    world_lower, T_world_lower = moving("world", "lower", 5)
+    path = frame_path([world_lower], "plate", robot=arm)
+    assert path.world == "world"
+    assert_path_is(path, T_world_lower * shift(0, 0, 0.1) * turn("z", 1.0))
+
+
+def test_a_static_transform_sent_twice_is_one() -> None:
+    edge, T_a_b = standing("a", "b", 6)
+    again, _ = standing("a", "b", 6)
+    assert_path_is(frame_path([edge, again], "b"), T_a_b)
+
+
+def test_two_sources_of_one_pose_are_a_choice_only_where_they_matter() -> None:
+    a_b, T_a_b = moving("a", "b", 7)
+    first, _ = moving("b", "c", 8, "/odom")
+    second, _ = moving("x", "c", 9, "/mocap")
+    with pytest.raises(ChoiceError, match="'c' is told 2 times: in 'b' by /odom, in 'x' by /mocap"):
+        frame_path([a_b, first, second], "c")
+    assert_path_is(frame_path([a_b, first, second], "b"), T_a_b)
+
+
+def broken(edge: Edge, column: slice, value: float) -> Edge:
+    values = edge.track.values.copy()
+    values[1, column] = value
+    return replace(edge, track=replace(edge.track, values=values))
+
+
+def test_edges_that_give_no_path_are_told() -> None:
+    a_b, _ = moving("a", "b", 10)
+    b_a, _ = moving("b", "a", 11)
+    x_y, _ = moving("x", "y", 12)
+    empty = replace(a_b, track=replace(a_b.track, values=np.empty((0, 7))))
+    choice = (
+        ([a_b], "bb", None, "--parent bb: no pose of this frame"),
+        ([a_b, x_y], "c1", None, "there are: a, x, b, y"),
+        ([a_b], "b", "w", "--world w: no pose"),
+        ([a_b, x_y], "b", "y", "separate trees .roots 'x' and 'a'."),
+    )
+    for edges, parent, world, said in choice:
+        with pytest.raises(ChoiceError, match=said):
+            frame_path(edges, parent, world=world)
+    for edges, said in (
+        ([a_b, b_a], "form a loop .b -> a -> b."),
+        ([broken(a_b, slice(0, 1), np.nan)], "not finite"),
+        ([broken(a_b, slice(3, 7), 0.0)], "quaternion of zeros"),
+        ([empty], "no samples"),
+    ):
+        with pytest.raises(InputError, match=said):
+            frame_path(edges, "b")
+
+
+def test_a_moving_base_carries_the_joints(arm: Robot) -> None:
+    odom_base, T_odom_base = moving("odom", "base", 13)
+    repeated, _ = moving("base", "upper", 14)  # robot_state_publisher
+    edges = [repeated, odom_base]
+    base = find_base(edges, arm)
+    assert base is odom_base
+    tracks = [joints("/j", shoulder=SHOULDER)]
+    path = moving_base_path(edges, arm, "plate", tracks, base=base.child)
+    assert (path.world, path.parent) == ("odom", "plate")
+    assert [track.kind for track in path.tracks] == ["pose", "joints"]
+    assert_path_is(path, T_odom_base * arm_plate(SHOULDER))
+
+
+def test_motion_capture_of_any_link_is_a_base(arm: Robot) -> None:
+    mocap_marker, T_mocap_marker = moving("mocap", "marker", 15)
+    marker_upper, T_marker_upper = standing("marker", "upper", 16)
+    edges = [mocap_marker, marker_upper]
+    base = find_base(edges, arm)
+    assert base is marker_upper
+    path = moving_base_path(edges, arm, "base", [joints("/j", shoulder=SHOULDER)], base="upper")
+    base_upper = shift(0, 0, 0.5) * turn("x", 0.1) * turn("z", SHOULDER)
+    assert_path_is(path, T_mocap_marker * T_marker_upper * base_upper.inv())
+
+
+def test_a_robot_that_stands_has_no_base(arm: Robot) -> None:
+    repeated, _ = moving("base", "upper", 17)
+    bolted, _ = standing("map", "base", 18)
+    elsewhere, _ = moving("map", "ball", 19)
+    assert find_base([repeated, bolted, elsewhere], arm) is None
+
+
+def test_several_bases_are_a_choice(arm: Robot) -> None:
+    edges = [moving("odom", "base", 20, "/odom")[0], moving("mocap", "plate", 21, "/mocap")[0]]
+    with pytest.raises(
+        ChoiceError, match="'base' in 'odom' by /odom, 'plate' in 'mocap' by /mocap"
+    ):
+        find_base(edges, arm)
+
+
+def test_a_path_on_which_nothing_moves_is_still(arm: Robot) -> None:
+    still = np.full(COUNT, 0.3)
+    assert is_still(joint_path(arm, "plate", [joints("/j", slide=T, shoulder=still)]))
+    assert not is_still(joint_path(arm, "plate", [joints("/j", slide=still, shoulder=T)]))
+    assert is_still(joint_path(arm, "plate", [], world="lower"))

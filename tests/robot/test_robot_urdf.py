@@ -1,0 +1,200 @@
+"""What is refused of a URDF and what is not; expected faults are written by hand."""
+
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from imucalib_cli.errors import InputError
+from imucalib_cli.robot import urdf_check
+from imucalib_cli.robot.urdf import Mimic, load_robot, preload
+
+DATA = Path(__file__).parent / "data"
+
+LINKS = '<link name="a"/><link name="b"/><link name="c"/>'
+AB = '<joint name="ab" type="revolute"><parent link="a"/><child link="b"/></joint>'
+BC = '<joint name="bc" type="revolute"><parent link="b"/><child link="c"/></joint>'
+
+
+def write(tmp_path: Path, text: str | bytes) -> Path:
+    source = tmp_path / "robot.urdf"
+    source.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return source
+
+
+def robot(body: str) -> str:
+    return f'<robot name="r">{body}</robot>'
+
+
+def joint(name: str, kind: str, parent: str, child: str, rest: str = "") -> str:
+    return (
+        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+        f"{rest}</joint>"
+    )
+
+
+def bc(rest: str, kind: str = "revolute") -> str:
+    return robot(LINKS + AB + joint("bc", kind, "b", "c", rest))
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "empty"),
+        (" \n", "empty"),
+        ("hello", "not well-formed"),
+        ("<robot><link name='a'></robot>", "not well-formed XML .mismatched tag, line 1"),
+        ("<sdf><model/></sdf>", "root element is <sdf>"),
+        ("<robot name='r'/>", "no <link>"),
+        (b"\xff\xfe\x00", "not well-formed"),
+        ('<?xml version="1.0" encoding="klingon"?><robot/>', "encoding"),
+        ('<!DOCTYPE r [<!ENTITY e "x">]><robot name="&e;"/>', "DOCTYPE"),
+        ('<!DOCTYPE r SYSTEM "file:///etc/passwd"><robot/>', "DOCTYPE"),
+        (robot("<xacro:include filename='x'/>"), r"line 1: <xacro:include> is xacro.*`xacro "),
+        (robot('<link name="${prefix}a"/>'), "is xacro"),
+        (bc('<origin xyz="0 0 ${d}"/>'), "<origin> is xacro"),
+        (robot('<link name="a"/>' * 2), "link 'a' is there twice"),
+        (robot(LINKS + AB + AB), "joint 'ab' is there twice"),
+        (robot("<link/>"), "<link> has no name"),
+        (robot(LINKS + AB + '<joint name="j" type="fixed"/>'), "joint 'j' has no <parent"),
+        (robot(LINKS + AB + joint("bc", "fixed", "b", "d")), "child link 'd' is not defined"),
+        (robot(LINKS + AB + joint("bc", "fixed", "x", "c")), "parent link 'x' is not defined"),
+        (robot(LINKS + AB), r"2 links have no parent \(a, c\)"),
+        (robot(LINKS + AB + BC + joint("ac", "fixed", "a", "c")), "child of joints 'bc' and 'ac'"),
+        (robot(LINKS + AB + BC + joint("ca", "fixed", "c", "a")), "closes a loop"),
+        (robot(LINKS + AB + joint("cc", "fixed", "c", "c")), "closes a loop"),
+        (bc("", "hinge"), "joint 'bc' has the unknown type 'hinge'"),
+        (robot(LINKS + AB + BC.replace(' type="revolute"', "")), "joint 'bc' has no type"),
+        (bc('<origin xyz="0 0 nan"/>'), "joint 'bc': <origin xyz=\"0 0 nan\"> is not three"),
+        (bc('<origin rpy="0 0"/>'), "is not three finite numbers"),
+        (bc('<origin rpy="0 0 x"/>'), "is not three finite numbers"),
+        (bc('<origin xyz="1e999 0 0"/>'), "is not three finite numbers"),
+        (bc("<origin/><origin/>"), "more than one <origin>"),
+        (bc('<axis xyz="0 0 0"/>'), "joint 'bc': its <axis> is zero"),
+        (bc('<mimic joint="no"/>'), "joint 'bc' mimics 'no', which is not there"),
+        (bc('<mimic joint="bc"/>'), "joint 'bc' mimics itself"),
+        (bc('<mimic joint="ab" multiplier="two"/>'), "is not one finite number"),
+        (
+            robot(
+                LINKS + joint("ab", "fixed", "a", "b") + BC.replace("</j", '<mimic joint="ab"/></j')
+            ),
+            "mimics 'ab', which has no position",
+        ),
+        ("<robot>" + "<a>" * 300, "nested"),
+    ],
+)
+def test_faults_are_told_in_one_line_with_file_and_element(
+    tmp_path: Path, text: str | bytes, said: str
+) -> None:
+    source = write(tmp_path, text)
+    with pytest.raises(InputError, match=said) as caught:
+        load_robot(source)
+    assert str(caught.value).startswith(f"{source}: ")
+    assert "\n" not in str(caught.value)
+
+
+def test_several_faults_are_told_at_once_with_their_lines(tmp_path: Path) -> None:
+    bad = "\n".join(joint(f"j{k}", "bogus", "a", "b") for k in range(5))
+    with pytest.raises(InputError, match=r"line 2: .*; line 3: .*; line 4: .*; and 2 more faults"):
+        load_robot(write(tmp_path, robot(LINKS + "\n" + bad)))
+
+
+def test_an_entity_bomb_is_refused_at_once(tmp_path: Path) -> None:
+    levels = "".join(f'<!ENTITY e{k} "{f"&e{k - 1};" * 10}">' for k in range(1, 30))
+    bomb = f'<!DOCTYPE robot [<!ENTITY e0 "boom">{levels}]><robot name="&e29;"/>'
+    begin = time.perf_counter()
+    with pytest.raises(InputError, match="DOCTYPE"):
+        load_robot(write(tmp_path, bomb))
+    assert time.perf_counter() - begin < 1.0
+
+
+def test_size_is_limited(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(urdf_check, "SIZE_LIMIT", 20)
+    with pytest.raises(InputError, match="limit"):
+        load_robot(write(tmp_path, robot(LINKS + AB + BC)))
+
+
+def test_a_missing_file_or_a_folder_is_told(tmp_path: Path) -> None:
+    for source in (tmp_path / "none.urdf", tmp_path):
+        with pytest.raises(InputError, match="cannot be read"):
+            load_robot(source)
+
+
+def test_what_is_not_kinematics_does_not_matter(tmp_path: Path) -> None:
+    noise = """
+    <link name="d"><inertial><mass value="heavy"/><inertia ixx="?"/></inertial>
+      <visual><geometry><mesh filename="package://none/x.dae" scale="$(arg s)"/></geometry></visual>
+      <collision><geometry><sphere radius=""/></geometry></collision></link>
+    <material/><transmission><joint name="ab"/></transmission>
+    <gazebo reference="a"><sensor name="${x}"/></gazebo>
+    """
+    body = LINKS + AB + BC + noise + joint("cd", "floating", "c", "d")
+    text = f'<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">{body}</robot>'
+    loaded = load_robot(write(tmp_path, text))
+    assert loaded.links == ("a", "b", "c", "d")
+    assert [joint.name for joint in loaded.joints] == ["ab", "bc", "cd"]
+    assert loaded.root == "a"
+
+
+def test_defaults_and_values_are_as_the_specification_has_them(tmp_path: Path) -> None:
+    rest = (
+        '<origin rpy="0 0 1.5707963267948966" xyz="1 2 3"/><axis xyz="0 3 4"/>'
+        '<mimic joint="ab" multiplier="-2" offset="0.5"/>'
+    )
+    loaded = load_robot(write(tmp_path, bc(rest, "prismatic")))
+    first, second = loaded.joints
+    np.testing.assert_array_equal(first.axis, (1.0, 0.0, 0.0))
+    np.testing.assert_array_equal(first.R_origin, np.eye(3))
+    np.testing.assert_allclose(second.axis, (0.0, 0.6, 0.8))
+    np.testing.assert_allclose(second.R_origin @ (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), atol=1e-15)
+    np.testing.assert_array_equal(second.p_origin, (1.0, 2.0, 3.0))
+    assert second.mimic == Mimic(joint="ab", multiplier=-2.0, offset=0.5)
+    assert (loaded.name, first.kind, second.kind) == ("r", "revolute", "prismatic")
+
+
+def test_utf_16_is_read(tmp_path: Path) -> None:
+    text = '<?xml version="1.0" encoding="utf-16"?>' + robot(LINKS + AB + BC)
+    assert load_robot(write(tmp_path, text.encode("utf-16"))).links == ("a", "b", "c")
+
+
+def test_chain_goes_down_only_and_refuses_what_is_not_one_number(tmp_path: Path) -> None:
+    body = '<link name="d"/>' + LINKS + AB + BC + joint("cd", "planar", "c", "d")
+    loaded = load_robot(write(tmp_path, robot(body)))
+    assert [joint.name for joint in loaded.chain("a", "c")] == ["ab", "bc"]
+    assert loaded.chain("b", "b") == ()
+    with pytest.raises(InputError, match="'a' is not below link 'c'"):
+        loaded.chain("c", "a")
+    with pytest.raises(InputError, match="joint 'cd' is planar"):
+        loaded.chain("a", "d")
+    with pytest.raises(InputError, match="no link 'e'"):
+        loaded.chain("a", "e")
+
+
+def test_route_goes_up_and_down_past_the_common_link() -> None:
+    panda = load_robot(DATA / "panda.urdf")
+    route = panda.route("panda_leftfinger", "panda_rightfinger")
+    assert [(joint.name, upwards) for joint, upwards in route] == [
+        ("panda_finger_joint1", True),
+        ("panda_finger_joint2", False),
+    ]
+
+
+def test_loading_is_silent_and_lazy() -> None:
+    code = (
+        "import sys; from pathlib import Path; import imucalib_cli.robot.urdf as u\n"
+        "assert not {'yourdfpy', 'trimesh', 'scipy'} & set(sys.modules)\n"
+        f"u.preload(); u.load_robot(Path({str(DATA / 'panda.urdf')!r}))\n"
+        "assert 'yourdfpy' in sys.modules\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+def test_preloading_leaves_yourdfpy_imported() -> None:
+    preload().join()
+    assert "yourdfpy" in sys.modules
