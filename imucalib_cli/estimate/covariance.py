@@ -4,11 +4,11 @@ Windows overlap, so residuals of neighbouring windows are correlated, and least 
 covariance is far too small. With J the whitened rows, A = J'J and S the residuals' spectrum,
 the covariance of the estimate is the sandwich
 
-    A^-1 ( sum over frequencies of S(f) J(f)^H J(f) ) A^-1.
+    A^-1 B A^-1,    B = sum over frequencies of S(f) J(f)^H J(f).
 
 S is found per sensor in a few bands: within a band it is a number times the known response
 |K(f)|² of the window's kernel. Each band's number is corrected for what the fit took out of it,
-the trace of the band's part of the hat matrix, so that few windows do not mean a small sigma.
+the band's part of the trace of the hat matrix, so that few windows do not mean a small sigma.
 """
 
 from __future__ import annotations
@@ -20,91 +20,130 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
+Indices = NDArray[np.intp]
 
-_PIECE = 4096
+PIECE = 4096
 """Windows per transform: longer logs are averaged over pieces."""
-_BAND_RATIO = 2.0
+_BAND_RATIO = 2
 _FIRST_BAND_BINS = 4
 """Bins of the lowest band: fewer would leave nothing after the correction."""
 _RESPONSE_FLOOR = 1e-3
 """Kernel response below which frequencies carry no information and no weight."""
+_LEAST_FREEDOM = 0.25
+"""Share of a band's freedom that is taken to remain, however many unknowns it determines."""
 
 
 @dataclass(frozen=True, eq=False)
-class Sandwich:
-    """Covariance of all tangent components, and what the noise looked like."""
+class ScoreSpectrum:
+    """Whitened rows and residuals on the even grid of windows, ready to transform."""
 
-    covariance: Floats
-    """(P, P)."""
-    colour: float
-    """Largest ratio of a band's noise level to the level of white noise; 1 for white."""
+    J: Floats
+    """(W, 6, P), rows of the free components: accelerometer, then gyroscope."""
+    e: Floats
+    """(W, 6), residuals."""
+    slots: Indices
+    """(W,), place of each window on the even grid of windows, ascending."""
+    responses: tuple[Floats, Floats]
+    """|K(f)|² of the accelerometer's and the gyroscope's kernel on rfftfreq(PIECE)."""
 
+    @property
+    def size(self) -> int:
+        """Length of the transforms."""
+        span = int(self.slots[-1] - self.slots[0]) + 1
+        return min(PIECE, 1 << max(span - 1, 1).bit_length())
 
-def spectral_sandwich(
-    J: Floats,
-    e: Floats,
-    slots: NDArray[np.intp],
-    responses: tuple[Floats, Floats],
-    prior_information: Floats,
-) -> Sandwich:
-    """Covariance of the least-squares solution from rows and residuals.
+    def shape(self, sensor: int) -> Floats:
+        """The kernel's response on the transform's frequencies."""
+        response = np.interp(
+            np.fft.rfftfreq(self.size), np.fft.rfftfreq(PIECE), self.responses[sensor]
+        )
+        return np.maximum(response, _RESPONSE_FLOOR)
 
-    Args:
-        J: (W, 6, P), whitened and weighted rows of free components: accelerometer, gyroscope.
-        e: (W, 6), residuals, likewise.
-        slots: (W,), position of each window on the even grid of windows, ascending.
-        responses: |K(f)|² of the two sensors' kernels, functions of frequency as arrays on
-            np.fft.rfftfreq(_PIECE).
-        prior_information: (P,), of the priors, which carry no window noise.
+    def pieces(self, rows: Indices) -> list[tuple[Indices, Indices]]:
+        """Rows in stretches no longer than a transform, with their slots in it."""
+        start, size = int(self.slots[0]), self.size
+        number = (self.slots[rows] - start) // size
+        return [
+            (rows[number == index], self.slots[rows[number == index]] - start - int(index) * size)
+            for index in np.unique(number)
+        ]
 
-    Returns:
-        Covariance in the units of J's components.
-    """
-    parameters = J.shape[2]
-    A = np.einsum("wij,wik->jk", J, J) + np.diag(prior_information)
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(A), 1e-300))
-    inverse = np.linalg.pinv(A * np.outer(scale, scale), rcond=1e-13, hermitian=True)
-    inverse = inverse * np.outer(scale, scale)
-    B = np.diag(prior_information).astype(np.float64)
-    colour = 1.0
-    pieces = _pieces(slots)
-    size = min(_PIECE, _next_power_of_two(int(slots[-1] - slots[0]) + 1))
-    frequencies = np.fft.rfftfreq(size)
-    bands = _bands(size)
-    for sensor in range(2):
-        response = np.interp(frequencies, np.fft.rfftfreq(_PIECE), responses[sensor])
-        shape = np.maximum(response, _RESPONSE_FLOOR)
-        part = slice(3 * sensor, 3 * sensor + 3)
-        power = np.zeros(len(frequencies))
-        gram = np.zeros((len(bands), parameters, parameters))
-        shaped = np.zeros_like(gram)
-        used = np.zeros(len(frequencies))
-        for rows, offset in pieces:
-            J_f = _transform(J[rows, part], slots[rows] - offset, size)
-            e_f = _transform(e[rows, part][:, :, None], slots[rows] - offset, size)[:, :, 0]
-            weight = _one_sided(size)
-            fill = len(rows) / size
-            power += (np.abs(e_f) ** 2).sum(axis=1) / shape * weight
-            used += 3.0 * weight * fill
+    def noise_levels(self, inverse: Floats) -> Floats:
+        """Level of the noise in each band, (2, bands); 1 is white noise of unit residuals.
+
+        Args:
+            inverse: (P, P), A^-1.
+        """
+        size, bands = self.size, _bands(self.size)
+        levels = np.zeros((2, len(bands)))
+        weight = _one_sided(size)
+        everything = np.arange(len(self.slots))
+        for sensor in range(2):
+            part, shape = slice(3 * sensor, 3 * sensor + 3), self.shape(sensor)
+            power, freedom = np.zeros(len(bands)), np.zeros(len(bands))
+            for rows, slots in self.pieces(everything):
+                J_f = _transform(self.J[rows, part], slots, size)
+                e_f = _transform(self.e[rows, part], slots, size)
+                lost = np.einsum("fip,fiq,pq->f", J_f.conj(), J_f, inverse, optimize=True).real
+                for index, band in enumerate(bands):
+                    w = weight[band] / shape[band]
+                    full = 3.0 * weight[band].sum() * len(rows) / size
+                    power[index] += float(w @ (np.abs(e_f[band]) ** 2).sum(axis=1))
+                    freedom[index] += max(
+                        full - float(weight[band] @ lost[band]), _LEAST_FREEDOM * full
+                    )
+            levels[sensor] = power / np.maximum(freedom, 1e-300)
+        return levels
+
+    def score_covariance(self, levels: Floats, rows: Indices | None = None) -> Floats:
+        """B, the covariance of sum J' e, (P, P).
+
+        Args:
+            levels: Of noise_levels.
+            rows: Windows to sum over; all by default.
+        """
+        size, bands = self.size, _bands(self.size)
+        weight = _one_sided(size)
+        P = self.J.shape[2]
+        B = np.zeros((P, P))
+        for sensor in range(2):
+            part = slice(3 * sensor, 3 * sensor + 3)
+            density = self.shape(sensor) * weight
             for index, band in enumerate(bands):
-                block = J_f[band].reshape(-1, parameters)
-                scaled = block * np.sqrt(np.repeat(weight[band], 3))[:, None]
-                gram[index] += np.real(scaled.conj().T @ (scaled / np.repeat(shape[band], 3)[:, None]))
-                tinted = scaled * np.sqrt(np.repeat(shape[band], 3))[:, None]
-                shaped[index] += np.real(tinted.conj().T @ tinted)
-        levels = np.zeros(len(bands))
-        for index, band in enumerate(bands):
-            freedom = used[band].sum() - float(np.sum(inverse * gram[index]))
-            levels[index] = power[band].sum() / max(freedom, 0.25 * used[band].sum())
-        B += np.einsum("b,bjk->jk", levels, shaped)
-        informative = [np.median(response[band]) > 0.1 for band in bands]
-        known = levels[np.array(informative)]
-        if len(known) > 1 and known.min() > 0:
-            colour = max(colour, float(known.max() / np.median(known)))
-    return Sandwich(inverse @ B @ inverse, colour)
+                density[band] *= levels[sensor, index]
+            root = np.sqrt(density)[:, None, None]
+            for piece, slots in self.pieces(np.arange(len(self.slots)) if rows is None else rows):
+                scaled = (_transform(self.J[piece, part], slots, size) * root).reshape(-1, P)
+                B += scaled.real.T @ scaled.real + scaled.imag.T @ scaled.imag
+        return B
+
+    def colour(self, levels: Floats) -> float:
+        """Loudest band over the middle one, of the bands the kernels let through; 1 is white."""
+        ratios = [1.0]
+        for sensor in range(2):
+            shape = self.shape(sensor)
+            heard = [
+                level
+                for level, band in zip(levels[sensor], _bands(self.size), strict=True)
+                if np.median(shape[band]) > 0.1
+            ]
+            if len(heard) > 1:
+                ratios.append(float(max(heard) / max(np.median(heard), 1e-300)))
+        return max(ratios)
 
 
-def _transform(values: Floats, slots: NDArray[np.intp], size: int) -> Complexes:
+def kernel_response(average: Floats, hop: int) -> Floats:
+    """|K(f)|² of a kernel's weights, sampled every ``hop``: folded, on rfftfreq(PIECE)."""
+    # Transforming the kernel's autocorrelation at the windows' own spacing folds it exactly.
+    correlation = np.correlate(average, average, mode="full")
+    middle = len(average) - 1
+    lags = np.arange(-(middle // hop), middle // hop + 1)
+    sampled = correlation[middle + lags * hop]
+    f = np.fft.rfftfreq(PIECE)
+    return np.asarray(np.cos(2 * np.pi * np.outer(f, lags)) @ sampled)
+
+
+def _transform(values: Floats, slots: Indices, size: int) -> Complexes:
     """Unitary transform along time of rows at their slots, holes left zero."""
     dense = np.zeros((size, *values.shape[1:]))
     dense[slots] = values
@@ -112,33 +151,18 @@ def _transform(values: Floats, slots: NDArray[np.intp], size: int) -> Complexes:
 
 
 def _one_sided(size: int) -> Floats:
+    """How often each bin of a real transform stands in the full one."""
     weight = np.full(size // 2 + 1, 2.0)
-    weight[0] = 1.0
-    if size % 2 == 0:
-        weight[-1] = 1.0
+    weight[0] = weight[-1] = 1.0
     return weight
 
 
 def _bands(size: int) -> list[slice]:
     """Slices of frequency bins, each band twice as wide as the one below."""
-    edges = [0, _FIRST_BAND_BINS]
-    while edges[-1] < size // 2 + 1:
-        edges.append(int(np.ceil(edges[-1] * _BAND_RATIO)))
-    edges[-1] = size // 2 + 1
+    top = size // 2 + 1
+    edges = [0, min(_FIRST_BAND_BINS, top)]
+    while edges[-1] < top:
+        edges.append(min(edges[-1] * _BAND_RATIO, top))
     if len(edges) > 2 and edges[-1] - edges[-2] < _FIRST_BAND_BINS:
         del edges[-2]
     return [slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)]
-
-
-def _pieces(slots: NDArray[np.intp]) -> list[tuple[NDArray[np.intp], int]]:
-    """Rows of each stretch of at most _PIECE slots, with the stretch's first slot."""
-    start = int(slots[0])
-    number = (slots - start) // _PIECE
-    return [
-        (np.flatnonzero(number == index), start + int(index) * _PIECE)
-        for index in np.unique(number)
-    ]
-
-
-def _next_power_of_two(value: int) -> int:
-    return 1 << max(value - 1, 1).bit_length()

@@ -1,4 +1,4 @@
-"""The matched estimator: from samples to an estimate, step by step (docs/method.md)."""
+"""The matched estimator, the default: samples to an estimate (derivation in docs/method.md)."""
 
 from __future__ import annotations
 
@@ -7,140 +7,219 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from imucalib_cli.errors import InputError
-from imucalib_cli.estimate import columns
+from imucalib_cli.estimate.estimate import Estimate, Residuals, Window
+from imucalib_cli.estimate.fit import Fit, fit_windows
+from imucalib_cli.estimate.observability import unobservable_directions
 from imucalib_cli.estimate.offset import coarse_time_offset
 from imucalib_cli.estimate.options import MatchedOptions
-from imucalib_cli.estimate.solve import (
-    DBA,
-    DBG,
-    DTAU,
-    DTILT,
-    TANGENT,
-    Solution,
-    State,
-    Unknowns,
-    refine,
-    solve_globally,
-)
-from imucalib_cli.estimate.statistics import BLOCK_SECONDS, block_statistics
-from imucalib_cli.estimate.windows import (
-    WindowPlan,
-    WindowRows,
-    plan_windows,
-    window_centres,
-    window_residuals,
-    window_rows,
-)
-from imucalib_cli.signals.grid import ImuGrid
+from imucalib_cli.estimate.prepare import CleanImu, clean_imu
+from imucalib_cli.estimate.solve import DBA, DBG, DTAU, POSE, State
+from imucalib_cli.estimate.uncertainty import Uncertainty, bias_std, uncertainty
+from imucalib_cli.estimate.window_choice import choose_window
+from imucalib_cli.estimate.windows import plan_windows
+from imucalib_cli.robot.path import KinematicPath
+from imucalib_cli.signals.lag import Lag
+from imucalib_cli.signals.samples import ImuSamples
 from imucalib_cli.signals.trajectory import Trajectory
 
 Floats = NDArray[np.float64]
 
-_FIRST_SCALES = (0.05, 0.005)
-"""m/s² and rad/s: weights of the very first solve, before residuals tell."""
-_PASSES = 6
-_TAU_STEP = 1e-4
-"""s: finite step of the time offset's column; the kinematics are smooth over it."""
-_TAU_CONVERGED = 2e-7
-_MAD_TO_STD = 1.4826
+_AMBIGUOUS = 25.0
+"""Least rise of the cost, in units of the noise, of a second rotation that is really worse."""
+_UNEXPLAINED = 0.3
+"""Share of the measured motion left in the residuals from which model and log do not match."""
+_STANDSTILL_GYRO = 0.02
+"""rad/s: a log that turns less than this tells nothing about mismatch."""
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
-    """A solution together with the rows it rests on."""
+class _Attempt:
+    """One reading of the stamps and the fit it leads to."""
 
-    grid: ImuGrid
-    trajectory: Trajectory
-    plan: WindowPlan
-    rows: WindowRows
-    weights: Floats
-    scales: tuple[float, float]
-    solution: Solution
-    time_offset: float
+    fit: Fit
+    window: Window
+    lag: Lag | None
+    imu_ticks: bool
+    robot_ticks: bool
 
-
-def make_unknowns(options: MatchedOptions, offset_free: bool) -> Unknowns:
-    """Translate the options into what may move and what is known beforehand."""
-    free = np.ones(TANGENT, dtype=bool)
-    prior = np.zeros(TANGENT)
-    for part, std in ((DBA, options.accel_bias_std), (DBG, options.gyro_bias_std)):
-        free[part] = std > 0.0
-        prior[part] = 1.0 / std**2 if std > 0.0 else 0.0
-    norm = 0.0 if options.gravity == "none" else options.gravity_norm
-    free[DTILT] = options.gravity == "tilt" and norm > 0.0 and options.tilt_std > 0.0
-    if free[DTILT].all():
-        prior[DTILT] = 1.0 / options.tilt_std**2
-    free[DTAU] = offset_free
-    return Unknowns(gravity_norm=norm, free=free, prior_information=prior)
+    @property
+    def misfit(self) -> float:
+        """Residual scale of both sensors: lower means the stamps were read better."""
+        return float(np.log(self.fit.scales[0]) + np.log(self.fit.scales[1]))
 
 
-def fit(
-    grid: ImuGrid, trajectory: Trajectory, plan: WindowPlan, options: MatchedOptions, tau: float
-) -> Fit:
-    """Alternate passes over the windows and solves until the time offset stands still."""
-    estimate_offset = options.time_offset is None
-    unknowns = make_unknowns(options, offset_free=False)
-    with_offset = make_unknowns(options, offset_free=estimate_offset)
-    scales = _FIRST_SCALES
-    solution: Solution | None = None
-    for _ in range(_PASSES):
-        usable = grid.usable & trajectory.covered(grid.t - tau)
-        centres = window_centres(plan, usable)
-        if len(centres) < 3 * columns.COUNT:
-            raise InputError("too short")
-        rows = window_rows(grid, trajectory, tau, plan, centres)
-        block = (centres * grid.dt // BLOCK_SECONDS).astype(np.intp)
-        weights = np.ones(len(centres))
-        for _ in range(3):
-            stats = block_statistics(rows, weights, block)
-            normal = stats.normal_matrix(*scales)
-            solution = (
-                solve_globally(normal, unknowns)
-                if solution is None
-                else refine(normal, unknowns, solution.state)
-            )
-            scales = _scales(rows, solution.state)
-        if not estimate_offset:
-            break
-        set_offset_column(grid, trajectory, tau, plan, rows, solution.state)
-        normal = block_statistics(rows, weights, block).normal_matrix(*scales)
-        solution = refine(normal, with_offset, solution.state)
-        step = solution.state.tau
-        if abs(step) < _TAU_CONVERGED:
-            break
-        tau += step
-        state = solution.state
-        solution = Solution(
-            State(state.t, state.R, state.accel_bias, state.gyro_bias, state.gravity),
-            solution.cost,
-            solution.information,
-            solution.runner_up,
-        )
-    assert solution is not None
-    return Fit(grid, trajectory, plan, rows, weights, scales, solution, tau)
+def calibrate_matched(imu: ImuSamples, path: KinematicPath, options: MatchedOptions) -> Estimate:
+    """Find the IMU's pose in the path's parent link by matched Savitzky-Golay filters.
+
+    Args:
+        imu: As stamped.
+        path: Kinematics of the parent link, as stamped.
+        options: What to find and what is known.
+
+    Returns:
+        The estimate, with what it could not determine named in it.
+
+    Raises:
+        InputError: Streams too short, without overlap or without usable samples.
+
+    Source:
+        After Vieira, Oliveira and Arrais, Sensors 2026, 26(6), 1788, doi 10.3390/s26061788, with
+        filters matched on both sides of the equation (docs/method.md).
+    """
+    clean = clean_imu(imu)
+    trajectory = Trajectory.of(path)
+    attempt = _best_reading(clean, trajectory, options)
+    spread = uncertainty(attempt.fit)
+    return _estimate(attempt, spread, clean, options)
 
 
-def set_offset_column(
-    grid: ImuGrid,
+def _best_reading(clean: CleanImu, trajectory: Trajectory, options: MatchedOptions) -> _Attempt:
+    """Stamps that jitter are read as ticks of a constant rate, or as they are: whichever fits.
+
+    Arrival jitter on a device that keeps its rate is an error of the stamps; a sample taken late
+    is not. The stamps alone do not tell which, the residuals do.
+    """
+    best = _attempt(clean, trajectory, options, clean.t_ticks is not None, trajectory.has_jitter)
+    for imu_ticks, robot_ticks in ((False, best.robot_ticks), (best.imu_ticks, False)):
+        if (imu_ticks, robot_ticks) != (best.imu_ticks, best.robot_ticks):
+            other = _attempt(clean, trajectory, options, imu_ticks, robot_ticks, best)
+            best = min(best, other, key=lambda attempt: attempt.misfit)
+    return best
+
+
+def _attempt(
+    clean: CleanImu,
     trajectory: Trajectory,
-    tau: float,
-    plan: WindowPlan,
-    rows: WindowRows,
-    state: State,
-) -> None:
-    """Fill the column of the time offset at the present solution, by central difference."""
-    x = state.vector()
-    later = window_residuals(grid, trajectory, tau + _TAU_STEP, plan, rows.centres, x)
-    earlier = window_residuals(grid, trajectory, tau - _TAU_STEP, plan, rows.centres, x)
-    rows.accel[:, :, columns.TAU] = (later[0] - earlier[0]) / (2 * _TAU_STEP)
-    rows.gyro[:, :, columns.TAU] = (later[1] - earlier[1]) / (2 * _TAU_STEP)
+    options: MatchedOptions,
+    imu_ticks: bool,
+    robot_ticks: bool,
+    near: _Attempt | None = None,
+) -> _Attempt:
+    trajectory = trajectory.with_ticks(robot_ticks)
+    grid = clean.grid(trajectory.interval, use_ticks=imu_ticks)
+    imu_interval = float(np.median(np.diff(clean.t)))
+    if near is not None:
+        length, window, lag = near.fit.plan.length, near.window, near.lag
+        offset, start = near.fit.time_offset, near.fit.solution.state
+    else:
+        length, window = choose_window(
+            options.window, grid, trajectory, imu_interval, options.degree
+        )
+        lag, start = None, None
+        if options.time_offset is None:
+            offset, lag = coarse_time_offset(grid, trajectory, options.max_offset)
+        else:
+            offset = options.time_offset
+    plan = plan_windows(length, options.degree, grid.dt)
+    fit = fit_windows(grid, trajectory, plan, options, offset, start)
+    return _Attempt(fit, window, lag, imu_ticks, robot_ticks)
 
 
-def _scales(rows: WindowRows, state: State) -> tuple[float, float]:
-    """Robust standard deviation of each sensor's residuals."""
-    accel, gyro = rows.residuals(state.vector())
-    return (
-        max(float(np.median(np.abs(accel))) * _MAD_TO_STD, 1e-12),
-        max(float(np.median(np.abs(gyro))) * _MAD_TO_STD, 1e-12),
+def _estimate(
+    attempt: _Attempt, spread: Uncertainty, clean: CleanImu, options: MatchedOptions
+) -> Estimate:
+    fit, P = attempt.fit, spread.covariance
+    state = fit.solution.state
+    accel, gyro = fit.rows.residuals(state.vector())
+    used = fit.weights > 0.0
+    residuals = Residuals(
+        accel_rms=_rms(accel[used]),
+        gyro_rms=_rms(gyro[used]),
+        windows_used=int(used.sum()),
+        windows_dropped=int((~used).sum()),
+        samples_replaced=clean.spikes,
+        gaps=fit.grid.gaps + fit.trajectory.gaps,
     )
+    unobservable = unobservable_directions(P[POSE, POSE], spread.excitation_std)
+    estimated_offset = bool(fit.unknowns.free[DTAU])
+    return Estimate(
+        method="matched",
+        R_parent_imu=state.R,
+        t_parent_imu=state.t,
+        covariance=P[POSE, POSE],
+        time_offset=fit.time_offset,
+        time_offset_std=float(np.sqrt(P[DTAU, DTAU])) if estimated_offset else None,
+        accel_bias=state.R.T @ state.accel_bias,
+        accel_bias_std=bias_std(fit, P, DBA, state.accel_bias)
+        if options.accel_bias_std > 0.0
+        else None,
+        gyro_bias=state.R.T @ state.gyro_bias,
+        gyro_bias_std=bias_std(fit, P, DBG, state.gyro_bias)
+        if options.gyro_bias_std > 0.0
+        else None,
+        gravity_world=state.gravity,
+        window=attempt.window,
+        residuals=residuals,
+        unobservable=tuple(unobservable),
+        sigma_source="segments" if spread.from_segments else "noise",
+        distrust=tuple(_reasons_for_distrust(attempt, spread, state, options, bool(unobservable))),
+        warnings=tuple(_warnings(attempt, clean, spread)),
+        notes={
+            "segment_chi2": spread.segment_chi2,
+            "noise_colour": spread.colour,
+            "offset_correlation": attempt.lag.correlation if attempt.lag else None,
+            "imu_stamps": "ticks" if attempt.imu_ticks else "as stamped",
+            "robot_stamps": "ticks" if attempt.robot_ticks else "as stamped",
+        },
+    )
+
+
+def _rms(values: Floats) -> Floats:
+    return np.asarray(np.sqrt(np.mean(values**2, axis=0)))
+
+
+def _reasons_for_distrust(
+    attempt: _Attempt, spread: Uncertainty, state: State, options: MatchedOptions, unknown: bool
+) -> list[str]:
+    fit, reasons = attempt.fit, []
+    accel, gyro = fit.rows.residuals(state.vector())
+    derived = fit.rows.gyro[:, :, 0]
+    turning = float(np.sqrt(np.mean(derived**2)))
+    left = float(np.sqrt(np.mean(gyro**2)))
+    if turning > _STANDSTILL_GYRO and left > _UNEXPLAINED * turning:
+        reasons.append(
+            f"the robot's motion does not explain the gyroscope ({left / turning:.0%} of the "
+            "rotation is left over): is this the right parent link, URDF and joint topic?"
+        )
+    if attempt.lag is not None and attempt.lag.at_edge and not unknown:
+        reasons.append(
+            f"the time offset may lie beyond the search of ±{options.max_offset:g} s: "
+            "widen it with --max-offset"
+        )
+    # Windows overlap: the cost counts each bit of noise several times.
+    overlap = 6.0 * fit.plan.length / fit.plan.hop / 8.0
+    rise = (fit.runner_up - 1.0) * fit.solution.cost / overlap
+    if rise < _AMBIGUOUS and not unknown:
+        reasons.append(
+            "another rotation fits almost as well: record motion about more than one axis"
+        )
+    return reasons
+
+
+def _warnings(attempt: _Attempt, clean: CleanImu, spread: Uncertainty) -> list[str]:
+    warnings = []
+    if clean.repeated or clean.backward or clean.not_finite:
+        warnings.append(
+            f"IMU samples left out: {clean.repeated} with repeated stamps, {clean.not_finite} not "
+            f"finite; stamps that went backwards: {clean.backward}"
+        )
+    if attempt.imu_ticks:
+        warnings.append(
+            f"IMU stamps jitter by {clean.jitter * 1e3:.2g} ms about a constant rate; the rate "
+            "fits the motion better and was used"
+        )
+    if attempt.robot_ticks:
+        warnings.append(
+            "robot stamps jitter about a constant rate; the rate fits the motion better and was used"
+        )
+    if spread.from_segments:
+        warnings.append(
+            f"segments of the log disagree {np.sqrt(spread.segment_chi2):.1f} times more than noise "
+            "explains: the kinematic model or the mount, not noise, sets the uncertainty"
+        )
+    dropped = int((attempt.fit.weights <= 0.0).sum())
+    if dropped > 0.05 * len(attempt.fit.weights):
+        warnings.append(
+            f"{dropped} of {len(attempt.fit.weights)} windows do not fit the rest and were left out"
+        )
+    return warnings

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,6 +78,10 @@ class Trajectory:
             InputError: A track has too few usable samples.
         """
         return cls(path, tuple(clean_track(track) for track in path.tracks))
+
+    def with_ticks(self, use_ticks: bool) -> Trajectory:
+        """The same trajectory, stamps read as ticks of a constant rate or as they are."""
+        return self if use_ticks == self.use_ticks else replace(self, use_ticks=use_ticks)
 
     def _stamps(self, track: CleanTrack) -> Floats:
         return track.t_ticks if self.use_ticks and track.t_ticks is not None else track.t

@@ -1,0 +1,190 @@
+"""Passes over the windows and solves in turn, until the time offset stands still."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imucalib_cli.errors import InputError
+from imucalib_cli.estimate import columns
+from imucalib_cli.estimate.options import MatchedOptions
+from imucalib_cli.estimate.robust import residual_scales, window_weights
+from imucalib_cli.estimate.solve import (
+    DBA,
+    DBG,
+    DTAU,
+    DTILT,
+    TANGENT,
+    Solution,
+    State,
+    Unknowns,
+    refine,
+    solve_globally,
+)
+from imucalib_cli.estimate.statistics import BLOCK_SECONDS, block_statistics
+from imucalib_cli.estimate.windows import (
+    WindowPlan,
+    WindowRows,
+    window_centres,
+    window_residuals,
+    window_rows,
+)
+from imucalib_cli.signals.grid import ImuGrid
+from imucalib_cli.signals.trajectory import Trajectory
+
+Floats = NDArray[np.float64]
+
+_FIRST_SCALES = (0.05, 0.005)
+"""m/s² and rad/s: how the sensors are weighted before residuals tell."""
+_PASSES = 8
+_REWEIGHTS = 3
+_OFFSET_STEP = 1e-4
+"""s, of the offset column's central difference: the kinematics are smooth over it."""
+_OFFSET_CONVERGED = 0.02
+"""In standard deviations of the offset by the information matrix."""
+_OFFSET_RESOLUTION = 1e-7
+"""s: a step this small ends the passes in any case."""
+MIN_WINDOWS = 24
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A solution together with the rows it rests on."""
+
+    grid: ImuGrid
+    trajectory: Trajectory
+    plan: WindowPlan
+    rows: WindowRows
+    weights: Floats
+    """(W,), robust weight of each window."""
+    scales: tuple[float, float]
+    """Residual scale of the accelerometer, m/s², and the gyroscope, rad/s."""
+    unknowns: Unknowns
+    solution: Solution
+    runner_up: float
+    """Cost of the best other rotation over the least cost, from the first solve."""
+    time_offset: float
+
+
+def make_unknowns(options: MatchedOptions, *, offset_free: bool) -> Unknowns:
+    """Translate the options into what may move and what is known beforehand."""
+    free = np.ones(TANGENT, dtype=bool)
+    prior = np.zeros(TANGENT)
+    for part, std in ((DBA, options.accel_bias_std), (DBG, options.gyro_bias_std)):
+        free[part] = std > 0.0
+        prior[part] = 1.0 / std**2 if std > 0.0 else 0.0
+    norm = 0.0 if options.gravity == "none" else options.gravity_norm
+    free[DTILT] = options.gravity == "tilt" and norm > 0.0 and options.tilt_std > 0.0
+    if free[DTILT].all():
+        prior[DTILT] = 1.0 / options.tilt_std**2
+    free[DTAU] = offset_free
+    return Unknowns(gravity_norm=norm, free=free, prior_information=prior)
+
+
+def fit_windows(
+    grid: ImuGrid,
+    trajectory: Trajectory,
+    plan: WindowPlan,
+    options: MatchedOptions,
+    time_offset: float,
+    start: State | None = None,
+) -> Fit:
+    """Least squares over all windows, robust, with the time offset if it is to be found.
+
+    Args:
+        grid: The IMU.
+        trajectory: The parent link.
+        plan: Windows and filters.
+        options: What is free and what is known.
+        time_offset: IMU stamp - robot stamp to begin with, s.
+        start: A solution nearby, from which to go on; None searches all rotations.
+
+    Raises:
+        InputError: The streams overlap for too few windows.
+    """
+    still = make_unknowns(options, offset_free=False)
+    moving = make_unknowns(options, offset_free=options.time_offset is None)
+    rows = _rows(grid, trajectory, plan, time_offset)
+    scales, runner_up = _FIRST_SCALES, np.inf
+    if start is None:
+        normal = _normal(rows, np.ones(len(rows.centres)), grid, scales)
+        found = solve_globally(normal, still)
+        start, runner_up = found.state, found.runner_up
+    state = start
+    for turn in range(_PASSES):
+        if turn > 0:
+            rows = _rows(grid, trajectory, plan, time_offset)
+        weights = np.ones(len(rows.centres))
+        for reweight in range(_REWEIGHTS):
+            scales = residual_scales(rows, state.vector())
+            state = refine(_normal(rows, weights, grid, scales), still, state).state
+            weights = window_weights(rows, state.vector(), redescend=turn + reweight > 0)
+        if not moving.free[DTAU]:
+            break
+        _set_offset_column(grid, trajectory, time_offset, plan, rows, state)
+        joint = refine(_normal(rows, weights, grid, scales), moving, state)
+        step, information = joint.state.tau, joint.information[DTAU, DTAU]
+        if turn == _PASSES - 1 or abs(step) < max(
+            _OFFSET_RESOLUTION, _OFFSET_CONVERGED / np.sqrt(information + 1e-300)
+        ):
+            break
+        # The column is linear only nearby: half a window is as far as it can tell.
+        reach = 0.5 * plan.length * grid.dt
+        time_offset += float(np.clip(step, -reach, reach))
+        state = replace(joint.state, tau=0.0)
+    solution = refine(_normal(rows, weights, grid, scales), moving, state)
+    return Fit(
+        grid=grid,
+        trajectory=trajectory,
+        plan=plan,
+        rows=rows,
+        weights=weights,
+        scales=scales,
+        unknowns=moving,
+        solution=solution,
+        runner_up=runner_up,
+        time_offset=time_offset + solution.state.tau,
+    )
+
+
+def _rows(
+    grid: ImuGrid, trajectory: Trajectory, plan: WindowPlan, time_offset: float
+) -> WindowRows:
+    usable = grid.usable & trajectory.covered(grid.t - time_offset)
+    centres = window_centres(plan, usable)
+    if len(centres) < MIN_WINDOWS:
+        first, last = trajectory.span
+        raise InputError(
+            f"only {len(centres)} filter windows of {plan.length * grid.dt:.3g} s fit where IMU "
+            f"({grid.t0:.2f} to {grid.t[-1]:.2f} s) and robot ({first + time_offset:.2f} to "
+            f"{last + time_offset:.2f} s) overlap without gaps, need {MIN_WINDOWS}: record a "
+            "longer log or choose a shorter --window"
+        )
+    return window_rows(grid, trajectory, time_offset, plan, centres)
+
+
+def _normal(
+    rows: WindowRows, weights: Floats, grid: ImuGrid, scales: tuple[float, float]
+) -> Floats:
+    block = ((rows.centres - rows.centres[0]) * grid.dt // BLOCK_SECONDS).astype(np.intp)
+    return block_statistics(rows, weights, block).normal_matrix(*scales)
+
+
+def _set_offset_column(
+    grid: ImuGrid,
+    trajectory: Trajectory,
+    time_offset: float,
+    plan: WindowPlan,
+    rows: WindowRows,
+    state: State,
+) -> None:
+    """Fill the column of the time offset at the present solution, by central difference."""
+    x = state.vector()
+    x[columns.TAU] = 0.0
+    h = _OFFSET_STEP
+    later = window_residuals(grid, trajectory, time_offset + h, plan, rows.centres, x)
+    earlier = window_residuals(grid, trajectory, time_offset - h, plan, rows.centres, x)
+    rows.accel[:, :, columns.TAU] = (later[0] - earlier[0]) / (2 * h)
+    rows.gyro[:, :, columns.TAU] = (later[1] - earlier[1]) / (2 * h)

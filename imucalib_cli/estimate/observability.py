@@ -1,0 +1,84 @@
+"""Which directions of the pose the motion did not determine, and which motion would."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imucalib_cli.estimate.estimate import UnobservableDirection
+
+Floats = NDArray[np.float64]
+
+TRANSLATION_LIMIT = 0.05
+"""m: a direction known no better than this is not known."""
+ROTATION_LIMIT = 0.05
+"""rad, likewise."""
+_UNBOUNDED = 0.5
+"""Share of the weakest prior's deviation from which nothing but that prior bounds a direction."""
+_WEAKEST = {"translation": 10.0, "rotation": float(np.pi)}
+
+
+def unobservable_directions(covariance: Floats, excitation: Floats) -> list[UnobservableDirection]:
+    """Eigen-directions of the pose's covariance beyond the limits.
+
+    Args:
+        covariance: (6, 6), of the estimate, parent frame.
+        excitation: (6, 6), what ordinary noise would give on this motion: the larger counts, so
+            that a log without noise does not make a motionless direction look known.
+
+    Returns:
+        Translation first, the least known first.
+    """
+    found: list[UnobservableDirection] = []
+    kinds: list[tuple[Literal["translation", "rotation"], slice, float]] = [
+        ("translation", slice(0, 3), TRANSLATION_LIMIT),
+        ("rotation", slice(3, 6), ROTATION_LIMIT),
+    ]
+    for kind, part, limit in kinds:
+        worst = np.maximum.reduce(
+            [np.linalg.eigvalsh(c[part, part])[-1] for c in (covariance, excitation)]
+        )
+        if worst <= limit**2:
+            continue
+        source = max((covariance, excitation), key=lambda c: float(np.trace(c[part, part])))
+        values, vectors = np.linalg.eigh(source[part, part])
+        for variance, direction in zip(values[::-1], vectors.T[::-1], strict=True):
+            if variance <= limit**2:
+                break
+            std = float(np.sqrt(variance))
+            bounded = std < _UNBOUNDED * _WEAKEST[kind]
+            axis = _readable(direction)
+            found.append(
+                UnobservableDirection(
+                    kind=kind,
+                    direction_parent=axis,
+                    std=std if bounded else None,
+                    motion=_motion(kind, axis),
+                )
+            )
+    return found
+
+
+def _readable(direction: Floats) -> Floats:
+    """Unit vector of the sign whose largest component is positive, rounding noise removed."""
+    direction = np.where(np.abs(direction) < 1e-6, 0.0, direction)
+    direction = direction / np.linalg.norm(direction)
+    return np.asarray(direction * np.sign(direction[np.argmax(np.abs(direction))]))
+
+
+def _motion(kind: str, direction: Floats) -> str:
+    """The cheapest motion that would determine a direction."""
+    names = "xyz"
+    across = sorted(range(3), key=lambda axis: abs(direction[axis]))[:2]
+    first, second = (names[axis] for axis in sorted(across))
+    if kind == "translation":
+        return (
+            f"rotate the parent link about its {first} or {second} axis (any axis across this "
+            "direction) by ±30° within 2 s, several times"
+        )
+    return (
+        f"rotate the parent link about its {first} and {second} axes (axes across this direction) "
+        "by ±30° within 2 s, several times"
+    )

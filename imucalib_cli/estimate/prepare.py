@@ -1,0 +1,90 @@
+"""The IMU made ready: in order, without spikes, on an even grid."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imucalib_cli.errors import InputError
+from imucalib_cli.signals.grid import ImuGrid, imu_grid
+from imucalib_cli.signals.interpolate import lagrange
+from imucalib_cli.signals.samples import ImuSamples
+from imucalib_cli.signals.spikes import find_spikes
+from imucalib_cli.signals.stamps import constant_rate_ticks, tidy_rows
+
+Floats = NDArray[np.float64]
+
+MIN_IMU_SAMPLES = 50
+SPIKE_FLOOR_ACCEL = 0.2
+SPIKE_FLOOR_GYRO = 0.02
+"""m/s² and rad/s: a single sample off by less than this moves no result."""
+_MOST_REFINE = 10
+
+
+@dataclass(frozen=True, eq=False)
+class CleanImu:
+    """IMU samples in order, spikes bridged."""
+
+    t: Floats
+    t_ticks: Floats | None
+    """The constant-rate clock behind jittered stamps, if there is one."""
+    jitter: float
+    """Root mean square of stamp - tick, s; zero without ticks."""
+    gyro: Floats
+    accel: Floats
+    spikes: int
+    repeated: int
+    backward: int
+    not_finite: int
+
+    def grid(self, robot_interval: float, *, use_ticks: bool) -> ImuGrid:
+        """Even grid as fine as the finer of the two streams.
+
+        Where joints come faster than the IMU, a coarse grid would throw away samples that
+        average encoder noise.
+        """
+        t = self.t_ticks if use_ticks and self.t_ticks is not None else self.t
+        interval = float(np.median(np.diff(t)))
+        refine = round(interval / robot_interval) if robot_interval > 0.0 else 1
+        return imu_grid(t, self.gyro, self.accel, min(max(refine, 1), _MOST_REFINE))
+
+
+def clean_imu(imu: ImuSamples) -> CleanImu:
+    """Order the samples, drop what is not a number, bridge spikes.
+
+    Raises:
+        InputError: Too few usable samples.
+    """
+    tidy = tidy_rows(imu.t, np.hstack([imu.gyro, imu.accel]))
+    if len(tidy.rows) < MIN_IMU_SAMPLES:
+        raise InputError(
+            f"the IMU has {len(tidy.rows)} usable samples of {len(imu.t)}, need at least "
+            f"{MIN_IMU_SAMPLES}: record a longer log, or try --clock log if its stamps repeat"
+        )
+    t = imu.t[tidy.rows]
+    sensors = []
+    spikes = np.zeros(len(t), dtype=bool)
+    for values, floor in (
+        (imu.gyro[tidy.rows], SPIKE_FLOOR_GYRO),
+        (imu.accel[tidy.rows], SPIKE_FLOOR_ACCEL),
+    ):
+        bad = find_spikes(values, floor)
+        mended = values.copy()
+        if bad.any():
+            mended[bad] = lagrange(t[~bad], values[~bad], t[bad], points=4)
+        sensors.append(mended)
+        spikes |= bad
+    ticks = constant_rate_ticks(t)
+    return CleanImu(
+        t=t,
+        t_ticks=ticks.t if ticks else None,
+        jitter=ticks.jitter if ticks else 0.0,
+        gyro=sensors[0],
+        accel=sensors[1],
+        spikes=int(spikes.sum()),
+        repeated=tidy.repeated,
+        backward=tidy.backward,
+        not_finite=tidy.not_finite,
+    )

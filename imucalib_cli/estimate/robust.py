@@ -1,0 +1,61 @@
+"""Weights that let contacts, shocks and bad stamps drop out, and nothing else."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imucalib_cli.estimate import columns
+from imucalib_cli.estimate.windows import WindowRows
+
+Floats = NDArray[np.float64]
+
+MAD_TO_STD = 1.4826
+SCALE_FLOOR = (2e-4, 1e-5)
+"""m/s² and rad/s: below what any IMU resolves within a window, so no reason for doubt."""
+_CHI2_6_MEDIAN = 5.348
+_FULL = 25.0
+"""Squared distance, 6 degrees of freedom, up to which a window counts in full (3e-4 beyond)."""
+_NONE = 100.0
+"""Squared distance from which it does not count."""
+_BINS = 8
+
+
+def residual_scales(rows: WindowRows, x: Floats) -> tuple[float, float]:
+    """Robust standard deviation of accelerometer and gyroscope residuals, m/s² and rad/s."""
+    accel, gyro = rows.residuals(x)
+    return (
+        max(float(np.median(np.abs(accel))) * MAD_TO_STD, 1e-12),
+        max(float(np.median(np.abs(gyro))) * MAD_TO_STD, 1e-12),
+    )
+
+
+def window_weights(rows: WindowRows, x: Floats, *, redescend: bool) -> Floats:
+    """Weight of each window, from its residual against windows that move alike.
+
+    Vibration, encoder noise and model errors grow with motion. A window is an outlier among
+    those of like motion, never merely because it moves: it is the moving ones that inform.
+
+    Args:
+        rows: Of W windows.
+        x: The solution's coefficients.
+        redescend: Whether far windows lose all weight (Tukey) or only influence (Huber): the
+            latter first, while the solution may still be off.
+
+    Returns:
+        (W,), in [0, 1].
+    """
+    scales = residual_scales(rows, x)
+    accel, gyro = rows.residuals(x)
+    scale_a, scale_g = (max(s, floor) for s, floor in zip(scales, SCALE_FLOOR, strict=True))
+    distance = (accel**2).sum(axis=1) / scale_a**2 + (gyro**2).sum(axis=1) / scale_g**2
+    motion = (rows.accel[:, :, columns.T] ** 2).sum(axis=(1, 2))
+    order = np.argsort(motion)
+    relative = np.empty(len(distance))
+    for part in np.array_split(order, min(_BINS, max(len(order) // 32, 1))):
+        typical = max(float(np.median(distance[part])), _CHI2_6_MEDIAN)
+        relative[part] = distance[part] * (_CHI2_6_MEDIAN / typical)
+    if not redescend:
+        return np.asarray(np.sqrt(np.minimum(1.0, _FULL / np.maximum(relative, 1e-300))))
+    beyond = np.clip((relative - _FULL) / (_NONE - _FULL), 0.0, 1.0)
+    return np.asarray((1.0 - beyond**2) ** 2)

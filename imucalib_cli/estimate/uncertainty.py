@@ -1,0 +1,170 @@
+"""Sigma of an estimate: from the noise, and from how far segments of the log disagree."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imucalib_cli.estimate.covariance import ScoreSpectrum, kernel_response
+from imucalib_cli.estimate.fit import Fit
+from imucalib_cli.estimate.robust import SCALE_FLOOR
+from imucalib_cli.estimate.solve import DBA, DBG, DPHI, DT, DTAU, DTILT, POSE, TANGENT
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+_SEGMENTS = 8
+_SEGMENT_SECONDS = 4.0
+"""Shortest segment worth comparing: a few moves."""
+_SIGNIFICANCE_Z = 2.326
+"""Normal quantile of p = 0.01: rarer scatter than that is not noise."""
+
+
+def _weakest_priors() -> Floats:
+    """Information so weak that it matters only where there is none: makes sigma finite."""
+    std = np.empty(TANGENT)
+    std[DT], std[DPHI] = 10.0, np.pi
+    std[DBA], std[DBG] = 10.0, 1.0
+    std[DTILT], std[DTAU] = np.pi, 10.0
+    return 1.0 / std**2
+
+
+@dataclass(frozen=True, eq=False)
+class Uncertainty:
+    """Covariance of all tangent components at a solution."""
+
+    covariance: Floats
+    """(TANGENT, TANGENT); zero rows where a component is not free."""
+    excitation_std: Floats
+    """(6, 6), covariance of the pose as the motion allows it: with the residuals at the level of
+    a common IMU or their own, whichever is larger. Tells little motion from little noise."""
+    from_segments: bool
+    """Segments disagree by more than noise explains, and the covariance was widened to cover it."""
+    segment_chi2: float
+    """Scatter of the segments in units of the noise, per degree of freedom; 1 is noise alone."""
+    colour: float
+    """Loudest band of the noise over the middle one."""
+
+
+def uncertainty(fit: Fit) -> Uncertainty:
+    """Propagate noise of any colour through the fit, and widen it where segments disagree."""
+    free = np.flatnonzero(fit.unknowns.free)
+    scales = tuple(max(s, 1e-12) for s in fit.scales)
+    spectrum = _spectrum(fit, free, scales)
+    prior = fit.unknowns.prior_information[free]
+    weakest = _weakest_priors()[free]
+    gram = _gram(spectrum.J)
+    inverse = _inverse(gram + np.diag(prior + weakest))
+    levels = spectrum.noise_levels(inverse)
+    B = spectrum.score_covariance(levels) + np.diag(prior + weakest)
+    noise = inverse @ B @ inverse
+    chi2, scatter = _segment_scatter(spectrum, levels, inverse, fit)
+    covariance = noise + scatter if scatter is not None else noise
+    return Uncertainty(
+        covariance=_embed(covariance, free),
+        excitation_std=_excitation(fit, free, prior + weakest),
+        from_segments=scatter is not None,
+        segment_chi2=chi2,
+        colour=spectrum.colour(levels),
+    )
+
+
+def _spectrum(fit: Fit, free: Indices, scales: tuple[float, ...]) -> ScoreSpectrum:
+    state, plan = fit.solution.state, fit.plan
+    tangent = state.jacobian()[:, free]
+    root = np.sqrt(fit.weights)[:, None]
+    accel, gyro = fit.rows.residuals(state.vector())
+    kept = np.flatnonzero(fit.weights > 0.0)
+    J = np.concatenate(
+        [fit.rows.accel @ tangent / scales[0], fit.rows.gyro @ tangent / scales[1]], axis=1
+    )
+    e = np.concatenate([accel / scales[0], gyro / scales[1]], axis=1)
+    return ScoreSpectrum(
+        J=(J * root[:, :, None])[kept],
+        e=(e * root)[kept],
+        slots=(fit.rows.centres // plan.hop)[kept],
+        responses=(
+            kernel_response(plan.second_derivative.average, plan.hop),
+            kernel_response(plan.first_derivative.average, plan.hop),
+        ),
+    )
+
+
+def _gram(J: Floats) -> Floats:
+    flat = J.reshape(-1, J.shape[2])
+    return np.asarray(flat.T @ flat)
+
+
+def _inverse(A: Floats) -> Floats:
+    """Inverse of a positive matrix of mixed units."""
+    scale = 1.0 / np.sqrt(np.diag(A))
+    return np.asarray(np.linalg.inv(A * np.outer(scale, scale)) * np.outer(scale, scale))
+
+
+def _embed(covariance: Floats, free: Indices) -> Floats:
+    full = np.zeros((TANGENT, TANGENT))
+    full[np.ix_(free, free)] = covariance
+    return full
+
+
+def _excitation(fit: Fit, free: Indices, prior: Floats) -> Floats:
+    """What the pose's covariance would be with ordinary noise: a property of the motion."""
+    hidden = 6.0 * fit.plan.length / fit.plan.hop / 8.0
+    scales = tuple(max(s, f) for s, f in zip(fit.scales, (5 * f for f in SCALE_FLOOR), strict=True))
+    J = _spectrum(fit, free, scales).J
+    covariance = _embed(_inverse(_gram(J) / hidden + np.diag(prior)), free)
+    return covariance[POSE, POSE]
+
+
+def _segment_scatter(
+    spectrum: ScoreSpectrum, levels: Floats, inverse: Floats, fit: Fit
+) -> tuple[float, Floats | None]:
+    """Whether segments of the log pull the pose apart by more than noise, and by how much.
+
+    A segment's pull, A^-1 times its score, is to first order how far leaving it out would move
+    the estimate. Model errors (a wrong link length) pull differently from segment to segment.
+
+    Returns:
+        Scatter over noise per degree of freedom, and the covariance to add, if significant.
+    """
+    seconds = (spectrum.slots[-1] - spectrum.slots[0]) * fit.plan.hop * fit.grid.dt
+    count = min(_SEGMENTS, int(seconds / _SEGMENT_SECONDS))
+    if count < 3:
+        return 1.0, None
+    pulls, chi2, freedom = [], 0.0, 0.0
+    for rows in np.array_split(np.arange(len(spectrum.slots)), count):
+        J = spectrum.J[rows].reshape(-1, spectrum.J.shape[2])
+        pull = inverse @ (J.T @ spectrum.e[rows].reshape(-1))
+        # The fit holds the sum of all pulls at zero: each keeps what the others' share leaves.
+        left = np.eye(len(inverse)) - inverse @ (J.T @ J)
+        B = spectrum.score_covariance(levels, rows)
+        expected = (left @ inverse @ B @ inverse @ left.T)[:6, :6]
+        scale = 1.0 / np.sqrt(np.maximum(np.diag(expected), 1e-300))
+        values, vectors = np.linalg.eigh(expected * np.outer(scale, scale))
+        strong = values > 1e-6 * values[-1]
+        parts = vectors[:, strong].T @ (pull[:6] * scale)
+        chi2 += float(np.sum(parts**2 / values[strong]))
+        freedom += float(strong.sum())
+        pulls.append(pull)
+    # Wilson and Hilferty's normal approximation of chi-squared.
+    limit = freedom * (1 - 2 / (9 * freedom) + _SIGNIFICANCE_Z * np.sqrt(2 / (9 * freedom))) ** 3
+    if chi2 <= limit:
+        return chi2 / freedom, None
+    stacked = np.stack(pulls)
+    return chi2 / freedom, np.asarray(stacked.T @ stacked * (count / (count - 1)))
+
+
+def bias_std(fit: Fit, covariance: Floats, which: slice, bias_parent: Floats) -> Floats:
+    """Standard deviation of a bias in the IMU frame, whose rotation is itself uncertain."""
+    R = fit.solution.state.R
+    J = np.zeros((3, TANGENT))
+    J[:, which] = R.T
+    J[:, DPHI] = R.T @ _cross(bias_parent)
+    return np.asarray(np.sqrt(np.maximum(np.diag(J @ covariance @ J.T), 0.0)))
+
+
+def _cross(v: Floats) -> Floats:
+    x, y, z = v
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])

@@ -1,0 +1,137 @@
+"""How long a filter window should be, and why.
+
+Matched filters cost no bias at any length, so the window is as long as the noise of the
+kinematics asks for, and no longer than that or a fifth of a second. Two things ask:
+
+- Noise in the derivative of R_world_parent is noise in the lever arm's regressor. It attenuates
+  the lever arm (errors in variables) by its share of the regressor's power.
+- Noise in the derivative of p_world_parent is residual noise; beyond the accelerometer's own it
+  drowns the measurement.
+
+The variance of a second derivative over a window of T seconds of samples each dt is
+720 sigma² dt / T^5 (Savitzky-Golay, degree 2 or 3, many samples).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imucalib_cli.estimate.estimate import Window
+from imucalib_cli.estimate.options import WindowChoice
+from imucalib_cli.signals.grid import ImuGrid
+from imucalib_cli.signals.kernels import convolve_at, matched_filter
+from imucalib_cli.signals.spikes import deviation_from_neighbours
+from imucalib_cli.signals.trajectory import CleanTrack, Trajectory
+
+Floats = NDArray[np.float64]
+
+SHORTEST_AUTO = 0.2
+LONGEST_AUTO = 1.0
+_LENGTHS = (0.2, 0.25, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0)
+"""s."""
+MAX_ATTENUATION = 1e-4
+"""Share of noise in the lever arm's regressor: 0.01 mm on a 100 mm lever arm."""
+_ARM = 1.0
+"""m: how far joints stand from the parent link, for what their noise does to its position."""
+_NOISE_OF_DEVIATION = 1.394
+"""Standard deviation of the deviation from four neighbours, white noise of unit deviation."""
+
+
+def choose_window(
+    choice: WindowChoice, grid: ImuGrid, trajectory: Trajectory, imu_interval: float, degree: int
+) -> tuple[int, Window]:
+    """Window length in grid samples, odd, and what to tell the user about it.
+
+    Args:
+        choice: What the user asked for; neither samples nor seconds is automatic.
+        grid: The IMU.
+        trajectory: The parent link.
+        imu_interval: Interval of the IMU, s; samples are told in it.
+        degree: Of the filter, which needs more samples than that.
+    """
+    if choice.samples is not None:
+        seconds, reason = (choice.samples - 1) * imu_interval, "as asked"
+    elif choice.seconds is not None:
+        seconds, reason = choice.seconds, "as asked"
+    else:
+        seconds, reason = _automatic(grid, trajectory, degree)
+    shortest = degree + 2 + (degree + 1) % 2
+    length = max(2 * round(seconds / grid.dt / 2) + 1, shortest)
+    window = Window(
+        samples=max(round((length - 1) * grid.dt / imu_interval), 1) + 1,
+        seconds=(length - 1) * grid.dt,
+        reason=reason,
+    )
+    return length, window
+
+
+def _automatic(grid: ImuGrid, trajectory: Trajectory, degree: int) -> tuple[float, str]:
+    """Shortest length at which the kinematics' noise no longer matters."""
+    rotation, position = kinematic_noise(trajectory)
+    accel = _median_deviation(grid.accel) / _NOISE_OF_DEVIATION
+    turning = _lever_power(grid, trajectory, degree)
+    for seconds in _LENGTHS:
+        gain = 720.0 / seconds**5
+        attenuation = gain * rotation / turning if turning > 0.0 else 0.0
+        # White noise through the second derivative's kernel keeps 10/7 dt/T of its variance.
+        drowned = gain * position > (10.0 / 7.0) * accel**2 * grid.dt / seconds
+        if attenuation <= MAX_ATTENUATION and not drowned:
+            if seconds == SHORTEST_AUTO:
+                return seconds, "automatic: noise of the kinematics is small at the shortest length"
+            return seconds, "automatic: averages the noise of the kinematics below the IMU's"
+    return LONGEST_AUTO, "automatic: the longest, the kinematics are noisy"
+
+
+def kinematic_noise(trajectory: Trajectory) -> tuple[float, float]:
+    """Noise of R_world_parent and p_world_parent, as variance times sample interval.
+
+    Returns:
+        Summed over the nine elements of R, s; summed over position, m² s.
+    """
+    rotation = position = 0.0
+    for track, kind in zip(trajectory.tracks, trajectory.path.tracks, strict=True):
+        variance = _moving_variance(track)
+        if kind.kind == "joints":
+            rotation += 2.0 * float(variance.sum()) * track.interval
+            position += _ARM**2 * float(variance.sum()) * track.interval
+        else:
+            # A quaternion's error is half the angle's; each angle fills two units of |dR|².
+            rotation += 2.0 * 4.0 * float(variance[3:].sum()) * track.interval
+            position += float(variance[:3].sum()) * track.interval
+    return rotation, position
+
+
+def _moving_variance(track: CleanTrack) -> Floats:
+    """Noise variance of each channel, over the samples at which it moves.
+
+    A quantised encoder at rest shows none.
+    """
+    off = deviation_from_neighbours(track.values)
+    moving = np.abs(np.gradient(track.values, axis=0))
+    variance = np.zeros(track.values.shape[1])
+    for channel, (rest, speed) in enumerate(zip(off.T, moving.T, strict=True)):
+        active = speed > 0.2 * speed.max(initial=0.0)
+        if active.sum() >= 8:
+            variance[channel] = (np.median(np.abs(rest[active])) * 1.4826 / _NOISE_OF_DEVIATION) ** 2
+    return variance
+
+
+def _median_deviation(values: Floats) -> float:
+    return float(np.median(np.abs(deviation_from_neighbours(values)))) * 1.4826
+
+
+def _lever_power(grid: ImuGrid, trajectory: Trajectory, degree: int) -> float:
+    """Mean of |D2 R|² over the log, 1/s⁴, at the shortest automatic length."""
+    length = max(2 * round(SHORTEST_AUTO / grid.dt / 2) + 1, degree + 2 + (degree + 1) % 2)
+    pair = matched_filter(length, degree, 2, grid.dt)
+    t = grid.t
+    covered = trajectory.covered(t)
+    if covered.sum() < 4 * length:
+        return 0.0
+    poses = np.zeros((len(t), 9))
+    poses[covered] = trajectory.poses(t[covered])[0].reshape(-1, 9)
+    first = np.arange(0, len(t) - length, length)
+    holes = np.concatenate([[0], np.cumsum(~covered)])
+    first = first[holes[first + length] == holes[first]]
+    return float(np.mean((convolve_at(poses, pair.derivative, first) ** 2).sum(axis=1)))
