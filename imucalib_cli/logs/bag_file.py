@@ -255,38 +255,46 @@ class BagFile:
         if index is None:
             index = self._message_index(file, end, channels)
         index = {number: index[number] for number in channels if number in index}
-        last = max((int(at.max()) for _, at in index.values() if len(at)), default=-1)
-        if last < 0:
+        index = {number: entries for number, entries in index.items() if len(entries[1])}
+        if not index:
             return 0
-        data = inflated.upto(last + 4)
-        # Up to the length of the header, to that of the data, and to the end of the data.
-        end = last + 8 + _size_at(data, last)
-        data = inflated.upto(end)
-        end += _size_at(data, end - 4)
-        data = inflated.upto(end)
-        if inflated.damage or len(data) < end:
-            self._lose(f"a chunk at byte {chunk.start} is used as far as it can be unpacked")
-        for number, (times, offsets) in index.items():
-            self._add(data, channels[number], times, offsets, sink, base)
+        offsets = np.concatenate([entries[1] for entries in index.values()])
+        times = np.concatenate([entries[0] for entries in index.values()])
+        data, limits = inflated.around(offsets)
+        starts, sizes = _payloads(data, offsets, limits)
+        if (starts + sizes > limits).any():
+            data = inflated.upto()
+            limits = np.full(len(offsets), len(data))
+            starts, sizes = _payloads(data, offsets, limits)
+        sound = starts + sizes <= limits
+        if not sound.all():
+            self._lose(
+                f"{np.count_nonzero(~sound)} messages of the chunk at byte {chunk.start} are "
+                "damaged or cut short and left out"
+            )
+        stop = 0
+        for number, entries in index.items():
+            start, stop = stop, stop + len(entries[1])
+            of, here = sound[start:stop], slice(start, stop)
+            add_by_length(
+                sink,
+                channels[number],
+                data,
+                base,
+                starts[here][of],
+                sizes[here][of],
+                times[here][of],
+            )
         return len(data)
 
-    def _add(
-        self,
-        data: Bytes,
-        channel: Channel,
-        times: Nanoseconds,
-        offsets: NDArray[np.int64],
-        sink: Sink,
-        base: int,
-    ) -> None:
-        head_sizes, inside = _sizes(data, offsets)
-        data_sizes, also = _sizes(data, offsets + 4 + head_sizes)
-        starts = offsets + 8 + head_sizes
-        sound = inside & also & (data_sizes <= len(data) - starts)
-        if not sound.all():
-            self._lose(f"some messages of {channel.topic} are damaged and left out")
-        starts, data_sizes, times = starts[sound], data_sizes[sound], times[sound]
-        add_by_length(sink, channel, data, base, starts, data_sizes, times)
+
+def _payloads(
+    data: Bytes, offsets: NDArray[np.int64], limits: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Where the payloads of message records lie; beyond all limits where that cannot be read."""
+    head_sizes = _sizes(data, offsets, limits)
+    sizes = _sizes(data, offsets + 4 + head_sizes, limits)
+    return offsets + 8 + head_sizes, sizes
 
 
 def _size(raw: bytes | memoryview) -> int:
@@ -295,16 +303,14 @@ def _size(raw: bytes | memoryview) -> int:
     return int.from_bytes(raw[:4], "little")
 
 
-def _size_at(data: Bytes, at: int) -> int:
-    return int.from_bytes(data[at : at + 4].tobytes(), "little")
-
-
-def _sizes(data: Bytes, offsets: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """The 4-byte lengths at the offsets, and which offsets lie inside the data."""
-    inside = (offsets >= 0) & (offsets <= len(data) - 4)
-    sizes = np.zeros(len(offsets), dtype=np.int64)
+def _sizes(data: Bytes, offsets: NDArray[np.int64], limits: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The 4-byte lengths at the offsets, an impossible one where they are outside the data."""
+    inside = (offsets >= 0) & (offsets <= limits - 4)
+    if inside.all():
+        return cut(data, offsets, 4).view("<u4")[:, 0].astype(np.int64)
+    sizes = np.full(len(offsets), 1 << 40, dtype=np.int64)
     sizes[inside] = cut(data, offsets[inside], 4).view("<u4")[:, 0]
-    return sizes, inside
+    return sizes
 
 
 def _fields(raw: bytes | memoryview) -> dict[str, bytes]:

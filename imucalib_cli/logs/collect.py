@@ -53,8 +53,8 @@ class TopicData:
 
 @dataclass(eq=False)
 class _Block:
+    channel: Channel
     decoder: SlowDecoder
-    encoding: str
     into: TopicData
     arrival: list[NDArray[np.int64]] = field(default_factory=list)
     log_ns: list[Nanoseconds] = field(default_factory=list)
@@ -77,11 +77,6 @@ class Collector:
         """Take payloads of one length; see :class:`~imucalib_cli.logs.storage.Sink`."""
         if not len(rows):
             return
-        if channel.encoding == "cdr" and rows.shape[1] > 4:
-            packed = (rows[:, :4] == np.frombuffer(_ZSTD_MAGIC, dtype=np.uint8)).all(axis=1)
-            if packed.any():
-                self._add_packed(channel, arrival[packed], log_ns[packed], rows[packed])
-                arrival, log_ns, rows = arrival[~packed], log_ns[~packed], rows[~packed]
         length = rows.shape[1]
         key = (channel.topic, channel.type, channel.encoding, channel.definition, length)
         block = self._blocks.get(key)
@@ -101,9 +96,8 @@ class Collector:
 
     def finish(self) -> dict[str, TopicData]:
         """Decode what is left; everything by topic."""
-        for block in self._blocks.values():
-            self._decode(block)
-        self._blocks = {}
+        while self._blocks:
+            self._decode(self._blocks.popitem()[1])
         for data in self.topics.values():
             data.pieces.sort(key=lambda piece: int(piece.arrival[0]))
         return self.topics
@@ -114,7 +108,7 @@ class Collector:
         if into is None:
             into = self.topics[channel.topic] = TopicData(channel.topic, channel.type, message_type)
         decoder = SlowDecoder(channel.type, message_type, channel.encoding, channel.definition)
-        return _Block(decoder, channel.encoding, into)
+        return _Block(channel, decoder, into)
 
     def _add_packed(
         self, channel: Channel, arrival: NDArray[np.int64], log_ns: Nanoseconds, rows: Bytes
@@ -136,17 +130,22 @@ class Collector:
             joined = np.frombuffer(b"".join(payload for _, payload in found), dtype=np.uint8)
             self.add(channel, arrival[which], log_ns[which], joined.reshape(len(found), length))
 
-    @staticmethod
-    def _decode(block: _Block) -> None:
+    def _decode(self, block: _Block) -> None:
         if not block.rows:
             return
         arrival, log_ns = np.concatenate(block.arrival), np.concatenate(block.log_ns)
         rows = block.rows[0] if len(block.rows) == 1 else np.concatenate(block.rows)
         block.arrival, block.log_ns, block.rows, block.size = [], [], [], 0
+        if block.channel.encoding == "cdr" and rows.shape[1] > len(_ZSTD_MAGIC):
+            packed = (rows[:, :4] == np.frombuffer(_ZSTD_MAGIC, dtype=np.uint8)).all(axis=1)
+            if packed.any():
+                at = arrival[packed] - self._file_base
+                self._add_packed(block.channel, at, log_ns[packed], rows[packed])
+                arrival, log_ns, rows = arrival[~packed], log_ns[~packed], rows[~packed]
         into = block.into
         into.messages += len(rows)
         decoded = np.zeros(len(rows), dtype=bool)
-        for each in decode(rows, into.message_type, block.encoding, block.decoder):
+        for each in decode(rows, into.message_type, block.channel.encoding, block.decoder):
             decoded[each.rows] = True
             if each.texts and len(each.rows):
                 into.pieces.append(

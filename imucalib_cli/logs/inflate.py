@@ -7,10 +7,16 @@ from typing import TYPE_CHECKING, Any, BinaryIO, Protocol
 import numpy as np
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from imucalib_cli.logs.storage import Bytes
 
 _STEP = 1 << 16
 """Bytes asked of a decompressor at a time: small enough that the allocator reuses them."""
+_SLACK = 4096
+"""Bytes beyond the start of what is wanted: holds most messages."""
+_SKIP = 1 << 15
+"""Gaps in a file larger than this are jumped over, smaller ones read."""
 _LARGEST = 1 << 31
 """A chunk that unpacks to more is taken for damage."""
 
@@ -65,6 +71,32 @@ class Inflated:
             self._ended = got == 0
         return self._scratch.data[: self._done]
 
+    def around(self, offsets: NDArray[np.int64]) -> tuple[Bytes, NDArray[np.int64]]:
+        """Bytes at some offsets: what lies between them may be left unread.
+
+        Args:
+            offsets: (n,), where something begins; its length need not be known.
+
+        Returns:
+            The bytes, and for each offset up to where they are sound from there on, (n,); it may
+            be before the end of what begins there, in which case :meth:`upto` gets the rest.
+        """
+        if not isinstance(self._source, _Part) or self._done:
+            data = self.upto(int(offsets.max()) + _SLACK)
+            return data, np.full(len(offsets), len(data))
+        order = np.sort(offsets)
+        breaks = np.flatnonzero(np.diff(order) > _SKIP)
+        starts = order[np.concatenate(([0], breaks + 1))]
+        stops = order[np.concatenate((breaks, [len(order) - 1]))] + _SLACK
+        room = min(self.claimed, self._source.size)
+        if starts[0] < 0 or starts[-1] >= room:
+            return self._scratch.data[:0], np.zeros(len(offsets), dtype=np.int64)
+        buffer = self._scratch.reserve(min(int(stops[-1]), room))
+        for k, (start, stop) in enumerate(zip(starts.tolist(), stops.tolist(), strict=True)):
+            end = min(stop, room)
+            stops[k] = start + self._source.read_at(start, buffer.data[start:end])
+        return buffer[: stops[-1]], stops[np.searchsorted(starts, offsets, side="right") - 1]
+
     @property
     def complete(self) -> bool:
         """Whether all the claimed bytes were there."""
@@ -108,13 +140,18 @@ def inflate_file(
 class _Part:
     def __init__(self, file: BinaryIO, at: int, size: int) -> None:
         self._file = file
-        self._at = at
-        self._end = at + size
+        self._start = at
+        self.size = size
+        self._done = 0
+
+    def read_at(self, start: int, buffer: memoryview) -> int:
+        self._file.seek(self._start + start)
+        got: int = self._file.readinto(buffer)  # type: ignore[attr-defined]
+        return got
 
     def fill(self, buffer: memoryview) -> int:
-        self._file.seek(self._at)
-        got: int = self._file.readinto(buffer[: self._end - self._at])  # type: ignore[attr-defined]
-        self._at += got
+        got = self.read_at(self._done, buffer[: self.size - self._done])
+        self._done += got
         return got
 
 
@@ -140,12 +177,40 @@ class _Zstd:
         return int(self._reader.readinto(buffer))
 
 
-class _Stepwise:
-    """Decompressors that hand out bytes objects: in steps, copied into the buffer."""
+class _Lz4:
+    def __init__(self, packed: memoryview) -> None:
+        import lz4.frame
 
-    def __init__(self, packed: memoryview, decompressor: Any) -> None:
+        self._left = packed
+        self._context: Any = lz4.frame.create_decompression_context()
+        self._step: Any = lz4.frame.decompress_chunk
+        self._ended = False
+
+    def fill(self, buffer: memoryview) -> int:
+        done = 0
+        while done < len(buffer) and not self._ended:
+            # In steps: large results would be mapped and unmapped by the allocator each time.
+            size = min(_STEP, len(buffer) - done)
+            try:
+                out, used, self._ended = self._step(self._context, self._left, max_length=size)
+            except RuntimeError:
+                if done:  # what came before the damage is sound; the next call meets it again
+                    return done
+                raise
+            self._left = self._left[used:]
+            if not out and not used:
+                break
+            buffer[done : done + len(out)] = out
+            done += len(out)
+        return done
+
+
+class _Bz2:
+    def __init__(self, packed: memoryview) -> None:
+        import bz2
+
         self._input: bytes | memoryview = packed
-        self._decompressor = decompressor
+        self._decompressor = bz2.BZ2Decompressor()
 
     def fill(self, buffer: memoryview) -> int:
         done = 0
@@ -154,7 +219,7 @@ class _Stepwise:
                 out = self._decompressor.decompress(
                     self._input, max_length=min(_STEP, len(buffer) - done)
                 )
-            except Exception:
+            except OSError:
                 if done:  # what came before the damage is sound; the next call meets it again
                     return done
                 raise
@@ -164,17 +229,3 @@ class _Stepwise:
             buffer[done : done + len(out)] = out
             done += len(out)
         return done
-
-
-class _Lz4(_Stepwise):
-    def __init__(self, packed: memoryview) -> None:
-        import lz4.frame
-
-        super().__init__(packed, lz4.frame.LZ4FrameDecompressor())
-
-
-class _Bz2(_Stepwise):
-    def __init__(self, packed: memoryview) -> None:
-        import bz2
-
-        super().__init__(packed, bz2.BZ2Decompressor())

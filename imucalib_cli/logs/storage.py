@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
@@ -68,7 +67,11 @@ def cut(data: Bytes, starts: NDArray[np.int64], size: int) -> Bytes:
     """Copy the slices ``data[start : start + size]`` into the rows of (n, size)."""
     if not size or not len(starts):
         return np.empty((len(starts), size), dtype=np.uint8)
-    return sliding_window_view(data, size)[starts]
+    # All windows of this size as an overlapping view: sliding_window_view, without its overhead.
+    windows: Bytes = np.ndarray(
+        (len(data) - size + 1, size), dtype=np.uint8, buffer=data.data, strides=(1, 1)
+    )
+    return windows[starts]
 
 
 def add_by_length(
