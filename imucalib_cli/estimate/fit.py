@@ -12,6 +12,7 @@ from imucalib_cli.estimate import columns
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.estimate.robust import residual_scales, window_weights
 from imucalib_cli.estimate.solve import (
+    SAME_ROTATION,
     DBA,
     DBG,
     DTAU,
@@ -31,6 +32,7 @@ from imucalib_cli.estimate.windows import (
     window_residuals,
     window_rows,
 )
+from imucalib_cli.robot.rotations import rotation_angle
 from imucalib_cli.signals.grid import ImuGrid
 from imucalib_cli.signals.trajectory import Trajectory
 
@@ -63,8 +65,8 @@ class Fit:
     """Residual scale of the accelerometer, m/s², and the gyroscope, rad/s."""
     unknowns: Unknowns
     solution: Solution
-    runner_up: float
-    """Cost of the best other rotation over the least cost, from the first solve."""
+    runner_up_rise: float
+    """How much worse the best other rotation fits, in chi-squared; inf where there is none."""
     time_offset: float
 
 
@@ -107,7 +109,7 @@ def fit_windows(
     still = make_unknowns(options, offset_free=False)
     moving = make_unknowns(options, offset_free=options.time_offset is None)
     rows = _rows(grid, trajectory, plan, time_offset)
-    scales, runner_up = _FIRST_SCALES, np.inf
+    scales, runner_up = _FIRST_SCALES, None
     if start is None:
         normal = _normal(rows, np.ones(len(rows.centres)), grid, scales)
         found = solve_globally(normal, still)
@@ -134,7 +136,13 @@ def fit_windows(
         reach = 0.5 * plan.length * grid.dt
         time_offset += float(np.clip(step, -reach, reach))
         state = replace(joint.state, tau=0.0)
-    solution = refine(_normal(rows, weights, grid, scales), moving, state)
+    normal = _normal(rows, weights, grid, scales)
+    solution = refine(normal, moving, state)
+    rise = np.inf
+    if runner_up is not None:
+        other = refine(normal, moving, runner_up)
+        if rotation_angle(other.state.R.T @ solution.state.R) > SAME_ROTATION:
+            rise = (other.cost - solution.cost) / plan.overlap
     return Fit(
         grid=grid,
         trajectory=trajectory,
@@ -144,7 +152,7 @@ def fit_windows(
         scales=scales,
         unknowns=moving,
         solution=solution,
-        runner_up=runner_up,
+        runner_up_rise=float(rise),
         time_offset=time_offset + solution.state.tau,
     )
 

@@ -28,6 +28,8 @@ _AMBIGUOUS = 25.0
 """Least rise of the cost, in units of the noise, of a second rotation that is really worse."""
 _UNEXPLAINED = 0.3
 """Share of the measured motion left in the residuals from which model and log do not match."""
+_NEGLIGIBLE_MM = 0.01
+"""mm and mrad: disagreement smaller than this is not worth a sentence."""
 _STANDSTILL_GYRO = 0.02
 """rad/s: a log that turns less than this tells nothing about mismatch."""
 
@@ -97,14 +99,11 @@ def _attempt(
 ) -> _Attempt:
     trajectory = trajectory.with_ticks(robot_ticks)
     grid = clean.grid(trajectory.interval, use_ticks=imu_ticks)
-    imu_interval = float(np.median(np.diff(clean.t)))
     if near is not None:
         length, window, lag = near.fit.plan.length, near.window, near.lag
         offset, start = near.fit.time_offset, near.fit.solution.state
     else:
-        length, window = choose_window(
-            options.window, grid, trajectory, imu_interval, options.degree
-        )
+        length, window = choose_window(options.window, grid, trajectory, options.degree)
         lag, start = None, None
         if options.time_offset is None:
             offset, lag = coarse_time_offset(grid, trajectory, options.max_offset)
@@ -186,14 +185,17 @@ def _reasons_for_distrust(
             f"the time offset may lie beyond the search of ±{options.max_offset:g} s: "
             "widen it with --max-offset"
         )
-    # Windows overlap: the cost counts each bit of noise several times.
-    overlap = 6.0 * fit.plan.length / fit.plan.hop / 8.0
-    rise = (fit.runner_up - 1.0) * fit.solution.cost / overlap
-    if rise < _AMBIGUOUS and not unknown:
+    if fit.runner_up_rise < _AMBIGUOUS and not unknown:
         reasons.append(
             "another rotation fits almost as well: record motion about more than one axis"
         )
     return reasons
+
+
+def _matters(spread: Uncertainty) -> bool:
+    """Whether the uncertainty is more than rounding and interpolation would make it."""
+    std = np.sqrt(np.diag(spread.covariance)[POSE])
+    return bool(std[:3].max() > _NEGLIGIBLE_MM * 1e-3 or std[3:].max() > _NEGLIGIBLE_MM * 1e-3)
 
 
 def _warnings(attempt: _Attempt, clean: CleanImu, spread: Uncertainty) -> list[str]:
@@ -212,7 +214,7 @@ def _warnings(attempt: _Attempt, clean: CleanImu, spread: Uncertainty) -> list[s
         warnings.append(
             "robot stamps jitter about a constant rate; the rate fits the motion better and was used"
         )
-    if spread.from_segments:
+    if spread.from_segments and _matters(spread):
         warnings.append(
             f"segments of the log disagree {np.sqrt(spread.segment_chi2):.1f} times more than noise "
             "explains: the kinematic model or the mount, not noise, sets the uncertainty"

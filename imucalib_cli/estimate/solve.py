@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,8 @@ from imucalib_cli.robot.rotations import matrix_from_rotvec, rotation_angle
 
 Floats = NDArray[np.float64]
 
+SAME_ROTATION = 0.02
+"""rad: rotations closer than this are one minimum."""
 _STEPS = 60
 _CONVERGED = 1e-12
 """Step, in the mixed units of the tangent, below which the solve has arrived."""
@@ -111,8 +113,8 @@ class Solution:
     cost: float
     information: Floats
     """(TANGENT, TANGENT), Gauss-Newton Hessian with the priors, zero where not free."""
-    runner_up: float
-    """Cost of the best other minimum over the least one; inf where there is none."""
+    runner_up: State | None = None
+    """The best minimum at another rotation, if there is one."""
 
 
 def solve_globally(normal: Floats, unknowns: Unknowns) -> Solution:
@@ -128,9 +130,8 @@ def solve_globally(normal: Floats, unknowns: Unknowns) -> Solution:
         best.append(found)
     best.sort(key=lambda solution: solution.cost)
     first = best[0]
-    others = [s.cost for s in best[1:] if rotation_angle(s.state.R.T @ first.state.R) > 0.02]
-    runner_up = min(others) / max(first.cost, 1e-300) if others else np.inf
-    return Solution(first.state, first.cost, first.information, float(runner_up))
+    others = [s.state for s in best[1:] if rotation_angle(s.state.R.T @ first.state.R) > SAME_ROTATION]
+    return replace(first, runner_up=others[0] if others else None)
 
 
 def refine(normal: Floats, unknowns: Unknowns, state: State) -> Solution:
@@ -163,7 +164,7 @@ def refine(normal: Floats, unknowns: Unknowns, state: State) -> Solution:
             damping = max(damping * 10, 1e-6)
             if damping > 1e6 or small:
                 break
-    return Solution(state, cost, information, np.inf)
+    return Solution(state, cost, information)
 
 
 def state_prior_offset(state: State, unknowns: Unknowns) -> Floats:

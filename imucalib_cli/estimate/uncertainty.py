@@ -111,7 +111,7 @@ def _embed(covariance: Floats, free: Indices) -> Floats:
 
 def _excitation(fit: Fit, free: Indices, prior: Floats) -> Floats:
     """What the pose's covariance would be with ordinary noise: a property of the motion."""
-    hidden = 6.0 * fit.plan.length / fit.plan.hop / 8.0
+    hidden = fit.plan.overlap
     scales = tuple(max(s, f) for s, f in zip(fit.scales, (5 * f for f in SCALE_FLOOR), strict=True))
     J = _spectrum(fit, free, scales).J
     covariance = _embed(_inverse(_gram(J) / hidden + np.diag(prior)), free)

@@ -32,6 +32,8 @@ _LENGTHS = (0.2, 0.25, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0)
 """s."""
 MAX_ATTENUATION = 1e-4
 """Share of noise in the lever arm's regressor: 0.01 mm on a 100 mm lever arm."""
+QUIET_ACCEL = 1e-3
+"""m/s²: no accelerometer's sample is quieter; a log without noise is not a reason for long windows."""
 _ARM = 1.0
 """m: how far joints stand from the parent link, for what their noise does to its position."""
 _NOISE_OF_DEVIATION = 1.394
@@ -39,7 +41,7 @@ _NOISE_OF_DEVIATION = 1.394
 
 
 def choose_window(
-    choice: WindowChoice, grid: ImuGrid, trajectory: Trajectory, imu_interval: float, degree: int
+    choice: WindowChoice, grid: ImuGrid, trajectory: Trajectory, degree: int
 ) -> tuple[int, Window]:
     """Window length in grid samples, odd, and what to tell the user about it.
 
@@ -47,11 +49,10 @@ def choose_window(
         choice: What the user asked for; neither samples nor seconds is automatic.
         grid: The IMU.
         trajectory: The parent link.
-        imu_interval: Interval of the IMU, s; samples are told in it.
         degree: Of the filter, which needs more samples than that.
     """
     if choice.samples is not None:
-        seconds, reason = (choice.samples - 1) * imu_interval, "as asked"
+        seconds, reason = (choice.samples - 1) * grid.refine * grid.dt, "as asked"
     elif choice.seconds is not None:
         seconds, reason = choice.seconds, "as asked"
     else:
@@ -59,7 +60,7 @@ def choose_window(
     shortest = degree + 2 + (degree + 1) % 2
     length = max(2 * round(seconds / grid.dt / 2) + 1, shortest)
     window = Window(
-        samples=max(round((length - 1) * grid.dt / imu_interval), 1) + 1,
+        samples=(length - 1) // grid.refine + 1,
         seconds=(length - 1) * grid.dt,
         reason=reason,
     )
@@ -69,7 +70,7 @@ def choose_window(
 def _automatic(grid: ImuGrid, trajectory: Trajectory, degree: int) -> tuple[float, str]:
     """Shortest length at which the kinematics' noise no longer matters."""
     rotation, position = kinematic_noise(trajectory)
-    accel = _median_deviation(grid.accel) / _NOISE_OF_DEVIATION
+    accel = max(_median_deviation(grid.accel) / _NOISE_OF_DEVIATION, QUIET_ACCEL)
     turning = _lever_power(grid, trajectory, degree)
     for seconds in _LENGTHS:
         gain = 720.0 / seconds**5

@@ -41,6 +41,11 @@ class WindowPlan:
     first_derivative: MatchedFilter
     second_derivative: MatchedFilter
 
+    @property
+    def overlap(self) -> float:
+        """How often overlapping windows count each bit of noise."""
+        return max(0.75 * self.length / self.hop, 1.0)
+
 
 def plan_windows(length: int, degree: int, dt: float) -> WindowPlan:
     """Filters for windows of ``length`` samples spaced ``dt`` seconds."""

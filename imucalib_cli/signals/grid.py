@@ -28,6 +28,8 @@ class ImuGrid:
     usable: NDArray[np.bool_]
     """(N,)."""
     gaps: int
+    refine: int
+    """Grid points per IMU interval."""
 
     @property
     def t(self) -> Floats:
@@ -65,6 +67,7 @@ def imu_grid(t: Floats, gyro: Floats, accel: Floats, refine: int = 1) -> ImuGrid
         accel=np.ascontiguousarray(placed[:, 3:]),
         usable=usable,
         gaps=len(breaks),
+        refine=refine,
     )
 
 
