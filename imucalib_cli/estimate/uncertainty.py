@@ -133,21 +133,27 @@ def _segment_scatter(
     count = min(_SEGMENTS, int(seconds / _SEGMENT_SECONDS))
     if count < 3:
         return 1.0, None
+    parts = np.array_split(np.arange(len(spectrum.slots)), count)
+    scores = [spectrum.score_covariance(levels, rows) for rows in parts]
+    everywhere = np.sum(scores, axis=0)
     pulls, chi2, freedom = [], 0.0, 0.0
-    for rows in np.array_split(np.arange(len(spectrum.slots)), count):
+    for rows, own in zip(parts, scores, strict=True):
         J = spectrum.J[rows].reshape(-1, spectrum.J.shape[2])
         pull = inverse @ (J.T @ spectrum.e[rows].reshape(-1))
-        # The fit holds the sum of all pulls at zero: each keeps what the others' share leaves.
-        left = np.eye(len(inverse)) - inverse @ (J.T @ J)
-        B = spectrum.score_covariance(levels, rows)
-        expected = (left @ inverse @ B @ inverse @ left.T)[:6, :6]
+        # The fit already follows every segment by its share: a pull is the segment's own noise
+        # less its share of the noise of all.
+        share = inverse @ (J.T @ J)
+        kept, lent = inverse - share @ inverse, share @ inverse
+        expected = (kept @ own @ kept.T + lent @ (everywhere - own) @ lent.T)[POSE, POSE]
         scale = 1.0 / np.sqrt(np.maximum(np.diag(expected), 1e-300))
         values, vectors = np.linalg.eigh(expected * np.outer(scale, scale))
         strong = values > 1e-6 * values[-1]
-        parts = vectors[:, strong].T @ (pull[:6] * scale)
-        chi2 += float(np.sum(parts**2 / values[strong]))
+        apart = vectors[:, strong].T @ (pull[POSE] * scale)
+        chi2 += float(np.sum(apart**2 / values[strong]))
         freedom += float(strong.sum())
         pulls.append(pull)
+    # The pulls sum to zero: one segment's worth of freedom is not there.
+    chi2, freedom = chi2 * (count - 1) / count, freedom * (count - 1) / count
     # Wilson and Hilferty's normal approximation of chi-squared.
     limit = freedom * (1 - 2 / (9 * freedom) + _SIGNIFICANCE_Z * np.sqrt(2 / (9 * freedom))) ** 3
     if chi2 <= limit:
