@@ -1,6 +1,5 @@
 """The command ``imucalib``: commands, and what every error becomes."""
 
-import contextlib
 import os
 import sys
 import warnings
@@ -12,7 +11,6 @@ import typer
 from imucalib_cli.cli.apply import apply_command
 from imucalib_cli.cli.inspect import inspect_command
 from imucalib_cli.cli.output import (
-    EXIT_BROKEN_PIPE,
     EXIT_INPUT,
     EXIT_INTERRUPTED,
     exit_code,
@@ -71,15 +69,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     if argv is None:
         _prepare_process()
-    try:
-        code = _run(list(sys.argv[1:] if argv is None else argv))
-        sys.stdout.flush()
-    except BrokenPipeError:
-        # the reader has what it wanted; keep the interpreter from flushing into the pipe again
-        with contextlib.suppress(OSError, ValueError):
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return EXIT_BROKEN_PIPE
-    return code
+    return _run(list(sys.argv[1:] if argv is None else argv))
 
 
 def _prepare_process() -> None:
@@ -103,8 +93,6 @@ def _run(argv: list[str]) -> int:
     except (KeyboardInterrupt, typer.Abort):
         say("error", "interrupted")
         return EXIT_INTERRUPTED
-    except BrokenPipeError:
-        raise
     except Exception as error:
         # usage errors of typer, whichever click it is built on
         if hasattr(error, "format_message") and hasattr(error, "exit_code"):

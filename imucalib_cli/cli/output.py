@@ -8,6 +8,8 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
+import typer
+
 from imucalib_cli.errors import ChoiceError, ImucalibError, InputError, UntrustedError
 
 if TYPE_CHECKING:
@@ -60,11 +62,16 @@ def deliver(content: str | bytes, output: Path | None, *, inputs: Iterable[Path]
         ChoiceError, InputError: As results.atomic.write_whole.
     """
     if output is None or str(output) == "-":
-        if isinstance(content, bytes):
-            sys.stdout.buffer.write(content)
-        else:
-            sys.stdout.write(content)
-        sys.stdout.flush()
+        try:
+            if isinstance(content, bytes):
+                sys.stdout.buffer.write(content)
+            else:
+                sys.stdout.write(content)
+            sys.stdout.flush()
+        except BrokenPipeError:
+            # the reader has what it wanted; keep the interpreter from flushing into the pipe again
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            raise typer.Exit(EXIT_BROKEN_PIPE) from None
         return
     from imucalib_cli.results.atomic import write_whole
 

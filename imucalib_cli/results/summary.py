@@ -165,7 +165,7 @@ def _fit(calibration: Calibration) -> Iterator[str]:
     shift = (estimate.t_parent_imu - nominal.t_parent_imu) * 1e3
     turn = np.degrees(rotvec_from_matrix(estimate.R_parent_imu @ nominal.R_parent_imu.T))
     yield (
-        f"  from the URDF   {distance.translation * 1e3:.3g} mm and "
+        f"  from nominal    {distance.translation * 1e3:.3g} mm and "
         f"{math.degrees(distance.rotation):.3g} deg away from {where}: "
         f"({_numbers(shift, 2)}) mm, ({_numbers(turn, 3)}) deg in {calibration.parent}"
     )

@@ -1,0 +1,95 @@
+"""Quantities as users write them."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from imucalib_cli.cli.quantities import (
+    parse_choice,
+    parse_pose,
+    parse_prior,
+    parse_seconds,
+    parse_tolerance,
+    parse_window,
+)
+from imucalib_cli.errors import ChoiceError
+
+
+@pytest.mark.parametrize(
+    ("text", "seconds"),
+    [("0.5", 0.5), ("-0.042", -0.042), ("-42ms", -0.042), ("3 s", 3.0), ("1e-3", 1e-3)],
+)
+def test_seconds(text: str, seconds: float) -> None:
+    assert parse_seconds("--time-offset", text) == pytest.approx(seconds, rel=1e-15)
+
+
+@pytest.mark.parametrize("text", ["", "soon", "1h", "1 2", "nan", "inf", "1e999", "--", "0x10"])
+def test_what_is_no_duration_is_refused_by_name(text: str) -> None:
+    with pytest.raises(ChoiceError, match="--max-offset"):
+        parse_seconds("--max-offset", text)
+
+
+def test_windows() -> None:
+    assert (parse_window("auto").samples, parse_window("auto").seconds) == (None, None)
+    assert parse_window("51").samples == 51
+    assert parse_window("200ms").seconds == pytest.approx(0.2)
+    assert parse_window("0.2s").seconds == pytest.approx(0.2)
+
+
+@pytest.mark.parametrize("text", ["50", "1", "0", "-5", "0.2", "0s", "-1s", "51mm", "big"])
+def test_windows_that_make_no_sense(text: str) -> None:
+    with pytest.raises(ChoiceError, match="--window"):
+        parse_window(text)
+
+
+def test_priors() -> None:
+    assert parse_prior("--accel-bias", "free") == math.inf
+    assert parse_prior("--accel-bias", "none") == 0.0
+    assert parse_prior("--accel-bias", "0.05") == 0.05
+    with pytest.raises(ChoiceError, match="negative"):
+        parse_prior("--accel-bias", "-0.05")
+
+
+@pytest.mark.parametrize("text", ["1mm,0.1deg", "0.1deg, 1mm", "0.001m,1.7453292519943295mrad"])
+def test_tolerances(text: str) -> None:
+    tolerance = parse_tolerance("--require", text)
+    assert tolerance.translation == pytest.approx(1e-3)
+    assert tolerance.rotation == pytest.approx(math.radians(0.1))
+
+
+@pytest.mark.parametrize(
+    "text", ["1mm", "1,0.1", "1mm,2mm", "0mm,1deg", "1mm,0.1deg,3", "-1mm,1deg"]
+)
+def test_tolerances_that_make_no_sense(text: str) -> None:
+    with pytest.raises(ChoiceError, match="--require"):
+        parse_tolerance("--require", text)
+
+
+def test_poses() -> None:
+    assert parse_pose("--initial", "-0.02 0.1 0  3.14,0,1.57") == (
+        (-0.02, 0.1, 0.0),
+        (3.14, 0.0, 1.57),
+    )
+    with pytest.raises(ChoiceError, match="has 5 numbers"):
+        parse_pose("--initial", "1 2 3 4 5")
+
+
+def test_choices_list_what_there_is() -> None:
+    with pytest.raises(ChoiceError, match="--clock sun: expected auto, header or log"):
+        parse_choice("--clock", "sun", ("auto", "header", "log"))
+
+
+@given(text=st.text(max_size=12))
+def test_no_text_is_worse_than_a_choice_error(text: str) -> None:
+    for parse in (
+        parse_window,
+        lambda t: parse_seconds("-x", t),
+        lambda t: parse_tolerance("-x", t),
+    ):
+        with contextlib.suppress(ChoiceError):
+            parse(text)

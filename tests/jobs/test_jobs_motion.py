@@ -1,0 +1,135 @@
+"""Which frame carries the IMU and which topics move it, for logs of every kind of robot."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from imucalib_cli.errors import ChoiceError, InputError
+from imucalib_cli.jobs.motion import find_motion
+from imucalib_cli.jobs.reading import read_recording
+from imucalib_cli.jobs.request import CalibrationRequest
+
+if TYPE_CHECKING:
+    from pathlib import Path
+    from typing import Any
+
+    from imucalib_cli.jobs.motion import Motion
+    from imucalib_cli.jobs.reading import Recording
+    from tests.conftest import LogWriter
+
+
+def motion_of(log: Path, **wishes: Any) -> Motion:
+    _, motion = _read(log, **wishes)
+    return motion
+
+
+def _read(log: Path, **wishes: Any) -> tuple[Recording, Motion]:
+    request = CalibrationRequest(logs=(log,), **wishes)
+    recording = read_recording(request)
+    (imu,) = recording.imus
+    return recording, find_motion(recording.sources, recording.robot, imu.frame_id, request)
+
+
+def test_joints_move_the_link_that_holds_the_frame(log_writer: LogWriter, arm_urdf: Path) -> None:
+    motion = motion_of(log_writer.imu().joints().write(), urdf=arm_urdf)
+    assert (motion.parent, motion.child, motion.path.world) == ("hand", "imu_link", "base")
+    assert motion.nominal is not None
+    assert motion.nominal.joint == "imu_joint"
+    # by hand: pan and lift at zero put the hand 0.2 m out and 0.3 m up
+    R, p = motion.path.poses((np.zeros((1, 2)),))
+    np.testing.assert_allclose(p[0], [0.2, 0.0, 0.3], atol=1e-15)
+    np.testing.assert_allclose(R[0], np.eye(3), atol=1e-15)
+
+
+def test_joints_of_two_publishers_are_joined(log_writer: LogWriter, arm_urdf: Path) -> None:
+    log = log_writer.imu().joints("/a", names=("pan",)).joints("/b", names=("lift", "x")).write()
+    assert motion_of(log, urdf=arm_urdf).topics == ("/a", "/b")
+
+
+def test_a_missing_joint_is_named(log_writer: LogWriter, arm_urdf: Path) -> None:
+    log = log_writer.imu().joints(names=("pan", "finger")).write()
+    with pytest.raises(InputError, match="'lift'"):
+        motion_of(log, urdf=arm_urdf)
+
+
+def test_parent_and_imu_link_may_be_told(log_writer: LogWriter, arm_urdf: Path) -> None:
+    log = log_writer.imu(frame="unheard_of").joints().write()
+    with pytest.raises(ChoiceError, match="--parent, one of: base, upper, hand, imu_link"):
+        motion_of(log, urdf=arm_urdf)
+    told = motion_of(log, urdf=arm_urdf, parent="upper")
+    assert (told.parent, told.child, told.nominal) == ("upper", "unheard_of", None)
+    linked = motion_of(log, urdf=arm_urdf, imu_link="imu_link")
+    assert (linked.parent, linked.child) == ("hand", "imu_link")
+
+
+def test_a_moving_base_carries_the_arm(log_writer: LogWriter, arm_urdf: Path) -> None:
+    log = log_writer.imu().joints().tf("odom", "base").write()
+    motion = motion_of(log, urdf=arm_urdf)
+    assert motion.path.world == "odom"
+    assert motion.topics == ("/tf", "/joint_states")
+
+
+def test_motion_capture_of_the_base_needs_no_child_frame(
+    log_writer: LogWriter, arm_urdf: Path
+) -> None:
+    log = log_writer.imu().joints().poses("/mocap").write()
+    assert motion_of(log, urdf=arm_urdf).path.world == "base"  # not asked for, not used
+    asked = motion_of(log, urdf=arm_urdf, pose_topics=("/mocap",))
+    assert asked.path.world == "room"
+    assert asked.topics == ("/mocap", "/joint_states")
+
+
+def test_tf_replaces_joint_states(log_writer: LogWriter, arm_urdf: Path) -> None:
+    log = log_writer.imu().tf("base", "upper").tf("upper", "hand").write()
+    motion = motion_of(log, urdf=arm_urdf)
+    assert (motion.parent, motion.path.world, motion.topics) == ("hand", "base", ("/tf",))
+    assert motion.nominal is not None
+
+
+def test_without_urdf_a_static_edge_names_the_parent(log_writer: LogWriter) -> None:
+    log = log_writer.imu().tf("map", "body").tf("body", "imu_link", moving=False).write()
+    motion = motion_of(log)
+    assert (motion.parent, motion.child, motion.path.world) == ("body", "imu_link", "map")
+    assert motion.nominal is not None
+    np.testing.assert_array_equal(motion.nominal.t_parent_imu, [1.0, 2.0, 3.0])
+
+
+def test_without_urdf_the_only_moving_frame_is_the_parent(log_writer: LogWriter) -> None:
+    assert motion_of(log_writer.imu().tf("map", "body").write()).parent == "body"
+
+
+def test_several_moving_frames_are_a_choice(log_writer: LogWriter) -> None:
+    log = log_writer.imu().tf("map", "body").tf("body", "arm").write()
+    with pytest.raises(ChoiceError, match=r"--parent, one of: (body, arm|arm, body)$"):
+        motion_of(log)
+    assert motion_of(log, parent="arm", world="body").path.world == "body"
+
+
+def test_a_tracked_imu_frame_is_its_own_parent(log_writer: LogWriter) -> None:
+    motion = motion_of(log_writer.imu().tf("map", "imu_link").write())
+    assert (motion.parent, motion.child) == ("imu_link", "imu_link")
+    assert motion.nominal is not None
+    np.testing.assert_array_equal(motion.nominal.R_parent_imu, np.eye(3))
+
+
+def test_a_pose_without_child_is_named_by_the_user_or_its_topic(log_writer: LogWriter) -> None:
+    log = log_writer.imu().poses("/mocap/pose").write()
+    assert motion_of(log).parent == "/mocap/pose"
+    assert motion_of(log, parent="drone").parent == "drone"
+    assert motion_of(log, parent="drone").path.world == "room"
+
+
+def test_a_path_that_stands_still_is_refused(log_writer: LogWriter, arm_urdf: Path) -> None:
+    log = log_writer.imu().joints().write()
+    with pytest.raises(InputError, match="base never moves"):
+        motion_of(log, urdf=arm_urdf, parent="base")
+
+
+def test_a_pose_told_twice_is_taken_once_and_told(log_writer: LogWriter) -> None:
+    log = log_writer.imu().tf("map", "body").tf("map", "body", moving=False).write()
+    recording, motion = _read(log)
+    assert motion.parent == "body"
+    assert any("/tf_static tells the pose of body in map too" in w for w in recording.warnings)

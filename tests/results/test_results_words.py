@@ -1,0 +1,105 @@
+"""Digits, words and files: what people read and what reaches the disk."""
+
+from __future__ import annotations
+
+import os
+import re
+import stat
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from imucalib_cli.errors import ChoiceError, InputError
+from imucalib_cli.results.atomic import write_whole
+from imucalib_cli.results.digits import decimals, sigma, with_std
+
+
+@pytest.mark.parametrize(
+    ("value", "std", "text"),
+    [
+        # the examples of the Review of Particle Physics, Introduction 5.3
+        (0.827, 0.119, "0.83 ± 0.12"),
+        (0.827, 0.367, "0.8 ± 0.4"),
+        (1.2567, 0.1234, "1.26 ± 0.12"),
+        (12.34, 0.0099, "12.340 ± 0.010"),
+        (0.827, 0.0354, "0.827 ± 0.035"),
+        (0.827, 0.0355, "0.83 ± 0.04"),
+        (1234.5, 95.2, "1230 ± 100"),
+        (-0.0001, 0.01, "0.000 ± 0.010"),
+    ],
+)
+def test_digits_are_those_that_sigma_earns(value: float, std: float, text: str) -> None:
+    assert with_std(value, std) == text
+
+
+@pytest.mark.parametrize("std", [None, 0.0, float("inf"), float("nan")])
+def test_without_sigma_the_text_says_so(std: float | None) -> None:
+    assert with_std(1.5, std, default=2) == "1.50 (no sigma)"
+
+
+@given(std=st.floats(1e-12, 1e12))
+def test_a_printed_sigma_is_within_five_percent_or_one_digit(std: float) -> None:
+    printed = float(sigma(std))
+    assert abs(printed - std) <= 0.5 * 10.0 ** -decimals(std) * (1 + 1e-9)
+    digits = re.sub(r"^[0.]+|\.", "", sigma(std)).lstrip("0")
+    assert decimals(std) < 0 or len(digits) <= 2
+
+
+def test_a_file_is_written_whole_with_the_umask(tmp_path: Path) -> None:
+    target = tmp_path / "out.yaml"
+    write_whole(target, "a: ü\r\n")
+    assert target.read_bytes() == "a: ü\r\n".encode()
+    umask = os.umask(0)
+    os.umask(umask)
+    assert stat.S_IMODE(target.stat().st_mode) == 0o666 & ~umask
+    target.chmod(0o640)
+    write_whole(target, b"b\n")
+    assert target.read_bytes() == b"b\n"
+    assert stat.S_IMODE(target.stat().st_mode) == 0o640
+    assert list(tmp_path.iterdir()) == [target]
+
+
+def test_a_failed_write_leaves_the_old_file_and_no_rubbish(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    target = tmp_path / "out.yaml"
+    target.write_text("old")
+
+    def full(_: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(InputError, match=r"out\.yaml: cannot be written: No space left on device"):
+        write_whole(target, "new")
+    assert target.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [target]
+
+
+def test_a_link_is_kept_and_its_target_replaced(tmp_path: Path) -> None:
+    target, link = tmp_path / "real.yaml", tmp_path / "link.yaml"
+    target.write_text("old")
+    link.symlink_to(target)
+    write_whole(link, "new")
+    assert link.is_symlink()
+    assert target.read_text() == "new"
+
+
+def test_inputs_are_refused_by_any_name(tmp_path: Path) -> None:
+    source = tmp_path / "log.mcap"
+    source.write_text("precious")
+    soft, hard = tmp_path / "soft", tmp_path / "hard"
+    soft.symlink_to(source)
+    hard.hardlink_to(source)
+    for name in (source, soft, hard, tmp_path / "." / "log.mcap"):
+        with pytest.raises(ChoiceError, match="is an input"):
+            write_whole(name, "rubbish", inputs=[source])
+    assert source.read_text() == "precious"
+
+
+def test_folders_and_devices(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="is a folder"):
+        write_whole(tmp_path, "text")
+    write_whole(Path("/dev/null"), "text")
+    assert stat.S_ISCHR(Path("/dev/null").stat().st_mode)
