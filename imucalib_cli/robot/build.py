@@ -102,9 +102,7 @@ def find_base(edges: Sequence[Edge], robot: Robot) -> Edge | None:
     bases = [
         edge
         for edge in outside
-        if edge.child in links
-        and edge.parent not in links
-        and (not edge.is_static or has_motion_above(edge.parent, outside))
+        if edge.child in links and (not edge.is_static or has_motion_above(edge.parent, outside))
     ]
     if len(bases) > 1:
         listed = ", ".join(

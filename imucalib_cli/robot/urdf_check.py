@@ -79,6 +79,7 @@ class _Faults:
         self.found: list[str] = []
 
     def add(self, element: _Element | None, text: str) -> None:
+        text = " ".join(text.split())  # &#10; in an attribute would break the line
         self.found.append(text if element is None else f"line {element.line}: {text}")
 
 
@@ -169,6 +170,8 @@ def _by_name(elements: list[_Element], faults: _Faults) -> dict[str, _Element]:
         name = element.attributes.get("name", "")
         if not name:
             faults.add(element, f"<{element.tag}> has no name")
+        elif not name.isprintable():
+            faults.add(element, f"the name of {element.tag} '{name}' has control characters")
         elif name in named:
             faults.add(
                 element,
