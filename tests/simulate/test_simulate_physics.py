@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
 from scipy.interpolate import make_interp_spline
 from scipy.spatial.transform import Rotation
 
@@ -158,8 +159,6 @@ def test_the_bar_gains_the_impulse_of_its_pushes(profile: Any, seconds: float, p
 
 
 def euler_by_scipy(profile: str) -> Floats:
-    from scipy.integrate import solve_ivp
-
     inertia, torque = np.array([0.16, 0.20, 0.24]), np.array([0.1, -0.1, 0.05])
 
     def scale(t: float) -> float:

@@ -1,0 +1,111 @@
+"""``imucalib simulate``: what a user types becomes the right options, units and signs included."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from imucalib_cli.cli.main import main
+
+SHORT = ["--duration", "0.2", "--imu-rate", "100", "--robot-rate", "50"]
+
+
+def settings(tmp_path: Path, *arguments: str) -> dict[str, Any]:
+    """Truth file of a short run with these arguments."""
+    log = tmp_path / "log.mcap"
+    assert main(["simulate", *arguments, *SHORT, "-o", str(log)]) == 0
+    document: dict[str, Any] = yaml.safe_load((tmp_path / "log.truth.yaml").read_text())
+    return document
+
+
+def test_words_go_to_stderr_and_stdout_stays_empty(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    urdf = tmp_path / "robot.urdf"
+    settings(tmp_path, "rihibot", "--urdf", str(urdf))
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.count("\n") == 1
+    assert "log.mcap: 0.2 s, 21 Imu messages, 11 of the robot" in err
+    assert "log.truth.yaml" in err
+    assert urdf.read_text().startswith("<?xml")
+
+
+def test_units_of_options_become_si(tmp_path: Path) -> None:
+    document = settings(
+        tmp_path,
+        *["rihibot", "--accel-noise-ug", "300", "--gyro-noise-deg", "0.014"],
+        *["--time-offset", "-42ms", "--stamp-jitter", "300us", "--delay", "0.002"],
+        *["--base-tilt-deg", "1 -2", "--step", "0.5ms"],
+    )
+    noise, physics = document["settings"]["noise"], document["settings"]["physics"]
+    assert noise["accel_noise"] == pytest.approx(300e-6 * 9.80665)
+    assert noise["gyro_noise"] == pytest.approx(math.radians(0.014))
+    assert noise["time_offset"] == document["time_offset"] == -0.042
+    assert (noise["stamp_jitter"], noise["delay"]) == (3e-4, 0.002)
+    assert physics["base_tilt"] == pytest.approx([math.radians(1), math.radians(-2)])
+    assert physics["step"] == 5e-4
+
+
+def test_single_options_win_over_the_grade(tmp_path: Path) -> None:
+    noise = settings(
+        tmp_path, "barbot", "--grade", "mems", "--gyro-bias", "1e-3 0 -2e-3", "--spikes", "0.1"
+    )["settings"]["noise"]
+    assert noise["gyro_bias"] == [0.001, 0.0, -0.002]
+    assert noise["accel_bias"] == [0.12, -0.20, 0.15]
+    assert noise["spikes"] == 0.1
+
+
+@pytest.mark.parametrize(
+    ("order", "first"),
+    [("alphabetical", "elbow_joint"), ("reversed", "wrist_3_joint"), ("chain", None)],
+)
+def test_joint_orders_have_names(tmp_path: Path, order: str, first: str | None) -> None:
+    names = settings(tmp_path, "rihibot", "--joint-order", order)["settings"]["log"]["joint_order"]
+    assert (names[0] if names else None) == first
+
+
+def test_a_system_of_ones_own(tmp_path: Path) -> None:
+    source = Path(__file__).parents[2] / "configs" / "barbot.yaml"
+    own = tmp_path / "own.yaml"
+    own.write_text(source.read_text().replace("name: barbot", "name: mine"))
+    document = settings(tmp_path, "--config", str(own))
+    assert document["settings"]["system"]["name"] == "mine"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "words"),
+    [
+        ([], 2, "name one system"),
+        (["barbot", "--config", "x.yaml"], 2, "name one system"),
+        (["robbot"], 2, "choose barbot, rihibot"),
+        (["--config", "none.yaml"], 1, "none.yaml"),
+        (["barbot", "--grade", "cheap"], 2, "choose ideal, industrial, mems"),
+        (["barbot", "--publishers", "2"], 1, "no joints to split"),
+        (["barbot", "--mount-xyz", "1 2"], 2, "three numbers"),
+        (["barbot", "--base-tilt-deg", "1"], 2, "two angles"),
+        (["barbot", "--time-offset", "soon"], 2, "--time-offset soon"),
+        (["barbot", "--profile", "soft"], 2, "smooth or hard"),
+        (["barbot", "--dropouts", "1"], 1, "below 1"),
+        (["barbot", "--accel-noise", "1", "--accel-noise-ug", "1"], 2, "not both"),
+        (["barbot", "--compression", "zip"], 2, "choose zstd, lz4, none"),
+    ],
+)
+def test_wrong_usage_is_one_line_and_a_code(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    arguments: list[str],
+    code: int,
+    words: str,
+) -> None:
+    log = tmp_path / "log.mcap"
+    assert main(["simulate", *arguments, *SHORT, "-o", str(log)]) == code
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.count("\n") == 1
+    assert words in err
+    assert list(tmp_path.iterdir()) == []
