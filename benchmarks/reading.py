@@ -158,7 +158,7 @@ def floor_of(path: Path, storage: str) -> Callable[[], None]:
 
         with Reader(path) as reader:
             found = reader.chunks.values()
-            spans = [(each.datastart, each.datasize, each.datasize) for each in found]
+            spans = [(each.datapos, each.datasize, each.datasize) for each in found]
     else:
         size = path.stat().st_size
         spans = [(at, min(1 << 20, size - at), 0) for at in range(0, size, 1 << 20)]

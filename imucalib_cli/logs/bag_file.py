@@ -168,11 +168,23 @@ class BagFile:
         if len(self._chunks) != expected:
             return False
         self._chunks.sort(key=lambda chunk: chunk.start)
-        return all(
-            number in catalogue.connections
-            for chunk in self._chunks
-            for number in chunk.connections or ()
-        )
+        if not catalogue.tallies.keys() <= catalogue.connections.keys():
+            return False
+        self._time(file, catalogue)
+        return True
+
+    def _time(self, file: BinaryIO, catalogue: _Catalogue) -> None:
+        """Times of each connection's first and last messages, from the chunks at both ends."""
+        for number, tally in catalogue.tallies.items():
+            holding = [each for each in self._chunks if number in (each.connections or ())]
+            times = Tally()
+            for chunk in holding[:1] + holding[1:][-1:]:
+                _, start, size = self._record(file, chunk.start)
+                found = self._message_index(file, start + size, {number})
+                if number in found:
+                    times.add(found[number][0])
+            if times.count:
+                tally.start_ns, tally.end_ns = times.start_ns, times.end_ns
 
     def _message_index(self, file: BinaryIO, at: int, channels: Collection[int]) -> Index:
         """The index records that follow a chunk."""

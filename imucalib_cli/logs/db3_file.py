@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import sqlite3
 from contextlib import closing
 from typing import TYPE_CHECKING
@@ -10,11 +11,13 @@ from urllib.parse import quote
 import numpy as np
 
 from imucalib_cli.errors import InputError
+from imucalib_cli.logs.damage import Tally
 from imucalib_cli.logs.messages import normalise_type
 from imucalib_cli.logs.storage import Channel, Progress, Sink
+from imucalib_cli.logs.unpacked import copy_with_page_count
 
 if TYPE_CHECKING:
-    from collections.abc import Collection
+    from collections.abc import Collection, Iterator
     from pathlib import Path
 
 _FETCH = 4096
@@ -35,30 +38,46 @@ class Db3File:
         self.path = path
         self._file = path
         self.losses: list[str] = []
+        # mode=ro rather than immutable: a -wal left by a crash still counts.
+        self._mode = "mode=ro"
         try:
-            with closing(self._connect()) as database:
-                self.channels = _channels(database)
+            self.channels = self._open()
         except sqlite3.DatabaseError as error:
             raise InputError(f"{path} is no readable rosbag2 database: {error}") from error
 
+    def _open(self) -> tuple[Channel, ...]:
+        try:
+            return self._channels()
+        except sqlite3.OperationalError as error:
+            if "unable to open" not in str(error):
+                raise
+            # A -wal needs a -shm beside it, which a read-only folder does not allow.
+            self._mode = "immutable=1"
+            self.losses.append("its -wal is left out: the folder cannot be written to")
+        except sqlite3.DatabaseError:
+            # SQLite refuses a file that is shorter than its header says; one that says what is
+            # there is read up to the first missing page.
+            self._file = copy_with_page_count(self.path)
+            self.losses.append("the database is cut short or damaged: what can be read is used")
+        return self._channels()
+
     def _connect(self) -> sqlite3.Connection:
-        # mode=ro rather than immutable: a -wal left by a crash still counts.
-        return sqlite3.connect(f"file:{quote(str(self._file.absolute()))}?mode=ro", uri=True)
+        path = quote(str(self._file.absolute()))
+        return sqlite3.connect(f"file:{path}?{self._mode}", uri=True)
+
+    def _channels(self) -> tuple[Channel, ...]:
+        with closing(self._connect()) as database:
+            return _channels(database)
 
     def read(self, wanted: Collection[int], sink: Sink, progress: Progress) -> None:
         """Give the sink all messages of the wanted channels, in one scan."""
         channels = {each.number: each for each in self.channels if each.number in wanted}
         total = max(1, sum(each.count for each in channels.values()))
         done = 0
-        marks = ", ".join("?" * len(channels))
+        progress(0.0)
         with closing(self._connect()) as database:
-            # Without ORDER BY: SQLite would otherwise go through the timestamps' index.
-            rows = database.execute(
-                f"SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks})",  # noqa: S608
-                tuple(channels),
-            )
             try:
-                while fetched := rows.fetchmany(_FETCH):
+                for fetched in _fetch(database, tuple(channels)):
                     _add(fetched, done, channels, sink)
                     done += len(fetched)
                     progress(min(1.0, done / total))
@@ -66,6 +85,27 @@ class Db3File:
                 self.losses.append(
                     f"the database is damaged ({error}): the {done} messages before are used"
                 )
+        progress(1.0)
+
+
+def _fetch(
+    database: sqlite3.Connection, numbers: tuple[int, ...]
+) -> Iterator[list[tuple[int, int, bytes]]]:
+    """Rows in blocks, up to the last one before any damage, which is then raised."""
+    marks = ", ".join("?" * len(numbers))
+    # Without ORDER BY: SQLite would otherwise go through the timestamps' index.
+    query = f"SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks})"  # noqa: S608
+    done = 0
+    try:
+        rows = database.execute(query, numbers)
+        while fetched := rows.fetchmany(_FETCH):
+            done += len(fetched)
+            yield fetched
+    except sqlite3.DatabaseError:
+        # The block that met the damage is lost as a whole: take its rows one by one.
+        for row in database.execute(f"{query} LIMIT -1 OFFSET {done}", numbers):
+            yield [row]
+        raise
 
 
 def _add(
@@ -86,14 +126,21 @@ def _add(
             sink.add(channel, arrival + which, log_ns[which], joined.reshape(len(which), int(size)))
 
 
+def _tallies(database: sqlite3.Connection) -> dict[int, Tally]:
+    """Count and times of each topic; of a damaged file up to the damage."""
+    query = "SELECT topic_id, COUNT(*), MIN(timestamp), MAX(timestamp) FROM messages"
+    try:
+        return {number: Tally(*tally) for number, *tally in database.execute(f"{query} GROUP BY 1")}
+    except sqlite3.DatabaseError:
+        tallies: dict[int, Tally] = {}
+        with contextlib.suppress(sqlite3.DatabaseError):
+            for number, time in database.execute("SELECT topic_id, timestamp FROM messages"):
+                tallies.setdefault(number, Tally()).add(np.array([time]))
+        return tallies
+
+
 def _channels(database: sqlite3.Connection) -> tuple[Channel, ...]:
-    tallies = {
-        number: tally
-        for number, *tally in database.execute(
-            "SELECT topic_id, COUNT(*), MIN(timestamp), MAX(timestamp) FROM messages "
-            "GROUP BY topic_id"
-        )
-    }
+    tallies = _tallies(database)
     definitions = {}
     if database.execute(
         "SELECT 1 FROM sqlite_master WHERE name = 'message_definitions'"
@@ -108,7 +155,7 @@ def _channels(database: sqlite3.Connection) -> tuple[Channel, ...]:
     for number, topic, type_name, encoding in database.execute(
         "SELECT id, name, type, serialization_format FROM topics"
     ):
-        count, start_ns, end_ns = tallies.get(number, (0, 0, 0))
+        tally = tallies.get(number, Tally(start_ns=0))
         found.append(
             Channel(
                 number=number,
@@ -116,9 +163,9 @@ def _channels(database: sqlite3.Connection) -> tuple[Channel, ...]:
                 type=normalise_type(type_name),
                 encoding=encoding,
                 definition=definitions.get(type_name, ""),
-                count=count,
-                start_ns=start_ns,
-                end_ns=end_ns,
+                count=tally.count,
+                start_ns=tally.start_ns,
+                end_ns=tally.end_ns,
             )
         )
     return tuple(found)

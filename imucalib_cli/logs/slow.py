@@ -126,7 +126,8 @@ def _get(message: Any, path: str) -> Any:
 
 def _flatten(value: Any) -> list[float]:
     if is_dataclass(value):
-        return [x for each in dataclass_fields(value) for x in _flatten(getattr(value, each.name))]
+        names = [each.name for each in dataclass_fields(value) if not each.name.startswith("_")]
+        return [x for name in names for x in _flatten(getattr(value, name))]
     if np.ndim(value):
         return [float(x) for x in value]
     return [float(value)]

@@ -1,9 +1,10 @@
-"""Files that rosbag2 compressed as a whole: unpacked beside the system's temporary files."""
+"""Temporary copies: of files that rosbag2 compressed as a whole, and of databases cut short."""
 
 from __future__ import annotations
 
 import atexit
 import os
+import shutil
 import tempfile
 from pathlib import Path
 
@@ -23,11 +24,9 @@ def unpack(path: Path) -> tuple[Path, str]:
     """
     import zstandard
 
-    handle, name = tempfile.mkstemp(prefix="imucalib-", suffix=path.with_suffix("").suffix)
-    target = Path(name)
-    atexit.register(target.unlink, missing_ok=True)
     loss = ""
-    with os.fdopen(handle, "wb") as out, path.open("rb") as packed:
+    target = _temporary(path.with_suffix("").suffix)
+    with target.open("wb") as out, path.open("rb") as packed:
         reader = zstandard.ZstdDecompressor().stream_reader(packed, read_across_frames=True)
         try:
             while data := reader.read(_STEP):
@@ -42,3 +41,38 @@ def unpack(path: Path) -> tuple[Path, str]:
         if not out.tell():
             raise InputError(f"{path} cannot be unpacked: record or copy it again")
     return target, loss
+
+
+def copy_with_page_count(path: Path) -> Path:
+    """Copy an SQLite file into a temporary one whose header names the pages that are there.
+
+    Offsets of the header: sqlite.org/fileformat2.html, 1.3.
+
+    Raises:
+        InputError: The disk is full.
+    """
+    target = _temporary(".db3")
+    try:
+        shutil.copyfile(path, target)
+        with target.open("r+b") as file:
+            header = file.read(100)
+            page_size = int.from_bytes(header[16:18], "big")
+            page_size = 65536 if page_size == 1 else max(page_size, 512)
+            file.seek(28)
+            file.write((path.stat().st_size // page_size).to_bytes(4, "big"))
+            # The count is believed only if it is as new as the last change.
+            file.seek(92)
+            file.write(header[24:28])
+    except OSError as error:
+        raise InputError(
+            f"{path} is damaged and cannot be copied to {target.parent} for repair: {error}"
+        ) from error
+    return target
+
+
+def _temporary(suffix: str) -> Path:
+    handle, name = tempfile.mkstemp(prefix="imucalib-", suffix=suffix)
+    os.close(handle)
+    target = Path(name)
+    atexit.register(target.unlink, missing_ok=True)
+    return target

@@ -1,0 +1,109 @@
+"""The choice between header stamps and receive times."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from imucalib_cli.logs.clock import choose_clock
+from imucalib_cli.logs.streams import PoseStream, Stream
+
+START = 1_700_000_000_000_000_000
+SECOND = 1_000_000_000
+
+
+def stream(
+    topic: str = "/imu", *, rate: float = 100.0, seconds: float = 20.0, header: Any = None
+) -> Stream:
+    """A stream received with jitter; ``header`` turns true times (ns since START) into stamps."""
+    rng = np.random.default_rng(len(topic))
+    true = (np.arange(int(rate * seconds)) / rate * SECOND).astype(np.int64)
+    log_ns = np.sort(START + true + rng.integers(0, 5_000_000, size=len(true)))
+    header_ns = START + true if header is None else np.asarray(header(true), dtype=np.int64)
+    return Stream(topic=topic, header_ns=header_ns, log_ns=log_ns)
+
+
+def test_sound_headers_are_taken() -> None:
+    imu, joints = stream(), stream("/joints", rate=50.0)
+    clock = choose_clock([imu, joints])
+    assert clock.kind == "header"
+    assert clock.warnings == ()
+    assert clock.origin_ns == START
+    np.testing.assert_allclose(clock.seconds(imu), np.arange(2000) / 100, atol=1e-12)
+    assert choose_clock([imu, joints], "log").kind == "log"
+
+
+@pytest.mark.parametrize(
+    ("header", "says"),
+    [
+        (np.zeros_like, "all zero"),
+        (lambda t: np.where(np.arange(len(t)) % 10 == 0, 0, START + t), "are zero in 200 of 2000"),
+        (lambda t: np.full_like(t, START), "all the same"),
+        (lambda t: START + t // SECOND * SECOND, "advance in only 19 of 1999"),
+        (lambda t: START - t, "advance in only 0"),
+        (lambda t: 35 * SECOND + t, "apart from those of other topics"),
+        (lambda t: START + 30 * SECOND + t, "apart from those of other topics"),
+        (lambda t: START + (1.05 * t).astype(int), "at 1.05 times"),
+    ],
+)
+def test_broken_headers_of_one_stream_turn_all_to_receive_times(header: Any, says: str) -> None:
+    imu = stream(header=header)
+    others = [stream("/joints", rate=50.0), stream("/tf", rate=30.0)]
+    clock = choose_clock([imu, *others])
+    assert clock.kind == "log"
+    assert len(clock.warnings) == 1
+    assert says in clock.warnings[0]
+    assert "/imu" in clock.warnings[0]
+    np.testing.assert_array_equal(clock.stamps_ns(imu), imu.log_ns)
+    assert choose_clock([imu, *others], "header").kind == "header"
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        lambda t: t + SECOND,  # simulated time
+        lambda t: t // 2 + SECOND,  # simulated time at half speed
+        lambda t: START + t + 100 * SECOND,  # the recorder's clock is off
+        lambda t: np.where(np.arange(len(t)) == 7, 0, START + t),  # one glitch
+        lambda t: START + t // 10_000_000 * 10_000_000,  # coarse stamps that repeat
+    ],
+)
+def test_headers_that_agree_with_each_other_are_taken(header: Any) -> None:
+    streams = [stream(header=header), stream("/joints", rate=500.0, header=header)]
+    clock = choose_clock(streams)
+    assert clock.kind == "header"
+    assert clock.warnings == ()
+    assert float(np.median(clock.seconds(streams[0]))) < 21
+
+
+def test_a_delay_within_the_search_stays_with_headers() -> None:
+    clock = choose_clock([stream(header=lambda t: START + t + SECOND), stream("/joints")])
+    assert clock.kind == "header"
+
+
+def test_static_transforms_have_no_say() -> None:
+    zero = np.zeros(1, dtype=np.int64)
+    static = PoseStream(
+        topic="/tf_static",
+        header_ns=zero,
+        log_ns=zero,
+        parent="a",
+        child="b",
+        position=np.zeros((1, 3)),
+        quaternion_xyzw=np.array([[0.0, 0.0, 0.0, 1.0]]),
+        is_static=True,
+    )
+    clock = choose_clock([stream(), static])
+    assert clock.kind == "header"
+    assert clock.origin_ns == START
+
+
+def test_where_both_are_broken_headers_stay_with_a_warning() -> None:
+    imu = stream(header=np.zeros_like)
+    broken = Stream(topic="/imu", header_ns=imu.header_ns, log_ns=np.zeros_like(imu.log_ns))
+    clock = choose_clock([broken])
+    assert clock.kind == "header"
+    assert "no better" in clock.warnings[0]
+    assert choose_clock([]).origin_ns == 0

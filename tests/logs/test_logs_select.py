@@ -1,0 +1,100 @@
+"""Topics chosen by type or by name."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from imucalib_cli.errors import ChoiceError, InputError
+from imucalib_cli.logs.log import Topic
+from imucalib_cli.logs.select import check_joint_topics, select_topics
+from imucalib_cli.logs.streams import JointStream
+
+
+def topic(name: str, type_name: str, *, count: int = 10, encoding: str = "cdr") -> Topic:
+    return Topic(name=name, type=type_name, encoding=encoding, count=count, start_ns=0, end_ns=1)
+
+
+IMU = topic("/imu", "sensor_msgs/Imu")
+IMU2 = topic("/imu2", "sensor_msgs/Imu")
+JOINTS = topic("/joint_states", "sensor_msgs/JointState")
+JOINTS2 = topic("/gripper", "sensor_msgs/JointState")
+TF = topic("/tf", "tf2_msgs/TFMessage")
+TF_STATIC = topic("/tf_static", "tf2_msgs/TFMessage")
+ODOM = topic("/odom", "nav_msgs/Odometry")
+MOCAP = topic("/mocap", "geometry_msgs/PoseStamped")
+IMAGE = topic("/camera", "sensor_msgs/Image")
+EMPTY = topic("/imu_empty", "sensor_msgs/Imu", count=0)
+JSON = topic("/imu_json", "sensor_msgs/Imu", encoding="json")
+
+
+def test_all_imus_joints_and_tf_are_taken() -> None:
+    topics = [IMU, IMU2, JOINTS, JOINTS2, TF, TF_STATIC, ODOM, MOCAP, IMAGE, EMPTY, JSON]
+    found = select_topics(topics)
+    assert found.imus == ("/imu", "/imu2")
+    assert found.joints == ("/joint_states", "/gripper")
+    assert found.poses == ()
+    assert found.tf == ("/tf", "/tf_static")
+    assert found.all == ("/imu", "/imu2", "/joint_states", "/gripper", "/tf", "/tf_static")
+
+
+def test_single_pose_topic_is_taken_without_joints() -> None:
+    assert select_topics([IMU, ODOM]).poses == ("/odom",)
+    assert select_topics([IMU, ODOM, TF]).tf == ("/tf",)
+
+
+def test_several_pose_topics_are_a_choice() -> None:
+    with pytest.raises(ChoiceError, match=r"--pose-topic: /odom \(nav_msgs/Odometry\), /mocap"):
+        select_topics([IMU, ODOM, MOCAP])
+    assert select_topics([IMU, ODOM, MOCAP], pose_topics=["/mocap"]).poses == ("/mocap",)
+
+
+def test_named_topics_limit_their_kind() -> None:
+    topics = [IMU, IMU2, JOINTS, JOINTS2, TF, TF_STATIC, ODOM]
+    found = select_topics(topics, ["/imu2"], ["/joint_states"], ["/odom"])
+    assert found.imus == ("/imu2",)
+    assert found.joints == ("/joint_states",)
+    assert found.poses == ("/odom",)
+    assert found.tf == ("/tf_static",)
+    assert select_topics(topics, pose_topics=["/tf"]).tf == ("/tf", "/tf_static")
+
+
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [
+        ("/nope", r"^/nope is not in the log: IMU topics for --imu-topic are /imu \("),
+        ("/camera", r"^/camera is sensor_msgs/Image \(cdr\)"),
+        ("/imu_json", r"^/imu_json is sensor_msgs/Imu \(json\)"),
+        ("/imu_empty", r"^/imu_empty has no messages"),
+    ],
+)
+def test_wrong_name_lists_the_candidates(name: str, says: str) -> None:
+    with pytest.raises(ChoiceError, match=says):
+        select_topics([IMU, JOINTS, IMAGE, EMPTY, JSON], imu_topics=[name])
+
+
+def test_log_without_what_is_needed_is_refused() -> None:
+    with pytest.raises(InputError, match=r"no IMU .* /joint_states"):
+        select_topics([JOINTS, IMAGE])
+    with pytest.raises(InputError, match="nothing that tells how the robot moved"):
+        select_topics([IMU, IMAGE])
+
+
+def joints(name: str, *names: str) -> tuple[JointStream, ...]:
+    none = np.empty(0, dtype=np.int64)
+    return (
+        JointStream(
+            topic=name,
+            header_ns=none,
+            log_ns=none,
+            names=names,
+            position=np.empty((0, len(names))),
+        ),
+    )
+
+
+def test_joint_of_two_topics_is_a_choice() -> None:
+    found = {"/a": joints("/a", "elbow", "wrist"), "/b": joints("/b", "finger", "wrist")}
+    with pytest.raises(ChoiceError, match=r"joint wrist comes from /a and /b.*--joint-topic"):
+        check_joint_topics(found)
+    check_joint_topics(found, {"elbow", "finger"})

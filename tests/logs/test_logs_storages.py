@@ -1,0 +1,248 @@
+"""Every storage and compression against rosbags, message by message, bit for bit."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from rosbags.highlevel import AnyReader
+
+from imucalib_cli.errors import ChoiceError, InputError
+from imucalib_cli.logs import mcap_chunks, wire
+from imucalib_cli.logs.log import Log, LogData, open_log
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from conftest import Said, Write
+
+Rows = dict[tuple[str, ...], list[tuple[Any, ...]]]
+
+
+def _ns(stamped: Any) -> int:
+    return int(stamped.header.stamp.sec * 10**9 + stamped.header.stamp.nanosec)
+
+
+def _xyz(vector: Any) -> tuple[float, ...]:
+    return vector.x, vector.y, vector.z
+
+
+def _pose(position: Any, orientation: Any) -> tuple[float, ...]:
+    return *_xyz(position), *_xyz(orientation), orientation.w
+
+
+def expected_rows(messages: Iterable[tuple[str, str, Any, int]]) -> Rows:
+    """Rows of each stream, from deserialised messages, with plain attribute access."""
+    rows: Rows = {}
+    order: dict[frozenset[str], list[str]] = {}
+    for topic, type_name, message, log_ns in messages:
+        match type_name.rsplit("/", 1)[-1]:
+            case "Imu":
+                gyro, accel = message.angular_velocity, message.linear_acceleration
+                row = (log_ns, _ns(message), *_xyz(gyro), *_xyz(accel))
+                rows.setdefault((topic,), []).append(row)
+            case "JointState":
+                names = order.setdefault(frozenset(message.name), list(message.name))
+                values = dict(zip(message.name, message.position, strict=True))
+                row = (log_ns, _ns(message), *(values[name] for name in names))
+                rows.setdefault((topic, *names), []).append(row)
+            case "TFMessage":
+                for each in message.transforms:
+                    pose = _pose(each.transform.translation, each.transform.rotation)
+                    key = (topic, each.header.frame_id, each.child_frame_id)
+                    rows.setdefault(key, []).append((log_ns, _ns(each), *pose))
+            case "TransformStamped":
+                pose = _pose(message.transform.translation, message.transform.rotation)
+                key = (topic, message.header.frame_id, message.child_frame_id)
+                rows.setdefault(key, []).append((log_ns, _ns(message), *pose))
+            case "PoseStamped":
+                pose = _pose(message.pose.position, message.pose.orientation)
+                key = (topic, message.header.frame_id, "")
+                rows.setdefault(key, []).append((log_ns, _ns(message), *pose))
+            case "PoseWithCovarianceStamped" | "Odometry":
+                pose = _pose(message.pose.pose.position, message.pose.pose.orientation)
+                child = getattr(message, "child_frame_id", "")
+                key = (topic, message.header.frame_id, child)
+                rows.setdefault(key, []).append((log_ns, _ns(message), *pose))
+    return rows
+
+
+def read_rows(data: LogData) -> dict[tuple[str, ...], np.ndarray[Any, Any]]:
+    """The streams as read, in the same form; integers beside floats, hence object arrays."""
+    found = {}
+    for topic, imu in data.imus.items():
+        found[topic,] = _table(imu.log_ns, imu.header_ns, imu.gyro, imu.accel)
+    for topic, joints in data.joints.items():
+        for joint in joints:
+            table = _table(joint.log_ns, joint.header_ns, joint.position)
+            found[(topic, *joint.names)] = table
+    for topic, poses in data.poses.items():
+        for pose in poses:
+            values = (pose.position, pose.quaternion_xyzw)
+            key = (topic, pose.parent, pose.child)
+            found[key] = _table(pose.log_ns, pose.header_ns, *values)
+    return found
+
+
+def _table(*columns: Any) -> np.ndarray[Any, Any]:
+    return np.column_stack([np.asarray(each, dtype=object) for each in columns])
+
+
+def assert_same(data: LogData, rows: Rows) -> None:
+    found = read_rows(data)
+    assert found.keys() == rows.keys()
+    for key, expected in rows.items():
+        table = np.array(expected, dtype=object)
+        if table.shape[1] == 9 and len(key) == 3:  # poses: ours are normalised
+            quaternion = table[:, 5:].astype(float)
+            table[:, 5:] = quaternion / np.linalg.norm(quaternion, axis=1)[:, None]
+        np.testing.assert_array_equal(found[key], table, err_msg=str(key))
+
+
+def read_all(log: Log) -> LogData:
+    return log.read(topic.name for topic in log.topics if topic.readable)
+
+
+def said_rows(messages: list[Said]) -> Rows:
+    return expected_rows((each.topic, each.type, each.message, each.log_ns) for each in messages)
+
+
+def test_every_storage_reads_as_rosbags_does(
+    messages: list[Said], storage: str, written: Write
+) -> None:
+    name = "log.bag" if storage.startswith("bag") else "log.mcap"
+    path = written(messages, storage, name=name)
+    rows = said_rows(messages)
+    if storage != "mcap-ros1":  # which rosbags refuses
+        with AnyReader([path]) as reader:
+            rows = expected_rows(
+                (each.topic, each.msgtype, reader.deserialize(raw, each.msgtype), log_ns)
+                for each, log_ns, raw in reader.messages()
+            )
+    data = read_all(open_log([path]))
+    assert data.losses == ()
+    assert_same(data, rows)
+    assert data.poses["/tf_static"][0].is_static
+    assert data.imus["/imu"].frame_id == "imu_link"
+
+
+def test_slow_route_agrees_with_bulk_route(
+    messages: list[Said], written: Write, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for storage in ("bag-none", "mcap-none", "mcap-ros1"):
+        path = written(messages, storage, name=storage)
+        bulk = read_rows(read_all(open_log([path])))
+        with monkeypatch.context() as patch:
+            patch.setattr(wire, "_MAX_SHAPES", 0)
+            slow = read_rows(read_all(open_log([path])))
+        assert bulk.keys() == slow.keys()
+        for key, table in bulk.items():
+            np.testing.assert_array_equal(table, slow[key])
+
+
+def test_topics_say_what_is_there(messages: list[Said], storage: str, written: Write) -> None:
+    log = open_log([written(messages, storage)])
+    topics = {topic.name: topic for topic in log.topics}
+    for name, topic in topics.items():
+        of_topic = [each for each in messages if each.topic == name]
+        assert topic.count == len(of_topic)
+        assert topic.type == of_topic[0].type.replace("/msg/", "/")
+        assert topic.start_ns == of_topic[0].log_ns
+        assert topic.end_ns == of_topic[-1].log_ns
+    assert not topics["/chatter"].readable
+    assert len(topics) == 9
+
+
+def test_only_wanted_topics_are_read(messages: list[Said], storage: str, written: Write) -> None:
+    data = open_log([written(messages, storage)]).read(["/imu"])
+    assert list(data.imus) == ["/imu"]
+    assert not data.joints
+    assert not data.poses
+
+
+@pytest.mark.parametrize("storage", ["mcap-zstd", "bag-lz4"])
+def test_chunks_without_wanted_topics_are_not_unpacked(
+    messages: list[Said], storage: str, written: Write, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = written(messages, storage, chunk_bytes=1000)
+    log = open_log([path])
+    unpacked = []
+    module = "mcap_chunks" if storage.startswith("mcap") else "bag_file"
+    inflate = mcap_chunks.inflate
+
+    def counting(*arguments: Any) -> Any:
+        unpacked.append(1)
+        return inflate(*arguments)
+
+    monkeypatch.setattr(f"imucalib_cli.logs.{module}.inflate", counting)
+    log.read(["/tf_static"])
+    assert len(unpacked) == 1
+    unpacked.clear()
+    log.read(["/imu"])
+    assert 10 < len(unpacked) <= 300
+
+
+def test_split_recording_is_one(messages: list[Said], written: Write) -> None:
+    half = len(messages) // 2
+    late = written(messages[half:], "mcap-zstd", name="split_1.mcap")
+    early = written(messages[:half], "mcap-lz4", name="split_0.mcap")
+    data = read_all(open_log([late, early]))
+    assert_same(data, said_rows(messages))
+    assert_same(read_all(open_log([early.parent])), said_rows(messages))
+
+
+def test_bag_beside_mcap_is_one_recording(messages: list[Said], written: Write) -> None:
+    half = len(messages) // 2
+    first = written(messages[:half], "bag-bz2", name="first")
+    second = written(messages[half:], "mcap-none", name="second")
+    assert_same(read_all(open_log([first, second])), said_rows(messages))
+
+
+@pytest.mark.parametrize("storage", ["db3", "mcap2", "db3-file"])
+def test_folder_can_be_told_in_any_way(messages: list[Said], storage: str, written: Write) -> None:
+    folder = written(messages, storage)
+    rows = said_rows(messages)
+    assert_same(read_all(open_log([folder / "metadata.yaml"])), rows)
+    files = [each for each in folder.iterdir() if each.name != "metadata.yaml"]
+    assert_same(read_all(open_log(files)), rows)
+    (folder / "metadata.yaml").unlink()
+    assert_same(read_all(open_log([folder])), rows)
+
+
+@pytest.mark.parametrize("storage", ["bag-lz4", "mcap-zstd", "db3"])
+def test_suffix_does_not_matter(
+    messages: list[Said], storage: str, written: Write, tmp_path: Path
+) -> None:
+    path = written(messages, storage)
+    if path.is_dir():
+        path = next(path.glob("*.db3"))
+    rows = said_rows(messages)
+    for name in ("none", "a.bag.active", "b.mcap", "c.bag", "d.db3", "e.yaml"):
+        shutil.copy(path, tmp_path / name)
+        assert_same(read_all(open_log([tmp_path / name])), rows)
+
+
+def test_folder_with_several_recordings_is_a_choice(messages: list[Said], written: Write) -> None:
+    first = written(messages[:20], "mcap-none", name="morning.mcap")
+    written(messages[:20], "bag-none", name="evening.bag")
+    with pytest.raises(ChoiceError, match=r"evening\.bag, morning\.mcap"):
+        open_log([first.parent])
+
+
+def test_unknown_topic_lists_those_there(messages: list[Said], written: Write) -> None:
+    log = open_log([written(messages, "mcap-none")])
+    with pytest.raises(ChoiceError, match=r"no topic /nope .*/amcl, /chatter, /imu"):
+        log.read(["/nope"])
+    with pytest.raises(InputError, match=r"/chatter .* holds std_msgs/String"):
+        log.read(["/chatter"])
+
+
+def test_progress_rises_to_one(messages: list[Said], storage: str, written: Write) -> None:
+    told: list[float] = []
+    open_log([written(messages, storage)]).read(["/imu"], told.append)
+    assert told == sorted(told)
+    assert told[0] < 1
+    assert told[-1] == 1
