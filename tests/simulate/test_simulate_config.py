@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,10 +11,12 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import yaml
+from rosbags.highlevel import AnyReader
 
 from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.simulate.config import SystemConfig
 from imucalib_cli.simulate.load import builtin_names, load_grade, load_system
+from imucalib_cli.simulate.truth import _plain
 from imucalib_cli.simulate.urdf import urdf_text
 
 if TYPE_CHECKING:
@@ -139,3 +142,17 @@ def test_files_that_are_no_system_say_so(tmp_path: Path, content: str, words: st
 def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="No such file"):
         load_system(tmp_path / "none.yaml")
+
+
+@pytest.mark.parametrize(("log", "name"), [("rihibot.mcap", "rihibot"), ("barbot.bag", "barbot")])
+def test_samples_are_of_the_systems_as_they_are_configured_now(log: str, name: str) -> None:
+    folder, system = ROOT / "sample_data", load_system(name)
+    truth = yaml.safe_load((folder / f"{name}.truth.yaml").read_text())
+    assert truth["settings"]["system"] == yaml.safe_load(yaml.safe_dump(_plain(asdict(system))))
+    assert truth["transform"]["translation"] == list(system.imu.xyz)
+    assert (folder / f"{name}.urdf").read_text() == urdf_text(system)
+    assert (folder / log).stat().st_size <= 5_000_000
+    with AnyReader([folder / log]) as reader:
+        counts = {c.topic: c.msgcount for c in reader.connections}
+    assert counts[system.topics.imu] == truth["log"]["imu_messages"]
+    assert counts[system.topics.robot] == truth["log"]["robot_messages"]

@@ -69,7 +69,7 @@ def test_smooth_pushes_have_no_jumps_and_hard_ones_do() -> None:
     t = np.arange(0, 30, 1e-3)
     largest = {}
     for profile in ("smooth", "hard"):
-        plan = PushPlan(BAR, profile)  # type: ignore[arg-type]
+        plan = PushPlan(BAR, profile)
         values = np.array([np.concatenate(plan(x)[:2]) for x in t.tolist()])
         largest[profile] = np.abs(np.diff(values, axis=0)).max()
     assert largest["smooth"] < 0.5 * 1.875 / 0.3 * 1e-3 * 1.01
