@@ -1,0 +1,98 @@
+"""The Cramér-Rao bound: how well any estimator could do on a motion, given white sensor noise.
+
+Computed from the noise-free recording, sample by sample, with none of the estimator's filters:
+
+    a_m = R' (R_wf' (p'' - g) + ([alpha]x + [omega]x²) t) + b_a
+    w_m = R' omega + b_g
+
+R is R_parent_imu, omega and alpha the parent link's rate and acceleration in its own frame.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imucalib_cli.robot.rotations import skew
+from imucalib_cli.signals.trajectory import Trajectory
+from imucalib_cli.simulate.recording import Recording
+from imucalib_cli.study.trial import streams_of
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Unknown:
+    """Which nuisances are unknown beside the pose."""
+
+    accel_bias: bool = True
+    gyro_bias: bool = True
+    tilt: bool = True
+    time_offset: bool = True
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Bound:
+    """Least covariance of the pose and the time offset."""
+
+    pose: Floats
+    """(6, 6), m², rad²; translation, rotation, parent frame."""
+    time_offset: float
+    """s, standard deviation; zero where it is known."""
+
+    @property
+    def translation(self) -> float:
+        """Root of the trace, m: least root-mean-square distance."""
+        return float(np.sqrt(np.trace(self.pose[:3, :3])))
+
+    @property
+    def rotation(self) -> float:
+        """Root of the trace, rad."""
+        return float(np.sqrt(np.trace(self.pose[3:, 3:])))
+
+
+def cramer_rao(
+    clean: Recording, accel_std: float, gyro_std: float, unknown: Unknown | None = None
+) -> Bound:
+    """Bound for white noise of known size on each sample.
+
+    Args:
+        clean: The recording without noise.
+        accel_std: Of a sample, per axis, m/s².
+        gyro_std: Of a sample, per axis, rad/s.
+        unknown: Nuisances; all by default.
+    """
+    unknown = unknown or Unknown()
+    imu, path = streams_of(clean)
+    inside = slice(2, len(imu.t) - 2)
+    t = imu.t[inside]
+    R_world_parent, _ = Trajectory.of(path).poses(t)
+    R = clean.R_parent_imu
+    omega = imu.gyro @ R.T
+    alpha = np.gradient(omega, imu.t, axis=0, edge_order=2)[inside]
+    omega = omega[inside]
+    force = imu.accel[inside] @ R.T
+    J = np.zeros((len(t), 6, 15))
+    J[:, :3, 0:3] = R.T @ (skew(alpha) + skew(omega) @ skew(omega))
+    J[:, :3, 3:6] = R.T @ skew(force)
+    J[:, 3:, 3:6] = R.T @ skew(omega)
+    J[:, :3, 6:9] = R.T
+    J[:, 3:, 9:12] = R.T
+    for index, axis in enumerate(np.eye(3)[:2]):
+        turned = np.cross(axis, clean.gravity_world)
+        J[:, :3, 12 + index] = -(np.swapaxes(R_world_parent, 1, 2) @ turned) @ R
+    J[:, :3, 14] = -np.gradient(imu.accel, imu.t, axis=0)[inside]
+    J[:, 3:, 14] = -np.gradient(imu.gyro, imu.t, axis=0)[inside]
+    J[:, :3] /= accel_std
+    J[:, 3:] /= gyro_std
+    used = [True] * 6 + [unknown.accel_bias] * 3 + [unknown.gyro_bias] * 3
+    used += [unknown.tilt and bool(np.any(clean.gravity_world))] * 2 + [unknown.time_offset]
+    columns = np.flatnonzero(used)
+    flat = J[:, :, columns].reshape(-1, len(columns))
+    information = flat.T @ flat
+    scale = 1.0 / np.sqrt(np.diag(information))
+    covariance = np.linalg.inv(information * np.outer(scale, scale)) * np.outer(scale, scale)
+    offset = float(np.sqrt(covariance[-1, -1])) if unknown.time_offset else 0.0
+    return Bound(pose=covariance[:6, :6], time_offset=offset)
