@@ -1,5 +1,6 @@
 """The command ``imucalib``: commands, and what every error becomes."""
 
+import io
 import os
 import sys
 import warnings
@@ -79,6 +80,10 @@ def _prepare_process() -> None:
     # glibc learns from the first freed large block to keep chunk-sized buffers: no page faults
     block = bytes(31 << 20)
     del block
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(
+            errors="backslashreplace"
+        )  # a terminal that knows no ± still gets a line
     if not sys.warnoptions and TRACEBACK not in os.environ:
         warnings.simplefilter("ignore")  # a user can do nothing about a library's warnings
 

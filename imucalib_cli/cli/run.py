@@ -291,7 +291,7 @@ def run_command(
     )
     with ProgressBar(enabled=is_terminal(sys.stderr) and not quiet) as bar:
         outcome = calibrate(request, bar.report)
-    inputs = [*logs, *([urdf] if urdf is not None else [])]
+    inputs = [*logs, *outcome.files, *([urdf] if urdf is not None else [])]
     code = _write(outcome, fmt, output, inputs, force=force)
     if not quiet:
         _tell(outcome, told=fmt == "summary" and output is None)

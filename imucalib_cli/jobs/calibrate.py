@@ -12,6 +12,7 @@ from imucalib_cli import __version__
 from imucalib_cli.errors import ImucalibError, InputError
 from imucalib_cli.estimate.options import MatchedOptions, PaperOptions, WindowChoice
 from imucalib_cli.jobs.motion import Motion, find_motion
+from imucalib_cli.jobs.provenance import printable
 from imucalib_cli.jobs.reading import read_recording
 from imucalib_cli.jobs.rest import check_gravity
 from imucalib_cli.logs.select import check_joint_topics
@@ -25,6 +26,8 @@ from imucalib_cli.results.calibration import (
 from imucalib_cli.robot.path import JointStep
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from imucalib_cli.estimate.estimate import Estimate
     from imucalib_cli.jobs.reading import Recording
     from imucalib_cli.jobs.request import CalibrationRequest, Progress
@@ -38,6 +41,8 @@ class Outcome:
     """What came out: a result for each IMU that could be calibrated, an error for each other."""
 
     calibrations: tuple[Calibration, ...]
+    files: tuple[Path, ...]
+    """That the recording is made of; never to be written to."""
     failures: tuple[ImucalibError, ...] = ()
 
 
@@ -62,7 +67,9 @@ def calibrate(request: CalibrationRequest, progress: Progress | None = None) -> 
             calibrations.append(_calibrate_one(recording, imu, request))
         except ImucalibError as error:
             failures.append(_about(error, imu, several=len(recording.imus) > 1))
-    return Outcome(calibrations=tuple(calibrations), failures=tuple(failures))
+    return Outcome(
+        calibrations=tuple(calibrations), files=recording.paths, failures=tuple(failures)
+    )
 
 
 def _about(error: ImucalibError, imu: ImuStream, *, several: bool) -> ImucalibError:
@@ -148,8 +155,10 @@ def _provenance(
     robot = recording.robot
     return Provenance(
         version=__version__,
-        files=recording.files,
-        urdf=None if robot is None else SourceFile(path=str(request.urdf), sha256=robot.sha256),
+        files=recording.files.result(),
+        urdf=None
+        if robot is None
+        else SourceFile(path=printable(robot.source), sha256=robot.sha256),
         imu_topic=imu.topic,
         motion=motion.topics,
         world=motion.path.world,

@@ -13,6 +13,7 @@ from imucalib_cli.robot.build import find_base, is_still, joint_path, moving_bas
 from imucalib_cli.robot.frames import Edge, frame_path
 from imucalib_cli.robot.mount import Mount, find_mount
 from imucalib_cli.robot.rotations import matrix_from_quaternion
+from imucalib_cli.robot.urdf import near_matches
 
 if TYPE_CHECKING:
     from imucalib_cli.jobs.request import CalibrationRequest
@@ -75,6 +76,7 @@ def _with_robot(
 ) -> Motion:
     mount = find_mount(robot, frame_id, request.parent, request.imu_link)
     path = _robot_path(sources, robot, mount, request)
+    _see_poses_used(path, sources, request)
     return Motion(
         path=path,
         parent=mount.parent,
@@ -82,6 +84,18 @@ def _with_robot(
         nominal=_nominal(mount),
         topics=_topics(path, sources),
     )
+
+
+def _see_poses_used(path: KinematicPath, sources: Sources, request: CalibrationRequest) -> None:
+    """A pose topic that was asked for and does not move the robot is a mistake, not a detail."""
+    unused = set(request.pose_topics) - set(_topics(path, sources))
+    for edge in sources.edges:
+        topic = sources.topics[edge.track.name]
+        if topic in unused and not edge.is_static:
+            raise ChoiceError(
+                f"--pose-topic {topic} tells the pose of '{edge.child}' in '{edge.parent}', "
+                f"neither on the way from {path.world} to {path.parent}: choose another topic"
+            )
 
 
 def _nominal(mount: Mount) -> Nominal | None:
@@ -104,6 +118,11 @@ def _robot_path(
         if base is not None:
             return moving_base_path(
                 edges, robot, mount.parent, sources.joints, base=base.child, world=request.world
+            )
+        if request.world is not None and request.world not in robot.links:
+            raise ChoiceError(
+                f"--world {request.world}: no such link in {robot.source}"
+                f"{near_matches(request.world, robot.links)}"
             )
         return joint_path(robot, mount.parent, sources.joints, world=request.world)
     except InputError:
@@ -141,7 +160,7 @@ def _guess_parent(edges: tuple[Edge, ...], frame_id: str) -> tuple[str, Nominal 
             return frame_id, Nominal(joint="", R_parent_imu=np.eye(3), t_parent_imu=np.zeros(3))
         last = edge.track.values[-1]
         return edge.parent, Nominal(
-            joint=f"{edge.parent} -> {edge.child} of /tf_static",
+            joint="",
             R_parent_imu=matrix_from_quaternion(last[3:7]),
             t_parent_imu=last[:3].copy(),
         )

@@ -10,7 +10,7 @@ import numpy as np
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.jobs.motion import Sources
-from imucalib_cli.jobs.provenance import fingerprints
+from imucalib_cli.jobs.provenance import Fingerprints
 from imucalib_cli.logs.clock import choose_clock
 from imucalib_cli.logs.log import open_log
 from imucalib_cli.logs.select import select_topics
@@ -21,12 +21,12 @@ from imucalib_cli.signals.samples import ImuSamples
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
+    from pathlib import Path
 
     from imucalib_cli.jobs.request import CalibrationRequest, Progress
     from imucalib_cli.logs.clock import Clock
     from imucalib_cli.logs.log import LogData, Topic
     from imucalib_cli.logs.streams import ImuStream, JointStream, PoseStream, Stream
-    from imucalib_cli.results.calibration import SourceFile
     from imucalib_cli.robot.urdf import Robot
 
 
@@ -40,7 +40,8 @@ class Recording:
     sources: Sources
     clock: Clock
     robot: Robot | None
-    files: tuple[SourceFile, ...]
+    paths: tuple[Path, ...]
+    files: Fingerprints
     warnings: tuple[str, ...]
     """About the whole log."""
 
@@ -62,9 +63,9 @@ def read_recording(request: CalibrationRequest, progress: Progress | None = None
     chosen = select_topics(
         log.topics, request.imu_topics, request.joint_topics, request.pose_topics
     )
-    with ThreadPoolExecutor(max_workers=2) as background:
+    files = Fingerprints(log.paths)
+    with ThreadPoolExecutor(max_workers=1) as background:
         robot = background.submit(load_robot, request.urdf) if request.urdf is not None else None
-        files = background.submit(fingerprints, log.paths)
         data = log.read(
             chosen.all, None if progress is None else lambda share: progress("reading", share)
         )
@@ -81,7 +82,8 @@ def read_recording(request: CalibrationRequest, progress: Progress | None = None
             sources=sources,
             clock=clock,
             robot=None if robot is None else robot.result(),
-            files=files.result(),
+            paths=log.paths,
+            files=files,
             warnings=(*data.losses, *clock.warnings, *doubles),
         )
 

@@ -30,7 +30,7 @@ class Nominal:
     """What the URDF says about the same pose."""
 
     joint: str
-    """Name of the fixed joint; empty where the frame is the moving link itself."""
+    """Name of the URDF's fixed joint; empty where no single joint says so."""
     R_parent_imu: Floats
     """(3, 3)."""
     t_parent_imu: Floats

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Literal, get_args
+from xml.sax.saxutils import quoteattr
 
 from imucalib_cli.errors import UntrustedError
 from imucalib_cli.results.document import to_document
@@ -69,10 +70,18 @@ def refuse_untrusted(calibration: Calibration, use: str, *, force: bool) -> None
 def _joint(calibration: Calibration, *, force: bool) -> str:
     refuse_untrusted(calibration, "URDF joint", force=force)
     estimate = calibration.estimate
-    rpy = rpy_from_matrix(estimate.R_parent_imu)
-    return joint_snippet(
-        calibration.parent, calibration.child, list(estimate.t_parent_imu), list(rpy)
+    snippet = joint_snippet(
+        calibration.parent,
+        calibration.child,
+        list(estimate.t_parent_imu),
+        list(rpy_from_matrix(estimate.R_parent_imu)),
     )
+    if calibration.nominal is None or not calibration.nominal.joint:
+        return snippet
+    # the URDF has the link already, and its joint has a name
+    _, joint = snippet.split("\n", 1)
+    made_up = quoteattr(f"{calibration.child}_joint")
+    return joint.replace(made_up, quoteattr(calibration.nominal.joint), 1)
 
 
 def _tf(calibration: Calibration, *, force: bool) -> str:

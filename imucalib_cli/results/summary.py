@@ -161,7 +161,7 @@ def _fit(calibration: Calibration) -> Iterator[str]:
     if nominal is None:
         return
     distance = distance_to(calibration, nominal)
-    where = f"joint {nominal.joint}" if nominal.joint else f"frame {calibration.child} itself"
+    where = f"joint {nominal.joint}" if nominal.joint else "what URDF or tf say"
     shift = (estimate.t_parent_imu - nominal.t_parent_imu) * 1e3
     turn = np.degrees(rotvec_from_matrix(estimate.R_parent_imu @ nominal.R_parent_imu.T))
     yield (

@@ -164,7 +164,7 @@ def test_imus_of_one_frame_do_not_overwrite_each_other(
     assert names == [f"{log.stem}.a_imu.yaml", f"{log.stem}.b_imu.yaml"]
 
 
-@pytest.mark.parametrize("which", ["log", "urdf", "link"])
+@pytest.mark.parametrize("which", ["log", "urdf", "link", "folder"])
 @pytest.mark.usefixtures("estimator")
 def test_inputs_are_never_overwritten(
     which: str,
@@ -175,9 +175,10 @@ def test_inputs_are_never_overwritten(
 ) -> None:
     link = tmp_path / "link"
     link.symlink_to(arm_log)
-    target = {"log": arm_log, "urdf": arm_urdf, "link": link}[which]
+    target = {"log": arm_log, "urdf": arm_urdf, "link": link, "folder": arm_log}[which]
+    log = arm_log.parent if which == "folder" else arm_log
     before = arm_log.read_bytes(), arm_urdf.read_bytes()
-    assert run(arm_log, "--urdf", arm_urdf, "-o", target) == 2
+    assert run(log, "--urdf", arm_urdf, "-o", target) == 2
     assert "is an input and would be overwritten" in capsys.readouterr().err
     assert (arm_log.read_bytes(), arm_urdf.read_bytes()) == before
 
@@ -242,6 +243,17 @@ def test_one_imu_may_fail_and_the_others_still_come_out(
     out, err = capsys.readouterr()
     assert [d["provenance"]["topics"]["imu"] for d in yaml.safe_load_all(out)] == ["/b"]
     assert "error: /a: too short" in err
+
+
+@pytest.mark.usefixtures("estimator")
+def test_the_joint_to_paste_has_the_name_it_has_in_the_urdf(
+    arm_log: Path, arm_urdf: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(arm_log, "--urdf", arm_urdf, "--format", "urdf") == 0
+    out = capsys.readouterr().out
+    assert out.startswith('<joint name="imu_joint" type="fixed">\n')
+    assert '<parent link="hand"/>' in out
+    assert '<origin xyz="0.06 0 0" rpy="0 0 0"/>' in out
 
 
 def test_options_reach_the_estimator(estimator: Estimator, arm_log: Path, arm_urdf: Path) -> None:

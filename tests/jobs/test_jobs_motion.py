@@ -82,6 +82,20 @@ def test_motion_capture_of_the_base_needs_no_child_frame(
     assert asked.topics == ("/mocap", "/joint_states")
 
 
+def test_a_pose_topic_that_moves_nothing_is_refused(log_writer: LogWriter, arm_urdf: Path) -> None:
+    log = log_writer.imu().joints().tf("room", "ball").write()
+    assert motion_of(log, urdf=arm_urdf).topics == ("/joint_states",)
+    with pytest.raises(ChoiceError, match="--pose-topic /tf tells the pose of 'ball' in 'room'"):
+        motion_of(log, urdf=arm_urdf, pose_topics=("/tf",))
+
+
+def test_a_world_that_is_no_link_is_refused(log_writer: LogWriter, arm_urdf: Path) -> None:
+    log = log_writer.imu().joints().write()
+    assert motion_of(log, urdf=arm_urdf, world="upper").path.world == "upper"
+    with pytest.raises(ChoiceError, match="--world uper: no such link"):
+        motion_of(log, urdf=arm_urdf, world="uper")
+
+
 def test_tf_replaces_joint_states(log_writer: LogWriter, arm_urdf: Path) -> None:
     log = log_writer.imu().tf("base", "upper").tf("upper", "hand").write()
     motion = motion_of(log, urdf=arm_urdf)
