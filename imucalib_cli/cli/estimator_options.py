@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.options import MatchedOptions, PaperOptions
 
 _MATCHED_ONLY = ("time_offset", "max_offset", "accel_bias", "gyro_bias", "tilt_std")
+_LONGEST_OFFSET = 600.0
+"""s: clocks further apart than this share no log; a search needs memory by its width."""
 _PAPER_ONLY = ("exclude", "initial", "residual")
 
 
@@ -54,7 +56,14 @@ def estimator_options(
             other = "paper" if method == "matched" else "matched"
             option = "--" + field.name.replace("_", "-")
             raise ChoiceError(f"{option} belongs to --method {other}: leave out one of the two")
-    return _matched(degree, texts) if method == "matched" else _paper(degree, texts)
+    options = _matched(degree, texts) if method == "matched" else _paper(degree, texts)
+    samples = options.window.samples
+    if samples is not None and samples <= degree:
+        raise ChoiceError(
+            f"--window of {samples} samples cannot smooth with --degree {degree}: "
+            f"take at least {(degree + 1) | 1} samples"
+        )
+    return options
 
 
 def _matched(degree: int, texts: EstimatorTexts) -> MatchedOptions:
@@ -123,8 +132,10 @@ def _time_offset(text: str) -> float:
 
 def _positive_seconds(option: str, text: str) -> float:
     value = parse_seconds(option, text)
-    if value <= 0.0:
-        raise ChoiceError(f"{option} {text}: must be positive")
+    if not 0.0 < value <= _LONGEST_OFFSET:
+        raise ChoiceError(
+            f"{option} {text}: expected more than 0 and at most {_LONGEST_OFFSET:g} s"
+        )
     return value
 
 

@@ -328,7 +328,7 @@ def _write(
 
 def _tell(outcome: "Outcome", *, told: bool) -> None:
     """To a human the whole story, to a log file only what needs attention."""
-    from imucalib_cli.results.summary import summarise
+    from imucalib_cli.results.summary import summarise, unobservable_lines
 
     for calibration in outcome.calibrations:
         if is_terminal(sys.stderr):
@@ -336,11 +336,8 @@ def _tell(outcome: "Outcome", *, told: bool) -> None:
                 sys.stderr.write(summarise(calibration, colour=wants_colour(sys.stderr)))
             continue
         estimate = calibration.estimate
-        for direction in estimate.unobservable:
-            say(
-                "untrusted",
-                f"{calibration.child}: {direction.kind} not determined; {direction.motion}",
-            )
+        for line in unobservable_lines(calibration):
+            say("untrusted", f"{calibration.child}: {line}")
         for reason in estimate.distrust:
             say("untrusted", f"{calibration.child}: {reason}")
         for warning in estimate.warnings:

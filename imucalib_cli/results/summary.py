@@ -44,7 +44,7 @@ def _lines(calibration: Calibration, *, colour: bool) -> Iterator[str]:
     files = ", ".join(file.path for file in origin.files)
     yield f"  from {files}: {origin.imu_topic} with {', '.join(origin.motion)}"
     yield from (f"  not trusted: {reason}" for reason in calibration.estimate.distrust)
-    yield from (f"  {line}" for line in _unobservable(calibration))
+    yield from (f"  {line}" for line in unobservable_lines(calibration))
     yield ""
     yield from _pose(calibration)
     yield ""
@@ -54,7 +54,8 @@ def _lines(calibration: Calibration, *, colour: bool) -> Iterator[str]:
     yield from (f"  warning: {warning}" for warning in calibration.estimate.warnings)
 
 
-def _unobservable(calibration: Calibration) -> Iterator[str]:
+def unobservable_lines(calibration: Calibration) -> Iterator[str]:
+    """One line for each direction that the motion did not determine."""
     for direction in calibration.estimate.unobservable:
         axis = _numbers(direction.direction_parent, 2)
         how = "along" if direction.kind == "translation" else "about"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -35,6 +36,7 @@ from imucalib_cli.results.calibration import (
 from imucalib_cli.results.document import to_document
 from imucalib_cli.results.formats import render
 from imucalib_cli.results.reader import from_document, read_calibrations
+from imucalib_cli.results.summary import summarise
 from imucalib_cli.results.text import to_json, to_yaml
 
 ROOT = Path(__file__).parents[2]
@@ -331,3 +333,34 @@ def test_untrusted_poses_are_refused_without_force(fmt: Any) -> None:
 def test_published_and_packaged_schema_are_one() -> None:
     packaged = ROOT / "imucalib_cli/results/result.schema.json"
     assert packaged.read_bytes() == (ROOT / "docs/result.schema.json").read_bytes()
+
+
+def test_the_summary_gives_both_directions_and_they_undo_each_other() -> None:
+    text = summarise(make_calibration())
+    positions = [_numbers(line) for line in text.splitlines() if line.startswith("    xyz ")]
+    quaternions = [_numbers(line) for line in text.splitlines() if "quaternion xyzw" in line]
+    there, back = (Rotation.from_quat(quaternion) for quaternion in quaternions)
+    np.testing.assert_allclose((there * back).magnitude(), 0.0, atol=1e-7)
+    np.testing.assert_allclose(there.apply(positions[1]) + positions[0], np.zeros(3), atol=1e-6)
+    np.testing.assert_allclose(positions[0], [-0.0225, 0.1, 1e-5])
+    np.testing.assert_allclose(there.as_matrix(), R_TRUE.as_matrix(), atol=1e-7)
+    example = re.search(r"the point \(0\.1 0 0\) of imu_link is \((.*)\) of wrist", text)
+    assert example is not None
+    expected = R_TRUE.apply([0.1, 0.0, 0.0]) + [-0.0225, 0.1, 1e-5]
+    np.testing.assert_allclose(_numbers(example.group(1)), expected, atol=5.1e-5)
+
+
+def _numbers(text: str) -> list[float]:
+    return [float(word) for word in re.findall(r"-?\d+\.\d+", text)]
+
+
+def test_the_summary_says_what_is_not_known() -> None:
+    text = summarise(make_calibration(unobservable=(UP, ROLL), distrust=("it wobbles",)))
+    assert "UNTRUSTED" in text
+    assert "not trusted: it wobbles" in text
+    assert "translation along (0.00 0.00 1.00) of wrist_3_link, sigma unbounded; tilt it" in text
+    assert "rotation about (1.00 0.00 0.00) of wrist_3_link, sigma 17 deg; roll it" in text
+    assert re.search(r"^  z +not determined$", text, flags=re.MULTILINE)
+    assert re.search(r"^  x +-22\.50 ± ", text, flags=re.MULTILINE)
+    assert "\x1b[" not in text
+    assert "\x1b[31m" in summarise(make_calibration(unobservable=(UP,)), colour=True)
