@@ -346,7 +346,7 @@ def test_the_summary_gives_both_directions_and_they_undo_each_other() -> None:
     np.testing.assert_allclose(there.as_matrix(), R_TRUE.as_matrix(), atol=1e-7)
     example = re.search(r"the point \(0\.1 0 0\) of imu_link is \((.*)\) of wrist", text)
     assert example is not None
-    expected = R_TRUE.apply([0.1, 0.0, 0.0]) + [-0.0225, 0.1, 1e-5]
+    expected = np.add(R_TRUE.apply([0.1, 0.0, 0.0]), [-0.0225, 0.1, 1e-5])
     np.testing.assert_allclose(_numbers(example.group(1)), expected, atol=5.1e-5)
 
 
