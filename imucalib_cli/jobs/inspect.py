@@ -59,7 +59,7 @@ def inspect(
     data = log.read(names, None if progress is None else lambda share: progress("reading", share))
     robot = None if urdf is None else load_robot(urdf)
     request, problem = _request(log, logs, urdf)
-    clock = choose_clock(moving_streams(data), "auto")
+    clock = choose_clock(moving_streams(_chosen(data, request)), "auto")
     findings, hints, options = _imus(data, robot, clock, request, problem)
     command, placeholders = _command(request, findings, data, options)
     return Inspection(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING, Literal
 from xml.sax.saxutils import quoteattr
 
 from imucalib_cli.errors import UntrustedError
@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from imucalib_cli.results.calibration import Calibration
 
 Format = Literal["yaml", "json", "urdf", "tf", "summary"]
-FORMATS: tuple[str, ...] = get_args(Format)
 SUFFIXES: dict[Format, str] = {
     "yaml": ".yaml",
     "json": ".json",
