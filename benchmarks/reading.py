@@ -16,9 +16,8 @@ import resource
 import sys
 import tempfile
 import time
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import lz4.frame
 import numpy as np
@@ -33,6 +32,9 @@ from rosbags.rosbag2 import Writer as FolderWriter
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from imucalib_cli.logs.log import open_log
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 STORAGES = ("mcap-zstd", "mcap-lz4", "mcap-none", "db3", "bag-none", "bag-lz4", "bag-bz2")
 TOPICS = ("/imu/data", "/joint_states", "/tf")

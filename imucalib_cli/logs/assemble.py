@@ -111,7 +111,8 @@ def pose_streams(data: TopicData) -> tuple[tuple[PoseStream, ...], list[str]]:
     for (parent, child), pieces in edges.items():
         joined = _Joined(pieces)
         position, quaternion = joined.numbers("position"), joined.numbers("quaternion")
-        norm = np.linalg.norm(quaternion, axis=1)
+        with np.errstate(over="ignore"):  # damaged numbers may be huge
+            norm = np.linalg.norm(quaternion, axis=1)
         sound = np.isfinite(position).all(axis=1) & np.isfinite(norm) & (norm > 0.5) & (norm < 2)
         unusable += int(np.count_nonzero(~sound))
         if sound.any():

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
 
-from imucalib_cli.logs.damage import Cursor, DamageError, Tally
+from imucalib_cli.logs.damage import Cursor, DamageError, Tally, seek
 from imucalib_cli.logs.inflate import Inflated, Scratch, inflate, inflate_file
 from imucalib_cli.logs.messages import normalise_type
-from imucalib_cli.logs.storage import Bytes, Channel, Progress, Sink, add_by_length, cut
+from imucalib_cli.logs.storage import Bytes, Channel, Located, Progress, Sink, add_by_length, cut
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -133,7 +133,7 @@ class BagFile:
         Raises:
             DamageError: It is not whole, its data aside.
         """
-        file.seek(at)
+        seek(file, at)
         head_size = _size(file.read(4))
         if head_size > _LARGEST_HEADER:
             raise DamageError("a record's header is too long")
@@ -145,7 +145,7 @@ class BagFile:
     def _data(self, file: BinaryIO, start: int, size: int) -> bytes:
         if size > self._size - start:
             raise DamageError("a record is cut short")
-        file.seek(start)
+        seek(file, start)
         return file.read(size)
 
     # The index at the end of a bag that was closed properly
@@ -210,16 +210,7 @@ class BagFile:
         at = len(MAGIC)
         try:
             while at < self._size:
-                head, start, size = self._record(file, at)
-                op = head.get("op", b"\0")[0]
-                whole = size <= self._size - start
-                if op == _CONNECTION:
-                    catalogue.add(head, self._data(file, start, size))
-                elif op == _CHUNK:
-                    self._scan_chunk(file, at, catalogue)
-                if not whole or not _MESSAGE <= op <= _CONNECTION:
-                    raise DamageError("a record is cut short")
-                at = start + size
+                at = self._scan_record(file, at, catalogue)
         except DamageError:
             self._lose(
                 f"the bag is cut short or damaged at byte {at} of {self._size}: "
@@ -227,6 +218,18 @@ class BagFile:
             )
         else:
             self._lose("the bag has no usable index and was scanned; nothing is lost")
+
+    def _scan_record(self, file: BinaryIO, at: int, catalogue: _Catalogue) -> int:
+        """Take the record at a position; where the next one begins."""
+        head, start, size = self._record(file, at)
+        op = head.get("op", b"\0")[0]
+        if op == _CONNECTION:
+            catalogue.add(head, self._data(file, start, size))
+        elif op == _CHUNK:
+            self._scan_chunk(file, at, catalogue)
+        if size > self._size - start or not _MESSAGE <= op <= _CONNECTION:
+            raise DamageError("a record is cut short")
+        return start + size
 
     def _scan_chunk(self, file: BinaryIO, at: int, catalogue: _Catalogue) -> None:
         try:
@@ -255,7 +258,7 @@ class BagFile:
         if compression == "none":
             return inflate_file(file, start, here, self._scratch, claimed), start + size
         packed = self._packed.reserve(here).data[:here]
-        file.seek(start)
+        seek(file, start)
         got = file.readinto(packed)  # type: ignore[attr-defined]
         return inflate(compression, packed[:got], claimed, self._scratch), start + size
 
@@ -287,16 +290,9 @@ class BagFile:
         stop = 0
         for number, entries in index.items():
             start, stop = stop, stop + len(entries[1])
-            of, here = sound[start:stop], slice(start, stop)
-            add_by_length(
-                sink,
-                channels[number],
-                data,
-                base,
-                starts[here][of],
-                sizes[here][of],
-                times[here][of],
-            )
+            here = np.flatnonzero(sound[start:stop]) + start
+            found = Located(data, starts[here], sizes[here], times[here])
+            add_by_length(sink, channels[number], base, found)
         return len(data)
 
 

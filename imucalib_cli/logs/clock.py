@@ -22,6 +22,10 @@ _MIN_SPAN_S = 5.0
 """Shortest stream whose clock rate is compared: delays would pass for a rate below it."""
 _FEW = 0.01
 """Share of broken stamps that may be cleaned up later rather than condemn a clock."""
+_FORWARD = 0.1
+"""Least share of steps that must advance: coarse stamps repeat, frozen ones do nothing else."""
+_BACKWARD = 0.4
+"""Largest share of steps that may run backwards: publishers that interleave cause some."""
 _NS = 1_000_000_000
 
 
@@ -107,23 +111,26 @@ def _faults(streams: Sequence[Stream], kind: Kind) -> list[str]:
 
 
 def _fault(stamps: Nanoseconds) -> str:
-    zeros = np.count_nonzero(stamps <= 0)
-    if zeros == len(stamps):
-        return "are all zero"
-    if zeros > _FEW * len(stamps) and zeros > 1:
-        return f"are zero in {zeros} of {len(stamps)} messages"
-    if len(stamps) < 3:
-        return ""
-    if (stamps == stamps[0]).all():
-        return "are all the same"
+    count = len(stamps)
+    zeros = int(np.count_nonzero(stamps <= 0))
     steps = np.diff(stamps)
-    forward = np.count_nonzero(steps > 0)
-    if forward < 0.1 * len(steps):
-        return f"advance in only {forward} of {len(steps)} steps"
-    backward = np.count_nonzero(steps < 0)
-    if backward > 0.4 * len(steps):
-        return f"run backwards in {backward} of {len(steps)} steps"
-    return ""
+    forward = int(np.count_nonzero(steps > 0))
+    backward = int(np.count_nonzero(steps < 0))
+    enough = len(steps) > 1
+    faults = (
+        (zeros == count, "are all zero"),
+        (zeros > max(1, _FEW * count), f"are zero in {zeros} of {count} messages"),
+        (enough and not steps.any(), "are all the same"),
+        (
+            enough and forward < _FORWARD * len(steps),
+            f"advance in only {forward} of {len(steps)} steps",
+        ),
+        (
+            enough and backward > _BACKWARD * len(steps),
+            f"run backwards in {backward} of {len(steps)} steps",
+        ),
+    )
+    return next((says for is_so, says in faults if is_so), "")
 
 
 def _different_clocks(streams: Sequence[Stream]) -> list[str]:
@@ -139,20 +146,22 @@ def _different_clocks(streams: Sequence[Stream]) -> list[str]:
     rate_spread = float(known.max() / known.min() - 1) if len(known) > 1 else 0.0
     if rate_spread > _MAX_RATE_SPREAD:
         odd = int(np.nanargmax(np.abs(np.log(rates) - np.nanmedian(np.log(rates)))))
-        return [
+        says = (
             f"header stamps of {streams[odd].topic} advance at {rates[odd]:.3g} times the "
             f"receive times, those of other topics at {np.nanmedian(rates):.3g} times"
-        ]
+        )
+        return [says]
     # Where simulated time is slow, offsets drift alike and say nothing about a difference.
     same_pace = not len(known) or abs(float(np.median(known)) - 1) < _MAX_RATE_SPREAD
     if spread > _MAX_OFFSET_S and same_pace:
         odd = int(np.argmax(np.abs(offsets - np.median(offsets))))
         if len(streams) == 2:
             odd = int(np.argmax(np.abs(offsets)))
-        return [
+        says = (
             f"header stamps of {streams[odd].topic} lie {spread:.4g} s apart from those of "
             "other topics"
-        ]
+        )
+        return [says]
     return []
 
 

@@ -66,7 +66,7 @@ class Collector:
     """A :class:`~imucalib_cli.logs.storage.Sink` that decodes."""
 
     def __init__(self) -> None:
-        self.topics: dict[str, TopicData] = {}
+        self.topics: dict[tuple[str, str], TopicData] = {}
         self._blocks: dict[tuple[str, str, str, str, int], _Block] = {}
         self._file_base = 0
         self._arrived = 0
@@ -94,19 +94,20 @@ class Collector:
         """Say that what follows comes from the recording's next file."""
         self._file_base = self._arrived
 
-    def finish(self) -> dict[str, TopicData]:
-        """Decode what is left; everything by topic."""
+    def finish(self) -> list[TopicData]:
+        """Decode what is left; everything by topic and type."""
         while self._blocks:
             self._decode(self._blocks.popitem()[1])
         for data in self.topics.values():
             data.pieces.sort(key=lambda piece: int(piece.arrival[0]))
-        return self.topics
+        return [self.topics[key] for key in sorted(self.topics)]
 
     def _new_block(self, channel: Channel) -> _Block:
         message_type = MESSAGE_TYPES[channel.type]
-        into = self.topics.get(channel.topic)
+        into = self.topics.get((channel.topic, channel.type))
         if into is None:
-            into = self.topics[channel.topic] = TopicData(channel.topic, channel.type, message_type)
+            into = TopicData(channel.topic, channel.type, message_type)
+            self.topics[channel.topic, channel.type] = into
         decoder = SlowDecoder(channel.type, message_type, channel.encoding, channel.definition)
         return _Block(channel, decoder, into)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, BinaryIO
 
 if TYPE_CHECKING:
     import numpy as np
@@ -12,6 +12,17 @@ if TYPE_CHECKING:
 
 class DamageError(Exception):
     """Bytes that are not what they should be."""
+
+
+def seek(file: BinaryIO, at: int) -> None:
+    """Go to a position that the file itself named.
+
+    Raises:
+        DamageError: No file is as long.
+    """
+    if not 0 <= at < 1 << 60:
+        raise DamageError("an offset points beyond the file")
+    file.seek(at)
 
 
 class Cursor:

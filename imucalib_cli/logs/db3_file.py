@@ -20,8 +20,12 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
     from pathlib import Path
 
+_BROKEN = (sqlite3.DatabaseError, MemoryError)
+"""What SQLite raises on damage: it takes some of it for a lack of memory."""
 _FETCH = 4096
 """Rows taken at a time."""
+_SOUND = "AND typeof(timestamp) = 'integer' AND typeof(data) = 'blob'"
+"""SQLite stores anything anywhere, so damage can turn a number into nothing."""
 
 
 class Db3File:
@@ -42,7 +46,7 @@ class Db3File:
         self._mode = "mode=ro"
         try:
             self.channels = self._open()
-        except sqlite3.DatabaseError as error:
+        except _BROKEN as error:
             raise InputError(f"{path} is no readable rosbag2 database: {error}") from error
 
     def _open(self) -> tuple[Channel, ...]:
@@ -54,7 +58,7 @@ class Db3File:
             # A -wal needs a -shm beside it, which a read-only folder does not allow.
             self._mode = "immutable=1"
             self.losses.append("its -wal is left out: the folder cannot be written to")
-        except sqlite3.DatabaseError:
+        except _BROKEN:
             # SQLite refuses a file that is shorter than its header says; one that says what is
             # there is read up to the first missing page.
             self._file = copy_with_page_count(self.path)
@@ -63,7 +67,9 @@ class Db3File:
 
     def _connect(self) -> sqlite3.Connection:
         path = quote(str(self._file.absolute()))
-        return sqlite3.connect(f"file:{path}?{self._mode}", uri=True)
+        database = sqlite3.connect(f"file:{path}?{self._mode}", uri=True)
+        database.text_factory = lambda text: text.decode("utf-8", "replace")
+        return database
 
     def _channels(self) -> tuple[Channel, ...]:
         with closing(self._connect()) as database:
@@ -81,7 +87,7 @@ class Db3File:
                     _add(fetched, done, channels, sink)
                     done += len(fetched)
                     progress(min(1.0, done / total))
-            except sqlite3.DatabaseError as error:
+            except _BROKEN as error:
                 self.losses.append(
                     f"the database is damaged ({error}): the {done} messages before are used"
                 )
@@ -94,14 +100,14 @@ def _fetch(
     """Rows in blocks, up to the last one before any damage, which is then raised."""
     marks = ", ".join("?" * len(numbers))
     # Without ORDER BY: SQLite would otherwise go through the timestamps' index.
-    query = f"SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks})"  # noqa: S608
+    query = f"SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks}) {_SOUND}"  # noqa: S608
     done = 0
     try:
         rows = database.execute(query, numbers)
         while fetched := rows.fetchmany(_FETCH):
             done += len(fetched)
             yield fetched
-    except sqlite3.DatabaseError:
+    except _BROKEN:
         # The block that met the damage is lost as a whole: take its rows one by one.
         for row in database.execute(f"{query} LIMIT -1 OFFSET {done}", numbers):
             yield [row]
@@ -128,13 +134,16 @@ def _add(
 
 def _tallies(database: sqlite3.Connection) -> dict[int, Tally]:
     """Count and times of each topic; of a damaged file up to the damage."""
-    query = "SELECT topic_id, COUNT(*), MIN(timestamp), MAX(timestamp) FROM messages"
+    query = "SELECT topic_id, COUNT(*), MIN(timestamp), MAX(timestamp) FROM messages "
+    query += "WHERE typeof(timestamp) = 'integer' GROUP BY 1"
     try:
-        return {number: Tally(*tally) for number, *tally in database.execute(f"{query} GROUP BY 1")}
-    except sqlite3.DatabaseError:
+        return {number: Tally(*tally) for number, *tally in database.execute(query)}
+    except _BROKEN:
         tallies: dict[int, Tally] = {}
-        with contextlib.suppress(sqlite3.DatabaseError):
-            for number, time in database.execute("SELECT topic_id, timestamp FROM messages"):
+        with contextlib.suppress(*_BROKEN):
+            for number, time in database.execute(
+                "SELECT topic_id, timestamp FROM messages WHERE typeof(timestamp) = 'integer'"
+            ):
                 tallies.setdefault(number, Tally()).add(np.array([time]))
         return tallies
 
@@ -153,15 +162,15 @@ def _channels(database: sqlite3.Connection) -> tuple[Channel, ...]:
         )
     found = []
     for number, topic, type_name, encoding in database.execute(
-        "SELECT id, name, type, serialization_format FROM topics"
+        "SELECT id, name, type, serialization_format FROM topics WHERE typeof(id) = 'integer'"
     ):
         tally = tallies.get(number, Tally(start_ns=0))
         found.append(
             Channel(
                 number=number,
-                topic=topic,
-                type=normalise_type(type_name),
-                encoding=encoding,
+                topic=str(topic),
+                type=normalise_type(str(type_name)),
+                encoding=str(encoding),
                 definition=definitions.get(type_name, ""),
                 count=tally.count,
                 start_ns=tally.start_ns,

@@ -110,7 +110,8 @@ class Log:
             collector.next_file()
         data = LogData()
         losses = list(self.losses)
-        for name, found in sorted(collector.finish().items()):
+        for found in collector.finish():
+            name = found.topic
             if found.undecoded:
                 losses.append(
                     f"{name}: {found.undecoded} of {found.messages} messages do not fit "
@@ -122,9 +123,12 @@ class Log:
                     if imu is not None:
                         data.imus[name] = imu
                 case "joints":
-                    data.joints[name], lost = joint_streams(found)
+                    joints, lost = joint_streams(found)
+                    data.joints[name] = joints
                 case "pose":
-                    data.poses[name], lost = pose_streams(found)
+                    poses, lost = pose_streams(found)
+                    # Nothing forbids a topic with poses of two types.
+                    data.poses[name] = data.poses.get(name, ()) + poses
             losses += lost
         data.losses = tuple(losses)
         return data

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
 
-from imucalib_cli.logs.damage import Cursor, DamageError
+from imucalib_cli.logs.damage import Cursor, DamageError, seek
 from imucalib_cli.logs.inflate import Inflated, Scratch, inflate, inflate_file
 from imucalib_cli.logs.mcap_records import CHUNK, MESSAGE_INDEX, Catalogue
 
@@ -84,7 +84,7 @@ class Unpacker:
         room = min(chunk.length, self._size - chunk.start)
         if room <= 0:
             raise DamageError("it lies beyond the end of the file")
-        file.seek(chunk.start)
+        seek(file, chunk.start)
         head = Cursor(file.read(min(room, _HEAD_ROOM)))
         if head.number(1) != CHUNK:
             raise DamageError("no chunk where the index says")
@@ -96,7 +96,7 @@ class Unpacker:
             at = chunk.start + head.at
             return inflate_file(file, at, packed_size, self._scratch, claimed), checksum
         packed = self._packed.reserve(packed_size).data[:packed_size]
-        file.seek(chunk.start + head.at)
+        seek(file, chunk.start + head.at)
         got = file.readinto(packed)  # type: ignore[attr-defined]
         return inflate(compression, packed[:got], claimed, self._scratch), checksum
 
@@ -116,7 +116,7 @@ def read_message_index(
     if span < _LARGEST_INDEX:
         # One read for all channels: their indexes stand in a row behind the chunk. The last
         # one's length is not known beforehand; most are smaller than this.
-        file.seek(first)
+        seek(file, first)
         together = file.read(span + 4096)
     for channel in channels:
         if channel not in chunk.index_at:
@@ -124,7 +124,7 @@ def read_message_index(
         at = chunk.index_at[channel] - first
         raw = together
         if at + _INDEX_HEAD.size > len(raw):
-            file.seek(first + at)
+            seek(file, first + at)
             raw, at = file.read(_INDEX_HEAD.size), 0
             if len(raw) < _INDEX_HEAD.size:
                 raise DamageError("the message index is cut short")
@@ -133,7 +133,7 @@ def read_message_index(
             raise DamageError("no message index where the chunk index says")
         start = at + _INDEX_HEAD.size
         if start + size > len(raw):
-            file.seek(chunk.index_at[channel] + _INDEX_HEAD.size)
+            seek(file, chunk.index_at[channel] + _INDEX_HEAD.size)
             raw, start = file.read(size), 0
         if start + size > len(raw):
             raise DamageError("the message index is cut short")

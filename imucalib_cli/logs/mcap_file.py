@@ -17,7 +17,7 @@ from imucalib_cli.logs.mcap_records import (
     walk,
 )
 from imucalib_cli.logs.mcap_scan import read_summary, scan
-from imucalib_cli.logs.storage import Bytes, Channel, Progress, Sink, add_by_length, cut
+from imucalib_cli.logs.storage import Bytes, Channel, Located, Progress, Sink, add_by_length, cut
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -157,15 +157,9 @@ class _Messages:
     def give(self, channels: dict[int, Channel], sink: Sink, base: int) -> None:
         """Hand the payloads over."""
         for number, (start, stop) in self._bounds.items():
-            add_by_length(
-                sink,
-                channels[number],
-                self.data,
-                base,
-                self._starts[start:stop],
-                self._sizes[start:stop],
-                self._log_ns[start:stop],
-            )
+            here = slice(start, stop)
+            found = Located(self.data, self._starts[here], self._sizes[here], self._log_ns[here])
+            add_by_length(sink, channels[number], base, found)
 
 
 def _heads(

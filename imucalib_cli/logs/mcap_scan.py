@@ -104,18 +104,17 @@ class _Scan:
         self._run_start = 0
 
     def run(self) -> Contents:
-        at = len(MAGIC)
-        try:
-            while at < self._size:
+        at, ended = len(MAGIC), False
+        while not ended:
+            try:
                 length = self._record(at)
-                if length is None:
-                    break
-                at += length
-                if self._run and at - self._run_start > _BARE_RUN:
-                    self._end_run(at)
-            else:
-                raise DamageError("no end")
-        except DamageError:
+            except DamageError:
+                break
+            ended = length == 0
+            at += length
+            if self._run and at - self._run_start > _BARE_RUN:
+                self._end_run(at)
+        if not ended:
             self._contents.losses.append(
                 f"the file is cut short or damaged at byte {at} of {self._size}: "
                 "what stands before is used"
@@ -124,16 +123,18 @@ class _Scan:
             self._end_run(at)
         return self._contents
 
-    def _record(self, at: int) -> int | None:
-        """Take the record at a position; its length, None at the end of the data."""
+    def _record(self, at: int) -> int:
+        """Take the record at a position; its length, 0 at the end of the data."""
         self._file.seek(at)
         head = self._file.read(RECORD_HEAD.size + 2)  # with the channel number of a message
         if len(head) < RECORD_HEAD.size:
             raise DamageError("a record is cut short")
+        opcode: int
+        length: int
         opcode, length = RECORD_HEAD.unpack_from(head)
         here = min(length, self._size - at - RECORD_HEAD.size)
         if opcode in {DATA_END, FOOTER}:
-            return None
+            return 0
         if opcode == CHUNK:
             self._chunk(at, RECORD_HEAD.size + here)
         if opcode == 0 or here < length:
@@ -160,11 +161,12 @@ class _Scan:
         losses = self._contents.losses
         try:
             inflated, checksum = self._unpacker.unpack(self._file, chunk)
-            data = inflated.upto()
-            if inflated.complete and checksum and zlib.crc32(data.data) != checksum:
-                raise DamageError("its checksum is wrong")
         except (DamageError, ValueError) as error:
             losses.append(f"a chunk at byte {start} is left out: {error}")
+            return
+        data = inflated.upto()
+        if inflated.complete and checksum and zlib.crc32(data.data) != checksum:
+            losses.append(f"a chunk at byte {start} is left out: its checksum is wrong")
             return
         if not inflated.complete:
             losses.append(f"a chunk at byte {start} is used as far as it can be unpacked")

@@ -86,10 +86,7 @@ def _open_folder(folder: Path) -> list[Storage]:
     missing = [each for each in found if not each.is_file()]
     if len(missing) == len(found):
         raise InputError(f"{folder} holds no log: expected {_KNOWN}")
-    storages = []
-    for path in found:
-        if path not in missing:
-            storages.append(_open_file(path, _head(path)))
+    storages = [_open_file(path, _head(path)) for path in found if path not in missing]
     for path in missing:
         storages[0].losses.append(f"{path.name} is named in metadata.yaml but is not there")
     return storages

@@ -1,4 +1,4 @@
-"""Message-by-message decoding through rosbags: what the bulk route cannot follow, and its oracle."""
+"""Message by message through rosbags: for what the bulk route cannot follow, and its oracle."""
 
 from __future__ import annotations
 

@@ -74,16 +74,19 @@ def cut(data: Bytes, starts: NDArray[np.int64], size: int) -> Bytes:
     return windows[starts]
 
 
-def add_by_length(
-    sink: Sink,
-    channel: Channel,
-    data: Bytes,
-    base: int,
-    starts: NDArray[np.int64],
-    sizes: NDArray[np.int64],
-    log_ns: Nanoseconds,
-) -> None:
-    """Give the payloads ``data[start : start + size]`` to the sink, grouped by their size."""
+@dataclass(frozen=True, eq=False)
+class Located:
+    """Payloads ``data[start : start + size]`` and their receive times."""
+
+    data: Bytes
+    starts: NDArray[np.int64]
+    sizes: NDArray[np.int64]
+    log_ns: Nanoseconds
+
+
+def add_by_length(sink: Sink, channel: Channel, base: int, found: Located) -> None:
+    """Give payloads to the sink, grouped by their size; the file had ``base`` bytes before."""
+    data, starts, sizes, log_ns = found.data, found.starts, found.sizes, found.log_ns
     first = sizes[0] if len(sizes) else 0
     if (sizes == first).all():
         sink.add(channel, base + starts, log_ns, cut(data, starts, int(first)))

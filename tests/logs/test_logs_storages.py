@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import importlib
 import shutil
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,13 +11,14 @@ import pytest
 from rosbags.highlevel import AnyReader
 
 from imucalib_cli.errors import ChoiceError, InputError
-from imucalib_cli.logs import mcap_chunks, wire
+from imucalib_cli.logs import wire
 from imucalib_cli.logs.log import Log, LogData, open_log
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
+    from pathlib import Path
 
-    from conftest import Said, Write
+    from tests.logs.logs_samples import Said, Write
 
 Rows = dict[tuple[str, ...], list[tuple[Any, ...]]]
 
@@ -72,7 +73,7 @@ def expected_rows(messages: Iterable[tuple[str, str, Any, int]]) -> Rows:
 
 def read_rows(data: LogData) -> dict[tuple[str, ...], np.ndarray[Any, Any]]:
     """The streams as read, in the same form; integers beside floats, hence object arrays."""
-    found = {}
+    found: dict[tuple[str, ...], np.ndarray[Any, Any]] = {}
     for topic, imu in data.imus.items():
         found[topic,] = _table(imu.log_ns, imu.header_ns, imu.gyro, imu.accel)
     for topic, joints in data.joints.items():
@@ -171,7 +172,7 @@ def test_chunks_without_wanted_topics_are_not_unpacked(
     log = open_log([path])
     unpacked = []
     module = "mcap_chunks" if storage.startswith("mcap") else "bag_file"
-    inflate = mcap_chunks.inflate
+    inflate = importlib.import_module("imucalib_cli.logs.inflate").inflate
 
     def counting(*arguments: Any) -> Any:
         unpacked.append(1)

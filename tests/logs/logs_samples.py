@@ -1,0 +1,247 @@
+"""Logs for tests, written by rosbags and mcap: none of our own code makes them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mcap.writer import CompressionType
+from mcap.writer import Writer as McapWriter
+from rosbags.rosbag1 import Writer as Writer1
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as Writer2
+from rosbags.rosbag2.enums import CompressionFormat, CompressionMode
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+ROS2 = get_typestore(Stores.ROS2_HUMBLE)
+ROS1 = get_typestore(Stores.ROS1_NOETIC)
+for _name in ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage"):
+    ROS1.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", _name))
+
+BAGS = ("bag-none", "bag-bz2", "bag-lz4")
+MCAPS = ("mcap-none", "mcap-lz4", "mcap-zstd", "mcap-ros1")
+ROSBAG2 = ("db3", "db3-file", "db3-message", "mcap2", "mcap2-file", "mcap2-message")
+STORAGES = BAGS + MCAPS + ROSBAG2
+Write = Callable[..., Path]
+START_NS = 1_700_000_000_123_456_789
+
+
+@dataclass
+class Said:
+    """A message and where it goes."""
+
+    topic: str
+    type: str
+    """ROS 2 name, sensor_msgs/msg/Imu."""
+    message: Any
+    log_ns: int
+    big_endian: bool = False
+    raw: bytes | None = None
+    """Goes in place of the serialised message."""
+
+    def cdr(self) -> bytes:
+        if self.raw is not None:
+            return self.raw
+        return bytes(ROS2.serialize_cdr(self.message, self.type, little_endian=not self.big_endian))
+
+    def ros1(self) -> bytes:
+        if self.raw is not None:
+            return self.raw
+        little = bytes(ROS2.serialize_cdr(self.message, self.type))
+        return bytes(_with_seq(ROS2.cdr_to_ros1(little, self.type)))
+
+
+def _with_seq(payload: bytes | memoryview) -> bytes:
+    return bytes(payload)
+
+
+def write_log(path: Path, said: Iterable[Said], storage: str, chunk_bytes: int = 20_000) -> Path:
+    """Write messages; the path of what was written, which may be a folder."""
+    messages = list(said)
+    if storage in BAGS:
+        _write_bag(path, messages, storage.removeprefix("bag-"), chunk_bytes)
+    elif storage in MCAPS:
+        _write_mcap(path, messages, storage.removeprefix("mcap-"), chunk_bytes)
+    else:
+        _write_rosbag2(path, messages, storage)
+    return path
+
+
+def _write_bag(path: Path, messages: list[Said], compression: str, chunk_bytes: int) -> None:
+    writer = Writer1(path)
+    if compression != "none":
+        writer.set_compression(Writer1.CompressionFormat[compression.upper()])
+    writer.chunk_threshold = chunk_bytes
+    connections: dict[tuple[str, str], Any] = {}
+    with writer:
+        for each in messages:
+            key = (each.topic, each.type)
+            if key not in connections:
+                connections[key] = writer.add_connection(each.topic, each.type, typestore=ROS1)
+            writer.write(connections[key], each.log_ns, each.ros1())
+
+
+def write_mcap(path: Path, messages: Iterable[Said], *, ros1: bool = False, **options: Any) -> None:
+    with path.open("wb") as file:
+        writer = McapWriter(file, **options)
+        writer.start(profile="ros1" if ros1 else "ros2")
+        channels: dict[tuple[str, str], int] = {}
+        for number, each in enumerate(messages):
+            key = (each.topic, each.type)
+            if key not in channels:
+                store = ROS1 if ros1 else ROS2
+                text, _ = store.generate_msgdef(each.type, ros_version=1 if ros1 else 2)
+                schema = writer.register_schema(
+                    name=each.type.replace("/msg/", "/") if ros1 else each.type,
+                    encoding="ros1msg" if ros1 else "ros2msg",
+                    data=text.encode(),
+                )
+                channels[key] = writer.register_channel(
+                    topic=each.topic,
+                    message_encoding="ros1" if ros1 else "cdr",
+                    schema_id=schema,
+                )
+            writer.add_message(
+                channels[key],
+                log_time=each.log_ns,
+                publish_time=each.log_ns - 5,
+                data=each.ros1() if ros1 else each.cdr(),
+                sequence=number,
+            )
+        writer.finish()  # type: ignore[no-untyped-call]
+
+
+def _write_mcap(path: Path, messages: list[Said], variant: str, chunk_bytes: int) -> None:
+    write_mcap(
+        path,
+        messages,
+        ros1=variant == "ros1",
+        compression=CompressionType["NONE" if variant == "ros1" else variant.upper()],
+        chunk_size=chunk_bytes,
+    )
+
+
+def _write_rosbag2(path: Path, messages: list[Said], storage: str) -> None:
+    plugin = StoragePlugin.SQLITE3 if storage.startswith("db3") else StoragePlugin.MCAP
+    writer = Writer2(path, version=9, storage_plugin=plugin)
+    mode = storage.partition("-")[2]
+    if mode:
+        writer.set_compression(CompressionMode[mode.upper()], CompressionFormat.ZSTD)
+    connections: dict[tuple[str, str], Any] = {}
+    with writer:
+        for each in messages:
+            key = (each.topic, each.type)
+            if key not in connections:
+                connections[key] = writer.add_connection(each.topic, each.type, typestore=ROS2)
+            writer.write(connections[key], each.log_ns, each.cdr())
+
+
+T = {name.rsplit("/", 1)[-1]: kind for name, kind in ROS2.types.items()}
+
+
+def stamp(ns: int) -> Any:
+    return T["Time"](sec=ns // 10**9, nanosec=ns % 10**9)
+
+
+def header(ns: int, frame: str) -> Any:
+    return T["Header"](stamp=stamp(ns), frame_id=frame)
+
+
+def vector(values: Any) -> Any:
+    return T["Vector3"](*(float(x) for x in values))
+
+
+def quaternion(values: Any) -> Any:
+    values = np.asarray(values) / np.linalg.norm(values)
+    return T["Quaternion"](*(float(x) for x in values))
+
+
+def imu(ns: int, rng: np.random.Generator, frame: str = "imu_link") -> Any:
+    return T["Imu"](
+        header(ns, frame),
+        quaternion(rng.normal(size=4)),
+        rng.normal(size=9),
+        vector(rng.normal(size=3)),
+        rng.normal(size=9),
+        vector(rng.normal(size=3)),
+        rng.normal(size=9),
+    )
+
+
+def joints(
+    ns: int,
+    rng: np.random.Generator,
+    names: Iterable[str],
+    *,
+    velocity: bool = True,
+    effort: bool = True,
+) -> Any:
+    names = list(names)
+    return T["JointState"](
+        header(ns, ""),
+        names,
+        rng.normal(size=len(names)),
+        rng.normal(size=len(names) if velocity else 0),
+        rng.normal(size=len(names) if effort else 0),
+    )
+
+
+def pose(rng: np.random.Generator) -> Any:
+    return T["Pose"](T["Point"](*rng.normal(size=3)), quaternion(rng.normal(size=4)))
+
+
+def transform(ns: int, rng: np.random.Generator, parent: str, child: str) -> Any:
+    return T["TransformStamped"](
+        header(ns, parent),
+        child,
+        T["Transform"](vector(rng.normal(size=3)), quaternion(rng.normal(size=4))),
+    )
+
+
+def mixed_messages(count: int = 300, *, seed: int = 0) -> list[Said]:
+    """Everything that can vary within a log: frames, joint orders, empty fields, publishers."""
+    rng = np.random.default_rng(seed)
+    said = []
+    arm = ["shoulder", "elbow", "wrist_1"]
+    permuted = ["elbow", "wrist_1", "shoulder"]
+    for k in range(count):
+        ns = START_NS + k * 5_000_000
+        at = iter(range(ns + 1_000_000, ns + 2_000_000, 1000))
+
+        def say(
+            topic: str, name: str, message: Any, at: Any = at, *, big: bool = k % 3 == 0
+        ) -> None:
+            said.append(Said(topic, name, message, next(at), big_endian=big))
+
+        say("/imu", "sensor_msgs/msg/Imu", imu(ns, rng, "/imu_link" if k % 7 else "imu_link"))
+        names = permuted if k % 5 == 2 else arm
+        message = joints(ns, rng, names, velocity=k % 4 != 1, effort=k % 4 != 2)
+        say("/joint_states", "sensor_msgs/msg/JointState", message)
+        if k % 2:
+            message = joints(ns + 7, rng, ["gripper"])
+            say("/joint_states", "sensor_msgs/msg/JointState", message)
+        edges = [("odom", "base"), ("base", "arm"), ("arm", "tool")][: k % 4]
+        tf = T["TFMessage"]([transform(ns, rng, *edge) for edge in edges])
+        say("/tf", "tf2_msgs/msg/TFMessage", tf)
+        stamped = T["PoseStamped"](header(ns, "map"), pose(rng))
+        say("/pose", "geometry_msgs/msg/PoseStamped", stamped)
+        covered = T["PoseWithCovariance"](pose(rng), rng.normal(size=36))
+        message = T["PoseWithCovarianceStamped"](header(ns, "map"), covered)
+        say("/amcl", "geometry_msgs/msg/PoseWithCovarianceStamped", message)
+        twist = T["TwistWithCovariance"](
+            T["Twist"](vector(rng.normal(size=3)), vector(rng.normal(size=3))),
+            rng.normal(size=36),
+        )
+        message = T["Odometry"](header(ns, "odom"), f"base{k % 2 * '_link'}", covered, twist)
+        say("/odom", "nav_msgs/msg/Odometry", message)
+        message = transform(ns, rng, "world", "drone")
+        say("/vicon", "geometry_msgs/msg/TransformStamped", message)
+        if k == 0:
+            tf = T["TFMessage"]([transform(ns, rng, "tool", "imu_link")])
+            say("/tf_static", "tf2_msgs/msg/TFMessage", tf)
+        if k % 10 == 0:
+            say("/chatter", "std_msgs/msg/String", T["String"](data="x" * 5000))
+    return said
