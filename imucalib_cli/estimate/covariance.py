@@ -13,6 +13,7 @@ the band's part of the trace of the hat matrix, so that few windows do not mean 
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -57,7 +58,7 @@ class ScoreSpectrum:
         response = np.interp(
             np.fft.rfftfreq(self.size), np.fft.rfftfreq(PIECE), self.responses[sensor]
         )
-        return np.maximum(response, _RESPONSE_FLOOR)
+        return np.asarray(np.maximum(response, _RESPONSE_FLOOR))
 
     def pieces(self, rows: Indices) -> list[tuple[Indices, Indices]]:
         """Rows in stretches no longer than a transform, with their slots in it."""
@@ -165,4 +166,4 @@ def _bands(size: int) -> list[slice]:
         edges.append(min(edges[-1] * _BAND_RATIO, top))
     if len(edges) > 2 and edges[-1] - edges[-2] < _FIRST_BAND_BINS:
         del edges[-2]
-    return [slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    return [slice(a, b) for a, b in itertools.pairwise(edges)]

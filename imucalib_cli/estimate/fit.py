@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.estimate import columns
-from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.estimate.robust import residual_scales, window_weights
 from imucalib_cli.estimate.solve import (
-    SAME_ROTATION,
     DBA,
     DBG,
     DTAU,
     DTILT,
+    SAME_ROTATION,
     TANGENT,
     Solution,
     State,
@@ -25,16 +25,12 @@ from imucalib_cli.estimate.solve import (
     solve_globally,
 )
 from imucalib_cli.estimate.statistics import BLOCK_SECONDS, block_statistics
-from imucalib_cli.estimate.windows import (
-    WindowPlan,
-    WindowRows,
-    window_centres,
-    window_residuals,
-    window_rows,
-)
+from imucalib_cli.estimate.windows import Windowing, WindowRows
 from imucalib_cli.robot.rotations import rotation_angle
-from imucalib_cli.signals.grid import ImuGrid
-from imucalib_cli.signals.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from imucalib_cli.estimate.options import MatchedOptions
+    from imucalib_cli.estimate.windows import Windowing, WindowRows
 
 Floats = NDArray[np.float64]
 
@@ -55,9 +51,7 @@ MIN_WINDOWS = 24
 class Fit:
     """A solution together with the rows it rests on."""
 
-    grid: ImuGrid
-    trajectory: Trajectory
-    plan: WindowPlan
+    windowing: Windowing
     rows: WindowRows
     weights: Floats
     """(W,), robust weight of each window."""
@@ -86,9 +80,7 @@ def make_unknowns(options: MatchedOptions, *, offset_free: bool) -> Unknowns:
 
 
 def fit_windows(
-    grid: ImuGrid,
-    trajectory: Trajectory,
-    plan: WindowPlan,
+    windowing: Windowing,
     options: MatchedOptions,
     time_offset: float,
     start: State | None = None,
@@ -96,9 +88,7 @@ def fit_windows(
     """Least squares over all windows, robust, with the time offset if it is to be found.
 
     Args:
-        grid: The IMU.
-        trajectory: The parent link.
-        plan: Windows and filters.
+        windowing: The two streams and their windows.
         options: What is free and what is known.
         time_offset: IMU stamp - robot stamp to begin with, s.
         start: A solution nearby, from which to go on; None searches all rotations.
@@ -108,45 +98,43 @@ def fit_windows(
     """
     still = make_unknowns(options, offset_free=False)
     moving = make_unknowns(options, offset_free=options.time_offset is None)
-    rows = _rows(grid, trajectory, plan, time_offset)
+    rows = _rows(windowing, time_offset)
     scales, runner_up = _FIRST_SCALES, None
     if start is None:
-        normal = _normal(rows, np.ones(len(rows.centres)), grid, scales)
+        normal = _normal(rows, np.ones(len(rows.centres)), windowing.grid.dt, scales)
         found = solve_globally(normal, still)
         start, runner_up = found.state, found.runner_up
     state = start
     for turn in range(_PASSES):
         if turn > 0:
-            rows = _rows(grid, trajectory, plan, time_offset)
+            rows = _rows(windowing, time_offset)
         weights = np.ones(len(rows.centres))
         for reweight in range(_REWEIGHTS):
             scales = residual_scales(rows, state.vector())
-            state = refine(_normal(rows, weights, grid, scales), still, state).state
+            state = refine(_normal(rows, weights, windowing.grid.dt, scales), still, state).state
             weights = window_weights(rows, state.vector(), redescend=turn + reweight > 0)
         if not moving.free[DTAU]:
             break
-        _set_offset_column(grid, trajectory, time_offset, plan, rows, state)
-        joint = refine(_normal(rows, weights, grid, scales), moving, state)
+        _set_offset_column(windowing, time_offset, rows, state)
+        joint = refine(_normal(rows, weights, windowing.grid.dt, scales), moving, state)
         step, information = joint.state.tau, joint.information[DTAU, DTAU]
         if turn == _PASSES - 1 or abs(step) < max(
             _OFFSET_RESOLUTION, _OFFSET_CONVERGED / np.sqrt(information + 1e-300)
         ):
             break
         # The column is linear only nearby: half a window is as far as it can tell.
-        reach = 0.5 * plan.length * grid.dt
+        reach = 0.5 * windowing.plan.length * windowing.grid.dt
         time_offset += float(np.clip(step, -reach, reach))
         state = replace(joint.state, tau=0.0)
-    normal = _normal(rows, weights, grid, scales)
+    normal = _normal(rows, weights, windowing.grid.dt, scales)
     solution = refine(normal, moving, state)
     rise = np.inf
     if runner_up is not None:
         other = refine(normal, moving, runner_up)
         if rotation_angle(other.state.R.T @ solution.state.R) > SAME_ROTATION:
-            rise = (other.cost - solution.cost) / plan.overlap
+            rise = (other.cost - solution.cost) / windowing.plan.overlap
     return Fit(
-        grid=grid,
-        trajectory=trajectory,
-        plan=plan,
+        windowing=windowing,
         rows=rows,
         weights=weights,
         scales=scales,
@@ -157,42 +145,32 @@ def fit_windows(
     )
 
 
-def _rows(
-    grid: ImuGrid, trajectory: Trajectory, plan: WindowPlan, time_offset: float
-) -> WindowRows:
-    usable = grid.usable & trajectory.covered(grid.t - time_offset)
-    centres = window_centres(plan, usable)
+def _rows(windowing: Windowing, time_offset: float) -> WindowRows:
+    centres = windowing.centres(time_offset)
     if len(centres) < MIN_WINDOWS:
-        first, last = trajectory.span
+        grid, (first, last) = windowing.grid, windowing.trajectory.span
         raise InputError(
-            f"only {len(centres)} filter windows of {plan.length * grid.dt:.3g} s fit where IMU "
-            f"({grid.t0:.2f} to {grid.t[-1]:.2f} s) and robot ({first + time_offset:.2f} to "
-            f"{last + time_offset:.2f} s) overlap without gaps, need {MIN_WINDOWS}: record a "
-            "longer log or choose a shorter --window"
+            f"only {len(centres)} filter windows of {windowing.plan.length * grid.dt:.3g} s fit "
+            f"where IMU ({grid.t0:.2f} to {grid.t[-1]:.2f} s) and robot "
+            f"({first + time_offset:.2f} to {last + time_offset:.2f} s) overlap without gaps, need "
+            f"{MIN_WINDOWS}: record a longer log or choose a shorter --window"
         )
-    return window_rows(grid, trajectory, time_offset, plan, centres)
+    return windowing.rows(time_offset, centres)
 
 
-def _normal(
-    rows: WindowRows, weights: Floats, grid: ImuGrid, scales: tuple[float, float]
-) -> Floats:
-    block = ((rows.centres - rows.centres[0]) * grid.dt // BLOCK_SECONDS).astype(np.intp)
+def _normal(rows: WindowRows, weights: Floats, dt: float, scales: tuple[float, float]) -> Floats:
+    block = ((rows.centres - rows.centres[0]) * dt // BLOCK_SECONDS).astype(np.intp)
     return block_statistics(rows, weights, block).normal_matrix(*scales)
 
 
 def _set_offset_column(
-    grid: ImuGrid,
-    trajectory: Trajectory,
-    time_offset: float,
-    plan: WindowPlan,
-    rows: WindowRows,
-    state: State,
+    windowing: Windowing, time_offset: float, rows: WindowRows, state: State
 ) -> None:
     """Fill the column of the time offset at the present solution, by central difference."""
     x = state.vector()
     x[columns.TAU] = 0.0
     h = _OFFSET_STEP
-    later = window_residuals(grid, trajectory, time_offset + h, plan, rows.centres, x)
-    earlier = window_residuals(grid, trajectory, time_offset - h, plan, rows.centres, x)
+    later = windowing.residuals(time_offset + h, rows.centres, x)
+    earlier = windowing.residuals(time_offset - h, rows.centres, x)
     rows.accel[:, :, columns.TAU] = (later[0] - earlier[0]) / (2 * h)
     rows.gyro[:, :, columns.TAU] = (later[1] - earlier[1]) / (2 * h)

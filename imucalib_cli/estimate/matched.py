@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,16 +12,18 @@ from imucalib_cli.estimate.estimate import Estimate, Residuals, Window
 from imucalib_cli.estimate.fit import Fit, fit_windows
 from imucalib_cli.estimate.observability import unobservable_directions
 from imucalib_cli.estimate.offset import coarse_time_offset
-from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.estimate.prepare import CleanImu, clean_imu
-from imucalib_cli.estimate.solve import DBA, DBG, DTAU, POSE, State
+from imucalib_cli.estimate.solve import DBA, DBG, DTAU, POSE
 from imucalib_cli.estimate.uncertainty import Uncertainty, bias_std, uncertainty
 from imucalib_cli.estimate.window_choice import choose_window
-from imucalib_cli.estimate.windows import plan_windows
-from imucalib_cli.robot.path import KinematicPath
-from imucalib_cli.signals.lag import Lag
-from imucalib_cli.signals.samples import ImuSamples
+from imucalib_cli.estimate.windows import Windowing, plan_windows
 from imucalib_cli.signals.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from imucalib_cli.estimate.options import MatchedOptions
+    from imucalib_cli.robot.path import KinematicPath
+    from imucalib_cli.signals.lag import Lag
+    from imucalib_cli.signals.samples import ImuSamples
 
 Floats = NDArray[np.float64]
 
@@ -28,6 +31,8 @@ _AMBIGUOUS = 25.0
 """Least rise of the cost, in units of the noise, of a second rotation that is really worse."""
 _UNEXPLAINED = 0.3
 """Share of the measured motion left in the residuals from which model and log do not match."""
+_UNEXPLAINED_ACCEL = 1.0
+"""m/s², averaged over a window: no sensor is as noisy as that."""
 _NEGLIGIBLE_MM = 0.01
 """mm and mrad: disagreement smaller than this is not worth a sentence."""
 _STANDSTILL_GYRO = 0.02
@@ -81,37 +86,37 @@ def _best_reading(clean: CleanImu, trajectory: Trajectory, options: MatchedOptio
     Arrival jitter on a device that keeps its rate is an error of the stamps; a sample taken late
     is not. The stamps alone do not tell which, the residuals do.
     """
-    best = _attempt(clean, trajectory, options, clean.t_ticks is not None, trajectory.has_jitter)
+    best = _first_attempt(clean, trajectory.with_ticks(trajectory.has_jitter), options)
     for imu_ticks, robot_ticks in ((False, best.robot_ticks), (best.imu_ticks, False)):
         if (imu_ticks, robot_ticks) != (best.imu_ticks, best.robot_ticks):
-            other = _attempt(clean, trajectory, options, imu_ticks, robot_ticks, best)
+            other = _next_attempt(clean, best, options, (imu_ticks, robot_ticks))
             best = min(best, other, key=lambda attempt: attempt.misfit)
     return best
 
 
-def _attempt(
-    clean: CleanImu,
-    trajectory: Trajectory,
-    options: MatchedOptions,
-    imu_ticks: bool,
-    robot_ticks: bool,
-    near: _Attempt | None = None,
-) -> _Attempt:
-    trajectory = trajectory.with_ticks(robot_ticks)
+def _first_attempt(clean: CleanImu, trajectory: Trajectory, options: MatchedOptions) -> _Attempt:
+    """Choose the window, find the offset coarsely, fit."""
+    imu_ticks = clean.ticks is not None
     grid = clean.grid(trajectory.interval, use_ticks=imu_ticks)
-    if near is not None:
-        length, window, lag = near.fit.plan.length, near.window, near.lag
-        offset, start = near.fit.time_offset, near.fit.solution.state
-    else:
-        length, window = choose_window(options.window, grid, trajectory, options.degree)
-        lag, start = None, None
-        if options.time_offset is None:
-            offset, lag = coarse_time_offset(grid, trajectory, options.max_offset)
-        else:
-            offset = options.time_offset
-    plan = plan_windows(length, options.degree, grid.dt)
-    fit = fit_windows(grid, trajectory, plan, options, offset, start)
-    return _Attempt(fit, window, lag, imu_ticks, robot_ticks)
+    length, window = choose_window(options.window, grid, trajectory, options.degree)
+    lag, offset = None, options.time_offset
+    if offset is None:
+        offset, lag = coarse_time_offset(grid, trajectory, options.max_offset)
+    windowing = Windowing(grid, trajectory, plan_windows(length, options.degree, grid.dt))
+    fit = fit_windows(windowing, options, offset)
+    return _Attempt(fit, window, lag, imu_ticks, trajectory.use_ticks)
+
+
+def _next_attempt(
+    clean: CleanImu, near: _Attempt, options: MatchedOptions, ticks: tuple[bool, bool]
+) -> _Attempt:
+    """Read the stamps of IMU and robot otherwise, and go on from the fit at hand."""
+    trajectory = near.fit.windowing.trajectory.with_ticks(ticks[1])
+    grid = clean.grid(trajectory.interval, use_ticks=ticks[0])
+    plan = plan_windows(near.fit.windowing.plan.length, options.degree, grid.dt)
+    windowing = Windowing(grid, trajectory, plan)
+    fit = fit_windows(windowing, options, near.fit.time_offset, near.fit.solution.state)
+    return replace(near, fit=fit, imu_ticks=ticks[0], robot_ticks=ticks[1])
 
 
 def _estimate(
@@ -127,7 +132,7 @@ def _estimate(
         windows_used=int(used.sum()),
         windows_dropped=int((~used).sum()),
         samples_replaced=clean.spikes,
-        gaps=fit.grid.gaps + fit.trajectory.gaps,
+        gaps=fit.windowing.grid.gaps + fit.windowing.trajectory.gaps,
     )
     unobservable = unobservable_directions(P[POSE, POSE], spread.excitation_std)
     estimated_offset = bool(fit.unknowns.free[DTAU])
@@ -137,7 +142,7 @@ def _estimate(
         t_parent_imu=state.t,
         covariance=P[POSE, POSE],
         time_offset=fit.time_offset,
-        time_offset_std=float(np.sqrt(P[DTAU, DTAU])) if estimated_offset else None,
+        time_offset_std=_offset_std(attempt, clean, P) if estimated_offset else None,
         accel_bias=state.R.T @ state.accel_bias,
         accel_bias_std=bias_std(fit, P, DBA, state.accel_bias)
         if options.accel_bias_std > 0.0
@@ -151,7 +156,7 @@ def _estimate(
         residuals=residuals,
         unobservable=tuple(unobservable),
         sigma_source="segments" if spread.from_segments else "noise",
-        distrust=tuple(_reasons_for_distrust(attempt, spread, state, options, bool(unobservable))),
+        distrust=tuple(_reasons_for_distrust(attempt, options, bool(unobservable))),
         warnings=tuple(_warnings(attempt, clean, spread)),
         notes={
             "segment_chi2": spread.segment_chi2,
@@ -163,15 +168,21 @@ def _estimate(
     )
 
 
+def _offset_std(attempt: _Attempt, clean: CleanImu, covariance: Floats) -> float:
+    """Of the offset between stamps: the fit's, and what jitter leaves open of their mean."""
+    variance = float(covariance[DTAU, DTAU]) + attempt.fit.windowing.trajectory.stamp_variance
+    if attempt.imu_ticks and clean.ticks is not None:
+        variance += clean.ticks.mean_variance
+    return float(np.sqrt(variance))
+
+
 def _rms(values: Floats) -> Floats:
     return np.asarray(np.sqrt(np.mean(values**2, axis=0)))
 
 
-def _reasons_for_distrust(
-    attempt: _Attempt, spread: Uncertainty, state: State, options: MatchedOptions, unknown: bool
-) -> list[str]:
+def _reasons_for_distrust(attempt: _Attempt, options: MatchedOptions, unknown: bool) -> list[str]:
     fit, reasons = attempt.fit, []
-    accel, gyro = fit.rows.residuals(state.vector())
+    accel, gyro = fit.rows.residuals(fit.solution.state.vector())
     derived = fit.rows.gyro[:, :, 0]
     turning = float(np.sqrt(np.mean(derived**2)))
     left = float(np.sqrt(np.mean(gyro**2)))
@@ -179,6 +190,12 @@ def _reasons_for_distrust(
         reasons.append(
             f"the robot's motion does not explain the gyroscope ({left / turning:.0%} of the "
             "rotation is left over): is this the right parent link, URDF and joint topic?"
+        )
+    force_left = float(np.sqrt(np.mean(accel**2)))
+    if force_left > _UNEXPLAINED_ACCEL:
+        reasons.append(
+            f"the robot's motion and gravity leave {force_left:.2g} m/s² of the acceleration "
+            "unexplained: are --gravity, the units and the parent link right?"
         )
     if attempt.lag is not None and attempt.lag.at_edge and not unknown:
         reasons.append(
@@ -205,19 +222,19 @@ def _warnings(attempt: _Attempt, clean: CleanImu, spread: Uncertainty) -> list[s
             f"IMU samples left out: {clean.repeated} with repeated stamps, {clean.not_finite} not "
             f"finite; stamps that went backwards: {clean.backward}"
         )
-    if attempt.imu_ticks:
+    if attempt.imu_ticks and clean.ticks is not None:
         warnings.append(
-            f"IMU stamps jitter by {clean.jitter * 1e3:.2g} ms about a constant rate; the rate "
-            "fits the motion better and was used"
+            f"IMU stamps jitter by {clean.ticks.jitter * 1e3:.2g} ms about a constant rate; "
+            "it fits the motion better and was used"
         )
     if attempt.robot_ticks:
         warnings.append(
-            "robot stamps jitter about a constant rate; the rate fits the motion better and was used"
+            "robot stamps jitter about a constant rate; it fits the motion better and was used"
         )
     if spread.from_segments and _matters(spread):
         warnings.append(
-            f"segments of the log disagree {np.sqrt(spread.segment_chi2):.1f} times more than noise "
-            "explains: the kinematic model or the mount, not noise, sets the uncertainty"
+            f"segments of the log disagree {np.sqrt(spread.segment_chi2):.1f} times more than "
+            "noise explains: the kinematic model or the mount, not noise, sets the uncertainty"
         )
     dropped = int((attempt.fit.weights <= 0.0).sum())
     if dropped > 0.05 * len(attempt.fit.weights):

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import NDArray
 
-from imucalib_cli.signals.grid import ImuGrid
 from imucalib_cli.signals.kernels import convolve_at, matched_filter
 from imucalib_cli.signals.lag import Lag, best_lag
-from imucalib_cli.signals.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from imucalib_cli.signals.grid import ImuGrid
+    from imucalib_cli.signals.trajectory import Trajectory
 
 Floats = NDArray[np.float64]
 
@@ -38,7 +42,7 @@ def coarse_time_offset(
     lead = int(np.ceil(most / (grid.dt * step))) * step
     # The robot's own axis reaches beyond the IMU's by the largest offset on either side.
     count = len(grid.usable)
-    t_robot = grid.t0 + grid.dt * np.arange(-lead - reach, count + lead + reach)
+    t_robot = np.asarray(grid.t0 + grid.dt * np.arange(-lead - reach, count + lead + reach))
     covered = trajectory.covered(t_robot)
     if not covered.any():
         return 0.0, None

@@ -10,6 +10,7 @@ unknown, so they are filtered once and not at every step; the numbers are the sa
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,15 +18,17 @@ from numpy.typing import NDArray
 from imucalib_cli.errors import InputError
 from imucalib_cli.estimate.estimate import Estimate, Residuals, Window
 from imucalib_cli.estimate.options import PaperOptions
-from imucalib_cli.robot.path import KinematicPath
 from imucalib_cli.robot.rotations import (
     matrix_from_rotvec,
     quaternion_from_matrix,
     rotvec_from_matrix,
 )
-from imucalib_cli.signals.samples import ImuSamples
 from imucalib_cli.signals.stamps import gap_breaks, tidy_rows
 from imucalib_cli.signals.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from imucalib_cli.robot.path import KinematicPath
+    from imucalib_cli.signals.samples import ImuSamples
 
 Floats = NDArray[np.float64]
 
@@ -100,7 +103,7 @@ def calibrate_paper(imu: ImuSamples, path: KinematicPath, options: PaperOptions)
         differences = instants.differences(x, options.gravity_norm)
         if options.residual == "components":
             return differences.ravel()
-        return np.abs(differences).sum(axis=1)
+        return np.asarray(np.abs(differences).sum(axis=1))
 
     found = least_squares(
         residuals,
@@ -114,7 +117,7 @@ def calibrate_paper(imu: ImuSamples, path: KinematicPath, options: PaperOptions)
     )
     R_parent_imu = matrix_from_rotvec(found.x[3:])
     left = instants.differences(found.x, options.gravity_norm)
-    values = np.linalg.svd(found.jac, compute_uv=False)
+    values = np.linalg.svd(np.asarray(found.jac), compute_uv=False)
     distrust = []
     if found.status <= 0:
         distrust.append("the solver did not converge: give a better --initial guess")
@@ -153,7 +156,11 @@ def calibrate_paper(imu: ImuSamples, path: KinematicPath, options: PaperOptions)
 
 
 def prepare_instants(
-    imu: ImuSamples, path: KinematicPath, options: PaperOptions, R_initial: Floats, t_initial: Floats
+    imu: ImuSamples,
+    path: KinematicPath,
+    options: PaperOptions,
+    R_initial: Floats,
+    t_initial: Floats,
 ) -> tuple[Instants, Window, int]:
     """Filter both sides, pair them, drop starts and stops.
 
@@ -184,7 +191,7 @@ def prepare_instants(
     nearest = np.clip(np.searchsorted(t_imu, t), 1, len(t_imu) - 1)
     nearest -= (t - t_imu[nearest - 1] < t_imu[nearest] - t).astype(np.intp)
     flat = R.reshape(-1, 9)
-    keep = _steady(R, p, R_initial, t_initial, dt, options.exclusion_threshold)
+    keep = _steady(p + R @ t_initial, R @ R_initial, dt, options.exclusion_threshold)
     keep &= (t >= t_imu[0] - dt_imu) & (t <= t_imu[-1] + dt_imu)
     if keep.sum() < max(length, 12):
         raise InputError(
@@ -207,7 +214,9 @@ def prepare_instants(
 def _ordered(imu: ImuSamples) -> tuple[Floats, Floats, Floats]:
     rows = tidy_rows(imu.t, np.hstack([imu.gyro, imu.accel])).rows
     if len(rows) < 2:
-        raise InputError("the IMU has no usable samples: look at its stamps with 'imucalib inspect'")
+        raise InputError(
+            "the IMU has no usable samples: look at its stamps with 'imucalib inspect'"
+        )
     return imu.t[rows], imu.gyro[rows], imu.accel[rows]
 
 
@@ -232,18 +241,17 @@ def _window_length(options: PaperOptions, dt: float) -> int:
 
 
 def _steady(
-    R: Floats, p: Floats, R_initial: Floats, t_initial: Floats, dt: float, limit: float | None
+    p_world_imu: Floats, R_world_imu: Floats, dt: float, limit: float | None
 ) -> NDArray[np.bool_]:
     """Samples away from starts and stops, told by second differences of the derived pose."""
-    keep = np.ones(len(p), dtype=bool)
+    keep = np.ones(len(p_world_imu), dtype=bool)
     limit = DEFAULT_EXCLUSION if limit is None else limit
     if limit <= 0.0:
         return keep
-    position = p + R @ t_initial
-    q = quaternion_from_matrix(R @ R_initial)
+    q = quaternion_from_matrix(R_world_imu)
     flips = np.cumsum(np.sum(q[1:] * q[:-1], axis=1) < 0) % 2
     q[1:] *= np.where(flips, -1.0, 1.0)[:, None]
-    for values, most in ((position, limit), (q, limit * _QUATERNION_PER_METRE)):
+    for values, most in ((p_world_imu, limit), (q, limit * _QUATERNION_PER_METRE)):
         second = np.abs(np.diff(values, n=2, axis=0)).max(axis=1) / dt**2
         keep[1:-1] &= second <= most
     return keep

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,9 +11,11 @@ from numpy.typing import NDArray
 from imucalib_cli.errors import InputError
 from imucalib_cli.signals.grid import ImuGrid, imu_grid
 from imucalib_cli.signals.interpolate import lagrange
-from imucalib_cli.signals.samples import ImuSamples
 from imucalib_cli.signals.spikes import find_spikes
-from imucalib_cli.signals.stamps import constant_rate_ticks, tidy_rows
+from imucalib_cli.signals.stamps import Ticks, constant_rate_ticks, tidy_rows
+
+if TYPE_CHECKING:
+    from imucalib_cli.signals.samples import ImuSamples
 
 Floats = NDArray[np.float64]
 
@@ -28,10 +31,8 @@ class CleanImu:
     """IMU samples in order, spikes bridged."""
 
     t: Floats
-    t_ticks: Floats | None
+    ticks: Ticks | None
     """The constant-rate clock behind jittered stamps, if there is one."""
-    jitter: float
-    """Root mean square of stamp - tick, s; zero without ticks."""
     gyro: Floats
     accel: Floats
     spikes: int
@@ -45,7 +46,7 @@ class CleanImu:
         Where joints come faster than the IMU, a coarse grid would throw away samples that
         average encoder noise.
         """
-        t = self.t_ticks if use_ticks and self.t_ticks is not None else self.t
+        t = self.ticks.t if use_ticks and self.ticks is not None else self.t
         interval = float(np.median(np.diff(t)))
         refine = round(interval / robot_interval) if robot_interval > 0.0 else 1
         return imu_grid(t, self.gyro, self.accel, min(max(refine, 1), _MOST_REFINE))
@@ -76,11 +77,9 @@ def clean_imu(imu: ImuSamples) -> CleanImu:
             mended[bad] = lagrange(t[~bad], values[~bad], t[bad], points=4)
         sensors.append(mended)
         spikes |= bad
-    ticks = constant_rate_ticks(t)
     return CleanImu(
         t=t,
-        t_ticks=ticks.t if ticks else None,
-        jitter=ticks.jitter if ticks else 0.0,
+        ticks=constant_rate_ticks(t),
         gyro=sensors[0],
         accel=sensors[1],
         spikes=int(spikes.sum()),

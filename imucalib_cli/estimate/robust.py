@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.estimate import columns
-from imucalib_cli.estimate.windows import WindowRows
+
+if TYPE_CHECKING:
+    from imucalib_cli.estimate.windows import WindowRows
 
 Floats = NDArray[np.float64]
 

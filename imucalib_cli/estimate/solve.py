@@ -70,7 +70,7 @@ class State:
         return x
 
     def jacobian(self) -> Floats:
-        """dx / d(tangent), (columns.COUNT, TANGENT)."""
+        """Dx / d(tangent), (columns.COUNT, TANGENT)."""
         J = np.zeros((columns.COUNT, TANGENT))
         J[columns.T, DT] = np.eye(3)
         for axis in range(3):
@@ -130,7 +130,9 @@ def solve_globally(normal: Floats, unknowns: Unknowns) -> Solution:
         best.append(found)
     best.sort(key=lambda solution: solution.cost)
     first = best[0]
-    others = [s.state for s in best[1:] if rotation_angle(s.state.R.T @ first.state.R) > SAME_ROTATION]
+    others = [
+        s.state for s in best[1:] if rotation_angle(s.state.R.T @ first.state.R) > SAME_ROTATION
+    ]
     return replace(first, runner_up=others[0] if others else None)
 
 
@@ -229,4 +231,3 @@ def cube_rotations() -> list[Floats]:
             if np.linalg.det(M) > 0:
                 found.append(M)
     return found
-

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.estimate import columns
-from imucalib_cli.estimate.windows import WindowRows
+
+if TYPE_CHECKING:
+    from imucalib_cli.estimate.windows import WindowRows
 
 Floats = NDArray[np.float64]
 
@@ -29,12 +32,11 @@ class BlockStatistics:
 
     def normal_matrix(self, accel_std: float, gyro_std: float) -> Floats:
         """Normal matrix of all blocks, the sensors weighted by their residuals' scale."""
-        return self.accel.sum(axis=0) / accel_std**2 + self.gyro.sum(axis=0) / gyro_std**2
+        accel, gyro = self.accel.sum(axis=0), self.gyro.sum(axis=0)
+        return np.asarray(accel / accel_std**2 + gyro / gyro_std**2)
 
 
-def block_statistics(
-    rows: WindowRows, weights: Floats, block: NDArray[np.intp]
-) -> BlockStatistics:
+def block_statistics(rows: WindowRows, weights: Floats, block: NDArray[np.intp]) -> BlockStatistics:
     """Accumulate the normal matrices.
 
     Args:

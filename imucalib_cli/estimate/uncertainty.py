@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.estimate.covariance import ScoreSpectrum, kernel_response
-from imucalib_cli.estimate.fit import Fit
 from imucalib_cli.estimate.robust import SCALE_FLOOR
 from imucalib_cli.estimate.solve import DBA, DBG, DPHI, DT, DTAU, DTILT, POSE, TANGENT
+
+if TYPE_CHECKING:
+    from imucalib_cli.estimate.fit import Fit
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -72,7 +75,7 @@ def uncertainty(fit: Fit) -> Uncertainty:
 
 
 def _spectrum(fit: Fit, free: Indices, scales: tuple[float, ...]) -> ScoreSpectrum:
-    state, plan = fit.solution.state, fit.plan
+    state, plan = fit.solution.state, fit.windowing.plan
     tangent = state.jacobian()[:, free]
     root = np.sqrt(fit.weights)[:, None]
     accel, gyro = fit.rows.residuals(state.vector())
@@ -111,7 +114,7 @@ def _embed(covariance: Floats, free: Indices) -> Floats:
 
 def _excitation(fit: Fit, free: Indices, prior: Floats) -> Floats:
     """What the pose's covariance would be with ordinary noise: a property of the motion."""
-    hidden = fit.plan.overlap
+    hidden = fit.windowing.plan.overlap
     scales = tuple(max(s, f) for s, f in zip(fit.scales, (5 * f for f in SCALE_FLOOR), strict=True))
     J = _spectrum(fit, free, scales).J
     covariance = _embed(_inverse(_gram(J) / hidden + np.diag(prior)), free)
@@ -129,7 +132,9 @@ def _segment_scatter(
     Returns:
         Scatter over noise per degree of freedom, and the covariance to add, if significant.
     """
-    seconds = (spectrum.slots[-1] - spectrum.slots[0]) * fit.plan.hop * fit.grid.dt
+    seconds = (
+        (spectrum.slots[-1] - spectrum.slots[0]) * fit.windowing.plan.hop * fit.windowing.grid.dt
+    )
     count = min(_SEGMENTS, int(seconds / _SEGMENT_SECONDS))
     if count < 3:
         return 1.0, None

@@ -14,15 +14,19 @@ The variance of a second derivative over a window of T seconds of samples each d
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.estimate.estimate import Window
-from imucalib_cli.estimate.options import WindowChoice
-from imucalib_cli.signals.grid import ImuGrid
 from imucalib_cli.signals.kernels import convolve_at, matched_filter
 from imucalib_cli.signals.spikes import deviation_from_neighbours
-from imucalib_cli.signals.trajectory import CleanTrack, Trajectory
+
+if TYPE_CHECKING:
+    from imucalib_cli.estimate.options import WindowChoice
+    from imucalib_cli.signals.grid import ImuGrid
+    from imucalib_cli.signals.trajectory import CleanTrack, Trajectory
 
 Floats = NDArray[np.float64]
 
@@ -33,7 +37,7 @@ _LENGTHS = (0.2, 0.25, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0)
 MAX_ATTENUATION = 1e-4
 """Share of noise in the lever arm's regressor: 0.01 mm on a 100 mm lever arm."""
 QUIET_ACCEL = 1e-3
-"""m/s²: no accelerometer's sample is quieter; a log without noise is not a reason for long windows."""
+"""m/s²: no accelerometer is quieter; a log without noise is no reason for long windows."""
 _ARM = 1.0
 """m: how far joints stand from the parent link, for what their noise does to its position."""
 _NOISE_OF_DEVIATION = 1.394
@@ -114,7 +118,9 @@ def _moving_variance(track: CleanTrack) -> Floats:
     for channel, (rest, speed) in enumerate(zip(off.T, moving.T, strict=True)):
         active = speed > 0.2 * speed.max(initial=0.0)
         if active.sum() >= 8:
-            variance[channel] = (np.median(np.abs(rest[active])) * 1.4826 / _NOISE_OF_DEVIATION) ** 2
+            variance[channel] = (
+                np.median(np.abs(rest[active])) * 1.4826 / _NOISE_OF_DEVIATION
+            ) ** 2
     return variance
 
 

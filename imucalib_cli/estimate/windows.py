@@ -12,14 +12,20 @@ R_c' as well, so that all residuals read in the parent frame.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.estimate import columns
-from imucalib_cli.signals.grid import ImuGrid
+from imucalib_cli.robot.rotations import skew
 from imucalib_cli.signals.kernels import MARGIN, MatchedFilter, convolve_at, matched_filter
-from imucalib_cli.signals.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from imucalib_cli.signals.grid import ImuGrid
+    from imucalib_cli.signals.trajectory import Trajectory
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -84,65 +90,63 @@ class WindowRows:
         return self.accel @ x, self.gyro @ x
 
 
-def window_rows(
-    grid: ImuGrid, trajectory: Trajectory, time_offset: float, plan: WindowPlan, centres: Indices
-) -> WindowRows:
-    """Fill every column but TAU, which depends on the solution.
+@dataclass(frozen=True, eq=False)
+class Windowing:
+    """An IMU and a trajectory seen through the same windows."""
 
-    Args:
-        grid: The IMU.
-        trajectory: The parent link.
-        time_offset: IMU stamp - robot stamp, s: the pose is taken that much earlier.
-        plan: Length and filters.
-        centres: (W,), grid indices of window centres, ascending.
-    """
-    accel = np.zeros((len(centres), 3, columns.COUNT))
-    gyro = np.zeros((len(centres), 3, columns.COUNT))
-    for part, local, R, p, span in _chunks(grid, trajectory, time_offset, plan, centres):
-        R_centre = R[local]
-        accel[part] = _accel_rows(R, p, grid.accel[span], R_centre, local, plan)
-        gyro[part] = _gyro_rows(R, grid.gyro[span], R_centre, local, plan)
-    return WindowRows(centres, accel, gyro)
+    grid: ImuGrid
+    trajectory: Trajectory
+    plan: WindowPlan
 
+    def centres(self, time_offset: float) -> Indices:
+        """Windows with every sample of both streams, for an offset (IMU - robot stamp), s."""
+        covered = self.trajectory.covered(self.grid.t - time_offset)
+        return window_centres(self.plan, self.grid.usable & covered)
 
-def window_residuals(
-    grid: ImuGrid,
-    trajectory: Trajectory,
-    time_offset: float,
-    plan: WindowPlan,
-    centres: Indices,
-    x: Floats,
-) -> tuple[Floats, Floats]:
-    """Residuals of a known solution: what window_rows @ x would give, a tenth of the work."""
-    t, R_fs = x[columns.T], x[columns.R].reshape(3, 3)
-    accel, gyro = np.zeros((len(centres), 3)), np.zeros((len(centres), 3))
-    for part, local, R, p, span in _chunks(grid, trajectory, time_offset, plan, centres):
-        R_centre = R[local]
-        force = grid.accel[span] @ R_fs.T - x[columns.BA]
-        rate = grid.gyro[span] @ R_fs.T - x[columns.BG]
-        derived = _derive(p + R @ t, plan.second_derivative, local)
-        measured = _average(np.einsum("nij,nj->ni", R, force), plan.second_derivative, local)
-        accel[part] = np.einsum("wji,wj->wi", R_centre, derived - measured - x[columns.G])
-        derived = _derive(R.reshape(-1, 9), plan.first_derivative, local)
-        turned = R @ _cross_matrices(rate)
-        measured = _average(turned.reshape(-1, 9), plan.first_derivative, local)
-        gyro[part] = _vee(np.swapaxes(R_centre, 1, 2) @ (derived - measured).reshape(-1, 3, 3))
-    return accel, gyro
+    def rows(self, time_offset: float, centres: Indices) -> WindowRows:
+        """Fill every column but TAU, which depends on the solution.
 
+        Args:
+            time_offset: IMU stamp - robot stamp, s: the pose is taken that much earlier.
+            centres: (W,), grid indices of window centres, ascending.
+        """
+        accel = np.zeros((len(centres), 3, columns.COUNT))
+        gyro = np.zeros((len(centres), 3, columns.COUNT))
+        for part, local, R, p, span in self._chunks(time_offset, centres):
+            accel[part] = _accel_rows(R, p, self.grid.accel[span], local, self.plan)
+            gyro[part] = _gyro_rows(R, self.grid.gyro[span], local, self.plan)
+        return WindowRows(centres, accel, gyro)
 
-def _chunks(  # type: ignore[no-untyped-def]
-    grid: ImuGrid, trajectory: Trajectory, time_offset: float, plan: WindowPlan, centres: Indices
-):
-    """Yield parts of the windows with the poses of the grid samples they cover."""
-    reach = plan.length // 2 + MARGIN
-    per_chunk = max(_CHUNK // plan.hop, 1)
-    for start in range(0, len(centres), per_chunk):
-        part = slice(start, min(start + per_chunk, len(centres)))
-        span = slice(int(centres[part][0]) - reach, int(centres[part][-1]) + reach + 1)
-        t = grid.t0 + grid.dt * np.arange(span.start, span.stop)
-        R, p = trajectory.poses(t - time_offset)
-        # Derivatives do not see a constant; taking it off keeps digits.
-        yield part, centres[part] - span.start, R, p - p[0], span
+    def residuals(self, time_offset: float, centres: Indices, x: Floats) -> tuple[Floats, Floats]:
+        """Residuals of a known solution: what rows @ x would give, a tenth of the work."""
+        t, R_fs = x[columns.T], x[columns.R].reshape(3, 3)
+        first, second = self.plan.first_derivative, self.plan.second_derivative
+        accel, gyro = np.zeros((len(centres), 3)), np.zeros((len(centres), 3))
+        for part, local, R, p, span in self._chunks(time_offset, centres):
+            back = np.swapaxes(R[local], 1, 2)
+            force = self.grid.accel[span] @ R_fs.T - x[columns.BA]
+            rate = self.grid.gyro[span] @ R_fs.T - x[columns.BG]
+            derived = _derive(p + R @ t, second, local)
+            measured = _average(np.einsum("nij,nj->ni", R, force), second, local)
+            accel[part] = np.einsum("wij,wj->wi", back, derived - measured - x[columns.G])
+            derived = _derive(R.reshape(-1, 9), first, local)
+            measured = _average((R @ skew(rate)).reshape(-1, 9), first, local)
+            gyro[part] = _vee(back @ (derived - measured).reshape(-1, 3, 3))
+        return accel, gyro
+
+    def _chunks(
+        self, time_offset: float, centres: Indices
+    ) -> Iterator[tuple[slice, Indices, Floats, Floats, slice]]:
+        """Yield parts of the windows with the poses of the grid samples they cover."""
+        reach = self.plan.length // 2 + MARGIN
+        per_chunk = max(_CHUNK // self.plan.hop, 1)
+        for start in range(0, len(centres), per_chunk):
+            part = slice(start, min(start + per_chunk, len(centres)))
+            span = slice(int(centres[part][0]) - reach, int(centres[part][-1]) + reach + 1)
+            t = np.asarray(self.grid.t0 + self.grid.dt * np.arange(span.start, span.stop))
+            R, p = self.trajectory.poses(t - time_offset)
+            # Derivatives do not see a constant; taking it off keeps digits.
+            yield part, centres[part] - span.start, R, p - p[0], span
 
 
 def _derive(values: Floats, pair: MatchedFilter, centres: Indices) -> Floats:
@@ -153,9 +157,7 @@ def _average(values: Floats, pair: MatchedFilter, centres: Indices) -> Floats:
     return convolve_at(values, pair.average, centres - len(pair.average) // 2)
 
 
-def _accel_rows(
-    R: Floats, p: Floats, force: Floats, R_centre: Floats, centres: Indices, plan: WindowPlan
-) -> Floats:
+def _accel_rows(R: Floats, p: Floats, force: Floats, centres: Indices, plan: WindowPlan) -> Floats:
     pair, flat = plan.second_derivative, R.reshape(-1, 9)
     derived = _derive(np.hstack([p, flat]), pair, centres)
     # R_rj a_k for every row r, then every entry (j, k) of R_fs.
@@ -167,14 +169,12 @@ def _accel_rows(
     rows[:, :, columns.R] = -averaged[:, :27].reshape(-1, 3, 9)
     rows[:, :, columns.BA] = averaged[:, 27:].reshape(-1, 3, 3)
     rows[:, :, columns.G] = -np.eye(3)
-    return np.asarray(np.swapaxes(R_centre, 1, 2) @ rows)
+    return np.asarray(np.swapaxes(R[centres], 1, 2) @ rows)
 
 
-def _gyro_rows(
-    R: Floats, rate: Floats, R_centre: Floats, centres: Indices, plan: WindowPlan
-) -> Floats:
+def _gyro_rows(R: Floats, rate: Floats, centres: Indices, plan: WindowPlan) -> Floats:
     pair, flat = plan.first_derivative, R.reshape(-1, 9)
-    back = np.swapaxes(R_centre, 1, 2)
+    back = np.swapaxes(R[centres], 1, 2)
     derived = _derive(flat, pair, centres).reshape(-1, 3, 3)
     products = (flat[:, None, :] * rate[:, :, None]).reshape(-1, 27)
     averaged = _average(np.hstack([products, flat]), pair, centres).reshape(-1, 4, 3, 3)
@@ -193,11 +193,3 @@ def _vee(A: Floats) -> Floats:
     """Axial vector of the skew part of (..., 3, 3)."""
     skew = 0.5 * (A - np.swapaxes(A, -1, -2))
     return np.stack([skew[..., 2, 1], skew[..., 0, 2], skew[..., 1, 0]], axis=-1)
-
-
-def _cross_matrices(v: Floats) -> Floats:
-    """[v]x for (N, 3)."""
-    matrices = np.zeros((len(v), 3, 3))
-    matrices[:, 2, 1], matrices[:, 0, 2], matrices[:, 1, 0] = v.T
-    matrices[:, 1, 2], matrices[:, 2, 0], matrices[:, 0, 1] = -v.T
-    return matrices

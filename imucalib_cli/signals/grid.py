@@ -34,7 +34,7 @@ class ImuGrid:
     @property
     def t(self) -> Floats:
         """(N,), s."""
-        return self.t0 + self.dt * np.arange(len(self.usable))
+        return np.asarray(self.t0 + self.dt * np.arange(len(self.usable)), dtype=np.float64)
 
 
 def imu_grid(t: Floats, gyro: Floats, accel: Floats, refine: int = 1) -> ImuGrid:

@@ -23,9 +23,7 @@ class Lag:
     """The best shift is the last one searched: the true one may lie beyond."""
 
 
-def best_lag(
-    reference: Floats, series: Floats, usable: NDArray[np.bool_], most: int
-) -> Lag | None:
+def best_lag(reference: Floats, series: Floats, usable: NDArray[np.bool_], most: int) -> Lag | None:
     """Find k such that series[i + k] matches reference[i], by normalised cross-correlation.
 
     Args:

@@ -45,9 +45,7 @@ def _channel_spikes(channel: Floats, floor: float) -> NDArray[np.bool_]:
         off = np.abs(work - _prediction(work))
         if limit is None:
             limit = np.maximum(_THRESHOLD * _local_scale(off), floor)
-        peak = off >= np.maximum.reduce(
-            [np.roll(off, shift) for shift in (-2, -1, 1, 2)]
-        )
+        peak = off >= np.maximum.reduce([np.roll(off, shift) for shift in (-2, -1, 1, 2)])
         new = peak & (off > limit) & ~found
         if not new.any():
             break

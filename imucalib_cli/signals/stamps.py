@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+Number = TypeVar("Number", np.float64, np.complex128)
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
@@ -19,9 +21,13 @@ EXACT_SECONDS = 6e-7
 
 _PHASE_SAMPLES = 65
 """Samples whose mean phase tells where the ticks are: jitter down by 8, drift not yet seen."""
+_WANDER_SAMPLES = 4 * _PHASE_SAMPLES + 1
+"""Samples over which a clock may drift off its mean rate."""
 _MIN_CONCENTRATION = 0.5
 """|mean exp(i phase)| below which stamps do not gather about ticks (jitter above 0.19 period)."""
+_PERIOD_STEPS = 3
 _MAX_SHARED_TICKS = 0.01
+"""Share of stamps that round to a tick already taken: more are bursts, not jitter."""
 _WHITE_JITTER = -0.25
 """Lag-1 correlation of the intervals: -0.5 if stamps jitter about ticks, 0 if the timer drifts."""
 
@@ -74,6 +80,11 @@ class Ticks:
     jitter: float
     """Root mean square of stamp - tick, s."""
 
+    @property
+    def mean_variance(self) -> float:
+        """Variance of the mean of stamp - tick, s²: how well the ticks' phase is known."""
+        return self.jitter**2 / len(self.t)
+
 
 def constant_rate_ticks(t: Floats) -> Ticks | None:
     """Find the ticks of a constant-rate device from its jittered stamps.
@@ -90,41 +101,59 @@ def constant_rate_ticks(t: Floats) -> Ticks | None:
     """
     if len(t) < 2 * _PHASE_SAMPLES:
         return None
-    intervals = np.diff(t)
-    period = float(np.median(intervals))
-    start = t[0]
-    for _ in range(3):
-        turn = 2j * np.pi / period
-        mean = _running_mean(np.exp(turn * (t - start)), _PHASE_SAMPLES)
-        if np.median(np.abs(mean)) < _MIN_CONCENTRATION:
-            return None
-        slow = np.unwrap(np.angle(mean)) * period / (2 * np.pi)
-        period *= 1.0 + float(np.median(np.diff(slow) / intervals)) if len(slow) > 1 else 1.0
-    ticks = np.round((t - start - slow) / period)
-    if (np.diff(ticks) <= 0).mean() > _MAX_SHARED_TICKS:
+    counted = _count_ticks(t)
+    if counted is None:
         return None
+    ticks, period = counted
     rest = t - ticks * period
     line = np.polyval(np.polyfit(ticks, rest, 1), ticks)
-    jitter = float(np.sqrt(np.mean((rest - line) ** 2)))
-    if np.abs(rest - line).max() < EXACT_SECONDS:
+    jitter = _rms(rest - line)
+    off = np.diff(t) - np.diff(ticks) * period
+    white = float(np.sum(off[1:] * off[:-1]) / max(float(np.sum(off**2)), 1e-300))
+    if np.abs(rest - line).max() < EXACT_SECONDS or white > _WHITE_JITTER:
         return None
-    wander = _running_mean(rest - line, _PHASE_SAMPLES * 4 + 1)
-    if np.sqrt(np.mean(wander**2)) > 4.0 * jitter / np.sqrt(_PHASE_SAMPLES * 4 + 1):
+    wander = _running_mean(rest - line, _WANDER_SAMPLES)
+    if _rms(wander) > 4.0 * jitter / np.sqrt(_WANDER_SAMPLES):
         line = line + wander
-        jitter = float(np.sqrt(np.mean((rest - line) ** 2)))
-    centred = intervals - np.diff(ticks) * period
-    white = float(np.sum(centred[1:] * centred[:-1]) / np.sum(centred**2))
-    if white > _WHITE_JITTER:
+        jitter = _rms(rest - line)
+    regular = np.asarray(ticks * period + line)
+    return Ticks(regular, period, jitter) if (np.diff(regular) > 0.0).all() else None
+
+
+def _count_ticks(t: Floats) -> tuple[Floats, float] | None:
+    """Number of each sample's tick, and the period, s; None if stamps are not near ticks."""
+    period = float(np.median(np.diff(t)))
+    for _ in range(_PERIOD_STEPS):
+        slow = _slow_phase(t, period)
+        if slow is None:
+            return None
+        period *= 1.0 + float(np.polyfit(t, slow, 1)[0])
+    slow = _slow_phase(t, period)
+    if slow is None:
         return None
-    regular = ticks * period + line
-    keep_order = np.maximum.accumulate(regular + np.arange(len(t)) * 1e-9)
-    return Ticks(keep_order, period, jitter)
+    ticks = np.round((t - t[0] - slow) / period)
+    # A late stamp may round to its neighbour's tick: it is the next one that is free.
+    rank = np.arange(len(t), dtype=np.float64)
+    free = np.maximum.accumulate(ticks - rank) + rank
+    return (free, period) if (free != ticks).mean() <= _MAX_SHARED_TICKS else None
 
 
-def _running_mean(values: NDArray[np.inexact], width: int) -> NDArray[np.inexact]:
+def _slow_phase(t: Floats, period: float) -> Floats | None:
+    """Where the ticks stand within the period over time, s; None if stamps are not near any."""
+    mean = _running_mean(np.exp(2j * np.pi * ((t - t[0]) / period % 1.0)), _PHASE_SAMPLES)
+    if np.median(np.abs(mean)) < _MIN_CONCENTRATION:
+        return None
+    return np.asarray(np.unwrap(np.angle(mean)) * period / (2 * np.pi))
+
+
+def _running_mean(values: NDArray[Number], width: int) -> NDArray[Number]:
     """Centred mean over ``width`` samples, over fewer at the ends."""
     half = width // 2
     total = np.concatenate([[0], np.cumsum(values)])
     index = np.arange(len(values))
     low, high = np.maximum(index - half, 0), np.minimum(index + half + 1, len(values))
     return np.asarray((total[high] - total[low]) / (high - low))
+
+
+def _rms(values: Floats) -> float:
+    return float(np.sqrt(np.mean(values**2)))

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
-from imucalib_cli.robot.path import KinematicPath, Track
 from imucalib_cli.signals.interpolate import lagrange
-from imucalib_cli.signals.stamps import constant_rate_ticks, gap_breaks, tidy_rows
+from imucalib_cli.signals.stamps import Ticks, constant_rate_ticks, gap_breaks, tidy_rows
+
+if TYPE_CHECKING:
+    from imucalib_cli.robot.path import KinematicPath, Track
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -25,7 +28,7 @@ class CleanTrack:
     t: Floats
     values: Floats
     breaks: Indices
-    t_ticks: Floats | None
+    ticks: Ticks | None
     """The constant-rate clock behind jittered stamps, if there is one."""
 
     @property
@@ -52,8 +55,7 @@ def clean_track(track: Track) -> CleanTrack:
         q = values[:, 3:]
         flips = np.sum(q[1:] * q[:-1], axis=1) < 0  # q and -q are one rotation
         values[1:, 3:] *= np.where(np.cumsum(flips) % 2, -1.0, 1.0)[:, None]
-    ticks = constant_rate_ticks(t)
-    return CleanTrack(track.name, t, values, gap_breaks(t), ticks.t if ticks else None)
+    return CleanTrack(track.name, t, values, gap_breaks(t), constant_rate_ticks(t))
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,12 +86,20 @@ class Trajectory:
         return self if use_ticks == self.use_ticks else replace(self, use_ticks=use_ticks)
 
     def _stamps(self, track: CleanTrack) -> Floats:
-        return track.t_ticks if self.use_ticks and track.t_ticks is not None else track.t
+        return track.ticks.t if self.use_ticks and track.ticks is not None else track.t
 
     @property
     def has_jitter(self) -> bool:
         """Whether some track's stamps jitter about a constant rate."""
-        return any(track.t_ticks is not None for track in self.tracks)
+        return any(track.ticks is not None for track in self.tracks)
+
+    @property
+    def stamp_variance(self) -> float:
+        """Variance of the mean error of the stamps, s²: jitter that ticks average out."""
+        if not self.use_ticks:
+            return 0.0
+        found = [track.ticks.mean_variance for track in self.tracks if track.ticks is not None]
+        return max(found, default=0.0)
 
     @property
     def interval(self) -> float:

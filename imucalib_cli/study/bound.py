@@ -11,14 +11,17 @@ R is R_parent_imu, omega and alpha the parent link's rate and acceleration in it
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.robot.rotations import skew
 from imucalib_cli.signals.trajectory import Trajectory
-from imucalib_cli.simulate.recording import Recording
 from imucalib_cli.study.trial import streams_of
+
+if TYPE_CHECKING:
+    from imucalib_cli.simulate.recording import Recording
 
 Floats = NDArray[np.float64]
 

@@ -33,7 +33,9 @@ def robot_of(system: SystemConfig) -> Robot:
         return load_robot(path)
 
 
-def streams_of(recording: Recording, robot: Robot | None = None) -> tuple[ImuSamples, KinematicPath]:
+def streams_of(
+    recording: Recording, robot: Robot | None = None
+) -> tuple[ImuSamples, KinematicPath]:
     """What an estimator is given, as it would come from a log of the recording.
 
     Args:

@@ -1,0 +1,104 @@
+"""What the benchmarks share: recordings, trials in parallel, root mean squares."""
+
+from __future__ import annotations
+
+import os
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from functools import cache, partial
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import numpy as np
+
+from imucalib_cli.estimate.matched import calibrate_matched
+from imucalib_cli.estimate.options import MatchedOptions
+from imucalib_cli.simulate.load import load_grade, load_system
+from imucalib_cli.simulate.noise import corrupt
+from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
+from imucalib_cli.simulate.physics import record
+from imucalib_cli.simulate.recording import Recording
+from imucalib_cli.study.trial import error_of, nees, robot_of, streams_of
+
+
+@dataclass(frozen=True, kw_only=True)
+class Case:
+    """One condition of a Monte Carlo study."""
+
+    name: str
+    physics: PhysicsOptions
+    noise: NoiseOptions
+    options: MatchedOptions = MatchedOptions()
+    system: str = "rihibot"
+
+
+@cache
+def clean_recording(system: str, physics: PhysicsOptions) -> Recording:
+    """Noise-free run of a system, once per process."""
+    return record(load_system(system), physics)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trial:
+    """One seed's outcome."""
+
+    pose: tuple[float, ...]
+    nees: float
+    offset: float
+    offset_nees: float
+    bias_nees: tuple[float, float]
+    from_segments: bool
+    trusted: bool
+
+
+def run_trial(case: Case, seed: int) -> Trial:
+    """Corrupt the case's recording with a seed and calibrate it."""
+    clean = clean_recording(case.system, case.physics)
+    noisy = corrupt(clean, case.noise, seed)
+    imu, path = streams_of(noisy, _robot(case.system))
+    estimate = calibrate_matched(imu, path, case.options)
+    error = error_of(estimate, noisy)
+    assert estimate.covariance is not None
+    ratios = [
+        float(np.mean(((bias - true.mean(axis=0)) / std) ** 2))
+        for bias, std, true in (
+            (estimate.accel_bias, estimate.accel_bias_std, noisy.corruption.accel_bias),
+            (estimate.gyro_bias, estimate.gyro_bias_std, noisy.corruption.gyro_bias),
+        )
+    ]
+    return Trial(
+        pose=tuple(error.pose),
+        nees=nees(error.pose, estimate.covariance),
+        offset=error.time_offset,
+        offset_nees=(error.time_offset / (estimate.time_offset_std or np.inf)) ** 2,
+        bias_nees=(ratios[0], ratios[1]),
+        from_segments=estimate.sigma_source == "segments",
+        trusted=estimate.trusted,
+    )
+
+
+@cache
+def _robot(system: str):
+    config = load_system(system)
+    return robot_of(config) if config.arm is not None else None
+
+
+def run_trials(case: Case, seeds: int) -> list[Trial]:
+    """Seeds 0 to seeds - 1, on all processors."""
+    with ProcessPoolExecutor() as pool:
+        return list(pool.map(partial(run_trial, case), range(seeds), chunksize=4))
+
+
+def sample_std(noise: NoiseOptions, rate: float) -> tuple[float, float]:
+    """Standard deviation of a sample's white noise, m/s² and rad/s."""
+    half = np.sqrt(rate / 2)
+    return (
+        float(np.hypot(noise.accel_noise * half, noise.accel_white)),
+        float(np.hypot(noise.gyro_noise * half, noise.gyro_white)),
+    )
+
+
+def grade(name: str, **changes: object) -> NoiseOptions:
+    """An IMU grade with changes; its bias walks off, so that the bound holds exactly."""
+    noise = replace(load_grade(name), accel_bias_walk=0.0, gyro_bias_walk=0.0)
+    return replace(noise, **changes)  # type: ignore[arg-type]
