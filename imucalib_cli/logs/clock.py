@@ -145,10 +145,12 @@ def _different_clocks(streams: Sequence[Stream]) -> list[str]:
     known = rates[np.isfinite(rates)]
     rate_spread = float(known.max() / known.min() - 1) if len(known) > 1 else 0.0
     if rate_spread > _MAX_RATE_SPREAD:
-        odd = int(np.nanargmax(np.abs(np.log(rates) - np.nanmedian(np.log(rates)))))
+        usual = 1.0 if len(known) == 2 else float(np.median(known))
+        odd = int(np.nanargmax(np.abs(np.log(rates / usual))))
+        rest = float(np.nanmedian(np.delete(rates, odd)))
         says = (
             f"header stamps of {streams[odd].topic} advance at {rates[odd]:.3g} times the "
-            f"receive times, those of other topics at {np.nanmedian(rates):.3g} times"
+            f"receive times, those of other topics at {rest:.3g} times"
         )
         return [says]
     # Where simulated time is slow, offsets drift alike and say nothing about a difference.

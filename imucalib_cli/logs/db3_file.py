@@ -13,19 +13,19 @@ import numpy as np
 from imucalib_cli.errors import InputError
 from imucalib_cli.logs.damage import Tally
 from imucalib_cli.logs.messages import normalise_type
-from imucalib_cli.logs.storage import Channel, Progress, Sink
+from imucalib_cli.logs.storage import Bytes, Channel, Progress, Sink
 from imucalib_cli.logs.unpacked import copy_with_page_count
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
     from pathlib import Path
 
+    from imucalib_cli.logs.streams import Nanoseconds
+
 _BROKEN = (sqlite3.DatabaseError, MemoryError)
 """What SQLite raises on damage: it takes some of it for a lack of memory."""
-_FETCH = 4096
+_FETCH = 1024
 """Rows taken at a time."""
-_SOUND = "AND typeof(timestamp) = 'integer' AND typeof(data) = 'blob'"
-"""SQLite stores anything anywhere, so damage can turn a number into nothing."""
 
 
 class Db3File:
@@ -100,7 +100,7 @@ def _fetch(
     """Rows in blocks, up to the last one before any damage, which is then raised."""
     marks = ", ".join("?" * len(numbers))
     # Without ORDER BY: SQLite would otherwise go through the timestamps' index.
-    query = f"SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks}) {_SOUND}"  # noqa: S608
+    query = f"SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks})"  # noqa: S608
     done = 0
     try:
         rows = database.execute(query, numbers)
@@ -120,32 +120,51 @@ def _add(
     channels: dict[int, Channel],
     sink: Sink,
 ) -> None:
-    numbers, times, payloads = zip(*fetched, strict=True)
-    sizes = np.fromiter(map(len, payloads), dtype=np.int64, count=len(payloads))
-    topics = np.array(numbers, dtype=np.int64)
-    log_ns = np.array(times, dtype=np.int64)
+    # SQLite stores anything anywhere, so damage can turn a number into nothing.
     for number, channel in channels.items():
-        of_topic = topics == number
-        for size in np.unique(sizes[of_topic]):
-            which = np.flatnonzero(of_topic & (sizes == size))
-            joined = np.frombuffer(b"".join([payloads[at] for at in which]), dtype=np.uint8)
-            sink.add(channel, arrival + which, log_ns[which], joined.reshape(len(which), int(size)))
+        rows = [row for row in fetched if row[0] == number]
+        log_ns, payloads = _columns(rows)
+        at = arrival + np.arange(len(payloads))
+        lengths = set(map(len, payloads))
+        if len(lengths) == 1:
+            sink.add(channel, at, log_ns, _joined(payloads))
+            continue
+        sizes = np.fromiter(map(len, payloads), dtype=np.int64, count=len(payloads))
+        for size in lengths:
+            which = np.flatnonzero(sizes == size)
+            sink.add(channel, at[which], log_ns[which], _joined([payloads[k] for k in which]))
+
+
+def _columns(rows: list[tuple[int, int, bytes]]) -> tuple[Nanoseconds, list[bytes]]:
+    payloads = [row[2] for row in rows]
+    times = [row[1] for row in rows]
+    if not set(map(type, payloads)) <= {bytes} or not set(map(type, times)) <= {int}:
+        return _columns([row for row in rows if type(row[1]) is int and type(row[2]) is bytes])
+    return np.array(times, dtype=np.int64), payloads
+
+
+def _joined(payloads: list[bytes]) -> Bytes:
+    joined = np.frombuffer(b"".join(payloads), dtype=np.uint8)
+    return joined.reshape(len(payloads), len(payloads[0]))
 
 
 def _tallies(database: sqlite3.Connection) -> dict[int, Tally]:
     """Count and times of each topic; of a damaged file up to the damage."""
-    query = "SELECT topic_id, COUNT(*), MIN(timestamp), MAX(timestamp) FROM messages "
-    query += "WHERE typeof(timestamp) = 'integer' GROUP BY 1"
+    query = "SELECT topic_id, COUNT(*), MIN(timestamp), MAX(timestamp) FROM messages GROUP BY 1"
     try:
-        return {number: Tally(*tally) for number, *tally in database.execute(query)}
+        found = database.execute(query).fetchall()
     except _BROKEN:
-        tallies: dict[int, Tally] = {}
-        with contextlib.suppress(*_BROKEN):
-            for number, time in database.execute(
-                "SELECT topic_id, timestamp FROM messages WHERE typeof(timestamp) = 'integer'"
-            ):
-                tallies.setdefault(number, Tally()).add(np.array([time]))
-        return tallies
+        found = [(None,)]
+    if {type(value) for row in found for value in row} <= {int}:
+        return {number: Tally(*tally) for number, *tally in found}
+    tallies: dict[int, Tally] = {}
+    with contextlib.suppress(*_BROKEN):
+        for number, time in database.execute(
+            "SELECT topic_id, timestamp FROM messages "
+            "WHERE typeof(timestamp) = 'integer' AND typeof(topic_id) = 'integer'"
+        ):
+            tallies.setdefault(number, Tally()).add(np.array([time]))
+    return tallies
 
 
 def _channels(database: sqlite3.Connection) -> tuple[Channel, ...]:
