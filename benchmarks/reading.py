@@ -244,9 +244,7 @@ def main() -> None:
         folder = options.folder or Path(temporary)
         folder.mkdir(parents=True, exist_ok=True)
         messages: list[tuple[int, str, bytes]] = []
-        print(
-            "| storage | size MB | floor s | ours s | ours / floor | AnyReader s | AnyReader / ours |"
-        )
+        print("| storage | MB | floor s | ours s | ours / floor | AnyReader s | AnyReader / ours |")
         print("|---|---|---|---|---|---|---|")
         for storage in options.storage or STORAGES:
             suffix = {"db3": ""}.get(storage, "." + storage.partition("-")[0])

@@ -13,12 +13,13 @@ from rosbags.highlevel import AnyReader
 from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.logs import wire
 from imucalib_cli.logs.log import Log, LogData, open_log
+from tests.logs.logs_samples import START_NS, Said, T, imu, joints
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
     from pathlib import Path
 
-    from tests.logs.logs_samples import Said, Write
+    from tests.logs.logs_samples import Write
 
 Rows = dict[tuple[str, ...], list[tuple[Any, ...]]]
 
@@ -142,6 +143,26 @@ def test_slow_route_agrees_with_bulk_route(
         assert bulk.keys() == slow.keys()
         for key, table in bulk.items():
             np.testing.assert_array_equal(table, slow[key])
+
+
+def test_large_messages_between_and_among_wanted_ones(storage: str, written: Write) -> None:
+    """Images are jumped over where they lie unpacked; messages may exceed what is read ahead."""
+    rng = np.random.default_rng(3)
+    names = [f"joint_{k}" for k in range(400)]
+    said = []
+    for k in range(20):
+        ns = START_NS + k * 10_000_000
+        said += [
+            Said("/imu", "sensor_msgs/msg/Imu", imu(ns, rng), ns),
+            Said("/text", "std_msgs/msg/String", T["String"](data="y" * 70_000), ns + 1),
+            Said("/joints", "sensor_msgs/msg/JointState", joints(ns, rng, names[k % 2 :]), ns + 2),
+            Said("/text", "std_msgs/msg/String", T["String"](data="z" * (10 + k)), ns + 3),
+        ]
+    path = written(said, storage, chunk_bytes=500_000)
+    assert_same(read_all(open_log([path])), said_rows(said))
+    only = open_log([path]).read(["/imu"])
+    assert len(only.imus["/imu"]) == 20
+    assert only.losses == ()
 
 
 def test_topics_say_what_is_there(messages: list[Said], storage: str, written: Write) -> None:
