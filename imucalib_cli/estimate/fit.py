@@ -14,10 +14,12 @@ from imucalib_cli.estimate.robust import residual_scales, window_weights
 from imucalib_cli.estimate.solve import (
     DBA,
     DBG,
+    DT,
     DTAU,
     DTILT,
     SAME_ROTATION,
     TANGENT,
+    WEAKEST_STD,
     Solution,
     State,
     Unknowns,
@@ -68,14 +70,19 @@ def make_unknowns(options: MatchedOptions, *, offset_free: bool) -> Unknowns:
     """Translate the options into what may move and what is known beforehand."""
     free = np.ones(TANGENT, dtype=bool)
     prior = np.zeros(TANGENT)
-    for part, std in ((DBA, options.accel_bias_std), (DBG, options.gyro_bias_std)):
+    prior[DT] = 1.0 / WEAKEST_STD["t"] ** 2
+    for part, std, weakest in (
+        (DBA, options.accel_bias_std, WEAKEST_STD["accel_bias"]),
+        (DBG, options.gyro_bias_std, WEAKEST_STD["gyro_bias"]),
+    ):
         free[part] = std > 0.0
-        prior[part] = 1.0 / std**2 if std > 0.0 else 0.0
+        prior[part] = 1.0 / min(std, weakest) ** 2 if std > 0.0 else 0.0
     norm = 0.0 if options.gravity == "none" else options.gravity_norm
     free[DTILT] = options.gravity == "tilt" and norm > 0.0 and options.tilt_std > 0.0
     if free[DTILT].all():
         prior[DTILT] = 1.0 / options.tilt_std**2
     free[DTAU] = offset_free
+    prior[DTAU] = 1.0 / WEAKEST_STD["time_offset"] ** 2
     return Unknowns(gravity_norm=norm, free=free, prior_information=prior)
 
 

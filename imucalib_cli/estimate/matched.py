@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from imucalib_cli.estimate.estimate import Estimate, Residuals, Window
 from imucalib_cli.estimate.fit import Fit, fit_windows
-from imucalib_cli.estimate.observability import unobservable_directions
+from imucalib_cli.estimate.observability import unobservable_directions, widen
 from imucalib_cli.estimate.offset import coarse_time_offset
 from imucalib_cli.estimate.prepare import CleanImu, clean_imu
 from imucalib_cli.estimate.solve import DBA, DBG, DTAU, POSE
@@ -33,6 +33,8 @@ _UNEXPLAINED = 0.3
 """Share of the measured motion left in the residuals from which model and log do not match."""
 _UNEXPLAINED_ACCEL = 1.0
 """m/s², averaged over a window: no sensor is as noisy as that."""
+_OFFSET_LIMIT = 0.02
+"""s: a time offset known no better than this is not known."""
 _NEGLIGIBLE_MM = 0.01
 """mm and mrad: disagreement smaller than this is not worth a sentence."""
 _STANDSTILL_GYRO = 0.02
@@ -134,15 +136,19 @@ def _estimate(
         samples_replaced=clean.spikes,
         gaps=fit.windowing.grid.gaps + fit.windowing.trajectory.gaps,
     )
-    unobservable = unobservable_directions(P[POSE, POSE], spread.excitation_std)
+    unobservable = unobservable_directions(P[POSE, POSE], spread.excitation)
     estimated_offset = bool(fit.unknowns.free[DTAU])
+    timed = bool(P[DTAU, DTAU] < _OFFSET_LIMIT**2)
+    warnings = _warnings(attempt, clean, spread)
+    if estimated_offset and not timed:
+        warnings.append("the motion does not determine the time offset; the value is a guess")
     return Estimate(
         method="matched",
         R_parent_imu=state.R,
         t_parent_imu=state.t,
-        covariance=P[POSE, POSE],
+        covariance=widen(P[POSE, POSE], unobservable),
         time_offset=fit.time_offset,
-        time_offset_std=_offset_std(attempt, clean, P) if estimated_offset else None,
+        time_offset_std=_offset_std(attempt, clean, P) if estimated_offset and timed else None,
         accel_bias=state.R.T @ state.accel_bias,
         accel_bias_std=bias_std(fit, P, DBA, state.accel_bias)
         if options.accel_bias_std > 0.0
@@ -157,7 +163,7 @@ def _estimate(
         unobservable=tuple(unobservable),
         sigma_source="segments" if spread.from_segments else "noise",
         distrust=tuple(_reasons_for_distrust(attempt, options, bool(unobservable))),
-        warnings=tuple(_warnings(attempt, clean, spread)),
+        warnings=tuple(warnings),
         notes={
             "segment_chi2": spread.segment_chi2,
             "noise_colour": spread.colour,

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.estimate.estimate import UnobservableDirection
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 Floats = NDArray[np.float64]
 
@@ -17,7 +20,8 @@ ROTATION_LIMIT = 0.05
 """rad, likewise."""
 _UNBOUNDED = 0.5
 """Share of the weakest prior's deviation from which nothing but that prior bounds a direction."""
-_WEAKEST = {"translation": 10.0, "rotation": float(np.pi)}
+WEAKEST_STD = {"translation": 10.0, "rotation": float(np.pi)}
+"""m and rad: what is known of any mount without looking."""
 
 
 def unobservable_directions(covariance: Floats, excitation: Floats) -> list[UnobservableDirection]:
@@ -48,7 +52,7 @@ def unobservable_directions(covariance: Floats, excitation: Floats) -> list[Unob
             if variance <= limit**2:
                 break
             std = float(np.sqrt(variance))
-            bounded = std < _UNBOUNDED * _WEAKEST[kind]
+            bounded = std < _UNBOUNDED * WEAKEST_STD[kind]
             axis = _readable(direction)
             found.append(
                 UnobservableDirection(
@@ -59,6 +63,24 @@ def unobservable_directions(covariance: Floats, excitation: Floats) -> list[Unob
                 )
             )
     return found
+
+
+def widen(covariance: Floats, directions: Sequence[UnobservableDirection]) -> Floats:
+    """Covariance in which every unobservable direction is as wide as it is said to be.
+
+    Args:
+        covariance: (6, 6), parent frame.
+        directions: Of :func:`unobservable_directions`.
+    """
+    wide = covariance.copy()
+    for direction in directions:
+        part = slice(0, 3) if direction.kind == "translation" else slice(3, 6)
+        u = direction.direction_parent
+        std = WEAKEST_STD[direction.kind] if direction.std is None else direction.std
+        missing = std**2 - float(u @ wide[part, part] @ u)
+        if missing > 0.0:
+            wide[part, part] += missing * np.outer(u, u)
+    return wide
 
 
 def _readable(direction: Floats) -> Floats:

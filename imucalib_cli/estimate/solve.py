@@ -32,6 +32,11 @@ class Unknowns:
     """(TANGENT,), 1 / std² of each component about its nominal value."""
 
 
+WEAKEST_STD = {"t": 10.0, "accel_bias": 10.0, "gyro_bias": 1.0, "time_offset": 0.1}
+"""m, m/s², rad/s, s: priors wider than any robot. They matter only where the motion says nothing,
+and keep an undetermined component from running away with those that are determined. The offset's is
+about the point of linearisation, which moves with it."""
+
 # Tangent components: the pose in the parent frame, then the nuisances.
 POSE = slice(0, 6)
 DT = slice(0, 3)
@@ -172,7 +177,7 @@ def refine(normal: Floats, unknowns: Unknowns, state: State) -> Solution:
 def state_prior_offset(state: State, unknowns: Unknowns) -> Floats:
     """Distance of each tangent component from what its prior expects."""
     offset = np.zeros(TANGENT)
-    offset[DBA], offset[DBG] = state.accel_bias, state.gyro_bias
+    offset[DT], offset[DBA], offset[DBG] = state.t, state.accel_bias, state.gyro_bias
     if unknowns.gravity_norm > 0.0:
         # Small rotation that takes -z to gravity: about x and y.
         direction = state.gravity / unknowns.gravity_norm

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from imucalib_cli.estimate.covariance import ScoreSpectrum, kernel_response
 from imucalib_cli.estimate.robust import SCALE_FLOOR
-from imucalib_cli.estimate.solve import DBA, DBG, DPHI, DT, DTAU, DTILT, POSE, TANGENT
+from imucalib_cli.estimate.solve import DPHI, DT, DTILT, POSE, TANGENT
+from imucalib_cli.estimate.window_choice import kinematic_noise, second_derivative_gain
 
 if TYPE_CHECKING:
     from imucalib_cli.estimate.fit import Fit
@@ -21,17 +22,17 @@ Indices = NDArray[np.intp]
 _SEGMENTS = 8
 _SEGMENT_SECONDS = 4.0
 """Shortest segment worth comparing: a few moves."""
+_ROUNDING = 1e-14
+"""Eigenvalue of the scaled information that is no longer more than rounding."""
 _SIGNIFICANCE_Z = 2.326
 """Normal quantile of p = 0.01: rarer scatter than that is not noise."""
 
 
-def _weakest_priors() -> Floats:
-    """Information so weak that it matters only where there is none: makes sigma finite."""
-    std = np.empty(TANGENT)
-    std[DT], std[DPHI] = 10.0, np.pi
-    std[DBA], std[DBG] = 10.0, 1.0
-    std[DTILT], std[DTAU] = np.pi, 10.0
-    return 1.0 / std**2
+def _bounded_priors() -> Floats:
+    """Information on angles so weak that it only makes sigma finite."""
+    information = np.zeros(TANGENT)
+    information[DPHI] = information[DTILT] = 1.0 / np.pi**2
+    return information
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +41,7 @@ class Uncertainty:
 
     covariance: Floats
     """(TANGENT, TANGENT); zero rows where a component is not free."""
-    excitation_std: Floats
+    excitation: Floats
     """(6, 6), covariance of the pose as the motion allows it: with the residuals at the level of
     a common IMU or their own, whichever is larger. Tells little motion from little noise."""
     from_segments: bool
@@ -56,18 +57,18 @@ def uncertainty(fit: Fit) -> Uncertainty:
     free = np.flatnonzero(fit.unknowns.free)
     scales = tuple(max(s, 1e-12) for s in fit.scales)
     spectrum = _spectrum(fit, free, scales)
-    prior = fit.unknowns.prior_information[free]
-    weakest = _weakest_priors()[free]
+    prior = (fit.unknowns.prior_information + _bounded_priors())[free]
     gram = _gram(spectrum.J)
-    inverse = _inverse(gram + np.diag(prior + weakest))
+    inverse = _inverse(gram + np.diag(prior))
     levels = spectrum.noise_levels(inverse)
-    B = spectrum.score_covariance(levels) + np.diag(prior + weakest)
+    B = spectrum.score_covariance(levels) + np.diag(prior)
     noise = inverse @ B @ inverse
     chi2, scatter = _segment_scatter(spectrum, levels, inverse, fit)
     covariance = noise + scatter if scatter is not None else noise
+    excitation = _excitation(fit, free, prior)
     return Uncertainty(
         covariance=_embed(covariance, free),
-        excitation_std=_excitation(fit, free, prior + weakest),
+        excitation=excitation,
         from_segments=scatter is not None,
         segment_chi2=chi2,
         colour=spectrum.colour(levels),
@@ -101,9 +102,11 @@ def _gram(J: Floats) -> Floats:
 
 
 def _inverse(A: Floats) -> Floats:
-    """Inverse of a positive matrix of mixed units."""
+    """Inverse of a positive matrix of mixed units; stays positive where A is singular."""
     scale = 1.0 / np.sqrt(np.diag(A))
-    return np.asarray(np.linalg.inv(A * np.outer(scale, scale)) * np.outer(scale, scale))
+    values, vectors = np.linalg.eigh(A * np.outer(scale, scale))
+    scaled = vectors * scale[:, None]
+    return np.asarray((scaled / np.maximum(values, _ROUNDING * values[-1])) @ scaled.T)
 
 
 def _embed(covariance: Floats, free: Indices) -> Floats:
@@ -114,11 +117,24 @@ def _embed(covariance: Floats, free: Indices) -> Floats:
 
 def _excitation(fit: Fit, free: Indices, prior: Floats) -> Floats:
     """What the pose's covariance would be with ordinary noise: a property of the motion."""
-    hidden = fit.windowing.plan.overlap
+    plan = fit.windowing.plan
     scales = tuple(max(s, f) for s, f in zip(fit.scales, (5 * f for f in SCALE_FLOOR), strict=True))
     J = _spectrum(fit, free, scales).J
-    covariance = _embed(_inverse(_gram(J) / hidden + np.diag(prior)), free)
-    return covariance[POSE, POSE]
+    # Noise in a regressor looks like motion: the measurements' in the rotation's, the encoders'
+    # in the lever arm's. Twice what is expected is taken off.
+    noise = np.zeros(TANGENT)
+    for actual, taken in zip(fit.scales, scales, strict=True):
+        noise[DPHI] += 2.0 * (actual / taken) ** 2
+    rotation, _ = kinematic_noise(fit.windowing.trajectory)
+    seconds = plan.length * fit.windowing.grid.dt
+    noise[DT] += second_derivative_gain(seconds) * rotation / 3.0 / scales[0] ** 2
+    information = (_gram(J) - 2.0 * len(J) * np.diag(noise[free])) / plan.overlap
+    # In units of the priors nothing can be known less than they say.
+    unit = 1.0 / np.sqrt(prior)
+    values, vectors = np.linalg.eigh(information * np.outer(unit, unit))
+    scaled = vectors * unit[:, None]
+    covariance = (scaled / (np.maximum(values, 0.0) + 1.0)) @ scaled.T
+    return _embed(covariance, free)[POSE, POSE]
 
 
 def _segment_scatter(

@@ -77,7 +77,7 @@ def _automatic(grid: ImuGrid, trajectory: Trajectory, degree: int) -> tuple[floa
     accel = max(_median_deviation(grid.accel) / _NOISE_OF_DEVIATION, QUIET_ACCEL)
     turning = _lever_power(grid, trajectory, degree)
     for seconds in _LENGTHS:
-        gain = 720.0 / seconds**5
+        gain = second_derivative_gain(seconds)
         attenuation = gain * rotation / turning if turning > 0.0 else 0.0
         # White noise through the second derivative's kernel keeps 10/7 dt/T of its variance.
         drowned = gain * position > (10.0 / 7.0) * accel**2 * grid.dt / seconds
@@ -86,6 +86,11 @@ def _automatic(grid: ImuGrid, trajectory: Trajectory, degree: int) -> tuple[floa
                 return seconds, "automatic: noise of the kinematics is small at the shortest length"
             return seconds, "automatic: averages the noise of the kinematics below the IMU's"
     return LONGEST_AUTO, "automatic: the longest, the kinematics are noisy"
+
+
+def second_derivative_gain(seconds: float) -> float:
+    """Variance of a second derivative over a window, per variance times sample interval, 1/s⁵."""
+    return 720.0 / seconds**5
 
 
 def kinematic_noise(trajectory: Trajectory) -> tuple[float, float]:
