@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import struct
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, BinaryIO
@@ -26,6 +27,7 @@ _MESSAGE, _BAG, _INDEX, _CHUNK, _CHUNK_INFO, _CONNECTION = 2, 3, 4, 5, 6, 7
 _SIZE = struct.Struct("<I")
 _ENTRY = np.dtype([("sec", "<u4"), ("nsec", "<u4"), ("offset", "<u4")])
 _LARGEST_HEADER = 1 << 20
+_INDEX_ROOM = 1 << 14
 
 Index = dict[int, tuple["Nanoseconds", "NDArray[np.int64]"]]
 """Connection to receive times and offsets of its messages in the chunk."""
@@ -188,6 +190,12 @@ class BagFile:
 
     def _message_index(self, file: BinaryIO, at: int, channels: Collection[int]) -> Index:
         """The index records that follow a chunk."""
+        if isinstance(file, io.FileIO):  # many small records: one read for most of them
+            buffered = io.BufferedReader(file, _INDEX_ROOM)
+            try:
+                return self._message_index(buffered, at, channels)
+            finally:
+                buffered.detach()
         found: Index = {}
         while at < self._size:
             head, start, size = self._record(file, at)

@@ -75,10 +75,10 @@ def expected_rows(messages: Iterable[tuple[str, str, Any, int]]) -> Rows:
 def read_rows(data: LogData) -> dict[tuple[str, ...], np.ndarray[Any, Any]]:
     """The streams as read, in the same form; integers beside floats, hence object arrays."""
     found: dict[tuple[str, ...], np.ndarray[Any, Any]] = {}
-    for topic, imu in data.imus.items():
-        found[topic,] = _table(imu.log_ns, imu.header_ns, imu.gyro, imu.accel)
-    for topic, joints in data.joints.items():
-        for joint in joints:
+    for topic, each in data.imus.items():
+        found[topic,] = _table(each.log_ns, each.header_ns, each.gyro, each.accel)
+    for topic, streams in data.joints.items():
+        for joint in streams:
             table = _table(joint.log_ns, joint.header_ns, joint.position)
             found[(topic, *joint.names)] = table
     for topic, poses in data.poses.items():
