@@ -45,7 +45,7 @@ _OFFSET_STEP = 1e-4
 _OFFSET_CONVERGED = 0.02
 """In standard deviations of the offset by the information matrix."""
 _OFFSET_RESOLUTION = 1e-7
-"""s: a step this small ends the passes in any case."""
+"""s: an error this small ends the passes in any case."""
 MIN_WINDOWS = 24
 
 
@@ -125,12 +125,11 @@ def fit_windows(
         _set_offset_column(windowing, time_offset, rows, state)
         joint = refine(_normal(rows, weights, windowing.grid.dt, scales), moving, state)
         step, information = joint.state.tau, joint.information[DTAU, DTAU]
-        if turn == _PASSES - 1 or abs(step) < max(
-            _OFFSET_RESOLUTION, _OFFSET_CONVERGED / np.sqrt(information + 1e-300)
-        ):
-            break
-        # The column is linear only nearby: half a window is as far as it can tell.
+        # The column is linear only nearby: what a step leaves is quadratic in it.
         reach = 0.5 * windowing.plan.length * windowing.grid.dt
+        left, resolved = step**2 / reach, _OFFSET_CONVERGED / np.sqrt(information)
+        if turn == _PASSES - 1 or left < max(_OFFSET_RESOLUTION, resolved):
+            break
         time_offset += float(np.clip(step, -reach, reach))
         state = replace(joint.state, tau=0.0)
     normal = _normal(rows, weights, windowing.grid.dt, scales)

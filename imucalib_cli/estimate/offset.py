@@ -64,7 +64,7 @@ def coarse_time_offset(
     lag = best_lag(derived, measured, np.stack([clean, measured_clean]), lead // step)
     if lag is None:
         return 0.0, None
-    return lag.samples * step * grid.dt, lag
+    return (lag.samples + lag.between) * step * grid.dt, lag
 
 
 def _windows_clean(

@@ -9,13 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.estimate import columns
-from imucalib_cli.robot.rotations import matrix_from_rotvec, rotation_angle
+from imucalib_cli.robot.rotations import matrix_from_rotvec, rotation_angle, skew
 
 Floats = NDArray[np.float64]
 
 SAME_ROTATION = 0.02
 """rad: rotations closer than this are one minimum."""
 _STEPS = 60
+_ROUGH_STEPS = 8
+"""Steps from each start before the best are carried to their minimum."""
+_RUNNERS = 4
+"""Starts that ended elsewhere and are tried as the second minimum."""
 _CONVERGED = 1e-12
 """Step, in the mixed units of the tangent, below which the solve has arrived."""
 
@@ -48,6 +52,10 @@ DTAU = 14
 TANGENT = 15
 
 
+_GENERATORS = skew(np.eye(3))
+"""[e_x]x, [e_y]x, [e_z]x: d(exp([phi]x) R) = [e]x R."""
+
+
 @dataclass(frozen=True, eq=False)
 class State:
     """One value of every unknown."""
@@ -78,18 +86,15 @@ class State:
         """Dx / d(tangent), (columns.COUNT, TANGENT)."""
         J = np.zeros((columns.COUNT, TANGENT))
         J[columns.T, DT] = np.eye(3)
-        for axis in range(3):
-            # d(exp([phi]x) R) = [e]x R: column by column of R, e x R_k.
-            J[columns.R, 3 + axis] = np.cross(np.eye(3)[axis], self.R.T).T.reshape(9)
+        J[columns.R, DPHI] = (_GENERATORS @ self.R).reshape(3, 9).T
         J[columns.BA, DBA] = np.eye(3)
         J[columns.BG, DBG] = np.eye(3)
         # Tilt is a rotation of gravity about the world's x and y, at constant norm.
-        J[columns.G, 12] = np.cross([1.0, 0.0, 0.0], self.gravity)
-        J[columns.G, 13] = np.cross([0.0, 1.0, 0.0], self.gravity)
-        if abs(self.gravity[2]) < 0.5 * np.linalg.norm(self.gravity):
+        turned = (_GENERATORS @ self.gravity).T
+        J[columns.G, DTILT] = turned[:, :2]
+        if self.gravity[2] ** 2 < 0.25 * (self.gravity @ self.gravity):
             # Near the horizon x and y no longer span gravity's sphere.
-            basis = np.linalg.svd(self.gravity[None])[2][1:]
-            J[columns.G, DTILT] = np.stack([np.cross(axis, self.gravity) for axis in basis], 1)
+            J[columns.G, DTILT] = turned @ np.linalg.svd(self.gravity[None])[2][1:].T
         J[columns.TAU, DTAU] = 1.0
         return J
 
@@ -129,26 +134,32 @@ def solve_globally(normal: Floats, unknowns: Unknowns) -> Solution:
         normal: (COUNT, COUNT), normal matrix; cost = x' normal x.
         unknowns: What may move, and priors.
     """
-    best: list[Solution] = []
-    for R in [_relaxed_rotation(normal), *cube_rotations()]:
-        found = refine(normal, unknowns, _start(normal, R, unknowns))
-        best.append(found)
-    best.sort(key=lambda solution: solution.cost)
-    first = best[0]
-    others = [
-        s.state for s in best[1:] if rotation_angle(s.state.R.T @ first.state.R) > SAME_ROTATION
-    ]
-    return replace(first, runner_up=others[0] if others else None)
+    starts = [_relaxed_rotation(normal), *cube_rotations()]
+    rough = [refine(normal, unknowns, _start(normal, R, unknowns), _ROUGH_STEPS) for R in starts]
+    rough.sort(key=lambda solution: solution.cost)
+    first = refine(normal, unknowns, rough[0].state)
+    apart = [other for other in rough if not _same_rotation(other, first)]
+    for candidate in apart[:_RUNNERS]:
+        other = refine(normal, unknowns, candidate.state)
+        if other.cost < first.cost:
+            first, other = other, first
+        if not _same_rotation(other, first):
+            return replace(first, runner_up=other.state)
+    return first
 
 
-def refine(normal: Floats, unknowns: Unknowns, state: State) -> Solution:
+def _same_rotation(one: Solution, other: Solution) -> bool:
+    return bool(rotation_angle(one.state.R.T @ other.state.R) < SAME_ROTATION)
+
+
+def refine(normal: Floats, unknowns: Unknowns, state: State, steps: int = _STEPS) -> Solution:
     """Levenberg-Marquardt from a state to the minimum of its basin."""
     free = unknowns.free
     damping = 1e-9
     nominal = state_prior_offset(state, unknowns)
     cost = _cost(normal, state, unknowns, nominal)
     information = np.zeros((TANGENT, TANGENT))
-    for _ in range(_STEPS):
+    for _ in range(steps):
         J = state.jacobian()
         NJ = normal @ J
         H = J.T @ NJ + np.diag(unknowns.prior_information)

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
@@ -136,15 +137,8 @@ def convolve_at(values: Floats, weights: Floats, first: NDArray[np.intp]) -> Flo
     """
     if len(first) == 0:
         return np.zeros((0, values.shape[1]))
-    steps = np.diff(first)
-    total = np.zeros((len(first), values.shape[1]))
-    if len(steps) and np.all(steps == steps[0]):
-        # Evenly spaced windows are strided views: no index arrays, no copies of rows.
-        step, start = int(steps[0]), int(first[0])
-        stop = start + step * (len(first) - 1) + 1
-        for j, weight in enumerate(weights):
-            total += weight * values[start + j : stop + j : step]
-        return total
-    for j, weight in enumerate(weights):
-        total += weight * values[first + j]
-    return total
+    # Windows as a strided view: one matrix product, and no row is copied. Where the starts are
+    # uneven the windows between them are computed too and left out.
+    step = int(np.gcd.reduce(np.diff(first))) if len(first) > 1 else 1
+    windows = sliding_window_view(values, len(weights), axis=0)[first[0] : first[-1] + 1 : step]
+    return np.asarray((windows @ weights)[(first - first[0]) // step])

@@ -15,6 +15,8 @@ class Lag:
     """Shift at which two series agree best."""
 
     samples: int
+    between: float
+    """Where the parabola through the peak has its top, samples from it, -0.5 to 0.5."""
     correlation: float
     """At the best shift, of the parts that overlap, -1 to 1."""
     runner_up: float
@@ -57,10 +59,19 @@ def best_lag(reference: Floats, series: Floats, usable: NDArray[np.bool_], most:
     runner_up = float(np.max(score[others], initial=-1.0))
     return Lag(
         samples=peak - most,
+        between=_top(score[max(peak - 1, 0) : peak + 2]),
         correlation=float(score[peak]),
         runner_up=runner_up,
         at_edge=peak in (0, 2 * most),
     )
+
+
+def _top(three: Floats) -> float:
+    """Top of the parabola through three even samples, from the middle one."""
+    if len(three) < 3:
+        return 0.0
+    bend = three[0] - 2.0 * three[1] + three[2]
+    return float(np.clip(0.5 * (three[0] - three[2]) / bend, -0.5, 0.5)) if bend < 0.0 else 0.0
 
 
 def _mean(x: Floats, mask: Floats) -> float:

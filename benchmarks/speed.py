@@ -1,0 +1,120 @@
+"""Time of the estimate alone, against what rosbags' reader needs for the same log's IMU topic.
+
+    python benchmarks/speed.py [LOG URDF]
+
+Without a log, 74 s of RiHIBot at 500 Hz are simulated first. Each is measured in turn, several
+times in one process, imports done; the ratio of the medians is what counts on a shared machine.
+"""
+
+from __future__ import annotations
+
+import os
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import argparse
+import statistics
+import tempfile
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rosbags.highlevel import AnyReader
+
+from imucalib_cli.estimate.matched import calibrate_matched
+from imucalib_cli.estimate.options import MatchedOptions
+from imucalib_cli.logs.clock import choose_clock
+from imucalib_cli.logs.log import open_log
+from imucalib_cli.robot.build import joint_path
+from imucalib_cli.robot.path import Track
+from imucalib_cli.robot.urdf import load_robot
+from imucalib_cli.signals.samples import ImuSamples
+from imucalib_cli.simulate.load import load_grade, load_system
+from imucalib_cli.simulate.options import PhysicsOptions, SimulationOptions
+from imucalib_cli.simulate.simulate import simulate
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+REPEATS = 7
+
+
+def make_log(folder: Path) -> tuple[Path, Path]:
+    """RiHIBot at 500 Hz with industrial noise."""
+    log, urdf = folder / "rihibot.mcap", folder / "rihibot.urdf"
+    options = SimulationOptions(
+        physics=PhysicsOptions(imu_rate=500, robot_rate=500), noise=load_grade("industrial")
+    )
+    simulate(load_system("rihibot"), options, log, urdf=urdf)
+    return log, urdf
+
+
+def timed(call: Callable[[], object]) -> float:
+    """Seconds of one call."""
+    start = time.perf_counter()
+    call()
+    return time.perf_counter() - start
+
+
+def main() -> None:
+    """Print both times and their ratio."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("log", nargs="?", type=Path)
+    parser.add_argument("urdf", nargs="?", type=Path)
+    arguments = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        if arguments.log is None:
+            arguments.log, arguments.urdf = make_log(Path(folder))
+        measure(arguments.log, arguments.urdf)
+
+
+def measure(path: Path, urdf: Path) -> None:
+    """Measure one log."""
+    log = open_log([path])
+    imu_topic = next(topic.name for topic in log.topics if topic.type == "sensor_msgs/Imu")
+    joints = [topic.name for topic in log.topics if topic.type == "sensor_msgs/JointState"]
+    data = log.read([imu_topic, *joints])
+    imu = data.imus[imu_topic]
+    streams = [stream for name in joints for stream in data.joints[name]]
+    clock = choose_clock([imu, *streams])
+    samples = ImuSamples(t=clock.seconds(imu), gyro=imu.gyro, accel=imu.accel)
+    tracks = [
+        Track(
+            name=stream.topic,
+            kind="joints",
+            t=clock.seconds(stream),
+            values=stream.position,
+            names=stream.names,
+        )
+        for stream in streams
+    ]
+    kinematics = joint_path(load_robot(urdf), "wrist_3_link", tracks)
+
+    def estimate() -> None:
+        calibrate_matched(samples, kinematics, MatchedOptions())
+
+    def read_ours() -> None:
+        open_log([path]).read([imu_topic, *joints])
+
+    def read_theirs() -> None:
+        with AnyReader([path]) as reader:
+            wanted = [c for c in reader.connections if c.topic == imu_topic]
+            for connection, _, raw in reader.messages(connections=wanted):
+                reader.deserialize(raw, connection.msgtype)
+
+    calls = {"estimate": estimate, "our reading": read_ours, "AnyReader, IMU topic": read_theirs}
+    times: dict[str, list[float]] = {name: [] for name in calls}
+    for repeat in range(REPEATS + 1):
+        for name, call in calls.items():
+            seconds = timed(call)
+            if repeat > 0:
+                times[name].append(seconds)
+    medians = {name: statistics.median(values) for name, values in times.items()}
+    print("| what | median s | over AnyReader |")
+    print("|---|---|---|")
+    for name, value in medians.items():
+        print(f"| {name} | {value:.3f} | {value / medians['AnyReader, IMU topic']:.2f} |")
+
+
+if __name__ == "__main__":
+    main()
