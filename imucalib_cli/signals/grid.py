@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.signals.interpolate import lagrange
-from imucalib_cli.signals.stamps import EXACT_SECONDS, gap_breaks
+from imucalib_cli.signals.stamps import EXACT_SECONDS, gap_breaks, sample_interval
 
 Floats = NDArray[np.float64]
 _POINTS = 4
@@ -46,7 +46,7 @@ def imu_grid(t: Floats, gyro: Floats, accel: Floats, refine: int = 1) -> ImuGrid
         accel: (N, 3).
         refine: Grid points per IMU interval.
     """
-    dt = _interval(t) / refine
+    dt = sample_interval(t) / refine
     count = int(np.floor((t[-1] - t[0]) / dt + 1e-6)) + 1
     grid = t[0] + dt * np.arange(count)
     nearest = np.clip(np.searchsorted(t, grid - 0.5 * dt), 0, len(t) - 1)
@@ -69,11 +69,3 @@ def imu_grid(t: Floats, gyro: Floats, accel: Floats, refine: int = 1) -> ImuGrid
         gaps=len(breaks),
         refine=refine,
     )
-
-
-def _interval(t: Floats) -> float:
-    """Sample interval: the slope of the stamps over their rank, holes left out."""
-    intervals = np.diff(t)
-    median = float(np.median(intervals))
-    near = np.abs(intervals / median - 1.0) < 0.5
-    return float(np.mean(intervals[near])) if near.any() else median

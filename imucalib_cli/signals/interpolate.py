@@ -26,7 +26,7 @@ def lagrange(
         (M, C).
     """
     points = min(points, len(t))
-    right = np.searchsorted(t, at)
+    right = np.searchsorted(t, at, side="right")
     low: int | Indices = 0
     high: int | Indices = len(t)
     if breaks is not None and len(breaks):

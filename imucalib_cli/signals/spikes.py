@@ -38,21 +38,29 @@ def find_spikes(values: Floats, floor: float) -> NDArray[np.bool_]:
 def _channel_spikes(channel: Floats, floor: float) -> NDArray[np.bool_]:
     found = np.zeros(len(channel), dtype=bool)
     work = channel.copy()
-    limit: Floats | None = None
+    apart = _distance_from_both_sides(channel)
+    found |= apart > np.maximum(_THRESHOLD * _local_scale(apart), floor)
+    _bridge(work, found)
+    limit = np.maximum(_THRESHOLD * _local_scale(np.abs(channel - _prediction(channel))), floor)
     # A spike also disturbs the prediction of its neighbours: take the worst of each
     # neighbourhood, mend it, look again.
     for _ in range(4):
         off = np.abs(work - _prediction(work))
-        if limit is None:
-            limit = np.maximum(_THRESHOLD * _local_scale(off), floor)
         peak = off >= np.maximum.reduce([np.roll(off, shift) for shift in (-2, -1, 1, 2)])
         new = peak & (off > limit) & ~found
         if not new.any():
             break
         found |= new
-        good = np.flatnonzero(~found)
-        work[found] = np.interp(np.flatnonzero(found), good, channel[good])
-    return found
+        _bridge(work, found)
+    # Samples between two spikes were suspected with them: those on the bridge are innocent.
+    return found & (np.abs(channel - work) > limit)
+
+
+def _bridge(work: Floats, found: NDArray[np.bool_]) -> None:
+    """Replace what was found by straight lines between the rest."""
+    good = np.flatnonzero(~found)
+    if len(good):
+        work[found] = np.interp(np.flatnonzero(found), good, work[good])
 
 
 def deviation_from_neighbours(values: Floats) -> Floats:
@@ -75,12 +83,28 @@ def _prediction(x: Floats) -> Floats:
     return (4.0 * (padded[1:-3] + padded[3:-1]) - (padded[:-4] + padded[4:])) / 6.0
 
 
+def _distance_from_both_sides(x: Floats) -> Floats:
+    """Distance from the parabola through the three before or the three after: the lesser.
+
+    Runs of spikes look smooth to the cubic across them and spoil that of their neighbours. Of a
+    run of up to three, and of nothing beside it, both sides are far off; a corner of the motion
+    is near one of them.
+    """
+    padded = np.pad(x, 3, mode="reflect", reflect_type="odd")
+    before = 3.0 * (padded[2:-4] - padded[1:-5]) + padded[:-6]
+    after = 3.0 * (padded[4:-2] - padded[5:-1]) + padded[6:]
+    return np.asarray(np.minimum(np.abs(x - before), np.abs(x - after)))
+
+
 def _local_scale(off: Floats) -> Floats:
     """Robust standard deviation of the deviations, block by block, never below the log's own."""
     blocks = max(len(off) // _BLOCK, 1)
     size = len(off) // blocks
     local = np.median(off[: blocks * size].reshape(blocks, size), axis=1) * _MAD_TO_STD
     local = np.maximum(local, np.median(off) * _MAD_TO_STD)
+    # Vibration sets in anywhere within a block: the louder neighbour tells how loud it may be.
+    edges = np.pad(local, 1, mode="edge")
+    local = np.maximum.reduce([edges[:-2], local, edges[2:]])
     return np.asarray(local[np.minimum(np.arange(len(off)) // size, blocks - 1)])
 
 

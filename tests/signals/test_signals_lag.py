@@ -1,0 +1,81 @@
+"""Shifts the test made, found again."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
+
+from imucalib_cli.signals.lag import best_lag
+
+Floats = NDArray[np.float64]
+
+
+def _series(seed: int, n: int, shift: int) -> tuple[Floats, Floats]:
+    """Reference and series with series[i + shift] = reference[i]."""
+    rng = np.random.default_rng(seed)
+    long = gaussian_filter1d(rng.normal(size=n + 1000), 6.0) + 3.0
+    return long[500 : 500 + n], 1.7 * long[500 - shift : 500 - shift + n] + 0.4
+
+
+@given(st.integers(-200, 200), st.integers(0, 1000))
+@settings(deadline=None, max_examples=40)
+def test_shifts_of_either_sign_are_found(shift: int, seed: int) -> None:
+    reference, series = _series(seed, 1500, shift)
+    everything = np.ones((2, 1500), dtype=bool)
+    lag = best_lag(reference, series, everything, 200)
+    assert lag is not None
+    assert lag.samples == shift
+    assert lag.correlation == pytest.approx(1.0, abs=0.02)
+    assert lag.runner_up < 0.8
+    assert lag.at_edge == (abs(shift) == 200)
+
+
+def test_holes_with_garbage_in_them_do_not_matter() -> None:
+    reference, series = _series(1, 1500, -37)
+    usable = np.ones((2, 1500), dtype=bool)
+    usable[0, 300:450] = usable[1, 900:1100] = False
+    reference = np.where(usable[0], reference, 1e4)
+    series = np.where(usable[1], series, -1e5)
+    lag = best_lag(reference, series, usable, 200)
+    assert lag is not None
+    assert (lag.samples, lag.at_edge) == (-37, False)
+    assert lag.correlation > 0.95
+
+
+def test_noise_does_not_move_the_peak() -> None:
+    reference, series = _series(2, 3000, 88)
+    series = series + 0.3 * series.std() * np.random.default_rng(3).normal(size=3000)
+    lag = best_lag(reference, series, np.ones((2, 3000), dtype=bool), 200)
+    assert lag is not None
+    assert abs(lag.samples - 88) <= 1
+    assert 0.8 < lag.correlation < 1.0
+
+
+def test_a_shift_beyond_the_search_is_no_clear_peak() -> None:
+    reference, series = _series(4, 3000, 300)
+    lag = best_lag(reference, series, np.ones((2, 3000), dtype=bool), 200)
+    assert lag is not None
+    assert lag.correlation < 0.5
+
+
+def test_the_best_shift_at_the_edge_is_said() -> None:
+    t = np.linspace(-1, 1, 800)
+    lag = best_lag(
+        np.exp(-((t / 0.2) ** 2)),
+        np.exp(-(((t - 0.3) / 0.2) ** 2)),
+        np.ones((2, 800), dtype=bool),
+        60,
+    )
+    assert lag is not None
+    assert (lag.samples, lag.at_edge) == (60, True)
+
+
+def test_a_constant_has_no_lag() -> None:
+    reference, _ = _series(5, 500, 0)
+    assert best_lag(reference, np.full(500, 2.0), np.ones((2, 500), dtype=bool), 50) is None
+    nothing = np.zeros((2, 500), dtype=bool)
+    assert best_lag(reference, reference, nothing, 50) is None

@@ -1,0 +1,82 @@
+"""Spikes the test put in, and signals in which there are none."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from imucalib_cli.signals.spikes import deviation_from_neighbours, find_spikes
+
+Floats = NDArray[np.float64]
+
+
+def _smooth(n: int = 12000, rate: float = 200.0) -> Floats:
+    """Motion of about a second per move, peaks of a few m/s²."""
+    t = np.arange(n) / rate
+    rng = np.random.default_rng(0)
+    knots = np.arange(-1.0, t[-1] + 2.0, 0.5)
+    return np.asarray(CubicSpline(knots, rng.normal(scale=4.0, size=(len(knots), 3)))(t))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_scattered_spikes_are_found(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    values = _smooth()
+    values += rng.normal(scale=0.03, size=values.shape)
+    spiked = rng.random(len(values)) < 0.005
+    rows = np.flatnonzero(spiked)
+    values[rows, rng.integers(0, 3, len(rows))] += rng.choice([-1, 1], len(rows)) * 5.0
+    found = find_spikes(values, 0.2)
+    assert (found & spiked).sum() >= 0.98 * spiked.sum()
+    assert (found & ~spiked).sum() <= 0.1 * spiked.sum()
+
+
+def test_neighbouring_spikes_are_found() -> None:
+    rng = np.random.default_rng(4)
+    values = _smooth() + rng.normal(scale=0.03, size=(12000, 3))
+    where = np.array([1000, 1001, 4000, 4001, 4002, 8000, 8002])
+    values[where, 0] += np.array([9.0, 8.0, 9.0, 10.0, 9.5, 9.0, -9.0])
+    assert find_spikes(values, 0.2)[where].all()
+
+
+def test_white_noise_has_next_to_none() -> None:
+    values = np.random.default_rng(5).normal(size=(200_000, 3))
+    assert find_spikes(values, 0.0).sum() <= 2
+
+
+def test_smooth_motion_has_none_even_at_its_corners() -> None:
+    t = np.arange(12000) / 200.0
+    # Starts and stops: acceleration sets in at a corner, 3 m/s² within 0.2 s, and rests between.
+    phase = t % 2.0
+    s = np.clip(phase / 1.0, 0.0, 1.0)
+    quintic = 12.0 * (60 * s - 180 * s**2 + 120 * s**3) / 10.0
+    assert not find_spikes(quintic[:, None], 0.2).any()
+    noisy = quintic + np.random.default_rng(6).normal(scale=0.01, size=len(t))
+    assert find_spikes(noisy[:, None], 0.2).sum() == 0
+
+
+def test_a_long_event_is_no_spike() -> None:
+    rng = np.random.default_rng(7)
+    values = _smooth() + rng.normal(scale=0.03, size=(12000, 3))
+    values[5000:5100, 1] += 30.0 * np.hanning(100)
+    assert not find_spikes(values, 0.2)[5005:5095].any()
+
+
+def test_vibration_while_moving_is_no_spike() -> None:
+    rng = np.random.default_rng(8)
+    values = rng.normal(scale=0.01, size=(12000, 3))
+    values[3000:9000] *= 40.0
+    assert find_spikes(values, 0.02).sum() <= 6
+
+
+def test_deviation_is_blind_to_cubics_and_as_large_as_said_for_noise() -> None:
+    x = np.linspace(-1, 1, 300)
+    cubic = np.stack([x**3 - x, 2 * x**2 + 1], axis=1)
+    np.testing.assert_allclose(deviation_from_neighbours(cubic)[2:-2], 0.0, atol=1e-13)
+    noise = np.random.default_rng(9).normal(size=(100_000, 2))
+    # Weights 1, 4/6 twice, 1/6 twice: sqrt(1 + 2 (16 + 1) / 36).
+    expected = np.sqrt(1 + 34 / 36)
+    assert deviation_from_neighbours(noise).std() == pytest.approx(expected, rel=0.01)
+    assert expected == pytest.approx(1.394, abs=1e-3)
