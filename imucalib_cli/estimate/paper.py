@@ -10,6 +10,7 @@ unknown, so they are filtered once and not at every step; the numbers are the sa
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -126,7 +127,8 @@ def calibrate_paper(imu: ImuSamples, path: KinematicPath, options: PaperOptions)
     warnings = []
     if gaps:
         warnings.append(
-            f"the method assumes a constant rate, the log has {gaps} gaps: prefer --method matched"
+            f"the method assumes a constant rate; the log has {gaps} gaps, each side of which was "
+            "filtered alone: prefer --method matched"
         )
     return Estimate(
         method="paper",
@@ -180,19 +182,28 @@ def prepare_instants(
             "choose a shorter --window"
         )
     R, p = trajectory.poses(t)
+    whole = _stretches(t, length), _stretches(t_imu, length)
 
-    def smooth(values: Floats, order: int, interval: float) -> Floats:
-        return np.asarray(
-            savgol_filter(
-                values, length, options.degree, deriv=order, delta=interval, axis=0, mode="interp"
+    def smooth(values: Floats, order: int, interval: float, stretches: list[slice]) -> Floats:
+        smoothed = np.zeros_like(values)
+        for part in stretches:
+            smoothed[part] = savgol_filter(
+                values[part],
+                length,
+                options.degree,
+                deriv=order,
+                delta=interval,
+                axis=0,
+                mode="interp",
             )
-        )
+        return smoothed
 
     nearest = np.clip(np.searchsorted(t_imu, t), 1, len(t_imu) - 1)
     nearest -= (t - t_imu[nearest - 1] < t_imu[nearest] - t).astype(np.intp)
     flat = R.reshape(-1, 9)
     keep = _steady(p + R @ t_initial, R @ R_initial, dt, options.exclusion_threshold)
-    keep &= (t >= t_imu[0] - dt_imu) & (t <= t_imu[-1] + dt_imu)
+    keep &= np.abs(t_imu[nearest] - t) <= dt_imu
+    keep &= _inside(len(t), whole[0]) & _inside(len(t_imu), whole[1])[nearest]
     if keep.sum() < max(length, 12):
         raise InputError(
             f"{int(keep.sum())} of {len(t)} samples are left after starts and stops are "
@@ -200,15 +211,28 @@ def prepare_instants(
         )
     instants = Instants(
         R=R[keep],
-        R_rate=smooth(flat, 1, dt)[keep].reshape(-1, 3, 3),
-        R_acceleration=smooth(flat, 2, dt)[keep].reshape(-1, 3, 3),
-        p_acceleration=smooth(p, 2, dt)[keep],
-        accel=smooth(accel, 0, dt_imu)[nearest[keep]],
-        gyro=smooth(gyro, 0, dt_imu)[nearest[keep]],
+        R_rate=smooth(flat, 1, dt, whole[0])[keep].reshape(-1, 3, 3),
+        R_acceleration=smooth(flat, 2, dt, whole[0])[keep].reshape(-1, 3, 3),
+        p_acceleration=smooth(p, 2, dt, whole[0])[keep],
+        accel=smooth(accel, 0, dt_imu, whole[1])[nearest[keep]],
+        gyro=smooth(gyro, 0, dt_imu, whole[1])[nearest[keep]],
         excluded=int((~keep).sum()),
     )
     window = Window(samples=length, seconds=(length - 1) * dt, reason="as asked")
     return instants, window, trajectory.gaps + len(gap_breaks(t_imu))
+
+
+def _stretches(t: Floats, length: int) -> list[slice]:
+    """Stretches between gaps that hold a window: a filter over a gap would be no filter."""
+    edges = [0, *gap_breaks(t), len(t)]
+    return [slice(a, b) for a, b in pairwise(edges) if b - a >= length]
+
+
+def _inside(count: int, stretches: list[slice]) -> NDArray[np.bool_]:
+    inside = np.zeros(count, dtype=bool)
+    for part in stretches:
+        inside[part] = True
+    return inside
 
 
 def _ordered(imu: ImuSamples) -> tuple[Floats, Floats, Floats]:
