@@ -89,10 +89,13 @@ def _best_reading(clean: CleanImu, trajectory: Trajectory, options: MatchedOptio
     is not. The stamps alone do not tell which, the residuals do.
     """
     best = _first_attempt(clean, trajectory.with_ticks(trajectory.has_jitter), options)
-    for imu_ticks, robot_ticks in ((False, best.robot_ticks), (best.imu_ticks, False)):
-        if (imu_ticks, robot_ticks) != (best.imu_ticks, best.robot_ticks):
-            other = _next_attempt(clean, best, options, (imu_ticks, robot_ticks))
-            best = min(best, other, key=lambda attempt: attempt.misfit)
+    if best.imu_ticks:
+        other = _next_attempt(clean, best, options, (False, best.robot_ticks))
+        best = min(best, other, key=lambda attempt: attempt.misfit)
+    # Against what the IMU's stamps turned out to be: both streams may be sampled late.
+    if best.robot_ticks:
+        other = _next_attempt(clean, best, options, (best.imu_ticks, False))
+        best = min(best, other, key=lambda attempt: attempt.misfit)
     return best
 
 
