@@ -139,9 +139,9 @@ def _estimate(
         samples_replaced=clean.spikes,
         gaps=fit.windowing.grid.gaps + fit.windowing.trajectory.gaps,
     )
-    unobservable = unobservable_directions(P[POSE, POSE], spread.excitation)
+    unobservable = unobservable_directions(P[POSE, POSE], spread.excitation[POSE, POSE])
     estimated_offset = bool(fit.unknowns.free[DTAU])
-    timed = bool(P[DTAU, DTAU] < _OFFSET_LIMIT**2)
+    timed = bool(max(P[DTAU, DTAU], spread.excitation[DTAU, DTAU]) < _OFFSET_LIMIT**2)
     warnings = _warnings(attempt, clean, spread)
     if estimated_offset and not timed:
         warnings.append("the motion does not determine the time offset; the value is a guess")

@@ -42,8 +42,8 @@ class Uncertainty:
     covariance: Floats
     """(TANGENT, TANGENT); zero rows where a component is not free."""
     excitation: Floats
-    """(6, 6), covariance of the pose as the motion allows it: with the residuals at the level of
-    a common IMU or their own, whichever is larger. Tells little motion from little noise."""
+    """(TANGENT, TANGENT), covariance as the motion allows it: with the residuals at the level of a
+    common IMU or their own, whichever is larger. Tells little motion from little noise."""
     from_segments: bool
     """Segments disagree by more than noise explains, and the covariance was widened to cover it."""
     segment_chi2: float
@@ -116,7 +116,7 @@ def _embed(covariance: Floats, free: Indices) -> Floats:
 
 
 def _excitation(fit: Fit, free: Indices, prior: Floats) -> Floats:
-    """What the pose's covariance would be with ordinary noise: a property of the motion."""
+    """What the covariance would be with ordinary noise: a property of the motion."""
     plan = fit.windowing.plan
     scales = tuple(max(s, f) for s, f in zip(fit.scales, (5 * f for f in SCALE_FLOOR), strict=True))
     J = _spectrum(fit, free, scales).J
@@ -134,7 +134,7 @@ def _excitation(fit: Fit, free: Indices, prior: Floats) -> Floats:
     values, vectors = np.linalg.eigh(information * np.outer(unit, unit))
     scaled = vectors * unit[:, None]
     covariance = (scaled / (np.maximum(values, 0.0) + 1.0)) @ scaled.T
-    return _embed(covariance, free)[POSE, POSE]
+    return _embed(covariance, free)
 
 
 def _segment_scatter(
