@@ -1,0 +1,64 @@
+"""Truncation: the error on noise-free logs, over windows, of both methods.
+
+    python benchmarks/accuracy.py
+
+The physics engine is the truth. What is left of the matched method is the error of integrating
+samples; of the published one, the truncation of its filters. The published method is given the
+true pose as its initial guess and no sample is excluded.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from common import clean_recording
+
+from imucalib_cli.estimate.matched import calibrate_matched
+from imucalib_cli.estimate.options import MatchedOptions, PaperOptions, WindowChoice
+from imucalib_cli.estimate.paper import calibrate_paper
+from imucalib_cli.simulate.options import PhysicsOptions
+from imucalib_cli.study.trial import error_of, streams_of
+
+WINDOWS = (0.02, 0.05, 0.1, 0.2, 0.3, 0.5)
+
+
+def main() -> None:
+    """Print a table for each system."""
+    for system, rate in (("rihibot", 500.0), ("rihibot", 100.0), ("barbot", 250.0)):
+        clean = clean_recording(system, PhysicsOptions(imu_rate=rate, robot_rate=rate))
+        imu, path = streams_of(clean)
+        still = not clean.gravity_world.any()
+        print(f"\n{system}, {rate:.0f} Hz")
+        print("| window s | matched mm | matched deg | paper mm | paper deg |")
+        print("|---|---|---|---|---|")
+        for seconds in WINDOWS:
+            window = WindowChoice(seconds=seconds)
+            ours = error_of(
+                calibrate_matched(
+                    imu, path, MatchedOptions(window=window, gravity="none" if still else "tilt")
+                ),
+                clean,
+            )
+            theirs = error_of(
+                calibrate_paper(
+                    imu,
+                    path,
+                    PaperOptions(
+                        window=window,
+                        exclusion_threshold=0.0,
+                        R_initial=clean.R_parent_imu,
+                        t_initial=clean.t_parent_imu,
+                        gravity_norm=float(np.linalg.norm(clean.gravity_world)),
+                    ),
+                ),
+                clean,
+            )
+            print(
+                f"| {seconds} | {ours.translation_norm * 1e3:.6f} | "
+                f"{np.degrees(ours.rotation_angle):.7f} | {theirs.translation_norm * 1e3:.4f} | "
+                f"{np.degrees(theirs.rotation_angle):.5f} |",
+                flush=True,
+            )
+
+
+if __name__ == "__main__":
+    main()
