@@ -58,7 +58,7 @@ class Fit:
     weights: Floats
     """(W,), robust weight of each window."""
     scales: tuple[float, float]
-    """Residual scale of the accelerometer, m/s², and the gyroscope, rad/s."""
+    """Residual scale of the accelerometer, m/s², and the gyroscope, rad/s, of a window."""
     unknowns: Unknowns
     solution: Solution
     runner_up_rise: float
@@ -108,7 +108,7 @@ def fit_windows(
     rows = _rows(windowing, time_offset)
     scales, runner_up = _FIRST_SCALES, None
     if start is None:
-        normal = _normal(rows, np.ones(len(rows.centres)), windowing.grid.dt, scales)
+        normal = _normal(rows, np.ones(len(rows.centres)), windowing, scales)
         found = solve_globally(normal, still)
         start, runner_up = found.state, found.runner_up
     state = start
@@ -118,12 +118,12 @@ def fit_windows(
         weights = np.ones(len(rows.centres))
         for reweight in range(_REWEIGHTS):
             scales = residual_scales(rows, state.vector())
-            state = refine(_normal(rows, weights, windowing.grid.dt, scales), still, state).state
+            state = refine(_normal(rows, weights, windowing, scales), still, state).state
             weights = window_weights(rows, state.vector(), redescend=turn + reweight > 0)
         if not moving.free[DTAU]:
             break
         _set_offset_column(windowing, time_offset, rows, state)
-        joint = refine(_normal(rows, weights, windowing.grid.dt, scales), moving, state)
+        joint = refine(_normal(rows, weights, windowing, scales), moving, state)
         step, information = joint.state.tau, joint.information[DTAU, DTAU]
         # The column is linear only nearby: what a step leaves is quadratic in it.
         reach = 0.5 * windowing.plan.length * windowing.grid.dt
@@ -132,13 +132,13 @@ def fit_windows(
             break
         time_offset += float(np.clip(step, -reach, reach))
         state = replace(joint.state, tau=0.0)
-    normal = _normal(rows, weights, windowing.grid.dt, scales)
+    normal = _normal(rows, weights, windowing, scales)
     solution = refine(normal, moving, state)
     rise = np.inf
     if runner_up is not None:
         other = refine(normal, moving, runner_up)
         if rotation_angle(other.state.R.T @ solution.state.R) > SAME_ROTATION:
-            rise = (other.cost - solution.cost) / windowing.plan.overlap
+            rise = other.cost - solution.cost
     return Fit(
         windowing=windowing,
         rows=rows,
@@ -164,9 +164,13 @@ def _rows(windowing: Windowing, time_offset: float) -> WindowRows:
     return windowing.rows(time_offset, centres)
 
 
-def _normal(rows: WindowRows, weights: Floats, dt: float, scales: tuple[float, float]) -> Floats:
-    block = ((rows.centres - rows.centres[0]) * dt // BLOCK_SECONDS).astype(np.intp)
-    return block_statistics(rows, weights, block).normal_matrix(*scales)
+def _normal(
+    rows: WindowRows, weights: Floats, windowing: Windowing, scales: tuple[float, float]
+) -> Floats:
+    seconds = (rows.centres - rows.centres[0]) * windowing.grid.dt
+    statistics = block_statistics(rows, weights, (seconds // BLOCK_SECONDS).astype(np.intp))
+    accel, gyro = windowing.plan.noise_gains
+    return statistics.normal_matrix(scales[0] / accel, scales[1] / gyro)
 
 
 def _set_offset_column(

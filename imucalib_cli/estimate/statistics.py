@@ -54,5 +54,5 @@ def block_statistics(rows: WindowRows, weights: Floats, block: NDArray[np.intp])
         for rows_of, total in ((rows.accel, accel), (rows.gyro, gyro)):
             flat = (rows_of[part] * root).reshape(-1, columns.COUNT)
             total[index] = flat.T @ flat
-    sums = np.add.reduceat(weights, edges[:-1]) if count else np.zeros(0)
+    sums = np.bincount(block, weights, count)
     return BlockStatistics(accel, gyro, sums)

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.estimate.covariance import ScoreSpectrum, kernel_response
-from imucalib_cli.estimate.robust import SCALE_FLOOR
 from imucalib_cli.estimate.solve import DPHI, DT, DTILT, POSE, TANGENT
 from imucalib_cli.estimate.window_choice import kinematic_noise, second_derivative_gain
 
@@ -19,6 +18,8 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
+COMMON_SCALE = (1e-3, 5e-5)
+"""m/s² and rad/s: residuals of a window that an ordinary IMU would leave."""
 _SEGMENTS = 8
 _SEGMENT_SECONDS = 4.0
 """Shortest segment worth comparing: a few moves."""
@@ -55,8 +56,7 @@ class Uncertainty:
 def uncertainty(fit: Fit) -> Uncertainty:
     """Propagate noise of any colour through the fit, and widen it where segments disagree."""
     free = np.flatnonzero(fit.unknowns.free)
-    scales = tuple(max(s, 1e-12) for s in fit.scales)
-    spectrum = _spectrum(fit, free, scales)
+    spectrum = _spectrum(fit, free, fit.scales)
     prior = (fit.unknowns.prior_information + _bounded_priors())[free]
     gram = _gram(spectrum.J)
     inverse = _inverse(gram + np.diag(prior))
@@ -75,16 +75,18 @@ def uncertainty(fit: Fit) -> Uncertainty:
     )
 
 
-def _spectrum(fit: Fit, free: Indices, scales: tuple[float, ...]) -> ScoreSpectrum:
+def _spectrum(fit: Fit, free: Indices, scales: tuple[float, float]) -> ScoreSpectrum:
+    """Rows and residuals weighted as the solve weights them, for given residual scales."""
     state, plan = fit.solution.state, fit.windowing.plan
+    scale_a, scale_g = (s / gain for s, gain in zip(scales, plan.noise_gains, strict=True))
     tangent = state.jacobian()[:, free]
     root = np.sqrt(fit.weights)[:, None]
     accel, gyro = fit.rows.residuals(state.vector())
     kept = np.flatnonzero(fit.weights > 0.0)
     J = np.concatenate(
-        [fit.rows.accel @ tangent / scales[0], fit.rows.gyro @ tangent / scales[1]], axis=1
+        [fit.rows.accel @ tangent / scale_a, fit.rows.gyro @ tangent / scale_g], axis=1
     )
-    e = np.concatenate([accel / scales[0], gyro / scales[1]], axis=1)
+    e = np.concatenate([accel / scale_a, gyro / scale_g], axis=1)
     return ScoreSpectrum(
         J=(J * root[:, :, None])[kept],
         e=(e * root)[kept],
@@ -118,17 +120,18 @@ def _embed(covariance: Floats, free: Indices) -> Floats:
 def _excitation(fit: Fit, free: Indices, prior: Floats) -> Floats:
     """What the covariance would be with ordinary noise: a property of the motion."""
     plan = fit.windowing.plan
-    scales = tuple(max(s, f) for s, f in zip(fit.scales, (5 * f for f in SCALE_FLOOR), strict=True))
-    J = _spectrum(fit, free, scales).J
+    taken = (max(fit.scales[0], COMMON_SCALE[0]), max(fit.scales[1], COMMON_SCALE[1]))
+    J = _spectrum(fit, free, taken).J
     # Noise in a regressor looks like motion: the measurements' in the rotation's, the encoders'
     # in the lever arm's. Twice what is expected is taken off.
     noise = np.zeros(TANGENT)
-    for actual, taken in zip(fit.scales, scales, strict=True):
-        noise[DPHI] += 2.0 * (actual / taken) ** 2
+    for actual, scale, gain in zip(fit.scales, taken, plan.noise_gains, strict=True):
+        noise[DPHI] += 2.0 * (actual * gain / scale) ** 2
     rotation, _ = kinematic_noise(fit.windowing.trajectory)
     seconds = plan.length * fit.windowing.grid.dt
-    noise[DT] += second_derivative_gain(seconds) * rotation / 3.0 / scales[0] ** 2
-    information = (_gram(J) - 2.0 * len(J) * np.diag(noise[free])) / plan.overlap
+    gain = plan.noise_gains[0] / taken[0]
+    noise[DT] += second_derivative_gain(seconds) * rotation / 3.0 * gain**2
+    information = _gram(J) - 2.0 * len(J) * np.diag(noise[free])
     # In units of the priors nothing can be known less than they say.
     unit = 1.0 / np.sqrt(prior)
     values, vectors = np.linalg.eigh(information * np.outer(unit, unit))

@@ -147,4 +147,6 @@ def _lever_power(grid: ImuGrid, trajectory: Trajectory, degree: int) -> float:
     first = np.arange(0, len(t) - length, length)
     holes = np.concatenate([[0], np.cumsum(~covered)])
     first = first[holes[first + length] == holes[first]]
+    if len(first) == 0:
+        return 0.0
     return float(np.mean((convolve_at(poses, pair.derivative, first) ** 2).sum(axis=1)))

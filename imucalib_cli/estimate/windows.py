@@ -48,9 +48,18 @@ class WindowPlan:
     second_derivative: MatchedFilter
 
     @property
-    def overlap(self) -> float:
-        """How often overlapping windows count each bit of noise."""
-        return max(0.75 * self.length / self.hop, 1.0)
+    def noise_gains(self) -> tuple[float, float]:
+        """Residual scale of accelerometer and gyroscope over the scale to weight windows by.
+
+        A window averages its samples' white noise, and stands for as many samples as lie between
+        it and the next. Weighted so, overlapping windows count every sample once, and the two
+        sensors by the densities of their noise, whatever their kernels let through.
+        """
+        accel, gyro = (
+            float(np.linalg.norm(pair.average) * np.sqrt(self.hop))
+            for pair in (self.second_derivative, self.first_derivative)
+        )
+        return accel, gyro
 
 
 def plan_windows(length: int, degree: int, dt: float) -> WindowPlan:
