@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import os
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache, partial
+from typing import TYPE_CHECKING
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
@@ -17,8 +18,11 @@ from imucalib_cli.simulate.load import load_grade, load_system
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
 from imucalib_cli.simulate.physics import record
-from imucalib_cli.simulate.recording import Recording
 from imucalib_cli.study.trial import error_of, nees, robot_of, streams_of
+
+if TYPE_CHECKING:
+    from imucalib_cli.robot.urdf import Robot
+    from imucalib_cli.simulate.recording import Recording
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,7 +32,7 @@ class Case:
     name: str
     physics: PhysicsOptions
     noise: NoiseOptions
-    options: MatchedOptions = MatchedOptions()
+    options: MatchedOptions = field(default_factory=MatchedOptions)
     system: str = "rihibot"
 
 
@@ -58,7 +62,6 @@ def run_trial(case: Case, seed: int) -> Trial:
     imu, path = streams_of(noisy, _robot(case.system))
     estimate = calibrate_matched(imu, path, case.options)
     error = error_of(estimate, noisy)
-    assert estimate.covariance is not None
     ratios = [
         float(np.mean(((bias - true.mean(axis=0)) / std) ** 2))
         for bias, std, true in (
@@ -68,7 +71,7 @@ def run_trial(case: Case, seed: int) -> Trial:
     ]
     return Trial(
         pose=tuple(error.pose),
-        nees=nees(error.pose, estimate.covariance),
+        nees=nees(error.pose, np.asarray(estimate.covariance)),
         offset=error.time_offset,
         offset_nees=(error.time_offset / (estimate.time_offset_std or np.inf)) ** 2,
         bias_nees=(ratios[0], ratios[1]),
@@ -78,7 +81,7 @@ def run_trial(case: Case, seed: int) -> Trial:
 
 
 @cache
-def _robot(system: str):
+def _robot(system: str) -> Robot | None:
     config = load_system(system)
     return robot_of(config) if config.arm is not None else None
 

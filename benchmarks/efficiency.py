@@ -13,11 +13,25 @@ from __future__ import annotations
 import argparse
 
 import numpy as np
-from common import Case, clean_recording, grade, run_trials, sample_std
+from common import Case, Trial, clean_recording, grade, run_trials, sample_std
 
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.simulate.options import PhysicsOptions
-from imucalib_cli.study.bound import cramer_rao
+from imucalib_cli.study.bound import Bound, cramer_rao
+
+HEADER = (
+    "case",
+    "mm",
+    "ratio",
+    "deg",
+    "ratio",
+    "offset ratio",
+    "NEES",
+    "NEES offset",
+    "accel bias",
+    "gyro bias",
+    "widened",
+)
 
 
 def cases() -> list[Case]:
@@ -84,32 +98,39 @@ def main() -> None:
     parser.add_argument("--only", default="", help="cases whose name contains this")
     arguments = parser.parse_args()
     print(f"{arguments.seeds} seeds; ratios are RMS error / bound")
-    print(
-        "| case | mm | ratio | deg | ratio | offset ratio | NEES | NEES offset | accel bias | gyro bias | widened |"
-    )
-    print("|---|---|---|---|---|---|---|---|---|---|---|")
+    print(f"| {' | '.join(HEADER)} |")
+    print("|---" * len(HEADER) + "|")
     for case in cases():
         if arguments.only not in case.name:
             continue
         clean = clean_recording(case.system, case.physics)
         bound = cramer_rao(clean, *sample_std(case.noise, case.physics.imu_rate or 0.0))
         trials = run_trials(case, arguments.seeds)
-        pose = np.array([trial.pose for trial in trials])
-        mm = np.sqrt((pose[:, :3] ** 2).sum(axis=1).mean())
-        rad = np.sqrt((pose[:, 3:] ** 2).sum(axis=1).mean())
-        offset = np.sqrt(np.mean([trial.offset**2 for trial in trials]))
-        scores = [trial.nees for trial in trials]
-        spread = np.std(scores) / np.sqrt(len(scores))
-        bias = np.mean([trial.bias_nees for trial in trials], axis=0)
-        widened = np.mean([trial.from_segments for trial in trials])
-        print(
-            f"| {case.name} | {mm * 1e3:.4f} | {mm / bound.translation:.2f} | "
-            f"{np.degrees(rad):.5f} | {rad / bound.rotation:.2f} | {offset / bound.time_offset:.2f} | "
-            f"{np.mean(scores):.2f} ± {spread:.2f} | "
-            f"{np.mean([trial.offset_nees for trial in trials]):.2f} | {bias[0]:.2f} | {bias[1]:.2f} | "
-            f"{widened:.0%} |",
-            flush=True,
-        )
+        print(row(case.name, trials, bound), flush=True)
+
+
+def row(name: str, trials: list[Trial], bound: Bound) -> str:
+    """One line of the table."""
+    pose = np.array([trial.pose for trial in trials])
+    distance = np.sqrt((pose[:, :3] ** 2).sum(axis=1).mean())
+    angle = np.sqrt((pose[:, 3:] ** 2).sum(axis=1).mean())
+    offset = np.sqrt(np.mean([trial.offset**2 for trial in trials]))
+    scores = [trial.nees for trial in trials]
+    bias = np.mean([trial.bias_nees for trial in trials], axis=0)
+    cells = [
+        name,
+        f"{distance * 1e3:.4f}",
+        f"{distance / bound.translation:.2f}",
+        f"{np.degrees(angle):.5f}",
+        f"{angle / bound.rotation:.2f}",
+        f"{offset / bound.time_offset:.2f}",
+        f"{np.mean(scores):.2f} ± {np.std(scores) / np.sqrt(len(scores)):.2f}",
+        f"{np.mean([trial.offset_nees for trial in trials]):.2f}",
+        f"{bias[0]:.2f}",
+        f"{bias[1]:.2f}",
+        f"{np.mean([trial.from_segments for trial in trials]):.0%}",
+    ]
+    return f"| {' | '.join(cells)} |"
 
 
 if __name__ == "__main__":
