@@ -55,4 +55,4 @@ def block_statistics(rows: WindowRows, weights: Floats, block: NDArray[np.intp])
             flat = (rows_of[part] * root).reshape(-1, columns.COUNT)
             total[index] = flat.T @ flat
     sums = np.bincount(block, weights, count)
-    return BlockStatistics(accel, gyro, sums)
+    return BlockStatistics(accel, gyro, sums.astype(np.float64))

@@ -5,11 +5,12 @@ Which directions are hidden is geometry: the axis of all rotation, from pinocchi
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from imucalib_cli.estimate.estimate import Estimate, UnobservableDirection
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions
 from tests.estimate.estimate_arm import (
@@ -20,6 +21,9 @@ from tests.estimate.estimate_arm import (
     parent_motion,
     rotation_error,
 )
+
+if TYPE_CHECKING:
+    from imucalib_cli.estimate.estimate import Estimate, UnobservableDirection
 
 Floats = NDArray[np.float64]
 
@@ -81,7 +85,8 @@ def assert_covers(estimate: Estimate, log: Log) -> None:
     sigma = np.sqrt(np.diag(estimate.covariance))
     assert np.all(np.abs(estimate.t_parent_imu - log.mount.t) < 4 * sigma[:3] + 1e-6)
     values = np.linalg.eigvalsh(estimate.covariance)
-    assert values[0] > -1e-12 * values[-1]
+    # Ten metres squared beside squared micrometres: the difference is rounding.
+    assert values[0] > -1e-10 * values[-1]
 
 
 @NOISY

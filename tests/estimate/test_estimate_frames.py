@@ -1,0 +1,117 @@
+"""Metamorphic: turn the world, the parent frame or the IMU, and the answer turns with it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from imucalib_cli.estimate.matched import calibrate_matched
+from imucalib_cli.estimate.options import MatchedOptions
+from imucalib_cli.robot.path import FixedStep
+from tests.estimate.estimate_arm import GRAVITY, MEMS, Log, make_log, rotation_error
+
+if TYPE_CHECKING:
+    from imucalib_cli.estimate.estimate import Estimate
+
+Floats = NDArray[np.float64]
+
+TURN = Rotation.from_rotvec([0.7, -1.1, 0.4]).as_matrix()
+SHIFT = np.array([0.3, -0.2, 0.5])
+
+
+@pytest.fixture(scope="module")
+def log() -> Log:
+    return make_log().noisy(3)
+
+
+def calibrate(log: Log, **options: float) -> Estimate:
+    return calibrate_matched(log.imu, log.path, MatchedOptions(**options))  # type: ignore[arg-type]
+
+
+@pytest.fixture(scope="module")
+def plain(log: Log) -> Estimate:
+    return calibrate(log)
+
+
+def covariance(estimate: Estimate) -> Floats:
+    assert estimate.covariance is not None
+    return estimate.covariance
+
+
+def sigma(estimate: Estimate) -> Floats:
+    return np.asarray(np.sqrt(np.diag(covariance(estimate))))
+
+
+def test_where_the_world_frame_is_does_not_matter(log: Log, plain: Estimate) -> None:
+    steps = (FixedStep(R=TURN, p=SHIFT), *log.path.steps)
+    turned = calibrate(replace(log, path=replace(log.path, steps=steps)))
+    shift = turned.t_parent_imu - plain.t_parent_imu
+    assert np.all(np.abs(shift) < 1e-4 * sigma(plain)[:3])
+    turn = rotation_error(turned.R_parent_imu, plain.R_parent_imu)
+    assert np.all(np.abs(turn) < 1e-4 * sigma(plain)[3:])
+    np.testing.assert_allclose(covariance(turned), covariance(plain), rtol=1e-3, atol=1e-15)
+    np.testing.assert_allclose(turned.gravity_world, TURN @ plain.gravity_world, atol=1e-6)
+
+
+def test_another_parent_frame_re_expresses_pose_and_covariance(log: Log, plain: Estimate) -> None:
+    """The tangent is the parent frame's: both blocks turn with it, and nothing mixes."""
+    steps = (*log.path.steps, FixedStep(R=TURN, p=SHIFT))
+    moved = calibrate(replace(log, path=replace(log.path, steps=steps)))
+    t = TURN @ moved.t_parent_imu + SHIFT
+    # Scales are medians over axes, so the weights differ a little: far less than sigma.
+    assert np.all(np.abs(t - plain.t_parent_imu) < 0.1 * sigma(plain)[:3])
+    turn = rotation_error(TURN @ moved.R_parent_imu, plain.R_parent_imu)
+    assert np.all(np.abs(turn) < 0.1 * sigma(plain)[3:])
+    both = np.kron(np.eye(2), TURN)
+    expected = both.T @ covariance(plain) @ both
+    scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
+    np.testing.assert_allclose(covariance(moved) / scale, expected / scale, atol=0.06)
+
+
+def test_another_imu_frame_turns_the_rotation_and_the_biases(log: Log, plain: Estimate) -> None:
+    turned = calibrate(log.with_imu(log.imu.t, log.imu.gyro @ TURN, log.imu.accel @ TURN))
+    np.testing.assert_allclose(turned.R_parent_imu, plain.R_parent_imu @ TURN, atol=1e-8)
+    np.testing.assert_allclose(turned.t_parent_imu, plain.t_parent_imu, atol=1e-8)
+    np.testing.assert_allclose(turned.accel_bias, TURN.T @ plain.accel_bias, atol=1e-7)
+    np.testing.assert_allclose(turned.gyro_bias, TURN.T @ plain.gyro_bias, atol=1e-9)
+    np.testing.assert_allclose(covariance(turned), covariance(plain), rtol=1e-5, atol=1e-15)
+    assert turned.accel_bias_std is not None
+    assert np.all(turned.accel_bias_std > 0)
+
+
+def test_sigma_scales_with_the_noise() -> None:
+    quiet, loud = make_log().noisy(4), make_log().noisy(4, (4 * MEMS[0], 4 * MEMS[1]))
+    one, other = calibrate(quiet), calibrate(loud)
+    np.testing.assert_allclose(sigma(other) / sigma(one), 4.0, rtol=0.05)
+
+
+def test_when_the_log_began_does_not_matter(log: Log, plain: Estimate) -> None:
+    track = log.path.tracks[0]
+    path = replace(log.path, tracks=(replace(track, t=track.t + 4096.0),))
+    imu = replace(log.imu, t=log.imu.t + 4096.0)
+    later = calibrate(replace(log, path=path, imu=imu))
+    np.testing.assert_allclose(later.t_parent_imu, plain.t_parent_imu, atol=1e-7)
+    assert later.time_offset == pytest.approx(plain.time_offset, abs=1e-8)
+
+
+def test_units_of_gravity_follow_the_norm_told() -> None:
+    """Everything measured in other units of length is the same answer in those units."""
+    log = make_log().noisy(5)
+    one = calibrate(log)
+    steps = tuple(
+        replace(step, p=3.0 * step.p) if isinstance(step, FixedStep) else step
+        for step in log.path.steps
+    )
+    longer = replace(
+        log.with_imu(log.imu.t, log.imu.gyro, 3.0 * log.imu.accel),
+        path=replace(log.path, steps=steps),
+    )
+    other = calibrate(longer, gravity_norm=3.0 * GRAVITY)
+    assert np.all(np.abs(other.t_parent_imu / 3.0 - one.t_parent_imu) < 0.1 * sigma(one)[:3])
+    np.testing.assert_allclose(sigma(other)[:3] / 3.0, sigma(one)[:3], rtol=0.05)
+    np.testing.assert_allclose(sigma(other)[3:], sigma(one)[3:], rtol=0.05)

@@ -1,0 +1,95 @@
+"""A wrong model widens sigma; a contact drops out; a wrong everything is not trusted."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from imucalib_cli.estimate.matched import calibrate_matched
+from imucalib_cli.estimate.options import MatchedOptions
+from tests.estimate.estimate_arm import (
+    INDUSTRIAL,
+    LINKS,
+    Log,
+    Moves,
+    make_log,
+    rotation_error,
+)
+
+if TYPE_CHECKING:
+    from imucalib_cli.estimate.estimate import Estimate
+
+Floats = NDArray[np.float64]
+
+
+def stretched(link: int, by: float = 1.01) -> tuple[tuple[float, float, float], ...]:
+    """One link longer than it is."""
+    x, z, turn = LINKS[link]
+    return (*LINKS[:link], (by * x, z, turn), *LINKS[link + 1 :])
+
+
+def calibrate(log: Log) -> Estimate:
+    return calibrate_matched(log.imu, log.path, MatchedOptions())
+
+
+def error_of(estimate: Estimate, log: Log) -> Floats:
+    rotation = rotation_error(estimate.R_parent_imu, log.mount.R)
+    return np.concatenate([estimate.t_parent_imu - log.mount.t, rotation])
+
+
+def sigma(estimate: Estimate) -> Floats:
+    assert estimate.covariance is not None
+    return np.asarray(np.sqrt(np.diag(estimate.covariance)))
+
+
+@pytest.mark.parametrize("link", [1, 2])
+@pytest.mark.parametrize("seed", range(4))
+def test_a_link_one_percent_long_widens_sigma(link: int, seed: int) -> None:
+    moves = Moves(seed=seed, seconds=40.0)
+    right = make_log(moves).noisy(seed, INDUSTRIAL)
+    wrong = replace(right, path=make_log(moves, links=stretched(link)).path)
+    told, honest = calibrate(wrong), calibrate(right)
+    assert honest.sigma_source == "noise"
+    assert np.all(np.abs(error_of(honest, right)) < 4 * sigma(honest))
+    assert told.sigma_source == "segments"
+    assert any("kinematic model" in warning for warning in told.warnings)
+    # Noise alone would state a tenth of it: the error is 20 to 60 of those sigmas.
+    error = np.linalg.norm(error_of(told, wrong)[:3])
+    assert error > 10 * np.linalg.norm(sigma(honest)[:3])
+    assert error < 3 * np.linalg.norm(sigma(told)[:3])
+    assert np.linalg.norm(sigma(told)[:3]) > 5 * np.linalg.norm(sigma(honest)[:3])
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_contact_drops_out(seed: int) -> None:
+    log = make_log(Moves(seconds=30.0)).noisy(seed)
+    rng = np.random.default_rng(seed)
+    touched = (log.imu.t > 12.0) & (log.imu.t < 12.5)
+    accel = log.imu.accel.copy()
+    accel[touched] += 30.0 * rng.normal(size=(int(touched.sum()), 3))
+    spoiled = calibrate(log.with_imu(log.imu.t, log.imu.gyro, accel))
+    whole = calibrate(log)
+    assert spoiled.trusted
+    assert np.all(np.abs(error_of(spoiled, log) - error_of(whole, log)) < 0.5 * sigma(whole))
+    np.testing.assert_allclose(sigma(spoiled), sigma(whole), rtol=0.15)
+    # Half a second and a window, in steps of an eighth of the window.
+    assert 20 <= spoiled.residuals.windows_dropped <= 40
+    assert whole.residuals.windows_dropped <= 2
+
+
+def test_the_wrong_link_is_not_trusted() -> None:
+    """The IMU sits on the flange, the URDF is told the forearm."""
+    log = make_log().noisy(0)
+    forearm = replace(log.path, steps=log.path.steps[:6])
+    estimate = calibrate(replace(log, path=forearm))
+    assert any("does not explain the gyroscope" in reason for reason in estimate.distrust)
+
+
+def test_the_wrong_unit_of_acceleration_is_not_trusted() -> None:
+    log = make_log().noisy(0)
+    estimate = calibrate(log.with_imu(log.imu.t, log.imu.gyro, log.imu.accel / 9.80665))
+    assert not estimate.trusted

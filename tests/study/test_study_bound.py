@@ -1,0 +1,202 @@
+"""The Cramér-Rao bound against brute force: readings re-simulated by pinocchio, differenced."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from numpy.typing import NDArray
+from scipy.interpolate import make_interp_spline
+from scipy.spatial.transform import Rotation
+
+from imucalib_cli.estimate.matched import calibrate_matched
+from imucalib_cli.estimate.options import MatchedOptions
+from imucalib_cli.simulate.load import load_system
+from imucalib_cli.simulate.noise import corrupt
+from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
+from imucalib_cli.simulate.physics import record
+from imucalib_cli.simulate.urdf import urdf_text
+from imucalib_cli.study.bound import Bound, Unknown, cramer_rao
+from imucalib_cli.study.trial import error_of, nees, robot_of, streams_of
+
+if TYPE_CHECKING:
+    from imucalib_cli.simulate.recording import Recording
+
+Floats = NDArray[np.float64]
+
+ACCEL, GYRO = 0.03, 0.002
+"""Standard deviations of a sample, m/s² and rad/s."""
+
+
+@pytest.fixture(scope="module")
+def arm() -> Recording:
+    physics = PhysicsOptions(
+        duration=9.0,
+        imu_rate=250.0,
+        robot_rate=250.0,
+        base_tilt=(0.03, -0.05),
+        mount_xyz=(0.02, -0.07, 0.04),
+        mount_rpy=(0.3, -1.1, 2.0),
+    )
+    return record(load_system("rihibot"), physics)
+
+
+class Brute:
+    """Readings as a function of all 15 unknowns, by pinocchio; Fisher information by differences.
+
+    The motion is a quintic spline through the engine's joint positions, so that it can be taken a
+    little earlier or later.
+    """
+
+    def __init__(self, recording: Recording) -> None:
+        self.recording = recording
+        self.model = pin.buildModelFromXML(urdf_text(recording.system))
+        self.frame = self.model.getFrameId(recording.system.parent)
+        state = recording.state
+        self.spline = make_interp_spline(state.t, state.position, k=5)
+        self.t = recording.imu.t[2:-2]
+
+    def readings(self, x: Floats) -> Floats:
+        """Of t, phi, accel bias, gyro bias, tilt, time offset about the truth, (6 N,)."""
+        r = self.recording
+        t_imu = self.t - x[14]
+        R_fs = Rotation.from_rotvec(x[3:6]).as_matrix() @ r.R_parent_imu
+        place = pin.SE3(R_fs, r.t_parent_imu + x[:3])
+        tilt = Rotation.from_rotvec([x[12], x[13], 0.0])
+        up = -tilt.apply(r.gravity_world)
+        data = self.model.createData()
+        out = np.empty((len(t_imu), 6))
+        q, v, a = (self.spline(t_imu, order) for order in range(3))
+        for k in range(len(t_imu)):
+            pin.forwardKinematics(self.model, data, q[k], v[k], a[k])
+            pin.updateFramePlacement(self.model, data, self.frame)
+            velocity = pin.getFrameVelocity(self.model, data, self.frame, pin.LOCAL)
+            spatial = pin.getFrameAcceleration(self.model, data, self.frame, pin.LOCAL)
+            velocity, spatial = place.actInv(velocity), place.actInv(spatial)
+            R_ws = data.oMf[self.frame].rotation @ R_fs
+            linear = spatial.linear + np.cross(velocity.angular, velocity.linear)
+            out[k, :3] = linear + R_ws.T @ up + x[6:9]
+            out[k, 3:] = velocity.angular + x[9:12]
+        return np.asarray(out / np.repeat([ACCEL, GYRO], 3)).ravel()
+
+    def covariance(self, used: list[int]) -> Floats:
+        steps = np.array([1e-4] * 14 + [1e-5])
+        J = [
+            (self.readings(steps * e) - self.readings(-steps * e)) / (2 * steps[i])
+            for i, e in enumerate(np.eye(15))
+            if i in used
+        ]
+        flat = np.stack(J, axis=1)
+        scale = 1.0 / np.linalg.norm(flat, axis=0)
+        unit = flat * scale
+        return np.asarray(np.linalg.inv(unit.T @ unit) * np.outer(scale, scale))
+
+
+@pytest.fixture(scope="module")
+def brute(arm: Recording) -> Brute:
+    return Brute(arm)
+
+
+def test_the_brute_force_reads_what_the_engine_reads(arm: Recording, brute: Brute) -> None:
+    found = brute.readings(np.zeros(15)).reshape(-1, 6) * np.repeat([ACCEL, GYRO], 3)
+    inside = slice(10, -10)
+    np.testing.assert_allclose(found[inside, :3], arm.imu.accel[2:-2][inside], atol=5e-3)
+    np.testing.assert_allclose(found[inside, 3:], arm.imu.gyro[2:-2][inside], atol=1e-5)
+
+
+def assert_same_bound(bound: Bound, covariance: Floats) -> None:
+    sigma = np.sqrt(np.diag(covariance)[:6])
+    np.testing.assert_allclose(np.sqrt(np.diag(bound.pose)), sigma, rtol=0.01)
+    unit = np.outer(sigma, sigma)
+    np.testing.assert_allclose(bound.pose / unit, covariance[:6, :6] / unit, atol=0.02)
+
+
+def test_bound_with_every_unknown(arm: Recording, brute: Brute) -> None:
+    bound = cramer_rao(arm, ACCEL, GYRO)
+    expected = brute.covariance(list(range(15)))
+    assert_same_bound(bound, expected)
+    assert bound.time_offset == pytest.approx(np.sqrt(expected[14, 14]), rel=0.01)
+    assert bound.translation == pytest.approx(np.sqrt(np.trace(expected[:3, :3])), rel=0.01)
+    assert bound.rotation == pytest.approx(np.sqrt(np.trace(expected[3:6, 3:6])), rel=0.01)
+
+
+def test_bound_with_the_pose_alone(arm: Recording, brute: Brute) -> None:
+    alone = Unknown(accel_bias=False, gyro_bias=False, tilt=False, time_offset=False)
+    bound = cramer_rao(arm, ACCEL, GYRO, alone)
+    assert_same_bound(bound, brute.covariance(list(range(6))))
+    assert bound.time_offset == 0.0
+
+
+def test_every_unknown_has_its_price(arm: Recording) -> None:
+    known = Unknown(accel_bias=False, gyro_bias=False, tilt=False, time_offset=False)
+    least = cramer_rao(arm, ACCEL, GYRO, known)
+    everything = cramer_rao(arm, ACCEL, GYRO)
+    for one in ("accel_bias", "gyro_bias", "tilt", "time_offset"):
+        bound = cramer_rao(arm, ACCEL, GYRO, replace(known, **{one: True}))
+        for smaller, larger in ((least, bound), (bound, everything)):
+            assert np.linalg.eigvalsh(larger.pose - smaller.pose)[0] > -1e-12 * np.trace(
+                larger.pose
+            )
+        assert np.trace(bound.pose) > np.trace(least.pose)
+
+
+def test_bound_scales_with_the_noise(arm: Recording) -> None:
+    one, two = cramer_rao(arm, ACCEL, GYRO), cramer_rao(arm, 2 * ACCEL, 2 * GYRO)
+    np.testing.assert_allclose(two.pose, 4 * one.pose, rtol=1e-9)
+
+
+def test_a_free_body_has_a_bound_without_tilt() -> None:
+    body = record(
+        load_system("barbot"), PhysicsOptions(duration=40.0, imu_rate=100.0, robot_rate=100.0)
+    )
+    assert not body.gravity_world.any()
+    bound = cramer_rao(body, ACCEL, GYRO)
+    without = cramer_rao(body, ACCEL, GYRO, Unknown(tilt=False))
+    np.testing.assert_allclose(bound.pose, without.pose)
+    imu, path = streams_of(body)
+    assert path.parent == body.robot[0].child  # type: ignore[union-attr]
+    estimate = calibrate_matched(imu, path, MatchedOptions(gravity="none"))
+    error = error_of(estimate, body)
+    assert error.translation_norm < 1e-6
+    assert error.rotation_angle < np.radians(1e-4)
+
+
+def test_physics_engine_data_without_noise_is_exact(arm: Recording) -> None:
+    imu, path = streams_of(arm, robot_of(arm.system))
+    error = error_of(calibrate_matched(imu, path, MatchedOptions()), arm)
+    assert error.translation_norm < 4e-6
+    assert error.rotation_angle < np.radians(1e-4)
+
+
+def test_error_knows_the_offset_put_in(arm: Recording) -> None:
+    noisy = corrupt(arm, NoiseOptions(time_offset=0.123), 0)
+    estimate = calibrate_matched(*streams_of(noisy), MatchedOptions())
+    assert estimate.time_offset == pytest.approx(0.123, abs=1e-6)
+    error = error_of(estimate, noisy)
+    assert abs(error.time_offset) < 1e-6
+    moved = replace(
+        estimate,
+        t_parent_imu=noisy.t_parent_imu + np.array([1e-3, 0, 0]),
+        R_parent_imu=Rotation.from_rotvec([0, 2e-3, 0]).as_matrix() @ noisy.R_parent_imu,
+    )
+    np.testing.assert_allclose(error_of(moved, noisy).pose, [1e-3, 0, 0, 0, 2e-3, 0], atol=1e-12)
+
+
+def test_several_publishers_become_several_tracks() -> None:
+    physics = PhysicsOptions(duration=9.0, imu_rate=250.0, robot_rate=250.0, publishers=2)
+    split = record(load_system("rihibot"), physics)
+    imu, path = streams_of(split)
+    assert len(path.tracks) == 2
+    error = error_of(calibrate_matched(imu, path, MatchedOptions()), split)
+    assert error.translation_norm < 4e-6
+
+
+def test_nees_is_the_squared_error_in_sigmas() -> None:
+    rng = np.random.default_rng(0)
+    root = rng.normal(size=(6, 6))
+    draws = rng.normal(size=(4000, 6)) @ root.T
+    scores = [nees(draw, root @ root.T) for draw in draws]
+    assert np.mean(scores) == pytest.approx(6.0, abs=4 * np.sqrt(12 / 4000))
