@@ -16,12 +16,12 @@ from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.simulate.load import load_grade, load_system
 from imucalib_cli.simulate.noise import corrupt
-from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
 from imucalib_cli.simulate.physics import record
 from imucalib_cli.study.trial import error_of, nees, robot_of, streams_of
 
 if TYPE_CHECKING:
     from imucalib_cli.robot.urdf import Robot
+    from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
     from imucalib_cli.simulate.recording import Recording
 
 

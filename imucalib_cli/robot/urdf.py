@@ -198,7 +198,7 @@ def _import_early() -> None:
 
 def _yourdfpy() -> Any:
     with _quiet():
-        import yourdfpy  # noqa: PLC0415 - half a second that only a URDF should cost
+        import yourdfpy
 
     return yourdfpy
 

@@ -173,7 +173,7 @@ def _coloured(
     """First-order Gauss-Markov noise in its steady state; (N, 3)."""
     if std == 0:
         return np.zeros(shape)
-    from scipy.signal import lfilter  # noqa: PLC0415 - slow to import, rarely needed
+    from scipy.signal import lfilter
 
     drive = np.sqrt(1 - memory**2) * rng.standard_normal(shape)
     drive[0] /= np.sqrt(1 - memory**2)

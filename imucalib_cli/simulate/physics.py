@@ -109,7 +109,7 @@ def record(
 
 def _import_engine() -> Any:
     try:
-        import mujoco  # noqa: PLC0415 - an extra that only simulation needs
+        import mujoco
     except ImportError as error:
         raise InputError(
             "simulation needs MuJoCo, which is not installed: pip install 'imucalib[simulate]'"

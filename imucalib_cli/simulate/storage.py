@@ -79,7 +79,7 @@ class _Mcap:
     """A bare MCAP file with the ros2 profile."""
 
     def __init__(self, path: Path, compression: str) -> None:
-        from mcap.writer import CompressionType, Writer  # noqa: PLC0415 - this storage alone needs it
+        from mcap.writer import CompressionType, Writer
 
         self._store = _ros2_types()
         self.types = self._store.types
@@ -118,7 +118,7 @@ class _Bag2:
     """A ROS 2 bag folder with a db3 file in it."""
 
     def __init__(self, path: Path, _compression: str) -> None:
-        from rosbags.rosbag2 import Writer  # noqa: PLC0415 - this storage alone needs it
+        from rosbags.rosbag2 import Writer
 
         self._store = _ros2_types()
         self.types = self._store.types
@@ -146,8 +146,8 @@ class _Bag1:
     """A ROS 1 bag."""
 
     def __init__(self, path: Path, compression: str) -> None:
-        from rosbags.rosbag1 import Writer  # noqa: PLC0415 - this storage alone needs it
-        from rosbags.typesys import Stores, get_types_from_msg, get_typestore  # noqa: PLC0415 - this storage alone needs it
+        from rosbags.rosbag1 import Writer
+        from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
         self._store = get_typestore(Stores.ROS1_NOETIC)
         self._store.register(get_types_from_msg(TF_MESSAGE, "tf2_msgs/msg/TFMessage"))
@@ -177,7 +177,7 @@ class _Bag1:
 
 
 def _ros2_types() -> Any:
-    from rosbags.typesys import Stores, get_typestore  # noqa: PLC0415 - only one is needed
+    from rosbags.typesys import Stores, get_typestore
 
     return get_typestore(Stores.ROS2_HUMBLE)
 

@@ -1,0 +1,110 @@
+"""What the documents say is so: commands run, outputs match, links lead somewhere."""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+
+from imucalib_cli import __version__
+
+ROOT = Path(__file__).resolve().parent.parent
+PAGES = sorted(
+    path
+    for folder in (ROOT, ROOT / "docs", ROOT / "sample_data", ROOT / "benchmarks")
+    for path in folder.glob("*.md")
+)
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def _run(command: str, *, folder: Path = ROOT) -> subprocess.CompletedProcess[str]:
+    """A command of the documents, with this environment's imucalib."""
+    tool = f"{shlex.quote(sys.executable)} -c 'from imucalib_cli.cli.main import main; main()'"
+    script = re.sub(r"(^|\| )imucalib ", rf"\1{tool} ".replace("\\", r"\\"), command)
+    return subprocess.run(
+        ["bash", "-o", "pipefail", "-c", script],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+        timeout=120,
+    )
+
+
+def _commands() -> list[str]:
+    """Every line of the README's shell blocks that calls imucalib, comments taken off."""
+    blocks = re.findall(r"```sh\n(.*?)```", README, flags=re.DOTALL)
+    lines = [line.split("   #")[0].strip() for block in blocks for line in block.splitlines()]
+    return [line for line in lines if line.startswith("imucalib ")]
+
+
+def test_readme_has_the_commands_it_promises() -> None:
+    assert len(_commands()) >= 8
+    assert README.count("python3 -m venv") == 2
+
+
+@pytest.mark.parametrize("command", _commands())
+def test_readme_command_runs(command: str, tmp_path: Path) -> None:
+    for place in ("calibrated.urdf", "mine.mcap", "mine.urdf"):
+        command = command.replace(place, str(tmp_path / place))
+    if command.startswith("imucalib simulate"):
+        command += " --duration 10 --imu-rate 50 --robot-rate 25"
+    done = _run(command)
+    assert done.returncode == 0, done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_readme_output_is_what_the_tool_prints() -> None:
+    found = re.search(r"<!-- output of: (.*?) -->\n```text\n(.*?)\n```", README, flags=re.DOTALL)
+    assert found is not None
+    printed = _run(found[1]).stdout.rstrip()
+    assert _shape(printed) == _shape(found[2])
+    # Digits: the same to a hundredth of the stated sigma, and signs of zero aside.
+    for here, there in zip(_numbers(printed), _numbers(found[2]), strict=True):
+        assert here == pytest.approx(there, rel=2e-2, abs=2e-5)
+
+
+def _shape(text: str) -> str:
+    return re.sub(r"\s+", " ", re.sub(r"-?\d+(\.\d+)?(e-?\d+)?", "#", text))
+
+
+def _numbers(text: str) -> list[float]:
+    return [float(number[0]) for number in re.findall(r"(-?\d+(\.\d+)?(e-?\d+)?)", text)]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_links_lead_somewhere(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    for target in re.findall(r"\]\(([^)#\s]+)[^)]*\)", text):
+        if not target.startswith(("http", "mailto:")):
+            assert (page.parent / target).exists(), target
+
+
+def test_index_lists_every_page() -> None:
+    index = (ROOT / "docs" / "README.md").read_text(encoding="utf-8")
+    for page in (ROOT / "docs").iterdir():
+        if page.suffix in {".md", ".json"} and page.name != "README.md":
+            assert f"({page.name})" in index, page.name
+
+
+def test_one_version_everywhere() -> None:
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    assert citation["version"] == __version__
+    assert f'version = "{__version__}"' in (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    assert f"## {__version__}" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+
+
+def test_every_dependency_is_justified() -> None:
+    page = (ROOT / "docs" / "dependencies.md").read_text(encoding="utf-8")
+    project = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    listed = re.search(r"^dependencies = \[(.*?)^\]", project, flags=re.DOTALL | re.MULTILINE)
+    assert listed is not None
+    for name in re.findall(r'"([a-z0-9-]+)[>=]', listed[1]):
+        assert name in page, name
