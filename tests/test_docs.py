@@ -25,8 +25,9 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 def _run(command: str, *, folder: Path = ROOT) -> subprocess.CompletedProcess[str]:
     """A command of the documents, with this environment's imucalib."""
-    tool = f"{shlex.quote(sys.executable)} -c 'from imucalib_cli.cli.main import main; main()'"
-    script = re.sub(r"(^|\| )imucalib ", rf"\1{tool} ".replace("\\", r"\\"), command)
+    start = "import sys; from imucalib_cli.cli.main import main; sys.exit(main())"
+    tool = f"{shlex.quote(sys.executable)} -c {shlex.quote(start)} "
+    script = re.sub(r"(^|\| )imucalib ", lambda found: found[1] + tool, command)
     return subprocess.run(
         ["bash", "-o", "pipefail", "-c", script],
         cwd=folder,
