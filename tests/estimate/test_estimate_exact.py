@@ -173,6 +173,21 @@ def test_stamps_that_jitter_are_read_as_ticks(plain: Log) -> None:
     assert estimate.notes["imu_stamps"] == "ticks"
 
 
+def test_jitter_of_the_joints_stays_in_the_offset_and_its_sigma(plain: Log) -> None:
+    rng = np.random.default_rng(3)
+    t = np.arange(0, 20, 0.005)
+    jitter = np.clip(rng.normal(size=4000) * 5e-4, -2e-3, 2e-3)
+    log = replace(plain, path=arm_path(t + jitter, Moves().joints(t)[0]))
+    estimate = calibrate(log)
+    # The rate of the ticks is known to 1e-6, so they drift off by ten microseconds: some of it
+    # shows, far less than the jitter would.
+    assert np.linalg.norm(estimate.t_parent_imu - log.mount.t) < 5 * MICROMETRE
+    assert np.linalg.norm(rotation_error(estimate.R_parent_imu, log.mount.R)) < 3 * ANGLE
+    assert abs(estimate.time_offset) < 4 * 5e-4 / np.sqrt(4000)
+    assert estimate.time_offset_std == pytest.approx(5e-4 / np.sqrt(4000), rel=0.1)
+    assert estimate.notes["robot_stamps"] == "ticks"
+
+
 def test_lost_samples_are_bridged(plain: Log) -> None:
     kept = np.random.default_rng(2).random(4000) >= 0.02
     log = plain.kept(kept)
@@ -236,9 +251,9 @@ def test_what_is_too_short_is_refused_in_words(plain: Log) -> None:
 
 def test_the_helper_is_pinocchios_own_sensor_frame() -> None:
     """The lever-arm formula of the truth against pinocchio's frame at the IMU itself."""
-    import pinocchio as pin  # noqa: PLC0415 - once
+    import pinocchio as pin
 
-    from tests.estimate.estimate_arm import _model  # noqa: PLC0415 - once
+    from tests.estimate.estimate_arm import _model
 
     moves, t = Moves(), np.array([3.3, 7.7])
     motion = parent_motion(moves, t)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -19,6 +21,7 @@ from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.estimate.prepare import clean_imu
 from imucalib_cli.estimate.robust import window_weights
 from imucalib_cli.estimate.solve import (
+    DBA,
     DTAU,
     DTILT,
     TANGENT,
@@ -30,6 +33,7 @@ from imucalib_cli.estimate.solve import (
     solve_globally,
 )
 from imucalib_cli.estimate.statistics import block_statistics
+from imucalib_cli.estimate.uncertainty import bias_std
 from imucalib_cli.estimate.windows import Windowing, WindowRows, plan_windows
 from imucalib_cli.signals.trajectory import Trajectory
 from tests.estimate.estimate_arm import (
@@ -71,6 +75,24 @@ def test_tilt_spans_the_sphere_wherever_gravity_points(gravity: tuple[float, ...
     step = np.zeros(TANGENT)
     step[DTILT] = 0.3, -0.2
     assert np.linalg.norm(state.moved(step).gravity) == pytest.approx(GRAVITY)
+
+
+def test_a_bias_is_as_uncertain_as_rotation_and_bias_together() -> None:
+    """Of b = R' b', both uncertain and correlated, differenced in the tangent."""
+    state = random_state(4)
+    rng = np.random.default_rng(5)
+    root = rng.normal(size=(TANGENT, TANGENT))
+    P = root @ root.T
+    fit = cast("Any", SimpleNamespace(solution=SimpleNamespace(state=state)))
+    h = 1e-6
+
+    def bias(step: Floats) -> Floats:
+        moved = state.moved(step)
+        return moved.R.T @ moved.accel_bias
+
+    J = np.stack([(bias(h * e) - bias(-h * e)) / (2 * h) for e in np.eye(TANGENT)], axis=1)
+    expected = np.sqrt(np.diag(J @ P @ J.T))
+    np.testing.assert_allclose(bias_std(fit, P, DBA, state.accel_bias), expected, rtol=1e-6)
 
 
 def test_rotation_is_perturbed_on_the_left() -> None:

