@@ -55,7 +55,7 @@ CASES: dict[str, NoiseOptions] = {
 
 @pytest.fixture(scope="module")
 def clean() -> Recording:
-    physics = PhysicsOptions(duration=24.0, imu_rate=RATE, robot_rate=125.0)
+    physics = PhysicsOptions(duration=18.0, imu_rate=RATE, robot_rate=125.0)
     return record(load_system("rihibot"), physics)
 
 
@@ -136,8 +136,8 @@ def test_time_offset_is_as_good_as_its_bound(
 ) -> None:
     bound = trials.bound.time_offset
     if "rough" in request.node.name:
-        # Half a millisecond of jitter on 4700 and 3000 stamps moves their mean.
-        bound = float(np.sqrt(bound**2 + 5e-4**2 * (1 / 4700 + 1 / 3000)))
+        # Half a millisecond of jitter on 3500 and 2200 stamps moves their mean.
+        bound = float(np.sqrt(bound**2 + 5e-4**2 * (1 / 3528 + 1 / 2250)))
     assert 0.75 < np.sqrt(np.mean(trials.offset**2)) / bound < 1.25
 
 

@@ -79,3 +79,18 @@ def test_a_constant_has_no_lag() -> None:
     assert best_lag(reference, np.full(500, 2.0), np.ones((2, 500), dtype=bool), 50) is None
     nothing = np.zeros((2, 500), dtype=bool)
     assert best_lag(reference, reference, nothing, 50) is None
+
+
+@pytest.mark.parametrize("shift", [-12.3, 0.4, 7.5, 21.8])
+def test_a_shift_between_samples_is_found_to_a_fraction(shift: float) -> None:
+    i = np.arange(1500.0)
+
+    def signal(x: Floats) -> Floats:
+        return np.asarray(
+            np.sin(x / 9.0) + np.sin(x / 17.3 + 1.0) + np.exp(-(((x - 700) / 30) ** 2))
+        )
+
+    lag = best_lag(signal(i), signal(i - shift), np.ones((2, 1500), dtype=bool), 40)
+    assert lag is not None
+    assert lag.samples + lag.between == pytest.approx(shift, abs=0.1)
+    assert abs(lag.between) <= 0.5
