@@ -158,8 +158,9 @@ def _rows(windowing: Windowing, time_offset: float) -> WindowRows:
         raise InputError(
             f"only {len(centres)} filter windows of {windowing.plan.length * grid.dt:.3g} s fit "
             f"where IMU ({grid.t0:.2f} to {grid.t[-1]:.2f} s) and robot "
-            f"({first + time_offset:.2f} to {last + time_offset:.2f} s) overlap without gaps, need "
-            f"{MIN_WINDOWS}: record a longer log or choose a shorter --window"
+            f"({first + time_offset:.2f} to {last + time_offset:.2f} s) overlap between gaps "
+            f"({grid.gaps} in the IMU's stamps, {windowing.trajectory.gaps} in the robot's), need "
+            f"{MIN_WINDOWS}: record a longer log, choose a shorter --window or another --clock"
         )
     return windowing.rows(time_offset, centres)
 

@@ -12,6 +12,7 @@ R_c' as well, so that all residuals read in the parent frame.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -149,8 +150,11 @@ class Windowing:
         """Yield parts of the windows with the poses of the grid samples they cover."""
         reach = self.plan.length // 2 + MARGIN
         per_chunk = max(_CHUNK // self.plan.hop, 1)
-        for start in range(0, len(centres), per_chunk):
-            part = slice(start, min(start + per_chunk, len(centres)))
+        # A chunk ends where a long gap begins: nobody needs the poses in it.
+        far = np.flatnonzero(np.diff(centres) > _CHUNK) + 1
+        starts = np.union1d(np.arange(0, len(centres), per_chunk), far)
+        for start, stop in pairwise([*starts, len(centres)]):
+            part = slice(int(start), int(stop))
             span = slice(int(centres[part][0]) - reach, int(centres[part][-1]) + reach + 1)
             t = np.asarray(self.grid.t0 + self.grid.dt * np.arange(span.start, span.stop))
             R, p = self.trajectory.poses(t - time_offset)

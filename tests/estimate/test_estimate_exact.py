@@ -245,7 +245,7 @@ def test_disordered_repeated_and_missing_values_are_left_out_and_counted(plain: 
 def test_what_is_too_short_is_refused_in_words(plain: Log) -> None:
     with pytest.raises(InputError, match="usable samples of 40"):
         calibrate(plain.kept(plain.imu.t < 0.2 - 1e-9))
-    with pytest.raises(InputError, match="overlap without gaps"):
+    with pytest.raises(InputError, match="overlap between gaps"):
         calibrate(plain.with_imu(plain.imu.t + 500.0, plain.imu.gyro, plain.imu.accel))
 
 
