@@ -1,4 +1,4 @@
-"""rosbag2's SQLite files: a scan of the table, which passes over the large rows of other topics."""
+"""rosbag2's SQLite files: from their pages, or through SQLite where those are not as usual."""
 
 from __future__ import annotations
 
@@ -11,13 +11,16 @@ from urllib.parse import quote
 import numpy as np
 
 from imucalib_cli.errors import InputError
-from imucalib_cli.logs.damage import Tally
+from imucalib_cli.logs.damage import DamageError, Tally
+from imucalib_cli.logs.db3_pages import Leaves, Rows, batches, find_leaves, read_leaves
+from imucalib_cli.logs.inflate import Scratch
 from imucalib_cli.logs.messages import normalise_type
-from imucalib_cli.logs.storage import Bytes, Channel, Progress, Sink
+from imucalib_cli.logs.storage import Bytes, Channel, Progress, Sink, cut
 from imucalib_cli.logs.unpacked import copy_with_page_count
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
+    from io import FileIO
     from pathlib import Path
 
     from imucalib_cli.logs.streams import Nanoseconds
@@ -26,6 +29,8 @@ _BROKEN = (sqlite3.DatabaseError, MemoryError)
 """What SQLite raises on damage: it takes some of it for a lack of memory."""
 _FETCH = 1024
 """Rows taken at a time."""
+_ALL = (-(1 << 63), (1 << 63) - 1)
+"""Ids of all rows: above the first, up to the second."""
 
 
 class Db3File:
@@ -73,7 +78,8 @@ class Db3File:
 
     def _channels(self) -> tuple[Channel, ...]:
         with closing(self._connect()) as database:
-            return _channels(database)
+            tallies = _quick_tallies(database, self._file)
+            return _channels(database, _tallies(database) if tallies is None else tallies)
 
     def read(self, wanted: Collection[int], sink: Sink, progress: Progress) -> None:
         """Give the sink all messages of the wanted channels, in one scan."""
@@ -83,9 +89,8 @@ class Db3File:
         progress(0.0)
         with closing(self._connect()) as database:
             try:
-                for fetched in _fetch(database, tuple(channels)):
-                    _add(fetched, done, channels, sink)
-                    done += len(fetched)
+                for count in self._give(database, channels, sink):
+                    done += count
                     progress(min(1.0, done / total))
             except _BROKEN as error:
                 self.losses.append(
@@ -93,23 +98,85 @@ class Db3File:
                 )
         progress(1.0)
 
+    def _give(
+        self, database: sqlite3.Connection, channels: dict[int, Channel], sink: Sink
+    ) -> Iterator[int]:
+        """Give the sink the messages in blocks; how many each time."""
+        arrival = 0
+        scratch = Scratch()
+        leaves = _leaves(database, self._file)
+        runs = [(0, 0)] if leaves is None else batches(leaves)
+        with self._file.open("rb", buffering=0) as file:
+            for start, stop in runs:
+                ids = _ALL
+                if leaves is not None:
+                    rows = _usable_rows(file, leaves, (start, stop), channels, scratch)
+                    if rows is not None:
+                        yield _add_rows(rows, arrival, channels, sink)
+                        arrival += len(rows.topic_ids)
+                        continue
+                    before = int(leaves.last_ids[start - 1]) if start else _ALL[0]
+                    ids = (before, int(leaves.last_ids[stop - 1]))
+                for fetched in _fetch(database, tuple(channels), ids):
+                    _add(fetched, arrival, channels, sink)
+                    arrival += len(fetched)
+                    yield len(fetched)
+
+
+def _leaves(database: sqlite3.Connection, path: Path) -> Leaves | None:
+    try:
+        return find_leaves(database, path)
+    except (DamageError, OSError):
+        return None
+
+
+def _usable_rows(
+    file: FileIO, leaves: Leaves, run: tuple[int, int], wanted: Collection[int], scratch: Scratch
+) -> Rows | None:
+    """The rows of some leaves; None where SQLite has to read them."""
+    try:
+        rows = read_leaves(file.fileno(), leaves, run, scratch)
+    except (DamageError, OSError):
+        return None
+    if rows.whole.all() or rows.whole[np.isin(rows.topic_ids, list(wanted))].all():
+        return rows
+    return None
+
+
+def _add_rows(rows: Rows, arrival: int, channels: dict[int, Channel], sink: Sink) -> int:
+    """Give the sink the wanted ones; how many there are."""
+    count = 0
+    for number, channel in channels.items():
+        here = np.flatnonzero(rows.topic_ids == number)
+        sizes = rows.sizes[here]
+        for size in np.unique(sizes).tolist():
+            which = here[sizes == size]
+            payloads = cut(rows.data, rows.starts[which], size)
+            sink.add(channel, arrival + which, rows.log_ns[which], payloads)
+        count += len(here)
+    return count
+
 
 def _fetch(
-    database: sqlite3.Connection, numbers: tuple[int, ...]
+    database: sqlite3.Connection, numbers: tuple[int, ...], ids: tuple[int, int]
 ) -> Iterator[list[tuple[int, int, bytes]]]:
     """Rows in blocks, up to the last one before any damage, which is then raised."""
     marks = ", ".join("?" * len(numbers))
     # Without ORDER BY: SQLite would otherwise go through the timestamps' index.
-    query = f"SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks})"  # noqa: S608
+    query = (
+        f"SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks}) "  # noqa: S608
+        "AND rowid > ? AND rowid <= ?"
+    )
+    values = (*numbers, *ids)
     done = 0
     try:
-        rows = database.execute(query, numbers)
+        rows = database.execute(query, values)
         while fetched := rows.fetchmany(_FETCH):
             done += len(fetched)
             yield fetched
     except _BROKEN:
         # The block that met the damage is lost as a whole: take its rows one by one.
-        for row in database.execute(f"{query} LIMIT -1 OFFSET {done}", numbers):
+        for row in database.execute(f"{query} LIMIT -1 OFFSET {done}", values):
             yield [row]
         raise
 
@@ -148,6 +215,23 @@ def _joined(payloads: list[bytes]) -> Bytes:
     return joined.reshape(len(payloads), len(payloads[0]))
 
 
+def _quick_tallies(database: sqlite3.Connection, path: Path) -> dict[int, Tally] | None:
+    """Count and times of each topic from the pages; None where they are not as usual."""
+    leaves = _leaves(database, path)
+    if leaves is None:
+        return None
+    tallies: dict[int, Tally] = {}
+    scratch = Scratch()
+    with path.open("rb", buffering=0) as file:
+        for run in batches(leaves):
+            rows = _usable_rows(file, leaves, run, (), scratch)
+            if rows is None:
+                return None
+            for number in np.unique(rows.topic_ids).tolist():
+                tallies.setdefault(number, Tally()).add(rows.log_ns[rows.topic_ids == number])
+    return tallies
+
+
 def _tallies(database: sqlite3.Connection) -> dict[int, Tally]:
     """Count and times of each topic; of a damaged file up to the damage."""
     query = "SELECT topic_id, COUNT(*), MIN(timestamp), MAX(timestamp) FROM messages GROUP BY 1"
@@ -167,8 +251,7 @@ def _tallies(database: sqlite3.Connection) -> dict[int, Tally]:
     return tallies
 
 
-def _channels(database: sqlite3.Connection) -> tuple[Channel, ...]:
-    tallies = _tallies(database)
+def _channels(database: sqlite3.Connection, tallies: dict[int, Tally]) -> tuple[Channel, ...]:
     definitions = {}
     if database.execute(
         "SELECT 1 FROM sqlite_master WHERE name = 'message_definitions'"
