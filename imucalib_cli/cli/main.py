@@ -1,6 +1,5 @@
 """The command ``imucalib``: commands, and what every error becomes."""
 
-import io
 import os
 import sys
 import warnings
@@ -20,6 +19,7 @@ from imucalib_cli.cli.output import (
 from imucalib_cli.cli.run import run_command
 from imucalib_cli.cli.schema import schema_command
 from imucalib_cli.cli.simulate import simulate_command
+from imucalib_cli.cli.stdio import guard_streams
 from imucalib_cli.errors import ImucalibError
 
 TRACEBACK = "IMUCALIB_TRACEBACK"
@@ -80,10 +80,7 @@ def _prepare_process() -> None:
     # glibc learns from the first freed large block to keep chunk-sized buffers: no page faults
     block = bytes(31 << 20)
     del block
-    if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(
-            errors="backslashreplace"
-        )  # a terminal that knows no ± still gets a line
+    guard_streams()
     if not sys.warnoptions and TRACEBACK not in os.environ:
         warnings.simplefilter("ignore")  # a user can do nothing about a library's warnings
 

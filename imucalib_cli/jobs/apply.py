@@ -51,6 +51,8 @@ def apply(result: str, urdf: Path, *, force: bool = False) -> bytes:
 def _read(result: str) -> str:
     try:
         if result == "-":
+            if sys.stdin is None:
+                raise InputError("standard input is closed: name the result's file")
             return sys.stdin.buffer.read().decode("utf-8")
         return Path(result).read_text(encoding="utf-8")
     except OSError as error:

@@ -8,7 +8,6 @@ import re
 import subprocess
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import jsonschema
 import pytest
@@ -17,9 +16,7 @@ import typer
 from imucalib_cli import __version__
 from imucalib_cli.cli.main import app, main
 from imucalib_cli.cli.output import worst
-
-if TYPE_CHECKING:
-    from tests.conftest import LogWriter
+from tests.conftest import LogWriter
 
 ROOT = Path(__file__).parents[2]
 HEAVY = ("numpy", "scipy", "rosbags", "yourdfpy", "yaml", "mujoco")
@@ -114,6 +111,54 @@ def test_a_closed_pipe_is_quiet() -> None:
         )
     assert done.returncode == 141
     assert done.stderr == b""
+
+
+PROGRAM = "import sys; from imucalib_cli.cli.main import main; sys.exit(main())"
+
+
+def _in_shell(redirection: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [
+            "/bin/sh",
+            "-c",
+            f'exec "$@" {redirection}',
+            "",
+            sys.executable,
+            "-c",
+            PROGRAM,
+            *arguments,
+        ],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+@pytest.mark.parametrize(
+    ("redirection", "reason"),
+    [(">/dev/full", "No space left on device"), (">&-", "Bad file descriptor")],
+)
+@pytest.mark.parametrize("arguments", [["schema"], ["run", "--help"], ["--version"], ["inspect"]])
+def test_stdout_that_takes_nothing_is_one_line(
+    redirection: str, reason: str, arguments: list[str], tmp_path: Path
+) -> None:
+    if arguments == ["inspect"]:
+        writer = LogWriter(tmp_path / "recording")
+        arguments = ["inspect", str(writer.imu(seconds=0.5).write())]
+    done = _in_shell(redirection, *arguments)
+    assert done.returncode == 1
+    assert done.stderr == f"error: stdout cannot be written: {reason}\n"
+
+
+def test_closed_streams_that_are_not_needed_do_no_harm(
+    log_writer: LogWriter, tmp_path: Path
+) -> None:
+    log, report = log_writer.imu(seconds=0.5).write(), tmp_path / "report.txt"
+    assert _in_shell(">&- 2>&- <&-", "inspect", str(log), "-o", str(report)).returncode == 0
+    assert "/imu/data" in report.read_text()
+    done = _in_shell("<&-", "apply", "-", "--urdf", "x.urdf")
+    assert (done.returncode, done.stderr.count("\n")) == (1, 1)
+    assert "standard input is closed" in done.stderr
 
 
 def test_no_result_is_worse_than_an_untrusted_one() -> None:
