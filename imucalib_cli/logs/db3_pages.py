@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 _COLUMNS = [("id", 1), ("topic_id", 0), ("timestamp", 0), ("data", 0)]
 """Names, and whether they are the primary key: the id is then the key of the tree itself."""
 _INTERIOR, _LEAF = 5, 13
-_BATCH_BYTES = 1 << 20
+_BATCH_BYTES = 1 << 21
 _GAP = 4
 """Pages between two leaves that are read along rather than jumped over."""
 _BEYOND = 16
