@@ -16,6 +16,7 @@ import resource
 import sys
 import tempfile
 import time
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -220,14 +221,17 @@ def read_anyreader(path: Path) -> None:
         np.array(values)
 
 
-def best(run: Callable[[], None], repeats: int) -> float:
-    """Shortest of several runs, s."""
+def typical(runs: list[Callable[[], None]], repeats: int) -> list[float]:
+    """Median of several runs of each, in turn so that a busy machine is busy for all, s."""
     times = []
     for _ in range(repeats):
-        start = time.perf_counter()
-        run()
-        times.append(time.perf_counter() - start)
-    return min(times)
+        row = []
+        for run in runs:
+            start = time.perf_counter()
+            run()
+            row.append(time.perf_counter() - start)
+        times.append(row)
+    return [float(each) for each in np.median(times, axis=0)]
 
 
 def main() -> None:
@@ -236,7 +240,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=120.0)
     parser.add_argument("--image-bytes", type=int, default=100_000)
     parser.add_argument("--storage", choices=STORAGES, action="append")
-    parser.add_argument("--repeats", type=int, default=5)
+    parser.add_argument("--repeats", type=int, default=9)
     parser.add_argument("--no-anyreader", action="store_true")
     parser.add_argument("--folder", type=Path, help="keep the logs here and use them again")
     options = parser.parse_args()
@@ -255,12 +259,11 @@ def main() -> None:
             if storage == "db3":
                 path = next(path.glob("*.db3"))
             repeats = 1 if storage == "bag-bz2" else options.repeats
-            ours = best(lambda path=path: read_ours(path), repeats)
-            floor = best(floor_of(path, storage), repeats)
+            ours, floor = typical([partial(read_ours, path), floor_of(path, storage)], repeats)
             line = f"| {storage} | {path.stat().st_size / 1e6:.0f} | {floor:.3f} | {ours:.3f} "
             line += f"| {ours / floor:.2f} "
             if not options.no_anyreader:
-                slow = best(lambda path=path: read_anyreader(path), 1)
+                slow, *_ = typical([partial(read_anyreader, path)], 1 if repeats == 1 else 3)
                 line += f"| {slow:.2f} | {slow / ours:.1f} "
             print(line + "|", flush=True)
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
