@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from typing import Any, NoReturn, TypeVar
 
@@ -23,10 +24,19 @@ from imucalib_cli.results.calibration import (
     Provenance,
     SourceFile,
 )
-from imucalib_cli.robot.rotations import matrix_from_quaternion
+from imucalib_cli.robot.rotations import (
+    matrix_from_quaternion,
+    matrix_from_rpy,
+    rotvec_from_matrix,
+)
 
 Floats = NDArray[np.float64]
 T = TypeVar("T")
+
+FARTHEST = 100.0
+"""m; no IMU sits farther from the frame that carries it."""
+ROTATIONS_AGREE = 1e-6
+"""rad between the quaternion and the angles of one rotation."""
 
 
 def read_calibrations(text: str, name: str) -> list[Calibration]:
@@ -116,31 +126,45 @@ class _Node:
         value = self.get(key)
         if value is None:
             return None
-        if isinstance(value, bool) or not isinstance(value, (int, float)):
-            self.fail(f"should be a number, not {value!r}", key)
-        if not np.isfinite(value):
-            self.fail("should be a finite number", key)
-        return float(value)
+        number = _number(value)
+        if not math.isfinite(number):
+            self.fail(f"should be a finite number, not {value!r}", key)
+        return number
 
     def array(self, key: str, *shape: int) -> Floats:
         values = self.array_with_gaps(key, *shape)
         if np.isnan(values).any():
-            self.fail("should have no null or non-finite numbers", key)
+            self.fail("should have no null", key)
         return values
 
     def array_with_gaps(self, key: str, *shape: int) -> Floats:
         """Numbers where null means not known: NaN inside."""
-        try:
-            values = np.array(self.get(key), dtype=np.float64)
-        except (TypeError, ValueError, OverflowError):
-            self.fail(f"should be {'x'.join(map(str, shape))} numbers", key)
-        if values.shape != shape:
-            self.fail(f"should be {'x'.join(map(str, shape))} numbers", key)
-        return values
+        wrong = f"should be {'x'.join(map(str, shape))} finite numbers"
+        written = np.array(self.of(key, list), dtype=object)
+        if written.shape != shape:
+            self.fail(wrong, key)
+        values = np.full(written.size, np.nan)
+        for index, value in enumerate(written.flat):
+            if value is None:
+                continue
+            values[index] = number = _number(value)
+            if not math.isfinite(number):
+                self.fail(f"{wrong}, not {value!r}", key)
+        return values.reshape(shape)
 
     def _list(self, key: str) -> list[Any]:
         values: list[Any] = self.of(key, list)
         return values
+
+
+def _number(value: object) -> float:
+    """As float; NaN for what is none: YAML's true is no 1."""
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        return math.nan
+    try:
+        return float(value)
+    except OverflowError:  # an integer of hundreds of digits
+        return math.inf
 
 
 def from_document(document: object, name: str) -> Calibration:
@@ -171,19 +195,26 @@ def from_document(document: object, name: str) -> Calibration:
 
 def _estimate(root: _Node) -> Estimate:
     # with nulls in transform the values to keep are the conditional ones
-    pose = root.optional("partial") or root.child("transform")
+    pose, transform = root.optional("partial"), root.child("transform")
+    if pose is None:
+        pose = transform
     R, t = _pose(pose)
+    if math.hypot(*t) > FARTHEST:
+        pose.fail(f"should be within {FARTHEST:g} m of the parent frame", "translation")
+    shown = transform.array_with_gaps("translation", 3)
+    if not np.all(np.isnan(shown) | (shown == t)):
+        transform.fail("is not that of partial: edit both or neither", "translation")
     offset, accel, gyro = (root.child(k) for k in ("time_offset", "accel_bias", "gyro_bias"))
     diagnostics = root.child("diagnostics")
     window, rms = diagnostics.child("window"), diagnostics.child("residual_rms")
     method = diagnostics.choice("method", "matched", "paper")
     source = diagnostics.choice("sigma_source", "noise", "segments")
-    known_covariance = root.get("covariance") is not None
+    covariance = _covariance(root)
     return Estimate(
         method="paper" if method == "paper" else "matched",
         R_parent_imu=R,
         t_parent_imu=t,
-        covariance=root.array_with_gaps("covariance", 6, 6) if known_covariance else None,
+        covariance=covariance,
         time_offset=offset.number("seconds"),
         time_offset_std=offset.number_or_none("std"),
         accel_bias=accel.array("value", 3),
@@ -214,10 +245,29 @@ def _estimate(root: _Node) -> Estimate:
 
 def _pose(node: _Node) -> tuple[Floats, Floats]:
     quaternion = node.array("rotation_xyzw", 4)
-    norm = float(np.linalg.norm(quaternion))
+    norm = math.hypot(*quaternion)
     if abs(norm - 1.0) > 1e-6:
         node.fail(f"should have norm 1, not {norm:.6g}", "rotation_xyzw")
-    return matrix_from_quaternion(quaternion), node.array("translation", 3)
+    R, translation = matrix_from_quaternion(quaternion), node.array("translation", 3)
+    # for readers only, so whoever edits it alone would wonder why nothing happens
+    rpy = node.array("rotation_rpy", 3)
+    turn = rotvec_from_matrix(matrix_from_rpy(rpy).T @ R)
+    if float(np.linalg.norm(turn)) > ROTATIONS_AGREE:
+        node.fail(
+            "is not the rotation of rotation_xyzw, which is the one that counts: edit both or "
+            "neither",
+            "rotation_rpy",
+        )
+    return R, translation
+
+
+def _covariance(root: _Node) -> Floats | None:
+    if root.get("covariance") is None:
+        return None
+    covariance = root.array_with_gaps("covariance", 6, 6)
+    if np.any(np.diag(covariance) < 0.0):
+        root.fail("should have no negative number on its diagonal", "covariance")
+    return covariance
 
 
 def _std(node: _Node) -> Floats | None:

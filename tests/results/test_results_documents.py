@@ -264,7 +264,7 @@ def _paths(node: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
 def test_every_missing_or_mistyped_key_is_an_input_error() -> None:
     """No key's absence and no wrong type may end in a traceback."""
     whole = to_document(make_calibration(unobservable=(UP, ROLL)))
-    unread = {"tool", "rotation_rpy", "distance_mm", "distance_deg"}
+    unread = {"tool", "distance_mm", "distance_deg"}
     for path in _paths(whole):
         for damage in ("missing", "nonsense"):
             document = json.loads(json.dumps(whole))
@@ -276,13 +276,67 @@ def test_every_missing_or_mistyped_key_is_an_input_error() -> None:
             else:
                 node[path[-1]] = {"non": ["sense"]}
             free = path[0] == "std" or path[-1] in unread or "notes" in path or "options" in path
-            free |= path in {("transform", k) for k in ("translation", "rotation_xyzw")}
+            free |= path in {("transform", k) for k in ("rotation_rpy", "rotation_xyzw")}
             free |= path in {("partial",), ("diagnostics", "nominal"), ("provenance", "urdf")}
             try:
                 from_document(document, "f")
             except InputError:
                 continue
             assert free, (path, damage)
+
+
+def _edited(path: tuple[Any, ...], value: Any, **changes: Any) -> str:
+    """A document of ours in which one value was edited by hand."""
+    document = to_document(make_calibration(**changes))
+    node: Any = document
+    for key in path[:-1]:
+        node = node[key]
+    node[path[-1]] = value
+    return yaml.safe_dump(document)
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "part"),
+    [
+        (("transform", "translation", 0), math.inf, "translation should be 3 finite numbers"),
+        (("transform", "translation", 0), math.nan, "3 finite numbers, not nan"),
+        (("transform", "translation", 1), True, "3 finite numbers, not True"),
+        (("transform", "translation", 1), "0.1", "3 finite numbers, not '0.1'"),
+        (("transform", "translation", 1), 10**400, "3 finite numbers"),
+        (("transform", "translation", 1), None, "should have no null"),
+        (("transform", "translation", 1), 1e300, "within 100 m"),
+        (("transform", "translation", 1), -100.1, "within 100 m"),
+        (("transform", "rotation_xyzw", 0), 1e300, "should have norm 1"),
+        (("transform", "rotation_rpy", 2), 2.9 + 1e-5, "is not the rotation of rotation_xyzw"),
+        (("covariance", 1, 1), math.nan, "covariance should be 6x6 finite numbers, not nan"),
+        (("covariance", 1, 1), -1e-9, "covariance should have no negative number"),
+        (("covariance", 2), [1.0], "6x6 finite numbers"),
+        (("accel_bias", "std", 0), math.inf, "accel_bias.std should be 3 finite numbers"),
+        (("time_offset", "seconds"), math.inf, "seconds should be a finite number, not inf"),
+        (("time_offset", "seconds"), False, "seconds should be a finite number, not False"),
+        (("diagnostics", "nominal", "translation", 2), math.inf, "3 finite numbers, not inf"),
+    ],
+)
+def test_numbers_that_cannot_be_are_refused(path: tuple[Any, ...], value: Any, part: str) -> None:
+    with pytest.raises(InputError) as caught:
+        read_calibrations(_edited(path, value), "edited.yaml")
+    assert part in str(caught.value)
+    assert str(caught.value).startswith("edited.yaml: ")
+
+
+def test_what_the_transform_shows_must_be_what_partial_says() -> None:
+    text = _edited(("transform", "translation", 0), 0.5, unobservable=(UP,))
+    with pytest.raises(InputError, match="is not that of partial"):
+        read_calibrations(text, "x")
+
+
+@pytest.mark.parametrize("pitch", [math.pi / 2, -math.pi / 2, math.pi / 2 - 1e-8, 1.5707])
+def test_our_own_angles_agree_with_our_quaternion_even_in_gimbal_lock(pitch: float) -> None:
+    for roll, yaw in ((0.0, 0.0), (1.0, -2.0), (math.pi, math.pi)):
+        R = Rotation.from_euler("xyz", [roll, pitch, yaw]).as_matrix()
+        text = to_yaml([to_document(make_calibration(R_parent_imu=R))])
+        (again,) = read_calibrations(text, "x")
+        np.testing.assert_allclose(again.estimate.R_parent_imu, R, atol=1e-9)
 
 
 def test_status_must_agree_with_the_diagnostics() -> None:
