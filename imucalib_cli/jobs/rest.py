@@ -4,11 +4,17 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from imucalib_cli.errors import InputError
 from imucalib_cli.logs.health import guess_units
 
 if TYPE_CHECKING:
     from imucalib_cli.logs.streams import ImuStream
+
+
+_IMPOSSIBLE = (("gyro", 1e3, "rad/s"), ("accel", 1e5, "m/s²"))
+"""Beyond any IMU: the fastest gyroscopes end at 350 rad/s, shock sensors at 10^5 m/s²."""
 
 
 def check_gravity(imu: ImuStream, *, wanted: bool) -> tuple[str, ...]:
@@ -22,9 +28,10 @@ def check_gravity(imu: ImuStream, *, wanted: bool) -> tuple[str, ...]:
         Warnings.
 
     Raises:
-        InputError: Gravity is wanted and the accelerometer at rest shows none, or an IMU speaks
-            in other units than sensor_msgs/Imu does.
+        InputError: Most values are beyond any IMU, gravity is wanted and the accelerometer at
+            rest shows none, or an IMU speaks in other units than sensor_msgs/Imu does.
     """
+    _refuse_impossible(imu)
     guess = guess_units(imu)
     rest = f"{imu.topic}: accel at rest is {guess.accel_at_rest:.3g}"
     if guess.gyro_unit == "deg/s":
@@ -45,3 +52,16 @@ def check_gravity(imu: ImuStream, *, wanted: bool) -> tuple[str, ...]:
     if not wanted and guess.accel_unit == "m/s²":
         return (f"{rest} m/s², which is gravity, yet --gravity none was given",)
     return ()
+
+
+def _refuse_impossible(imu: ImuStream) -> None:
+    """Refuse what no sensor says; single rows of it are the estimator's to bridge."""
+    for name, limit, unit in _IMPOSSIBLE:
+        values = imu.gyro if name == "gyro" else imu.accel
+        beyond = int(np.count_nonzero(np.abs(values).max(axis=1) > limit))
+        if 2 * beyond > len(values):
+            raise InputError(
+                f"{imu.topic}: {name} is beyond {limit:g} {unit} in {beyond} of {len(values)} "
+                "messages, which no IMU measures: mend the driver or the log's layout and record "
+                "again"
+            )

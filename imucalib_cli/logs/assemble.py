@@ -18,6 +18,9 @@ if TYPE_CHECKING:
     from imucalib_cli.logs.collect import Piece, TopicData
     from imucalib_cli.logs.streams import Floats, Nanoseconds
 
+_ABSURD = 1e9
+"""Far beyond any IMU and any place on Earth in any unit: damage, whose square may overflow."""
+
 
 def imu_stream(data: TopicData) -> tuple[ImuStream | None, list[str]]:
     """The IMU of a topic, and what had to be left out of it."""
@@ -36,21 +39,27 @@ def imu_stream(data: TopicData) -> tuple[ImuStream | None, list[str]]:
         )
     joined = _Joined([piece for piece in data.pieces if _frame(piece) == frame])
     gyro, accel = joined.numbers("gyro"), joined.numbers("accel")
-    finite = np.isfinite(gyro).all(axis=1) & np.isfinite(accel).all(axis=1)
-    if not finite.all():
+    sound = _is_number(gyro) & _is_number(accel)
+    if not sound.all():
         losses.append(
-            f"{data.topic}: {np.count_nonzero(~finite)} messages whose values are not finite "
-            "are left out"
+            f"{data.topic}: {np.count_nonzero(~sound)} messages whose values are not finite "
+            f"or beyond {_ABSURD:g} are left out"
         )
     stream = ImuStream(
         topic=data.topic,
-        header_ns=joined.stamp_ns[finite],
-        log_ns=joined.log_ns[finite],
+        header_ns=joined.stamp_ns[sound],
+        log_ns=joined.log_ns[sound],
         frame_id=frame,
-        gyro=gyro[finite],
-        accel=accel[finite],
+        gyro=gyro[sound],
+        accel=accel[sound],
     )
     return stream, losses
+
+
+def _is_number(values: Floats) -> NDArray[np.bool_]:
+    """Rows that hold what a sensor may say; a comparison with NaN is false."""
+    sound: NDArray[np.bool_] = np.all(np.abs(values) < _ABSURD, axis=1)
+    return sound
 
 
 def joint_streams(data: TopicData) -> tuple[tuple[JointStream, ...], list[str]]:
@@ -113,7 +122,7 @@ def pose_streams(data: TopicData) -> tuple[tuple[PoseStream, ...], list[str]]:
         position, quaternion = joined.numbers("position"), joined.numbers("quaternion")
         with np.errstate(over="ignore"):  # damaged numbers may be huge
             norm = np.linalg.norm(quaternion, axis=1)
-        sound = np.isfinite(position).all(axis=1) & np.isfinite(norm) & (norm > 0.5) & (norm < 2)
+        sound = _is_number(position) & np.isfinite(norm) & (norm > 0.5) & (norm < 2)
         unusable += int(np.count_nonzero(~sound))
         if sound.any():
             streams.append(

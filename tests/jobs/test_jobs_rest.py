@@ -1,0 +1,77 @@
+"""What is refused of an IMU's values before anything is estimated from them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from imucalib_cli.errors import ImucalibError, InputError
+from imucalib_cli.jobs.calibrate import calibrate
+from imucalib_cli.jobs.request import CalibrationRequest
+from imucalib_cli.jobs.rest import check_gravity
+from imucalib_cli.logs.streams import ImuStream
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from tests.conftest import LogWriter
+
+
+def _imu(gyro: float = 0.1, accel: float = 9.8, *, share: float = 1.0) -> ImuStream:
+    """A level IMU of which a share of the rows says these values instead."""
+    count = 1000
+    stamps = np.arange(count) * 10_000_000
+    stream = ImuStream(
+        topic="/imu",
+        header_ns=stamps,
+        log_ns=stamps,
+        frame_id="imu",
+        gyro=np.full((count, 3), 0.1),
+        accel=np.tile([0.0, 0.0, 9.8], (count, 1)),
+    )
+    rows = np.random.default_rng(0).permutation(count)[: round(share * count)]
+    stream.gyro[rows, 0] = gyro
+    stream.accel[rows, 2] = accel
+    return stream
+
+
+@pytest.mark.parametrize("wanted", [True, False])
+@pytest.mark.parametrize(
+    ("values", "says"),
+    [
+        ({"gyro": 1.01e3}, "gyro is beyond 1000 rad/s in 1000 of 1000 messages"),
+        ({"gyro": -1e8}, "gyro is beyond 1000 rad/s"),
+        ({"accel": 1e8}, "accel is beyond 100000 m/s²"),
+        ({"accel": -1.01e5, "share": 0.6}, "accel is beyond 100000 m/s² in 600 of 1000"),
+    ],
+)
+def test_values_of_no_imu_are_refused(values: dict[str, float], says: str, *, wanted: bool) -> None:
+    with pytest.raises(InputError) as caught:
+        check_gravity(_imu(**values), wanted=wanted)
+    assert str(caught.value).startswith(f"/imu: {says}")
+
+
+def test_single_values_of_no_imu_are_left_to_the_estimator() -> None:
+    assert check_gravity(_imu(gyro=2e3, accel=1e8, share=0.001), wanted=True) == ()
+
+
+@pytest.mark.parametrize("spike", [1e7, 1e160, 1e300])
+def test_impossible_spikes_end_in_a_result_or_a_sentence(
+    spike: float, log_writer: LogWriter, arm_urdf: Path
+) -> None:
+    log_writer.imu(seconds=8.0).joints(seconds=8.0)
+    imus = [message for topic, _, _, message in log_writer.messages if topic == "/imu/data"]
+    for message in imus[50::200]:
+        message.linear_acceleration.x = spike
+    request = CalibrationRequest(logs=(log_writer.write(),), urdf=arm_urdf)
+    outcome = calibrate(request)
+    if spike > 1e9:  # left out where the log is read
+        told = [w for each in outcome.calibrations for w in each.estimate.warnings]
+        assert any(w.startswith("/imu/data: 4 messages whose values are not finite") for w in told)
+    for failure in outcome.failures:
+        assert isinstance(failure, ImucalibError)
+    for calibration in outcome.calibrations:
+        assert np.isfinite(calibration.estimate.t_parent_imu).all()
+    assert len(outcome.calibrations) + len(outcome.failures) == 1
