@@ -39,6 +39,7 @@ class CleanImu:
     repeated: int
     backward: int
     not_finite: int
+    astray: int
 
     def grid(self, robot_interval: float, *, use_ticks: bool) -> ImuGrid:
         """Even grid as fine as the finer of the two streams.
@@ -86,4 +87,5 @@ def clean_imu(imu: ImuSamples) -> CleanImu:
         repeated=tidy.repeated,
         backward=tidy.backward,
         not_finite=tidy.not_finite,
+        astray=tidy.astray,
     )

@@ -23,8 +23,11 @@ COMMON_SCALE = (1e-3, 5e-5)
 _SEGMENTS = 12
 _COMMON_SHARE = 4.0
 """Covariance of a model error over what the scatter of segments shows of it. Most of what a wrong
-length does is common to all segments and cancels in their differences: with origins 1 % too long the
-error is 1 to 2.5 times what the scatter alone says (benchmarks/model_error.py)."""
+length does is common to all segments and cancels in their differences: with origins 1 % too long
+the error is 1 to 2.5 times what the scatter alone says (benchmarks/model_error.py)."""
+_SYSTEMATIC_SHARE = 9.0
+"""Widening of noise that is a function of the motion: what repeats with each move does not average
+out. Joint zeros, held joints, delays and scale errors then come out within their sigma."""
 _SEGMENT_SECONDS = 4.0
 """Shortest segment worth comparing: a few moves."""
 _ROUNDING = 1e-14
@@ -57,23 +60,30 @@ class Uncertainty:
     """Loudest band of the noise over the middle one."""
 
 
-def uncertainty(fit: Fit) -> Uncertainty:
-    """Propagate noise of any colour through the fit, and widen it where segments disagree."""
+def uncertainty(fit: Fit, *, systematic: bool) -> Uncertainty:
+    """Propagate noise of any colour through the fit, and widen it where the model errs.
+
+    Args:
+        fit: The solution and its rows.
+        systematic: Whether the residuals follow the motion: then they do not average out over
+            windows as noise does, and segments are compared whatever their significance.
+    """
     free = np.flatnonzero(fit.unknowns.free)
     spectrum = _spectrum(fit, free, fit.scales)
     prior = (fit.unknowns.prior_information + _bounded_priors())[free]
     gram = _gram(spectrum.J)
     inverse = _inverse(gram + np.diag(prior))
     levels = spectrum.noise_levels(inverse)
-    B = spectrum.score_covariance(levels) + np.diag(prior)
+    share = _SYSTEMATIC_SHARE if systematic else 1.0
+    B = share * spectrum.score_covariance(levels) + np.diag(prior)
     noise = inverse @ B @ inverse
-    chi2, scatter = _segment_scatter(spectrum, levels, inverse, fit)
-    covariance = noise + scatter if scatter is not None else noise
+    chi2, significant, scatter = _segment_scatter(spectrum, levels, inverse, fit)
+    covariance = noise + scatter if systematic or significant else noise
     excitation = _excitation(fit, free, prior)
     return Uncertainty(
         covariance=_embed(covariance, free),
         excitation=excitation,
-        from_segments=scatter is not None,
+        from_segments=systematic or significant,
         segment_chi2=chi2,
         colour=spectrum.colour(levels),
     )
@@ -146,21 +156,22 @@ def _excitation(fit: Fit, free: Indices, prior: Floats) -> Floats:
 
 def _segment_scatter(
     spectrum: ScoreSpectrum, levels: Floats, inverse: Floats, fit: Fit
-) -> tuple[float, Floats | None]:
+) -> tuple[float, bool, Floats]:
     """Whether segments of the log pull the pose apart by more than noise, and by how much.
 
     A segment's pull, A^-1 times its score, is to first order how far leaving it out would move
     the estimate. Model errors (a wrong link length) pull differently from segment to segment.
 
     Returns:
-        Scatter over noise per degree of freedom, and the covariance to add, if significant.
+        Scatter over noise per degree of freedom, whether noise explains it, and the covariance
+        to add if not.
     """
     seconds = (
         (spectrum.slots[-1] - spectrum.slots[0]) * fit.windowing.plan.hop * fit.windowing.grid.dt
     )
     count = min(_SEGMENTS, int(seconds / _SEGMENT_SECONDS))
     if count < 3:
-        return 1.0, None
+        return 1.0, False, np.zeros_like(inverse)
     parts = np.array_split(np.arange(len(spectrum.slots)), count)
     scores = [spectrum.score_covariance(levels, rows) for rows in parts]
     everywhere = np.sum(scores, axis=0)
@@ -184,11 +195,9 @@ def _segment_scatter(
     chi2, freedom = chi2 * (count - 1) / count, freedom * (count - 1) / count
     # Wilson and Hilferty's normal approximation of chi-squared.
     limit = freedom * (1 - 2 / (9 * freedom) + _SIGNIFICANCE_Z * np.sqrt(2 / (9 * freedom))) ** 3
-    if chi2 <= limit:
-        return chi2 / freedom, None
     stacked = np.stack(pulls)
-    scatter = stacked.T @ stacked * (count / (count - 1))
-    return chi2 / freedom, np.asarray(_COMMON_SHARE * scatter)
+    scatter = stacked.T @ stacked * (_COMMON_SHARE * count / (count - 1))
+    return chi2 / freedom, chi2 > limit, np.asarray(scatter)
 
 
 def bias_std(fit: Fit, covariance: Floats, which: slice, bias_parent: Floats) -> Floats:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from imucalib_cli.estimate.estimate import Window
 from imucalib_cli.signals.kernels import convolve_at, matched_filter
-from imucalib_cli.signals.spikes import deviation_from_neighbours
+from imucalib_cli.signals.spikes import NOISE_OF_DEVIATION, deviation_from_neighbours
 
 if TYPE_CHECKING:
     from imucalib_cli.estimate.options import WindowChoice
@@ -32,6 +32,8 @@ Floats = NDArray[np.float64]
 
 SHORTEST_AUTO = 0.2
 LONGEST_AUTO = 1.0
+LONGEST_SAMPLES = 4001
+"""Grid samples; stamps that come in bunches look like a rate at which a second has many more."""
 _LENGTHS = (0.2, 0.25, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0)
 """s."""
 MAX_ATTENUATION = 1e-4
@@ -40,8 +42,6 @@ QUIET_ACCEL = 1e-3
 """m/s²: no accelerometer is quieter; a log without noise is no reason for long windows."""
 _ARM = 1.0
 """m: how far joints stand from the parent link, for what their noise does to its position."""
-_NOISE_OF_DEVIATION = 1.394
-"""Standard deviation of the deviation from four neighbours, white noise of unit deviation."""
 
 
 def choose_window(
@@ -62,7 +62,7 @@ def choose_window(
     else:
         seconds, reason = _automatic(grid, trajectory, degree)
     shortest = degree + 2 + (degree + 1) % 2
-    length = max(2 * round(seconds / grid.dt / 2) + 1, shortest)
+    length = min(max(2 * round(seconds / grid.dt / 2) + 1, shortest), LONGEST_SAMPLES)
     window = Window(
         samples=(length - 1) // grid.refine + 1,
         seconds=(length - 1) * grid.dt,
@@ -74,7 +74,7 @@ def choose_window(
 def _automatic(grid: ImuGrid, trajectory: Trajectory, degree: int) -> tuple[float, str]:
     """Shortest length at which the kinematics' noise no longer matters."""
     rotation, position = kinematic_noise(trajectory)
-    accel = max(_median_deviation(grid.accel) / _NOISE_OF_DEVIATION, QUIET_ACCEL)
+    accel = max(_median_deviation(grid.accel) / NOISE_OF_DEVIATION, QUIET_ACCEL)
     turning = _lever_power(grid, trajectory, degree)
     for seconds in _LENGTHS:
         gain = second_derivative_gain(seconds)
@@ -124,9 +124,7 @@ def _moving_variance(track: CleanTrack) -> Floats:
         # Not the largest speed: a tracker that jumps once would be all that moves.
         active = speed > 0.2 * np.percentile(speed, 95)
         if active.sum() >= 8:
-            variance[channel] = (
-                np.median(np.abs(rest[active])) * 1.4826 / _NOISE_OF_DEVIATION
-            ) ** 2
+            variance[channel] = (np.median(np.abs(rest[active])) * 1.4826 / NOISE_OF_DEVIATION) ** 2
     return variance
 
 

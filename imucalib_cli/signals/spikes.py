@@ -63,6 +63,10 @@ def _bridge(work: Floats, found: NDArray[np.bool_]) -> None:
         work[found] = np.interp(np.flatnonzero(found), good, work[good])
 
 
+NOISE_OF_DEVIATION = 1.394
+"""Standard deviation of the deviation from four neighbours, of white noise of unit deviation."""
+
+
 def deviation_from_neighbours(values: Floats) -> Floats:
     """Distance of each sample from the cubic through the two on either side.
 

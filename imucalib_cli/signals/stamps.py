@@ -16,6 +16,8 @@ GAP_INTERVALS = 3.0
 GAP_SECONDS = 0.010
 """A hole longer than both is a gap: no filter window reaches over it."""
 
+_ASTRAY_SPANS = 2.0
+"""Stamps further than this many spans of the log from its middle belong to no log."""
 EXACT_SECONDS = 6e-7
 """Stamps this close to a constant rate are one: half a microsecond is how some drivers round."""
 
@@ -40,6 +42,8 @@ class TidyRows:
     repeated: int
     backward: int
     not_finite: int
+    astray: int
+    """Stamps far from all others: zero among the dates of today, or in another year."""
 
 
 def tidy_rows(t: Floats, values: Floats) -> TidyRows:
@@ -51,11 +55,17 @@ def tidy_rows(t: Floats, values: Floats) -> TidyRows:
     """
     finite = np.isfinite(t) & np.isfinite(values).all(axis=1)
     rows = np.flatnonzero(finite)
+    astray = 0
+    if len(rows):
+        early, middle, late = np.percentile(t[rows], (5, 50, 95))
+        near = np.abs(t[rows] - middle) <= _ASTRAY_SPANS * (late - early) + 1.0
+        astray = int((~near).sum())
+        rows = rows[near]
     backward = int((np.diff(t[rows]) < 0).sum())
     if backward:
         rows = rows[np.argsort(t[rows], kind="stable")]
     keep = np.concatenate([[True], np.diff(t[rows]) > 0]) if len(rows) else np.zeros(0, bool)
-    return TidyRows(rows[keep], int((~keep).sum()), backward, int((~finite).sum()))
+    return TidyRows(rows[keep], int((~keep).sum()), backward, int((~finite).sum()), astray)
 
 
 def gap_limit(t: Floats) -> float:

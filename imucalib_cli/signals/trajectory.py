@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 MIN_TRACK_SAMPLES = 6
+_HELD = 0.5
+"""Share of repeated rows in fast motion from which a publisher holds its values."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +32,8 @@ class CleanTrack:
     breaks: Indices
     ticks: Ticks | None
     """The constant-rate clock behind jittered stamps, if there is one."""
+    held: bool = False
+    """Values were repeated until the next change; only the changes are left."""
 
     @property
     def interval(self) -> float:
@@ -55,7 +59,29 @@ def clean_track(track: Track) -> CleanTrack:
         q = values[:, 3:]
         flips = np.sum(q[1:] * q[:-1], axis=1) < 0  # q and -q are one rotation
         values[1:, 3:] *= np.where(np.cumsum(flips) % 2, -1.0, 1.0)[:, None]
-    return CleanTrack(track.name, t, values, gap_breaks(t), constant_rate_ticks(t))
+    changes = _changes(values)
+    held = len(changes) < len(t)
+    t, values = t[changes], values[changes]
+    return CleanTrack(track.name, t, values, gap_breaks(t), constant_rate_ticks(t), held)
+
+
+def _changes(values: Floats) -> Indices:
+    """Rows to keep of a track that repeats each value until the next; all rows of any other.
+
+    An encoder at rest repeats itself too. Only if most rows repeat in the middle of fast motion
+    is it the publisher that holds them: steps where there were none.
+    """
+    everything = np.arange(len(values))
+    reach = 10
+    if len(values) < 4 * reach:
+        return everything
+    far = np.zeros(len(values))
+    far[reach:-reach] = np.abs(values[2 * reach :] - values[: -2 * reach]).max(axis=1)
+    fast = far > 0.5 * np.percentile(far, 95)
+    same = np.concatenate([[False], (values[1:] == values[:-1]).all(axis=1)])
+    if far.max() <= 0.0 or same[fast].mean() < _HELD:
+        return everything
+    return np.flatnonzero(~same)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,82 @@
+"""Jittered stamps read one way or the other, and the fit each reading leads to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from imucalib_cli.estimate.fit import Fit, fit_windows
+from imucalib_cli.estimate.offset import coarse_time_offset
+from imucalib_cli.estimate.window_choice import choose_window
+from imucalib_cli.estimate.windows import Windowing, plan_windows
+
+if TYPE_CHECKING:
+    from imucalib_cli.estimate.estimate import Window
+    from imucalib_cli.estimate.options import MatchedOptions
+    from imucalib_cli.estimate.prepare import CleanImu
+    from imucalib_cli.signals.lag import Lag
+    from imucalib_cli.signals.trajectory import Trajectory
+
+_CLEARLY_BETTER = 0.3
+"""Least fall of the logarithm of both residual scales from which jittered stamps are believed:
+read wrongly they seem to fit better by up to 0.2 in noise, and ticks time the log better."""
+
+
+@dataclass(frozen=True, eq=False)
+class Attempt:
+    """One reading of the stamps and the fit it leads to."""
+
+    fit: Fit
+    window: Window
+    lag: Lag | None
+    imu_ticks: bool
+    robot_ticks: bool
+
+    @property
+    def misfit(self) -> float:
+        """Residual scale of both sensors: lower means the stamps were read better."""
+        return float(np.log(self.fit.scales[0]) + np.log(self.fit.scales[1]))
+
+
+def best_reading(clean: CleanImu, trajectory: Trajectory, options: MatchedOptions) -> Attempt:
+    """Stamps that jitter are read as ticks of a constant rate, or as they are: whichever fits.
+
+    Arrival jitter on a device that keeps its rate is an error of the stamps; a sample taken late
+    is not. The stamps alone do not tell which, the residuals do.
+    """
+    best = _first_attempt(clean, trajectory.with_ticks(trajectory.has_jitter), options)
+    if best.robot_ticks:
+        other = _next_attempt(clean, best, options, (best.imu_ticks, False))
+        best = other if other.misfit < best.misfit - _CLEARLY_BETTER else best
+    # Against what the robot's stamps turned out to be: both streams may be sampled late.
+    if best.imu_ticks:
+        other = _next_attempt(clean, best, options, (False, best.robot_ticks))
+        best = other if other.misfit < best.misfit - _CLEARLY_BETTER else best
+    return best
+
+
+def _first_attempt(clean: CleanImu, trajectory: Trajectory, options: MatchedOptions) -> Attempt:
+    """Choose the window, find the offset coarsely, fit."""
+    imu_ticks = clean.ticks is not None
+    grid = clean.grid(trajectory.interval, use_ticks=imu_ticks)
+    length, window = choose_window(options.window, grid, trajectory, options.degree)
+    lag, offset = None, options.time_offset
+    if offset is None:
+        offset, lag = coarse_time_offset(grid, trajectory, options.max_offset)
+    windowing = Windowing(grid, trajectory, plan_windows(length, options.degree, grid.dt))
+    fit = fit_windows(windowing, options, offset)
+    return Attempt(fit, window, lag, imu_ticks, trajectory.use_ticks)
+
+
+def _next_attempt(
+    clean: CleanImu, near: Attempt, options: MatchedOptions, ticks: tuple[bool, bool]
+) -> Attempt:
+    """Read the stamps of IMU and robot otherwise, and go on from the fit at hand."""
+    trajectory = near.fit.windowing.trajectory.with_ticks(ticks[1])
+    grid = clean.grid(trajectory.interval, use_ticks=ticks[0])
+    plan = plan_windows(near.fit.windowing.plan.length, options.degree, grid.dt)
+    windowing = Windowing(grid, trajectory, plan)
+    fit = fit_windows(windowing, options, near.fit.time_offset, near.fit.solution.state)
+    return replace(near, fit=fit, imu_ticks=ticks[0], robot_ticks=ticks[1])

@@ -1,0 +1,206 @@
+"""What to tell the user about a fit: why not to trust it, and what to know of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from imucalib_cli.estimate import columns
+from imucalib_cli.estimate.solve import DBA, DBG, DTILT, POSE, state_prior_offset
+
+if TYPE_CHECKING:
+    from imucalib_cli.estimate.misfit import Misfit
+    from imucalib_cli.estimate.options import MatchedOptions
+    from imucalib_cli.estimate.prepare import CleanImu
+    from imucalib_cli.estimate.readings import Attempt
+    from imucalib_cli.estimate.uncertainty import Uncertainty
+
+_AMBIGUOUS = 25.0
+"""Least rise of the cost, in chi-squared, of a second rotation that is really worse."""
+_UNEXPLAINED_GYRO = 0.3
+"""Share of the measured rotation left in the residuals from which model and log do not match."""
+_UNEXPLAINED_ACCEL = 1.0
+"""m/s², averaged over a window: no sensor is as noisy as that."""
+_STANDSTILL_GYRO = 0.02
+"""rad/s: a log that turns less than this tells nothing about mismatch."""
+_CLEAR_LAG = 0.8
+"""Correlation of the two rates at the right time offset: even a bad model keeps it."""
+_DROPPED_MOTION = 0.2
+"""Share of the motion in windows left out from which the rest no longer speaks for the log."""
+_PRIOR_MISSED = 5.0
+"""Standard deviations from which a prior and the data contradict each other."""
+_TILTED_DEG = 20.0
+_LARGE_ACCEL_BIAS = 0.5
+"""m/s²: more than any working accelerometer has."""
+_NEGLIGIBLE_MM = 0.01
+"""mm and mrad: disagreement smaller than this is not worth a sentence."""
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """All that is known when a result is judged."""
+
+    attempt: Attempt
+    clean: CleanImu
+    spread: Uncertainty
+    misfit: Misfit
+    options: MatchedOptions
+
+
+def reasons_for_distrust(evidence: Evidence, *, unknown: bool) -> list[str]:
+    """Why the result must not be used, a sentence each.
+
+    Args:
+        evidence: Of the fit.
+        unknown: Whether directions are unobservable already, which has its own words.
+    """
+    attempt, options = evidence.attempt, evidence.options
+    reasons = _unexplained(evidence)
+    if attempt.lag is not None and attempt.lag.at_edge and not unknown:
+        reasons.append(
+            f"the time offset may lie beyond the search of ±{options.max_offset:g} s: "
+            "widen it with --max-offset"
+        )
+    if attempt.fit.runner_up_rise < _AMBIGUOUS and not unknown:
+        reasons.append(
+            "another rotation fits almost as well: record motion about more than one axis"
+        )
+    if evidence.misfit.gross and _matters(evidence.spread):
+        reasons.append(
+            f"the residuals are {max(evidence.misfit.over_noise):.0f} times the sensor's own noise "
+            f"and grow {max(evidence.misfit.growth):.0f} times with motion: kinematics, scale, "
+            "delays or stamps are not what they are taken for"
+        )
+    dropped = _dropped_motion(evidence)
+    if dropped > _DROPPED_MOTION:
+        reasons.append(
+            f"windows with {dropped:.0%} of the motion do not fit the rest and were left out: "
+            "frames, joint order or stamps may be wrong in parts of the log"
+        )
+    reasons += _missed_priors(evidence)
+    return reasons
+
+
+def _unexplained(evidence: Evidence) -> list[str]:
+    """Motion that the model does not account for."""
+    fit, reasons = evidence.attempt.fit, []
+    accel, gyro = fit.rows.residuals(fit.solution.state.vector())
+    turning = float(np.sqrt(np.mean(fit.rows.gyro[:, :, columns.ONE] ** 2)))
+    left = float(np.sqrt(np.mean(gyro**2)))
+    if turning > _STANDSTILL_GYRO and left > _UNEXPLAINED_GYRO * turning:
+        lag = evidence.attempt.lag
+        beyond = (
+            f", or do the clocks differ by more than {evidence.options.max_offset:g} s "
+            "(--max-offset)"
+            if lag is not None and lag.correlation < _CLEAR_LAG
+            else ""
+        )
+        reasons.append(
+            f"the robot's motion does not explain the gyroscope ({left / turning:.0%} of the "
+            f"rotation is left over): is this the right parent link, URDF and joint topic{beyond}?"
+        )
+    force_left = float(np.sqrt(np.mean(accel**2)))
+    if force_left > _UNEXPLAINED_ACCEL:
+        reasons.append(
+            f"the robot's motion and gravity leave {force_left:.2g} m/s² of the acceleration "
+            "unexplained: are --gravity, the units and the parent link right?"
+        )
+    return reasons
+
+
+def _dropped_motion(evidence: Evidence) -> float:
+    """Share of the motion in windows that lost all weight."""
+    fit = evidence.attempt.fit
+    motion = (fit.rows.accel[:, :, columns.T] ** 2).sum(axis=(1, 2))
+    total = float(motion.sum())
+    return float(motion[fit.weights <= 0.0].sum()) / total if total > 0.0 else 0.0
+
+
+def _missed_priors(evidence: Evidence) -> list[str]:
+    """Priors the user gave that the data contradict."""
+    fit = evidence.attempt.fit
+    offset = state_prior_offset(fit.solution.state, fit.unknowns)
+    options = evidence.options
+    given = (
+        ("--tilt-std", DTILT, options.tilt_std),
+        ("--accel-bias", DBA, options.accel_bias_std),
+        ("--gyro-bias", DBG, options.gyro_bias_std),
+    )
+    return [
+        f"the data contradict {name}: the value found is {missed:.0f} standard deviations off"
+        for name, part, std in given
+        if 0.0 < std < np.inf
+        and (missed := float(np.linalg.norm(offset[part])) / std) > _PRIOR_MISSED
+    ]
+
+
+def _matters(spread: Uncertainty) -> bool:
+    """Whether the uncertainty is more than rounding and interpolation would make it."""
+    std = np.sqrt(np.diag(spread.covariance)[POSE])
+    return bool(std[:3].max() > _NEGLIGIBLE_MM * 1e-3 or std[3:].max() > _NEGLIGIBLE_MM * 1e-3)
+
+
+def warnings_of(evidence: Evidence) -> list[str]:
+    """What the user should know of a result, a sentence each."""
+    attempt, clean, spread = evidence.attempt, evidence.clean, evidence.spread
+    fit = attempt.fit
+    warnings = []
+    if clean.repeated or clean.backward or clean.not_finite or clean.astray:
+        warnings.append(
+            f"IMU samples left out: {clean.repeated} with repeated stamps, {clean.not_finite} not "
+            f"finite, {clean.astray} with stamps far from the log; stamps that went backwards: "
+            f"{clean.backward}"
+        )
+    if attempt.imu_ticks and clean.ticks is not None:
+        warnings.append(
+            f"IMU stamps jitter by {clean.ticks.jitter * 1e3:.2g} ms about a constant rate; "
+            "it fits the motion better and was used"
+        )
+    if attempt.robot_ticks:
+        warnings.append(
+            "robot stamps jitter about a constant rate; it fits the motion better and was used"
+        )
+    warnings += [
+        f"{track.name}: values are held for several messages; only changes were used, and the "
+        "time offset contains the hold"
+        for track in fit.windowing.trajectory.tracks
+        if track.held
+    ]
+    if spread.from_segments and _matters(spread):
+        warnings.append(_why_widened(evidence))
+    dropped = int((fit.weights <= 0.0).sum())
+    if dropped > 0.05 * len(fit.weights):
+        warnings.append(
+            f"{dropped} of {len(fit.weights)} windows do not fit the rest and were left out"
+        )
+    state, norm = fit.solution.state, fit.unknowns.gravity_norm
+    if norm > 0.0:
+        tilt_deg = float(np.degrees(np.arccos(np.clip(-state.gravity[2] / norm, -1.0, 1.0))))
+        if tilt_deg > _TILTED_DEG:
+            warnings.append(
+                f"gravity is {tilt_deg:.0f} deg off -z of the world: true for a base mounted so, "
+                "else joint signs, frames or the accelerometer's sign are wrong"
+            )
+    bias = float(np.linalg.norm(state.accel_bias))
+    if bias > _LARGE_ACCEL_BIAS:
+        warnings.append(
+            f"an accelerometer bias of {bias:.2g} m/s² is unusual: a scale error, or another "
+            "--gravity norm?"
+        )
+    return warnings
+
+
+def _why_widened(evidence: Evidence) -> str:
+    misfit, spread = evidence.misfit, evidence.spread
+    model = "the kinematic model or the mount, not noise, sets the uncertainty"
+    if misfit.systematic:
+        return (
+            f"residuals are {max(misfit.over_noise):.1f} times the sensor's own noise and grow "
+            f"{max(misfit.growth):.1f} times with motion: {model}"
+        )
+    return (
+        f"segments of the log disagree {np.sqrt(spread.segment_chi2):.1f} times more than noise "
+        f"explains: {model}"
+    )
