@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.estimate import Estimate
     from imucalib_cli.jobs.reading import Recording
     from imucalib_cli.jobs.request import CalibrationRequest, Progress
+    from imucalib_cli.logs.clock import Clock
     from imucalib_cli.logs.streams import ImuStream
     from imucalib_cli.robot.path import KinematicPath
     from imucalib_cli.signals.samples import ImuSamples
@@ -86,7 +87,7 @@ def _calibrate_one(
     warnings = check_gravity(imu, wanted=request.wants_gravity)
     motion = find_motion(recording.sources, recording.robot, imu.frame_id, request)
     check_joint_topics(recording.joints, _driven(motion.path))
-    check_overlap(samples, imu.topic, motion)
+    check_overlap(samples, imu.topic, motion, recording.clock)
     options = _with_initial(request.estimator, motion)
     estimate = _estimate(samples, motion.path, options)
     calibration = Calibration(
@@ -130,7 +131,7 @@ def _driven(path: KinematicPath) -> set[str]:
     }
 
 
-def check_overlap(samples: ImuSamples, topic: str, motion: Motion) -> None:
+def check_overlap(samples: ImuSamples, topic: str, motion: Motion, clock: Clock) -> None:
     """See that an IMU and what moves it were stamped at the same time.
 
     Raises:
@@ -144,9 +145,18 @@ def check_overlap(samples: ImuSamples, topic: str, motion: Motion) -> None:
         if first > end or last < start:
             raise InputError(
                 f"{topic} is stamped from {start:.3f} to {end:.3f} s of the log, {track.name} "
-                f"from {first:.3f} to {last:.3f} s: they never meet; if one clock is wrong, "
-                "rerun with --clock log to use the times of receipt"
+                f"from {first:.3f} to {last:.3f} s: they never meet; {_other_clock(clock)}"
             )
+
+
+def _other_clock(clock: Clock) -> str:
+    match clock.alternative:
+        case "log":
+            return "if one clock is wrong, rerun with --clock log to use the times of receipt"
+        case "header":
+            return "rerun with --clock header to use the stamps of the headers"
+        case _:
+            return "no other stamps in the log are sound, so record again"
 
 
 def _provenance(

@@ -118,7 +118,7 @@ def _imus(
         )
         if problem is None:
             samples = ImuSamples(t=clock.seconds(imu), gyro=imu.gyro, accel=imu.accel)
-            finding = _with_motion(finding, samples, sources, robot, request)
+            finding = _with_motion(finding, samples, sources, robot, request=request, clock=clock)
         if finding.units.accel_unit == "m/s², no gravity":
             options.append("--gravity none")
         hints += finding.units.warnings
@@ -137,7 +137,7 @@ def _chosen(data: LogData, request: CalibrationRequest) -> LogData:
         }
     elif data.joints:
         poses = {topic: streams for topic, streams in poses.items() if _is_tf(topic, streams)}
-    return LogData(imus=data.imus, joints=data.joints, poses=poses)
+    return LogData(imus=data.imus, joints=data.joints, poses=poses, losses=data.losses)
 
 
 def _is_tf(topic: str, streams: tuple[PoseStream, ...]) -> bool:
@@ -149,12 +149,14 @@ def _with_motion(
     samples: ImuSamples,
     sources: Sources,
     robot: Robot | None,
+    *,
     request: CalibrationRequest,
+    clock: Clock,
 ) -> ImuFinding:
     """Say what carries and moves the IMU, or why that is not known."""
     try:
         motion = find_motion(sources, robot, finding.frame_id, request)
-        check_overlap(samples, finding.topic, motion)
+        check_overlap(samples, finding.topic, motion, clock)
     except ImucalibError as error:
         return replace(finding, problem=str(error))
     return replace(finding, parent=motion.parent, world=motion.path.world, motion=motion.topics)
@@ -167,14 +169,14 @@ def _command(
     options: tuple[str, ...],
 ) -> tuple[str | None, str]:
     """The command for the IMUs that can be calibrated, and what to replace in it."""
-    if not findings or not (data.joints or data.poses):
+    if not findings or not any((*data.joints.values(), *data.poses.values())):
         return None, ""
     words = ["imucalib", "run", *(shlex.quote(str(path)) for path in request.logs)]
     placeholders = []
     good = [finding for finding in findings if finding.problem is None]
     if request.urdf is not None:
         words.append(f"--urdf {shlex.quote(str(request.urdf))}")
-    elif data.joints and not good:
+    elif any(data.joints.values()) and not good:
         words.append("--urdf ROBOT.urdf")
         placeholders.append("ROBOT.urdf by your robot's")
     words += [f"--pose-topic {shlex.quote(topic)}" for topic in request.pose_topics]

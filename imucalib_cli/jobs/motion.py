@@ -30,6 +30,8 @@ class Sources:
     """One for each parent and child; the child is empty where the message has none."""
     topics: dict[str, str]
     """Topic of each track, by the track's name."""
+    unused: tuple[str, ...] = ()
+    """Topics of which no message could be used, and why, one sentence each."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -125,9 +127,13 @@ def _robot_path(
                 f"{near_matches(request.world, robot.links)}"
             )
         return joint_path(robot, mount.parent, sources.joints, world=request.world)
-    except InputError:
+    except InputError as error:
         # joint states of other joints only, while /tf knows all frames
         if not any(mount.parent in (edge.parent, edge.child) for edge in edges):
+            if sources.unused:
+                # the URDF is not to blame for joints that are there and cannot be used
+                said = [str(error)] if sources.joints else []
+                raise InputError("; ".join((*sources.unused, *said))) from error
             raise
     return frame_path(edges, mount.parent, world=request.world, robot=robot)
 
@@ -139,6 +145,8 @@ def _from_frames(sources: Sources, frame_id: str, request: CalibrationRequest) -
             raise ChoiceError(
                 f"joint states ({listed}) say nothing without the robot's chain: give --urdf"
             )
+        if sources.unused:
+            raise InputError("; ".join(sources.unused))
         raise InputError("no poses of any frame could be read from the log: see `imucalib inspect`")
     edges = _labelled(sources.edges, request.parent)
     parent, nominal = request.parent, None

@@ -25,9 +25,12 @@ if TYPE_CHECKING:
 
     from imucalib_cli.jobs.request import CalibrationRequest, Progress
     from imucalib_cli.logs.clock import Clock
-    from imucalib_cli.logs.log import LogData, Topic
+    from imucalib_cli.logs.log import LogData
     from imucalib_cli.logs.streams import ImuStream, JointStream, PoseStream, Stream
     from imucalib_cli.robot.urdf import Robot
+
+_SHOWN = 3
+"""Losses told in one error; a damaged disk has thousands."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -70,11 +73,9 @@ def read_recording(request: CalibrationRequest, progress: Progress | None = None
             chosen.all, None if progress is None else lambda share: progress("reading", share)
         )
         imus = tuple(imu for imu in data.imus.values() if len(imu))
-        if not imus:
-            raise InputError(
-                f"{log.paths[0]}: no IMU message could be read: {list_topics(log.topics)}"
-            )
+        _see_imus_used(imus, chosen.imus, data, request)
         clock = choose_clock(moving_streams(data), request.clock)
+        _see_stamps_advance(imus, clock)
         sources, doubles = gather_sources(data, clock)
         return Recording(
             imus=imus,
@@ -88,10 +89,42 @@ def read_recording(request: CalibrationRequest, progress: Progress | None = None
         )
 
 
-def list_topics(topics: Iterable[Topic]) -> str:
-    """The log's topics with their types, for the end of a message."""
-    listed = ", ".join(f"{topic.name} ({topic.type or 'untyped'})" for topic in topics)
-    return f"the log has {listed}" if listed else "the log has no topics"
+def _see_imus_used(
+    imus: tuple[ImuStream, ...],
+    topics: Iterable[str],
+    data: LogData,
+    request: CalibrationRequest,
+) -> None:
+    """At least one IMU must be left, and each that was asked for."""
+    used = {imu.topic for imu in imus}
+    unused = [topic for topic in topics if topic not in used]
+    if unused and (request.imu_topics or not imus):
+        raise InputError("; ".join(_why_unused(topic, data) for topic in unused))
+
+
+def _see_stamps_advance(imus: tuple[ImuStream, ...], clock: Clock) -> None:
+    """Without any difference in time there is nothing to estimate."""
+    for imu in imus:
+        stamps = clock.stamps_ns(imu)
+        if len(stamps) > 1 and not np.diff(stamps).any():
+            name = "header stamps" if clock.kind == "header" else "receive times"
+            remedy = "no other stamps in the log are sound, so record again"
+            if clock.alternative is not None:
+                remedy = f"rerun with --clock {clock.alternative}"
+            raise InputError(f"{imu.topic}: {name} are all the same: {remedy}")
+
+
+def _why_unused(topic: str, data: LogData) -> str:
+    """One sentence on a topic of which nothing is left, with what was lost of it."""
+    topics = (*data.imus, *data.joints, *data.poses, topic)
+    own = [loss.removeprefix(f"{topic}: ") for loss in data.losses if loss.startswith(f"{topic}: ")]
+    of_files = [
+        loss for loss in data.losses if not any(loss.startswith(f"{other}: ") for other in topics)
+    ]
+    reasons = [*own, *of_files] or ["they hold no values"]
+    if len(reasons) > _SHOWN:
+        reasons = [*reasons[:_SHOWN], f"and {len(reasons) - _SHOWN} more"]
+    return f"{topic}: no message could be used: {'; '.join(reasons)}"
 
 
 def gather_sources(data: LogData, clock: Clock) -> tuple[Sources, tuple[str, ...]]:
@@ -124,7 +157,12 @@ def gather_sources(data: LogData, clock: Clock) -> tuple[Sources, tuple[str, ...
         edges.append(
             Edge(parent=pose.parent, child=pose.child, track=track, is_static=pose.is_static)
         )
-    return Sources(joints=tuple(joints), edges=tuple(edges), topics=topics), warnings
+    unused = tuple(
+        _why_unused(topic, data)
+        for topic, streams in (*data.joints.items(), *data.poses.items())
+        if not streams
+    )
+    return Sources(joints=tuple(joints), edges=tuple(edges), topics=topics, unused=unused), warnings
 
 
 def _one_for_each_edge(poses: list[PoseStream]) -> tuple[list[PoseStream], tuple[str, ...]]:

@@ -41,6 +41,8 @@ class Clock:
     origin_ns: int
     """First plausible stamp of any stream that moves, ns."""
     warnings: tuple[str, ...] = ()
+    alternative: Kind | None = None
+    """Of the kind that does not count, if its stamps look sound."""
 
     def stamps_ns(self, stream: Stream) -> Nanoseconds:
         """The stamps that count, (N,), ns."""
@@ -86,9 +88,14 @@ def choose_clock(
         kind = wanted
         other = "log" if kind == "header" else "header"
         faults = header_faults if kind == "header" else log_faults
-        warnings = [f"{fault}, yet --clock {kind} was asked for: try {other}" for fault in faults]
+        others = log_faults if kind == "header" else header_faults
+        # no advice to run into the same wall
+        advice = f"and {others[0]}" if others else f"try --clock {other}"
+        warnings = [f"{fault}, yet --clock {kind} was asked for: {advice}" for fault in faults]
     origin = min((_first_plausible(_stamps(each, kind)) for each in moving), default=0)
-    return Clock(kind=kind, origin_ns=origin, warnings=tuple(warnings))
+    other_faults = log_faults if kind == "header" else header_faults
+    sound: Kind | None = None if other_faults else "log" if kind == "header" else "header"
+    return Clock(kind=kind, origin_ns=origin, warnings=tuple(warnings), alternative=sound)
 
 
 def _is_static(stream: Stream) -> bool:

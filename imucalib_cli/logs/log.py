@@ -47,7 +47,7 @@ class LogData:
 
     imus: dict[str, ImuStream] = field(default_factory=dict)
     joints: dict[str, tuple[JointStream, ...]] = field(default_factory=dict)
-    """One per set of joint names."""
+    """One per set of joint names; none where no message could be used."""
     poses: dict[str, tuple[PoseStream, ...]] = field(default_factory=dict)
     """One per (parent, child)."""
     losses: tuple[str, ...] = ()
@@ -108,7 +108,7 @@ class Log:
                 except OSError as error:
                     raise InputError(f"{storage.path} cannot be read: {error}") from error
             collector.next_file()
-        data = LogData()
+        data = self._nothing_of(wanted)
         losses = list(self.losses)
         for found in collector.finish():
             name = found.topic
@@ -132,6 +132,18 @@ class Log:
             losses += lost
         data.losses = tuple(losses)
         return data
+
+    def _nothing_of(self, wanted: set[str]) -> LogData:
+        """Topics of which damage may have left nothing are still there, without streams."""
+        kinds = {
+            each.name: MESSAGE_TYPES[each.type].kind
+            for each in self.topics
+            if each.name in wanted and each.readable and each.count
+        }
+        return LogData(
+            joints={name: () for name, kind in kinds.items() if kind == "joints"},
+            poses={name: () for name, kind in kinds.items() if kind == "pose"},
+        )
 
     def _check(self, wanted: set[str]) -> None:
         known = {each.name for each in self.topics}

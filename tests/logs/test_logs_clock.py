@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from imucalib_cli.logs.clock import choose_clock
+from imucalib_cli.logs.clock import Kind, choose_clock
 from imucalib_cli.logs.streams import PoseStream, Stream
 
 START = 1_700_000_000_000_000_000
@@ -106,4 +106,26 @@ def test_where_both_are_broken_headers_stay_with_a_warning() -> None:
     clock = choose_clock([broken])
     assert clock.kind == "header"
     assert "no better" in clock.warnings[0]
+    assert clock.alternative is None
     assert choose_clock([]).origin_ns == 0
+
+
+def test_only_sound_stamps_are_an_alternative() -> None:
+    assert choose_clock([stream()]).alternative == "log"
+    assert choose_clock([stream()], "log").alternative == "header"
+    assert choose_clock([stream(header=np.zeros_like)]).alternative is None
+    imu = stream()
+    unreceived = Stream(topic="/imu", header_ns=imu.header_ns, log_ns=np.zeros_like(imu.log_ns))
+    assert choose_clock([unreceived]).alternative is None
+
+
+def test_a_clock_that_was_asked_for_is_told_of_a_better_one_only() -> None:
+    imu = stream(header=np.zeros_like)
+    (warning,) = choose_clock([imu], "header").warnings
+    assert warning.endswith("yet --clock header was asked for: try --clock log")
+    neither = Stream(topic="/imu", header_ns=imu.header_ns, log_ns=np.zeros_like(imu.log_ns))
+    wishes: tuple[tuple[Kind, str], ...] = (("header", "receive times"), ("log", "header stamps"))
+    for kind, other in wishes:
+        (warning,) = choose_clock([neither], kind).warnings
+        assert "try" not in warning
+        assert f"and {other} of /imu are all zero" in warning

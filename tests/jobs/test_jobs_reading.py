@@ -1,0 +1,137 @@
+"""What is said of topics that are there and of which nothing can be used."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from mcap.writer import CompressionType
+
+from imucalib_cli.errors import ChoiceError, InputError
+from imucalib_cli.jobs.inspect import inspect
+from imucalib_cli.jobs.motion import find_motion
+from imucalib_cli.jobs.reading import read_recording
+from imucalib_cli.jobs.request import CalibrationRequest
+from tests.conftest import LogWriter
+from tests.logs.logs_samples import mixed_messages, write_mcap
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+def failure(log: Path, urdf: Path | None = None, **wishes: Any) -> str:
+    """The sentence a run ends with."""
+    request = CalibrationRequest(logs=(log,), urdf=urdf, **wishes)
+    with pytest.raises(InputError) as caught:
+        _find(request)
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+def _find(request: CalibrationRequest) -> None:
+    recording = read_recording(request)
+    find_motion(recording.sources, recording.robot, recording.imus[0].frame_id, request)
+
+
+def _without_numbers(writer: LogWriter, topic: str) -> None:
+    for name, _, _, message in writer.messages:
+        if name == topic:
+            message.angular_velocity.x = float("nan")
+
+
+def _without_positions(writer: LogWriter, topic: str = "/joint_states") -> None:
+    for name, _, _, message in writer.messages:
+        if name == topic:
+            message.position = np.zeros(1)
+
+
+def test_an_imu_of_which_nothing_is_finite_says_so(log_writer: LogWriter) -> None:
+    _without_numbers(log_writer.imu().joints(), "/imu/data")
+    said = failure(log_writer.write())
+    assert said.startswith("/imu/data: no message could be used: 400 messages whose values are not")
+
+
+def test_an_imu_that_was_asked_for_must_be_usable(log_writer: LogWriter) -> None:
+    _without_numbers(log_writer.imu("/good").imu("/bad").joints(), "/bad")
+    log = log_writer.write()
+    assert failure(log, imu_topics=("/good", "/bad")).startswith("/bad: no message could be used")
+    (only,) = read_recording(CalibrationRequest(logs=(log,))).imus
+    assert only.topic == "/good"
+
+
+def test_joints_of_wrong_length_are_blamed_on_their_topic(
+    log_writer: LogWriter, arm_urdf: Path
+) -> None:
+    _without_positions(log_writer.imu().joints())
+    log = log_writer.write()
+    said = failure(log, arm_urdf)
+    assert said == (
+        "/joint_states: no message could be used: 200 messages without one position for each "
+        "joint are left out"
+    )
+    assert inspect((log,), arm_urdf).imus[0].problem == said
+    assert failure(log).startswith("/joint_states: no message could be used")
+
+
+def test_other_joints_do_not_hide_those_that_cannot_be_used(
+    log_writer: LogWriter, arm_urdf: Path
+) -> None:
+    _without_positions(log_writer.imu().joints("/a", names=("pan",)).joints("/b"), "/b")
+    said = failure(log_writer.write(), arm_urdf)
+    assert said.startswith("/b: no message could be used")
+    assert "joint 'lift'" in said
+
+
+def test_damage_that_left_nothing_of_a_topic_is_told(tmp_path: Path) -> None:
+    log = tmp_path / "damaged.mcap"
+    imus = [each for each in mixed_messages(60) if each.topic == "/imu"]
+    joints = [each for each in mixed_messages(60) if each.topic == "/joint_states"]
+    write_mcap(log, [*imus[:52], *joints], chunk_size=4300, compression=CompressionType.NONE)
+    content = log.read_bytes()
+    assert content.count(b"imu_link") == 52  # so that no chunk keeps its checksum
+    log.write_bytes(content.replace(b"imu_link", b"imu_lank"))
+    said = failure(log)
+    assert said.startswith("/imu: no message could be used: ")
+    assert said.count("checksum") == 3
+    assert said.endswith("; and 2 more")
+
+
+def test_poses_that_compete_are_a_choice(log_writer: LogWriter) -> None:
+    """Exit code 2: the user can say which is meant."""
+    log = log_writer.imu().tf("map", "body").tf("odom", "body").write()
+    request = CalibrationRequest(logs=(log,), parent="body")
+    recording = read_recording(request)
+    with pytest.raises(ChoiceError, match=r"'body' is told 2 times.*--pose-topic"):
+        find_motion(recording.sources, None, "imu_link", request)
+
+
+def test_bases_that_compete_are_a_choice(log_writer: LogWriter, arm_urdf: Path) -> None:
+    log = log_writer.imu().joints().tf("map", "base").tf("odom", "base").write()
+    request = CalibrationRequest(logs=(log,), urdf=arm_urdf)
+    recording = read_recording(request)
+    with pytest.raises(ChoiceError, match=r"several poses move links of .*--pose-topic"):
+        find_motion(recording.sources, recording.robot, "imu_link", request)
+
+
+def test_a_log_without_any_time_gives_no_advice_to_change_the_clock(
+    log_writer: LogWriter, arm_urdf: Path
+) -> None:
+    log_writer.imu().joints()
+    for _, _, _, message in log_writer.messages:
+        message.header.stamp.sec = message.header.stamp.nanosec = 0
+    stamped = clock_of(log_writer.write(), arm_urdf)
+    assert stamped == "log"  # the times of receipt serve
+    timeless = LogWriter(log_writer.path.with_name("timeless"))
+    timeless.messages = [
+        (topic, kind, 0, message) for topic, kind, _, message in log_writer.messages
+    ]
+    assert failure(timeless.write(), arm_urdf) == (
+        "/imu/data: header stamps are all the same: no other stamps in the log are sound, so "
+        "record again"
+    )
+
+
+def clock_of(log: Path, urdf: Path) -> str:
+    """Which clock a run takes."""
+    return read_recording(CalibrationRequest(logs=(log,), urdf=urdf)).clock.kind
