@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from imucalib_cli.errors import InputError
 from imucalib_cli.estimate.estimate import Estimate, Residuals, Window
 from imucalib_cli.estimate.options import PaperOptions
+from imucalib_cli.estimate.verdict import STANDSTILL_GYRO, UNEXPLAINED_ACCEL, UNEXPLAINED_GYRO
 from imucalib_cli.robot.rotations import (
     matrix_from_rotvec,
     quaternion_from_matrix,
@@ -124,6 +125,16 @@ def calibrate_paper(imu: ImuSamples, path: KinematicPath, options: PaperOptions)
         distrust.append("the solver did not converge: give a better --initial guess")
     if values[-1] < _SINGULAR * values[0]:
         distrust.append("the motion does not determine the pose: rotate about two axes at least")
+    force_left = float(np.sqrt(np.mean(left[:, :3] ** 2)))
+    rate = float(np.sqrt(np.mean(instants.gyro**2)))
+    rate_left = float(np.sqrt(np.mean(left[:, 3:] ** 2)))
+    if force_left > UNEXPLAINED_ACCEL or (
+        rate > STANDSTILL_GYRO and rate_left > UNEXPLAINED_GYRO * rate
+    ):
+        distrust.append(
+            f"the solution leaves {force_left:.2g} m/s² and {rate_left:.2g} rad/s unexplained, "
+            "another minimum perhaps: give a better --initial guess or use --method matched"
+        )
     warnings = []
     if gaps:
         warnings.append(

@@ -19,11 +19,11 @@ if TYPE_CHECKING:
 
 _AMBIGUOUS = 25.0
 """Least rise of the cost, in chi-squared, of a second rotation that is really worse."""
-_UNEXPLAINED_GYRO = 0.3
+UNEXPLAINED_GYRO = 0.3
 """Share of the measured rotation left in the residuals from which model and log do not match."""
-_UNEXPLAINED_ACCEL = 1.0
+UNEXPLAINED_ACCEL = 1.0
 """m/s², averaged over a window: no sensor is as noisy as that."""
-_STANDSTILL_GYRO = 0.02
+STANDSTILL_GYRO = 0.02
 """rad/s: a log that turns less than this tells nothing about mismatch."""
 _CLEAR_LAG = 0.8
 """Correlation of the two rates at the right time offset: even a bad model keeps it."""
@@ -69,9 +69,8 @@ def reasons_for_distrust(evidence: Evidence, *, unknown: bool) -> list[str]:
         )
     if evidence.misfit.gross and _matters(evidence.spread):
         reasons.append(
-            f"the residuals are {max(evidence.misfit.over_noise):.0f} times the sensor's own noise "
-            f"and grow {max(evidence.misfit.growth):.0f} times with motion: kinematics, scale, "
-            "delays or stamps are not what they are taken for"
+            f"{_in_words(evidence.misfit)}: kinematics, scale, delays or stamps are not what they "
+            "are taken for"
         )
     dropped = _dropped_motion(evidence)
     if dropped > _DROPPED_MOTION:
@@ -89,7 +88,7 @@ def _unexplained(evidence: Evidence) -> list[str]:
     accel, gyro = fit.rows.residuals(fit.solution.state.vector())
     turning = float(np.sqrt(np.mean(fit.rows.gyro[:, :, columns.ONE] ** 2)))
     left = float(np.sqrt(np.mean(gyro**2)))
-    if turning > _STANDSTILL_GYRO and left > _UNEXPLAINED_GYRO * turning:
+    if turning > STANDSTILL_GYRO and left > UNEXPLAINED_GYRO * turning:
         lag = evidence.attempt.lag
         beyond = (
             f", or do the clocks differ by more than {evidence.options.max_offset:g} s "
@@ -102,7 +101,7 @@ def _unexplained(evidence: Evidence) -> list[str]:
             f"rotation is left over): is this the right parent link, URDF and joint topic{beyond}?"
         )
     force_left = float(np.sqrt(np.mean(accel**2)))
-    if force_left > _UNEXPLAINED_ACCEL:
+    if force_left > UNEXPLAINED_ACCEL:
         reasons.append(
             f"the robot's motion and gravity leave {force_left:.2g} m/s² of the acceleration "
             "unexplained: are --gravity, the units and the parent link right?"
@@ -156,11 +155,11 @@ def warnings_of(evidence: Evidence) -> list[str]:
     if attempt.imu_ticks and clean.ticks is not None:
         warnings.append(
             f"IMU stamps jitter by {clean.ticks.jitter * 1e3:.2g} ms about a constant rate; "
-            "it fits the motion better and was used"
+            "the constant rate fits the motion better and was used"
         )
     if attempt.robot_ticks:
         warnings.append(
-            "robot stamps jitter about a constant rate; it fits the motion better and was used"
+            "robot stamps jitter about a constant rate, which fits the motion better and was used"
         )
     warnings += [
         f"{track.name}: values are held for several messages; only changes were used, and the "
@@ -168,7 +167,7 @@ def warnings_of(evidence: Evidence) -> list[str]:
         for track in fit.windowing.trajectory.tracks
         if track.held
     ]
-    if spread.from_segments and _matters(spread):
+    if spread.from_segments and _matters(spread) and not evidence.misfit.gross:
         warnings.append(_why_widened(evidence))
     dropped = int((fit.weights <= 0.0).sum())
     if dropped > 0.05 * len(fit.weights):
@@ -192,14 +191,19 @@ def warnings_of(evidence: Evidence) -> list[str]:
     return warnings
 
 
+def _in_words(misfit: Misfit) -> str:
+    """The two ratios in a clause."""
+    return (
+        f"what the model leaves unexplained is {max(misfit.over_noise):.2g} times the sensor's own "
+        f"noise, and {max(misfit.growth):.2g} times as large in fast motion as in slow"
+    )
+
+
 def _why_widened(evidence: Evidence) -> str:
     misfit, spread = evidence.misfit, evidence.spread
     model = "the kinematic model or the mount, not noise, sets the uncertainty"
     if misfit.systematic:
-        return (
-            f"residuals are {max(misfit.over_noise):.1f} times the sensor's own noise and grow "
-            f"{max(misfit.growth):.1f} times with motion: {model}"
-        )
+        return f"{_in_words(misfit)}: {model}"
     return (
         f"segments of the log disagree {np.sqrt(spread.segment_chi2):.1f} times more than noise "
         f"explains: {model}"
