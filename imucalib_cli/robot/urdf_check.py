@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 SIZE_LIMIT = 64 << 20
 """Bytes; the largest published robot descriptions have a few hundred kilobytes."""
 DEPTH_LIMIT = 200
+FARTHEST = 1e4
+"""m from link to link; millimetres and damage lie beyond, and digits of the pose would be lost."""
 KINDS = ("fixed", "revolute", "continuous", "prismatic", "floating", "planar")
 _MOVING = ("revolute", "continuous", "prismatic")
 _SHOWN = 3
@@ -129,9 +131,10 @@ class _Reader:
 
     def _start(self, tag: str, attributes: dict[str, str]) -> None:
         element = _Element(tag, attributes, self._parser.CurrentLineNumber)
-        if tag.startswith("xacro:") or _has_xacro(element):
+        xacro = f"<{tag}>" if tag.startswith("xacro:") else _xacro_in(element)
+        if xacro:
             raise _Refused(
-                f"line {element.line}: <{tag}> is xacro, not URDF: expand it first with "
+                f"line {element.line}: {xacro} is xacro, not URDF: expand it first with "
                 f"`xacro {self._path} > robot.urdf` and give robot.urdf"
             )
         depth = len(self._stack)
@@ -152,12 +155,13 @@ class _Reader:
         )
 
 
-def _has_xacro(element: _Element) -> bool:
-    return any(
-        "${" in value or "$(" in value
-        for name, value in element.attributes.items()
-        if element.tag in ("robot", "link", "joint") or name in ("xyz", "rpy", "link")
-    )
+def _xacro_in(element: _Element) -> str:
+    """The attribute that is still to be expanded, in its element; empty if there is none."""
+    for name, value in element.attributes.items():
+        counts = element.tag in ("robot", "link", "joint") or name in ("xyz", "rpy", "link")
+        if counts and ("${" in value or "$(" in value):
+            return " ".join(f'<{element.tag} {name}="{value}">'.split())
+    return ""
 
 
 def _links(root: _Element, faults: _Faults) -> dict[str, _Element]:
@@ -216,6 +220,11 @@ def _check_numbers(name: str, joint: _Element, faults: _Faults) -> None:
         if len(numbers) != count or not all(map(math.isfinite, numbers)):
             need = "three finite numbers" if count == 3 else "one finite number"
             faults.add(element, f"joint '{name}': <{tag} {attribute}=\"{text}\"> is not {need}")
+        elif attribute == "xyz" and tag == "origin" and max(map(abs, numbers)) > FARTHEST:
+            faults.add(
+                element,
+                f"joint '{name}': <origin xyz=\"{text}\"> is beyond {FARTHEST:g} m: write metres",
+            )
         elif tag == "axis" and joint.attributes.get("type") in _MOVING and not any(numbers):
             faults.add(element, f"joint '{name}': its <axis> is zero")
 
