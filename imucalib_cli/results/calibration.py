@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from imucalib_cli.results.digits import figures
 from imucalib_cli.robot.rotations import rotation_angle
 
 if TYPE_CHECKING:
@@ -148,12 +149,12 @@ def require(calibration: Calibration, tolerance: Tolerance) -> Calibration:
         # negated comparisons, so that a sigma that is not a number does not pass
         if not worst <= tolerance.translation:
             reasons.append(
-                f"largest translation sigma is {worst * 1e3:.3g} mm, "
+                f"largest translation sigma is {figures(worst * 1e3, 3)} mm, "
                 f"required {tolerance.translation * 1e3:g} mm"
             )
         if not angle <= tolerance.rotation:
             reasons.append(
-                f"largest rotation sigma is {math.degrees(angle):.3g} deg, "
+                f"largest rotation sigma is {figures(math.degrees(angle), 3)} deg, "
                 f"required {math.degrees(tolerance.rotation):g} deg"
             )
     if not reasons:

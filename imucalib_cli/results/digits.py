@@ -47,6 +47,22 @@ def sigma(std: float) -> str:
     return _plain(std, decimals(std))
 
 
+def figures(value: float, count: int) -> str:
+    """A number to ``count`` significant figures, without an exponent where one reads well so.
+
+    From 0.001 to 100000 plain decimals: 180, not 1.8e+02.
+    """
+    if not math.isfinite(value):
+        return str(value)
+    if value == 0.0:
+        return "0"
+    if not 1e-3 <= abs(value) < 1e5:
+        return f"{value:.{count}g}"
+    places = count - 1 - math.floor(math.log10(abs(value)))
+    text = _plain(value, places)
+    return text.rstrip("0").rstrip(".") if "." in text else text
+
+
 def _plain(value: float, places: int) -> str:
     rounded = round(value, places) + 0.0  # no minus zero
     return f"{rounded:.{max(places, 0)}f}"

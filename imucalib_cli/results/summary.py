@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.results.calibration import Calibration, distance_to
-from imucalib_cli.results.digits import sigma, with_std
+from imucalib_cli.results.digits import figures, sigma, with_std
 from imucalib_cli.robot.rotations import quaternion_from_matrix, rotvec_from_matrix, rpy_from_matrix
 
 if TYPE_CHECKING:
@@ -69,8 +69,8 @@ def _direction_std(direction: UnobservableDirection) -> str:
     if direction.std is None or not math.isfinite(direction.std):
         return "unbounded"
     if direction.kind == "translation":
-        return f"{direction.std * 1e3:.2g} mm"
-    return f"{math.degrees(direction.std):.2g} deg"
+        return f"{figures(direction.std * 1e3, 2)} mm"
+    return f"{figures(math.degrees(direction.std), 2)} deg"
 
 
 def _pose(calibration: Calibration) -> Iterator[str]:
@@ -143,13 +143,14 @@ def _gravity(gravity_world: Floats, world: str) -> str:
     if norm == 0.0:
         return "none"
     tilt = math.degrees(math.atan2(float(np.hypot(*gravity_world[:2])), -float(gravity_world[2])))
-    return f"{norm:.5f} m/s², {tilt:.2g} deg off -z of {world}"
+    return f"{norm:.5f} m/s², {figures(tilt, 2)} deg off -z of {world}"
 
 
 def _fit(calibration: Calibration) -> Iterator[str]:
     estimate = calibration.estimate
     window, residuals = estimate.window, estimate.residuals
-    yield f"  window          {window.samples} samples, {window.seconds:.3g} s: {window.reason}"
+    seconds = figures(window.seconds, 3)
+    yield f"  window          {window.samples} samples, {seconds} s: {window.reason}"
     yield (
         f"  windows         {residuals.windows_used} used, {residuals.windows_dropped} dropped, "
         f"{residuals.samples_replaced} spikes bridged, {residuals.gaps} gaps"
@@ -166,8 +167,8 @@ def _fit(calibration: Calibration) -> Iterator[str]:
     shift = (estimate.t_parent_imu - nominal.t_parent_imu) * 1e3
     turn = np.degrees(rotvec_from_matrix(estimate.R_parent_imu @ nominal.R_parent_imu.T))
     yield (
-        f"  from nominal    {distance.translation * 1e3:.3g} mm and "
-        f"{math.degrees(distance.rotation):.3g} deg away from {where}: "
+        f"  from nominal    {figures(distance.translation * 1e3, 3)} mm and "
+        f"{figures(math.degrees(distance.rotation), 3)} deg away from {where}: "
         f"({_numbers(shift, 2)}) mm, ({_numbers(turn, 3)}) deg in {calibration.parent}"
     )
 

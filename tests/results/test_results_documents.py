@@ -411,6 +411,8 @@ def _numbers(text: str) -> list[float]:
 def test_the_summary_says_what_is_not_known() -> None:
     text = summarise(make_calibration(unobservable=(UP, ROLL), distrust=("it wobbles",)))
     assert "UNTRUSTED" in text
+    far = make_calibration(unobservable=(replace(ROLL, std=math.pi),))
+    assert "sigma 180 deg" in summarise(far)
     assert "not trusted: it wobbles" in text
     assert "translation along (0.00 0.00 1.00) of wrist_3_link, sigma unbounded; tilt it" in text
     assert "rotation about (1.00 0.00 0.00) of wrist_3_link, sigma 17 deg; roll it" in text

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.results.atomic import write_whole
-from imucalib_cli.results.digits import decimals, sigma, with_std
+from imucalib_cli.results.digits import decimals, figures, sigma, with_std
 
 
 @pytest.mark.parametrize(
@@ -37,6 +37,33 @@ def test_digits_are_those_that_sigma_earns(value: float, std: float, text: str) 
 @pytest.mark.parametrize("std", [None, 0.0, float("inf"), float("nan")])
 def test_without_sigma_the_text_says_so(std: float | None) -> None:
     assert with_std(1.5, std, default=2) == "1.50 (no sigma)"
+
+
+@pytest.mark.parametrize(
+    ("value", "count", "text"),
+    [
+        (180.0, 2, "180"),
+        (-178.2, 2, "-180"),
+        (99_999.0, 3, "100000"),
+        (1e5, 2, "1e+05"),
+        (12_345.0, 3, "12300"),
+        (0.5, 2, "0.5"),
+        (0.0012345, 3, "0.00123"),
+        (0.00099, 2, "0.00099"),
+        (1.5e-7, 2, "1.5e-07"),
+        (9.96, 2, "10"),
+        (0.0, 2, "0"),
+        (float("inf"), 2, "inf"),
+    ],
+)
+def test_plain_decimals_where_they_read_well(value: float, count: int, text: str) -> None:
+    assert figures(value, count) == text
+
+
+@given(value=st.floats(-1e8, 1e8).filter(lambda x: abs(x) > 1e-8), count=st.sampled_from([2, 3]))
+def test_figures_are_the_rounding_of_the_format(value: float, count: int) -> None:
+    # half a unit of the last figure; which way a tie goes does not matter
+    assert float(figures(value, count)) == pytest.approx(value, rel=0.5001 * 10.0 ** (1 - count))
 
 
 @given(std=st.floats(1e-12, 1e12))
