@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from imucalib_cli.results.atomic import write_whole
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.physics import record
+from imucalib_cli.simulate.storage import need_folder
 from imucalib_cli.simulate.truth import Truth, truth_of, truth_path, write_truth
 from imucalib_cli.simulate.urdf import urdf_text
 from imucalib_cli.simulate.write_log import write_log
@@ -40,6 +41,8 @@ def simulate(
         InputError: MuJoCo is missing, an option is out of range, a file cannot be written.
         ChoiceError: The output's suffix or another choice does not exist.
     """
+    for place in (output, *(() if urdf is None else (urdf,))):
+        need_folder(place)  # before minutes of physics
     recording = corrupt(record(system, options.physics, progress), options.noise, options.seed)
     write_log(recording, output, options.log)
     truth = truth_of(recording, options.log)

@@ -44,6 +44,20 @@ class Log(Protocol):
         """Finish the file."""
 
 
+def need_folder(path: Path) -> None:
+    """See that a file's folder is there: one that is misspelt should not come into being.
+
+    Raises:
+        InputError: It is not.
+    """
+    try:
+        there = path.parent.is_dir()
+    except OSError:  # a name too long
+        there = False
+    if not there:
+        raise InputError(f"{path}: there is no folder {path.parent}; make it or name another")
+
+
 @contextmanager
 def open_log(path: Path, compression: str | None) -> Iterator[Log]:
     """Write a log beside its final place and move it there when it is whole.
@@ -58,10 +72,10 @@ def open_log(path: Path, compression: str | None) -> Iterator[Log]:
         raise ChoiceError(f"{path}: write to a file ending in {kinds}, or to a folder name")
     if compression is not None and compression not in known:
         raise ChoiceError(f"{path}: {compression} is not a choice here; choose {', '.join(known)}")
-    if path.is_dir():
-        raise InputError(f"{path}: is a folder already; name a new one")
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
+        if path.is_dir():
+            raise InputError(f"{path}: is a folder already; name a new one")
+        need_folder(path)
         with tempfile.TemporaryDirectory(dir=path.parent, prefix=f".{path.name}.") as folder:
             unfinished = Path(folder) / path.name
             log = _WRITERS[path.suffix](unfinished, compression or known[0])

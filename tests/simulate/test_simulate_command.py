@@ -109,3 +109,17 @@ def test_wrong_usage_is_one_line_and_a_code(
     assert err.count("\n") == 1
     assert words in err
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_that_is_not_there_is_not_made(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    missing = tmp_path / "missing"
+    for places in (["-o", missing / "x.mcap"], ["-o", tmp_path / "x.bag", "--urdf", missing / "u"]):
+        assert main(["simulate", "barbot", *SHORT, *map(str, places)]) == 1
+        out, err = capsys.readouterr()
+        assert out == ""
+        assert err == (
+            f"error: {places[-1]}: there is no folder {missing}; make it or name another\n"
+        )
+        assert list(tmp_path.iterdir()) == []

@@ -179,6 +179,7 @@ def test_the_same_seed_makes_the_same_file(tmp_path: Path, name: str) -> None:
     )
     digests = []
     for folder in ("one", "two"):
+        (tmp_path / folder).mkdir()
         path = tmp_path / folder / name
         simulate(load_system("rihibot"), options, path)
         truth = path.with_suffix(".truth.yaml").read_bytes()
@@ -233,8 +234,10 @@ def test_a_folder_that_is_there_is_not_written_into(arm: Recording, tmp_path: Pa
 
 def test_a_place_that_cannot_be_written_is_named(arm: Recording, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
-    with pytest.raises(InputError, match="cannot be written"):
+    with pytest.raises(InputError, match="there is no folder"):
         write_log(arm, tmp_path / "file" / "log.mcap")
+    with pytest.raises(InputError, match="cannot be written"):
+        write_log(arm, tmp_path / ("x" * 300 + ".mcap"))
 
 
 def test_stamps_before_1970_are_refused(arm: Recording, tmp_path: Path) -> None:
