@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 ENCODINGS = frozenset({"cdr", "ros1"})
 """Encodings that can be decoded."""
 
+_MAX_OVERLAP_S = 0.5
+"""Recorders split between messages; a cache written late may cause a little."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Topic:
@@ -51,7 +54,7 @@ class LogData:
     poses: dict[str, tuple[PoseStream, ...]] = field(default_factory=dict)
     """One per (parent, child)."""
     losses: tuple[str, ...] = ()
-    """What was damaged or left out, one sentence each."""
+    """What was damaged, left out or is odd, one sentence each."""
 
 
 class Log:
@@ -109,7 +112,7 @@ class Log:
                     raise InputError(f"{storage.path} cannot be read: {error}") from error
             collector.next_file()
         data = self._nothing_of(wanted)
-        losses = list(self.losses)
+        losses = [*self.losses, *_overlaps(self._storages)]
         for found in collector.finish():
             name = found.topic
             if found.undecoded:
@@ -179,6 +182,28 @@ def open_log(paths: Sequence[Path]) -> Log:
 
 def _start_ns(storage: Storage) -> int:
     return min((each.start_ns for each in storage.channels if each.count), default=0)
+
+
+def _end_ns(storage: Storage) -> int:
+    return max((each.end_ns for each in storage.channels if each.count), default=0)
+
+
+def _overlaps(storages: Sequence[Storage]) -> tuple[str, ...]:
+    """Files, by their start, that begin well before another ends, as parts of one do not."""
+    filled = [each for each in storages if any(channel.count for channel in each.channels)]
+    last: Storage | None = None
+    found = []
+    for storage in filled:
+        if last is not None:
+            overlap = (_end_ns(last) - _start_ns(storage)) * 1e-9
+            if overlap > _MAX_OVERLAP_S:
+                found.append(
+                    f"{last.path} and {storage.path} overlap by {overlap:.3g} s: if they are two "
+                    "recordings, run on each alone"
+                )
+        if last is None or _end_ns(storage) > _end_ns(last):
+            last = storage
+    return tuple(found)
 
 
 def _topics(storages: Sequence[Storage]) -> tuple[Topic, ...]:
