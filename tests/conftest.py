@@ -123,6 +123,29 @@ class LogWriter:
             self._add(topic, "geometry_msgs/msg/PoseStamped", t, message)
         return self
 
+    def odometry(self, topic: str = "/odom", *, reach: float = 0.5) -> LogWriter:
+        """The pose of the arm's base in odom, to and fro by ``reach``, m."""
+        for t in _times(0.0, 4.0, 50.0):
+            pose = TYPES["geometry_msgs/msg/Pose"](
+                position=TYPES["geometry_msgs/msg/Point"](x=reach * np.sin(t), y=0.0, z=0.0),
+                orientation=_quaternion((0.0, 0.0, 0.0, 1.0)),
+            )
+            still = TYPES["geometry_msgs/msg/Twist"](
+                linear=_vector((0.0, 0.0, 0.0)), angular=_vector((0.0, 0.0, 0.0))
+            )
+            message = TYPES["nav_msgs/msg/Odometry"](
+                header=self._header(t, "odom"),
+                child_frame_id="base",
+                pose=TYPES["geometry_msgs/msg/PoseWithCovariance"](
+                    pose=pose, covariance=np.zeros(36)
+                ),
+                twist=TYPES["geometry_msgs/msg/TwistWithCovariance"](
+                    twist=still, covariance=np.zeros(36)
+                ),
+            )
+            self._add(topic, "nav_msgs/msg/Odometry", t, message)
+        return self
+
     def text(self, topic: str = "/chatter") -> LogWriter:
         self._add(topic, "std_msgs/msg/String", 0.0, TYPES["std_msgs/msg/String"](data="hi"))
         return self

@@ -103,7 +103,9 @@ def _imus(
     problem: ImucalibError | None,
 ) -> tuple[tuple[ImuFinding, ...], tuple[str, ...], tuple[str, ...]]:
     """Findings on each IMU, warnings, and options that the command needs."""
-    sources, warnings = gather_sources(_chosen(data, request), clock)
+    # what run reads beside joint states without being asked
+    unasked = () if request.pose_topics or not data.joints else _odometry(data)
+    sources, warnings = gather_sources(_chosen(data, request, unasked), clock, unasked)
     findings, options = [], []
     hints = list(warnings)
     for imu in data.imus.values():
@@ -126,8 +128,17 @@ def _imus(
     return tuple(findings), tuple(hints), tuple(dict.fromkeys(options))
 
 
-def _chosen(data: LogData, request: CalibrationRequest) -> LogData:
-    """What a run would read: without a wish, joint states go before odometry and poses."""
+def _odometry(data: LogData) -> tuple[str, ...]:
+    """Topics that give poses a child but are no tf: odometry."""
+    return tuple(
+        topic
+        for topic, streams in data.poses.items()
+        if not _is_tf(topic, streams) and any(stream.child for stream in streams)
+    )
+
+
+def _chosen(data: LogData, request: CalibrationRequest, unasked: tuple[str, ...] = ()) -> LogData:
+    """What a run would read: without a wish, joint states go before poses."""
     poses = data.poses
     if request.pose_topics:
         poses = {
@@ -136,7 +147,11 @@ def _chosen(data: LogData, request: CalibrationRequest) -> LogData:
             if topic in request.pose_topics or any(stream.is_static for stream in streams)
         }
     elif data.joints:
-        poses = {topic: streams for topic, streams in poses.items() if _is_tf(topic, streams)}
+        poses = {
+            topic: streams
+            for topic, streams in poses.items()
+            if topic in unasked or _is_tf(topic, streams)
+        }
     return LogData(imus=data.imus, joints=data.joints, poses=poses, losses=data.losses)
 
 

@@ -21,6 +21,11 @@ if TYPE_CHECKING:
     from imucalib_cli.robot.urdf import Robot
 
 
+_PLAIN_M = 0.005
+_PLAIN_TURN = 1e-5
+"""1 - |cos| of half the angle: half a degree."""
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Sources:
     """Everything in the log that may tell where a link is, on the chosen clock."""
@@ -32,6 +37,8 @@ class Sources:
     """Topic of each track, by the track's name."""
     unused: tuple[str, ...] = ()
     """Topics of which no message could be used, and why, one sentence each."""
+    unasked: frozenset[str] = frozenset()
+    """Odometry topics that nobody named."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -114,8 +121,7 @@ def _robot_path(
     """Joints through the URDF, below a moving base if the log has one; else frames alone."""
     # joints above all: with them a pose without a child can only be the base's
     label = robot.root if sources.joints else request.parent
-    edges = _labelled(sources.edges, label)
-    base = find_base(edges, robot)
+    edges, base = _base(_labelled(sources.edges, label), sources, robot)
     try:
         if base is not None:
             return moving_base_path(
@@ -136,6 +142,32 @@ def _robot_path(
                 raise InputError("; ".join((*sources.unused, *said))) from error
             raise
     return frame_path(edges, mount.parent, world=request.world, robot=robot)
+
+
+def _base(
+    edges: tuple[Edge, ...], sources: Sources, robot: Robot
+) -> tuple[tuple[Edge, ...], Edge | None]:
+    """The edge that moves the robot's base, and the edges to use beside it.
+
+    Odometry nobody named counts only if nothing else moves the base and it does move: the noise
+    of a robot that stands still would be taken for motion.
+    """
+    asked = tuple(e for e in edges if sources.topics[e.track.name] not in sources.unasked)
+    base = find_base(asked, robot)
+    if base is not None or len(asked) == len(edges):
+        return asked, base
+    moving = tuple(e for e in edges if e not in asked and _moves_plainly(e.track))
+    base = find_base((*asked, *moving), robot)
+    return ((*asked, *moving), base) if base is not None else (asked, None)
+
+
+def _moves_plainly(track: Track) -> bool:
+    """Whether a pose changes by more than odometry drifts at rest."""
+    values = track.values
+    if track.kind != "pose" or len(values) < 2:
+        return False
+    turned = 1.0 - np.abs(values[:, 3:] @ values[0, 3:]).min()
+    return bool(np.ptp(values[:, :3], axis=0).max() > _PLAIN_M or turned > _PLAIN_TURN)
 
 
 def _from_frames(sources: Sources, frame_id: str, request: CalibrationRequest) -> Motion:

@@ -20,7 +20,7 @@ from imucalib_cli.robot.urdf import load_robot, preload
 from imucalib_cli.signals.samples import ImuSamples
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Collection, Iterable
     from pathlib import Path
 
     from imucalib_cli.jobs.request import CalibrationRequest, Progress
@@ -76,7 +76,7 @@ def read_recording(request: CalibrationRequest, progress: Progress | None = None
         _see_imus_used(imus, chosen.imus, data, request)
         clock = choose_clock(moving_streams(data), request.clock)
         _see_stamps_advance(imus, clock)
-        sources, doubles = gather_sources(data, clock)
+        sources, doubles = gather_sources(data, clock, chosen.unasked)
         return Recording(
             imus=imus,
             joints=data.joints,
@@ -127,8 +127,16 @@ def _why_unused(topic: str, data: LogData) -> str:
     return f"{topic}: no message could be used: {'; '.join(reasons)}"
 
 
-def gather_sources(data: LogData, clock: Clock) -> tuple[Sources, tuple[str, ...]]:
-    """Tracks and edges of a log on its clock, and warnings about poses told twice."""
+def gather_sources(
+    data: LogData, clock: Clock, unasked: Collection[str] = ()
+) -> tuple[Sources, tuple[str, ...]]:
+    """Tracks and edges of a log on its clock, and warnings about poses told twice.
+
+    Args:
+        data: As read.
+        clock: Of all streams.
+        unasked: Odometry topics that nobody named; used only if nothing else moves the base.
+    """
     topics: dict[str, str] = {}
     joints = []
     for topic, streams in data.joints.items():
@@ -145,6 +153,8 @@ def gather_sources(data: LogData, clock: Clock) -> tuple[Sources, tuple[str, ...
                 )
             )
     poses = [pose for streams in data.poses.values() for pose in streams]
+    told = {(pose.parent, pose.child) for pose in poses if pose.topic not in unasked}
+    poses = [p for p in poses if p.topic not in unasked or (p.parent, p.child) not in told]
     kept, warnings = _one_for_each_edge(poses)
     edges = []
     for pose in kept:
@@ -162,7 +172,14 @@ def gather_sources(data: LogData, clock: Clock) -> tuple[Sources, tuple[str, ...
         for topic, streams in (*data.joints.items(), *data.poses.items())
         if not streams
     )
-    return Sources(joints=tuple(joints), edges=tuple(edges), topics=topics, unused=unused), warnings
+    sources = Sources(
+        joints=tuple(joints),
+        edges=tuple(edges),
+        topics=topics,
+        unused=unused,
+        unasked=frozenset(unasked),
+    )
+    return sources, warnings
 
 
 def _one_for_each_edge(poses: list[PoseStream]) -> tuple[list[PoseStream], tuple[str, ...]]:

@@ -19,6 +19,7 @@ _OPTIONS: dict[Kind, str] = {
     "joints": "--joint-topic",
     "pose": "--pose-topic",
 }
+_ODOMETRY = "nav_msgs/Odometry"
 _NAMES: dict[Kind, str] = {"imu": "IMU", "joints": "joint state", "pose": "pose"}
 
 
@@ -32,6 +33,8 @@ class Selection:
     """Odometry, PoseStamped and the like."""
     tf: tuple[str, ...]
     """/tf and /tf_static."""
+    unasked: tuple[str, ...] = ()
+    """Those of ``poses`` that nobody named: odometry beside joint states, of a base perhaps."""
 
     @property
     def all(self) -> tuple[str, ...]:
@@ -56,8 +59,9 @@ def select_topics(
 ) -> Selection:
     """Choose topics.
 
-    Without names: every IMU, every JointState topic and tf; a pose topic of another type only
-    where there are no joint states and it is the only one. A kind that is named is limited to
+    Without names: every IMU, every JointState topic and tf; odometry beside joint states, since
+    it may tell how the base moves; a pose topic of another type only where there are no joint
+    states and it is the only one. A kind that is named is limited to
     what is named; static transforms always stay.
 
     Raises:
@@ -70,10 +74,11 @@ def select_topics(
     found = _of_kind(topics, "pose", pose_topics)
     tf = [each for each in candidates(topics, "pose") if each.type in TF_TYPES]
     poses = [each for each in found if each.type not in TF_TYPES]
+    unasked: list[Topic] = []
     if pose_topics:
         tf = [each for each in tf if each.name in pose_topics or each.name.endswith("tf_static")]
     elif joints:
-        poses = []
+        poses = unasked = [each for each in poses if each.type == _ODOMETRY]
     elif len(poses) > 1:
         raise ChoiceError(
             f"several topics tell a pose, choose one with --pose-topic: {_listed([*poses, *tf])}"
@@ -87,7 +92,13 @@ def select_topics(
             "the log has nothing that tells how the robot moved (sensor_msgs/JointState, tf, "
             f"odometry or poses); it has: {_listed(topics)}"
         )
-    return Selection(imus=_names(imus), joints=_names(joints), poses=_names(poses), tf=_names(tf))
+    return Selection(
+        imus=_names(imus),
+        joints=_names(joints),
+        poses=_names(poses),
+        tf=_names(tf),
+        unasked=_names(unasked),
+    )
 
 
 def check_joint_topics(

@@ -72,6 +72,26 @@ def test_a_moving_base_carries_the_arm(log_writer: LogWriter, arm_urdf: Path) ->
     assert motion.topics == ("/tf", "/joint_states")
 
 
+def test_odometry_moves_the_base_unasked(log_writer: LogWriter, arm_urdf: Path) -> None:
+    motion = motion_of(log_writer.imu().joints().odometry().write(), urdf=arm_urdf)
+    assert motion.path.world == "odom"
+    assert motion.topics == ("/odom", "/joint_states")
+
+
+def test_odometry_of_a_base_that_stands_still_is_left_alone(
+    log_writer: LogWriter, arm_urdf: Path
+) -> None:
+    log = log_writer.imu().joints().odometry(reach=0.002).write()
+    assert motion_of(log, urdf=arm_urdf).topics == ("/joint_states",)
+
+
+def test_tf_of_the_base_goes_before_odometry(log_writer: LogWriter, arm_urdf: Path) -> None:
+    log = log_writer.imu().joints().tf("map", "base").odometry().write()
+    motion = motion_of(log, urdf=arm_urdf)
+    assert motion.topics == ("/tf", "/joint_states")
+    assert motion.path.world == "map"
+
+
 def test_motion_capture_of_the_base_needs_no_child_frame(
     log_writer: LogWriter, arm_urdf: Path
 ) -> None:

@@ -33,9 +33,10 @@ def test_all_imus_joints_and_tf_are_taken() -> None:
     found = select_topics(topics)
     assert found.imus == ("/imu", "/imu2")
     assert found.joints == ("/joint_states", "/gripper")
-    assert found.poses == ()
+    # odometry may tell how the base moves; poses without a child frame cannot by themselves
+    assert found.poses == found.unasked == ("/odom",)
     assert found.tf == ("/tf", "/tf_static")
-    assert found.all == ("/imu", "/imu2", "/joint_states", "/gripper", "/tf", "/tf_static")
+    assert found.all == ("/imu", "/imu2", "/joint_states", "/gripper", "/odom", "/tf", "/tf_static")
 
 
 def test_single_pose_topic_is_taken_without_joints() -> None:
