@@ -55,7 +55,9 @@ def estimator_options(
         if field.name in foreign and getattr(texts, field.name) is not None:
             other = "paper" if method == "matched" else "matched"
             option = "--" + field.name.replace("_", "-")
-            raise ChoiceError(f"{option} belongs to --method {other}: leave out one of the two")
+            raise ChoiceError(
+                f"{option} belongs to --method {other}: add that, or leave {option} out"
+            )
     options = _matched(degree, texts) if method == "matched" else _paper(degree, texts)
     samples = options.window.samples
     if samples is not None and samples <= degree:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from imucalib_cli import __version__
-from imucalib_cli.errors import ImucalibError, InputError
+from imucalib_cli.errors import ChoiceError, ImucalibError, InputError
 from imucalib_cli.estimate.options import MatchedOptions, PaperOptions, WindowChoice
 from imucalib_cli.jobs.motion import Motion, find_motion
 from imucalib_cli.jobs.provenance import printable
@@ -59,6 +59,12 @@ def calibrate(request: CalibrationRequest, progress: Progress | None = None) -> 
         ChoiceError: The user must choose something, whichever the IMU.
     """
     recording = read_recording(request, progress)
+    if request.imu_link is not None and len(recording.imus) > 1:
+        topics = ", ".join(imu.topic for imu in recording.imus)
+        raise ChoiceError(
+            f"--imu-link {request.imu_link} is the link of one IMU, the log has several: choose "
+            f"one with --imu-topic: {topics}"
+        )
     calibrations: list[Calibration] = []
     failures: list[ImucalibError] = []
     for imu in recording.imus:

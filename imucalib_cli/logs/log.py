@@ -175,8 +175,12 @@ def open_log(paths: Sequence[Path]) -> Log:
 
     Raises:
         InputError: A path is missing, unreadable, or not a log.
-        ChoiceError: A folder holds several recordings.
+        ChoiceError: A folder holds several recordings, or a path is given twice.
     """
+    known = [path.resolve() for path in paths]
+    twice = [path for path, real in zip(paths, known, strict=True) if known.count(real) > 1]
+    if twice:
+        raise ChoiceError(f"{twice[0]} is given twice: name each file of the recording once")
     return Log([storage for path in paths for storage in open_storages(path)])
 
 

@@ -58,6 +58,11 @@ def find_mount(
             parent=parent, child=frame or "imu", R_nominal=None, t_nominal=None, joint_name=None
         )
     holder = robot.joint_above.get(frame)
+    if parent == frame and holder is not None and holder.kind == "fixed":
+        raise ChoiceError(
+            f"--parent {parent} is the IMU's own frame in {robot.source}: name the link it is "
+            f"bolted to, such as {holder.parent}, or leave --parent out"
+        )
     if parent is None:
         parent = holder.parent if holder is not None and holder.kind == "fixed" else frame
     nominal = rigid_transform(robot, parent, frame)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from imucalib_cli.errors import ChoiceError
 from imucalib_cli.results.atomic import write_whole
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.physics import record
@@ -41,6 +42,8 @@ def simulate(
         InputError: MuJoCo is missing, an option is out of range, a file cannot be written.
         ChoiceError: The output's suffix or another choice does not exist.
     """
+    if urdf is not None and urdf.resolve() == output.resolve():
+        raise ChoiceError(f"{output} is to hold both the log and the URDF: name two files")
     for place in (output, *(() if urdf is None else (urdf,))):
         need_folder(place)  # before minutes of physics
     recording = corrupt(record(system, options.physics, progress), options.noise, options.seed)

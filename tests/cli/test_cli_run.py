@@ -420,3 +420,20 @@ def test_summary_on_stdout_holds_both_directions(
     assert "60.00 ± 0.10 mm" in out
     assert "t_robot = t_imu - (0.012000 s), the IMU's stamps are late" in out
     assert "\x1b" not in out
+
+
+@pytest.mark.usefixtures("estimator")
+def test_a_file_given_twice_is_a_mistake(
+    arm_log: Path, arm_urdf: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(arm_log, arm_log, "--urdf", arm_urdf) == 2
+    assert "is given twice" in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("estimator")
+def test_one_imu_link_is_not_for_two_imus(
+    log_writer: LogWriter, arm_urdf: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = log_writer.imu("/one").imu("/two").joints().write()
+    assert run(log, "--urdf", arm_urdf, "--imu-link", "imu_link") == 2
+    assert "--imu-topic: /one, /two" in capsys.readouterr().err

@@ -235,3 +235,14 @@ def test_an_even_window_becomes_odd_and_a_short_log_is_refused(log: Log) -> None
         calibrate(log, 5001)
     with pytest.raises(InputError, match="excluded"):
         calibrate(log, 1201, exclusion_threshold=1e-9)
+
+
+def test_another_minimum_is_not_trusted() -> None:
+    log = make_log(Moves(seconds=12.0))
+    upside_down = PaperOptions(
+        exclusion_threshold=0.0, R_initial=log.mount.R @ np.diag([1.0, -1.0, -1.0])
+    )
+    estimate = calibrate_paper(log.imu, log.path, upside_down)
+    assert np.linalg.norm(estimate.t_parent_imu - log.mount.t) > 0.5
+    assert not estimate.trusted
+    assert any("another minimum" in reason for reason in estimate.distrust)

@@ -118,3 +118,13 @@ def test_a_floating_joint_between_leaves_the_nominal_unknown(tmp_path: Path) -> 
     source.write_text(URDF.replace('type="revolute"', 'type="floating"'))
     mount = find_mount(load_robot(source), "imu_link", "base", None)
     assert (mount.parent, mount.R_nominal) == ("base", None)
+
+
+def test_the_imu_frame_itself_is_no_parent(tmp_path: Path) -> None:
+    path = tmp_path / "robot.urdf"
+    path.write_text(
+        "<robot name='r'><link name='hand'/><link name='imu'/><joint name='j' type='fixed'>"
+        "<parent link='hand'/><child link='imu'/></joint></robot>"
+    )
+    with pytest.raises(ChoiceError, match=r"IMU's own frame .* such as hand"):
+        find_mount(load_robot(path), "imu", "imu")
