@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -10,7 +11,6 @@ import pytest
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions
 from tests.estimate.estimate_arm import INDUSTRIAL, Log, Moves, make_log, rotation_error
-from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from imucalib_cli.robot.path import Track
