@@ -29,6 +29,9 @@ _CLEAR_LAG = 0.8
 """Correlation of the two rates at the right time offset: even a bad model keeps it."""
 _DROPPED_MOTION = 0.2
 """Share of the motion in windows left out from which the rest no longer speaks for the log."""
+_PLAIN_ACCEL = 0.1
+_PLAIN_GYRO = 0.02
+"""m/s² and rad/s: residuals of a window that no filter, only a wrong model leaves."""
 _PRIOR_MISSED = 5.0
 """Standard deviations from which a prior and the data contradict each other."""
 _TILTED_DEG = 20.0
@@ -110,11 +113,19 @@ def _unexplained(evidence: Evidence) -> list[str]:
 
 
 def _dropped_motion(evidence: Evidence) -> float:
-    """Share of the motion in windows that lost all weight."""
+    """Share of the motion in windows that lost all weight, and contradict the fit plainly.
+
+    Without noise the corners of a motion lose their weight for a thousandth of its acceleration.
+    """
     fit = evidence.attempt.fit
+    accel, gyro = fit.rows.residuals(fit.solution.state.vector())
+    plain = (np.linalg.norm(accel, axis=1) > _PLAIN_ACCEL) | (
+        np.linalg.norm(gyro, axis=1) > _PLAIN_GYRO
+    )
     motion = (fit.rows.accel[:, :, columns.T] ** 2).sum(axis=(1, 2))
     total = float(motion.sum())
-    return float(motion[fit.weights <= 0.0].sum()) / total if total > 0.0 else 0.0
+    lost = (fit.weights <= 0.0) & plain
+    return float(motion[lost].sum()) / total if total > 0.0 else 0.0
 
 
 def _missed_priors(evidence: Evidence) -> list[str]:
