@@ -10,9 +10,11 @@ import sys
 from pathlib import Path
 
 import pytest
+import typer
 import yaml
 
 from imucalib_cli import __version__
+from imucalib_cli.cli.main import app
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = sorted(
@@ -28,6 +30,7 @@ def _run(command: str, *, folder: Path = ROOT) -> subprocess.CompletedProcess[st
     start = "import sys; from imucalib_cli.cli.main import main; sys.exit(main())"
     tool = f"{shlex.quote(sys.executable)} -c {shlex.quote(start)} "
     script = re.sub(r"(^|\| )imucalib ", lambda found: found[1] + tool, command)
+    script = script.replace("| python ", f"| {shlex.quote(sys.executable)} ")
     return subprocess.run(
         ["bash", "-o", "pipefail", "-c", script],
         cwd=folder,
@@ -53,8 +56,8 @@ def test_readme_has_the_commands_it_promises() -> None:
 
 @pytest.mark.parametrize("command", _commands())
 def test_readme_command_runs(command: str, tmp_path: Path) -> None:
-    for place in ("calibrated.urdf", "mine.mcap", "mine.urdf"):
-        command = command.replace(place, str(tmp_path / place))
+    for place in ("calibrated.urdf", "mine.mcap", "mine.urdf", "results/"):
+        command = command.replace(f" {place}", f" {tmp_path}/{place}")
     if command.startswith("imucalib simulate"):
         command += " --duration 10 --imu-rate 50 --robot-rate 25"
     done = _run(command)
@@ -78,6 +81,48 @@ def _shape(text: str) -> str:
 
 def _numbers(text: str) -> list[float]:
     return [float(number[0]) for number in re.findall(r"(-?\d+(\.\d+)?(e-?\d+)?)", text)]
+
+
+def _mentions(page: Path) -> list[tuple[str, list[str]]]:
+    """Every command with its options that a page shows, in a block or between backticks."""
+    text = page.read_text(encoding="utf-8").replace("\\\n", " ")
+    shown = re.findall(r"\bimucalib ([a-z]+)\b([^`\n|]*)", text)
+    return [(name, re.findall(r"(?<=\s)--[a-z-]+", rest)) for name, rest in shown]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_pages_show_no_option_that_is_not_there(page: Path) -> None:
+    commands = typer.main.get_command(app).commands  # type: ignore[attr-defined]
+    for name, options in _mentions(page):
+        if name in commands:
+            known = {option for parameter in commands[name].params for option in parameter.opts}
+            assert set(options) <= known | {"--help"}, f"{page.name}: imucalib {name}"
+        else:  # a word of a sentence, not a command
+            assert not options, f"{page.name}: imucalib {name}"
+
+
+def test_pages_of_samples_and_simulation_are_looked_at() -> None:
+    shown = {name for page in PAGES for name, options in _mentions(page) if options}
+    assert shown >= {"run", "inspect", "simulate", "apply"}
+
+
+@pytest.mark.parametrize(
+    "command",
+    re.findall(r"`(imucalib run [^`]+)`", (ROOT / "sample_data/README.md").read_text("utf-8")),
+)
+def test_sample_commands_run(command: str) -> None:
+    done = _run(command, folder=ROOT / "sample_data")
+    assert done.returncode == 0, done.stderr
+
+
+def test_no_text_points_into_someones_machine() -> None:
+    places = re.compile(r"(?<![\w./:-])/(?:home|root|work|Users)/\w")
+    for folder in ("imucalib_cli", "configs", "docs", "benchmarks", "tests", "sample_data", "."):
+        files = ROOT.glob("*") if folder == "." else (ROOT / folder).rglob("*")
+        for file in files:
+            if file.suffix in {".py", ".md", ".yaml", ".toml", ".urdf", ".cff", ".svg", ".json"}:
+                found = places.search(file.read_text(encoding="utf-8"))
+                assert found is None, f"{file.relative_to(ROOT)}: {found}"
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
