@@ -208,7 +208,12 @@ def test_several_imus_are_a_stream_or_an_array() -> None:
     pair = [make_calibration(), make_calibration(unobservable=(UP,))]
     documents = [to_document(calibration) for calibration in pair]
     assert len(list(yaml.safe_load_all(to_yaml(documents)))) == 2
-    assert len(json.loads(to_json(documents))) == 2
+    array = json.loads(to_json(documents))
+    assert len(array) == 2
+    jsonschema.validate(array, SCHEMA, cls=jsonschema.Draft202012Validator)
+    del array[1]["status"]
+    with pytest.raises(jsonschema.ValidationError):
+        jsonschema.validate(array, SCHEMA, cls=jsonschema.Draft202012Validator)
     for text in (to_yaml(documents), to_json(documents)):
         assert [c.status for c in read_calibrations(text, "x")] == ["ok", "untrusted"]
 
