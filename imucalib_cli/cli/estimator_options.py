@@ -1,10 +1,12 @@
-"""Options of ``run`` as typed, turned into the options of one estimator."""
+"""Options of the estimator as typed, turned into those of the method that was chosen."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
 
 from imucalib_cli.cli.quantities import (
     parse_choice,
@@ -19,6 +21,7 @@ from imucalib_cli.errors import ChoiceError
 if TYPE_CHECKING:
     from imucalib_cli.estimate.options import MatchedOptions, PaperOptions
 
+_ESTIMATE, _PAPER = "How to estimate", "Only with --method paper"
 _MATCHED_ONLY = ("time_offset", "max_offset", "accel_bias", "gyro_bias", "tilt_std")
 _LONGEST_OFFSET = 600.0
 """s: clocks further apart than this share no log; a search needs memory by its width."""
@@ -27,28 +30,127 @@ _PAPER_ONLY = ("exclude", "initial", "residual")
 
 @dataclass(frozen=True, kw_only=True)
 class EstimatorTexts:
-    """What the user wrote; None where nothing."""
+    """Options of the estimator as the user wrote them; None where nothing."""
 
-    window: str | None = None
-    time_offset: str | None = None
-    max_offset: str | None = None
-    accel_bias: str | None = None
-    gyro_bias: str | None = None
-    gravity: str | None = None
-    tilt_std: str | None = None
-    exclude: str | None = None
-    initial: str | None = None
-    residual: str | None = None
+    method: Annotated[
+        str,
+        typer.Option(
+            metavar="matched|paper",
+            help="Our estimator, or the published one.",
+            rich_help_panel=_ESTIMATE,
+        ),
+    ] = "matched"
+    window: Annotated[
+        str | None,
+        typer.Option(
+            metavar="SAMPLES|DURATION|auto",
+            help="Filter window: 51, 0.2s, 200ms or auto.",
+            show_default="auto; 11 with paper",
+            rich_help_panel=_ESTIMATE,
+        ),
+    ] = None
+    degree: Annotated[
+        int,
+        typer.Option(
+            min=2, max=9, help="Degree of the filters' polynomial.", rich_help_panel=_ESTIMATE
+        ),
+    ] = 3
+    time_offset: Annotated[
+        str | None,
+        typer.Option(
+            "--time-offset",
+            metavar="auto|none|SECONDS",
+            help="IMU stamp - robot stamp of the same instant: found, zero, or known.",
+            show_default="auto",
+            rich_help_panel=_ESTIMATE,
+        ),
+    ] = None
+    max_offset: Annotated[
+        str | None,
+        typer.Option(
+            "--max-offset",
+            metavar="SECONDS",
+            help="Largest time offset that is looked for.",
+            show_default="1.0",
+            rich_help_panel=_ESTIMATE,
+        ),
+    ] = None
+    accel_bias: Annotated[
+        str | None,
+        typer.Option(
+            "--accel-bias",
+            metavar="free|none|STD",
+            help="Accelerometer bias: unknown, zero, or zero within STD m/s².",
+            show_default="free",
+            rich_help_panel=_ESTIMATE,
+        ),
+    ] = None
+    gyro_bias: Annotated[
+        str | None,
+        typer.Option(
+            "--gyro-bias",
+            metavar="free|none|STD",
+            help="Gyroscope bias: unknown, zero, or zero within STD rad/s.",
+            show_default="free",
+            rich_help_panel=_ESTIMATE,
+        ),
+    ] = None
+    gravity: Annotated[
+        str | None,
+        typer.Option(
+            metavar="tilt|fixed|none|NORM",
+            help="Direction found; along -z of the world; no gravity; or tilt with this norm, "
+            "m/s².",
+            show_default="tilt; fixed with paper",
+            rich_help_panel=_ESTIMATE,
+        ),
+    ] = None
+    tilt_std: Annotated[
+        str | None,
+        typer.Option(
+            "--tilt-std",
+            metavar="DEG",
+            help="How level the world is known to be, 1 sigma.",
+            show_default="unknown",
+            rich_help_panel=_ESTIMATE,
+        ),
+    ] = None
+    exclude: Annotated[
+        str | None,
+        typer.Option(
+            metavar="THRESHOLD",
+            help="Change of the derived acceleration, m/s², that excludes a sample; 0 keeps all.",
+            show_default="the method's",
+            rich_help_panel=_PAPER,
+        ),
+    ] = None
+    initial: Annotated[
+        str | None,
+        typer.Option(
+            metavar='"X Y Z R P Y"',
+            help="Initial guess, m and rad.",
+            show_default="the URDF's joint",
+            rich_help_panel=_PAPER,
+        ),
+    ] = None
+    residual: Annotated[
+        str | None,
+        typer.Option(
+            metavar="l1|components",
+            help="One sum for each instant, or its six parts.",
+            show_default="l1",
+            rich_help_panel=_PAPER,
+        ),
+    ] = None
 
 
-def estimator_options(
-    method: str, degree: int, texts: EstimatorTexts
-) -> MatchedOptions | PaperOptions:
+def estimator_options(texts: EstimatorTexts) -> MatchedOptions | PaperOptions:
     """Check and convert what the user wrote.
 
     Raises:
         ChoiceError: A value is not understood, or belongs to the other method.
     """
+    method, degree = texts.method, texts.degree
     parse_choice("--method", method, ("matched", "paper"))
     foreign = _PAPER_ONLY if method == "matched" else _MATCHED_ONLY
     for field in fields(texts):

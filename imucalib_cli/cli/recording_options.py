@@ -1,0 +1,117 @@
+"""Options that say which recording, topics and frames are meant, and the request they make."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path  # noqa: TC003 - typer evaluates the annotations
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from imucalib_cli.cli.estimator_options import EstimatorTexts, estimator_options
+from imucalib_cli.cli.quantities import parse_choice
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from imucalib_cli.jobs.request import CalibrationRequest
+
+SOURCES = "What to read"
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordingOptions:
+    """What to read, as the user wrote it."""
+
+    urdf: Annotated[
+        Path | None,
+        typer.Option("--urdf", help="The robot's URDF.", rich_help_panel=SOURCES),
+    ] = None
+    imu_topic: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--imu-topic",
+            metavar="TOPIC",
+            help="IMU to calibrate, repeatable; default: every one in the log.",
+            rich_help_panel=SOURCES,
+        ),
+    ] = None
+    joint_topic: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--joint-topic",
+            metavar="TOPIC",
+            help="Joint states to use, repeatable; default: all.",
+            rich_help_panel=SOURCES,
+        ),
+    ] = None
+    pose_topic: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--pose-topic",
+            metavar="TOPIC",
+            help="Poses (tf, odometry, motion capture) to use, repeatable; default: found.",
+            rich_help_panel=SOURCES,
+        ),
+    ] = None
+    parent: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FRAME",
+            help="Link or frame that carries the IMU; default: the one that holds the frame_id "
+            "of its messages.",
+            rich_help_panel=SOURCES,
+        ),
+    ] = None
+    imu_link: Annotated[
+        str | None,
+        typer.Option(
+            "--imu-link",
+            metavar="LINK",
+            help="The IMU's link in the URDF; default: the frame_id of its messages.",
+            rich_help_panel=SOURCES,
+        ),
+    ] = None
+    world: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FRAME",
+            help="Frame that stands still; default: the root of the frames.",
+            rich_help_panel=SOURCES,
+        ),
+    ] = None
+    clock: Annotated[
+        str,
+        typer.Option(
+            metavar="auto|header|log",
+            help="Stamps of the headers, or times of receipt; auto takes headers unless broken.",
+            rich_help_panel=SOURCES,
+        ),
+    ] = "auto"
+
+
+def calibration_request(
+    logs: Sequence[Path], recording: RecordingOptions, estimator: EstimatorTexts
+) -> CalibrationRequest:
+    """Check and convert what the user wrote.
+
+    Raises:
+        ChoiceError: A value is not understood.
+    """
+    parse_choice("--clock", recording.clock, ("auto", "header", "log"))
+    options = estimator_options(estimator)
+
+    from imucalib_cli.jobs.request import CalibrationRequest
+
+    return CalibrationRequest(
+        logs=tuple(logs),
+        urdf=recording.urdf,
+        imu_topics=tuple(recording.imu_topic or ()),
+        joint_topics=tuple(recording.joint_topic or ()),
+        pose_topics=tuple(recording.pose_topic or ()),
+        parent=recording.parent,
+        imu_link=recording.imu_link,
+        world=recording.world,
+        clock=recording.clock,  # type: ignore[arg-type]  # checked above
+        estimator=options,
+    )
