@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from imucalib_cli import __version__
 from imucalib_cli.errors import ChoiceError, ImucalibError, InputError
-from imucalib_cli.estimate.options import MatchedOptions, PaperOptions, WindowChoice
+from imucalib_cli.estimate.options import MatchedOptions, PaperOptions
 from imucalib_cli.jobs.motion import Motion, find_motion
 from imucalib_cli.jobs.provenance import printable
 from imucalib_cli.jobs.reading import read_recording
+from imucalib_cli.jobs.recorded_options import recorded_options
 from imucalib_cli.jobs.rest import check_gravity
 from imucalib_cli.logs.select import check_joint_topics
 from imucalib_cli.results.calibration import (
     Calibration,
     Provenance,
-    Scalar,
     SourceFile,
     require,
 )
@@ -179,31 +178,5 @@ def _provenance(
         motion=motion.topics,
         world=motion.path.world,
         clock=recording.clock.kind,
-        options=_options(request),
+        options=recorded_options(request),
     )
-
-
-def _options(request: CalibrationRequest) -> dict[str, Scalar]:
-    """Every option of the estimator, as it was used, by the name it has in code."""
-    options = request.estimator
-    written: dict[str, Scalar] = {
-        "method": "matched" if isinstance(options, MatchedOptions) else "paper"
-    }
-    for field in fields(options):
-        value = getattr(options, field.name)
-        match value:
-            case WindowChoice():
-                written["window"] = _window(value)
-            case np.ndarray():
-                written[field.name] = " ".join(f"{number:.12g}" for number in value.ravel())
-            case float() if math.isinf(value):
-                written[field.name] = "free"
-            case _:
-                written[field.name] = value
-    return written
-
-
-def _window(choice: WindowChoice) -> str:
-    if choice.samples is not None:
-        return str(choice.samples)
-    return "auto" if choice.seconds is None else f"{choice.seconds:g}s"

@@ -1,0 +1,74 @@
+"""The options of a run as the result records them: in the words of the documentation."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import fields
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from imucalib_cli.estimate.options import MatchedOptions, WindowChoice
+
+if TYPE_CHECKING:
+    from imucalib_cli.jobs.request import CalibrationRequest
+    from imucalib_cli.results.calibration import Scalar, Tolerance
+
+_UNTOLD: dict[str, str] = {
+    "time_offset": "auto",
+    "accel_bias_std": "free",
+    "gyro_bias_std": "free",
+    "tilt_std": "unknown",
+    "exclusion_threshold": "the method's",
+    "R_initial": "the URDF's joint, or the identity",
+    "t_initial": "the URDF's joint, or the identity",
+    "pose": "none",
+}
+"""What docs/options.md calls a default that is None or infinite in code."""
+
+
+def recorded_options(request: CalibrationRequest) -> dict[str, Scalar]:
+    """Every option that bears on the result, by the name it has in code."""
+    options = request.estimator
+    written: dict[str, Scalar] = {
+        "method": "matched" if isinstance(options, MatchedOptions) else "paper"
+    }
+    for field in fields(options):
+        value = getattr(options, field.name)
+        match value:
+            case WindowChoice():
+                written["window"] = _window(value)
+            case None:
+                written[field.name] = _UNTOLD.get(field.name)
+            case np.ndarray():
+                written[field.name] = _numbers(value.ravel())
+            case float() if math.isinf(value):
+                written[field.name] = _UNTOLD.get(field.name, "unknown")
+            case bool() | int() | float() | str():
+                written[field.name] = value
+            case _:  # a group of values, such as a prior of the pose
+                for part in fields(value):
+                    numbers = np.asarray(getattr(value, part.name), dtype=np.float64)
+                    written[f"{field.name}.{part.name}"] = _numbers(numbers.ravel())
+    written["require"] = "none" if request.require is None else tolerance_text(request.require)
+    return written
+
+
+def tolerance_text(tolerance: Tolerance) -> str:
+    """As a user would write it, such as ``1mm,0.1deg``; what is infinite is left out."""
+    parts = []
+    if math.isfinite(tolerance.translation):
+        parts.append(f"{tolerance.translation * 1e3:.12g}mm")
+    if math.isfinite(tolerance.rotation):
+        parts.append(f"{math.degrees(tolerance.rotation):.12g}deg")
+    return ",".join(parts)
+
+
+def _window(choice: WindowChoice) -> str:
+    if choice.samples is not None:
+        return str(choice.samples)
+    return "auto" if choice.seconds is None else f"{choice.seconds:g}s"
+
+
+def _numbers(values: np.ndarray[tuple[int], np.dtype[np.float64]]) -> str:
+    return " ".join(f"{number:.12g}" for number in values)
