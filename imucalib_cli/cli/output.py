@@ -40,9 +40,10 @@ def worst(codes: Iterable[int]) -> int:
 
 
 def say(word: str, sentence: object) -> None:
-    """One line on stderr, whatever the sentence contains."""
+    """One line on stderr, whatever the sentence contains: names in a log may hold anything."""
     line = " ".join(str(sentence).split())
-    sys.stderr.write(f"{word}: {line}\n")
+    shown = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in line)
+    sys.stderr.write(f"{word}: {shown}\n")
 
 
 def is_terminal(stream: TextIO) -> bool:

@@ -67,11 +67,17 @@ def parse_prior(option: str, text: str) -> float:
     return std
 
 
-def parse_tolerance(option: str, text: str) -> Tolerance:
-    """A length and an angle with their units, such as ``1mm,0.1deg``, in either order."""
+def parse_tolerance(option: str, text: str, *, default: Tolerance | None = None) -> Tolerance:
+    """A length and an angle with their units, such as ``1mm,0.1deg``, in either order.
+
+    Args:
+        option: For the message.
+        text: What the user wrote; one of the two may be left out.
+        default: What is left out; without it that is no bound.
+    """
     from imucalib_cli.results.calibration import Tolerance
 
-    allowed = "a length and an angle such as 1mm,0.1deg"
+    allowed = "a length, an angle or both, such as 1mm,0.1deg"
     length = angle = None
     for part in text.split(","):
         value, unit = _split(option, part.strip(), allowed)
@@ -83,9 +89,11 @@ def parse_tolerance(option: str, text: str) -> Tolerance:
             angle = value * _RADIANS[unit]
         else:
             raise ChoiceError(f"{option} {text}: expected {allowed}")
-    if length is None or angle is None:
-        raise ChoiceError(f"{option} {text}: expected {allowed}")
-    return Tolerance(translation=length, rotation=angle)
+    left_out = Tolerance() if default is None else default
+    return Tolerance(
+        translation=left_out.translation if length is None else length,
+        rotation=left_out.rotation if angle is None else angle,
+    )
 
 
 def parse_pose(option: str, text: str) -> tuple[tuple[float, ...], tuple[float, ...]]:

@@ -20,8 +20,8 @@ from imucalib_cli.results.calibration import (
     Calibration,
     Provenance,
     SourceFile,
-    require,
 )
+from imucalib_cli.results.requirement import require
 from imucalib_cli.robot.path import JointStep
 
 if TYPE_CHECKING:

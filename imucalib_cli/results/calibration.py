@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from imucalib_cli.results.digits import figures
 from imucalib_cli.robot.rotations import rotation_angle
 
 if TYPE_CHECKING:
@@ -66,11 +65,11 @@ class Provenance:
 
 @dataclass(frozen=True, kw_only=True)
 class Tolerance:
-    """A bound on translation and rotation."""
+    """A bound on translation and rotation; infinite where none was asked for."""
 
-    translation: float
+    translation: float = math.inf
     """m."""
-    rotation: float
+    rotation: float = math.inf
     """rad."""
 
 
@@ -133,31 +132,3 @@ def distance_to(calibration: Calibration, nominal: Nominal) -> Distance:
         translation=float(np.linalg.norm(found.t_parent_imu - nominal.t_parent_imu)),
         rotation=float(rotation_angle(nominal.R_parent_imu.T @ found.R_parent_imu)),
     )
-
-
-def require(calibration: Calibration, tolerance: Tolerance) -> Calibration:
-    """Distrust a result whose largest 1 sigma over the axes exceeds a tolerance.
-
-    A method that states no covariance cannot meet a requirement, so it is distrusted too.
-    """
-    translation_std, rotation_std = calibration.translation_std, calibration.rotation_std
-    reasons: list[str] = []
-    if translation_std is None or rotation_std is None:
-        reasons.append("the method states no covariance, so --require cannot be shown to hold")
-    else:
-        worst, angle = float(np.max(translation_std)), float(np.max(rotation_std))
-        # negated comparisons, so that a sigma that is not a number does not pass
-        if not worst <= tolerance.translation:
-            reasons.append(
-                f"largest translation sigma is {figures(worst * 1e3, 3)} mm, "
-                f"required {tolerance.translation * 1e3:g} mm"
-            )
-        if not angle <= tolerance.rotation:
-            reasons.append(
-                f"largest rotation sigma is {figures(math.degrees(angle), 3)} deg, "
-                f"required {math.degrees(tolerance.rotation):g} deg"
-            )
-    if not reasons:
-        return calibration
-    estimate = calibration.estimate
-    return replace(calibration, estimate=replace(estimate, distrust=(*estimate.distrust, *reasons)))

@@ -18,6 +18,7 @@ from imucalib_cli.cli.quantities import (
     parse_window,
 )
 from imucalib_cli.errors import ChoiceError
+from imucalib_cli.results.calibration import Tolerance
 
 
 @pytest.mark.parametrize(
@@ -62,9 +63,16 @@ def test_tolerances(text: str) -> None:
     assert tolerance.rotation == pytest.approx(math.radians(0.1))
 
 
-@pytest.mark.parametrize(
-    "text", ["1mm", "1,0.1", "1mm,2mm", "0mm,1deg", "1mm,0.1deg,3", "-1mm,1deg"]
-)
+def test_half_a_tolerance_leaves_the_other_half_to_the_default() -> None:
+    assert parse_tolerance("--require", "2mm") == Tolerance(translation=2e-3)
+    assert parse_tolerance("--require", "1rad").translation == math.inf
+    usual = Tolerance(translation=5e-3, rotation=1.0)
+    assert parse_tolerance("--within", "2mm", default=usual) == Tolerance(
+        translation=2e-3, rotation=1.0
+    )
+
+
+@pytest.mark.parametrize("text", ["", "1,0.1", "1mm,2mm", "0mm,1deg", "1mm,0.1deg,3", "-1mm,1deg"])
 def test_tolerances_that_make_no_sense(text: str) -> None:
     with pytest.raises(ChoiceError, match="--require"):
         parse_tolerance("--require", text)

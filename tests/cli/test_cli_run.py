@@ -230,8 +230,40 @@ def test_require_turns_a_large_sigma_into_exit_3(
     capsys.readouterr()
     assert run(arm_log, "--urdf", arm_urdf, "--require", "0.09mm,0.1deg") == 3
     out, err = capsys.readouterr()
-    assert yaml.safe_load(out)["status"] == "untrusted"
-    assert "largest translation sigma is 0.1 mm, required 0.09 mm" in err
+    document = yaml.safe_load(out)
+    assert document["status"] == "untrusted"
+    assert document["provenance"]["options"]["require"] == "0.09mm,0.1deg"
+    said = (
+        "--require asks for 0.09 mm, the largest sigma is 0.1 mm along x of hand: record about 1.2"
+    )
+    assert f"untrusted: imu_link: {said} times as long" in err
+    assert run(arm_log, "--urdf", arm_urdf, "--require", "1mm") == 0
+    assert yaml.safe_load(capsys.readouterr().out)["provenance"]["options"]["require"] == "1mm"
+
+
+@pytest.mark.usefixtures("estimator")
+def test_options_are_recorded_in_the_words_of_the_documentation(
+    arm_log: Path, arm_urdf: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def recorded(*options: str) -> dict[str, Any]:
+        assert run(arm_log, "--urdf", arm_urdf, "--format", "json", *options) == 0
+        found: dict[str, Any] = json.loads(capsys.readouterr().out)["provenance"]["options"]
+        return found
+
+    told = recorded()
+    assert (told["time_offset"], told["window"], told["require"]) == ("auto", "auto", "none")
+    assert (told["accel_bias_std"], told["gyro_bias_std"], told["tilt_std"]) == (
+        "free",
+        "free",
+        "unknown",
+    )
+    told = recorded("--time-offset", "-42ms", "--tilt-std", "0.5", "--window", "51")
+    assert (told["time_offset"], told["window"]) == (-0.042, "51")
+    assert told["tilt_std"] == pytest.approx(math.radians(0.5))
+    told = recorded("--method", "paper")
+    assert told["exclusion_threshold"] == "the method's"
+    assert told["t_initial"] == "the URDF's joint, or the identity"
+    assert None not in told.values()
 
 
 def test_one_imu_may_fail_and_the_others_still_come_out(
@@ -305,7 +337,9 @@ def test_the_published_method_starts_from_the_urdf_or_as_told(
         ("--method paper --time-offset 0", "--time-offset belongs to --method matched"),
         ("--gravity down", "--gravity down: is not a number; expected tilt"),
         ("--gravity fixed --tilt-std 1", "--tilt-std means nothing with --gravity fixed"),
-        ("--require 1mm", "--require 1mm: expected a length and an angle"),
+        ("--require 1", "--require 1: expected a length, an angle or both"),
+        ("--require 1mm,2mm", "--require 1mm,2mm: expected a length, an angle or both"),
+        ("--require 0mm", "--require 0mm: must be positive"),
         ("--clock sun", "--clock sun: expected auto"),
         ("--degree 1", "Invalid value for '--degree'"),
         ("--unknown", "No such option: --unknown"),

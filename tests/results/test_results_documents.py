@@ -31,11 +31,11 @@ from imucalib_cli.results.calibration import (
     SourceFile,
     Tolerance,
     distance_to,
-    require,
 )
 from imucalib_cli.results.document import to_document
 from imucalib_cli.results.formats import render
 from imucalib_cli.results.reader import from_document, read_calibrations
+from imucalib_cli.results.requirement import require
 from imucalib_cli.results.summary import summarise
 from imucalib_cli.results.text import to_json, to_yaml
 
@@ -351,13 +351,39 @@ def test_status_must_agree_with_the_diagnostics() -> None:
 
 
 def test_require_distrusts_a_sigma_that_is_too_large() -> None:
-    calibration = make_calibration(covariance=np.diag([1e-6] * 3 + [1e-8] * 3))
-    assert require(calibration, Tolerance(translation=1.1e-3, rotation=1.1e-4)).status == "ok"
-    tight = require(calibration, Tolerance(translation=0.9e-3, rotation=1.1e-4))
+    calibration = make_calibration(covariance=np.diag([1e-6, 4e-6, 1e-6] + [1e-8] * 3))
+    assert require(calibration, Tolerance(translation=2.1e-3, rotation=1.1e-4)).status == "ok"
+    assert require(calibration, Tolerance(rotation=1.1e-4)).status == "ok"
+    tight = require(calibration, Tolerance(translation=1e-3))
     assert tight.status == "untrusted"
-    assert tight.estimate.distrust == ("largest translation sigma is 1 mm, required 0.9 mm",)
-    turned = require(calibration, Tolerance(translation=1.1e-3, rotation=0.9e-4))
-    assert "rotation sigma" in turned.estimate.distrust[0]
+    (sentence,) = tight.estimate.distrust
+    assert sentence == (
+        "--require asks for 1 mm, the largest sigma is 2 mm along y of wrist_3_link: record about "
+        "4 times as long (sigma falls with the root of the duration), or livelier motion"
+    )
+    both = require(calibration, Tolerance(translation=1e-5, rotation=math.radians(1e-6)))
+    (sentence,) = both.estimate.distrust
+    assert "0.01 mm, the largest sigma is 2 mm along y" in sentence
+    assert "for 1e-06 deg, the largest sigma is 0.00573 deg about x of wrist_3_link" in sentence
+    assert sentence.endswith(
+        "record livelier motion (faster turns about several axes) and more of it"
+    )
+
+
+def test_require_advises_what_helps() -> None:
+    asked = Tolerance(translation=1e-9)
+    segments = require(make_calibration(sigma_source="segments"), asked)
+    assert "more of the same motion will not help" in segments.estimate.distrust[0]
+    blind = require(make_calibration(unobservable=(UP,)), asked)
+    assert blind.estimate.distrust[0].endswith(": record the motion that determines it")
+    no_sigma = require(make_calibration(covariance=None, method="paper"), asked)
+    assert "1e-06 mm, and --method paper states no sigma" in no_sigma.estimate.distrust[0]
+    nan = require(make_calibration(covariance=np.full((6, 6), np.nan)), asked)
+    assert nan.status == "untrusted"
+    hair = require(
+        make_calibration(covariance=np.eye(6) * (1e-3 + 1e-12) ** 2), Tolerance(translation=1e-3)
+    )
+    assert "1 mm, the largest sigma is 1.000000001 mm" in hair.estimate.distrust[0]
 
 
 def test_distance_matches_scipy_near_and_far() -> None:
