@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
+from typing import TYPE_CHECKING
 
-from imucalib_cli.errors import ChoiceError, InputError
+from imucalib_cli.errors import ChoiceError
+from imucalib_cli.jobs.result_files import read_results
 from imucalib_cli.results.formats import refuse_untrusted
-from imucalib_cli.results.reader import read_calibrations
 from imucalib_cli.results.urdf_edit import joint_for, replace_origin
 from imucalib_cli.robot.urdf import load_robot
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 
 def apply(result: str, urdf: Path, *, force: bool = False) -> bytes:
@@ -24,8 +26,7 @@ def apply(result: str, urdf: Path, *, force: bool = False) -> bytes:
         InputError: A file cannot be used, or the URDF has no joint for the IMU.
         UntrustedError: A result should not be trusted.
     """
-    text = _read(result)
-    calibrations = read_calibrations(text, "standard input" if result == "-" else result)
+    calibrations = read_results(result)
     robot = load_robot(urdf)
     content = urdf.read_bytes()
     seen: set[str] = set()
@@ -46,16 +47,3 @@ def apply(result: str, urdf: Path, *, force: bool = False) -> bytes:
         seen.add(origin.joint)
         content = replace_origin(content, origin.joint, origin.xyz, origin.rpy)
     return content
-
-
-def _read(result: str) -> str:
-    try:
-        if result == "-":
-            if sys.stdin is None:
-                raise InputError("standard input is closed: name the result's file")
-            return sys.stdin.buffer.read().decode("utf-8")
-        return Path(result).read_text(encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"{result}: cannot be read ({error.strerror}): check the path") from error
-    except UnicodeDecodeError as error:
-        raise InputError(f"{result}: is not text: it should be a result of imucalib run") from error

@@ -37,6 +37,8 @@ class CalibrationRequest:
     clock: ClockChoice = "auto"
     estimator: MatchedOptions | PaperOptions = field(default_factory=MatchedOptions)
     require: Tolerance | None = None
+    needs_nominal: bool = False
+    """Whether the pose of every IMU must be told by the URDF or the log's own frames."""
 
     @property
     def wants_gravity(self) -> bool:

@@ -40,17 +40,17 @@ def to_document(calibration: Calibration) -> Document:
         "transform": _transform(calibration),
     }
     if not (calibration.known_rotation and all(calibration.known_translation)):
-        document["partial"] = _pose(estimate.R_parent_imu, estimate.t_parent_imu)
+        document["partial"] = pose_entry(estimate.R_parent_imu, estimate.t_parent_imu)
     document |= {
         "covariance": None if estimate.covariance is None else _table(estimate.covariance),
         "std": _std(calibration),
         "time_offset": {
-            "seconds": _number(estimate.time_offset),
-            "std": _number(estimate.time_offset_std),
+            "seconds": number(estimate.time_offset),
+            "std": number(estimate.time_offset_std),
         },
         "accel_bias": _with_std(estimate.accel_bias, estimate.accel_bias_std),
         "gyro_bias": _with_std(estimate.gyro_bias, estimate.gyro_bias_std),
-        "gravity_world": _vector(estimate.gravity_world),
+        "gravity_world": vector_entry(estimate.gravity_world),
         "diagnostics": _diagnostics(calibration),
         "provenance": _provenance(calibration.provenance),
     }
@@ -59,7 +59,7 @@ def to_document(calibration: Calibration) -> Document:
 
 def _transform(calibration: Calibration) -> Document:
     estimate = calibration.estimate
-    pose = _pose(estimate.R_parent_imu, estimate.t_parent_imu)
+    pose = pose_entry(estimate.R_parent_imu, estimate.t_parent_imu)
     pose["translation"] = [
         value if known else None
         for value, known in zip(pose["translation"], calibration.known_translation, strict=True)
@@ -69,11 +69,12 @@ def _transform(calibration: Calibration) -> Document:
     return {"parent": calibration.parent, "child": calibration.child, **pose}
 
 
-def _pose(R: ArrayLike, t: ArrayLike) -> Document:
+def pose_entry(R: ArrayLike, t: ArrayLike) -> Document:
+    """A pose in the three ways a result tells it."""
     return {
-        "translation": _vector(t),
-        "rotation_xyzw": _vector(quaternion_from_matrix(R)),
-        "rotation_rpy": _vector(rpy_from_matrix(R)),
+        "translation": vector_entry(t),
+        "rotation_xyzw": vector_entry(quaternion_from_matrix(R)),
+        "rotation_rpy": vector_entry(rpy_from_matrix(R)),
     }
 
 
@@ -82,8 +83,8 @@ def _std(calibration: Calibration) -> Document | None:
     if translation is None or rotation is None:
         return None
     return {
-        "translation_mm": _vector(translation * 1e3),
-        "rotation_deg": _vector(np.degrees(rotation)),
+        "translation_mm": vector_entry(translation * 1e3),
+        "rotation_deg": vector_entry(np.degrees(rotation)),
     }
 
 
@@ -99,12 +100,12 @@ def _diagnostics(calibration: Calibration) -> Document:
         "nominal": _nominal(calibration),
         "window": {
             "samples": int(estimate.window.samples),
-            "seconds": _number(estimate.window.seconds),
+            "seconds": number(estimate.window.seconds),
             "reason": estimate.window.reason,
         },
         "residual_rms": {
-            "accel": _vector(residuals.accel_rms),
-            "gyro": _vector(residuals.gyro_rms),
+            "accel": vector_entry(residuals.accel_rms),
+            "gyro": vector_entry(residuals.gyro_rms),
         },
         "windows_used": int(residuals.windows_used),
         "windows_dropped": int(residuals.windows_dropped),
@@ -117,8 +118,8 @@ def _diagnostics(calibration: Calibration) -> Document:
 def _unobservable(direction: UnobservableDirection) -> Document:
     return {
         "kind": direction.kind,
-        "direction_parent": _vector(direction.direction_parent),
-        "std": _number(direction.std),
+        "direction_parent": vector_entry(direction.direction_parent),
+        "std": number(direction.std),
         "motion": direction.motion,
     }
 
@@ -130,9 +131,9 @@ def _nominal(calibration: Calibration) -> Document | None:
     distance = distance_to(calibration, nominal)
     return {
         "joint": nominal.joint,
-        **_pose(nominal.R_parent_imu, nominal.t_parent_imu),
-        "distance_mm": _number(distance.translation * 1e3),
-        "distance_deg": _number(math.degrees(distance.rotation)),
+        **pose_entry(nominal.R_parent_imu, nominal.t_parent_imu),
+        "distance_mm": number(distance.translation * 1e3),
+        "distance_deg": number(math.degrees(distance.rotation)),
     }
 
 
@@ -140,8 +141,8 @@ def _provenance(provenance: Provenance) -> Document:
     return {
         "tool": "imucalib",
         "version": provenance.version,
-        "files": [_file(file) for file in provenance.files],
-        "urdf": None if provenance.urdf is None else _file(provenance.urdf),
+        "files": [file_entry(file) for file in provenance.files],
+        "urdf": None if provenance.urdf is None else file_entry(provenance.urdf),
         "topics": {"imu": provenance.imu_topic, "motion": list(provenance.motion)},
         "world": provenance.world,
         "clock": provenance.clock,
@@ -149,24 +150,27 @@ def _provenance(provenance: Provenance) -> Document:
     }
 
 
-def _file(file: SourceFile) -> Document:
+def file_entry(file: SourceFile) -> Document:
+    """A file that was read."""
     return {"path": file.path, "sha256": file.sha256}
 
 
 def _with_std(value: ArrayLike, std: ArrayLike | None) -> Document:
-    return {"value": _vector(value), "std": None if std is None else _vector(std)}
+    return {"value": vector_entry(value), "std": None if std is None else vector_entry(std)}
 
 
 def _table(values: ArrayLike) -> list[list[float | None]]:
-    return [_vector(row) for row in np.asarray(values, dtype=np.float64)]
+    return [vector_entry(row) for row in np.asarray(values, dtype=np.float64)]
 
 
-def _vector(values: ArrayLike) -> list[float | None]:
+def vector_entry(values: ArrayLike) -> list[float | None]:
+    """Numbers in a row; null where one is not finite."""
     numbers: Iterable[float] = np.asarray(values, dtype=np.float64).ravel()
-    return [_number(value) for value in numbers]
+    return [number(value) for value in numbers]
 
 
-def _number(value: float | None) -> float | None:
+def number(value: float | None) -> float | None:
+    """A number that JSON has, or null."""
     if value is None or not math.isfinite(value):
         return None
     return float(value) + 0.0  # minus zero reads as if it meant something

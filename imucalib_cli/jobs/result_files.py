@@ -1,0 +1,59 @@
+"""Results that an earlier run wrote: which arguments are such files, and what is in them."""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from imucalib_cli.errors import InputError
+from imucalib_cli.results.reader import read_calibrations
+
+if TYPE_CHECKING:
+    from imucalib_cli.results.calibration import Calibration
+
+_SUFFIXES = {".yaml", ".yml", ".json"}
+_OPENING = re.compile(rb"\A\s*(?:#[^\n]*\n\s*)*(?:---\s*)?[\[{\s]*\"?schema\"?\s*:")
+"""Of a document of ours, whatever the file is called."""
+
+
+def is_result(name: str) -> bool:
+    """Whether an argument is a result rather than a log; ``-`` is one."""
+    if name == "-":
+        return True
+    path = Path(name)
+    if path.name == "metadata.yaml" or path.is_dir():  # of a ROS 2 recording
+        return False
+    try:
+        with path.open("rb") as file:
+            return path.suffix.lower() in _SUFFIXES or bool(_OPENING.match(file.read(4096)))
+    except OSError:
+        return path.suffix.lower() in _SUFFIXES
+
+
+def read_results(name: str) -> list[Calibration]:
+    """Results of a file, or of standard input for ``-``; at least one.
+
+    Raises:
+        InputError: The file cannot be read or holds no result.
+    """
+    return read_calibrations(_text(name), display_name(name))
+
+
+def display_name(name: str) -> str:
+    """What to call an argument in a sentence."""
+    return "standard input" if name == "-" else name
+
+
+def _text(name: str) -> str:
+    try:
+        if name == "-":
+            if sys.stdin is None:
+                raise InputError("standard input is closed: name the result's file")
+            return sys.stdin.buffer.read().decode("utf-8")
+        return Path(name).read_text(encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{name}: cannot be read ({error.strerror}): check the path") from error
+    except UnicodeDecodeError as error:
+        raise InputError(f"{name}: is not text: it should be a result of imucalib run") from error

@@ -1,0 +1,86 @@
+"""How near to zero and how far from it an uncertain vector may be.
+
+All vectors within ``sigmas`` standard deviations of a vector d fill an ellipsoid about it. The
+nearest of them to the origin and the farthest bound the norm. Where |d| is many sigma they are
+|d| -/+ sigmas * sqrt(u' C u) with u along d, what propagation to first order gives; at d = 0, where
+the norm has no derivative, the farthest is ``sigmas`` times the largest deviation of the matrix. In
+between, a direction across d that is known badly counts as it should: it may carry the vector far
+away, but not nearer than the other components allow.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+Floats = NDArray[np.float64]
+
+_HALVINGS = 200
+_NUDGE = 1e-12
+"""Of the longest half-axis: moves a centre that lies exactly across it, which has two farthest
+points, to a side."""
+
+
+def norm_bounds(vector: Floats, covariance: Floats, sigmas: float) -> tuple[float, float]:
+    """Norms of the nearest and the farthest vector within some sigma.
+
+    Args:
+        vector: (n,).
+        covariance: (n, n), finite.
+        sigmas: Half-width of the ellipsoid in standard deviations.
+    """
+    variances, axes = np.linalg.eigh(covariance)
+    half = sigmas * np.sqrt(np.maximum(variances, 0.0))
+    centre = axes.T @ vector
+    return _nearest(centre, half), _farthest(centre, half)
+
+
+def _nearest(centre: Floats, half: Floats) -> float:
+    """Minimise |x|² on the ellipsoid: x_i = m d_i / (a_i² + m) with the multiplier m > 0."""
+    if not half.any():
+        return float(np.linalg.norm(centre))
+    flat = half == 0.0
+    if not centre[flat].any() and np.sum((centre[~flat] / half[~flat]) ** 2) <= 1.0:
+        return 0.0
+    squares = half**2
+
+    def outside(m: float) -> float:
+        return float(np.sum(squares * centre**2 / (squares + m) ** 2)) - 1.0
+
+    m = _root(outside, float(half.max() * np.linalg.norm(centre)))
+    return float(np.linalg.norm(m * centre / (squares + m)))
+
+
+def _farthest(centre: Floats, half: Floats) -> float:
+    """Maximise |x|² on the ellipsoid: x_i - d_i = a_i² d_i / (m + a_max² - a_i²), m > 0."""
+    if not half.any():
+        return float(np.linalg.norm(centre))
+    longest = int(np.argmax(half))
+    centre = centre.copy()
+    if abs(centre[longest]) < _NUDGE * half[longest]:
+        centre[longest] = _NUDGE * half[longest]
+    squares = half**2
+    gaps = squares[longest] - squares
+
+    def outside(m: float) -> float:
+        return float(np.sum(squares * centre**2 / (m + gaps) ** 2)) - 1.0
+
+    m = _root(outside, float(half[longest] * np.linalg.norm(centre)))
+    return float(np.linalg.norm(centre + squares * centre / (m + gaps)))
+
+
+def _root(falling: Callable[[float], float], high: float) -> float:
+    """Where a falling function that is positive just above 0 crosses zero."""
+    low = 0.0
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        if falling(middle) > 0.0:
+            low = middle
+        else:
+            high = middle
+    return high

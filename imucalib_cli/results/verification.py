@@ -1,0 +1,202 @@
+"""Is a pose that somebody told the pose that a log shows? Yes, no, or the log cannot tell."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from imucalib_cli.results.calibration import Tolerance
+from imucalib_cli.results.difference import SIGMAS, Difference, Part, difference
+from imucalib_cli.results.digits import figures
+from imucalib_cli.results.requirement import MARK
+from imucalib_cli.results.summary import unobservable_lines
+from imucalib_cli.results.uncertain_pose import UncertainPose, pose_of
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from imucalib_cli.results.calibration import Calibration, Nominal, SourceFile
+
+Verdict = Literal["yes", "no", "unknown"]
+
+WITHIN = Tolerance(translation=5e-3, rotation=math.radians(0.5))
+"""Default tolerance."""
+SIGNIFICANT = math.erfc(SIGMAS / math.sqrt(2.0))
+"""Chance of a difference beyond SIGMAS of one component. A difference that noise gives more often
+than that is no difference, however small the tolerance: of three components together one often
+exceeds two sigma."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Verification:
+    """The answer for one IMU, with the evidence for it."""
+
+    verdict: Verdict
+    reason: str
+    """One sentence: the figures, and what to do where there is something to do."""
+    translation: Verdict
+    rotation: Verdict
+    within: Tolerance
+    difference: Difference
+    """Found less told, in the found pose's parent frame."""
+    calibration: Calibration
+    told: Nominal
+    urdf: SourceFile | None
+    """That told it; None where the log's own frames did."""
+
+
+def verify(
+    calibration: Calibration,
+    told: Nominal,
+    within: Tolerance = WITHIN,
+    urdf: SourceFile | None = None,
+) -> Verification:
+    """Decide whether a told pose is right within a tolerance.
+
+    For translation and rotation alike: yes if everything within two sigma of what was found lies
+    within the tolerance of what was told, no if nothing does, else unknown. A no from one of them
+    is a no; a yes takes both. A result that contradicts itself answers nothing. A direction that
+    was not determined withholds a yes, but not a no from the others.
+
+    Args:
+        calibration: What a log shows.
+        told: The pose in question, in the result's parent frame.
+        within: What is near enough; finite.
+        urdf: Where it was told.
+    """
+    found = pose_of(calibration)
+    apart = difference(_exact(found, told), found)
+    translation, rotation = (
+        _verdict(apart, part, bound)
+        for part, bound in zip(apart.parts, (within.translation, within.rotation), strict=True)
+    )
+    doubts = grave_doubts(calibration)
+    verdict: Verdict = "unknown"
+    if not doubts and "no" in {translation, rotation}:
+        verdict = "no"
+    elif not doubts and translation == rotation == "yes":
+        verdict = "yes"
+    asked = f"{within.translation * 1e3:.6g} mm and {math.degrees(within.rotation):.6g} deg"
+    place = f"{calibration.child} in {calibration.parent}"
+    by = f"joint '{told.joint}'" if told.joint else "what is told"
+    match verdict:
+        case "yes":
+            said = f"{place} is where {by} says, within {asked}: {in_words(apart)} away"
+        case "no":
+            said = (
+                f"{place} is not where {by} says: {_faults(apart, within, translation, rotation)}"
+            )
+        case "unknown":
+            said = f"cannot tell whether {place} is where {by} says, within {asked}: " + "; ".join(
+                doubts or _gaps(calibration, apart, within, (translation, rotation))
+            )
+    return Verification(
+        verdict=verdict,
+        reason=said,
+        translation=translation,
+        rotation=rotation,
+        within=within,
+        difference=apart,
+        calibration=calibration,
+        told=told,
+        urdf=urdf,
+    )
+
+
+def grave_doubts(calibration: Calibration) -> list[str]:
+    """Reasons against a result that make its sigma worthless, and so every answer from it.
+
+    Directions that were not determined are none of them, nor is a sigma that is larger than
+    someone required: both are in the covariance.
+    """
+    return [
+        f"the result contradicts itself or its model: {reason}"
+        for reason in calibration.estimate.distrust
+        if not reason.startswith(MARK)
+    ]
+
+
+def exceeds(apart: Difference, part: Part, bound: float) -> bool:
+    """Whether a part of a difference is beyond a bound, whatever noise may have done."""
+    test = apart.significance(part)
+    if part.bounds is None or test is None or not part.meaningful:
+        return False
+    return part.bounds[0] > bound and test.p_value < SIGNIFICANT
+
+
+def in_words(apart: Difference) -> str:
+    """Both norms with their sigma."""
+    return " and ".join(_norm(part) for part in apart.parts)
+
+
+def _exact(found: UncertainPose, told: Nominal) -> UncertainPose:
+    return UncertainPose(
+        parent=found.parent,
+        child=found.child,
+        R=told.R_parent_imu,
+        t=told.t_parent_imu,
+        covariance=np.zeros((6, 6)),
+        unknown_translation=np.zeros((0, 3)),
+        unknown_rotation=np.zeros((0, 3)),
+    )
+
+
+def _verdict(apart: Difference, part: Part, bound: float) -> Verdict:
+    if exceeds(apart, part, bound):
+        return "no"
+    sure = part.bounds is not None and part.meaningful and not len(part.unknown)
+    return "yes" if sure and part.bounds is not None and part.bounds[1] <= bound else "unknown"
+
+
+def _norm(part: Part) -> str:
+    unit, scale = ("mm", 1e3) if part.kind == "translation" else ("deg", math.degrees(1.0))
+    sigma = "sigma unknown" if part.sigma is None else f"± {figures(part.sigma * scale, 2)}"
+    return f"{figures(part.norm * scale, 3)} {unit} ({sigma})"
+
+
+def _faults(apart: Difference, within: Tolerance, *verdicts: Verdict) -> str:
+    """What is beyond which tolerance, by how many sigma, and along which axes."""
+    said = []
+    bounds = (within.translation, within.rotation)
+    for part, bound, verdict in zip(apart.parts, bounds, verdicts, strict=True):
+        if verdict != "no":
+            continue
+        unit, scale = ("mm", 1e3) if part.kind == "translation" else ("deg", math.degrees(1.0))
+        vector = " ".join(f"{round(x, 3) + 0.0:.3f}" for x in part.vector * scale)
+        said.append(
+            f"the {part.kind} is off by {_norm(part)}, more than {bound * scale:.6g} {unit}; as "
+            f"a vector ({vector}) {unit}"
+        )
+    return "; ".join(said)
+
+
+def _gaps(
+    calibration: Calibration,
+    apart: Difference,
+    within: Tolerance,
+    verdicts: tuple[Verdict, Verdict],
+) -> Iterator[str]:
+    """Why neither yes nor no."""
+    if apart.covariance is None:
+        yield (
+            f"--method {calibration.estimate.method} states no sigma, and the pose found is "
+            f"{in_words(apart)} away: use --method matched"
+        )
+        return
+    blind = list(unobservable_lines(calibration))
+    yield from blind
+    bounds = (within.translation, within.rotation)
+    for part, bound, verdict in zip(apart.parts, bounds, verdicts, strict=True):
+        open_directions = len(part.unknown) or not part.meaningful
+        if verdict != "unknown" or open_directions or part.bounds is None:
+            continue
+        unit, scale = ("mm", 1e3) if part.kind == "translation" else ("deg", math.degrees(1.0))
+        least, most = (figures(value * scale, 3) for value in part.bounds)
+        yield (
+            f"the {part.kind} is off by {_norm(part)}, so by {least} to {most} {unit} within two "
+            f"sigma, and the tolerance of {bound * scale:.6g} {unit} lies in between: record "
+            "longer or livelier motion, or ask for another tolerance"
+        )
