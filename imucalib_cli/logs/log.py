@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -177,7 +178,7 @@ def open_log(paths: Sequence[Path]) -> Log:
         InputError: A path is missing, unreadable, or not a log.
         ChoiceError: A folder holds several recordings, or a path is given twice.
     """
-    known = [path.resolve() for path in paths]
+    known = [os.path.realpath(path) for path in paths]  # Path.resolve minds links in a circle
     twice = [path for path, real in zip(paths, known, strict=True) if known.count(real) > 1]
     if twice:
         raise ChoiceError(f"{twice[0]} is given twice: name each file of the recording once")

@@ -13,9 +13,11 @@ from imucalib_cli.logs.inflate import Inflated, Scratch, inflate, inflate_file
 from imucalib_cli.logs.mcap_records import CHUNK, MESSAGE_INDEX, Catalogue
 
 if TYPE_CHECKING:
+    from collections.abc import Collection
+
     from numpy.typing import NDArray
 
-_HEAD_ROOM = 128
+HEAD_ROOM = 128
 """Bytes that hold a chunk's head, its compression's name included."""
 _INDEX_HEAD = struct.Struct("<BQHI")
 _LARGEST_INDEX = 1 << 26
@@ -39,10 +41,10 @@ class Chunk:
     start_ns: int = 0
     end_ns: int = 0
 
-    def may_hold(self, channels: dict[int, object]) -> bool:
+    def may_hold(self, channels: Collection[int]) -> bool:
         """Whether it can have messages of a channel; without any index it can."""
         known = self.index if self.index is not None else self.index_at
-        return not known or not channels.keys().isdisjoint(known)
+        return not known or not known.keys().isdisjoint(channels)
 
 
 @dataclass
@@ -62,6 +64,36 @@ def parse_chunk_index(body: memoryview) -> Chunk:
     whole = entries[: len(entries) // 10 * 10]
     index_at = dict(struct.iter_unpack("<HQ", whole))
     return Chunk(start=start, length=length, index_at=index_at, start_ns=start_ns, end_ns=end_ns)
+
+
+@dataclass(frozen=True)
+class ChunkHead:
+    """What a chunk record says before its records."""
+
+    size: int
+    """Of the head itself, from the opcode on."""
+    claimed: int
+    """Bytes of its records, unpacked."""
+    checksum: int
+    compression: str
+    packed: int
+    """Bytes of its records in the file."""
+
+
+def parse_chunk_head(raw: bytes) -> ChunkHead:
+    """Parse the beginning of a chunk record.
+
+    Raises:
+        DamageError: It is none.
+    """
+    head = Cursor(raw)
+    if head.number(1) != CHUNK:
+        raise DamageError("no chunk where the index says")
+    head.take(8 + 8 + 8)
+    claimed, checksum = head.number(8), head.number(4)
+    compression = head.text()
+    packed = head.number(8)
+    return ChunkHead(head.at, claimed, checksum, compression, packed)
 
 
 class Unpacker:
@@ -85,24 +117,20 @@ class Unpacker:
         if room <= 0:
             raise DamageError("it lies beyond the end of the file")
         seek(file, chunk.start)
-        head = Cursor(file.read(min(room, _HEAD_ROOM)))
-        if head.number(1) != CHUNK:
-            raise DamageError("no chunk where the index says")
-        head.take(8 + 8 + 8)
-        claimed, checksum = head.number(8), head.number(4)
-        compression = head.text()
-        packed_size = min(head.number(8), room - head.at)
-        if compression in {"", "none"}:
-            at = chunk.start + head.at
-            return inflate_file(file, at, packed_size, self._scratch, claimed), checksum
+        head = parse_chunk_head(file.read(min(room, HEAD_ROOM)))
+        packed_size = min(head.packed, room - head.size)
+        at = chunk.start + head.size
+        if head.compression in {"", "none"}:
+            unpacked = inflate_file(file, at, packed_size, self._scratch, head.claimed)
+            return unpacked, head.checksum
         packed = self._packed.reserve(packed_size).data[:packed_size]
-        seek(file, chunk.start + head.at)
+        seek(file, at)
         got = file.readinto(packed)  # type: ignore[attr-defined]
-        return inflate(compression, packed[:got], claimed, self._scratch), checksum
+        return inflate(head.compression, packed[:got], head.claimed, self._scratch), head.checksum
 
 
 def read_message_index(
-    file: BinaryIO, chunk: Chunk, channels: dict[int, object]
+    file: BinaryIO, chunk: Chunk, channels: Collection[int]
 ) -> dict[int, NDArray[np.int64]]:
     """Receive times and offsets in the chunk, (n, 2), for those of the channels it holds.
 

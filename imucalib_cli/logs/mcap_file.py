@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
 
+from imucalib_cli.logs.chunked import ChunkedFile
 from imucalib_cli.logs.damage import DamageError
 from imucalib_cli.logs.mcap_chunks import Chunk, Unpacker, read_message_index
 from imucalib_cli.logs.mcap_records import (
@@ -16,13 +17,11 @@ from imucalib_cli.logs.mcap_records import (
     Catalogue,
     walk,
 )
-from imucalib_cli.logs.mcap_scan import read_summary, scan
-from imucalib_cli.logs.storage import Bytes, Channel, Located, Progress, Sink, add_by_length, cut
+from imucalib_cli.logs.mcap_scan import scan
+from imucalib_cli.logs.mcap_summary import read_summary
+from imucalib_cli.logs.storage import Bytes, Channel, Located, Sink, add_by_length, cut
 
 if TYPE_CHECKING:
-    from collections.abc import Collection
-    from pathlib import Path
-
     from numpy.typing import NDArray
 
     from imucalib_cli.logs.inflate import Inflated
@@ -32,52 +31,18 @@ _CHECKED_SHARE = 0.5
 cost more than reading, mostly over images nobody asked for."""
 
 
-class McapFile:
-    """One MCAP file.
+class McapFile(ChunkedFile[Chunk]):
+    """One MCAP file."""
 
-    Args:
-        path: The file; its magic has been checked.
-
-    Raises:
-        OSError: The file cannot be opened.
-    """
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self._file = path
-        size = path.stat().st_size
-        self._unpacker = Unpacker(size)
-        with path.open("rb") as file:
-            try:
-                contents = read_summary(file, size)
-            except DamageError:
-                contents = None
-            if contents is None:
-                contents = scan(file, size, self._unpacker)
-        self.losses = contents.losses
-        self._chunks = contents.chunks
-        self.channels: tuple[Channel, ...] = contents.catalogue.channels()
-
-    def read(self, wanted: Collection[int], sink: Sink, progress: Progress) -> None:
-        """Give the sink all messages of the wanted channels, in one pass.
-
-        Chunks without them are not read, the others unpacked up to the last of them.
-        """
-        channels = {each.number: each for each in self.channels if each.number in wanted}
-        needed = [each for each in self._chunks if each.may_hold({**channels})]
-        base = 0
-        with self._file.open("rb", buffering=0) as file:
-            for done, chunk in enumerate(needed):
-                progress(done / len(needed))
-                try:
-                    base += self._read_chunk(file, chunk, channels, sink, base)
-                except (DamageError, ValueError) as error:
-                    self._lose(f"a chunk at byte {chunk.start} is left out: {error}")
-        progress(1.0)
-
-    def _lose(self, what: str) -> None:
-        if what not in self.losses:
-            self.losses.append(what)
+    def _open(self, file: BinaryIO) -> tuple[list[Chunk], tuple[Channel, ...], list[str]]:
+        self._unpacker = Unpacker(self._size)
+        try:
+            contents = read_summary(file, self._size)
+        except DamageError:
+            contents = None
+        if contents is None:
+            contents = scan(file, self._size, self._unpacker)
+        return contents.chunks, contents.catalogue.channels(), contents.losses
 
     def _index(
         self, file: BinaryIO, chunk: Chunk, channels: dict[int, Channel]
@@ -88,7 +53,7 @@ class McapFile:
         if not chunk.index_at:
             return None
         try:
-            found = read_message_index(file, chunk, {**channels})
+            found = read_message_index(file, chunk, channels)
         except DamageError:
             return None
         return {number: entries[:, 1] for number, entries in found.items()}
@@ -104,7 +69,12 @@ class McapFile:
         index = self._index(file, chunk, channels)
         inflated, checksum = self._unpacker.unpack(file, chunk)
         if index is None:
-            found = walk(inflated.upto(), Catalogue())
+            found, sound = walk(inflated.upto(), Catalogue())
+            if sound < inflated.claimed:
+                self._lose(
+                    f"a chunk at byte {chunk.start} is damaged inside: "
+                    f"{inflated.claimed - sound} of its {inflated.claimed} bytes are left out"
+                )
             index = {number: found[number] for number in channels if number in found}
         index = {number: offsets for number, offsets in index.items() if len(offsets)}
         if not index:
@@ -114,11 +84,7 @@ class McapFile:
             data = inflated.upto()
             if inflated.complete and zlib.crc32(data.data) != checksum:
                 raise DamageError("its checksum is wrong")
-        if messages.unsound:
-            self._lose(
-                f"{messages.unsound} messages of the chunk at byte {chunk.start} are damaged or "
-                "cut short and left out"
-            )
+        self._lose_messages(messages.unsound, chunk)
         messages.give(channels, sink, base)
         return len(messages.data)
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from imucalib_cli.logs.damage import Cursor, Tally
+from imucalib_cli.logs.damage import Cursor, DamageError, Tally
 from imucalib_cli.logs.messages import normalise_type
 from imucalib_cli.logs.storage import Bytes, Channel
 
@@ -34,6 +34,26 @@ MESSAGE_HEAD = np.dtype(
 """A message record up to its payload."""
 LEAST_MESSAGE = MESSAGE_HEAD.itemsize - RECORD_HEAD.size
 """Length of a message record without payload."""
+LENGTHS = {
+    0x01: (8, 1 << 20),
+    FOOTER: (20, 20),
+    SCHEMA: (14, 1 << 26),
+    CHANNEL: (16, 1 << 26),
+    MESSAGE: (LEAST_MESSAGE, 1 << 40),
+    CHUNK: (40, 1 << 40),
+    MESSAGE_INDEX: (6, 1 << 32),
+    CHUNK_INDEX: (64, 1 << 26),
+    0x09: (36, 1 << 40),
+    0x0A: (44, 1 << 20),
+    STATISTICS: (46, 1 << 22),
+    0x0C: (8, 1 << 30),
+    0x0D: (20, 1 << 20),
+    0x0E: (17, 17),
+    DATA_END: (4, 4),
+}
+"""Opcodes, and the least and the largest length that makes sense."""
+PRIVATE = 0x80
+"""Opcodes from here on are anyone's own."""
 
 
 @dataclass
@@ -90,12 +110,12 @@ def parse_counts(body: memoryview) -> tuple[int, dict[int, int]]:
     return chunks, dict(struct.iter_unpack("<HQ", entries[: len(entries) // 10 * 10]))
 
 
-def walk(data: Bytes, catalogue: Catalogue) -> dict[int, NDArray[np.int64]]:
+def walk(data: Bytes, catalogue: Catalogue) -> tuple[dict[int, NDArray[np.int64]], int]:
     """Go through the records of a chunk one by one, up to the first that is not whole.
 
     Returns:
-        For each channel the offsets of its message records. Schemas and channels go into the
-        catalogue; messages are not counted.
+        For each channel the offsets of its message records, and up to where records are whole.
+        Schemas and channels go into the catalogue; messages are not counted.
     """
     view = data.data
     offsets: dict[int, list[int]] = {}
@@ -109,6 +129,9 @@ def walk(data: Bytes, catalogue: Catalogue) -> dict[int, NDArray[np.int64]]:
         if opcode == MESSAGE and length >= LEAST_MESSAGE:
             offsets.setdefault(int.from_bytes(view[body : body + 2], "little"), []).append(at)
         elif opcode in {SCHEMA, CHANNEL}:
-            catalogue.add(opcode, view[body : body + length])
+            try:
+                catalogue.add(opcode, view[body : body + length])
+            except DamageError:
+                break
         at = body + length
-    return {channel: np.array(at, dtype=np.int64) for channel, at in offsets.items()}
+    return {channel: np.array(at, dtype=np.int64) for channel, at in offsets.items()}, at

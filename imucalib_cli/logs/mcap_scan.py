@@ -1,96 +1,48 @@
-"""What an MCAP file holds: from its summary, or by going through it where that is missing."""
+"""What an MCAP file without a usable summary holds: every record in turn."""
 
 from __future__ import annotations
 
 import zlib
-from typing import BinaryIO
+from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
 
-from imucalib_cli.logs.damage import Cursor, DamageError, Tally
+from imucalib_cli.logs.damage import DamageError, Tally
 from imucalib_cli.logs.mcap_chunks import (
+    HEAD_ROOM,
     Chunk,
+    ChunkHead,
     Contents,
     Unpacker,
-    parse_chunk_index,
-    read_message_index,
+    parse_chunk_head,
 )
 from imucalib_cli.logs.mcap_records import (
     CHANNEL,
     CHUNK,
-    CHUNK_INDEX,
     DATA_END,
     FOOTER,
-    LEAST_MESSAGE,
+    LENGTHS,
     MAGIC,
     MESSAGE,
     MESSAGE_HEAD,
+    PRIVATE,
     RECORD_HEAD,
     SCHEMA,
-    STATISTICS,
-    parse_counts,
     walk,
 )
-from imucalib_cli.logs.storage import Bytes, cut
+from imucalib_cli.logs.mcap_search import find_record, is_record
+from imucalib_cli.logs.storage import cut
 
-_FOOTER_SIZE = RECORD_HEAD.size + 20 + len(MAGIC)
+if TYPE_CHECKING:
+    from imucalib_cli.logs.storage import Bytes
+
 _BARE_RUN = 1 << 22
 """Bytes of unchunked messages that are read at a time."""
-
-
-def read_summary(file: BinaryIO, size: int) -> Contents | None:
-    """What the summary of a properly closed file says; None where it does not say enough.
-
-    Raises:
-        DamageError: The summary is damaged.
-    """
-    if size < len(MAGIC) + _FOOTER_SIZE:
-        return None
-    file.seek(size - _FOOTER_SIZE)
-    footer = Cursor(file.read(_FOOTER_SIZE))
-    if footer.number(1) != FOOTER or footer.number(8) != 20:
-        return None
-    start = footer.number(8)
-    if not len(MAGIC) <= start < size:
-        return None
-    file.seek(start)
-    summary = Cursor(file.read(size - _FOOTER_SIZE - start))
-    contents = Contents()
-    counts: dict[int, int] = {}
-    chunk_count = 0
-    while summary.left >= RECORD_HEAD.size:
-        opcode, length = RECORD_HEAD.unpack(summary.take(RECORD_HEAD.size))
-        body = summary.take(length)
-        if opcode == CHUNK_INDEX:
-            contents.chunks.append(parse_chunk_index(body))
-        elif opcode == STATISTICS:
-            chunk_count, counts = parse_counts(body)
-        else:
-            contents.catalogue.add(opcode, body)
-    if not counts or not chunk_count == len(contents.chunks) > 0:
-        return None
-    if not counts.keys() <= contents.catalogue.raw_channels.keys():
-        return None
-    contents.chunks.sort(key=lambda chunk: chunk.start)
-    _tally(file, contents, counts)
-    return contents
-
-
-def _tally(file: BinaryIO, contents: Contents, counts: dict[int, int]) -> None:
-    """Times of each channel's first and last messages, from the chunks at both ends."""
-    for channel, count in counts.items():
-        tally = contents.catalogue.tallies[channel] = Tally()
-        holding = [each for each in contents.chunks if channel in each.index_at]
-        for chunk in holding[:1] + holding[1:][-1:]:
-            tally.add(read_message_index(file, chunk, {channel: None})[channel][:, 0])
-        if not tally.count and count:  # no message index: those of the file
-            tally.start_ns = min(each.start_ns for each in contents.chunks)
-            tally.end_ns = max(each.end_ns for each in contents.chunks)
-        tally.count = count
+_PLAIN = {"", "none"}
 
 
 def scan(file: BinaryIO, size: int, unpacker: Unpacker) -> Contents:
-    """Go through a file record by record, up to the first that is not whole."""
+    """Go through a file record by record; what cannot be a record is passed over."""
     return _Scan(file, size, unpacker).run()
 
 
@@ -102,62 +54,99 @@ class _Scan:
         self._contents = Contents()
         self._run: dict[int, list[int]] = {}
         self._run_start = 0
+        self._unsure = len(MAGIC)
+        """From where to search when no record is where the one before ends: a wrong length leads
+        astray, so behind the head of that one, unless it is a chunk, whose lengths agree."""
 
     def run(self) -> Contents:
-        at, ended = len(MAGIC), False
-        while not ended:
+        """Go through the file once.
+
+        Messages outside of any chunk, as an uncompressed chunk whose head is damaged leaves
+        them, count like those inside.
+        """
+        losses = self._contents.losses
+        at = len(MAGIC)
+        while True:
             try:
                 length = self._record(at)
+                if not length:
+                    break
+                at += length
+                if self._run and at - self._run_start > _BARE_RUN:
+                    self._end_run(at)
             except DamageError:
-                break
-            ended = length == 0
-            at += length
-            if self._run and at - self._run_start > _BARE_RUN:
                 self._end_run(at)
-        if not ended:
-            self._contents.losses.append(
-                f"the file is cut short or damaged at byte {at} of {self._size}: "
-                "what stands before is used"
-            )
-        if self._run:
-            self._end_run(at)
+                found = find_record(self._file, self._unsure, self._size)
+                if found is None:
+                    losses.append(
+                        f"the file is cut short or damaged at byte {at} of {self._size}: "
+                        "what stands before is used"
+                    )
+                    break
+                if found > at:
+                    losses.append(f"bytes {at} to {found} are damaged and left out")
+                at = found
+        self._end_run(at)
         return self._contents
 
     def _record(self, at: int) -> int:
         """Take the record at a position; its length, 0 at the end of the data."""
         self._file.seek(at)
-        head = self._file.read(RECORD_HEAD.size + 2)  # with the channel number of a message
+        head = self._file.read(HEAD_ROOM)
         if len(head) < RECORD_HEAD.size:
             raise DamageError("a record is cut short")
         opcode: int
         length: int
         opcode, length = RECORD_HEAD.unpack_from(head)
-        here = min(length, self._size - at - RECORD_HEAD.size)
-        if opcode in {DATA_END, FOOTER}:
-            return 0
+        whole = length <= self._size - at - RECORD_HEAD.size
         if opcode == CHUNK:
-            self._chunk(at, RECORD_HEAD.size + here)
-        if opcode == 0 or here < length:
+            chunk = parse_chunk_head(head)
+            whole &= length == chunk.size - RECORD_HEAD.size + chunk.packed
+            if not whole and chunk.compression in _PLAIN:
+                self._unsure = at + 1
+                return chunk.size  # its messages stand in the file as they are
+            self._end_run(at)
+            self._chunk(at, chunk)
+            self._unsure = at + 1
+        least, largest = LENGTHS.get(opcode, (0, 1 << 40))
+        if opcode == 0 or not whole or not least <= length <= largest:
             raise DamageError("a record is cut short")
-        if opcode == MESSAGE and length >= LEAST_MESSAGE:
+        self._unsure = at + (RECORD_HEAD.size + length if opcode == CHUNK else 1)
+        if opcode in {DATA_END, FOOTER}:
+            self._see_end(at + RECORD_HEAD.size + length)
+            return 0
+        if opcode == MESSAGE:
             if not self._run:
                 self._run_start = at
-            number = int.from_bytes(head[RECORD_HEAD.size :], "little")
+            number = int.from_bytes(head[RECORD_HEAD.size : RECORD_HEAD.size + 2], "little")
             self._run.setdefault(number, []).append(at - self._run_start)
         elif opcode in {SCHEMA, CHANNEL}:
             self._file.seek(at + RECORD_HEAD.size)
             self._contents.catalogue.add(opcode, self._file.read(length))
+        elif opcode not in LENGTHS and opcode < PRIVATE:
+            self._contents.losses.append(
+                f"a record of the unknown kind {opcode} at byte {at} is left out"
+            )
         return RECORD_HEAD.size + length
+
+    def _see_end(self, at: int) -> None:
+        """Behind the end of the data there is the summary, the magic or nothing."""
+        self._file.seek(at)
+        rest = self._file.read(len(MAGIC))
+        if rest not in {b"", MAGIC[: len(rest)]} and not is_record(self._file, at, self._size):
+            raise DamageError("no end of the data")
 
     def _end_run(self, stop: int) -> None:
         """Make a chunk of the messages that stood outside of any."""
+        if not self._run:
+            return
         index = {channel: np.array(at, dtype=np.int64) for channel, at in self._run.items()}
         start, self._run = self._run_start, {}
         chunk = Chunk(start=start, length=stop - start, bare=True, index=index)
         self._add(chunk, self._unpacker.unpack(self._file, chunk)[0].upto())
 
-    def _chunk(self, start: int, length: int) -> None:
-        chunk = Chunk(start=start, length=length)
+    def _chunk(self, start: int, head: ChunkHead) -> None:
+        chunk = Chunk(start=start, length=min(head.size + head.packed, self._size - start))
         losses = self._contents.losses
         try:
             inflated, checksum = self._unpacker.unpack(self._file, chunk)
@@ -168,9 +157,14 @@ class _Scan:
         if inflated.complete and checksum and zlib.crc32(data.data) != checksum:
             losses.append(f"a chunk at byte {start} is left out: its checksum is wrong")
             return
+        chunk.index, sound = walk(data, self._contents.catalogue)
         if not inflated.complete:
             losses.append(f"a chunk at byte {start} is used as far as it can be unpacked")
-        chunk.index = walk(data, self._contents.catalogue)
+        elif sound < len(data):
+            losses.append(
+                f"a chunk at byte {start} is damaged inside: {len(data) - sound} of its "
+                f"{len(data)} bytes are left out"
+            )
         self._add(chunk, data)
 
     def _add(self, chunk: Chunk, data: Bytes) -> None:

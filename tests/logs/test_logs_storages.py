@@ -192,7 +192,7 @@ def test_chunks_without_wanted_topics_are_not_unpacked(
     path = written(messages, storage, chunk_bytes=1000)
     log = open_log([path])
     unpacked = []
-    module = "mcap_chunks" if storage.startswith("mcap") else "bag_file"
+    module = "mcap_chunks" if storage.startswith("mcap") else "bag_records"
     inflate = importlib.import_module("imucalib_cli.logs.inflate").inflate
 
     def counting(*arguments: Any) -> Any:
