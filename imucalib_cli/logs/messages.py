@@ -141,3 +141,8 @@ TF_TYPES = frozenset({"tf2_msgs/TFMessage", "tf/tfMessage"})
 def normalise_type(name: str) -> str:
     """Drop the ``/msg/`` of ROS 2 names: sensor_msgs/msg/Imu is sensor_msgs/Imu."""
     return name.replace("/msg/", "/")
+
+
+def is_sound_text(text: str) -> bool:
+    """Whether a frame id or joint name is what a publisher may have said: damage often is not."""
+    return text.isprintable() and "\N{REPLACEMENT CHARACTER}" not in text

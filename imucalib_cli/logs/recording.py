@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import stat
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,6 +16,7 @@ _MCAP = b"\x89MCAP0\r\n"
 _BAG = b"#ROSBAG V2.0\n"
 _DB3 = b"SQLite format 3\x00"
 _ZSTD = b"\x28\xb5\x2f\xfd"
+_LARGEST_METADATA = 1 << 24
 _KNOWN = "a ROS 1 bag, a ROS 2 folder or .db3, or an MCAP file"
 
 
@@ -26,21 +28,48 @@ def open_storages(path: Path) -> list[Storage]:
         ChoiceError: A folder without metadata.yaml holds several recordings.
     """
     try:
-        if path.is_dir():
+        if stat.S_ISDIR(_mode(path)):
             return _open_folder(path)
         head = _head(path)
         if path.suffix in {".yaml", ".yml"} and b"rosbag2_bagfile_information" in head:
             return _open_folder(path.parent)
         return [_open_file(path, head)]
     except FileNotFoundError as error:
-        raise InputError(f"{path} does not exist: check the path") from error
+        raise InputError(f"{path} {_why_missing(path)}") from error
     except PermissionError as error:
-        raise InputError(f"{path} may not be read: check its permissions") from error
+        named = error.filename or path
+        raise InputError(f"{named} may not be read: check its permissions") from error
     except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror or error}") from error
+        named = error.filename or path
+        raise InputError(f"{named} cannot be read: {error.strerror or error}") from error
+
+
+def _mode(path: Path) -> int:
+    """Kind of file, before it is opened: opening a pipe would wait for who writes into it.
+
+    Raises:
+        InputError: It is neither a file nor a folder.
+        OSError: It cannot be looked at; a link may lead nowhere, or in a circle.
+    """
+    mode = path.stat().st_mode
+    if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
+        raise InputError(
+            f"{path} is a pipe or a device; a log is read here and there, not from front to back: "
+            "write it to a file first"
+        )
+    return mode
+
+
+def _why_missing(path: Path) -> str:
+    """What a user may have overlooked about a path that leads to nothing."""
+    broken = next((each for each in (path, *path.parents) if each.is_symlink()), None)
+    if broken is not None and not broken.exists():
+        return f"leads nowhere: the link {broken} points to {broken.readlink()}, which is not there"
+    return "does not exist: check the path"
 
 
 def _head(path: Path) -> bytes:
+    _mode(path)
     with path.open("rb") as file:
         return file.read(512)
 
@@ -86,9 +115,20 @@ def _open_folder(folder: Path) -> list[Storage]:
     missing = [each for each in found if not each.is_file()]
     if len(missing) == len(found):
         raise InputError(f"{folder} holds no log: expected {_KNOWN}")
-    storages = [_open_file(path, _head(path)) for path in found if path not in missing]
-    for path in missing:
-        storages[0].losses.append(f"{path.name} is named in metadata.yaml but is not there")
+    storages: list[Storage] = []
+    losses = [f"{each.name} is named in metadata.yaml but is not there" for each in missing]
+    unusable: list[InputError] = []
+    for path in found:
+        if path in missing:
+            continue
+        try:
+            storages.append(_open_file(path, _head(path)))
+        except InputError as error:  # what a crash left of the last part costs only that part
+            unusable.append(error)
+            losses.append(f"left out: {error}")
+    if not storages:
+        raise unusable[0]
+    storages[0].losses += losses
     return storages
 
 
@@ -99,13 +139,17 @@ def _listed(folder: Path) -> list[Path] | None:
         return None
     import yaml
 
+    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
     try:
-        content = yaml.safe_load(metadata.read_text(encoding="utf-8", errors="replace"))
+        with metadata.open("rb") as file:
+            text = file.read(_LARGEST_METADATA).decode("utf-8", "replace")
+        content = yaml.load(text, loader)  # noqa: S506 - a safe one
         names = content["rosbag2_bagfile_information"]["relative_file_paths"]
         # Early rosbag2 wrote the folder's name in front.
-        return [folder / Path(str(name)).name for name in names] or None
-    except (yaml.YAMLError, KeyError, TypeError):
+        named = dict.fromkeys(Path(name).name for name in names)
+    except (yaml.YAMLError, KeyError, TypeError, ValueError, RecursionError):
         return None
+    return [folder / name for name in named if name] or None
 
 
 def _guessed(folder: Path) -> list[Path]:

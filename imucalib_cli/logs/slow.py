@@ -19,6 +19,7 @@ from imucalib_cli.logs.messages import (
     Repeat,
     Text,
     Texts,
+    is_sound_text,
 )
 from imucalib_cli.logs.wire import Element, Texted, WireError
 
@@ -104,11 +105,11 @@ def _element(message: Any, fields: tuple[Field, ...]) -> Element:
         match each:
             case Header():
                 stamp = message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
-                texts["frame_id"] = message.header.frame_id
+                texts["frame_id"] = _sound(message.header.frame_id)
             case Text(path):
-                texts[path] = _get(message, path)
+                texts[path] = _sound(_get(message, path))
             case Texts(path):
-                texts[path] = tuple(_get(message, path))
+                texts[path] = tuple(map(_sound, _get(message, path)))
             case Numbers(path, _, name) | NumberList(path, name):
                 if name:
                     values = np.array([_flatten(_get(message, path))], dtype=np.float64)
@@ -116,6 +117,12 @@ def _element(message: Any, fields: tuple[Field, ...]) -> Element:
             case Repeat():
                 raise WireError("a sequence beside other fields")
     return Element(np.zeros(1, dtype=np.intp), np.array([stamp], dtype=np.int64), texts, numbers)
+
+
+def _sound(text: str) -> str:
+    if not is_sound_text(text):
+        raise WireError("a text is no text")
+    return text
 
 
 def _get(message: Any, path: str) -> Any:

@@ -34,6 +34,7 @@ def unpack(path: Path) -> tuple[Path, str]:
         except zstandard.ZstdError as error:
             loss = f"its compression is damaged ({error}): what stands before is used"
         except OSError as error:
+            target.unlink()  # it may fill the disk
             raise InputError(
                 f"{path} cannot be unpacked into {target.parent}: {error}; free some space there "
                 "or set TMPDIR"

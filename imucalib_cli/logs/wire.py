@@ -27,6 +27,7 @@ from imucalib_cli.logs.messages import (
     Repeat,
     Text,
     Texts,
+    is_sound_text,
 )
 
 if TYPE_CHECKING:
@@ -162,7 +163,10 @@ class _Walker:
         raw = self.payload[start : self.at]
         if not self.ros1:
             raw = raw[:-1]
-        return raw.decode("utf-8", errors="replace")
+        text = raw.decode("utf-8", errors="replace")
+        if not is_sound_text(text):
+            raise WireError("a text is no text")
+        return text
 
     def _numbers(self, place: _Place, name: str, count: int) -> None:
         if count:  # an empty sequence has no padding after its count
