@@ -7,12 +7,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from imucalib_cli.errors import InputError
 from imucalib_cli.signals.interpolate import lagrange
 from imucalib_cli.signals.stamps import EXACT_SECONDS, gap_breaks, sample_interval
 
 Floats = NDArray[np.float64]
 _POINTS = 4
 """A cubic through four samples, as the quadrature of the filters has it."""
+_MOST_EMPTY = 20.0
+"""Times the samples' own duration that a grid may span."""
+_ALWAYS_HELD = 1e5
+"""Intervals that are held whatever the samples' number: little memory."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,8 +50,19 @@ def imu_grid(t: Floats, gyro: Floats, accel: Floats, refine: int = 1) -> ImuGrid
         gyro: (N, 3).
         accel: (N, 3).
         refine: Grid points per IMU interval.
+
+    Raises:
+        InputError: Nearly all of the time is gaps, which a grid would have to hold.
     """
-    dt = sample_interval(t) / refine
+    interval = sample_interval(t)
+    span = float(t[-1] - t[0])
+    if span > _MOST_EMPTY * len(t) * interval + _ALWAYS_HELD * interval:
+        raise InputError(
+            f"the IMU's stamps reach over {span:.4g} s, of which its {len(t)} samples fill "
+            f"{len(t) * interval:.3g} s: give one stretch of motion, or try --clock log if the "
+            "header stamps jump"
+        )
+    dt = interval / refine
     count = int(np.floor((t[-1] - t[0]) / dt + 1e-6)) + 1
     grid = t[0] + dt * np.arange(count)
     nearest = np.clip(np.searchsorted(t, grid - 0.5 * dt), 0, len(t) - 1)
