@@ -18,9 +18,9 @@ if TYPE_CHECKING:
     from imucalib_cli.results.calibration import Calibration
     from imucalib_cli.results.formats import Format
 
-EXIT_OK, EXIT_INPUT, EXIT_USAGE, EXIT_UNTRUSTED = 0, 1, 2, 3
+EXIT_OK, EXIT_INPUT, EXIT_USAGE, EXIT_UNTRUSTED, EXIT_NO = 0, 1, 2, 3, 4
 EXIT_INTERRUPTED, EXIT_BROKEN_PIPE = 130, 141
-_SEVERITY = (EXIT_OK, EXIT_UNTRUSTED, EXIT_USAGE, EXIT_INPUT)
+_SEVERITY = (EXIT_OK, EXIT_UNTRUSTED, EXIT_USAGE, EXIT_INPUT, EXIT_NO)
 
 
 def exit_code(error: ImucalibError) -> int:
@@ -35,7 +35,11 @@ def exit_code(error: ImucalibError) -> int:
 
 
 def worst(codes: Iterable[int]) -> int:
-    """Exit code of several IMUs: no result is worse than one that should not be trusted."""
+    """Exit code of several IMUs.
+
+    No result is worse than one that should not be trusted; but one IMU that is not where it
+    should be settles the question, whatever became of the others.
+    """
     return max(codes, key=_SEVERITY.index, default=EXIT_OK)
 
 
