@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from imucalib_cli.cli.apply import apply_command
+from imucalib_cli.cli.diff import diff_command
 from imucalib_cli.cli.inspect import inspect_command
 from imucalib_cli.cli.output import (
     EXIT_INPUT,
@@ -20,6 +21,7 @@ from imucalib_cli.cli.run import run_command
 from imucalib_cli.cli.schema import schema_command
 from imucalib_cli.cli.simulate import simulate_command
 from imucalib_cli.cli.stdio import guard_streams
+from imucalib_cli.cli.verify import verify_command
 from imucalib_cli.errors import ImucalibError
 
 TRACEBACK = "IMUCALIB_TRACEBACK"
@@ -29,7 +31,7 @@ app = typer.Typer(
     name="imucalib",
     help="Where on my robot is the IMU, really? Finds it from a log of motion and a URDF.",
     epilog="Exit codes: 0 trustworthy, 1 input unusable, 2 usage or a choice to make, "
-    "3 computed but not to be trusted.",
+    "3 computed but not to be trusted, or cannot tell, 4 the pose is not as told or has moved.",
     add_completion=False,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
@@ -38,6 +40,8 @@ app = typer.Typer(
 app.command("run")(run_command)
 app.command("inspect")(inspect_command)
 app.command("apply")(apply_command)
+app.command("verify")(verify_command)
+app.command("diff")(diff_command)
 app.command("simulate")(simulate_command)
 app.command("schema")(schema_command)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import secrets
 from typing import TYPE_CHECKING
@@ -35,14 +36,67 @@ def write_whole(path: Path, content: str | bytes, *, inputs: Iterable[Path] = ()
         _refuse_inputs(path, target, inputs)
         if target.exists() and not target.is_file():
             if target.is_dir():
-                raise InputError(f"{path}: is a folder; end it with / to write files into it")
+                raise InputError(f"{path}: is a folder; name a file in it")
             with target.open("wb") as device:
                 device.write(data)
             return
         _replace(target, data)
     except (OSError, RuntimeError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise InputError(f"{path}: cannot be written: {reason}") from error
+        raise _unwritable(path, error) from error
+
+
+def see_writable(path: Path, *, inputs: Iterable[Path] = ()) -> None:
+    """See before a long computation that :func:`write_whole` will be able to write a file.
+
+    Nothing is written; what changes meanwhile is found out later.
+
+    Args:
+        path: File to be written.
+        inputs: Files that must not be overwritten, as far as they are known.
+
+    Raises:
+        ChoiceError, InputError: As :func:`write_whole`.
+    """
+    try:
+        target = path.resolve()
+        _refuse_inputs(path, target, inputs)
+        if target.is_dir():
+            raise InputError(f"{path}: is a folder; name a file in it")
+        if target.exists() and not target.is_file():  # a device or a pipe
+            return
+        _see_folder(path, target.parent)
+    except (OSError, RuntimeError) as error:
+        raise _unwritable(path, error) from error
+
+
+def see_folder_writable(folder: Path) -> None:
+    """See that files can be put into a folder, which need not be there yet.
+
+    Raises:
+        InputError: Something on its way is no folder, or may not be written to.
+    """
+    try:
+        nearest = folder.resolve()
+        while not nearest.exists() and nearest != nearest.parent:
+            nearest = nearest.parent
+        _see_folder(folder, nearest)
+    except (OSError, RuntimeError) as error:
+        raise _unwritable(folder, error) from error
+
+
+def _see_folder(path: Path, folder: Path) -> None:
+    if not folder.is_dir():
+        number = errno.ENOTDIR if folder.exists() else errno.ENOENT
+    elif os.access(folder, os.W_OK | os.X_OK):
+        return
+    else:
+        number = errno.EACCES
+    raise InputError(f"{path}: cannot be written: {os.strerror(number)}")
+
+
+def _unwritable(path: Path, error: Exception) -> InputError:
+    reason = getattr(error, "strerror", None) or str(error)
+    return InputError(f"{path}: cannot be written: {reason}")
 
 
 def _refuse_inputs(path: Path, target: Path, inputs: Iterable[Path]) -> None:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from imucalib_cli.results.calibration import SCHEMA
+from imucalib_cli.results.difference_words import UNITS
 from imucalib_cli.results.document import file_entry, number, pose_entry, to_document, vector_entry
 
 if TYPE_CHECKING:
@@ -16,8 +17,6 @@ if TYPE_CHECKING:
     from imucalib_cli.results.document import Document
     from imucalib_cli.results.movement import Comparison, Side
     from imucalib_cli.results.verification import Verification
-
-_UNITS = {"translation": ("mm", 1e3), "rotation": ("deg", math.degrees(1.0))}
 
 
 def verification_document(verification: Verification) -> Document:
@@ -75,7 +74,7 @@ def _within(within: Tolerance) -> Document:
 
 
 def _part(apart: Difference, part: Part) -> Document:
-    unit, scale = _UNITS[part.kind]
+    unit, scale = UNITS[part.kind]
     bounds = None if part.bounds is None else vector_entry(np.array(part.bounds) * scale)
     std = None if part.covariance is None else np.sqrt(np.diag(part.covariance)) * scale
     return {

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 from imucalib_cli.results.difference import Difference, Significance, difference
+from imucalib_cli.results.difference_words import both_words, farthest_words, tolerance_words
 from imucalib_cli.results.digits import figures
 from imucalib_cli.results.summary import unobservable_lines
-from imucalib_cli.results.verification import exceeds, grave_doubts, in_words
+from imucalib_cli.results.verification import exceeds, grave_doubts
 
 if TYPE_CHECKING:
     from imucalib_cli.results.calibration import Calibration, Tolerance
@@ -77,14 +77,14 @@ def compare(
     if not doubts and (moved or settled):
         verdict = "moved" if moved else "not moved"
     place = f"{poses[0].child} in {poses[0].parent}"
-    figures_said = f"{in_words(apart)} apart{_chance(test)}"
+    figures_said = f"{both_words(apart)} apart{_chance(test)}"
     match verdict:
         case "moved":
             said = f"{place} has moved: {figures_said}{_allowed(within)}"
         case "not moved":
             said = (
                 f"{place} has not moved{_allowed(within)}: {figures_said}; within two sigma it "
-                f"moved by no more than {_most(apart)}"
+                f"moved by no more than {farthest_words(apart)}"
             )
         case "unknown":
             why = doubts or _gaps(first, second) or [_too_wide(apart, within)]
@@ -147,24 +147,13 @@ def _chance(test: Significance | None) -> str:
 def _allowed(within: Tolerance | None) -> str:
     if within is None:
         return ""
-    return f", within {_tolerance(within)}"
-
-
-def _tolerance(within: Tolerance) -> str:
-    return f"{within.translation * 1e3:.6g} mm and {math.degrees(within.rotation):.6g} deg"
-
-
-def _most(apart: Difference) -> str:
-    texts = []
-    for part, unit, scale in zip(apart.parts, ("mm", "deg"), (1e3, math.degrees(1.0)), strict=True):
-        if part.bounds is not None:
-            texts.append(f"{figures(part.bounds[1] * scale, 2)} {unit}")
-    return " and ".join(texts)
+    return f", within {tolerance_words(within)}"
 
 
 def _too_wide(apart: Difference, within: Tolerance | None) -> str:
-    asked = "" if within is None else f", and {_tolerance(within)} is allowed"
-    return f"within two sigma it is up to {_most(apart)}{asked}: record longer or livelier motion"
+    asked = "" if within is None else f", and {tolerance_words(within)} is allowed"
+    most = farthest_words(apart)
+    return f"within two sigma it is up to {most}{asked}: record longer or livelier motion"
 
 
 def _warnings(first: Side, second: Side) -> tuple[str, ...]:

@@ -10,7 +10,15 @@ import numpy as np
 
 from imucalib_cli.results.calibration import Tolerance
 from imucalib_cli.results.difference import SIGMAS, Difference, Part, difference
-from imucalib_cli.results.digits import figures
+from imucalib_cli.results.difference_words import (
+    both_words,
+    bound_words,
+    norm_words,
+    range_words,
+    sigmas_words,
+    tolerance_words,
+    vector_words,
+)
 from imucalib_cli.results.requirement import MARK
 from imucalib_cli.results.summary import unobservable_lines
 from imucalib_cli.results.uncertain_pose import UncertainPose, pose_of
@@ -79,18 +87,18 @@ def verify(
         verdict = "no"
     elif not doubts and translation == rotation == "yes":
         verdict = "yes"
-    asked = f"{within.translation * 1e3:.6g} mm and {math.degrees(within.rotation):.6g} deg"
+    asked = tolerance_words(within)
     place = f"{calibration.child} in {calibration.parent}"
-    by = f"joint '{told.joint}'" if told.joint else "what is told"
+    source = "the log's own frames say" if urdf is None else f"{urdf.path} says"
+    by = f"{source} (joint '{told.joint}')" if told.joint else source
     match verdict:
         case "yes":
-            said = f"{place} is where {by} says, within {asked}: {in_words(apart)} away"
+            said = f"{place} is where {by}, within {asked}: {both_words(apart)} away"
         case "no":
-            said = (
-                f"{place} is not where {by} says: {_faults(apart, within, translation, rotation)}"
-            )
+            faults = _faults(apart, found.parent, within, translation, rotation)
+            said = f"{place} is not where {by}: {faults}"
         case "unknown":
-            said = f"cannot tell whether {place} is where {by} says, within {asked}: " + "; ".join(
+            said = f"cannot tell whether {place} is where {by}, within {asked}: " + "; ".join(
                 doubts or _gaps(calibration, apart, within, (translation, rotation))
             )
     return Verification(
@@ -127,11 +135,6 @@ def exceeds(apart: Difference, part: Part, bound: float) -> bool:
     return part.bounds[0] > bound and test.p_value < SIGNIFICANT
 
 
-def in_words(apart: Difference) -> str:
-    """Both norms with their sigma."""
-    return " and ".join(_norm(part) for part in apart.parts)
-
-
 def _exact(found: UncertainPose, told: Nominal) -> UncertainPose:
     return UncertainPose(
         parent=found.parent,
@@ -151,24 +154,16 @@ def _verdict(apart: Difference, part: Part, bound: float) -> Verdict:
     return "yes" if sure and part.bounds is not None and part.bounds[1] <= bound else "unknown"
 
 
-def _norm(part: Part) -> str:
-    unit, scale = ("mm", 1e3) if part.kind == "translation" else ("deg", math.degrees(1.0))
-    sigma = "sigma unknown" if part.sigma is None else f"± {figures(part.sigma * scale, 2)}"
-    return f"{figures(part.norm * scale, 3)} {unit} ({sigma})"
-
-
-def _faults(apart: Difference, within: Tolerance, *verdicts: Verdict) -> str:
+def _faults(apart: Difference, parent: str, within: Tolerance, *verdicts: Verdict) -> str:
     """What is beyond which tolerance, by how many sigma, and along which axes."""
     said = []
     bounds = (within.translation, within.rotation)
     for part, bound, verdict in zip(apart.parts, bounds, verdicts, strict=True):
         if verdict != "no":
             continue
-        unit, scale = ("mm", 1e3) if part.kind == "translation" else ("deg", math.degrees(1.0))
-        vector = " ".join(f"{round(x, 3) + 0.0:.3f}" for x in part.vector * scale)
         said.append(
-            f"the {part.kind} is off by {_norm(part)}, more than {bound * scale:.6g} {unit}; as "
-            f"a vector ({vector}) {unit}"
+            f"the {part.kind} is off by {norm_words(part)} ({sigmas_words(part)}), more than "
+            f"{bound_words(part, bound)}; as a vector in {parent} {vector_words(part)}"
         )
     return "; ".join(said)
 
@@ -183,7 +178,7 @@ def _gaps(
     if apart.covariance is None:
         yield (
             f"--method {calibration.estimate.method} states no sigma, and the pose found is "
-            f"{in_words(apart)} away: use --method matched"
+            f"{both_words(apart)} away: use --method matched"
         )
         return
     blind = list(unobservable_lines(calibration))
@@ -193,10 +188,8 @@ def _gaps(
         open_directions = len(part.unknown) or not part.meaningful
         if verdict != "unknown" or open_directions or part.bounds is None:
             continue
-        unit, scale = ("mm", 1e3) if part.kind == "translation" else ("deg", math.degrees(1.0))
-        least, most = (figures(value * scale, 3) for value in part.bounds)
         yield (
-            f"the {part.kind} is off by {_norm(part)}, so by {least} to {most} {unit} within two "
-            f"sigma, and the tolerance of {bound * scale:.6g} {unit} lies in between: record "
+            f"the {part.kind} is off by {norm_words(part)}, so by {range_words(part)} within two "
+            f"sigma, and the tolerance of {bound_words(part, bound)} lies in between: record "
             "longer or livelier motion, or ask for another tolerance"
         )

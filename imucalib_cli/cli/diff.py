@@ -1,0 +1,64 @@
+"""``imucalib diff``: has the mount moved between two results?"""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from imucalib_cli.cli.answers import give_answers, see_answer_writable
+from imucalib_cli.cli.output import say
+from imucalib_cli.cli.quantities import parse_choice, parse_tolerance
+
+
+def diff_command(
+    first: Annotated[
+        str, typer.Argument(metavar="FIRST", help="Result of `imucalib run`; - reads stdin.")
+    ],
+    second: Annotated[str, typer.Argument(metavar="SECOND", help="A later result; - reads stdin.")],
+    *,
+    within: Annotated[
+        str | None,
+        typer.Option(
+            metavar="LENGTH,ANGLE",
+            help="How far it may have moved, such as 2mm,0.2deg (what is left out is 5mm or "
+            "0.5deg); default: not significantly.",
+        ),
+    ] = None,
+    urdf: Annotated[
+        Path | None,
+        typer.Option("--urdf", help="Relates the frames of the two results by its fixed joints."),
+    ] = None,
+    fmt: Annotated[
+        str, typer.Option("--format", metavar="yaml|json", help="Form of the answer.")
+    ] = "yaml",
+    output: Annotated[
+        str | None,
+        typer.Option("-o", "--output", metavar="FILE", help="Where to write; default stdout."),
+    ] = None,
+    quiet: Annotated[bool, typer.Option("-q", "--quiet", help="Errors only on stderr.")] = False,
+) -> None:
+    """Has the mount moved between two results? Exit 0 no, 4 it has, 3 cannot tell."""
+    parse_choice("--format", fmt, ("yaml", "json"))
+    inputs = [Path(name) for name in (first, second) if name != "-"]
+    inputs += [] if urdf is None else [urdf]
+    see_answer_writable(output, inputs)
+
+    from imucalib_cli.jobs.diff import diff
+    from imucalib_cli.results.comparison_document import comparison_document
+    from imucalib_cli.results.verification import WITHIN
+
+    tolerance = None if within is None else parse_tolerance("--within", within, default=WITHIN)
+    found = diff(first, second, urdf=urdf, within=tolerance)
+    if not quiet:
+        for comparison in found.comparisons:
+            for warning in comparison.warnings:
+                say("warning", warning)
+    code = give_answers(
+        [comparison_document(comparison) for comparison in found.comparisons],
+        found.failures,
+        fmt=fmt,
+        output=output,
+        inputs=inputs,
+        quiet=quiet,
+    )
+    raise typer.Exit(code)
