@@ -14,7 +14,7 @@ from imucalib_cli.jobs.motion import Motion, find_motion
 from imucalib_cli.jobs.provenance import printable
 from imucalib_cli.jobs.reading import read_recording
 from imucalib_cli.jobs.recorded_options import recorded_options
-from imucalib_cli.jobs.rest import check_gravity
+from imucalib_cli.jobs.repair import repair
 from imucalib_cli.logs.select import check_joint_topics
 from imucalib_cli.results.calibration import (
     Calibration,
@@ -89,16 +89,16 @@ def _calibrate_one(
     recording: Recording, imu: ImuStream, request: CalibrationRequest
 ) -> Calibration:
     samples = recording.samples(imu)
-    warnings = check_gravity(imu, wanted=request.wants_gravity)
     motion = find_motion(recording.sources, recording.robot, imu.frame_id, request)
     check_joint_topics(recording.joints, _driven(motion.path))
     check_overlap(samples, imu.topic, motion, recording.clock)
+    mended = repair(imu, samples.t, motion.path, request)
     options = _with_initial(request.estimator, motion)
-    estimate = _estimate(samples, motion.path, options)
+    estimate = mended.told(_estimate(mended.samples, mended.path, options))
     calibration = Calibration(
         parent=motion.parent,
         child=motion.child,
-        estimate=replace(estimate, warnings=(*recording.warnings, *warnings, *estimate.warnings)),
+        estimate=replace(estimate, warnings=(*recording.warnings, *estimate.warnings)),
         nominal=motion.nominal,
         provenance=_provenance(recording, imu, motion, request),
     )

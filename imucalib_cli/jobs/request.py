@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
 from imucalib_cli.estimate.options import MatchedOptions, PaperOptions
+from imucalib_cli.jobs.units import Units
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -35,6 +36,8 @@ class CalibrationRequest:
     """The IMU's frame in the URDF, where the messages' frame_id does not say."""
     world: str | None = None
     clock: ClockChoice = "auto"
+    units: Units = field(default_factory=Units)
+    """What the IMU's numbers mean, where the log is not believed."""
     estimator: MatchedOptions | PaperOptions = field(default_factory=MatchedOptions)
     require: Tolerance | None = None
     needs_nominal: bool = False

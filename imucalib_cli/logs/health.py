@@ -14,6 +14,8 @@ _NS = 1_000_000_000
 _GAP_INTERVALS = 3.0
 _GAP_LEAST_S = 0.010
 _G = 9.80665
+_NEAR = 0.15
+"""Share by which |accel| at rest may miss gravity: bias, scale errors, motion."""
 _MAX_RATE = 40.0
 """rad/s; industrial and MEMS gyroscopes end at 2000 °/s, 34.9 rad/s."""
 
@@ -100,10 +102,14 @@ class UnitGuess:
     warnings: tuple[str, ...] = ()
 
 
-def guess_units(stream: ImuStream) -> UnitGuess:
+def guess_units(stream: ImuStream, gravity: float = _G) -> UnitGuess:
     """Guess the units of an IMU from what it says at rest.
 
     The calmest tenth of the stretches of half a second counts, by the spread of both sensors.
+
+    Args:
+        stream: As read.
+        gravity: Norm that is expected at rest, m/s².
     """
     if not len(stream):
         return UnitGuess(
@@ -123,7 +129,7 @@ def guess_units(stream: ImuStream) -> UnitGuess:
     accel_norm = float(np.median(np.linalg.norm(accel[calm].mean(axis=1), axis=1)))
     gyro_norm = float(np.median(np.linalg.norm(gyro[calm].mean(axis=1), axis=1)))
     largest = float(np.percentile(np.linalg.norm(stream.gyro, axis=1), 99.9))
-    accel_unit = _accel_unit(accel_norm)
+    accel_unit = _accel_unit(accel_norm, gravity)
     gyro_unit: Literal["rad/s", "deg/s"] = "deg/s" if largest > _MAX_RATE else "rad/s"
     warnings = []
     if accel_unit in {"g", "mg"}:
@@ -160,11 +166,14 @@ def _relative(values: Floats) -> Floats:
     return spread / typical if typical > 0 else spread
 
 
-def _accel_unit(norm: float) -> Literal["m/s²", "g", "mg", "m/s², no gravity", "unknown"]:
-    if abs(norm - _G) < 0.15 * _G:
+def _accel_unit(
+    norm: float, gravity: float
+) -> Literal["m/s²", "g", "mg", "m/s², no gravity", "unknown"]:
+    if abs(norm / gravity - 1.0) < _NEAR:
         return "m/s²"
-    if abs(norm - 1) < 0.15:
+    in_g = norm * _G / gravity
+    if abs(in_g - 1.0) < _NEAR:
         return "g"
-    if abs(norm - 1000) < 150:
+    if abs(in_g - 1000.0) < 1000.0 * _NEAR:
         return "mg"
-    return "m/s², no gravity" if norm < 0.5 else "unknown"
+    return "m/s², no gravity" if norm < 0.05 * gravity else "unknown"

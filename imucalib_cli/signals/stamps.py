@@ -57,8 +57,7 @@ def tidy_rows(t: Floats, values: Floats) -> TidyRows:
     rows = np.flatnonzero(finite)
     astray = 0
     if len(rows):
-        early, middle, late = np.percentile(t[rows], (5, 50, 95))
-        near = np.abs(t[rows] - middle) <= _ASTRAY_SPANS * (late - early) + 1.0
+        near = near_stamps(t[rows])
         astray = int((~near).sum())
         rows = rows[near]
     backward = int((np.diff(t[rows]) < 0).sum())
@@ -66,6 +65,14 @@ def tidy_rows(t: Floats, values: Floats) -> TidyRows:
         rows = rows[np.argsort(t[rows], kind="stable")]
     keep = np.concatenate([[True], np.diff(t[rows]) > 0]) if len(rows) else np.zeros(0, bool)
     return TidyRows(rows[keep], int((~keep).sum()), backward, int((~finite).sum()), astray)
+
+
+def near_stamps(t: Floats) -> NDArray[np.bool_]:
+    """Which stamps belong to the log and are not from another time, (N,)."""
+    if not len(t):
+        return np.zeros(0, dtype=bool)
+    early, middle, late = np.percentile(t, (5, 50, 95))
+    return np.asarray(np.abs(t - middle) <= _ASTRAY_SPANS * (late - early) + 1.0)
 
 
 def gap_limit(t: Floats) -> float:

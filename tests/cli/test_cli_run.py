@@ -414,7 +414,7 @@ def test_a_log_without_an_imu_lists_what_it_has(
     [
         (0.01, [], 1, "rerun with --gravity none"),
         (0.01, ["--gravity", "none"], 0, ""),
-        (1.0, [], 1, "looks like g"),
+        (1.0, [], 0, "taken as g and multiplied by 9.80665"),
         (9.8, ["--gravity", "none"], 0, "yet --gravity none was given"),
     ],
 )

@@ -1,0 +1,257 @@
+"""Stamps made on arrival, in bursts: back to the ticks of the device behind them.
+
+A driver that stamps what it receives, a USB bus that hands over ten samples at once, a recorder
+behind a slow network: stamps come in bunches, and say little about when a sample was taken. The
+device kept its rate all the same, and messages keep their order, so the count of messages tells
+time better than their stamps do: stamp = tick + delay, with the delay never negative.
+
+How long the shortest delay is nobody can tell from the stamps; it ends up in the time offset.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+_SHORT = 0.25
+"""Intervals below this share of the mean one are those within a burst."""
+_BUNCHED = 0.05
+"""Share of short intervals from which stamps count as bunched; a rare hiccup is not worth it."""
+_LEAST = 200
+"""Samples, for a rate."""
+_SPAN = 128
+"""Samples over which the rate is looked at; the median over the log is blind to holes."""
+_SAME_STEP = 0.35
+"""Mean square step of the values across short intervals over that across all: 1 for a device
+that keeps its rate, near 0 where samples were taken when they were stamped."""
+_LEAST_BATCH = 3
+_BATCHED = 0.5
+"""Share of bursts of the same size from which a device is one that sends batches."""
+_LOW = 0.1
+"""Quantile of the delays that counts as their lower edge: steadier than the least or the mean."""
+_CHUNKS = 48
+_LEAST_CHUNK = 12
+"""Units per chunk."""
+_STRAIGHT = 1.0
+"""Von Neumann's ratio of the chunks about a line: 2 if they scatter, near 0 if they wander."""
+_NEGLIGIBLE = 2e-4
+"""s: wandering less than this needs no further thought."""
+_AVERAGED = 64
+"""Units over which arrivals are averaged where losses cannot be told one by one."""
+_PHASES = 40
+_MOST_LOST = 1.15
+"""Largest number of samples taken per message that arrived."""
+_PEAK_OVER_CHANCE = 6.0
+_PEAK_OVER_REST = 5.0
+"""Height of the period's peak in the spectrum of arrivals over that of independent arrivals, and
+over its neighbours: chance reaches 4."""
+_MOST_BINS = 1 << 25
+"""An hour at 1 kHz."""
+
+
+@dataclass(frozen=True, eq=False)
+class Spread:
+    """When the samples of a bunched stream were taken, up to a constant."""
+
+    t: Floats
+    """(N,), s, in the order of the messages, strictly increasing."""
+    period: float
+    """s."""
+    delay: float
+    """Root mean square of stamp - tick about its mean, s."""
+    batch: int
+    """Samples per burst where the device sends batches, else 1."""
+    lost: int
+    """Messages that seem to be missing."""
+    blur: float
+    """How far, s, neighbouring parts of the log scatter about the ticks, s."""
+
+
+def bunched_share(t: Floats) -> float:
+    """Share of intervals far shorter than the mean one."""
+    if len(t) < _LEAST:
+        return 0.0
+    steps = np.diff(t)
+    return float(np.mean(steps < _SHORT * _usual_period(t)))
+
+
+def spread_bursts(t: Floats, values: Floats) -> Spread | None:
+    """Find when the samples of a constant-rate device were taken, from when they arrived.
+
+    Args:
+        t: (N,), s, finite, in the order of the messages, repeated stamps included.
+        values: (N, C), which tell whether samples are evenly spaced.
+
+    Returns:
+        None where stamps are not bunched, or the values say that samples were taken when they
+        were stamped.
+    """
+    if bunched_share(t) < _BUNCHED or float(np.mean(np.diff(t) < 0)) > 0.01:
+        return None
+    t = np.maximum.accumulate(t)
+    period = _usual_period(t)
+    if not _evenly_sampled(t, values, period):
+        return None
+    single = _Units(t, np.arange(len(t)), 1)
+    ticks = _straight_ticks(t, period)
+    if ticks is not None:
+        return _between(t, single, ticks, 0)
+    units = _batches(t, period) or single
+    ticks = _straight_ticks(units.arrival, units.samples * period) if units.samples > 1 else None
+    if ticks is not None:
+        return _between(t, units, ticks, 0)
+    ticks, lost = _ticks_with_losses(units.arrival, units.samples * period)
+    return _between(t, units, ticks, lost)
+
+
+def _usual_period(t: Floats) -> float:
+    span = min(_SPAN, len(t) - 1)
+    return float(np.median(t[span:] - t[:-span])) / span
+
+
+def _evenly_sampled(t: Floats, values: Floats, period: float) -> bool:
+    """Whether values step on as far within bursts as between them."""
+    steps = np.diff(values, axis=0)
+    size = np.abs(steps)
+    # Motion counts, spikes do not.
+    size = np.minimum(size, 3.0 * np.percentile(size, 95, axis=0) + 1e-300)
+    scale = np.sqrt(np.mean(size**2, axis=0))
+    power = np.sum((size / np.where(scale > 0, scale, 1.0)) ** 2, axis=1)
+    short = np.diff(t) < _SHORT * period
+    everywhere = float(np.mean(power))
+    return everywhere > 0.0 and float(np.mean(power[short])) > _SAME_STEP * everywhere
+
+
+@dataclass(frozen=True, eq=False)
+class _Units:
+    """What arrives as one: a batch, or a single message."""
+
+    arrival: Floats
+    """(U,), s."""
+    first: Indices
+    """(U,), row of its first message."""
+    samples: int
+    """In a whole unit."""
+
+
+def _batches(t: Floats, period: float) -> _Units | None:
+    """Batches, if most bursts have one size or a multiple of it."""
+    starts = np.concatenate([[0], np.flatnonzero(np.diff(t) >= _SHORT * period) + 1])
+    sizes = np.diff(np.concatenate([starts, [len(t)]]))
+    batch = int(np.argmax(np.bincount(sizes)))
+    whole = np.abs(sizes / batch - np.round(sizes / batch)) < 1e-9
+    if batch < _LEAST_BATCH or float(sizes[whole].sum()) < _BATCHED * len(t):
+        return None
+    # Two batches that were held up arrive as one.
+    count = np.maximum(np.round(sizes / batch), 1).astype(np.intp)
+    group = np.repeat(np.arange(len(sizes)), count)
+    within = np.arange(len(group)) - np.repeat(np.cumsum(count) - count, count)
+    first = starts[group] + np.round(within * sizes[group] / count[group]).astype(np.intp)
+    ends = np.concatenate([starts[1:], [len(t)]])
+    return _Units(t[ends - 1][group], first, batch)
+
+
+def _straight_ticks(arrival: Floats, period: float) -> Floats | None:
+    """Ticks of an even rate from the first unit to the last; None where the count wanders."""
+    index = np.arange(len(arrival), dtype=np.float64)
+    rest = arrival - period * index
+    centre, low = _low_edge(rest)
+    line = _robust_line(centre, low)
+    off = low - np.polyval(line, centre)
+    scatter = float(np.mean(off**2))
+    if scatter > _NEGLIGIBLE**2 and float(np.mean(np.diff(off) ** 2)) < _STRAIGHT * scatter:
+        return None
+    return np.asarray(period * index + np.polyval(line, index))
+
+
+def _low_edge(rest: Floats) -> tuple[Floats, Floats]:
+    """Centres of chunks of the log, and the lower edge of what is in each."""
+    size = max(len(rest) // _CHUNKS, _LEAST_CHUNK)
+    chunks = len(rest) // size
+    low = np.quantile(rest[: chunks * size].reshape(chunks, size), _LOW, axis=1)
+    return (np.arange(chunks) + 0.5) * size, np.asarray(low, dtype=np.float64)
+
+
+def _robust_line(x: Floats, y: Floats) -> Floats:
+    line = np.polyfit(x, y, 1)
+    for _ in range(3):
+        off = np.abs(y - np.polyval(line, x))
+        near = off <= 3.0 * 1.4826 * np.median(off) + 1e-12
+        line = np.polyfit(x[near], y[near], 1)
+    return np.asarray(line)
+
+
+def _ticks_with_losses(arrival: Floats, period: float) -> tuple[Floats, int]:
+    """Ticks where messages are missing, and how many are.
+
+    If arrivals betray the device's period, each loss is a step by a whole period in the lower
+    edge of arrival - index * period. Else arrivals are averaged over neighbours.
+    """
+    index = np.arange(len(arrival), dtype=np.float64)
+    found = _period_in(arrival, period)
+    if found is None:
+        rest = arrival - period * index
+        size = min(_AVERAGED, len(rest) // 2)
+        chunks = len(rest) // size
+        mean = rest[: chunks * size].reshape(chunks, size).mean(axis=1)
+        centre = (np.arange(chunks) + 0.5) * size
+        return period * index + np.interp(index, centre, mean), 0
+    rest = arrival - found * index
+    # No delay is negative, and what is lost stays lost.
+    edge = np.minimum.accumulate(rest[::-1])[::-1] - rest[0]
+    best, cost = np.zeros(len(rest)), np.inf
+    for phase in np.linspace(0.0, 1.0, _PHASES, endpoint=False):
+        lost = np.maximum.accumulate(np.floor(edge / found + phase))
+        delay = float(np.mean(rest - rest[0] + found * (phase - lost)))
+        if delay < cost:
+            best, cost = lost, delay
+    return found * (index + best), int(best[-1] - best[0])
+
+
+def _period_in(arrival: Floats, usual: float) -> float | None:
+    """The device's period, s, by which arrivals recur though messages are missing; None if hidden.
+
+    Losses change the count and not the phase: a period shows in the spectrum of arrivals even if
+    delays are a few times as long. It is no longer than the usual interval.
+    """
+    step = usual / 8.0
+    bins = ((arrival - arrival[0]) / step).astype(np.intp)
+    if bins[-1] > _MOST_BINS:
+        return None
+    counts = np.bincount(bins).astype(np.float64)
+    size = 1 << int(np.ceil(np.log2(2 * len(counts))))
+    spectrum = np.abs(np.fft.rfft(counts - counts.mean(), size))
+    frequency = np.arange(len(spectrum)) / (size * step)
+    band = np.flatnonzero((frequency > 0.998 / usual) & (frequency < _MOST_LOST / usual))
+    peak = band[np.argmax(spectrum[band])]
+    height = spectrum[peak]
+    if height < _PEAK_OVER_CHANCE * np.sqrt(len(arrival)):
+        return None
+    if height < _PEAK_OVER_REST * np.median(spectrum[band]):
+        return None
+    return 1.0 / float(frequency[peak])
+
+
+def _between(t: Floats, units: _Units, ticks: Floats, lost_units: int) -> Spread:
+    """Ticks of the messages, given those of the units: a unit's last sample is sent at once."""
+    sizes = np.diff(np.concatenate([units.first, [len(t)]]))
+    unit = np.repeat(np.arange(len(sizes)), sizes)
+    within = np.arange(len(t)) - units.first[unit]
+    unit_period = float(np.median(np.diff(ticks)))
+    share = (within + 0.5) / sizes[unit] - (1.0 - 0.5 / units.samples)
+    placed = ticks[unit] + unit_period * share
+    left = np.diff(_low_edge(t - placed)[1])
+    missing = (len(ticks) + lost_units) * units.samples - len(t)
+    return Spread(
+        t=placed,
+        period=unit_period / units.samples,
+        delay=float(np.std(t - placed)),
+        batch=units.samples,
+        lost=max(missing, 0) if missing >= units.samples else 0,
+        blur=float(np.std(left) / np.sqrt(2.0)),
+    )

@@ -1,0 +1,209 @@
+"""Which samples of an IMU, and which instants of the robot, say nothing true."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imucalib_cli.signals.stamps import gap_limit
+from imucalib_cli.signals.stuck import (
+    ALIVE_NOISE,
+    AXES,
+    Runs,
+    Sensor,
+    flat_tops,
+    jumps_out,
+    noise,
+    repeated_runs,
+    repeats_by_chance,
+)
+from imucalib_cli.signals.turning import BIN, TURNING, Turning
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_TURNED = 0.5
+"""rad: having turned so far, an accelerometer has felt it."""
+_SIMILAR = 0.2
+"""Share by which a rate held may differ from the kinematics' and be a steady rotation."""
+_HELD_SECONDS = 0.5
+_HELD_TURNING = 0.1
+"""s and rad/s: the robot's stream stands still this long while the IMU turns this fast."""
+_EXACTLY_STILL = 1e-6
+"""rad/s: positions repeat, and rounding is all that moves."""
+_CUT = 0.97
+"""Measured over derived rate below which a flat top is one of the sensor, not of the motion."""
+
+
+@dataclass(frozen=True, eq=False)
+class Fault:
+    """A stretch, or several of one kind, that must not be used."""
+
+    sensor: Sensor
+    kind: Literal["frozen", "saturated"]
+    rows: Mask
+    """(N,), True where the sensor is at fault."""
+    axes: str
+    value: Floats
+    """One for each axis where frozen, the first; the limits where saturated."""
+    stretches: int
+
+    def seconds(self, t: Floats) -> tuple[float, float]:
+        """First and last instant."""
+        rows = np.flatnonzero(self.rows)
+        return float(t[rows[0]]), float(t[rows[-1]])
+
+
+def sensor_faults(t: Floats, gyro: Floats, accel: Floats, turning: Turning | None) -> list[Fault]:
+    """Frozen and saturated stretches of an IMU.
+
+    Args:
+        t: (N,), s, ascending.
+        gyro: (N, 3), rad/s.
+        accel: (N, 3), m/s².
+        turning: Of the same IMU; None where no kinematics are known.
+    """
+    tops = _saturated(t, gyro, accel, turning)
+    cut = {fault.sensor: fault.rows for fault in tops}
+    stuck = _outside(_frozen_gyro(t, gyro, turning), cut.get("gyro"))
+    held = _outside(_frozen_accel(t, accel, gyro, turning, stuck), cut.get("accel"))
+    found = []
+    sensors: tuple[tuple[Sensor, Runs, Floats], ...] = (
+        ("gyro", stuck, gyro),
+        ("accel", held, accel),
+    )
+    for sensor, runs, values in sensors:
+        if len(runs):
+            found.append(_fault(sensor, runs, values, AXES))
+        known = runs.mask(len(t)) | cut.get(sensor, np.zeros(len(t), dtype=bool))
+        for axis in range(3):
+            column = values[:, axis : axis + 1]
+            alone = _outside(repeated_runs(t, column), known)
+            if len(alone) and not repeats_by_chance(column, alone):
+                found.append(_fault(sensor, alone, column, AXES[axis]))
+    return [*found, *tops]
+
+
+def _outside(runs: Runs, known: Mask | None) -> Runs:
+    """Runs that are not explained already."""
+    if known is None or not len(runs):
+        return runs
+    return runs.where(~known[runs.first] & ~known[runs.end - 1])
+
+
+def _saturated(t: Floats, gyro: Floats, accel: Floats, turning: Turning | None) -> list[Fault]:
+    """One fault for each sensor that is cut off, on whichever axes."""
+    found = []
+    sensors: tuple[tuple[Sensor, Floats], ...] = (("gyro", gyro), ("accel", accel))
+    for sensor, values in sensors:
+        tops = []
+        rows = np.zeros(len(t), dtype=bool)
+        for top in flat_tops(values):
+            here = np.zeros(len(t), dtype=bool)
+            here[top.rows] = True
+            if sensor == "accel" or _cut_short(t, here, turning):
+                tops.append(top)
+                rows |= here
+        if tops:
+            axes = "".join(sorted({top.axis for top in tops}))
+            limits = np.unique([top.limit for top in tops])
+            found.append(Fault(sensor, "saturated", rows, axes, limits, _count(rows)))
+    return found
+
+
+def _fault(sensor: Sensor, runs: Runs, values: Floats, axes: str) -> Fault:
+    value = values[runs.first[0]].copy()
+    return Fault(sensor, "frozen", runs.mask(len(values)), axes, value, len(runs))
+
+
+def _count(rows: Mask) -> int:
+    return int(np.count_nonzero(np.diff(rows.astype(np.int8), prepend=0) == 1))
+
+
+def _frozen_gyro(t: Floats, gyro: Floats, turning: Turning | None) -> Runs:
+    runs = repeated_runs(t, gyro)
+    if not repeats_by_chance(gyro, runs):
+        return runs
+    jumps = jumps_out(gyro, runs, "gyro") if len(runs) else np.zeros(0, bool)
+    bias = np.zeros(3) if turning is None else turning.bias
+    which = np.zeros(len(runs), dtype=bool)
+    for k in range(len(runs)):
+        rate = float(np.linalg.norm(gyro[runs.first[k]] - bias))
+        known = (
+            np.zeros(0)
+            if turning is None
+            else turning.derived_between(float(t[runs.first[k]]), float(t[runs.end[k] - 1]))
+        )
+        if len(known):
+            off = np.abs(known - rate) > TURNING + _SIMILAR * np.maximum(known, rate)
+            which[k] = np.mean(off) > 0.5 or off.sum() >= 4
+        else:
+            which[k] = jumps[k] and rate > TURNING
+    return runs.where(which)
+
+
+def _frozen_accel(
+    t: Floats, accel: Floats, gyro: Floats, turning: Turning | None, stuck: Runs
+) -> Runs:
+    runs = repeated_runs(t, accel)
+    if not len(runs) or not repeats_by_chance(accel, runs):
+        return runs
+    if max(noise(gyro).max(), noise(accel).max()) < ALIVE_NOISE:
+        return runs.where(np.zeros(len(runs), dtype=bool))  # made without noise, maybe constant
+    jumps = jumps_out(accel, runs, "accel")
+    still_gyro = stuck.mask(len(t))
+    bias = np.zeros(3) if turning is None else turning.bias
+    steps = np.gradient(t)
+    rate = np.linalg.norm(gyro - bias, axis=1)
+    which = np.zeros(len(runs), dtype=bool)
+    for k in range(len(runs)):
+        part = slice(int(runs.first[k]), int(runs.end[k]))
+        if still_gyro[part].mean() > 0.5:
+            which[k] = True
+            continue
+        fast = rate[part] > TURNING
+        turned = float(np.sum((rate * steps)[part][fast]))
+        which[k] = (jumps[k] and fast.mean() > 0.5) or turned > _TURNED
+    return runs.where(which)
+
+
+def _cut_short(t: Floats, rows: Mask, turning: Turning | None) -> bool:
+    """Whether the link turns faster than the IMU says where it seems to be at its limit."""
+    if turning is None:
+        return True
+    bins = np.unique(turning.bins_of(t[rows]))
+    measured, derived = turning.measured[bins], turning.derived[bins]
+    both = np.isfinite(measured) & np.isfinite(derived)
+    if not both.any():
+        return True
+    return float(np.sum(measured[both])) < _CUT * float(np.sum(derived[both]))
+
+
+def clear_of(t: Floats, rows: Mask) -> Mask:
+    """Rows to leave out so that no window reaches over those at fault: (N,).
+
+    Holes shorter than a gap would be bridged.
+    """
+    if not rows.any():
+        return rows
+    reach = int(np.ceil(gap_limit(t) / (2.0 * float(np.median(np.diff(t)))))) + 1
+    wide = np.convolve(rows, np.ones(2 * reach + 1), mode="same") > 0.5
+    return np.asarray(wide)
+
+
+def held_robot(turning: Turning) -> list[tuple[float, float]]:
+    """Stretches, robot seconds, in which the kinematics stand still and the IMU turns."""
+    known = np.isfinite(turning.derived) & np.isfinite(turning.measured)
+    held = known & (turning.derived < _EXACTLY_STILL)
+    # Half a bin of lag, and motion that begins within one.
+    inner = held & np.roll(held, 1) & np.roll(held, -1)
+    turns = inner & (turning.measured > _HELD_TURNING)
+    found = []
+    for start, end in zip(*turning.edges(held), strict=True):
+        if turns[turning.between(start, end)].sum() * BIN >= _HELD_SECONDS:
+            # The last sample that stood still may lie in the bin after.
+            found.append((float(start), float(end) + BIN))
+    return found

@@ -1,0 +1,190 @@
+"""Sensors that stand still while the world does not: frozen values, dead axes, flat tops.
+
+A quantised sensor at rest repeats its values rightfully. A repeated value is a fault only where
+something else shows that the sensor should have moved: the kinematics, the sensor's other axes, or
+the jump with which it comes back.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imucalib_cli.signals.spikes import NOISE_OF_DEVIATION, deviation_from_neighbours
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.intp]
+Mask = NDArray[np.bool_]
+Sensor = Literal["gyro", "accel"]
+
+AXES = "xyz"
+FROZEN_SECONDS = 0.1
+FROZEN_SAMPLES = 8
+"""A shorter standstill is left to the robust weights."""
+_JUMP = 8.0
+"""Quanta and standard deviations by which a value comes back from where it stuck."""
+_JUMP_FLOOR = {"gyro": 0.02, "accel": 0.2}
+"""rad/s and m/s²."""
+_LIVE_REPEATS = 0.2
+"""Share of repeated samples from which the live axes are as still as the dead one may be."""
+_DEAD = 0.995
+ALIVE_NOISE = 1e-5
+"""rad/s and m/s²: without any noise the log is a simulation, whose axes may be exactly zero."""
+_TOP_RUN = 3
+_TOP_SAMPLES = 6
+_TOP_PLAIN = 20
+_TOP_STAY = 0.5
+"""Share of samples at the limit whose successor is at the limit too."""
+_TOP_BEYOND = 6.0
+"""Standard deviations and quanta by which the slope before a flat top would have gone beyond."""
+
+
+@dataclass(frozen=True, eq=False)
+class Runs:
+    """Stretches in which a value repeats: from a row to before another."""
+
+    first: Indices
+    end: Indices
+
+    def __len__(self) -> int:
+        return len(self.first)
+
+    def where(self, which: Mask) -> Runs:
+        """Some of them."""
+        return Runs(self.first[which], self.end[which])
+
+    def mask(self, count: int) -> Mask:
+        """(count,), True inside."""
+        edges = np.zeros(count + 1, np.intp)
+        np.add.at(edges, self.first, 1)
+        np.add.at(edges, self.end, -1)
+        return np.asarray(np.cumsum(edges[:-1]) > 0)
+
+
+def repeated_runs(t: Floats, values: Floats) -> Runs:
+    """Stretches of at least 0.1 s and 8 samples in which all channels repeat exactly.
+
+    Args:
+        t: (N,), s, ascending.
+        values: (N, C).
+    """
+    runs = _runs((values[1:] == values[:-1]).all(axis=1))
+    long = (runs.end - runs.first >= FROZEN_SAMPLES) & (
+        t[runs.end - 1] - t[runs.first] >= FROZEN_SECONDS
+    )
+    return runs.where(long)
+
+
+def repeats_by_chance(values: Floats, runs: Runs) -> bool:
+    """Whether the sensor repeats itself so often elsewhere that a run of repeats means nothing.
+
+    Coarse quanta and little noise do that; a sensor whose noise is above its quantum never says
+    the same a dozen times.
+    """
+    same = (values[1:] == values[:-1]).all(axis=1)
+    outside = ~runs.mask(len(values))[1:]
+    return not outside.any() or float(np.mean(same[outside])) > _LIVE_REPEATS / 2.0
+
+
+def _runs(same: Mask) -> Runs:
+    """Stretches from the differences of neighbours: (N - 1,), True where two are the same."""
+    change = np.diff(np.concatenate([[0], same.astype(np.int8), [0]]))
+    return Runs(np.flatnonzero(change == 1), np.flatnonzero(change == -1) + 1)
+
+
+def dead_axes(values: Floats) -> str:
+    """Axes that say one value throughout, while the others are too noisy ever to do so.
+
+    Args:
+        values: (N, 3).
+
+    Returns:
+        Their letters, empty if none.
+    """
+    middle = np.median(values, axis=0)
+    same = np.mean(values == middle, axis=0) >= _DEAD
+    if not same.any() or same.all():
+        return ""
+    live = values[:, ~same]
+    repeats = float(np.mean(live[1:] == live[:-1], axis=0).max())
+    if repeats > _LIVE_REPEATS or float(noise(live).min()) < ALIVE_NOISE:
+        return ""
+    return "".join(AXES[axis] for axis in np.flatnonzero(same))
+
+
+def noise(values: Floats) -> Floats:
+    """Standard deviation of each channel's white noise, (C,)."""
+    off = np.abs(deviation_from_neighbours(values))
+    return np.asarray(np.median(off, axis=0) * 1.4826 / NOISE_OF_DEVIATION)
+
+
+def jumps_out(values: Floats, runs: Runs, sensor: Sensor) -> Mask:
+    """Whether the value leaves each run by a jump that no smooth motion makes, (R,)."""
+    after = np.minimum(runs.end, len(values) - 1)
+    before = np.maximum(runs.first - 1, 0)
+    scale = np.maximum(_JUMP * np.maximum(noise(values), quantum(values)), _JUMP_FLOOR[sensor])
+    out = np.abs(values[after] - values[runs.end - 1]) > scale
+    # A run begins with a sample like any other: what stuck is not far from what was before.
+    near = np.abs(values[before] - values[runs.first]) <= np.abs(values[after] - values[before])
+    return np.asarray((out & near).any(axis=1) & (runs.end < len(values)))
+
+
+def quantum(values: Floats) -> Floats:
+    """Least step between neighbours that is not zero, of each channel, (C,); rounding aside."""
+    steps = np.abs(np.diff(values, axis=0))
+    result = np.zeros(values.shape[1])
+    for channel, column in enumerate(steps.T):
+        moved = column[column > 1e-12]
+        result[channel] = np.min(moved) if len(moved) else 0.0
+    return result
+
+
+@dataclass(frozen=True, eq=False)
+class FlatTop:
+    """One axis that reaches a limit and stays there."""
+
+    axis: str
+    limit: float
+    """In the unit of the values, signed."""
+    rows: Indices
+
+
+def flat_tops(values: Floats) -> list[FlatTop]:
+    """Axes cut off at a value that is reached again and again, held, and never exceeded.
+
+    Args:
+        values: (N, 3).
+    """
+    found = []
+    spread = np.maximum(noise(values), quantum(values))
+    for axis, channel in enumerate(values.T):
+        for limit in (float(channel.max()), float(channel.min())):
+            rows = _flat_rows(channel, limit, float(spread[axis]))
+            if len(rows):
+                found.append(FlatTop(AXES[axis], limit, rows))
+    return found
+
+
+def _flat_rows(channel: Floats, limit: float, spread: float) -> Indices:
+    if limit == 0.0 or np.mean(channel == limit) > _DEAD:
+        return np.zeros(0, np.intp)
+    at = channel == limit
+    rows = np.flatnonzero(at)
+    if len(rows) < _TOP_SAMPLES or np.mean(at[np.minimum(rows + 1, len(at) - 1)]) < _TOP_STAY:
+        return np.zeros(0, np.intp)
+    runs = _runs(at[1:] & at[:-1])
+    runs = runs.where((runs.end - runs.first >= _TOP_RUN) & (runs.first >= 3))
+    if not len(runs):
+        return np.zeros(0, np.intp)
+    column = channel[:, None]
+    if len(rows) >= _TOP_PLAIN and spread > ALIVE_NOISE and not repeats_by_chance(column, runs):
+        return rows  # a sensor as noisy as this never stands still
+    # Carried on, the slope into the top would have gone beyond it, and that out of it likewise.
+    sign = np.sign(limit - np.median(channel))
+    slope = (channel[runs.first - 1] - channel[runs.first - 3]) / 2.0
+    beyond = sign * (channel[runs.first - 1] + 3.0 * slope - limit)
+    steep = beyond > _TOP_BEYOND * max(spread, 1e-9)
+    return rows if np.mean(steep) > 0.5 and steep.sum() >= 1 else np.zeros(0, np.intp)

@@ -1,0 +1,151 @@
+"""How fast the parent link turns and how fast the IMU says it does, before anything is fitted.
+
+The rate of turning is one number in every frame, so the two can be held against each other while
+the mount is still unknown: they differ by a time offset, by a factor if units differ, and where
+one of the two streams stands still alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imucalib_cli.signals.lag import best_lag
+
+if TYPE_CHECKING:
+    from imucalib_cli.signals.trajectory import Trajectory
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+BIN = 0.05
+"""s over which turning is averaged: encoder steps and trackers' noise stay small in it."""
+TURNING = 0.05
+"""rad/s: less is standing still."""
+STILL = 0.005
+"""rad/s by the kinematics: not turning."""
+_LEAST_BINS = 20
+_LEAST_STILL = 5
+_HOLES = 3.0
+"""A bin with a hole of so many intervals has no mean rate."""
+
+
+@dataclass(frozen=True, eq=False)
+class Turning:
+    """Mean rates in bins of one length; the IMU's bins are those of its own clock, lag taken off.
+
+    Bin i lies between robot instants t0 + i BIN and t0 + (i + 1) BIN.
+    """
+
+    t0: float
+    derived: Floats
+    """(B,), |angular rate| of the parent link, rad/s; nan where it is not told."""
+    measured: Floats
+    """(B,), |angular rate| of the IMU, in its own unit, less its bias; nan where not told."""
+    bias: Floats
+    """(3,), what the IMU says while the link stands still, in its own unit."""
+    lag: float
+    """IMU stamp - robot stamp at which the two agree best, s, to half a bin."""
+    correlation: float
+    """Of the two at that lag; 0 where they could not be compared."""
+
+    @property
+    def ratio(self) -> float | None:
+        """Measured over derived where the link turns plainly; None where it hardly does."""
+        both = np.isfinite(self.derived) & np.isfinite(self.measured)
+        fast = both & (self.derived > TURNING)
+        if fast.sum() < _LEAST_BINS:
+            return None
+        fast &= self.derived >= np.median(self.derived[fast])
+        return float(np.median(self.measured[fast] / self.derived[fast]))
+
+    def scaled(self, factor: float) -> Turning:
+        """The same with the IMU's rates in another unit."""
+        return replace(self, measured=self.measured * factor, bias=self.bias * factor)
+
+    def bins_of(self, t: Floats) -> NDArray[np.intp]:
+        """Bins of instants of the IMU's clock; those outside are left out."""
+        bins = np.floor((t - self.lag - self.t0) / BIN).astype(np.intp)
+        return np.asarray(bins[(bins >= 0) & (bins < len(self.derived))])
+
+    def between(self, start: float, end: float) -> slice:
+        """Bins between two instants of the robot's clock."""
+        return slice(max(round((start - self.t0) / BIN), 0), max(round((end - self.t0) / BIN), 0))
+
+    def edges(self, which: Mask) -> tuple[Floats, Floats]:
+        """Starts and ends, robot seconds, of the runs of bins in a mask."""
+        change = np.diff(np.concatenate([[0], which.astype(np.int8), [0]]))
+        starts, ends = np.flatnonzero(change == 1), np.flatnonzero(change == -1)
+        return np.asarray(self.t0 + BIN * starts), np.asarray(self.t0 + BIN * ends)
+
+    def derived_between(self, start: float, end: float) -> Floats:
+        """Derived rates of the bins wholly between two instants of the IMU's clock."""
+        first = int(np.ceil((start - self.lag - self.t0) / BIN)) + 1
+        last = int(np.floor((end - self.lag - self.t0) / BIN)) - 1
+        found = self.derived[max(first, 0) : max(last, 0)]
+        return np.asarray(found[np.isfinite(found)])
+
+
+def compare_turning(t: Floats, gyro: Floats, trajectory: Trajectory, most: float) -> Turning:
+    """Turning by the kinematics and by the gyroscope, in bins, aligned.
+
+    Args:
+        t: (N,), s, ascending.
+        gyro: (N, 3), in any unit.
+        trajectory: Of the parent link.
+        most: Largest time offset looked for, s.
+    """
+    first, last = trajectory.span
+    start = min(first, float(t[0]))
+    bins = max(int(np.ceil((max(last, float(t[-1])) - start) / BIN)), 1)
+    edges: Floats = np.asarray(start + BIN * np.arange(bins + 1), dtype=np.float64)
+    derived, rates = _derived(trajectory, edges), _mean_rates(t, gyro, edges)
+    measured = np.linalg.norm(rates, axis=1)
+    known = np.stack([np.isfinite(derived), np.isfinite(measured)])
+    lag = None
+    if known.sum(axis=1).min() > _LEAST_BINS:
+        # One spike would outshine all motion.
+        cut = [np.nanpercentile(x, 99) for x in (derived, measured)]
+        lag = best_lag(
+            np.minimum(np.where(known[0], derived, 0.0), cut[0]),
+            np.minimum(np.where(known[1], measured, 0.0), cut[1]),
+            known,
+            round(most / BIN),
+        )
+    shift, correlation = 0.0, 0.0
+    if lag is not None:
+        shift, correlation = (lag.samples + lag.between) * BIN, lag.correlation
+        rates = _mean_rates(t, gyro, np.asarray(edges + shift))
+    still = (derived < STILL) & np.isfinite(rates[:, 0])
+    bias = np.median(rates[still], axis=0) if still.sum() > _LEAST_STILL else np.zeros(3)
+    measured = np.linalg.norm(rates - bias, axis=1)
+    return Turning(start, derived, measured, bias, shift, correlation)
+
+
+def _derived(trajectory: Trajectory, edges: Floats) -> Floats:
+    """Angle between the poses at either end of a bin, per second."""
+    inside = trajectory.covered(edges)
+    R = np.full((len(edges), 3, 3), np.nan)
+    if inside.any():
+        R[inside] = trajectory.poses(edges[inside])[0]
+    # |R1 - R0|² = 8 sin²(angle / 2), which keeps digits where the angle is small.
+    half = np.sqrt(np.sum((R[1:] - R[:-1]) ** 2, axis=(1, 2)) / 8.0)
+    return np.asarray(2.0 * np.arcsin(np.minimum(half, 1.0)) / BIN)
+
+
+def _mean_rates(t: Floats, gyro: Floats, edges: Floats) -> Floats:
+    """Mean rate in each bin, (B, 3), nan where there is a hole."""
+    steps = np.diff(t)
+    integral = np.zeros((len(t), 3))
+    np.cumsum(0.5 * (gyro[1:] + gyro[:-1]) * steps[:, None], axis=0, out=integral[1:])
+    turned = np.stack([np.interp(edges, t, channel) for channel in integral.T], axis=1)
+    rates = np.diff(turned, axis=0) / BIN
+    outside = (edges[:-1] < t[0]) | (edges[1:] > t[-1])
+    wide = max(_HOLES * float(np.median(steps)), BIN)
+    for hole in np.flatnonzero(steps > wide):
+        outside |= (edges[1:] > t[hole]) & (edges[:-1] < t[hole + 1])
+    rates[outside] = np.nan
+    return np.asarray(rates)
