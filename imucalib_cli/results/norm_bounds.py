@@ -10,17 +10,12 @@ away, but not nearer than the other components allow.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
 Floats = NDArray[np.float64]
 
-_HALVINGS = 200
+_HALVINGS = 120
 _NUDGE = 1e-12
 """Of the longest half-axis: moves a centre that lies exactly across it, which has two farthest
 points, to a side."""
@@ -49,10 +44,7 @@ def _nearest(centre: Floats, half: Floats) -> float:
         return 0.0
     squares = half**2
 
-    def outside(m: float) -> float:
-        return float(np.sum(squares * centre**2 / (squares + m) ** 2)) - 1.0
-
-    m = _root(outside, float(half.max() * np.linalg.norm(centre)))
+    m = _root(centre * half, squares, float(half.max() * np.linalg.norm(centre)))
     return float(np.linalg.norm(m * centre / (squares + m)))
 
 
@@ -67,19 +59,18 @@ def _farthest(centre: Floats, half: Floats) -> float:
     squares = half**2
     gaps = squares[longest] - squares
 
-    def outside(m: float) -> float:
-        return float(np.sum(squares * centre**2 / (m + gaps) ** 2)) - 1.0
-
-    m = _root(outside, float(half[longest] * np.linalg.norm(centre)))
+    m = _root(centre * half, gaps, float(half[longest] * np.linalg.norm(centre)))
     return float(np.linalg.norm(centre + squares * centre / (m + gaps)))
 
 
-def _root(falling: Callable[[float], float], high: float) -> float:
-    """Where a falling function that is positive just above 0 crosses zero."""
+def _root(levers: Floats, offsets: Floats, high: float) -> float:
+    """The m > 0 at which sum (lever / (m + offset))², which falls, is one; at most ``high``."""
+    # plain floats: three numbers are too few for numpy
+    pairs = list(zip(levers.tolist(), offsets.tolist(), strict=True))
     low = 0.0
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
-        if falling(middle) > 0.0:
+        if sum((lever / (middle + offset)) ** 2 for lever, offset in pairs) > 1.0:
             low = middle
         else:
             high = middle

@@ -1,0 +1,267 @@
+"""The rules of ``verify`` and ``diff``: their rates in noise, and what withholds an answer."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from scipy.stats import ortho_group
+
+from imucalib_cli.results.calibration import Nominal, Tolerance
+from imucalib_cli.results.movement import RARE, Comparison, Side, compare
+from imucalib_cli.results.requirement import require
+from imucalib_cli.results.uncertain_pose import pose_of
+from imucalib_cli.results.verification import Verification, verify
+from tests.results.test_results_documents import ROLL, UP, make_calibration
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from imucalib_cli.estimate.estimate import UnobservableDirection
+    from imucalib_cli.results.calibration import Calibration
+
+R_TOLD = Rotation.from_euler("xyz", [0.5, -1.0, 2.0])
+T_TOLD = np.array([0.1, -0.2, 0.3])
+TOLD = Nominal(joint="imu_joint", R_parent_imu=R_TOLD.as_matrix(), t_parent_imu=T_TOLD)
+SMALL = np.diag([1e-10] * 3 + [1e-12] * 3)
+TIGHT = Tolerance(translation=1e-3, rotation=1e-3)
+
+
+def found_at(
+    shift: Any = (0.0, 0.0, 0.0), turn: Any = (0.0, 0.0, 0.0), covariance: Any = SMALL, **more: Any
+) -> Calibration:
+    """A result that differs from TOLD by a shift, m, and a turn, rad, in the parent frame."""
+    return make_calibration(
+        t_parent_imu=T_TOLD + shift,
+        R_parent_imu=(Rotation.from_rotvec(turn) * R_TOLD).as_matrix(),
+        covariance=covariance,
+        **more,
+    )
+
+
+def answer(calibration: Calibration, within: Tolerance = TIGHT) -> Verification:
+    return verify(calibration, TOLD, within)
+
+
+def moved(first: Calibration, second: Calibration, within: Tolerance | None = None) -> Comparison:
+    a, b = Side(name="a.yaml", calibration=first), Side(name="b.yaml", calibration=second)
+    return compare(a, b, (pose_of(first), pose_of(second)), within)
+
+
+@pytest.mark.parametrize("part", ["translation", "rotation"])
+@pytest.mark.parametrize(
+    ("off", "sigma", "verdict"),
+    [
+        (0.0, 1e-5, "yes"),
+        (0.0, 0.49e-3, "yes"),
+        (0.0, 0.51e-3, "unknown"),
+        (0.79e-3, 1e-4, "yes"),
+        (0.81e-3, 1e-4, "unknown"),
+        (1.19e-3, 1e-4, "unknown"),
+        (1.21e-3, 1e-4, "no"),
+        (0.5, 1e-4, "no"),
+    ],
+)
+def test_two_sigma_on_either_side_of_the_tolerance_decide(
+    part: str, off: float, sigma: float, verdict: str
+) -> None:
+    direction = np.array([0.48, 0.6, 0.64])
+    noise = np.diag([sigma**2] * 3 + [1e-12] * 3)
+    if part == "rotation":
+        noise = np.diag([1e-12] * 3 + [sigma**2] * 3)
+        found = answer(found_at(turn=off * direction, covariance=noise))
+    else:
+        found = answer(found_at(off * direction, covariance=noise))
+    assert (found.verdict, getattr(found, part)) == (verdict, verdict)
+
+
+def test_near_zero_the_largest_sigma_counts_not_the_one_along_the_difference() -> None:
+    pancake = np.diag([1e-6, 1e-14, 1e-14] + [1e-12] * 3)
+    almost_right = found_at([0.0, 1e-6, 0.0], covariance=pancake)
+    assert answer(almost_right, Tolerance(translation=1.9e-3, rotation=1e-3)).verdict == "unknown"
+    assert answer(almost_right, Tolerance(translation=2.1e-3, rotation=1e-3)).verdict == "yes"
+
+
+def _covariance(rng: np.random.Generator, smallest: float) -> NDArray[np.float64]:
+    """Any shape, with 1 its largest sigma."""
+    sizes = np.array([1.0, *10.0 ** rng.uniform(math.log10(smallest), 0.0, size=2)])
+    axes = ortho_group.rvs(3, random_state=int(rng.integers(2**31)))
+    return np.asarray(axes * sizes**2 @ axes.T)
+
+
+@pytest.mark.parametrize(
+    ("tolerance", "ceiling"), [(30.0, 0.035), (5.0, 0.05), (1.0, 0.09), (0.01, 0.06)]
+)
+def test_a_pose_at_the_edge_of_what_is_allowed_is_seldom_called_wrong(
+    tolerance: float, ceiling: float
+) -> None:
+    """The worst case: all of the tolerance is used up. In units of the largest sigma."""
+    rng = np.random.default_rng(11)
+    trials, wrong, right = 800, 0, 0
+    shape = np.zeros((6, 6))
+    for trial in range(trials):
+        if trial % 20 == 0:
+            shape[:3, :3] = 1e-6 * _covariance(rng, 0.05)
+            shape[3:, 3:] = np.eye(3) * 1e-12
+        edge = rng.normal(size=3)
+        edge *= 1e-3 * tolerance / np.linalg.norm(edge)
+        shift = edge + rng.multivariate_normal(np.zeros(3), shape[:3, :3])
+        verdict = answer(
+            found_at(shift, covariance=shape),
+            Tolerance(translation=1e-3 * tolerance, rotation=1e-3),
+        ).verdict
+        wrong += verdict == "no"
+        right += verdict == "yes"
+    assert wrong < ceiling * trials
+    # what lies at the edge from outside must seldom be called right, too
+    assert right < 0.035 * trials
+
+
+def test_what_is_plainly_right_or_wrong_is_called_so() -> None:
+    rng = np.random.default_rng(12)
+    noise = np.diag([1e-8] * 3 + [1e-8] * 3)
+    for truth, verdict in ((0.2e-3, "yes"), (2e-3, "no")):
+        answers: list[str] = []
+        for _ in range(150):
+            error = rng.multivariate_normal(np.zeros(6), noise)
+            error[:3] += truth * np.array([0.0, 0.6, 0.8])
+            answers.append(answer(found_at(error[:3], error[3:], noise)).verdict)
+        assert answers.count(verdict) == 150
+
+
+def test_mounts_that_did_not_move_alarm_once_in_a_hundred() -> None:
+    rng = np.random.default_rng(13)
+    root = rng.normal(scale=[[1e-3]] * 3 + [[1e-4]] * 3, size=(6, 6))
+    noise = root @ root.T
+    trials = 1000
+    alarms = 0
+    for _ in range(trials):
+        e1, e2 = rng.multivariate_normal(np.zeros(6), noise, size=2)
+        found = moved(found_at(e1[:3], e1[3:], noise), found_at(e2[:3], e2[3:], noise))
+        assert found.verdict in {"moved", "not moved"}
+        alarms += found.verdict == "moved"
+    # mean 10, deviation 3.1
+    assert 0.2 * RARE * trials < alarms < 2.0 * RARE * trials
+
+
+def test_a_move_of_many_sigma_is_seen_and_told() -> None:
+    first, second = found_at(), found_at([0.0, 3e-3, 0.0])
+    found = moved(first, second)
+    assert found.verdict == "moved"
+    assert found.significance is not None
+    assert found.significance.chi2 == pytest.approx(9e-6 / 2e-10)
+    np.testing.assert_allclose(found.difference.translation.vector, [0.0, 3e-3, 0.0], atol=1e-15)
+    assert "imu_link in wrist_3_link has moved: 3.000 ± 0.014 mm" in found.reason
+    assert moved(first, second, Tolerance(translation=5e-3, rotation=1.0)).verdict == "not moved"
+    assert moved(first, second, Tolerance(translation=2e-3, rotation=1.0)).verdict == "moved"
+    assert moved(first, second, Tolerance(translation=3e-3, rotation=1.0)).verdict == "unknown"
+
+
+def test_no_significant_difference_says_what_it_would_not_have_seen() -> None:
+    found = moved(found_at(), found_at([1e-6, 0.0, 0.0]))
+    assert found.verdict == "not moved"
+    assert "it moved by no more than 0.029 mm and 0.00016 deg" in found.reason
+
+
+@pytest.mark.parametrize("distrust", ["segments disagree", "the time offset may lie beyond"])
+def test_a_result_that_contradicts_itself_answers_nothing(distrust: str) -> None:
+    for shift in ([0.0, 0.0, 0.0], [0.5, 0.0, 0.0]):
+        doubtful = found_at(shift, distrust=(distrust,))
+        found = answer(doubtful)
+        assert found.verdict == "unknown"
+        assert distrust in found.reason
+        assert moved(found_at(), doubtful).verdict == "unknown"
+        assert (
+            f"b.yaml: the result contradicts itself or its model: {distrust}"
+            in moved(found_at(), doubtful).reason
+        )
+
+
+def test_a_sigma_above_what_was_required_still_answers() -> None:
+    demanding = require(found_at([0.5, 0.0, 0.0]), Tolerance(translation=1e-9))
+    assert demanding.status == "untrusted"
+    assert answer(demanding).verdict == "no"
+    assert moved(found_at(), demanding).verdict == "moved"
+
+
+def _widened(*directions: UnobservableDirection) -> NDArray[np.float64]:
+    """As the estimator leaves it: 10 m or pi rad where nothing bounds a direction."""
+    covariance = SMALL.copy()
+    for direction in directions:
+        part = slice(0, 3) if direction.kind == "translation" else slice(3, 6)
+        std = direction.std or (10.0 if direction.kind == "translation" else math.pi)
+        covariance[part, part] += std**2 * np.outer(
+            direction.direction_parent, direction.direction_parent
+        )
+    return covariance
+
+
+def test_an_unknown_translation_withholds_yes_but_not_no() -> None:
+    """UP: nothing is known along z of the parent."""
+    blind: dict[str, Any] = {"covariance": _widened(UP), "unobservable": (UP,)}
+    right = answer(found_at([0.0, 0.0, 0.0], **blind))
+    assert right.verdict == "unknown"
+    assert "not determined: translation along (0.00 0.00 1.00)" in right.reason
+    assert "tilt it" in right.reason
+    assert answer(found_at([0.0, 0.0, 4.0], **blind)).verdict == "unknown"
+    assert answer(found_at([0.0, 0.01, -4.0], **blind)).verdict == "no"
+    assert answer(found_at([0.0, 0.0, 4.0], [0.01, 0.0, 0.0], **blind)).verdict == "no"
+
+
+def test_an_unknown_rotation_withholds_what_hangs_on_it() -> None:
+    """ROLL: nothing is known about x of the parent, so no lever arm either."""
+    free = replace(ROLL, std=None)
+    blind: dict[str, Any] = {"covariance": _widened(free), "unobservable": (free,)}
+    assert answer(found_at([0.0, 0.0, 0.0], **blind)).verdict == "unknown"
+    assert answer(found_at([0.0, 0.0, 0.0], [2.0, 0.0, 0.0], **blind)).verdict == "unknown"
+    assert answer(found_at([0.5, 0.0, 0.0], **blind)).verdict == "unknown"
+    assert answer(found_at(turn=[0.0, 0.01, 0.0], **blind)).verdict == "no"
+    anyhow = Rotation.from_rotvec([2.0, 0, 0]) * Rotation.from_rotvec([0, 0.01, 0])
+    assert answer(found_at(turn=anyhow.as_rotvec(), **blind)).verdict == "no"
+
+
+def test_unknown_directions_of_either_result_cannot_be_told_to_have_moved() -> None:
+    blind = found_at([0.0, 0.0, 4.0], covariance=_widened(UP), unobservable=(UP,))
+    found = moved(found_at(), blind)
+    assert found.verdict == "unknown"
+    assert "b.yaml: not determined: translation along (0.00 0.00 1.00)" in found.reason
+    sideways = found_at([0.0, 0.01, 4.0], covariance=_widened(UP), unobservable=(UP,))
+    assert moved(found_at(), sideways).verdict == "moved"
+    assert moved(sideways, found_at()).verdict == "moved"
+    nothing = moved(found_at(), found_at(covariance=None, method="paper"))
+    assert nothing.verdict == "unknown"
+    assert "b.yaml: --method paper states no sigma: use --method matched" in nothing.reason
+
+
+def test_a_method_without_sigma_cannot_answer() -> None:
+    found = answer(found_at([0.5, 0.0, 0.0], covariance=None, method="paper"))
+    assert found.verdict == "unknown"
+    assert "--method paper states no sigma" in found.reason
+    partly = np.diag([1e-10, np.inf, 1e-10, 1e-12, 1e-12, 1e-12])
+    assert answer(found_at(covariance=partly)).verdict == "unknown"
+
+
+def test_the_sentence_of_a_no_has_the_figures() -> None:
+    found = answer(found_at([3e-3, 0.0, -4e-3], [0.0, 0.0, math.radians(1.0)]))
+    assert found.verdict == "no"
+    assert (
+        "the translation is off by 5.000 ± 0.010 mm (500 sigma), more than 1 mm; as a vector in "
+        "wrist_3_link (3.000 0.000 -4.000) mm"
+    ) in found.reason
+    assert "the rotation is off by 1.00000 ± 0.00006 deg" in found.reason
+    assert found.difference.rotation.norm == pytest.approx(math.radians(1.0))
+
+
+def test_a_rotation_by_half_a_turn_is_plainly_wrong() -> None:
+    for angle in (math.pi, math.pi - 1e-9, 3.0):
+        found = answer(found_at(turn=[0.0, angle, 0.0], covariance=SMALL * 1e4))
+        assert found.verdict == "no"
+        assert found.difference.rotation.norm == pytest.approx(angle)
+
+
+def test_one_log_behind_both_results_is_said() -> None:
+    assert "computed from the same log" in moved(found_at(), found_at()).warnings[0]
