@@ -94,7 +94,8 @@ def _calibrate_one(
     check_overlap(samples, imu.topic, motion, recording.clock)
     mended = repair(imu, samples.t, motion.path, request)
     options = _with_initial(request.estimator, motion)
-    estimate = mended.told(_estimate(mended.samples, mended.path, options))
+    either_sign = request.units.sign == "auto"
+    estimate = mended.told(_estimate(mended.samples, mended.path, options, either_sign=either_sign))
     calibration = Calibration(
         parent=motion.parent,
         child=motion.child,
@@ -106,12 +107,18 @@ def _calibrate_one(
 
 
 def _estimate(
-    samples: ImuSamples, path: KinematicPath, options: MatchedOptions | PaperOptions
+    samples: ImuSamples,
+    path: KinematicPath,
+    options: MatchedOptions | PaperOptions,
+    *,
+    either_sign: bool,
 ) -> Estimate:
     if isinstance(options, MatchedOptions):
+        from imucalib_cli.estimate.accel_sign import calibrate_either_sign
         from imucalib_cli.estimate.matched import calibrate_matched
 
-        return calibrate_matched(samples, path, options)
+        estimate = calibrate_either_sign if either_sign else calibrate_matched
+        return estimate(samples, path, options)
     from imucalib_cli.estimate.paper import calibrate_paper
 
     return calibrate_paper(samples, path, options)
