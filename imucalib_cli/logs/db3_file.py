@@ -13,10 +13,11 @@ import numpy as np
 from imucalib_cli.errors import InputError
 from imucalib_cli.logs.damage import DamageError, Tally
 from imucalib_cli.logs.db3_pages import Leaves, Rows, batches, find_leaves, read_leaves
+from imucalib_cli.logs.db3_salvage import salvage
 from imucalib_cli.logs.inflate import Scratch
 from imucalib_cli.logs.messages import normalise_type
 from imucalib_cli.logs.storage import Bytes, Channel, Progress, Sink, cut
-from imucalib_cli.logs.unpacked import copy_with_page_count
+from imucalib_cli.logs.unpacked import copy_with_companions, copy_with_page_count
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
 
 _BROKEN = (sqlite3.DatabaseError, MemoryError)
 """What SQLite raises on damage: it takes some of it for a lack of memory."""
+Row = tuple[int, int, int, bytes]
+"""Id, topic's id, receive time in ns, payload; where damaged, of any type."""
 _FETCH = 1024
 """Rows taken at a time."""
 _ALL = (-(1 << 63), (1 << 63) - 1)
@@ -55,31 +58,74 @@ class Db3File:
             raise InputError(f"{path} is no readable rosbag2 database: {error}") from error
 
     def _open(self) -> tuple[Channel, ...]:
+        beside = [self.path.with_name(self.path.name + end) for end in ("-wal", "-journal")]
         try:
             return self._channels()
-        except sqlite3.OperationalError as error:
-            if "unable to open" not in str(error):
+        except sqlite3.OperationalError:
+            if not any(each.exists() for each in beside):
                 raise
-            # A -wal needs a -shm beside it, which a read-only folder does not allow.
-            self._mode = "immutable=1"
-            self.losses.append("its -wal is left out: the folder cannot be written to")
+            # What is beside has to be taken in, which needs a folder that can be written to.
+            self._file = copy_with_companions(self.path)
+            self._mode = "mode=rw"
+            with contextlib.suppress(*_BROKEN):
+                return self._channels()
         except _BROKEN:
-            # SQLite refuses a file that is shorter than its header says; one that says what is
-            # there is read up to the first missing page.
-            self._file = copy_with_page_count(self.path)
-            self.losses.append("the database is cut short or damaged: what can be read is used")
+            pass
+        # SQLite refuses a file that is shorter than its header says; one that says what is there
+        # is read up to the first missing page.
+        self._file = copy_with_page_count(self.path)
+        self._mode = "mode=ro"
+        self.losses.append("the database is cut short or damaged: what can be read is used")
+        left = [each.name for each in beside if each.exists()]
+        if left:
+            self.losses.append(f"{left[0]} does not fit what is left of it and is left out")
         return self._channels()
 
-    def _connect(self) -> sqlite3.Connection:
+    @contextlib.contextmanager
+    def _database(self) -> Iterator[sqlite3.Connection]:
         path = quote(str(self._file.absolute()))
-        database = sqlite3.connect(f"file:{path}?{self._mode}", uri=True)
-        database.text_factory = lambda text: text.decode("utf-8", "replace")
-        return database
+        shared = self._file.with_name(self._file.name + "-shm")
+        # SQLite makes one to read a -wal and would leave it behind.
+        ours = not shared.exists()
+        with closing(sqlite3.connect(f"file:{path}?{self._mode}", uri=True)) as database:
+            database.text_factory = lambda text: text.decode("utf-8", "replace")
+            yield database
+        if ours:
+            with contextlib.suppress(OSError):
+                shared.unlink()
 
     def _channels(self) -> tuple[Channel, ...]:
-        with closing(self._connect()) as database:
+        with self._database() as database:
             tallies = _quick_tallies(database, self._file)
-            return _channels(database, _tallies(database) if tallies is None else tallies)
+            return self._listed(
+                database, _tallies(database, self._file) if tallies is None else tallies
+            )
+
+    def _listed(
+        self, database: sqlite3.Connection, tallies: dict[int, Tally]
+    ) -> tuple[Channel, ...]:
+        definitions = _definitions(database)
+        found = []
+        for number, topic, type_name, encoding in database.execute(
+            "SELECT id, name, type, serialization_format FROM topics WHERE typeof(id) = 'integer'"
+        ):
+            if not all(isinstance(each, str) for each in (topic, type_name, encoding)):
+                self.losses.append(f"topic {number} is left out: its name or type is no text")
+                continue
+            tally = tallies.get(number, Tally(start_ns=0))
+            found.append(
+                Channel(
+                    number=number,
+                    topic=topic,
+                    type=normalise_type(type_name),
+                    encoding=encoding,
+                    definition=definitions.get(type_name, ""),
+                    count=tally.count,
+                    start_ns=tally.start_ns,
+                    end_ns=tally.end_ns,
+                )
+            )
+        return tuple(found)
 
     def read(self, wanted: Collection[int], sink: Sink, progress: Progress) -> None:
         """Give the sink all messages of the wanted channels, in one scan."""
@@ -87,15 +133,10 @@ class Db3File:
         total = max(1, sum(each.count for each in channels.values()))
         done = 0
         progress(0.0)
-        with closing(self._connect()) as database:
-            try:
-                for count in self._give(database, channels, sink):
-                    done += count
-                    progress(min(1.0, done / total))
-            except _BROKEN as error:
-                self.losses.append(
-                    f"the database is damaged ({error}): the {done} messages before are used"
-                )
+        with self._database() as database:
+            for count in self._give(database, channels, sink):
+                done += count
+                progress(min(1.0, done / total))
         progress(1.0)
 
     def _give(
@@ -117,10 +158,23 @@ class Db3File:
                         continue
                     before = int(leaves.last_ids[start - 1]) if start else _ALL[0]
                     ids = (before, int(leaves.last_ids[stop - 1]))
-                for fetched in _fetch(database, tuple(channels), ids):
-                    _add(fetched, arrival, channels, sink)
-                    arrival += len(fetched)
-                    yield len(fetched)
+                last = ids[0]
+                try:
+                    for fetched in _fetch(database, tuple(channels), ids):
+                        _add(fetched, arrival, channels, sink)
+                        arrival += len(fetched)
+                        last = fetched[-1][0]
+                        yield len(fetched)
+                except _BROKEN as error:
+                    self._lose(f"the database is damaged ({error}): what its pages hold is used")
+                    within = None if leaves is None else leaves.only(start, stop)
+                    for rows in salvage(file, within, (last, ids[1]), scratch):
+                        yield _add_rows(rows, arrival, channels, sink)
+                        arrival += len(rows.topic_ids)
+
+    def _lose(self, what: str) -> None:
+        if what not in self.losses:
+            self.losses.append(what)
 
 
 def _leaves(database: sqlite3.Connection, path: Path) -> Leaves | None:
@@ -159,12 +213,12 @@ def _add_rows(rows: Rows, arrival: int, channels: dict[int, Channel], sink: Sink
 
 def _fetch(
     database: sqlite3.Connection, numbers: tuple[int, ...], ids: tuple[int, int]
-) -> Iterator[list[tuple[int, int, bytes]]]:
+) -> Iterator[list[Row]]:
     """Rows in blocks, up to the last one before any damage, which is then raised."""
     marks = ", ".join("?" * len(numbers))
     # Without ORDER BY: SQLite would otherwise go through the timestamps' index.
     query = (
-        f"SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks}) "  # noqa: S608
+        f"SELECT rowid, topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks}) "  # noqa: S608
         "AND rowid > ? AND rowid <= ?"
     )
     values = (*numbers, *ids)
@@ -182,14 +236,14 @@ def _fetch(
 
 
 def _add(
-    fetched: list[tuple[int, int, bytes]],
+    fetched: list[Row],
     arrival: int,
     channels: dict[int, Channel],
     sink: Sink,
 ) -> None:
     # SQLite stores anything anywhere, so damage can turn a number into nothing.
     for number, channel in channels.items():
-        rows = [row for row in fetched if row[0] == number]
+        rows = [row for row in fetched if row[1] == number]
         log_ns, payloads = _columns(rows)
         at = arrival + np.arange(len(payloads))
         lengths = set(map(len, payloads))
@@ -202,11 +256,11 @@ def _add(
             sink.add(channel, at[which], log_ns[which], _joined([payloads[k] for k in which]))
 
 
-def _columns(rows: list[tuple[int, int, bytes]]) -> tuple[Nanoseconds, list[bytes]]:
-    payloads = [row[2] for row in rows]
-    times = [row[1] for row in rows]
+def _columns(rows: list[Row]) -> tuple[Nanoseconds, list[bytes]]:
+    payloads = [row[3] for row in rows]
+    times = [row[2] for row in rows]
     if not set(map(type, payloads)) <= {bytes} or not set(map(type, times)) <= {int}:
-        return _columns([row for row in rows if type(row[1]) is int and type(row[2]) is bytes])
+        return _columns([row for row in rows if type(row[2]) is int and type(row[3]) is bytes])
     return np.array(times, dtype=np.int64), payloads
 
 
@@ -227,13 +281,12 @@ def _quick_tallies(database: sqlite3.Connection, path: Path) -> dict[int, Tally]
             rows = _usable_rows(file, leaves, run, (), scratch)
             if rows is None:
                 return None
-            for number in np.unique(rows.topic_ids).tolist():
-                tallies.setdefault(number, Tally()).add(rows.log_ns[rows.topic_ids == number])
+            _count(rows, tallies)
     return tallies
 
 
-def _tallies(database: sqlite3.Connection) -> dict[int, Tally]:
-    """Count and times of each topic; of a damaged file up to the damage."""
+def _tallies(database: sqlite3.Connection, path: Path) -> dict[int, Tally]:
+    """Count and times of each topic; of a damaged file by what its pages hold."""
     query = "SELECT topic_id, COUNT(*), MIN(timestamp), MAX(timestamp) FROM messages GROUP BY 1"
     try:
         found = database.execute(query).fetchall()
@@ -242,41 +295,31 @@ def _tallies(database: sqlite3.Connection) -> dict[int, Tally]:
     if {type(value) for row in found for value in row} <= {int}:
         return {number: Tally(*tally) for number, *tally in found}
     tallies: dict[int, Tally] = {}
-    with contextlib.suppress(*_BROKEN):
-        for number, time in database.execute(
-            "SELECT topic_id, timestamp FROM messages "
+    last = _ALL[0]
+    try:
+        for last, number, time in database.execute(  # noqa: B007 - counts after the loop
+            "SELECT rowid, topic_id, timestamp FROM messages "
             "WHERE typeof(timestamp) = 'integer' AND typeof(topic_id) = 'integer'"
         ):
             tallies.setdefault(number, Tally()).add(np.array([time]))
+    except _BROKEN:
+        with path.open("rb", buffering=0) as file:
+            for rows in salvage(file, None, (last, _ALL[1]), Scratch()):
+                _count(rows, tallies)
     return tallies
 
 
-def _channels(database: sqlite3.Connection, tallies: dict[int, Tally]) -> tuple[Channel, ...]:
-    definitions = {}
-    if database.execute(
-        "SELECT 1 FROM sqlite_master WHERE name = 'message_definitions'"
-    ).fetchone():
-        definitions = dict(
-            database.execute(
-                "SELECT topic_type, encoded_message_definition FROM message_definitions "
-                "WHERE encoding = 'ros2msg'"
-            )
-        )
-    found = []
-    for number, topic, type_name, encoding in database.execute(
-        "SELECT id, name, type, serialization_format FROM topics WHERE typeof(id) = 'integer'"
-    ):
-        tally = tallies.get(number, Tally(start_ns=0))
-        found.append(
-            Channel(
-                number=number,
-                topic=str(topic),
-                type=normalise_type(str(type_name)),
-                encoding=str(encoding),
-                definition=definitions.get(type_name, ""),
-                count=tally.count,
-                start_ns=tally.start_ns,
-                end_ns=tally.end_ns,
-            )
-        )
-    return tuple(found)
+def _count(rows: Rows, tallies: dict[int, Tally]) -> None:
+    for number in np.unique(rows.topic_ids).tolist():
+        tallies.setdefault(number, Tally()).add(rows.log_ns[rows.topic_ids == number])
+
+
+def _definitions(database: sqlite3.Connection) -> dict[str, str]:
+    """Embedded definitions by type; early files have none."""
+    with contextlib.suppress(*_BROKEN):
+        rows = database.execute(
+            "SELECT topic_type, encoded_message_definition FROM message_definitions "
+            "WHERE encoding = 'ros2msg'"
+        ).fetchall()
+        return {name: text for name, text in rows if isinstance(text, str)}
+    return {}

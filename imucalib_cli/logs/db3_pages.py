@@ -20,6 +20,7 @@ from imucalib_cli.logs.storage import Bytes, cut
 if TYPE_CHECKING:
     import sqlite3
     from collections.abc import Iterator
+    from io import FileIO
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -30,6 +31,8 @@ if TYPE_CHECKING:
 _COLUMNS = [("id", 1), ("topic_id", 0), ("timestamp", 0), ("data", 0)]
 """Names, and whether they are the primary key: the id is then the key of the tree itself."""
 _INTERIOR, _LEAF = 5, 13
+LEAF = bytes([_LEAF])
+"""How a leaf begins."""
 _BATCH_BYTES = 1 << 21
 _GAP = 4
 """Pages between two leaves that are read along rather than jumped over."""
@@ -53,12 +56,18 @@ class Leaves:
     last_ids: NDArray[np.int64]
     """(n,), no row of the leaf has a larger id."""
 
+    def only(self, start: int, stop: int) -> Leaves:
+        """Some of them."""
+        some = slice(start, stop)
+        return Leaves(self.page_size, self.usable, self.pages[some], self.last_ids[some])
+
 
 @dataclass(frozen=True, eq=False)
 class Rows:
     """Rows of the table; their payloads begin at ``starts`` in ``data``."""
 
     data: Bytes
+    ids: NDArray[np.int64]
     topic_ids: NDArray[np.int64]
     log_ns: Nanoseconds
     starts: NDArray[np.int64]
@@ -86,13 +95,25 @@ def find_leaves(database: sqlite3.Connection, path: Path) -> Leaves | None:
     if found is None:
         return None
     with path.open("rb", buffering=0) as file:
-        header = file.read(100)
-        page_size = int.from_bytes(header[16:18], "big")
-        page_size = 65536 if page_size == 1 else page_size
-        usable = page_size - header[20]
-        if page_size < 512 or usable < 480:
-            raise DamageError("the page size makes no sense")
+        page_size, usable = page_sizes(file)
         return _descend(file.fileno(), int(found[0]) - 1, page_size, usable)
+
+
+def page_sizes(file: FileIO) -> tuple[int, int]:
+    """Bytes of a page, and those that are not reserved, from the file's header.
+
+    Raises:
+        DamageError: They make no sense.
+    """
+    header = os.pread(file.fileno(), 100, 0)
+    if len(header) < 100:
+        raise DamageError("the file is cut short")
+    page_size = int.from_bytes(header[16:18], "big")
+    page_size = 65536 if page_size == 1 else page_size
+    usable = page_size - header[20]
+    if page_size < 512 or usable < 480:
+        raise DamageError("the page size makes no sense")
+    return page_size, usable
 
 
 def _descend(handle: int, root: int, page_size: int, usable: int) -> Leaves:
@@ -102,7 +123,7 @@ def _descend(handle: int, root: int, page_size: int, usable: int) -> Leaves:
         if not len(pages) or pages.min() < 1 or pages.max() >= limit or len(pages) > limit:
             raise DamageError("a page number points beyond the file")
         kind = os.pread(handle, 1, int(pages[0]) * page_size)
-        if kind == bytes([_LEAF]):
+        if kind == LEAF:
             return Leaves(page_size, usable, pages, last_ids)
         children, keys = [], []
         for page, last_id in zip(pages.tolist(), last_ids.tolist(), strict=True):
@@ -161,7 +182,7 @@ def _rows(data: Bytes, bases: NDArray[np.int64], usable: int) -> Rows:
     cells, owners = _cells(data, bases, 8, usable)
     limits = owners + usable
     total, at_id = _varints(data, cells)
-    _, head = _varints(data, at_id)
+    ids, head = _varints(data, at_id)
     kinds = cut(data, head, 4)
     # Header size, id (kept as the key, so null), topic_id, timestamp; then the type of data.
     if ((kinds[:, 0] > 127) | (kinds[:, 1] != 0) | (kinds[:, 2:] > 9).any(axis=1)).any():
@@ -180,7 +201,8 @@ def _rows(data: Bytes, bases: NDArray[np.int64], usable: int) -> Rows:
     if (starts + sizes > limits)[whole].any():
         raise DamageError("a row is longer than its page")
     topic_ids = _integers(data, body, kinds[:, 2])
-    return Rows(data, topic_ids, _integers(data, at_time, kinds[:, 3]), starts, sizes, whole)
+    log_ns = _integers(data, at_time, kinds[:, 3])
+    return Rows(data, ids, topic_ids, log_ns, starts, sizes, whole)
 
 
 def _cells(

@@ -14,12 +14,15 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
     from pathlib import Path
 
+    from imucalib_cli.logs.collect import TopicData
     from imucalib_cli.logs.storage import Channel, Storage
     from imucalib_cli.logs.streams import ImuStream, JointStream, PoseStream
 
 ENCODINGS = frozenset({"cdr", "ros1"})
 """Encodings that can be decoded."""
 
+_MOST_TOLD = 8
+"""Losses of one file; a damaged disk makes thousands."""
 _MAX_OVERLAP_S = 0.5
 """Recorders split between messages; a cache written late may cause a little."""
 
@@ -74,9 +77,14 @@ class Log:
     @property
     def losses(self) -> tuple[str, ...]:
         """What was found damaged so far, one sentence each."""
-        return tuple(
-            f"{storage.path}: {loss}" for storage in self._storages for loss in storage.losses
-        )
+        told = []
+        for storage in self._storages:
+            losses = storage.losses[:_MOST_TOLD]
+            more = len(storage.losses) - len(losses)
+            if more:
+                losses.append(f"and {more} further losses")
+            told += [f"{storage.path}: {loss}" for loss in losses]
+        return tuple(told)
 
     def read(
         self, topics: Iterable[str], progress: Callable[[float], None] | None = None
@@ -116,11 +124,7 @@ class Log:
         losses = [*self.losses, *_overlaps(self._storages)]
         for found in collector.finish():
             name = found.topic
-            if found.undecoded:
-                losses.append(
-                    f"{name}: {found.undecoded} of {found.messages} messages do not fit "
-                    f"{found.type} and are left out"
-                )
+            losses += self._shortfall(found)
             match found.message_type.kind:
                 case "imu":
                     imu, lost = imu_stream(found)
@@ -136,6 +140,26 @@ class Log:
             losses += lost
         data.losses = tuple(losses)
         return data
+
+    def _shortfall(self, found: TopicData) -> list[str]:
+        """What an index promised, and what does not fit the topic's type."""
+        losses = []
+        listed = sum(
+            each.count
+            for each in self.topics
+            if (each.name, each.type) == (found.topic, found.type) and each.readable
+        )
+        if found.messages < listed:
+            losses.append(
+                f"{found.topic}: only {found.messages} of the {listed} messages that the index "
+                "counts are there"
+            )
+        if found.undecoded:
+            losses.append(
+                f"{found.topic}: {found.undecoded} of {found.messages} messages do not fit "
+                f"{found.type} and are left out"
+            )
+        return losses
 
     def _nothing_of(self, wanted: set[str]) -> LogData:
         """Topics of which damage may have left nothing are still there, without streams."""

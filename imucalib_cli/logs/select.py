@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from textwrap import shorten
 from typing import TYPE_CHECKING
 
 from imucalib_cli.errors import ChoiceError, InputError
@@ -20,6 +21,9 @@ _OPTIONS: dict[Kind, str] = {
     "pose": "--pose-topic",
 }
 _ODOMETRY = "nav_msgs/Odometry"
+_MOST_LISTED = 20
+_LONGEST = 100
+"""Letters of a name; damage makes longer ones."""
 _NAMES: dict[Kind, str] = {"imu": "IMU", "joints": "joint state", "pose": "pose"}
 
 
@@ -150,4 +154,9 @@ def _names(topics: Sequence[Topic]) -> tuple[str, ...]:
 
 
 def _listed(topics: Sequence[Topic]) -> str:
-    return ", ".join(f"{each.name} ({each.type or each.encoding})" for each in topics)
+    shown = [
+        f"{shorten(each.name, _LONGEST)} ({shorten(each.type or each.encoding, _LONGEST)})"
+        for each in topics[:_MOST_LISTED]
+    ]
+    left = len(topics) - len(shown)
+    return ", ".join(shown) + (f" and {left} more" if left else "")

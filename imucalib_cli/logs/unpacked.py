@@ -44,6 +44,28 @@ def unpack(path: Path) -> tuple[Path, str]:
     return target, loss
 
 
+def copy_with_companions(path: Path) -> Path:
+    """Copy an SQLite file with what lies beside it to where SQLite may take that in.
+
+    Raises:
+        InputError: The disk is full.
+    """
+    folder = Path(tempfile.mkdtemp(prefix="imucalib-"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    try:
+        for end in ("", "-wal", "-journal"):
+            source = path.with_name(path.name + end)
+            if source.exists():
+                shutil.copyfile(source, folder / f"log.db3{end}")
+    except OSError as error:
+        shutil.rmtree(folder, ignore_errors=True)
+        raise InputError(
+            f"{path} has to be copied to {folder.parent} to be read: {error}; free some space "
+            "there or set TMPDIR"
+        ) from error
+    return folder / "log.db3"
+
+
 def copy_with_page_count(path: Path) -> Path:
     """Copy an SQLite file into a temporary one whose header names the pages that are there.
 
