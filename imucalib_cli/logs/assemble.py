@@ -19,7 +19,9 @@ if TYPE_CHECKING:
     from imucalib_cli.logs.streams import Floats, Nanoseconds
 
 _ABSURD = 1e9
-"""Far beyond any IMU and any place on Earth in any unit: damage, whose square may overflow."""
+"""Far beyond any sensor and any place on Earth in any unit: damage, whose square may overflow."""
+_TOLD = 0.5
+"""Share of messages in which a joint has a position, if it has an encoder."""
 
 
 def imu_stream(data: TopicData) -> tuple[ImuStream | None, list[str]]:
@@ -84,6 +86,7 @@ def joint_streams(data: TopicData) -> tuple[tuple[JointStream, ...], list[str]]:
             f"{data.topic}: {short} messages without one position for each joint are left out"
         )
     streams = []
+    unsound = 0
     for names, pieces in sets.values():
         joined = _Joined(pieces)
         position = joined.ordered(
@@ -96,16 +99,34 @@ def joint_streams(data: TopicData) -> tuple[tuple[JointStream, ...], list[str]]:
                 for piece in pieces
             ]
         )
+        sound, position = _sound_rows(position)
+        unsound += int(np.count_nonzero(~sound))
         streams.append(
             JointStream(
                 topic=data.topic,
-                header_ns=joined.stamp_ns,
-                log_ns=joined.log_ns,
+                header_ns=joined.stamp_ns[sound],
+                log_ns=joined.log_ns[sound],
                 names=names,
-                position=position,
+                position=position[sound],
             )
         )
+    if unsound:
+        losses.append(
+            f"{data.topic}: {unsound} messages whose positions are not finite or beyond "
+            f"{_ABSURD:g} are left out"
+        )
     return tuple(streams), losses
+
+
+def _sound_rows(position: Floats) -> tuple[NDArray[np.bool_], Floats]:
+    """Rows without damage, (n,); and positions, NaN where a joint mostly says nothing.
+
+    A joint that seldom has a number has no encoder, and must not cost the others their rows.
+    """
+    good = np.abs(position) < _ABSURD
+    told = np.mean(good, axis=0) > _TOLD if len(good) else np.ones(position.shape[1], dtype=bool)
+    sound: NDArray[np.bool_] = np.all(good[:, told], axis=1)
+    return sound, position if told.all() else np.where(good, position, np.nan)
 
 
 def pose_streams(data: TopicData) -> tuple[tuple[PoseStream, ...], list[str]]:
