@@ -26,6 +26,8 @@ FARTHEST = 1e4
 KINDS = ("fixed", "revolute", "continuous", "prismatic", "floating", "planar")
 _MOVING = ("revolute", "continuous", "prismatic")
 _SHOWN = 3
+_LONGEST = 80
+"""Letters of a word in a message."""
 _KEPT = {
     "parent": ("link",),
     "child": ("link",),
@@ -81,7 +83,10 @@ class _Faults:
         self.found: list[str] = []
 
     def add(self, element: _Element | None, text: str) -> None:
-        text = " ".join(text.split())  # &#10; in an attribute would break the line
+        # &#10; in an attribute would break the line, and a word may be megabytes long
+        text = " ".join(
+            word if len(word) <= _LONGEST else word[:_LONGEST] + "…" for word in text.split()
+        )
         self.found.append(text if element is None else f"line {element.line}: {text}")
 
 
@@ -224,6 +229,12 @@ def _check_numbers(name: str, joint: _Element, faults: _Faults) -> None:
             faults.add(
                 element,
                 f"joint '{name}': <origin xyz=\"{text}\"> is beyond {FARTHEST:g} m: write metres",
+            )
+        elif tag == "mimic" and abs(numbers[0]) > FARTHEST:
+            faults.add(
+                element,
+                f"joint '{name}': <mimic {attribute}=\"{text}\"> is beyond {FARTHEST:g}: no joint "
+                "follows another by that",
             )
         elif tag == "axis" and joint.attributes.get("type") in _MOVING and not any(numbers):
             faults.add(element, f"joint '{name}': its <axis> is zero")
