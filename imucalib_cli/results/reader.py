@@ -35,6 +35,7 @@ T = TypeVar("T")
 
 FARTHEST = 100.0
 """m; no IMU sits farther from the frame that carries it."""
+_LONGEST = 300
 ROTATIONS_AGREE = 1e-6
 """rad between the quaternion and the angles of one rotation."""
 
@@ -84,6 +85,8 @@ class _Node:
 
     def fail(self, complaint: str, key: str = "") -> NoReturn:
         place = ".".join(part for part in (self.where, key) if part) or "document"
+        if len(complaint) > _LONGEST:  # it may quote a value of any length
+            complaint = complaint[:_LONGEST] + "…"
         raise InputError(f"{self.file}: {place} {complaint}")
 
     def get(self, key: str) -> Any:
