@@ -72,9 +72,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     Args:
         argv: Arguments without the program's name; default: those of the process.
     """
-    if argv is None:
-        _prepare_process()
-    return _run(list(sys.argv[1:] if argv is None else argv))
+    try:
+        if argv is None:
+            _prepare_process()
+        return _run(list(sys.argv[1:] if argv is None else argv))
+    except KeyboardInterrupt:
+        say("error", "interrupted")
+        return EXIT_INTERRUPTED
 
 
 def _prepare_process() -> None:
@@ -96,10 +100,11 @@ def _run(argv: list[str]) -> int:
         say("error", error)
         sys.stderr.write(getattr(error, "snippet", ""))
         return exit_code(error)
-    except (KeyboardInterrupt, typer.Abort):
-        say("error", "interrupted")
-        return EXIT_INTERRUPTED
+    except typer.Abort:
+        raise KeyboardInterrupt from None
     except Exception as error:
+        if _is_interruption(error):
+            raise KeyboardInterrupt from None
         # usage errors of typer, whichever click it is built on
         if hasattr(error, "format_message") and hasattr(error, "exit_code"):
             _show_usage_error(error)
@@ -113,6 +118,15 @@ def _run(argv: list[str]) -> int:
         )
         return EXIT_INPUT
     return code if isinstance(code, int) else 0
+
+
+def _is_interruption(error: BaseException | None) -> bool:
+    """Whether Ctrl-C is behind an error: compiled modules report it as failing to be imported."""
+    while error is not None:
+        if isinstance(error, KeyboardInterrupt):
+            return True
+        error = error.__cause__ or error.__context__
+    return False
 
 
 def _show_usage_error(error: Exception) -> None:

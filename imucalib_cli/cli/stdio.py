@@ -1,4 +1,7 @@
-"""Standard streams that may be full or closed: one line says so, whoever was writing."""
+"""Standard streams that may be full or closed.
+
+That a result cannot be written is an error and told in one line; that words cannot be is none.
+"""
 
 from __future__ import annotations
 
@@ -15,20 +18,33 @@ if TYPE_CHECKING:
 
 
 def guard_streams() -> None:
-    """Replace the process's stdout by one that fails in our words, and a closed stderr by none.
+    """Replace stdout by one that fails in our words, and stderr by one that never fails.
 
     A closed stdout is no fault until something is written to it: results may go to files.
     """
     if sys.stderr is None:
         sys.stderr = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115 - to the end
+    elif isinstance(sys.stderr, io.TextIOWrapper):
+        descriptor = _descriptor(sys.stderr)
+        if descriptor is not None:
+            raw = _Stderr(descriptor, "w", closefd=False)
+            sys.stderr = io.TextIOWrapper(
+                io.BufferedWriter(raw), sys.stderr.encoding, "backslashreplace", line_buffering=True
+            )
     if sys.stdout is None:
         # takes the free descriptor 1 from the files that are opened later; not writable, so
         # that writing fails as it does on a closed descriptor
         _replace_stdout(os.open(os.devnull, os.O_RDONLY), "utf-8")
     elif isinstance(sys.stdout, io.TextIOWrapper):
-        raw = getattr(sys.stdout.buffer, "raw", sys.stdout.buffer)  # itself where unbuffered
-        if type(raw) is io.FileIO:  # the console of Windows is another class
-            _replace_stdout(raw.fileno(), sys.stdout.encoding)
+        descriptor = _descriptor(sys.stdout)
+        if descriptor is not None:
+            _replace_stdout(descriptor, sys.stdout.encoding)
+
+
+def _descriptor(stream: io.TextIOWrapper) -> int | None:
+    """Of a stream on a plain file; the console of Windows is another class."""
+    raw = getattr(stream.buffer, "raw", stream.buffer)  # itself where unbuffered
+    return raw.fileno() if type(raw) is io.FileIO else None
 
 
 def _replace_stdout(descriptor: int, encoding: str) -> None:
@@ -51,3 +67,13 @@ class _Stdout(io.FileIO):
             # what is still buffered would fail again when the interpreter ends
             os.dup2(os.open(os.devnull, os.O_WRONLY), self.fileno())
             raise InputError(f"stdout cannot be written: {error.strerror}") from error
+
+
+class _Stderr(io.FileIO):
+    """Loses words that nobody can take: a full disk under a log file changes no result."""
+
+    def write(self, data: Buffer, /) -> int:
+        try:
+            return super().write(data)
+        except OSError:
+            return memoryview(data).nbytes
