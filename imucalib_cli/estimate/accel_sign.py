@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from imucalib_cli.estimate.matched import calibrate_matched
+from imucalib_cli.estimate import matched
 
 if TYPE_CHECKING:
     from imucalib_cli.estimate.estimate import Estimate
@@ -42,16 +42,16 @@ def calibrate_either_sign(
         The better estimate; one that should not be trusted where neither is.
 
     Raises:
-        InputError: As :func:`calibrate_matched`.
+        InputError: As :func:`imucalib_cli.estimate.matched.calibrate_matched`.
     """
-    given = calibrate_matched(imu, path, options)
+    given = matched.calibrate_matched(imu, path, options)
     norm = 0.0 if options.gravity == "none" else options.gravity_norm
     if norm <= 0.0:
         return given
     off_down = -float(given.gravity_world[2]) / norm < _FAR_FROM_DOWN
     if not off_down and _misfit(given) < np.log(_UNEXPLAINED):
         return given
-    turned = calibrate_matched(replace(imu, accel=-imu.accel), path, options)
+    turned = matched.calibrate_matched(replace(imu, accel=-imu.accel), path, options)
     gain = _misfit(given) - _misfit(turned)
     if gain > _CLEARLY_BETTER and not turned.distrust:
         return replace(
