@@ -88,6 +88,34 @@ class RecordingOptions:
             rich_help_panel=SOURCES,
         ),
     ] = "auto"
+    accel_unit: Annotated[
+        str,
+        typer.Option(
+            "--accel-unit",
+            metavar="auto|m/s2|g|mg",
+            help="Unit of the accelerometer; auto tells it from gravity at rest.",
+            rich_help_panel=SOURCES,
+        ),
+    ] = "auto"
+    gyro_unit: Annotated[
+        str,
+        typer.Option(
+            "--gyro-unit",
+            metavar="auto|rad/s|deg/s",
+            help="Unit of the gyroscope; auto tells it from how fast the robot turns.",
+            rich_help_panel=SOURCES,
+        ),
+    ] = "auto"
+    accel_sign: Annotated[
+        str,
+        typer.Option(
+            "--accel-sign",
+            metavar="auto|up|down",
+            help="Where the accelerometer points at rest; auto takes up, as ROS has it, unless "
+            "down fits the motion.",
+            rich_help_panel=SOURCES,
+        ),
+    ] = "auto"
 
 
 def calibration_request(
@@ -99,10 +127,19 @@ def calibration_request(
         ChoiceError: A value is not understood.
     """
     parse_choice("--clock", recording.clock, ("auto", "header", "log"))
+    parse_choice("--accel-unit", recording.accel_unit, ("auto", "m/s2", "g", "mg"))
+    parse_choice("--gyro-unit", recording.gyro_unit, ("auto", "rad/s", "deg/s"))
+    parse_choice("--accel-sign", recording.accel_sign, ("auto", "up", "down"))
     options = estimator_options(estimator)
 
     from imucalib_cli.jobs.request import CalibrationRequest
+    from imucalib_cli.jobs.units import Units
 
+    units = Units(
+        accel=recording.accel_unit,  # type: ignore[arg-type]  # checked above
+        gyro=recording.gyro_unit,  # type: ignore[arg-type]
+        sign=recording.accel_sign,  # type: ignore[arg-type]
+    )
     return CalibrationRequest(
         logs=tuple(logs),
         urdf=recording.urdf,
@@ -113,5 +150,6 @@ def calibration_request(
         imu_link=recording.imu_link,
         world=recording.world,
         clock=recording.clock,  # type: ignore[arg-type]  # checked above
+        units=units,
         estimator=options,
     )
