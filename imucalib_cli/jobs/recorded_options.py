@@ -50,6 +50,12 @@ def recorded_options(request: CalibrationRequest) -> dict[str, Scalar]:
                 for part in fields(value):
                     numbers = np.asarray(getattr(value, part.name), dtype=np.float64)
                     written[f"{field.name}.{part.name}"] = _numbers(numbers.ravel())
+    units = request.units
+    written |= {
+        "accel_unit": units.accel,
+        "gyro_unit": units.gyro,
+        "accel_sign": units.sign,
+    }
     written["require"] = "none" if request.require is None else tolerance_text(request.require)
     return written
 
