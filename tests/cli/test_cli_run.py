@@ -62,7 +62,7 @@ class Estimator:
         self.calls: list[tuple[Any, Any, Any]] = []
         self.fail_on: int | None = None
 
-    def __call__(self, samples: Any, path: Any, options: Any) -> Estimate:
+    def __call__(self, samples: Any, path: Any, options: Any, **_: Any) -> Estimate:
         self.calls.append((samples, path, options))
         if self.fail_on == len(self.calls):
             raise InputError("too short")
