@@ -8,7 +8,7 @@ from imucalib_cli.errors import ChoiceError
 from imucalib_cli.jobs.result_files import read_results
 from imucalib_cli.results.formats import refuse_untrusted
 from imucalib_cli.results.urdf_edit import joint_for, replace_origin
-from imucalib_cli.robot.urdf import load_robot
+from imucalib_cli.robot.urdf import parse_robot, read_urdf
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -27,8 +27,8 @@ def apply(result: str, urdf: Path, *, force: bool = False) -> bytes:
         UntrustedError: A result should not be trusted.
     """
     calibrations = read_results(result)
-    robot = load_robot(urdf)
-    content = urdf.read_bytes()
+    content = read_urdf(urdf)
+    robot = parse_robot(content, urdf)
     seen: set[str] = set()
     for calibration in calibrations:
         refuse_untrusted(calibration, "URDF", force=force)

@@ -14,6 +14,7 @@ from imucalib_cli.errors import InputError
 from imucalib_cli.logs.damage import DamageError, Tally
 from imucalib_cli.logs.db3_pages import Leaves, Rows, batches, find_leaves, read_leaves
 from imucalib_cli.logs.db3_salvage import salvage
+from imucalib_cli.logs.db3_wal import pages_left_out
 from imucalib_cli.logs.inflate import Scratch
 from imucalib_cli.logs.messages import normalise_type
 from imucalib_cli.logs.storage import Bytes, Channel, Progress, Sink, cut
@@ -97,6 +98,12 @@ class Db3File:
     def _channels(self) -> tuple[Channel, ...]:
         with self._database() as database:
             tallies = _quick_tallies(database, self._file)
+            left, total = pages_left_out(self._file)
+            if left:
+                self.losses.append(
+                    f"its -wal is damaged or was cut off while it was written: {left} of its "
+                    f"{total} pages are left out"
+                )
             return self._listed(
                 database, _tallies(database, self._file) if tallies is None else tallies
             )
@@ -133,10 +140,13 @@ class Db3File:
         total = max(1, sum(each.count for each in channels.values()))
         done = 0
         progress(0.0)
-        with self._database() as database:
-            for count in self._give(database, channels, sink):
-                done += count
-                progress(min(1.0, done / total))
+        try:
+            with self._database() as database:
+                for count in self._give(database, channels, sink):
+                    done += count
+                    progress(min(1.0, done / total))
+        except _BROKEN as error:
+            raise InputError(f"{self.path} cannot be read any more: {error}") from error
         progress(1.0)
 
     def _give(

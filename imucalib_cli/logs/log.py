@@ -118,7 +118,9 @@ class Log:
                 try:
                     storage.read(channels, collector, share)
                 except OSError as error:
-                    raise InputError(f"{storage.path} cannot be read: {error}") from error
+                    raise InputError(
+                        f"{storage.path} cannot be read any more: {error.strerror or error}"
+                    ) from error
             collector.next_file()
         data = self._nothing_of(wanted)
         losses = [*self.losses, *_overlaps(self._storages)]

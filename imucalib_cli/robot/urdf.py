@@ -15,17 +15,17 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cached_property
 from io import BytesIO
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
-from imucalib_cli.robot.urdf_check import check_urdf
+from imucalib_cli.robot.urdf_check import SIZE_LIMIT, check_urdf
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+    from pathlib import Path
 
 Floats = NDArray[np.float64]
 _LEVELS = threading.RLock()
@@ -153,16 +153,33 @@ def near_matches(name: str, known: tuple[str, ...] | list[str], *, limit: int = 
 def load_robot(path: Path) -> Robot:
     """Read a URDF's kinematic tree.
 
-    Meshes are not looked for. Axes are normalised; a missing axis is x, as URDF has it.
-
     Raises:
         InputError: The file cannot be read or is no valid URDF; says which elements.
     """
-    path = Path(path)
+    return parse_robot(read_urdf(path), path)
+
+
+def read_urdf(path: Path) -> bytes:
+    """A URDF's bytes, read once, so that it may come through a pipe.
+
+    Raises:
+        InputError: The file cannot be read.
+    """
     try:
-        data = path.read_bytes()
+        with path.open("rb") as file:
+            return file.read(SIZE_LIMIT + 1)  # no more of an endless device
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}): check --urdf") from None
+
+
+def parse_robot(data: bytes, path: Path) -> Robot:
+    """The kinematic tree of a URDF's bytes.
+
+    Meshes are not looked for. Axes are normalised; a missing axis is x, as URDF has it.
+
+    Raises:
+        InputError: It is no valid URDF; says which elements.
+    """
     kinematics = check_urdf(data, path)
     with _quiet():
         model = _yourdfpy().URDF.load(

@@ -92,7 +92,7 @@ class _Faults:
 
 def _parse(data: bytes, path: Path) -> _Element:
     if len(data) > SIZE_LIMIT:
-        raise InputError(f"{path}: {len(data) >> 20} MB is no URDF (limit {SIZE_LIMIT >> 20} MB)")
+        raise InputError(f"{path}: more than {SIZE_LIMIT >> 20} MB are no URDF: check --urdf")
     if not data.strip():
         raise InputError(f"{path}: the file is empty: check --urdf")
     reader = _Reader(path)
@@ -236,8 +236,14 @@ def _check_numbers(name: str, joint: _Element, faults: _Faults) -> None:
                 f"joint '{name}': <mimic {attribute}=\"{text}\"> is beyond {FARTHEST:g}: no joint "
                 "follows another by that",
             )
-        elif tag == "axis" and joint.attributes.get("type") in _MOVING and not any(numbers):
-            faults.add(element, f"joint '{name}': its <axis> is zero")
+        elif tag == "axis" and joint.attributes.get("type") in _MOVING:
+            largest = max(map(abs, numbers))
+            if largest == 0.0:
+                faults.add(element, f"joint '{name}': its <axis> is zero")
+            elif not 1.0 / FARTHEST <= largest <= FARTHEST:  # its square may be 0 or infinite
+                faults.add(
+                    element, f"joint '{name}': <axis xyz=\"{text}\"> is no direction: write 0 0 1"
+                )
 
 
 def _numbers(text: str) -> list[float]:
