@@ -10,6 +10,7 @@ import numpy as np
 from imucalib_cli import __version__
 from imucalib_cli.errors import ChoiceError, ImucalibError, InputError
 from imucalib_cli.estimate.options import MatchedOptions, PaperOptions
+from imucalib_cli.jobs.explain import explain
 from imucalib_cli.jobs.motion import Motion, find_motion
 from imucalib_cli.jobs.provenance import printable
 from imucalib_cli.jobs.reading import read_recording
@@ -95,7 +96,8 @@ def _calibrate_one(
     mended = repair(imu, samples.t, motion.path, request)
     options = _with_initial(request.estimator, motion)
     either_sign = request.units.sign == "auto"
-    estimate = mended.told(_estimate(mended.samples, mended.path, options, either_sign=either_sign))
+    estimate = _estimate(mended.samples, mended.path, options, either_sign=either_sign)
+    estimate = mended.told(explain(estimate, mended, motion, recording, request))
     calibration = Calibration(
         parent=motion.parent,
         child=motion.child,

@@ -17,6 +17,8 @@ from imucalib_cli.robot.rotations import matrix_from_quaternion
 from imucalib_cli.robot.urdf import near_matches
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from imucalib_cli.jobs.request import CalibrationRequest
     from imucalib_cli.robot.path import KinematicPath, Track
     from imucalib_cli.robot.urdf import Robot
@@ -98,6 +100,25 @@ def _with_robot(
         nominal=_nominal(mount),
         topics=_topics(path, sources),
     )
+
+
+def other_frames(
+    sources: Sources, robot: Robot | None, request: CalibrationRequest
+) -> tuple[tuple[str, ...], Callable[[str], KinematicPath]]:
+    """Frames that could carry an IMU, and how each would move: to ask whether another is meant.
+
+    The function raises ImucalibError for frames whose motion the log does not tell.
+    """
+    if robot is None:
+        edges = _labelled(sources.edges, request.parent)
+        frames = tuple(dict.fromkeys(edge.child for edge in edges))
+        return frames, lambda frame: frame_path(edges, frame, world=request.world)
+
+    def path_to(link: str) -> KinematicPath:
+        mount = Mount(parent=link, child="", R_nominal=None, t_nominal=None, joint_name=None)
+        return _robot_path(sources, robot, mount, request)
+
+    return robot.links, path_to
 
 
 def _see_poses_used(path: KinematicPath, sources: Sources, request: CalibrationRequest) -> None:

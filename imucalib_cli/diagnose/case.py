@@ -1,0 +1,59 @@
+"""What a diagnosis is given, and what it gives back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from imucalib_cli.estimate.estimate import Estimate
+    from imucalib_cli.estimate.options import MatchedOptions
+    from imucalib_cli.robot.path import KinematicPath
+    from imucalib_cli.signals.samples import ImuSamples
+
+    Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Case:
+    """A fit that is poor, and what else the log and the URDF would allow."""
+
+    samples: ImuSamples
+    path: KinematicPath
+    options: MatchedOptions
+    estimate: Estimate
+    frames: tuple[str, ...] = ()
+    """Other links or frames that could carry the IMU."""
+    path_to: Callable[[str], KinematicPath] | None = None
+    """Kinematics of such a frame; raises ImucalibError where the log does not tell them."""
+    links: dict[str, tuple[str, str]] | None = None
+    """Parent and child link of each joint, by the joint's name."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Finding:
+    """A cause that explains what the model as told does not."""
+
+    kind: str
+    """Of the fault, one word: link, sign, order, zero, length, inverse, quaternion, unit, offset,
+    ringing, base."""
+    names: tuple[str, ...]
+    """The joints, links or topics at fault; empty where it is none of them."""
+    sentence: str
+    """Cause, figures and remedy."""
+    size: tuple[float, ...] = ()
+    """For each name how much: rad, m or s; empty where it is no matter of size."""
+    moves: tuple[float, float] | None = None
+    """m and rad by which the IMU's pose changes once it is mended; None where that is not known."""
+
+
+def needs_diagnosis(estimate: Estimate) -> bool:
+    """Whether a result is poor for reasons that a cause may lie behind."""
+    if estimate.method != "matched":
+        return False
+    return bool(estimate.distrust) or estimate.sigma_source == "segments"

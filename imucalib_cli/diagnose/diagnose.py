@@ -1,0 +1,125 @@
+"""Find out why a fit is poor, and put it before everything else that is said of the result."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from imucalib_cli.diagnose.bench import make_bench
+from imucalib_cli.diagnose.parameters import explain_by_parameters
+from imucalib_cli.diagnose.rest import find_motion_at_rest
+from imucalib_cli.diagnose.ringing import find_ringing
+from imucalib_cli.diagnose.search import explain_grossly, is_poor
+from imucalib_cli.diagnose.words import of_hypotheses, of_parameters
+
+if TYPE_CHECKING:
+    from imucalib_cli.diagnose.bench import Bench, Trial
+    from imucalib_cli.diagnose.case import Case, Finding
+    from imucalib_cli.estimate.estimate import Estimate, UnobservableDirection
+
+_SMALL_GYRO = 0.1
+"""Share of the rotation left unexplained up to which small errors are looked for first."""
+GENERIC = (
+    "does not explain the gyroscope",
+    "of the acceleration unexplained: are --gravity",
+    "the time offset may lie beyond the search",
+    "another rotation fits almost as well",
+    "are not what they are taken for",
+    "do not fit the rest and were left out: frames",
+)
+"""Fixed parts of the estimator's sentences that say a fit is poor, and not why."""
+GENERIC_WARNINGS = (
+    "the kinematic model or the mount, not noise, sets the uncertainty",
+    "windows do not fit the rest and were left out",
+    "else joint signs, frames or the accelerometer's sign are wrong",
+    "is unusual: a scale error, or another --gravity norm",
+    "the motion does not determine the time offset",
+)
+_SIGMAS = 2.0
+_MOST_MOVED = (2e-3, math.radians(0.2))
+"""m and rad by which a pose may move once a known cause is mended, and still be given as it is."""
+_AFTER = "not to be judged before the cause of the misfit is mended"
+
+
+def diagnose(case: Case) -> tuple[Finding, ...]:
+    """Try what may be wrong with robot and log; name what explains decisively.
+
+    Args:
+        case: The fit and what else could be true.
+
+    Returns:
+        Findings, the first the most likely; empty where nothing tried explains.
+    """
+    notes = case.estimate.notes
+    bench = make_bench(
+        case.samples,
+        case.options,
+        seconds=case.estimate.window.seconds,
+        imu_ticks=notes.get("imu_stamps") == "ticks",
+        robot_ticks=notes.get("robot_stamps") == "ticks",
+    )
+    told = bench.trial(case.path)
+    if told is None:
+        return ()
+    small = told.shares[1] < _SMALL_GYRO
+    for attempt in (_small, _gross) if small else (_gross, _small):
+        found = attempt(bench, case, told)
+        if found:
+            return found
+    other = find_ringing(told) or find_motion_at_rest(told)
+    return () if other is None else (other,)
+
+
+def _gross(bench: Bench, case: Case, told: Trial) -> tuple[Finding, ...]:
+    if not is_poor(told):
+        return ()
+    found = explain_grossly(bench, case, told)
+    return (of_hypotheses(found, told, case),) if found else ()
+
+
+def _small(bench: Bench, case: Case, told: Trial) -> tuple[Finding, ...]:
+    explanation = explain_by_parameters(bench, told)
+    if explanation is None:
+        return ()
+    finding = of_parameters(explanation, told, case)
+    return () if finding is None else (finding,)
+
+
+def explained(estimate: Estimate, findings: tuple[Finding, ...]) -> Estimate:
+    """The estimate with its findings said first, and what they explain no longer said."""
+    if not findings:
+        return estimate
+    sentences = tuple(finding.sentence for finding in findings)
+    warnings = _without(estimate.warnings, GENERIC_WARNINGS)
+    if estimate.trusted and not _undoes(estimate, findings):
+        return replace(estimate, warnings=(*sentences, *warnings))
+    return replace(
+        estimate,
+        distrust=(*sentences, *_without(estimate.distrust, GENERIC)),
+        warnings=warnings,
+        unobservable=tuple(_stepped_back(direction) for direction in estimate.unobservable),
+    )
+
+
+def _undoes(estimate: Estimate, findings: tuple[Finding, ...]) -> bool:
+    """Whether mending a finding would move the pose by more than is stated, or by plainly much."""
+    std = np.zeros(6) if estimate.covariance is None else np.sqrt(np.diag(estimate.covariance))
+    stated = float(np.linalg.norm(std[:3])), float(np.linalg.norm(std[3:]))
+    return any(
+        move > min(_SIGMAS * sigma, most)
+        for finding in findings
+        if finding.moves is not None
+        for move, sigma, most in zip(finding.moves, stated, _MOST_MOVED, strict=True)
+    )
+
+
+def _stepped_back(direction: UnobservableDirection) -> UnobservableDirection:
+    """Advice on motion is no use while the fit is wrong for another reason."""
+    return replace(direction, motion=_AFTER)
+
+
+def _without(sentences: tuple[str, ...], parts: tuple[str, ...]) -> tuple[str, ...]:
+    return tuple(s for s in sentences if not any(part in s for part in parts))

@@ -1,0 +1,149 @@
+"""Kinematic paths with one thing changed: what a URDF, a publisher or a tracker may get wrong."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from imucalib_cli.robot.path import FixedStep, JointStep, KinematicPath, PoseStep, Step, Track
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+
+MILLI = 1e-3
+
+
+def joints_of(path: KinematicPath) -> tuple[JointStep, ...]:
+    """The joint steps, from the world on."""
+    return tuple(step for step in path.steps if isinstance(step, JointStep))
+
+
+def driven_key(path: KinematicPath) -> tuple[object, ...]:
+    """What moves a path: equal for links that are rigidly joined."""
+    return tuple(
+        (step.name, step.kind, path.tracks[step.track].name, step.column)
+        if isinstance(step, JointStep)
+        else (path.tracks[step.track].name, step.inverse)
+        for step in path.steps
+        if not isinstance(step, FixedStep)
+    )
+
+
+def with_flipped(path: KinematicPath, names: frozenset[str]) -> KinematicPath:
+    """The same path with the axes of some joints reversed."""
+    return _map_joints(
+        path,
+        lambda step: (
+            replace(step, multiplier=-step.multiplier, offset=-step.offset)
+            if step.name in names
+            else step
+        ),
+    )
+
+
+def with_zeros(path: KinematicPath, zeros: Mapping[str, float]) -> KinematicPath:
+    """The same path with constants added to the positions of joints, rad or m."""
+    return _map_joints(
+        path,
+        lambda step: (
+            replace(step, offset=step.offset + float(np.sign(step.multiplier)) * zeros[step.name])
+            if step.name in zeros
+            else step
+        ),
+    )
+
+
+def with_columns(path: KinematicPath, columns: Mapping[tuple[int, int], int]) -> KinematicPath:
+    """The same path, joints taking other columns of their track, by (track, column)."""
+    return _map_joints(
+        path,
+        lambda step: replace(step, column=columns.get((step.track, step.column), step.column)),
+    )
+
+
+def with_scaled(path: KinematicPath, kind: str, by: float) -> KinematicPath:
+    """The same path, values of one kind of joint in another unit."""
+    return _map_joints(
+        path,
+        lambda step: replace(step, multiplier=by * step.multiplier) if step.kind == kind else step,
+    )
+
+
+def with_longer_origins(path: KinematicPath, by: Mapping[str, float]) -> KinematicPath:
+    """The same path, origins of joints longer along themselves, m."""
+    steps = list(path.steps)
+    for index, step in enumerate(steps):
+        following = steps[index + 1] if index + 1 < len(steps) else None
+        if (
+            isinstance(step, FixedStep)
+            and isinstance(following, JointStep)
+            and following.name in by
+            and (length := float(np.linalg.norm(step.p))) > 0.0
+        ):
+            steps[index] = replace(step, p=step.p * (1.0 + by[following.name] / length))
+    return replace(path, steps=tuple(steps))
+
+
+def origin_lengths(path: KinematicPath) -> dict[str, float]:
+    """Length of each joint's origin, m, those between two moving steps only."""
+    lengths: dict[str, float] = {}
+    moved = False
+    for index, step in enumerate(path.steps[:-1]):
+        following = path.steps[index + 1]
+        if isinstance(step, FixedStep) and isinstance(following, JointStep) and moved:
+            lengths[following.name] = float(np.linalg.norm(step.p))
+        moved = moved or not isinstance(step, FixedStep)
+    return lengths
+
+
+def with_inverse_poses(path: KinematicPath, tracks: frozenset[int]) -> KinematicPath:
+    """The same path, poses of some tracks read the other way round."""
+    return replace(
+        path,
+        steps=tuple(
+            replace(step, inverse=not step.inverse)
+            if isinstance(step, PoseStep) and step.track in tracks
+            else step
+            for step in path.steps
+        ),
+    )
+
+
+def pose_tracks(path: KinematicPath) -> tuple[int, ...]:
+    """Tracks of poses that the path uses."""
+    return tuple(dict.fromkeys(step.track for step in path.steps if isinstance(step, PoseStep)))
+
+
+def with_rolled_quaternions(path: KinematicPath, by: int) -> KinematicPath:
+    """The same path, the four numbers of every quaternion in turn."""
+    return _map_poses(path, lambda v: np.hstack([v[:, :3], np.roll(v[:, 3:7], by, axis=1)]))
+
+
+def with_conjugate_quaternions(path: KinematicPath) -> KinematicPath:
+    """The same path, rotations the other way round but positions as they are."""
+    return _map_poses(path, lambda v: v * np.array([1, 1, 1, -1, -1, -1, 1.0]))
+
+
+def with_positions_in_millimetres(path: KinematicPath) -> KinematicPath:
+    """The same path, positions of its poses taken as millimetres."""
+    return _map_poses(path, lambda v: v * np.array([MILLI, MILLI, MILLI, 1, 1, 1, 1]))
+
+
+def _map_joints(path: KinematicPath, change: Callable[[JointStep], Step]) -> KinematicPath:
+    return replace(
+        path,
+        steps=tuple(change(step) if isinstance(step, JointStep) else step for step in path.steps),
+    )
+
+
+def _map_poses(path: KinematicPath, change: Callable[[Floats], Floats]) -> KinematicPath:
+    def mapped(track: Track) -> Track:
+        return replace(track, values=change(track.values)) if track.kind == "pose" else track
+
+    return replace(path, tracks=tuple(mapped(track) for track in path.tracks))

@@ -1,0 +1,62 @@
+"""Is the pose that was told beforehand the one found, the wrong way round?"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imucalib_cli.robot.rotations import rotation_angle
+
+if TYPE_CHECKING:
+    from imucalib_cli.estimate.estimate import Estimate
+
+Floats = NDArray[np.float64]
+
+_NEAR = (0.01, math.radians(3.0))
+"""m and rad: as well as a drawing knows a mount."""
+_FAR = 4.0
+"""Times further off than that, and than its inverse, a nominal must be."""
+
+
+def inverted_nominal(
+    estimate: Estimate, R_nominal: Floats, t_nominal: Floats, joint: str
+) -> str | None:
+    """Say so if the nominal pose is T_imu_parent instead of T_parent_imu.
+
+    Args:
+        estimate: Of the IMU in its parent.
+        R_nominal: (3, 3), R_parent_imu as told.
+        t_nominal: (3,), m, as told.
+        joint: The joint that says so; empty where no single one does.
+
+    Returns:
+        The sentence, or None.
+    """
+    R, t = estimate.R_parent_imu, estimate.t_parent_imu
+    std = np.zeros(6) if estimate.covariance is None else np.sqrt(np.diag(estimate.covariance))
+    near = (
+        _NEAR[0] + 3.0 * float(np.linalg.norm(std[:3])),
+        _NEAR[1] + 3.0 * float(np.linalg.norm(std[3:])),
+    )
+    told = _distance(R, t, R_nominal, t_nominal)
+    inverse = _distance(R, t, R_nominal.T, -R_nominal.T @ t_nominal)
+    if not all(d < limit for d, limit in zip(inverse, near, strict=True)):
+        return None
+    if not any(
+        d > _FAR * max(limit, other) for d, limit, other in zip(told, near, inverse, strict=True)
+    ):
+        return None
+    where = f"joint {joint}" if joint else "the nominal pose"
+    return (
+        f"{where} seems to hold the pose of the parent in the IMU, where the pose of the IMU in "
+        f"the parent belongs: inverted it is {inverse[0] * 1e3:.2g} mm and "
+        f"{math.degrees(inverse[1]):.2g} deg off the pose found, as it stands "
+        f"{told[0] * 1e3:.3g} mm and {math.degrees(told[1]):.3g} deg"
+    )
+
+
+def _distance(R: Floats, t: Floats, R_other: Floats, t_other: Floats) -> tuple[float, float]:
+    return float(np.linalg.norm(t - t_other)), float(rotation_angle(R_other.T @ R))

@@ -1,0 +1,78 @@
+"""Ask why a fit is poor, with all that the log and the URDF allow instead."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from imucalib_cli.diagnose.case import Case, needs_diagnosis
+from imucalib_cli.diagnose.nominal import inverted_nominal
+from imucalib_cli.estimate.options import MatchedOptions
+from imucalib_cli.jobs.motion import other_frames
+
+if TYPE_CHECKING:
+    from imucalib_cli.estimate.estimate import Estimate
+    from imucalib_cli.jobs.motion import Motion
+    from imucalib_cli.jobs.reading import Recording
+    from imucalib_cli.jobs.repair import Repaired
+    from imucalib_cli.jobs.request import CalibrationRequest
+    from imucalib_cli.robot.path import KinematicPath, Track
+
+
+def explain(
+    estimate: Estimate,
+    mended: Repaired,
+    motion: Motion,
+    recording: Recording,
+    request: CalibrationRequest,
+) -> Estimate:
+    """Say first what a poor fit comes of, if one cause explains it; costs nothing for a good one.
+
+    Args:
+        estimate: What came out.
+        mended: The streams it was made of.
+        motion: As it was told.
+        recording: All else that the log has.
+        request: Options and frames.
+    """
+    options = request.estimator
+    if not isinstance(options, MatchedOptions):
+        return estimate
+    if needs_diagnosis(estimate):
+        from imucalib_cli.diagnose.diagnose import diagnose, explained
+
+        joints = () if recording.robot is None else recording.robot.joints
+        frames, path_to = other_frames(recording.sources, recording.robot, request)
+        case = Case(
+            samples=mended.samples,
+            path=mended.path,
+            options=options,
+            estimate=estimate,
+            frames=frames,
+            path_to=lambda frame: _stamped_as(path_to(frame), mended.path),
+            links={joint.name: (joint.parent, joint.child) for joint in joints},
+        )
+        estimate = explained(estimate, diagnose(case))
+    return _with_nominal(estimate, motion)
+
+
+def _stamped_as(path: KinematicPath, mended: KinematicPath) -> KinematicPath:
+    """The same path on stamps that were mended, where a track lost no rows by it."""
+    known = {track.name: track for track in mended.tracks}
+
+    def mend(track: Track) -> Track:
+        other = known.get(track.name, track)
+        return other if len(other.t) == len(track.t) else track
+
+    return replace(path, tracks=tuple(mend(track) for track in path.tracks))
+
+
+def _with_nominal(estimate: Estimate, motion: Motion) -> Estimate:
+    """Warn if the URDF holds the found pose the wrong way round."""
+    nominal = motion.nominal
+    if nominal is None or not estimate.trusted:
+        return estimate
+    inverted = inverted_nominal(estimate, nominal.R_parent_imu, nominal.t_parent_imu, nominal.joint)
+    if inverted is None:
+        return estimate
+    return replace(estimate, warnings=(inverted, *estimate.warnings))

@@ -1,0 +1,221 @@
+"""Simulated recordings told wrongly: one fault of robot or log each, to see it recognised.
+
+The recording stays what physics made of it; the fault is in what the estimator is told, a URDF, a
+publisher, a clock, or in a mount that swings.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imucalib_cli.diagnose.case import Case
+from imucalib_cli.errors import InputError
+from imucalib_cli.robot.build import joint_path
+from imucalib_cli.robot.rotations import matrix_from_rotvec
+from imucalib_cli.study.trial import robot_of, streams_of
+
+if TYPE_CHECKING:
+    from imucalib_cli.estimate.estimate import Estimate
+    from imucalib_cli.estimate.options import MatchedOptions
+    from imucalib_cli.robot.path import KinematicPath, Track
+    from imucalib_cli.robot.urdf import Robot
+    from imucalib_cli.signals.samples import ImuSamples
+    from imucalib_cli.simulate.recording import ImuRecord, Recording
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fault:
+    """One thing told wrongly."""
+
+    kind: str
+    """none; link, sign, zero, length, order, degrees, offset, ringing, base (arms); inverse,
+    quaternion, conjugate, millimetres, offset (poses); accel scale, gyro scale, handed (IMU)."""
+    names: tuple[str, ...] = ()
+    """Joints or links at fault."""
+    size: float = 0.0
+    """rad, share of a length, s, Hz, rad/s, or share of a scale."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Told:
+    """What an estimator is given."""
+
+    imu: ImuSamples
+    path: KinematicPath
+    robot: Robot | None
+
+    def case(self, estimate: Estimate, options: MatchedOptions) -> Case:
+        """The question why an estimate is poor."""
+        robot, tracks = self.robot, self.path.tracks
+        return Case(
+            samples=self.imu,
+            path=self.path,
+            options=options,
+            estimate=estimate,
+            frames=() if robot is None else robot.links,
+            path_to=None if robot is None else lambda link: joint_path(robot, link, tracks),
+        )
+
+
+def told_wrongly(recording: Recording, fault: Fault) -> Told:
+    """A recording, noisy or not, with one fault.
+
+    Raises:
+        InputError: The kind of fault does not exist for this system.
+    """
+    imu, path = streams_of(recording)
+    if fault.kind == "offset":
+        imu = replace(imu, t=imu.t + fault.size)
+    if recording.system.arm is None:
+        return Told(imu=imu, path=_poses(path, fault), robot=None)
+    robot, parent, tracks = robot_of(recording.system), recording.system.parent, path.tracks
+    match fault.kind:
+        case "link":
+            parent = fault.names[0]
+        case "sign" | "zero" | "length":
+            robot = _mistaken(robot, fault)
+        case "order":
+            tracks = tuple(_reordered(track, fault.names) for track in tracks)
+        case "degrees":
+            tracks = tuple(replace(track, values=np.degrees(track.values)) for track in tracks)
+    return Told(imu=imu, path=joint_path(robot, parent, tracks), robot=robot)
+
+
+def _mistaken(robot: Robot, fault: Fault) -> Robot:
+    """A URDF that is wrong: an axis reversed, an origin turned about its axis, or scaled."""
+    joints = []
+    for joint in robot.joints:
+        changed = joint
+        if joint.name in fault.names:
+            if fault.kind == "sign":
+                changed = replace(joint, axis=-joint.axis)
+            elif fault.kind == "zero":
+                turn = matrix_from_rotvec(fault.size * joint.axis)
+                changed = replace(joint, R_origin=joint.R_origin @ turn)
+            else:
+                changed = replace(joint, p_origin=joint.p_origin * (1.0 + fault.size))
+        joints.append(changed)
+    return replace(robot, joints=tuple(joints))
+
+
+def _reordered(track: Track, names: tuple[str, ...]) -> Track:
+    """Names of joints exchanged; without names, sorted, as one well-known driver has them."""
+    if not names:
+        return replace(track, names=tuple(sorted(track.names)))
+    a, b = (track.names.index(name) for name in names)
+    listed = list(track.names)
+    listed[a], listed[b] = listed[b], listed[a]
+    return replace(track, names=tuple(listed))
+
+
+def _poses(path: KinematicPath, fault: Fault) -> KinematicPath:
+    (track,) = path.tracks
+    p, q = track.values[:, :3], track.values[:, 3:]
+    match fault.kind:
+        case "inverse":
+            conjugate = q * np.array([-1.0, -1.0, -1.0, 1.0])
+            values = np.hstack([-_rotated(conjugate, p), conjugate])
+        case "quaternion":
+            values = np.hstack([p, q[:, [3, 0, 1, 2]]])
+        case "conjugate":
+            values = np.hstack([p, q * np.array([-1.0, -1.0, -1.0, 1.0])])
+        case "millimetres":
+            values = np.hstack([1e3 * p, q])
+        case _:
+            values = track.values
+    return replace(path, tracks=(replace(track, values=values),))
+
+
+def _rotated(q: Floats, v: Floats) -> Floats:
+    """Vectors turned by quaternions xyzw."""
+    u, w = q[:, :3], q[:, 3:]
+    return np.asarray(v + 2.0 * np.cross(u, np.cross(u, v) + w * v))
+
+
+def with_faulty_sensor(recording: Recording, fault: Fault) -> Recording:
+    """A clean recording whose IMU has the fault, if it is one of the IMU, its mount or its base.
+
+    Before noise is added: what swings is the sensor, not its noise.
+    """
+    imu = recording.imu
+    match fault.kind:
+        case "accel scale":
+            imu = replace(imu, accel=imu.accel * (1.0 + fault.size))
+        case "gyro scale":
+            imu = replace(imu, gyro=imu.gyro * (1.0 + fault.size))
+        case "handed":
+            mirror = np.array([1.0, -1.0, 1.0])
+            imu = replace(imu, accel=imu.accel * mirror, gyro=imu.gyro * mirror)
+        case "ringing":
+            imu = _ringing(recording, fault.size)
+        case "hum":
+            imu = _humming(imu, fault.size)
+        case "base":
+            imu = _on_turning_base(recording, fault.size)
+    return replace(recording, imu=imu)
+
+
+def _true_poses(recording: Recording) -> tuple[Floats, Floats]:
+    """R_world_imu and p_world_imu at the IMU's samples, from the engine's own state."""
+    if recording.system.arm is None:
+        raise InputError("only an arm can ring or stand on a base that turns")
+    robot = robot_of(recording.system)
+    _, path = streams_of(recording, robot)
+    at = np.searchsorted(recording.state.t, recording.imu.t)
+    position = recording.state.position[np.minimum(at, len(recording.state.t) - 1)]
+    (track,) = path.tracks
+    order = [[j.name for j in recording.system.arm.joints].index(name) for name in track.names]
+    R, p = path.poses((position[:, order],))
+    return R @ recording.R_parent_imu, p + R @ recording.t_parent_imu
+
+
+def _ringing(recording: Recording, frequency: float) -> ImuRecord:
+    """An IMU on a spring, 4 % damped: it answers each acceleration with its own frequency."""
+    from scipy.signal import bilinear, lfilter
+
+    imu = recording.imu
+    R, _ = _true_poses(recording)
+    pushed = imu.accel + np.einsum("nji,j->ni", R, recording.gravity_world)
+    rate, w = 1.0 / float(np.median(np.diff(imu.t))), 2.0 * np.pi * frequency
+    w = 2.0 * rate * np.tan(w / (2.0 * rate))
+    own = [1.0, 2.0 * 0.04 * w, w**2]
+    b, a = bilinear([-1.0, 0.0, 0.0], own, rate)
+    swing = lfilter(b, a, pushed, axis=0)
+    b, a = bilinear([-1.0, 0.0], own, rate)
+    turning = 2.0 * lfilter(b, a, pushed, axis=0)  # 2 rad of twist for a metre of swing
+    return replace(imu, accel=imu.accel + swing, gyro=imu.gyro + turning[:, [1, 2, 0]])
+
+
+def _humming(imu: ImuRecord, frequency: float) -> ImuRecord:
+    """A motor on the link that runs all the time."""
+    hum = np.sin(2.0 * np.pi * frequency * imu.t)[:, None]
+    return replace(
+        imu,
+        accel=imu.accel + hum * np.array([0.5, 0.2, 0.3]),
+        gyro=imu.gyro + hum * np.array([0.01, 0.02, 0.01]),
+    )
+
+
+def _on_turning_base(recording: Recording, rate: float) -> ImuRecord:
+    """An arm on a base that swings about the vertical, rad/s, once in seven seconds."""
+    imu = recording.imu
+    R, p = _true_poses(recording)
+    w = 2.0 * np.pi / 7.0
+    t = imu.t
+    z = np.array([0.0, 0.0, 1.0])
+    omega = rate * np.sin(w * t)[:, None] * z
+    alpha = rate * w * np.cos(w * t)[:, None] * z
+    v = np.gradient(p, t, axis=0)
+    more = np.cross(alpha, p) + np.cross(omega, np.cross(omega, p)) + 2.0 * np.cross(omega, v)
+    # Seen in the IMU, the base's own angle drops out: gravity is along its axis.
+    return replace(
+        imu,
+        gyro=imu.gyro + np.einsum("nji,nj->ni", R, omega),
+        accel=imu.accel + np.einsum("nji,nj->ni", R, more),
+    )
