@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from imucalib_cli.errors import InputError
 from imucalib_cli.signals.lag import best_lag
 
 if TYPE_CHECKING:
@@ -31,6 +32,8 @@ _LEAST_BINS = 20
 _LEAST_STILL = 5
 _HOLES = 3.0
 """A bin with a hole of so many intervals has no mean rate."""
+_MOST_BINS, _MOST_EMPTY = 1_000_000, 20
+"""Bins that are held whatever the number of samples, and per sample."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,10 +100,20 @@ def compare_turning(t: Floats, gyro: Floats, trajectory: Trajectory, most: float
         gyro: (N, 3), in any unit.
         trajectory: Of the parent link.
         most: Largest time offset looked for, s.
+
+    Raises:
+        InputError: The stamps reach over far more time than there are samples for.
     """
     first, last = trajectory.span
     start = min(first, float(t[0]))
-    bins = max(int(np.ceil((max(last, float(t[-1])) - start) / BIN)), 1)
+    span = max(last, float(t[-1])) - start
+    bins = max(int(np.ceil(span / BIN)), 1)
+    if bins > _MOST_BINS + _MOST_EMPTY * len(t):
+        raise InputError(
+            f"the stamps of the IMU and of what moves it reach over {span:.4g} s, which "
+            f"{len(t)} IMU samples cannot fill: give one stretch of motion, or try the other "
+            "--clock if stamps jump"
+        )
     edges: Floats = np.asarray(start + BIN * np.arange(bins + 1), dtype=np.float64)
     derived, rates = _derived(trajectory, edges), _mean_rates(t, gyro, edges)
     measured = np.linalg.norm(rates, axis=1)
