@@ -98,15 +98,16 @@ class Db3File:
     def _channels(self) -> tuple[Channel, ...]:
         with self._database() as database:
             tallies = _quick_tallies(database, self._file)
+            channels = self._listed(
+                database, _tallies(database, self._file) if tallies is None else tallies
+            )
             left, total = pages_left_out(self._file)
             if left:
                 self.losses.append(
                     f"its -wal is damaged or was cut off while it was written: {left} of its "
                     f"{total} pages are left out"
                 )
-            return self._listed(
-                database, _tallies(database, self._file) if tallies is None else tallies
-            )
+        return channels
 
     def _listed(
         self, database: sqlite3.Connection, tallies: dict[int, Tally]
@@ -173,7 +174,7 @@ class Db3File:
                     for fetched in _fetch(database, tuple(channels), ids):
                         _add(fetched, arrival, channels, sink)
                         arrival += len(fetched)
-                        last = fetched[-1][0]
+                        last = fetched[-1][0] if isinstance(fetched[-1][0], int) else last
                         yield len(fetched)
                 except _BROKEN as error:
                     self._lose(f"the database is damaged ({error}): what its pages hold is used")
@@ -307,14 +308,15 @@ def _tallies(database: sqlite3.Connection, path: Path) -> dict[int, Tally]:
     tallies: dict[int, Tally] = {}
     last = _ALL[0]
     try:
-        for last, number, time in database.execute(  # noqa: B007 - counts after the loop
+        for last, number, time in database.execute(
             "SELECT rowid, topic_id, timestamp FROM messages "
             "WHERE typeof(timestamp) = 'integer' AND typeof(topic_id) = 'integer'"
         ):
             tallies.setdefault(number, Tally()).add(np.array([time]))
     except _BROKEN:
+        after = last if isinstance(last, int) else _ALL[0]  # rows of a view have no id
         with path.open("rb", buffering=0) as file:
-            for rows in salvage(file, None, (last, _ALL[1]), Scratch()):
+            for rows in salvage(file, None, (after, _ALL[1]), Scratch()):
                 _count(rows, tallies)
     return tallies
 
