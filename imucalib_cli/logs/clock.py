@@ -26,6 +26,14 @@ _FORWARD = 0.1
 """Least share of steps that must advance: coarse stamps repeat, frozen ones do nothing else."""
 _BACKWARD = 0.4
 """Largest share of steps that may run backwards: publishers that interleave cause some."""
+_FAR_BACK_S = 0.5
+"""A clock set back by this much lives the same time twice; publishers interleave by less."""
+_STEP_S = 0.02
+_STEP_SCATTERS = 12.0
+"""Header stamps that step against the receive times by more than both were set anew meanwhile:
+clocks that run at different rates reach 4 times the scatter."""
+_STEP_CHUNKS = 40
+_STEP_ROWS = 10
 _NS = 1_000_000_000
 
 
@@ -112,6 +120,8 @@ def _faults(streams: Sequence[Stream], kind: Kind) -> list[str]:
     found = {}
     for stream in streams:
         fault = _fault(_stamps(stream, kind))
+        if not fault and kind == "header":
+            fault = _step(stream)
         if fault:
             found[stream.topic] = f"{name} of {stream.topic} {fault}"
     return list(found.values())
@@ -137,7 +147,41 @@ def _fault(stamps: Nanoseconds) -> str:
             f"run backwards in {backward} of {len(steps)} steps",
         ),
     )
-    return next((says for is_so, says in faults if is_so), "")
+    return next((says for is_so, says in faults if is_so), "") or _set_back(stamps)
+
+
+def _set_back(stamps: Nanoseconds) -> str:
+    """Whether a clock was set back and went on from there; a single stamp astray is no such."""
+    far = -int(_FAR_BACK_S * _NS)
+    if len(stamps) < 5 or not (np.diff(stamps) < far).any():
+        return ""
+    middle = np.median(np.lib.stride_tricks.sliding_window_view(stamps, 5), axis=1)
+    steps = np.diff(middle)
+    back = np.flatnonzero(steps < far)
+    if not len(back):
+        return ""
+    size = -float(steps[back].min()) / _NS
+    return f"are set back by {size:.3g} s at message {int(back[0]) + 3} and run through it again"
+
+
+def _step(stream: Stream) -> str:
+    """Whether header stamps step against the receive times and stay there."""
+    size = max(len(stream) // _STEP_CHUNKS, _STEP_ROWS)
+    chunks = len(stream) // size
+    if chunks < 4 or (stream.log_ns <= 0).any():
+        return ""
+    apart = (stream.header_ns - stream.log_ns)[: chunks * size].reshape(chunks, size) / _NS
+    level = np.median(apart, axis=1)
+    splits = np.arange(2, chunks - 1)
+    sizes = np.array([level[k:].mean() - level[:k].mean() for k in splits])
+    best = int(np.argmax(np.abs(sizes)))
+    k, by = int(splits[best]), float(sizes[best])
+    sides = (level[:k] - np.median(level[:k]), level[k:] - np.median(level[k:]))
+    scatter = max(float(np.mean(np.abs(side))) for side in sides)
+    if abs(by) < _STEP_S + _STEP_SCATTERS * scatter:
+        return ""
+    when = float(stream.log_ns[k * size] - stream.log_ns[0]) / _NS
+    return f"step by {by * 1e3:+.0f} ms against the receive times near {when:.0f} s"
 
 
 def _different_clocks(streams: Sequence[Stream]) -> list[str]:

@@ -119,7 +119,9 @@ def guess_units(stream: ImuStream, gravity: float = _G) -> UnitGuess:
             gyro_largest=0.0,
             gyro_unit="rad/s",
         )
-    rate = stamp_health(stream.log_ns).rate_hz or 100.0
+    health = stamp_health(stream.log_ns)
+    # not by the median interval, which is short where messages come in bursts
+    rate = (len(stream) - 1) / health.duration if health.duration > 0 else 100.0
     size = min(len(stream), max(2, round(rate / 2)))
     count = len(stream) // size
     accel = stream.accel[: count * size].reshape(count, size, 3)

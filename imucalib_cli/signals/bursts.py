@@ -41,8 +41,11 @@ _STRAIGHT = 1.0
 """Von Neumann's ratio of the chunks about a line: 2 if they scatter, near 0 if they wander."""
 _NEGLIGIBLE = 2e-4
 """s: wandering less than this needs no further thought."""
-_AVERAGED = 64
-"""Units over which arrivals are averaged where losses cannot be told one by one."""
+_AVERAGED = 32
+_LEAST_AVERAGED = 16
+_MOST_AVERAGED = 256
+"""Where losses cannot be told one by one: units over whose lower edge time is interpolated, for
+delays that spread over one period. Longer delays want more, losses fewer."""
 _PHASES = 40
 _MOST_LOST = 1.15
 """Largest number of samples taken per message that arrived."""
@@ -171,7 +174,11 @@ def _straight_ticks(arrival: Floats, period: float) -> Floats | None:
 
 def _low_edge(rest: Floats) -> tuple[Floats, Floats]:
     """Centres of chunks of the log, and the lower edge of what is in each."""
-    size = max(len(rest) // _CHUNKS, _LEAST_CHUNK)
+    return _edge_of_chunks(rest, max(len(rest) // _CHUNKS, _LEAST_CHUNK))
+
+
+def _edge_of_chunks(rest: Floats, size: int) -> tuple[Floats, Floats]:
+    size = min(size, len(rest))
     chunks = len(rest) // size
     low = np.quantile(rest[: chunks * size].reshape(chunks, size), _LOW, axis=1)
     return (np.arange(chunks) + 0.5) * size, np.asarray(low, dtype=np.float64)
@@ -196,11 +203,10 @@ def _ticks_with_losses(arrival: Floats, period: float) -> tuple[Floats, int]:
     found = _period_in(arrival, period)
     if found is None:
         rest = arrival - period * index
-        size = min(_AVERAGED, len(rest) // 2)
-        chunks = len(rest) // size
-        mean = rest[: chunks * size].reshape(chunks, size).mean(axis=1)
-        centre = (np.arange(chunks) + 0.5) * size
-        return period * index + np.interp(index, centre, mean), 0
+        first = np.interp(index, *_edge_of_chunks(rest, _MOST_AVERAGED // 4))
+        delay = float(np.std(rest - first)) / period
+        size = int(np.clip(_AVERAGED * delay, _LEAST_AVERAGED, _MOST_AVERAGED))
+        return np.asarray(period * index + np.interp(index, *_edge_of_chunks(rest, size))), 0
     rest = arrival - found * index
     # No delay is negative, and what is lost stays lost.
     edge = np.minimum.accumulate(rest[::-1])[::-1] - rest[0]
