@@ -97,6 +97,7 @@ class BagScan:
         whole = size <= self.records.size - start
         self._unsure = start + size if op == CHUNK and whole else at + 1
         if op == CHUNK and not whole and head.get("compression") == b"none":
+            self.losses.append(f"a chunk at byte {at} is damaged or cut short")
             return start  # its messages stand in the file as they are
         if op == CHUNK:
             self._end_run(at)

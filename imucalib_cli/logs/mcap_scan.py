@@ -104,6 +104,9 @@ class _Scan:
             whole &= length == chunk.size - RECORD_HEAD.size + chunk.packed
             if not whole and chunk.compression in _PLAIN:
                 self._unsure = at + 1
+                self._contents.losses.append(
+                    f"a chunk at byte {at} is damaged or cut short: its messages are used unchecked"
+                )
                 return chunk.size  # its messages stand in the file as they are
             self._end_run(at)
             self._chunk(at, chunk)

@@ -109,11 +109,10 @@ def _open_file(path: Path, head: bytes) -> Storage:
 
 
 def _open_folder(folder: Path) -> list[Storage]:
-    found = _listed(folder)
-    if found is None:
-        found = _guessed(folder)
-    missing = [each for each in found if not each.is_file()]
-    if len(missing) == len(found):
+    named = _listed(folder) or []
+    missing = [each for each in named if not each.is_file()]
+    found = _guessed(folder) if len(missing) == len(named) else named
+    if not found:
         raise InputError(f"{folder} holds no log: expected {_KNOWN}")
     storages: list[Storage] = []
     losses = [f"{each.name} is named in metadata.yaml but is not there" for each in missing]
@@ -145,6 +144,8 @@ def _listed(folder: Path) -> list[Path] | None:
             text = file.read(_LARGEST_METADATA).decode("utf-8", "replace")
         content = yaml.load(text, loader)  # noqa: S506 - a safe one
         names = content["rosbag2_bagfile_information"]["relative_file_paths"]
+        if not isinstance(names, list):
+            return None
         # Early rosbag2 wrote the folder's name in front.
         named = dict.fromkeys(Path(name).name for name in names)
     except (yaml.YAMLError, KeyError, TypeError, ValueError, RecursionError):
