@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, BinaryIO
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.results.reader import read_calibrations
@@ -13,6 +13,8 @@ from imucalib_cli.results.reader import read_calibrations
 if TYPE_CHECKING:
     from imucalib_cli.results.calibration import Calibration
 
+_LARGEST = 1 << 24
+"""Bytes; results have a few thousand for each IMU."""
 _SUFFIXES = {".yaml", ".yml", ".json"}
 _OPENING = re.compile(rb"\A\s*(?:#[^\n]*\n\s*)*(?:---\s*)?[\[{\s]*\"?schema\"?\s*:")
 """Of a document of ours, whatever the file is called."""
@@ -26,6 +28,8 @@ def is_result(name: str) -> bool:
     if path.name == "metadata.yaml" or path.is_dir():  # of a ROS 2 recording
         return False
     try:
+        if not path.is_file():  # of a pipe nothing may be read twice, and opening one may wait
+            return path.suffix.lower() in _SUFFIXES
         with path.open("rb") as file:
             return path.suffix.lower() in _SUFFIXES or bool(_OPENING.match(file.read(4096)))
     except OSError:
@@ -51,9 +55,18 @@ def _text(name: str) -> str:
         if name == "-":
             if sys.stdin is None:
                 raise InputError("standard input is closed: name the result's file")
-            return sys.stdin.buffer.read().decode("utf-8")
-        return Path(name).read_text(encoding="utf-8")
+            return _bounded(sys.stdin.buffer, name)
+        with Path(name).open("rb") as file:
+            return _bounded(file, name)
     except OSError as error:
         raise InputError(f"{name}: cannot be read ({error.strerror}): check the path") from error
     except UnicodeDecodeError as error:
         raise InputError(f"{name}: is not text: it should be a result of imucalib run") from error
+
+
+def _bounded(file: BinaryIO, name: str) -> str:
+    """All of a file, unless it is far too much for a result: a log, or an endless device."""
+    content = file.read(_LARGEST + 1)
+    if len(content) > _LARGEST:
+        raise InputError(f"{name}: more than {_LARGEST >> 20} MB are no result of imucalib run")
+    return content.decode("utf-8")
