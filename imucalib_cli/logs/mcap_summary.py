@@ -20,8 +20,8 @@ from imucalib_cli.logs.mcap_records import (
 )
 
 _FOOTER_SIZE = RECORD_HEAD.size + 20 + len(MAGIC)
-_BARE_RUN = 1 << 22
-"""Bytes of unchunked messages that are read at a time."""
+_LARGEST = 1 << 28
+"""Bytes of a summary: of ten thousand chunks it has a few million."""
 
 
 def read_summary(file: BinaryIO, size: int) -> Contents | None:
@@ -37,10 +37,11 @@ def read_summary(file: BinaryIO, size: int) -> Contents | None:
     if footer.number(1) != FOOTER or footer.number(8) != 20:
         return None
     start = footer.number(8)
-    if not len(MAGIC) <= start < size:
+    length = size - _FOOTER_SIZE - start
+    if start < len(MAGIC) or not 0 <= length <= _LARGEST:
         return None
     file.seek(start)
-    summary = Cursor(file.read(size - _FOOTER_SIZE - start))
+    summary = Cursor(file.read(length))
     contents = Contents()
     counts: dict[int, int] = {}
     chunk_count = 0
