@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from imucalib_cli.errors import ChoiceError, ImucalibError
+from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.jobs.calibrate import check_overlap
 from imucalib_cli.jobs.inspection import (
     Health,
@@ -17,6 +18,7 @@ from imucalib_cli.jobs.inspection import (
 )
 from imucalib_cli.jobs.motion import find_motion
 from imucalib_cli.jobs.reading import gather_sources, moving_streams
+from imucalib_cli.jobs.repair import look, repair
 from imucalib_cli.jobs.request import CalibrationRequest
 from imucalib_cli.logs.clock import choose_clock
 from imucalib_cli.logs.health import guess_units, stamp_health
@@ -29,7 +31,7 @@ from imucalib_cli.signals.samples import ImuSamples
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from imucalib_cli.jobs.motion import Sources
+    from imucalib_cli.jobs.motion import Motion, Sources
     from imucalib_cli.jobs.request import Progress
     from imucalib_cli.logs.clock import Clock
     from imucalib_cli.logs.log import Log
@@ -61,7 +63,7 @@ def inspect(
     request, problem = _request(log, logs, urdf)
     clock = choose_clock(moving_streams(_chosen(data, request)), "auto")
     findings, hints, options = _imus(data, robot, clock, request, problem)
-    command, placeholders = _command(request, findings, data, options)
+    commands, placeholders = _command(request, findings, data, options)
     return Inspection(
         files=tuple(str(path) for path in log.paths),
         topics=log.topics,
@@ -72,7 +74,8 @@ def inspect(
         poses=_poses(data),
         urdf=None if urdf is None else str(urdf),
         warnings=(*data.losses, *clock.warnings, *hints),
-        command=command,
+        command=commands[0] if commands else None,
+        more_commands=commands[1:],
         placeholders=placeholders,
     )
 
@@ -118,14 +121,17 @@ def _imus(
             motion=(),
             problem=None if problem is None else str(problem),
         )
+        motion = None
         if problem is None:
-            samples = ImuSamples(t=clock.seconds(imu), gyro=imu.gyro, accel=imu.accel)
-            finding = _with_motion(finding, samples, sources, robot, request=request, clock=clock)
+            finding, motion = _with_motion(
+                finding, imu, sources, robot, request=request, clock=clock
+            )
         if finding.units.accel_unit == "m/s², no gravity":
             options.append("--gravity none")
-        hints += finding.units.warnings
+        finding, told = _with_repairs(finding, imu, motion, request=request, clock=clock)
+        hints += told
         findings.append(finding)
-    return tuple(findings), tuple(hints), tuple(dict.fromkeys(options))
+    return tuple(findings), tuple(dict.fromkeys(hints)), tuple(dict.fromkeys(options))
 
 
 def _odometry(data: LogData) -> tuple[str, ...]:
@@ -161,20 +167,58 @@ def _is_tf(topic: str, streams: tuple[PoseStream, ...]) -> bool:
 
 def _with_motion(
     finding: ImuFinding,
-    samples: ImuSamples,
+    imu: ImuStream,
     sources: Sources,
     robot: Robot | None,
     *,
     request: CalibrationRequest,
     clock: Clock,
-) -> ImuFinding:
+) -> tuple[ImuFinding, Motion | None]:
     """Say what carries and moves the IMU, or why that is not known."""
+    samples = ImuSamples(t=clock.seconds(imu), gyro=imu.gyro, accel=imu.accel)
     try:
         motion = find_motion(sources, robot, finding.frame_id, request)
         check_overlap(samples, finding.topic, motion, clock)
     except ImucalibError as error:
-        return replace(finding, problem=str(error))
-    return replace(finding, parent=motion.parent, world=motion.path.world, motion=motion.topics)
+        asks = isinstance(error, ChoiceError) and "--parent" in str(error)
+        return replace(finding, problem=str(error), needs_parent=asks), None
+    unnamed = any(
+        not edge.child and sources.topics[edge.track.name] == motion.parent
+        for edge in sources.edges
+    )
+    found = replace(
+        finding,
+        parent=motion.parent,
+        world=motion.path.world,
+        motion=motion.topics,
+        parent_unnamed=unnamed,
+    )
+    return found, motion
+
+
+def _with_repairs(
+    finding: ImuFinding,
+    imu: ImuStream,
+    motion: Motion | None,
+    *,
+    request: CalibrationRequest,
+    clock: Clock,
+) -> tuple[ImuFinding, tuple[str, ...]]:
+    """What a run would mend or refuse in the IMU's values and in what moves it."""
+    units = finding.units
+    if motion is None:
+        return finding, (*units.warnings, *look(imu, clock.seconds(imu)))
+    floats = units.accel_unit == "m/s², no gravity"
+    if floats:
+        request = replace(request, estimator=MatchedOptions(gravity="none"))
+    try:
+        mended = repair(imu, clock.seconds(imu), motion.path, request)
+    except ImucalibError as error:
+        return replace(finding, problem=str(error)), ()
+    if mended.notes.get("gyro_unit") == "deg/s":
+        finding = replace(finding, units=replace(units, gyro_unit="deg/s"))
+    # of the units a run that has the kinematics says all there is to say, but for this
+    return finding, (*(units.warnings if floats else ()), *mended.warnings, *mended.distrust)
 
 
 def _command(
@@ -182,25 +226,37 @@ def _command(
     findings: tuple[ImuFinding, ...],
     data: LogData,
     options: tuple[str, ...],
-) -> tuple[str | None, str]:
-    """The command for the IMUs that can be calibrated, and what to replace in it."""
+) -> tuple[tuple[str, ...], str]:
+    """The commands for the IMUs that can be calibrated, and what to replace in them."""
     if not findings or not any((*data.joints.values(), *data.poses.values())):
-        return None, ""
+        return (), ""
     words = ["imucalib", "run", *(shlex.quote(str(path)) for path in request.logs)]
     placeholders = []
     good = [finding for finding in findings if finding.problem is None]
+    asked = [finding for finding in findings if finding.needs_parent]
     if request.urdf is not None:
         words.append(f"--urdf {shlex.quote(str(request.urdf))}")
     elif any(data.joints.values()) and not good:
         words.append("--urdf ROBOT.urdf")
         placeholders.append("ROBOT.urdf by your robot's")
     words += [f"--pose-topic {shlex.quote(topic)}" for topic in request.pose_topics]
+    own = []
     if good and len(good) < len(findings):
-        words += [f"--imu-topic {shlex.quote(finding.topic)}" for finding in good]
+        own += [f"--imu-topic {shlex.quote(finding.topic)}" for finding in good]
+    if any(finding.parent_unnamed for finding in good):
+        own.append("--parent BODY")
+        placeholders.append("BODY by a name for what the poses are of")
     if not good and not placeholders:
-        words.append("--parent FRAME")
+        own.append("--parent FRAME")
         placeholders.append("FRAME by the link or frame that carries the IMU")
-    return " ".join([*words, *options]), ", ".join(placeholders)
+    commands = [" ".join([*words, *own, *options])]
+    if good and asked:
+        commands += [
+            " ".join([*words, f"--imu-topic {shlex.quote(each.topic)}", "--parent FRAME", *options])
+            for each in asked
+        ]
+        placeholders.append("FRAME by the link or frame that carries that IMU")
+    return tuple(commands), ", ".join(placeholders)
 
 
 def _health(data: LogData) -> tuple[Health, ...]:

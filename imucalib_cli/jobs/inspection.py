@@ -39,6 +39,10 @@ class ImuFinding:
     """Topics that tell how the parent moves."""
     problem: str | None
     """Why it cannot be calibrated as the log and the options stand."""
+    needs_parent: bool = False
+    """The problem is one that --parent solves."""
+    parent_unnamed: bool = False
+    """The parent's poses name no frame, so that it goes by their topic."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,7 +81,9 @@ class Inspection:
     command: str | None
     """To run next; None if no command would work."""
     placeholders: str
-    """What in the command the user must replace; empty if nothing."""
+    """What in the commands the user must replace; empty if nothing."""
+    more_commands: tuple[str, ...] = ()
+    """For further IMUs, of which the user must say more."""
 
     def as_json(self) -> str:
         """Everything, for programs."""
@@ -99,7 +105,10 @@ class Inspection:
         if self.health:
             yield ""
             yield f"stamps    {self.clock} stamps would be used"
-            heads = ("stream", "Hz", "jitter ms", "gaps", "longest s", "same", "back", "zero")
+            heads = (
+                *("stream", "Hz", "jitter ms", "gaps", "longest s"),
+                *("same", "bunched", "back", "zero"),
+            )
             kind = "log" if self.clock == "log" else "header"
             yield from _table(heads, [_health_row(each, kind) for each in self.health])
         yield ""
@@ -113,6 +122,7 @@ class Inspection:
             replace = f" (replace {self.placeholders})" if self.placeholders else ""
             yield f"Run{replace}:"
             yield f"    {self.command}"
+            yield from (f"    {command}" for command in self.more_commands)
 
     def _imu_lines(self) -> Iterator[str]:
         if not self.imus:
@@ -158,6 +168,7 @@ def _health_row(each: Health, kind: str) -> tuple[str, ...]:
         str(health.gaps),
         f"{health.longest_gap:.3f}",
         str(health.duplicates),
+        str(health.bursts),
         str(health.backwards),
         str(health.zeros),
     )

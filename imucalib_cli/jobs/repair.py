@@ -129,6 +129,23 @@ def repair(imu: ImuStream, t: Floats, path: KinematicPath, request: CalibrationR
     )
 
 
+def look(imu: ImuStream, t: Floats) -> tuple[str, ...]:
+    """What is wrong with an IMU's stamps and values, as far as it shows without kinematics."""
+    said: list[str] = []
+    for refuse in (refuse_impossible, refuse_dead):
+        try:
+            refuse(imu)
+        except InputError as error:
+            return (str(error),)
+    values = np.hstack([imu.gyro, imu.accel])
+    t = _even(imu.topic, t, values, said)
+    rows = tidy_rows(t, values).rows
+    if len(rows) >= _LEAST_IMU:
+        faults = sensor_faults(t[rows], imu.gyro[rows], imu.accel[rows], None)
+        said += [_fault_words(imu.topic, fault, t[rows]) for fault in faults]
+    return tuple(said)
+
+
 def _search(request: CalibrationRequest) -> float:
     options = request.estimator
     return options.max_offset if isinstance(options, MatchedOptions) else _SEARCH

@@ -13,6 +13,10 @@ if TYPE_CHECKING:
 _NS = 1_000_000_000
 _GAP_INTERVALS = 3.0
 _GAP_LEAST_S = 0.010
+_SHORT = 0.25
+_BUNCHED = 0.05
+"""Share of intervals shorter than a quarter of the usual from which stamps are bunched."""
+_SPAN = 128
 _G = 9.80665
 _NEAR = 0.15
 """Share by which |accel| at rest may miss gravity: bias, scale errors, motion."""
@@ -28,7 +32,7 @@ class StampHealth:
     duration: float
     """First to last plausible stamp, s."""
     rate_hz: float
-    """1 / median interval; 0 for fewer than two stamps."""
+    """1 / median interval, or the mean rate where stamps are bunched; 0 for fewer than two."""
     median_interval: float
     """s, of those that advance."""
     jitter: float
@@ -43,7 +47,7 @@ class StampHealth:
     """Stamps before the one before."""
     zeros: int
     bursts: int
-    """Intervals that advance by less than a tenth of the median: messages bunched together."""
+    """Intervals that advance by less than a quarter of the usual: messages bunched together."""
 
 
 def stamp_health(stamp_ns: Nanoseconds) -> StampHealth:
@@ -71,19 +75,28 @@ def stamp_health(stamp_ns: Nanoseconds) -> StampHealth:
             bursts=0,
         )
     low, median, high = (float(x) for x in np.percentile(forward, (25, 50, 75)))
+    usual = _usual_interval(stamps)
+    if np.mean(steps < _SHORT * usual) < _BUNCHED:
+        usual = median
     return StampHealth(
         count=len(stamp_ns),
         duration=float(stamps.max() - stamps.min()) / _NS,
-        rate_hz=1 / median,
+        rate_hz=1 / usual,
         median_interval=median,
         jitter=(high - low) / 1.349,  # the quartiles of a normal distribution
         longest_gap=float(forward.max()),
-        gaps=int(np.count_nonzero(forward > max(_GAP_INTERVALS * median, _GAP_LEAST_S))),
+        gaps=int(np.count_nonzero(forward > max(_GAP_INTERVALS * usual, _GAP_LEAST_S))),
         duplicates=int(np.count_nonzero(steps == 0)),
         backwards=int(np.count_nonzero(steps < 0)),
         zeros=zeros,
-        bursts=int(np.count_nonzero(forward < 0.1 * median)),
+        bursts=int(np.count_nonzero(forward < _SHORT * usual)),
     )
+
+
+def _usual_interval(stamps: Nanoseconds) -> float:
+    """Mean interval over a hundred messages, the median of them: blind to bunches and holes, s."""
+    span = min(_SPAN, len(stamps) - 1)
+    return max(float(np.median(stamps[span:] - stamps[:-span])) / span / _NS, 1e-9)
 
 
 @dataclass(frozen=True, kw_only=True)

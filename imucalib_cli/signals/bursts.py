@@ -181,7 +181,8 @@ def _edge_of_chunks(rest: Floats, size: int) -> tuple[Floats, Floats]:
     size = min(size, len(rest))
     chunks = len(rest) // size
     low = np.quantile(rest[: chunks * size].reshape(chunks, size), _LOW, axis=1)
-    return (np.arange(chunks) + 0.5) * size, np.asarray(low, dtype=np.float64)
+    centre = np.asarray((np.arange(chunks) + 0.5) * size, dtype=np.float64)
+    return centre, np.asarray(low, dtype=np.float64)
 
 
 def _robust_line(x: Floats, y: Floats) -> Floats:
@@ -197,7 +198,7 @@ def _ticks_with_losses(arrival: Floats, period: float) -> tuple[Floats, int]:
     """Ticks where messages are missing, and how many are.
 
     If arrivals betray the device's period, each loss is a step by a whole period in the lower
-    edge of arrival - index * period. Else arrivals are averaged over neighbours.
+    edge of arrival - index * period. Else that edge is followed from chunk to chunk.
     """
     index = np.arange(len(arrival), dtype=np.float64)
     found = _period_in(arrival, period)
