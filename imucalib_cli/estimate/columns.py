@@ -22,4 +22,14 @@ G: Final = slice(19, 22)
 """gravity_world, m/s²."""
 TAU: Final = 22
 """Change of the time offset, s."""
-COUNT: Final = 23
+DRIFT: Final = 23
+"""Change of the IMU clock's drift against the robot's, s/s."""
+DELAY: Final = 24
+"""Change of the gyroscope's delay behind the accelerometer, s."""
+SA: Final = slice(25, 28)
+"""Relative change of the accelerometer's scale, IMU axes."""
+SG: Final = slice(28, 31)
+"""Relative change of the gyroscope's scale, IMU axes."""
+EXTRAS: Final = slice(23, 31)
+"""Drift, delay and scales: looked for only where the data ask for them."""
+COUNT: Final = 31

@@ -167,3 +167,10 @@ def _bands(size: int) -> list[slice]:
     if len(edges) > 2 and edges[-1] - edges[-2] < _FIRST_BAND_BINS:
         del edges[-2]
     return [slice(a, b) for a, b in itertools.pairwise(edges)]
+
+
+def squared_distance(d: Floats, C: Floats) -> float:
+    """Square d' C^-1 d for a covariance that may be singular, in units that may differ by orders."""
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(C), 1e-300))
+    values, vectors = np.linalg.eigh(C * np.outer(scale, scale))
+    return float(np.sum((vectors.T @ (d * scale)) ** 2 / np.maximum(values, 1e-9)))

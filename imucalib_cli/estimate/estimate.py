@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
+CorrectionName = Literal["clock_drift", "gyro_delay", "accel_scale", "gyro_scale", "gravity_norm"]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -31,6 +32,17 @@ class Window:
     samples: int
     seconds: float
     reason: str
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Correction:
+    """Something of the sensor or the clocks that was found to be off, and corrected."""
+
+    name: CorrectionName
+    value: Floats
+    """(1,) s/s, s or m/s²; or (3,), measured over true, IMU axes."""
+    std: Floats
+    """1 sigma, of the same shape and unit."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -79,6 +91,9 @@ class Estimate:
     """(3,), m/s²; zero where there is none."""
     window: Window
     residuals: Residuals
+    corrections: tuple[Correction, ...] = ()
+    """What was off and has been corrected; the time offset is then the accelerometer's, in the
+    middle of the log."""
     unobservable: tuple[UnobservableDirection, ...] = ()
     sigma_source: Literal["noise", "segments"] = "noise"
     """What set the covariance: noise, or the scatter of segments (model error)."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,9 +14,12 @@ from imucalib_cli.estimate.robust import residual_scales, window_weights
 from imucalib_cli.estimate.solve import (
     DBA,
     DBG,
+    DNORM,
     DT,
     DTAU,
     DTILT,
+    OPTIONAL,
+    POSE,
     SAME_ROTATION,
     TANGENT,
     WEAKEST_STD,
@@ -27,12 +30,11 @@ from imucalib_cli.estimate.solve import (
     solve_globally,
 )
 from imucalib_cli.estimate.statistics import BLOCK_SECONDS, block_statistics
-from imucalib_cli.estimate.windows import Windowing, WindowRows
 from imucalib_cli.robot.rotations import rotation_angle
 
 if TYPE_CHECKING:
     from imucalib_cli.estimate.options import MatchedOptions
-    from imucalib_cli.estimate.windows import Windowing, WindowRows
+    from imucalib_cli.estimate.windows import Corrections, Windowing, WindowRows
 
 Floats = NDArray[np.float64]
 
@@ -42,10 +44,12 @@ _PASSES = 8
 _REWEIGHTS = 3
 _OFFSET_STEP = 1e-4
 """s, of the offset column's central difference: the kinematics are smooth over it."""
-_OFFSET_CONVERGED = 0.02
-"""In standard deviations of the offset by the information matrix."""
-_OFFSET_RESOLUTION = 1e-7
-"""s: an error this small ends the passes in any case."""
+_CONVERGED = 0.02
+"""In standard deviations by the information matrix."""
+_RESOLUTION = 1e-7
+"""s, s/s, 1: an error this small ends the passes in any case."""
+_RELINEARISED = slice(DTAU, DNORM)
+"""Unknowns whose columns are made anew at each solution."""
 MIN_WINDOWS = 24
 
 
@@ -65,9 +69,22 @@ class Fit:
     """How much worse the best other rotation fits, in chi-squared; inf where there is none."""
     time_offset: float
 
+    @property
+    def corrections(self) -> Corrections:
+        """Drift, delay and scales that were found."""
+        return self.windowing.corrections.moved(self.solution.state.extras)
 
-def make_unknowns(options: MatchedOptions, *, offset_free: bool) -> Unknowns:
-    """Translate the options into what may move and what is known beforehand."""
+
+def make_unknowns(
+    options: MatchedOptions, *, offset_free: bool, extras: NDArray[np.bool_] | None = None
+) -> Unknowns:
+    """Translate the options into what may move and what is known beforehand.
+
+    Args:
+        options: The user's.
+        offset_free: Whether the time offset moves.
+        extras: (9,), which of drift, delay, scales and gravity move; none by default.
+    """
     free = np.ones(TANGENT, dtype=bool)
     prior = np.zeros(TANGENT)
     prior[DT] = 1.0 / WEAKEST_STD["t"] ** 2
@@ -83,7 +100,28 @@ def make_unknowns(options: MatchedOptions, *, offset_free: bool) -> Unknowns:
         prior[DTILT] = 1.0 / options.tilt_std**2
     free[DTAU] = offset_free
     prior[DTAU] = 1.0 / WEAKEST_STD["time_offset"] ** 2
-    return Unknowns(gravity_norm=norm, free=free, prior_information=prior)
+    free[OPTIONAL] = False if extras is None else extras
+    prior[OPTIONAL] = (
+        1.0
+        / np.repeat(
+            [WEAKEST_STD[name] for name in ("drift", "delay", "scale", "gravity")], [1, 1, 6, 1]
+        )
+        ** 2
+    )
+    known = options.pose
+    if known is None:
+        return Unknowns(gravity_norm=norm, free=free, prior_information=prior)
+    pose_std = np.array(known.std)
+    free[POSE] = pose_std > 0.0
+    told = free[POSE] & np.isfinite(pose_std)
+    prior[POSE][told] = 1.0 / pose_std[told] ** 2
+    return Unknowns(
+        gravity_norm=norm,
+        free=free,
+        prior_information=prior,
+        R_prior=known.R_parent_imu,
+        t_prior=known.t_parent_imu,
+    )
 
 
 def fit_windows(
@@ -91,6 +129,7 @@ def fit_windows(
     options: MatchedOptions,
     time_offset: float,
     start: State | None = None,
+    extras: NDArray[np.bool_] | None = None,
 ) -> Fit:
     """Least squares over all windows, robust, with the time offset if it is to be found.
 
@@ -99,12 +138,13 @@ def fit_windows(
         options: What is free and what is known.
         time_offset: IMU stamp - robot stamp to begin with, s.
         start: A solution nearby, from which to go on; None searches all rotations.
+        extras: (9,), which of drift, delay, scales and gravity are found too; none by default.
 
     Raises:
         InputError: The streams overlap for too few windows.
     """
     still = make_unknowns(options, offset_free=False)
-    moving = make_unknowns(options, offset_free=options.time_offset is None)
+    moving = make_unknowns(options, offset_free=options.time_offset is None, extras=extras)
     rows = _rows(windowing, time_offset)
     scales, runner_up = _FIRST_SCALES, None
     if start is None:
@@ -120,18 +160,18 @@ def fit_windows(
             scales = residual_scales(rows, state.vector())
             state = refine(_normal(rows, weights, windowing, scales), still, state).state
             weights = window_weights(rows, state.vector(), redescend=turn + reweight > 0)
-        if not moving.free[DTAU]:
+        _set_late_columns(windowing, time_offset, rows, state)
+        if not moving.free[_RELINEARISED].any():
             break
-        _set_offset_column(windowing, time_offset, rows, state)
         joint = refine(_normal(rows, weights, windowing, scales), moving, state)
-        step, information = joint.state.tau, joint.information[DTAU, DTAU]
-        # The column is linear only nearby: what a step leaves is quadratic in it.
         reach = 0.5 * windowing.plan.length * windowing.grid.dt
-        left, resolved = step**2 / reach, _OFFSET_CONVERGED / np.sqrt(information)
-        if turn == _PASSES - 1 or left < max(_OFFSET_RESOLUTION, resolved):
+        # What the first turn finds beside the pose changes the scales and weights it began with.
+        first = turn == 0 and moving.free[OPTIONAL].any()
+        if turn == _PASSES - 1 or (not first and _settled(joint, moving, reach)):
             break
-        time_offset += float(np.clip(step, -reach, reach))
-        state = replace(joint.state, tau=0.0)
+        time_offset += float(np.clip(joint.state.tau, -reach, reach))
+        windowing = windowing.corrected(windowing.corrections.moved(joint.state.extras))
+        state = joint.state.here()
     normal = _normal(rows, weights, windowing, scales)
     solution = refine(normal, moving, state)
     rise = np.inf
@@ -149,6 +189,18 @@ def fit_windows(
         runner_up_rise=float(rise),
         time_offset=time_offset + solution.state.tau,
     )
+
+
+def _settled(joint: Solution, moving: Unknowns, reach: float) -> bool:
+    """Whether what a step leaves of offset, drift, delay and scales is small.
+
+    The columns are linear only nearby: what a step leaves is quadratic in it.
+    """
+    free = moving.free[_RELINEARISED]
+    step = np.r_[joint.state.tau, joint.state.extras][free]
+    left = step**2 / np.array([reach, reach, reach, *[1.0] * 6])[free]
+    information = np.diag(joint.information)[_RELINEARISED][free]
+    return bool((left < np.maximum(_RESOLUTION, _CONVERGED / np.sqrt(information))).all())
 
 
 def _rows(windowing: Windowing, time_offset: float) -> WindowRows:
@@ -174,14 +226,22 @@ def _normal(
     return statistics.normal_matrix(scales[0] / accel, scales[1] / gyro)
 
 
-def _set_offset_column(
+def _set_late_columns(
     windowing: Windowing, time_offset: float, rows: WindowRows, state: State
 ) -> None:
-    """Fill the column of the time offset at the present solution, by central difference."""
-    x = state.vector()
-    x[columns.TAU] = 0.0
+    """Fill the columns that depend on the solution: the offset's by central difference.
+
+    The others follow: a drift is an offset that grows, a delay one of the gyroscope alone, and a
+    scale is the rotation's own part of an axis.
+    """
+    x = state.here().vector()
     h = _OFFSET_STEP
     later = windowing.residuals(time_offset + h, rows.centres, x)
     earlier = windowing.residuals(time_offset - h, rows.centres, x)
-    rows.accel[:, :, columns.TAU] = (later[0] - earlier[0]) / (2 * h)
-    rows.gyro[:, :, columns.TAU] = (later[1] - earlier[1]) / (2 * h)
+    age = windowing.grid.t0 + windowing.grid.dt * rows.centres - windowing.middle
+    for sensor, scale, part in ((0, columns.SA, rows.accel), (1, columns.SG, rows.gyro)):
+        part[:, :, columns.TAU] = (later[sensor] - earlier[sensor]) / (2 * h)
+        part[:, :, columns.DRIFT] = part[:, :, columns.TAU] * age[:, None]
+        part[:, :, columns.DELAY] = part[:, :, columns.TAU] * sensor
+        by_axis = part[:, :, columns.R].reshape(-1, 3, 3, 3) * state.R
+        part[:, :, scale] = -by_axis.sum(axis=2)

@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from imucalib_cli.estimate.corrections import corrections_of, in_words, misread
 from imucalib_cli.estimate.estimate import Estimate, Residuals
-from imucalib_cli.estimate.misfit import measure_misfit
 from imucalib_cli.estimate.observability import unobservable_directions, widen
 from imucalib_cli.estimate.prepare import CleanImu, clean_imu
 from imucalib_cli.estimate.readings import Attempt, best_reading
+from imucalib_cli.estimate.sensor_faults import with_sensor_faults
 from imucalib_cli.estimate.solve import DBA, DBG, DTAU, POSE
 from imucalib_cli.estimate.uncertainty import bias_std, uncertainty
 from imucalib_cli.estimate.verdict import Evidence, reasons_for_distrust, warnings_of
@@ -49,7 +50,7 @@ def calibrate_matched(imu: ImuSamples, path: KinematicPath, options: MatchedOpti
     clean = clean_imu(imu)
     trajectory = Trajectory.of(path)
     attempt = best_reading(clean, trajectory, options)
-    misfit = measure_misfit(attempt.fit, clean)
+    attempt, misfit = with_sensor_faults(attempt, clean, options)
     spread = uncertainty(attempt.fit, systematic=misfit.systematic)
     return _estimate(Evidence(attempt, clean, spread, misfit, options))
 
@@ -72,7 +73,10 @@ def _estimate(evidence: Evidence) -> Estimate:
     unobservable = unobservable_directions(P[POSE, POSE], spread.excitation[POSE, POSE])
     estimated_offset = bool(fit.unknowns.free[DTAU])
     timed = bool(max(P[DTAU, DTAU], spread.excitation[DTAU, DTAU]) < _OFFSET_LIMIT**2)
-    warnings = warnings_of(evidence)
+    corrections = corrections_of(fit, P)
+    seconds, told = float(clean.t[-1] - clean.t[0]), fit.unknowns.gravity_norm
+    warnings = [in_words(correction, seconds, told) for correction in corrections]
+    warnings += warnings_of(evidence)
     if estimated_offset and not timed:
         warnings.append("the motion does not determine the time offset; the value is a guess")
     return Estimate(
@@ -93,9 +97,13 @@ def _estimate(evidence: Evidence) -> Estimate:
         gravity_world=state.gravity,
         window=attempt.window,
         residuals=residuals,
+        corrections=corrections,
         unobservable=tuple(unobservable),
         sigma_source="segments" if spread.from_segments else "noise",
-        distrust=tuple(reasons_for_distrust(evidence, unknown=bool(unobservable))),
+        distrust=(
+            *(reason for correction in corrections if (reason := misread(correction))),
+            *reasons_for_distrust(evidence, unknown=bool(unobservable)),
+        ),
         warnings=tuple(warnings),
         notes={
             "segment_chi2": spread.segment_chi2,

@@ -22,7 +22,19 @@ class WindowChoice:
     seconds: float | None = None
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PosePrior:
+    """What is known of T_parent_imu beforehand, from a drawing or an earlier result."""
+
+    R_parent_imu: NDArray[np.float64]
+    """(3, 3)."""
+    t_parent_imu: NDArray[np.float64]
+    """(3,), m."""
+    std: tuple[float, ...] = (math.inf,) * 6
+    """tx ty tz in m, rx ry rz in rad, parent frame: inf leaves a component free, 0 fixes it."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class MatchedOptions:
     """Options of the matched estimator.
 
@@ -45,6 +57,11 @@ class MatchedOptions:
     gravity_norm: float = STANDARD_GRAVITY
     tilt_std: float = math.inf
     """Prior of gravity's direction about -z of the world, rad, with gravity 'tilt'."""
+    pose: PosePrior | None = None
+    """What is known of the pose itself."""
+    sensor_model: Literal["auto", "ideal"] = "auto"
+    """Whether clock drift, a delay between the sensors, scale errors and another norm of gravity
+    are looked for and corrected, or taken not to exist."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

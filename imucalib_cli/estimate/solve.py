@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.estimate import columns
-from imucalib_cli.robot.rotations import matrix_from_rotvec, rotation_angle, skew
+from imucalib_cli.robot.rotations import (
+    matrix_from_rotvec,
+    rotation_angle,
+    rotvec_from_matrix,
+    skew,
+)
 
 Floats = NDArray[np.float64]
 
@@ -20,6 +25,8 @@ _ROUGH_STEPS = 8
 """Steps from each start before the best are carried to their minimum."""
 _RUNNERS = 4
 """Starts that ended elsewhere and are tried as the second minimum."""
+_TURNS = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0)
+"""rad: how far the starts of a partly fixed rotation stand from what it is fixed to."""
 _CONVERGED = 1e-12
 """Step, in the mixed units of the tangent, below which the solve has arrived."""
 
@@ -34,12 +41,37 @@ class Unknowns:
     """(TANGENT,), which tangent components move."""
     prior_information: Floats
     """(TANGENT,), 1 / std² of each component about its nominal value."""
+    R_prior: Floats = field(default_factory=lambda: np.eye(3))
+    """(3, 3), R_parent_imu that priors and fixed components are about."""
+    t_prior: Floats = field(default_factory=lambda: np.zeros(3))
+    """(3,), t_parent_imu likewise, m."""
+
+    @property
+    def turns(self) -> NDArray[np.bool_]:
+        """(3,), about which of the parent's axes the rotation may leave R_prior."""
+        return self.free[DPHI]
+
+    def admitted(self, state: State) -> State:
+        """The state with its rotation brought back to what the fixed components allow."""
+        if self.turns.all():
+            return state
+        phi = rotvec_from_matrix(state.R @ self.R_prior.T)
+        return replace(state, R=matrix_from_rotvec(np.where(self.turns, phi, 0.0)) @ self.R_prior)
 
 
-WEAKEST_STD = {"t": 10.0, "accel_bias": 10.0, "gyro_bias": 1.0, "time_offset": 0.1}
-"""m, m/s², rad/s, s: priors wider than any robot. They matter only where the motion says nothing,
-and keep an undetermined component from running away with those that are determined. The offset's is
-about the point of linearisation, which moves with it."""
+WEAKEST_STD = {
+    "t": 10.0,
+    "accel_bias": 10.0,
+    "gyro_bias": 1.0,
+    "time_offset": 0.1,
+    "drift": 0.1,
+    "delay": 0.1,
+    "scale": 1.0,
+    "gravity": 1.0,
+}
+"""m, m/s², rad/s, s, s/s, s, 1, 1: priors wider than any robot. They matter only where the motion
+says nothing, and keep an undetermined component from running away with those that are determined.
+From the offset's on they are about the point of linearisation, which moves with the solution."""
 
 # Tangent components: the pose in the parent frame, then the nuisances.
 POSE = slice(0, 6)
@@ -49,7 +81,15 @@ DBA = slice(6, 9)
 DBG = slice(9, 12)
 DTILT = slice(12, 14)
 DTAU = 14
-TANGENT = 15
+DDRIFT = 15
+DDELAY = 16
+DSA = slice(17, 20)
+DSG = slice(20, 23)
+DEXTRAS = slice(15, 23)
+DNORM = 23
+OPTIONAL = slice(15, 24)
+"""Unknowns that are looked for only where the data ask for them."""
+TANGENT = 24
 
 
 _GENERATORS = skew(np.eye(3))
@@ -69,6 +109,12 @@ class State:
     gravity: Floats
     tau: float = 0.0
     """Change of the time offset since the rows were made, s."""
+    extras: Floats = field(default_factory=lambda: np.zeros(8))
+    """(8,), changes of drift, delay and scales since the rows were made."""
+
+    def here(self) -> State:
+        """The same values as a point of linearisation: no change of offset or extras."""
+        return replace(self, tau=0.0, extras=np.zeros(8))
 
     def vector(self) -> Floats:
         """The columns' coefficients x."""
@@ -80,6 +126,7 @@ class State:
         x[columns.BG] = self.gyro_bias
         x[columns.G] = self.gravity
         x[columns.TAU] = self.tau
+        x[columns.EXTRAS] = self.extras
         return x
 
     def jacobian(self) -> Floats:
@@ -96,15 +143,17 @@ class State:
             # Near the horizon x and y no longer span gravity's sphere.
             J[columns.G, DTILT] = turned @ np.linalg.svd(self.gravity[None])[2][1:].T
         J[columns.TAU, DTAU] = 1.0
+        J[columns.EXTRAS, DEXTRAS] = np.eye(8)
+        J[columns.G, DNORM] = self.gravity
         return J
 
     def moved(self, step: Floats) -> State:
         """State after a tangent step."""
         J = self.jacobian()
-        gravity = self.gravity + J[columns.G] @ step
+        gravity = self.gravity + J[columns.G, DTILT] @ step[DTILT]
         norm = np.linalg.norm(self.gravity)
         if norm > 0.0:
-            gravity *= norm / np.linalg.norm(gravity)
+            gravity *= norm * (1.0 + step[DNORM]) / np.linalg.norm(gravity)
         return State(
             self.t + step[DT],
             matrix_from_rotvec(step[DPHI]) @ self.R,
@@ -112,6 +161,7 @@ class State:
             self.gyro_bias + step[DBG],
             gravity,
             self.tau + float(step[DTAU]),
+            self.extras + step[DEXTRAS],
         )
 
 
@@ -134,7 +184,7 @@ def solve_globally(normal: Floats, unknowns: Unknowns) -> Solution:
         normal: (COUNT, COUNT), normal matrix; cost = x' normal x.
         unknowns: What may move, and priors.
     """
-    starts = [_relaxed_rotation(normal), *cube_rotations()]
+    starts = _start_rotations(normal, unknowns)
     rough = [refine(normal, unknowns, _start(normal, R, unknowns), _ROUGH_STEPS) for R in starts]
     rough.sort(key=lambda solution: solution.cost)
     first = refine(normal, unknowns, rough[0].state)
@@ -146,6 +196,25 @@ def solve_globally(normal: Floats, unknowns: Unknowns) -> Solution:
         if not _same_rotation(other, first):
             return replace(first, runner_up=other.state)
     return first
+
+
+def _start_rotations(normal: Floats, unknowns: Unknowns) -> list[Floats]:
+    """Rotations of which one is in the basin of the least cost."""
+    turns, known = unknowns.turns, unknowns.R_prior
+    if turns.all():
+        starts = [_relaxed_rotation(normal), *cube_rotations()]
+        return [known, *starts] if unknowns.prior_information[DPHI].any() else starts
+    if not turns.any():
+        return [known]
+    axes = np.eye(3)[turns]
+    # One axis: all around it. Two: the disc of turns about axes between them.
+    heading = np.linspace(0.0, 2 * np.pi, 12, endpoint=False)
+    rays = (
+        [axes[0], -axes[0]]
+        if len(axes) == 1
+        else [np.array([np.cos(h), np.sin(h)]) @ axes for h in heading]
+    )
+    return [known, *(matrix_from_rotvec(angle * ray) @ known for ray in rays for angle in _TURNS)]
 
 
 def _same_rotation(one: Solution, other: Solution) -> bool:
@@ -162,13 +231,14 @@ def refine(normal: Floats, unknowns: Unknowns, state: State, steps: int = _STEPS
     for _ in range(steps):
         J = state.jacobian()
         NJ = normal @ J
-        H = J.T @ NJ + np.diag(unknowns.prior_information)
-        gradient = NJ.T @ state.vector() + unknowns.prior_information * nominal
+        D = _prior_jacobian(nominal)
+        H = J.T @ NJ + D.T @ (unknowns.prior_information[:, None] * D)
+        gradient = NJ.T @ state.vector() + D.T @ (unknowns.prior_information * nominal)
         information = np.where(np.outer(free, free), H, 0.0)
         scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
         unit = information / np.outer(scale, scale) + np.diag(np.where(free, damping, 1.0))
         step = np.where(free, -np.linalg.solve(unit, gradient / scale * free) / scale, 0.0)
-        trial = state.moved(step)
+        trial = unknowns.admitted(state.moved(step))
         trial_nominal = state_prior_offset(trial, unknowns)
         trial_cost = _cost(normal, trial, unknowns, trial_nominal)
         small = float(np.abs(step).max()) < _CONVERGED
@@ -188,13 +258,30 @@ def refine(normal: Floats, unknowns: Unknowns, state: State, steps: int = _STEPS
 def state_prior_offset(state: State, unknowns: Unknowns) -> Floats:
     """Distance of each tangent component from what its prior expects."""
     offset = np.zeros(TANGENT)
-    offset[DT], offset[DBA], offset[DBG] = state.t, state.accel_bias, state.gyro_bias
+    offset[DT] = state.t - unknowns.t_prior
+    offset[DBA], offset[DBG] = state.accel_bias, state.gyro_bias
+    if unknowns.prior_information[DPHI].any():
+        offset[DPHI] = rotvec_from_matrix(state.R @ unknowns.R_prior.T)
     if unknowns.gravity_norm > 0.0:
         # Small rotation that takes -z to gravity: about x and y.
-        direction = state.gravity / unknowns.gravity_norm
+        norm = float(np.linalg.norm(state.gravity))
+        offset[DNORM] = norm / unknowns.gravity_norm - 1.0
+        direction = state.gravity / norm
         offset[12], offset[13] = direction[1], -direction[0]
     offset[DTAU] = state.tau
+    offset[DEXTRAS] = state.extras
     return np.where(unknowns.prior_information > 0.0, offset, 0.0)
+
+
+def _prior_jacobian(nominal: Floats) -> Floats:
+    """D(prior offset) / d(tangent), (TANGENT, TANGENT): the inverse left Jacobian of SO(3)."""
+    D = np.eye(TANGENT)
+    phi = nominal[DPHI]
+    angle = float(np.linalg.norm(phi))
+    if angle > 0.0:
+        half, K = 0.5 * angle, skew(phi / angle)
+        D[DPHI, DPHI] = np.eye(3) - half * K + (1.0 - half / np.tan(half)) * K @ K
+    return D
 
 
 def _cost(normal: Floats, state: State, unknowns: Unknowns, nominal: Floats) -> float:
@@ -204,17 +291,20 @@ def _cost(normal: Floats, state: State, unknowns: Unknowns, nominal: Floats) -> 
 
 def _start(normal: Floats, R: Floats, unknowns: Unknowns) -> State:
     """For a rotation, all other unknowns by linear least squares, gravity scaled to its norm."""
-    moving = np.r_[columns.T, columns.BA, columns.BG, columns.G]
+    held = ~unknowns.free[DT]
+    moving = np.r_[np.arange(22)[columns.T][~held], columns.BA, columns.BG, columns.G]
     known = np.zeros(columns.COUNT)
     known[columns.ONE], known[columns.R] = 1.0, R.reshape(9)
-    x = _least_squares(normal[np.ix_(moving, moving)], normal[moving] @ known)
+    known[columns.T] = np.where(held, unknowns.t_prior, 0.0)
+    x = known.copy()
+    x[moving] = _least_squares(normal[np.ix_(moving, moving)], normal[moving] @ known)
     gravity = np.array([0.0, 0.0, -unknowns.gravity_norm])
-    found = x[9:12]
+    found = x[columns.G]
     if unknowns.gravity_norm > 0.0 and unknowns.free[DTILT].all() and found.any():
         gravity = found * unknowns.gravity_norm / np.linalg.norm(found)
-    accel_bias = np.where(unknowns.free[DBA], x[3:6], 0.0)
-    gyro_bias = np.where(unknowns.free[DBG], x[6:9], 0.0)
-    return State(x[0:3], R, accel_bias, gyro_bias, gravity)
+    accel_bias = np.where(unknowns.free[DBA], x[columns.BA], 0.0)
+    gyro_bias = np.where(unknowns.free[DBG], x[columns.BG], 0.0)
+    return State(x[columns.T], R, accel_bias, gyro_bias, gravity)
 
 
 def _least_squares(matrix: Floats, rhs: Floats) -> Floats:

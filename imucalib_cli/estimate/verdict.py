@@ -185,7 +185,8 @@ def warnings_of(evidence: Evidence) -> list[str]:
         warnings.append(
             f"{dropped} of {len(fit.weights)} windows do not fit the rest and were left out"
         )
-    state, norm = fit.solution.state, fit.unknowns.gravity_norm
+    state = fit.solution.state
+    norm = float(np.linalg.norm(state.gravity))
     if norm > 0.0:
         tilt_deg = float(np.degrees(np.arccos(np.clip(-state.gravity[2] / norm, -1.0, 1.0))))
         if tilt_deg > _TILTED_DEG:

@@ -11,7 +11,7 @@ R_c' as well, so that all residuals read in the parent frame.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -62,6 +62,15 @@ class WindowPlan:
         )
         return accel, gyro
 
+    def stretched(self, factor: float) -> WindowPlan:
+        """The same windows, an interval of the grid being that many times as long."""
+        first, second = self.first_derivative, self.second_derivative
+        return replace(
+            self,
+            first_derivative=replace(first, derivative=first.derivative / factor),
+            second_derivative=replace(second, derivative=second.derivative / factor**2),
+        )
+
 
 def plan_windows(length: int, degree: int, dt: float) -> WindowPlan:
     """Filters for windows of ``length`` samples spaced ``dt`` seconds."""
@@ -100,6 +109,32 @@ class WindowRows:
         return self.accel @ x, self.gyro @ x
 
 
+@dataclass(frozen=True, kw_only=True)
+class Corrections:
+    """How the IMU departs from the ideal one, as far as the data ask for it."""
+
+    drift: float = 0.0
+    """s/s: the IMU's clock gains so much on the robot's, about the middle of the log."""
+    gyro_delay: float = 0.0
+    """s: stamp of the gyroscope - stamp of the accelerometer for the same instant."""
+    accel_scale: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    """Measured over true, IMU axes."""
+    gyro_scale: tuple[float, float, float] = (1.0, 1.0, 1.0)
+
+    def moved(self, extras: Floats) -> Corrections:
+        """After a step in (drift, delay, accelerometer's scales, gyroscope's scales)."""
+        accel, gyro = (
+            tuple(float(s) for s in np.array(scale) * (1.0 + extras[part]))
+            for scale, part in ((self.accel_scale, slice(2, 5)), (self.gyro_scale, slice(5, 8)))
+        )
+        return Corrections(
+            drift=self.drift + float(extras[0]),
+            gyro_delay=self.gyro_delay + float(extras[1]),
+            accel_scale=(accel[0], accel[1], accel[2]),
+            gyro_scale=(gyro[0], gyro[1], gyro[2]),
+        )
+
+
 @dataclass(frozen=True, eq=False)
 class Windowing:
     """An IMU and a trajectory seen through the same windows."""
@@ -107,14 +142,37 @@ class Windowing:
     grid: ImuGrid
     trajectory: Trajectory
     plan: WindowPlan
+    corrections: Corrections = Corrections()
+
+    @property
+    def middle(self) -> float:
+        """Instant about which the clocks' drift is reckoned, s."""
+        return self.grid.t0 + 0.5 * self.grid.dt * (len(self.grid.usable) - 1)
+
+    def robot_times(self, t: Floats, time_offset: float) -> Floats:
+        """Robot stamps of the instants that the accelerometer stamps ``t``, s."""
+        return np.asarray(t - time_offset - self.corrections.drift * (t - self.middle))
+
+    def corrected(self, corrections: Corrections) -> Windowing:
+        """The same streams with other corrections.
+
+        The IMU's clock is taken to be the one that drifts: derivatives are with respect to the
+        robot's time.
+        """
+        stretch = (1.0 - corrections.drift) / (1.0 - self.corrections.drift)
+        plan = self.plan if stretch == 1.0 else self.plan.stretched(stretch)
+        return replace(self, plan=plan, corrections=corrections)
 
     def centres(self, time_offset: float) -> Indices:
         """Windows with every sample of both streams, for an offset (IMU - robot stamp), s."""
-        covered = self.trajectory.covered(self.grid.t - time_offset)
+        t = self.robot_times(self.grid.t, time_offset)
+        covered = self.trajectory.covered(t)
+        if self.corrections.gyro_delay != 0.0:
+            covered &= self.trajectory.covered(t - self.corrections.gyro_delay)
         return window_centres(self.plan, self.grid.usable & covered)
 
     def rows(self, time_offset: float, centres: Indices) -> WindowRows:
-        """Fill every column but TAU, which depends on the solution.
+        """Fill every column but TAU and the extras, which depend on the solution.
 
         Args:
             time_offset: IMU stamp - robot stamp, s: the pose is taken that much earlier.
@@ -122,9 +180,9 @@ class Windowing:
         """
         accel = np.zeros((len(centres), 3, columns.COUNT))
         gyro = np.zeros((len(centres), 3, columns.COUNT))
-        for part, local, R, p, span in self._chunks(time_offset, centres):
-            accel[part] = _accel_rows(R, p, self.grid.accel[span], local, self.plan)
-            gyro[part] = _gyro_rows(R, self.grid.gyro[span], local, self.plan)
+        for chunk in self._chunks(time_offset, centres):
+            accel[chunk.part] = _accel_rows(chunk, self.plan)
+            gyro[chunk.part] = _gyro_rows(chunk, self.plan)
         return WindowRows(centres, accel, gyro)
 
     def residuals(self, time_offset: float, centres: Indices, x: Floats) -> tuple[Floats, Floats]:
@@ -132,21 +190,22 @@ class Windowing:
         t, R_fs = x[columns.T], x[columns.R].reshape(3, 3)
         first, second = self.plan.first_derivative, self.plan.second_derivative
         accel, gyro = np.zeros((len(centres), 3)), np.zeros((len(centres), 3))
-        for part, local, R, p, span in self._chunks(time_offset, centres):
+        for chunk in self._chunks(time_offset, centres):
+            part, local, R = chunk.part, chunk.centres, chunk.R
             back = np.swapaxes(R[local], 1, 2)
-            force = self.grid.accel[span] @ R_fs.T - x[columns.BA]
-            rate = self.grid.gyro[span] @ R_fs.T - x[columns.BG]
-            derived = _derive(p + R @ t, second, local)
+            force = chunk.accel @ R_fs.T - x[columns.BA]
+            derived = _derive(chunk.p + R @ t, second, local)
             measured = _average(np.einsum("nij,nj->ni", R, force), second, local)
             accel[part] = np.einsum("wij,wj->wi", back, derived - measured - x[columns.G])
+            R = chunk.R_gyro
+            back = np.swapaxes(R[local], 1, 2)
+            rate = chunk.gyro @ R_fs.T - x[columns.BG]
             derived = _derive(R.reshape(-1, 9), first, local)
             measured = _average((R @ skew(rate)).reshape(-1, 9), first, local)
             gyro[part] = _vee(back @ (derived - measured).reshape(-1, 3, 3))
         return accel, gyro
 
-    def _chunks(
-        self, time_offset: float, centres: Indices
-    ) -> Iterator[tuple[slice, Indices, Floats, Floats, slice]]:
+    def _chunks(self, time_offset: float, centres: Indices) -> Iterator[_Chunk]:
         """Yield parts of the windows with the poses of the grid samples they cover."""
         reach = self.plan.length // 2 + MARGIN
         per_chunk = max(_CHUNK // self.plan.hop, 1)
@@ -156,10 +215,41 @@ class Windowing:
         for start, stop in pairwise([*starts, len(centres)]):
             part = slice(int(start), int(stop))
             span = slice(int(centres[part][0]) - reach, int(centres[part][-1]) + reach + 1)
-            t = np.asarray(self.grid.t0 + self.grid.dt * np.arange(span.start, span.stop))
-            R, p = self.trajectory.poses(t - time_offset)
-            # Derivatives do not see a constant; taking it off keeps digits.
-            yield part, centres[part] - span.start, R, p - p[0], span
+            stamps = np.asarray(self.grid.t0 + self.grid.dt * np.arange(span.start, span.stop))
+            t = self.robot_times(stamps, time_offset)
+            R, p = self.trajectory.poses(t)
+            delay = self.corrections.gyro_delay
+            yield _Chunk(
+                part=part,
+                centres=centres[part] - span.start,
+                R=R,
+                # Derivatives do not see a constant; taking it off keeps digits.
+                p=p - p[0],
+                R_gyro=R if delay == 0.0 else self.trajectory.poses(t - delay)[0],
+                accel=_scaled(self.grid.accel[span], self.corrections.accel_scale),
+                gyro=_scaled(self.grid.gyro[span], self.corrections.gyro_scale),
+            )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Chunk:
+    """A stretch of the grid, small enough for the processor's cache."""
+
+    part: slice
+    """Of the windows."""
+    centres: Indices
+    """Of the windows, within the stretch."""
+    R: Floats
+    """R_world_parent at the accelerometer's samples."""
+    p: Floats
+    R_gyro: Floats
+    """R_world_parent at the gyroscope's samples."""
+    accel: Floats
+    gyro: Floats
+
+
+def _scaled(values: Floats, scale: tuple[float, float, float]) -> Floats:
+    return values if scale == (1.0, 1.0, 1.0) else values / np.array(scale)
 
 
 def _derive(values: Floats, pair: MatchedFilter, centres: Indices) -> Floats:
@@ -170,11 +260,12 @@ def _average(values: Floats, pair: MatchedFilter, centres: Indices) -> Floats:
     return convolve_at(values, pair.average, centres - len(pair.average) // 2)
 
 
-def _accel_rows(R: Floats, p: Floats, force: Floats, centres: Indices, plan: WindowPlan) -> Floats:
+def _accel_rows(chunk: _Chunk, plan: WindowPlan) -> Floats:
+    R, centres = chunk.R, chunk.centres
     pair, flat = plan.second_derivative, R.reshape(-1, 9)
-    derived = _derive(np.hstack([p, flat]), pair, centres)
+    derived = _derive(np.hstack([chunk.p, flat]), pair, centres)
     # R_rj a_k for every row r, then every entry (j, k) of R_fs.
-    products = (flat[:, :, None] * force[:, None, :]).reshape(-1, 27)
+    products = (flat[:, :, None] * chunk.accel[:, None, :]).reshape(-1, 27)
     averaged = _average(np.hstack([products, flat]), pair, centres)
     rows = np.zeros((len(centres), 3, columns.COUNT))
     rows[:, :, columns.ONE] = derived[:, :3]
@@ -185,11 +276,12 @@ def _accel_rows(R: Floats, p: Floats, force: Floats, centres: Indices, plan: Win
     return np.asarray(np.swapaxes(R[centres], 1, 2) @ rows)
 
 
-def _gyro_rows(R: Floats, rate: Floats, centres: Indices, plan: WindowPlan) -> Floats:
+def _gyro_rows(chunk: _Chunk, plan: WindowPlan) -> Floats:
+    R, centres = chunk.R_gyro, chunk.centres
     pair, flat = plan.first_derivative, R.reshape(-1, 9)
     back = np.swapaxes(R[centres], 1, 2)
     derived = _derive(flat, pair, centres).reshape(-1, 3, 3)
-    products = (flat[:, None, :] * rate[:, :, None]).reshape(-1, 27)
+    products = (flat[:, None, :] * chunk.gyro[:, :, None]).reshape(-1, 27)
     averaged = _average(np.hstack([products, flat]), pair, centres).reshape(-1, 4, 3, 3)
     turned = back[:, None] @ averaged
     # vee(B [e_j]x) = (tr B e_j - B' e_j) / 2: how rate j, seen through B, turns the window.

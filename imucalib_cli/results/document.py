@@ -97,6 +97,10 @@ def _diagnostics(calibration: Calibration) -> Document:
         "distrust": list(estimate.distrust),
         "warnings": list(estimate.warnings),
         "sigma_source": estimate.sigma_source,
+        "corrections": {
+            correction.name: _with_std(correction.value, correction.std)
+            for correction in estimate.corrections
+        },
         "nominal": _nominal(calibration),
         "window": {
             "samples": int(estimate.window.samples),

@@ -1,0 +1,150 @@
+"""Drift, delay, scale and gravity: looked for in what a fit leaves, and found with it if there.
+
+Each is one more column of the same residual. They are not unknowns from the start, for every
+unknown has its price; but what they would explain of the residuals is known from the rows at hand.
+Where that is far beyond chance the fit is made again with them, and kept if nothing is left then
+that follows the motion. A wrong length or joint zero does not pass: it is explained by none.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imucalib_cli.estimate.covariance import squared_distance
+from imucalib_cli.estimate.fit import fit_windows
+from imucalib_cli.estimate.misfit import Misfit, measure_misfit
+from imucalib_cli.estimate.solve import DDELAY, DDRIFT, DNORM, DSA, DSG, DTAU, OPTIONAL, TANGENT
+from imucalib_cli.estimate.uncertainty import bounded_priors, gram, inverse_of, score_spectrum
+
+if TYPE_CHECKING:
+    from imucalib_cli.estimate.fit import Fit
+    from imucalib_cli.estimate.options import MatchedOptions
+    from imucalib_cli.estimate.prepare import CleanImu
+    from imucalib_cli.estimate.readings import Attempt
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+GROUPS: Final[dict[str, Indices]] = {
+    "drift": np.array([DDRIFT]),
+    "delay": np.array([DDELAY]),
+    "accel scale": np.arange(TANGENT)[DSA],
+    "gyro scale": np.arange(TANGENT)[DSG],
+    "gravity": np.array([DNORM]),
+}
+"""Tangent components of each fault."""
+_NEGLIGIBLE: Final = {
+    "drift": 2e-7,
+    "delay": 2e-6,
+    "accel scale": 2e-5,
+    "gyro scale": 2e-5,
+    "gravity": 2e-5,
+}
+"""What is a few times smaller than this no sensor and no clock keeps."""
+_SIGNIFICANT = 40.0
+"""Chi-squared of up to three degrees of freedom from which a fault is there. Chance reaches 30 in
+a millionth of logs; joint zeros 10 mrad off and lengths 1 % off were seen at 15."""
+_PER_COMPONENT = 10.0
+"""Chi-squared by which a fault of more components must explain more than one of fewer."""
+_BETTER = 0.02
+"""Fall of the logarithm of both residual scales from which one fault explains better."""
+_LARGEST_GRAVITY = 0.006
+"""Relative: gravity on the Earth's surface is within 0.5 % of the standard's."""
+
+
+def with_sensor_faults(
+    attempt: Attempt, clean: CleanImu, options: MatchedOptions
+) -> tuple[Attempt, Misfit]:
+    """The fit, made again with what is wrong with the sensor where the data plainly ask for it.
+
+    Args:
+        attempt: The best fit of an ideal sensor.
+        clean: The IMU's samples.
+        options: The user's.
+
+    Returns:
+        That fit or a better one, and how its residuals compare with the sensor's noise.
+    """
+    misfit = measure_misfit(attempt.fit, clean)
+    if options.sensor_model == "ideal":
+        return attempt, misfit
+    chosen = _explaining(attempt.fit)
+    if not len(chosen):
+        return attempt, misfit
+    best = _with(chosen, attempt, options)
+    if DNORM in chosen:
+        # Little acceleration beside gravity: a scale error of the sensor looks much the same.
+        scale = np.union1d(chosen[chosen != DNORM], GROUPS["accel scale"])
+        other = _with(scale, attempt, options)
+        best = other if other.misfit < best.misfit - _BETTER else best
+    left = measure_misfit(best.fit, clean)
+    if left.systematic or not _plausible(best.fit):
+        return attempt, misfit
+    return best, left
+
+
+def _with(components: Indices, attempt: Attempt, options: MatchedOptions) -> Attempt:
+    """The fit with further tangent components free."""
+    fit = fit_windows(
+        attempt.fit.windowing,
+        options,
+        attempt.fit.time_offset,
+        attempt.fit.solution.state.here(),
+        np.isin(np.arange(TANGENT), components)[OPTIONAL],
+    )
+    return replace(attempt, fit=fit)
+
+
+def _explaining(fit: Fit) -> Indices:
+    """Tangent components of the faults that explain what chance cannot, the most telling first.
+
+    Forward selection: a fault that another explains as well is not named.
+    """
+    candidates = _candidates(fit)
+    base = np.flatnonzero(fit.unknowns.free)
+    every = np.union1d(base, np.concatenate(list(candidates.values())))
+    spectrum = score_spectrum(fit, every, fit.scales)
+    A = gram(spectrum.J) + np.diag((fit.unknowns.prior_information + bounded_priors())[every])
+    score = spectrum.J.reshape(-1, len(every)).T @ spectrum.e.reshape(-1)
+    B = spectrum.score_covariance(spectrum.noise_levels(inverse_of(A)))
+    chosen = np.zeros(0, np.intp)
+    while candidates:
+        gains = {}
+        for name, part in candidates.items():
+            known = np.searchsorted(every, np.concatenate([base, chosen, part]))
+            inverse = inverse_of(A[np.ix_(known, known)])
+            step = -(inverse @ score[known])[-len(part) :]
+            C = (inverse @ B[np.ix_(known, known)] @ inverse)[-len(part) :, -len(part) :]
+            C += np.diag(np.full(len(part), _NEGLIGIBLE[name] ** 2))
+            gains[name] = squared_distance(step, C) - _PER_COMPONENT * len(part)
+            if name == "gravity" and abs(float(step[0])) > _LARGEST_GRAVITY:
+                gains[name] = -np.inf
+        best = max(gains, key=lambda name: gains[name])
+        if gains[best] < _SIGNIFICANT - _PER_COMPONENT:
+            break
+        chosen = np.concatenate([chosen, candidates.pop(best)])
+    return chosen
+
+
+def _candidates(fit: Fit) -> dict[str, Indices]:
+    """Faults that can be looked for, given what is free."""
+    free = fit.unknowns.free
+    timed = {"drift", "delay"} if free[DTAU] else set()
+    heavy = {"gravity"} if fit.unknowns.gravity_norm > 0.0 else set()
+    wanted = {"accel scale", "gyro scale"} | timed | heavy
+    return {name: part for name, part in GROUPS.items() if name in wanted and not free[part].any()}
+
+
+def _plausible(fit: Fit) -> bool:
+    """Whether what was found can be a sensor's: more is another fault in disguise."""
+    found = fit.corrections
+    scales = np.array([found.accel_scale, found.gyro_scale])
+    return bool(
+        np.abs(np.log(np.maximum(scales, 1e-3))).max() < 0.7
+        and abs(found.drift) < 0.1
+        and abs(found.gyro_delay) < 0.2
+    )
