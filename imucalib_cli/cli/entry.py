@@ -1,34 +1,52 @@
 """Where the process begins: Ctrl-C ends it quietly from here on, before anything is imported."""
 
+import contextlib
 import os
 import signal
+import sys
 from types import FrameType
 
 EXIT_INTERRUPTED = 130
+_PATIENCE = 2.0
+"""s that an interrupted command has for putting its files in order."""
 
 
 def main() -> int:
     """Run the command line of this process and return its exit code.
 
-    Importing typer takes a tenth of a second and importing numpy in the middle of a command as
-    much, and an interruption in an import may surface as any other error. So a signal that comes
-    before the command line can catch it, or after it is done, ends the process at once.
+    Importing typer takes a tenth of a second, and nothing needs to be put in order by then: an
+    interruption ends the process at once, as does one that comes when all is done.
     """
     signal.signal(signal.SIGINT, _leave)
     from imucalib_cli.cli.main import main as run
 
-    signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.signal(signal.SIGINT, _interrupt)
     try:
         code = run()
-    except KeyboardInterrupt:  # between two lines of the handler of the first one
+    except KeyboardInterrupt:  # between two lines that handle the first one
         code = EXIT_INTERRUPTED
     signal.signal(signal.SIGINT, _leave)
+    if code == EXIT_INTERRUPTED:
+        # threads that wait for an import which was interrupted would be waited for
+        _leave(0, None)
     return code
 
 
+def _interrupt(_number: int, _frame: FrameType | None) -> None:
+    """Interrupt the command, and the second time, or when it does not end, the process.
+
+    An exception in the middle of an import can leave the interpreter's import lock taken, and
+    every thread that imports something then waits for ever.
+    """
+    signal.signal(signal.SIGINT, _leave)
+    if hasattr(signal, "setitimer"):
+        signal.signal(signal.SIGALRM, _leave)
+        signal.setitimer(signal.ITIMER_REAL, _PATIENCE)
+    raise KeyboardInterrupt
+
+
 def _leave(_number: int, _frame: FrameType | None) -> None:
-    """As an interruption inside the command line ends: one line, and no other."""
-    try:
-        os.write(2, b"error: interrupted\n")
-    finally:
-        os._exit(EXIT_INTERRUPTED)
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(Exception):
+            stream.flush()
+    os._exit(EXIT_INTERRUPTED)

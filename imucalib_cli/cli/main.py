@@ -77,7 +77,6 @@ def main(argv: Sequence[str] | None = None) -> int:
             _prepare_process()
         return _run(list(sys.argv[1:] if argv is None else argv))
     except KeyboardInterrupt:
-        say("error", "interrupted")
         return EXIT_INTERRUPTED
 
 
