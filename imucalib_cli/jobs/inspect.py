@@ -180,8 +180,8 @@ def _with_motion(
         motion = find_motion(sources, robot, finding.frame_id, request)
         check_overlap(samples, finding.topic, motion, clock)
     except ImucalibError as error:
-        asks = isinstance(error, ChoiceError) and "--parent" in str(error)
-        return replace(finding, problem=str(error), needs_parent=asks), None
+        asks = isinstance(error, ChoiceError)
+        return replace(finding, problem=str(error), needs_choice=asks), None
     unnamed = any(
         not edge.child and sources.topics[edge.track.name] == motion.parent
         for edge in sources.edges
@@ -233,7 +233,7 @@ def _command(
     words = ["imucalib", "run", *(shlex.quote(str(path)) for path in request.logs)]
     placeholders = []
     good = [finding for finding in findings if finding.problem is None]
-    asked = [finding for finding in findings if finding.needs_parent]
+    asked = [finding for finding in findings if finding.needs_choice]
     if request.urdf is not None:
         words.append(f"--urdf {shlex.quote(str(request.urdf))}")
     elif any(data.joints.values()) and not good:
@@ -246,6 +246,8 @@ def _command(
     if any(finding.parent_unnamed for finding in good):
         own.append("--parent BODY")
         placeholders.append("BODY by a name for what the poses are of")
+    if not good and not asked and not placeholders:
+        return (), ""
     if not good and not placeholders:
         own.append("--parent FRAME")
         placeholders.append("FRAME by the link or frame that carries the IMU")
@@ -254,8 +256,10 @@ def _command(
         commands += [
             " ".join([*words, f"--imu-topic {shlex.quote(each.topic)}", "--parent FRAME", *options])
             for each in asked
+            if "--parent" in str(each.problem)
         ]
-        placeholders.append("FRAME by the link or frame that carries that IMU")
+        if len(commands) > 1:
+            placeholders.append("FRAME by the link or frame that carries that IMU")
     return tuple(commands), ", ".join(placeholders)
 
 

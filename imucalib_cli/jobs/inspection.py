@@ -39,8 +39,8 @@ class ImuFinding:
     """Topics that tell how the parent moves."""
     problem: str | None
     """Why it cannot be calibrated as the log and the options stand."""
-    needs_parent: bool = False
-    """The problem is one that --parent solves."""
+    needs_choice: bool = False
+    """The problem is one that an option solves."""
     parent_unnamed: bool = False
     """The parent's poses name no frame, so that it goes by their topic."""
 

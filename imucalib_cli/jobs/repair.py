@@ -20,7 +20,7 @@ from imucalib_cli.signals.faults import clear_of, held_robot, sensor_faults
 from imucalib_cli.signals.samples import ImuSamples
 from imucalib_cli.signals.stamps import near_stamps, tidy_rows
 from imucalib_cli.signals.trajectory import Trajectory
-from imucalib_cli.signals.turning import compare_turning
+from imucalib_cli.signals.turning import BIN, compare_turning
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -41,6 +41,7 @@ _SEARCH = 1.0
 """s, where the method itself looks for no time offset."""
 _LEAST_IMU = 50
 _SHOWN = 3
+_SAME = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -112,7 +113,12 @@ def repair(imu: ImuStream, t: Floats, path: KinematicPath, request: CalibrationR
     if out.any():
         alone = rows[~out]
         sound = compare_turning(t[alone], gyro[alone], trajectory, _search(request))
-    held = held_robot(sound)
+    # A link may stand still while its publisher is alive and other joints move.
+    held = [
+        stretch
+        for stretch in held_robot(sound)
+        if all(_repeats(track, *stretch) for track in path.tracks)
+    ]
     if held:
         warnings.append(_held_words(path, held))
         path = replace(path, tracks=tuple(_without(track, held) for track in path.tracks))
@@ -177,6 +183,12 @@ def _even_track(track: Track, warnings: list[str]) -> Track:
     return track if t is track.t else replace(track, t=t)
 
 
+def _repeats(track: Track, start: float, end: float) -> bool:
+    """Whether no value of a track moves in a stretch, its ends aside."""
+    values = track.values[(track.t >= start + BIN) & (track.t <= end - 2.0 * BIN)]
+    return bool(len(values) < 2 or np.ptp(values, axis=0).max() < _SAME)
+
+
 def _without(track: Track, stretches: list[tuple[float, float]]) -> Track:
     keep = np.ones(len(track.t), dtype=bool)
     for start, end in stretches:
@@ -218,7 +230,7 @@ def _burst_words(name: str, t: Floats, spread: Spread) -> str:
 def _fault_words(topic: str, fault: Fault, t: Floats) -> str:
     start, end = fault.seconds(t)
     unit = "rad/s" if fault.sensor == "gyro" else "m/s²"
-    value = ", ".join(f"{x:.5g}" for x in fault.value)
+    value = ", ".join(f"{x + 0.0:.5g}" for x in fault.value)
     times = f" in {fault.stretches} stretches" if fault.stretches > 1 else ""
     where = (
         f"{topic}: {fault.sensor} {' '.join(fault.axes)} is {fault.kind} at {value} {unit} in "

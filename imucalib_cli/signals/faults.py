@@ -32,6 +32,8 @@ _SIMILAR = 0.2
 _HELD_SECONDS = 0.5
 _HELD_TURNING = 0.1
 """s and rad/s: the robot's stream stands still this long while the IMU turns this fast."""
+_AGREE = 0.9
+"""Correlation of the two rates of turning elsewhere from which the kinematics tell faults."""
 _EXACTLY_STILL = 1e-6
 """rad/s: positions repeat, and rounding is all that moves."""
 _CUT = 0.97
@@ -82,7 +84,7 @@ def sensor_faults(t: Floats, gyro: Floats, accel: Floats, turning: Turning | Non
         for axis in range(3):
             column = values[:, axis : axis + 1]
             alone = _outside(repeated_runs(t, column), known)
-            if len(alone) and not repeats_by_chance(column, alone):
+            if len(alone) and not repeats_by_chance(column, alone.mask(len(t)) | known):
                 found.append(_fault(sensor, alone, column, AXES[axis]))
     return [*found, *tops]
 
@@ -125,10 +127,15 @@ def _count(rows: Mask) -> int:
 
 def _frozen_gyro(t: Floats, gyro: Floats, turning: Turning | None) -> Runs:
     runs = repeated_runs(t, gyro)
-    if not repeats_by_chance(gyro, runs):
+    if not repeats_by_chance(gyro, runs.mask(len(t))):
         return runs
     jumps = jumps_out(gyro, runs, "gyro") if len(runs) else np.zeros(0, bool)
     bias = np.zeros(3) if turning is None else turning.bias
+    if turning is not None:
+        aside = np.zeros(len(turning.derived), dtype=bool)
+        aside[turning.bins_of(t[runs.mask(len(t))])] = True
+        if turning.agreement(aside) < _AGREE:
+            turning = None
     which = np.zeros(len(runs), dtype=bool)
     for k in range(len(runs)):
         rate = float(np.linalg.norm(gyro[runs.first[k]] - bias))
@@ -149,7 +156,7 @@ def _frozen_accel(
     t: Floats, accel: Floats, gyro: Floats, turning: Turning | None, stuck: Runs
 ) -> Runs:
     runs = repeated_runs(t, accel)
-    if not len(runs) or not repeats_by_chance(accel, runs):
+    if not len(runs) or not repeats_by_chance(accel, runs.mask(len(t))):
         return runs
     if max(noise(gyro).max(), noise(accel).max()) < ALIVE_NOISE:
         return runs.where(np.zeros(len(runs), dtype=bool))  # made without noise, maybe constant
@@ -201,9 +208,13 @@ def held_robot(turning: Turning) -> list[tuple[float, float]]:
     # Half a bin of lag, and motion that begins within one.
     inner = held & np.roll(held, 1) & np.roll(held, -1)
     turns = inner & (turning.measured > _HELD_TURNING)
+    aside = np.zeros(len(held), dtype=bool)
     found = []
     for start, end in zip(*turning.edges(held), strict=True):
-        if turns[turning.between(start, end)].sum() * BIN >= _HELD_SECONDS:
+        bins = turning.between(start, end)
+        if turns[bins].sum() * BIN >= _HELD_SECONDS:
+            aside[bins] = True
             # The last sample that stood still may lie in the bin after.
             found.append((float(start), float(end) + BIN))
-    return found
+    # Where the rest does not agree either, something else is wrong.
+    return found if turning.agreement(aside) > _AGREE else []

@@ -33,6 +33,10 @@ _LIVE_REPEATS = 0.2
 _DEAD = 0.995
 ALIVE_NOISE = 1e-5
 """rad/s and m/s²: without any noise the log is a simulation, whose axes may be exactly zero."""
+_LEAST_OUTSIDE = 200
+_QUIET = 20.0
+_QUIET_DEVIATION = 0.2533
+"""A fifth of normal deviations are smaller than this: the noise of the calmest part of a log."""
 _TOP_RUN = 3
 _TOP_SAMPLES = 6
 _TOP_PLAIN = 20
@@ -78,15 +82,25 @@ def repeated_runs(t: Floats, values: Floats) -> Runs:
     return runs.where(long)
 
 
-def repeats_by_chance(values: Floats, runs: Runs) -> bool:
-    """Whether the sensor repeats itself so often elsewhere that a run of repeats means nothing.
+def repeats_by_chance(values: Floats, known: Mask) -> bool:
+    """Whether the sensor may repeat itself, so that a run of repeats alone means nothing.
 
-    Coarse quanta and little noise do that; a sensor whose noise is above its quantum never says
-    the same a dozen times.
+    Coarse quanta and little noise do that, and so does a log without noise; a sensor whose noise
+    exceeds its quantum even at rest never says the same a dozen times.
+
+    Args:
+        values: (N, C).
+        known: (N,), rows in question.
     """
+    outside = ~known
+    if outside.sum() < _LEAST_OUTSIDE:
+        return True
     same = (values[1:] == values[:-1]).all(axis=1)
-    outside = ~runs.mask(len(values))[1:]
-    return not outside.any() or float(np.mean(same[outside])) > _LIVE_REPEATS / 2.0
+    if float(np.mean(same[outside[1:]])) > _LIVE_REPEATS / 2.0:
+        return True
+    off = np.abs(deviation_from_neighbours(values))[outside]
+    quiet = np.percentile(off, _QUIET, axis=0) / (_QUIET_DEVIATION * NOISE_OF_DEVIATION)
+    return not bool((quiet > np.maximum(quantum(values), ALIVE_NOISE)).any())
 
 
 def _runs(same: Mask) -> Runs:
@@ -179,8 +193,12 @@ def _flat_rows(channel: Floats, limit: float, spread: float) -> Indices:
     runs = runs.where((runs.end - runs.first >= _TOP_RUN) & (runs.first >= 3))
     if not len(runs):
         return np.zeros(0, np.intp)
-    column = channel[:, None]
-    if len(rows) >= _TOP_PLAIN and spread > ALIVE_NOISE and not repeats_by_chance(column, runs):
+    ends = at | (channel == channel.max()) | (channel == channel.min())
+    if (
+        len(rows) >= _TOP_PLAIN
+        and spread > ALIVE_NOISE
+        and not repeats_by_chance(channel[:, None], ends)
+    ):
         return rows  # a sensor as noisy as this never stands still
     # Carried on, the slope into the top would have gone beyond it, and that out of it likewise.
     sign = np.sign(limit - np.median(channel))

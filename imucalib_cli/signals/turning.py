@@ -69,6 +69,15 @@ class Turning:
         """The same with the IMU's rates in another unit."""
         return replace(self, measured=self.measured * factor, bias=self.bias * factor)
 
+    def agreement(self, besides: Mask) -> float:
+        """Correlation of the two rates at the lag, some bins left aside; 0 if too few are left."""
+        both = np.isfinite(self.derived) & np.isfinite(self.measured) & ~besides
+        a, b = self.derived[both], self.measured[both]
+        if len(a) < _LEAST_BINS or np.ptp(a) == 0.0 or np.ptp(b) == 0.0:
+            return 0.0
+        a, b = np.minimum(a, np.percentile(a, 99)), np.minimum(b, np.percentile(b, 99))
+        return float(np.corrcoef(a, b)[0, 1])
+
     def bins_of(self, t: Floats) -> NDArray[np.intp]:
         """Bins of instants of the IMU's clock; those outside are left out."""
         bins = np.floor((t - self.lag - self.t0) / BIN).astype(np.intp)
