@@ -308,7 +308,7 @@ def _tallies(database: sqlite3.Connection, path: Path) -> dict[int, Tally]:
     tallies: dict[int, Tally] = {}
     last = _ALL[0]
     try:
-        for last, number, time in database.execute(
+        for last, number, time in database.execute(  # noqa: B007 - counts after the loop
             "SELECT rowid, topic_id, timestamp FROM messages "
             "WHERE typeof(timestamp) = 'integer' AND typeof(topic_id) = 'integer'"
         ):

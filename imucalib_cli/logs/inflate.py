@@ -17,6 +17,8 @@ _SLACK = 4096
 """Bytes beyond the start of what is wanted: holds most messages."""
 _SKIP = 1 << 15
 """Gaps in a file larger than this are jumped over, smaller ones read."""
+_LONGEST_NAME = 20
+"""Letters that are told of a compression's name, which may be damaged too."""
 _LARGEST = 1 << 31
 """A chunk that unpacks to more is taken for damage."""
 
@@ -126,7 +128,7 @@ def inflate(compression: str, packed: memoryview, claimed: int, scratch: Scratch
         case "bz2":
             source = _Bz2(packed)
         case _:
-            raise ValueError(f"compression {compression!r} is not known")
+            raise ValueError(f"compression {compression[:_LONGEST_NAME]!r} is not known")
     return Inflated(source, claimed, scratch)
 
 

@@ -10,17 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from imucalib_cli.logs.messages import (
-    Field,
-    Header,
-    MessageType,
-    NumberList,
-    Numbers,
-    Repeat,
-    Text,
-    Texts,
-    is_sound_text,
-)
+from imucalib_cli.logs import messages
 from imucalib_cli.logs.wire import Element, Texted, WireError
 
 if TYPE_CHECKING:
@@ -43,7 +33,11 @@ class SlowDecoder:
     """
 
     def __init__(
-        self, type_name: str, message_type: MessageType, encoding: str, definition: str = ""
+        self,
+        type_name: str,
+        message_type: messages.MessageType,
+        encoding: str,
+        definition: str = "",
     ) -> None:
         self._type_name = type_name
         self._fields = message_type.fields
@@ -88,39 +82,41 @@ def _typestore(encoding: str, full_name: str, definition: str) -> Typestore:
     return store
 
 
-def _parts(message: Any, fields: tuple[Field, ...]) -> Iterator[tuple[Any, tuple[Field, ...]]]:
+def _parts(
+    message: Any, fields: tuple[messages.Field, ...]
+) -> Iterator[tuple[Any, tuple[messages.Field, ...]]]:
     match fields:
-        case (Repeat(path, inner),):
+        case (messages.Repeat(path, inner),):
             for each in _get(message, path):
                 yield each, inner
         case _:
             yield message, fields
 
 
-def _element(message: Any, fields: tuple[Field, ...]) -> Element:
+def _element(message: Any, fields: tuple[messages.Field, ...]) -> Element:
     stamp = 0
     texts: Texted = {}
     numbers = {}
     for each in fields:
         match each:
-            case Header():
+            case messages.Header():
                 stamp = message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
                 texts["frame_id"] = _sound(message.header.frame_id)
-            case Text(path):
+            case messages.Text(path):
                 texts[path] = _sound(_get(message, path))
-            case Texts(path):
+            case messages.Texts(path):
                 texts[path] = tuple(map(_sound, _get(message, path)))
-            case Numbers(path, _, name) | NumberList(path, name):
+            case messages.Numbers(path, _, name) | messages.NumberList(path, name):
                 if name:
                     values = np.array([_flatten(_get(message, path))], dtype=np.float64)
                     numbers[name] = values.reshape(1, -1)
-            case Repeat():
+            case messages.Repeat():
                 raise WireError("a sequence beside other fields")
     return Element(np.zeros(1, dtype=np.intp), np.array([stamp], dtype=np.int64), texts, numbers)
 
 
 def _sound(text: str) -> str:
-    if not is_sound_text(text):
+    if not messages.is_sound_text(text):
         raise WireError("a text is no text")
     return text
 
