@@ -12,6 +12,7 @@ from imucalib_cli.diagnose.bench import make_bench
 from imucalib_cli.diagnose.parameters import explain_by_parameters
 from imucalib_cli.diagnose.rest import find_motion_at_rest
 from imucalib_cli.diagnose.ringing import find_ringing
+from imucalib_cli.diagnose.rivals import find_rival_publishers
 from imucalib_cli.diagnose.search import explain_grossly, is_poor
 from imucalib_cli.diagnose.words import of_hypotheses, of_parameters
 
@@ -54,13 +55,19 @@ def diagnose(case: Case) -> tuple[Finding, ...]:
         Findings, the first the most likely; empty where nothing tried explains.
     """
     notes = case.estimate.notes
+    samples = case.samples
+    if notes.get("accel_sign") == "down":
+        samples = replace(samples, accel=-samples.accel)
     bench = make_bench(
-        case.samples,
+        samples,
         case.options,
         seconds=case.estimate.window.seconds,
         imu_ticks=notes.get("imu_stamps") == "ticks",
         robot_ticks=notes.get("robot_stamps") == "ticks",
     )
+    rivals = find_rival_publishers(case.path)
+    if rivals is not None:
+        return (rivals,)
     told = bench.trial(case.path)
     if told is None:
         return ()

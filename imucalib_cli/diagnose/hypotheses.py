@@ -186,8 +186,8 @@ def _poses(path: KinematicPath) -> Iterator[Hypothesis]:
         return
     names = tuple(path.tracks[index].name for index in tracks)
     topics = ", ".join(dict.fromkeys(topic_of(name) for name in names))
-    subsets = {frozenset({index}): path.tracks[index].name for index in tracks}
-    subsets.setdefault(frozenset(tracks), ", ".join(names))
+    subsets = {frozenset({index}): label_of(path.tracks[index].name) for index in tracks}
+    subsets.setdefault(frozenset(tracks), ", ".join(label_of(name) for name in names))
     for subset, name in subsets.items():
         yield Hypothesis(
             kind="inverse",
@@ -238,6 +238,11 @@ def _gross_zeros(path: KinematicPath) -> Iterator[Hypothesis]:
 def topic_of(name: str) -> str:
     """The topic in the name of a track."""
     return name.split(" ", 1)[0]
+
+
+def label_of(name: str) -> str:
+    """A track's name, without frames where the message has none."""
+    return topic_of(name) if name.endswith("-> ?)") else name
 
 
 def _listed(names: tuple[str, ...]) -> str:

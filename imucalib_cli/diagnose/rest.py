@@ -2,17 +2,26 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from imucalib_cli.diagnose.bench import trimmed_rms
 from imucalib_cli.diagnose.case import Finding
 from imucalib_cli.estimate import columns
+from imucalib_cli.estimate.windows import WindowPlan
+from imucalib_cli.signals.kernels import matched_filter
 
 if TYPE_CHECKING:
     from imucalib_cli.diagnose.bench import Trial
+    from imucalib_cli.estimate.windows import WindowRows
 
+Floats = NDArray[np.float64]
+
+_WINDOW = 0.2
+"""s: short, for pauses between moves are."""
 _STILL = (0.02, 0.002)
 """m/s² and rad/s: a robot that moves less than this by its kinematics stands still."""
 _TURNS = 0.01
@@ -32,7 +41,7 @@ def find_motion_at_rest(trial: Trial) -> Finding | None:
     Args:
         trial: The kinematics as told, fitted.
     """
-    rows = trial.rows
+    rows = _short_rows(trial)
     x = trial.solution.state.vector()
     speed = np.linalg.norm(rows.gyro[:, :, columns.ONE], axis=1)
     push = np.linalg.norm(
@@ -46,9 +55,9 @@ def find_motion_at_rest(trial: Trial) -> Finding | None:
     if calm.sum() < _LEAST:
         return None
     accel, gyro = rows.residuals(x)
-    # What is constant at rest is bias or tilt.
     turning = trimmed_rms(gyro[calm] - np.median(gyro[calm], axis=0))
-    pushing = trimmed_rms(accel[calm] - np.median(accel[calm], axis=0))
+    # What is constant in a pause is bias, tilt or scale: gravity lies differently in the next.
+    pushing = trimmed_rms(_within_pauses(accel[calm], np.flatnonzero(calm)))
     moving = ~still
     turns = turning > max(_TURNS, _NOISES * trial.noise[1]) and (
         not moving.any() or turning > _SHARE * trimmed_rms(gyro[moving])
@@ -70,3 +79,25 @@ def find_motion_at_rest(trial: Trial) -> Finding | None:
         f"{trial.path.world} moves, or a joint on the way does and the log does not say so; "
         "clamp it, or record its pose and name it with --pose-topic",
     )
+
+
+def _within_pauses(values: Floats, index: NDArray[np.intp]) -> Floats:
+    """Values less their mean over each run of consecutive windows."""
+    pause = np.concatenate([[0], np.cumsum(np.diff(index) > 1)])
+    count = np.bincount(pause)
+    means = np.stack([np.bincount(pause, axis) / count for axis in values.T], axis=1)
+    return np.asarray(values - means[pause])
+
+
+def _short_rows(trial: Trial) -> WindowRows:
+    """The trial's equations in windows short enough to lie within a pause."""
+    dt, degree = trial.windowing.grid.dt, 3
+    length = max(2 * round(_WINDOW / dt / 2) + 1, degree + 4)
+    plan = WindowPlan(
+        length=length,
+        hop=max(length // 2, 1),
+        first_derivative=matched_filter(length, degree, 1, dt),
+        second_derivative=matched_filter(length, degree, 2, dt),
+    )
+    windowing = replace(trial.windowing, plan=plan)
+    return windowing.rows(trial.time_offset, windowing.centres(trial.time_offset))

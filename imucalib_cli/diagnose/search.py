@@ -30,8 +30,8 @@ _NOISE = 3.0
 """Residuals this near to the sensor's own noise are good, whatever the share."""
 _FALL = 4.0
 """Least fall of a residual, as told over as supposed."""
-_RISE = 1.3
-"""Largest rise of the other sensor's."""
+_RISE = 3.0
+"""Largest rise of the other sensor's, which must stay good: a fit bends to what is largest."""
 _TIE = 0.25
 """Mean logarithm of residuals within which two hypotheses explain equally."""
 _LIKELY = (

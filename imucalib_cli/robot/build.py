@@ -221,9 +221,49 @@ def _raise_missing(robot: Robot, missing: list[str], tracks: Sequence[Track]) ->
             f"{robot.source}: the log has no joint states for joint{plural} {listed}: record "
             "them, or give the parent's pose with --pose-topic"
         )
+    affix = _affix(missing, known)
+    if affix is not None:
+        raise InputError(
+            f"{robot.source}: no position of joint{plural} {listed} in the log's joint states, "
+            f"{affix}"
+        )
     hint = near_matches(missing[0], known)
     there = "" if hint.startswith("; there are") else f"; the log has: {', '.join(known[:12])}"
     raise InputError(
         f"{robot.source}: no position of joint{plural} {listed} in the log's joint "
         f"states{hint}{there}"
     )
+
+
+def _affix(missing: list[str], known: tuple[str, ...]) -> str | None:
+    """What the log's names have too much or too little at one end; None if it is not that."""
+    first = missing[0]
+    remedy = "(xacro: its prefix argument), or choose another --joint-topic"
+    for name in known:
+        if not name or not first:
+            continue
+        longer = len(name) > len(first)
+        whole, part = (name, first) if longer else (first, name)
+        for what, fits in (("prefix", whole.endswith(part)), ("suffix", whole.startswith(part))):
+            end = whole.removesuffix(part) if what == "prefix" else whole.removeprefix(part)
+            if not fits or not end:
+                continue
+            if not all(_named(m, end, what, longer=longer) in known for m in missing):
+                continue
+            if longer:
+                return (
+                    f"which has them with the {what} '{end}' ('{name}'): give it to the URDF's "
+                    f"joints {remedy}"
+                )
+            return (
+                f"which has them without the {what} '{end}' ('{name}'): take it off the URDF's "
+                f"joints {remedy}"
+            )
+    return None
+
+
+def _named(name: str, end: str, what: str, *, longer: bool) -> str:
+    """A URDF's name as the log would have it, with or without an end."""
+    if longer:
+        return end + name if what == "prefix" else name + end
+    return name.removeprefix(end) if what == "prefix" else name.removesuffix(end)

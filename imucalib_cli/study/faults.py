@@ -34,12 +34,13 @@ class Fault:
     """One thing told wrongly."""
 
     kind: str
-    """none; link, sign, zero, length, order, degrees, offset, ringing, base (arms); inverse,
-    quaternion, conjugate, millimetres, offset (poses); accel scale, gyro scale, handed (IMU)."""
+    """none, offset, publishers; of arms link, sign, zero, length, order, degrees, ringing, hum,
+    base; of poses inverse, quaternion, conjugate, millimetres; of IMUs accel scale, gyro scale,
+    handed."""
     names: tuple[str, ...] = ()
     """Joints or links at fault."""
     size: float = 0.0
-    """rad, share of a length, s, Hz, rad/s, or share of a scale."""
+    """rad, share of a length, s, Hz, rad/s, share of a scale, rad or m between publishers."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -72,6 +73,8 @@ def told_wrongly(recording: Recording, fault: Fault) -> Told:
     imu, path = streams_of(recording)
     if fault.kind == "offset":
         imu = replace(imu, t=imu.t + fault.size)
+    if fault.kind == "publishers":
+        path = replace(path, tracks=tuple(_told_twice(t, fault.size) for t in path.tracks))
     if recording.system.arm is None:
         return Told(imu=imu, path=_poses(path, fault), robot=None)
     robot, parent, tracks = robot_of(recording.system), recording.system.parent, path.tracks
@@ -102,6 +105,14 @@ def _mistaken(robot: Robot, fault: Fault) -> Robot:
                 changed = replace(joint, p_origin=joint.p_origin * (1.0 + fault.size))
         joints.append(changed)
     return replace(robot, joints=tuple(joints))
+
+
+def _told_twice(track: Track, apart: float) -> Track:
+    """Half the messages of another publisher, whose first column is a constant off."""
+    values = track.values.copy()
+    other = np.random.default_rng(len(values)).random(len(values)) < 0.5
+    values[other, 0] += apart
+    return replace(track, values=values)
 
 
 def _reordered(track: Track, names: tuple[str, ...]) -> Track:

@@ -144,6 +144,22 @@ def test_joints_the_log_lacks_are_told_with_what_it_has(
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("names", "told"),
+    [
+        (("left_shoulder", "left_slide"), "with the prefix 'left_' .'left_shoulder'.: give it to"),
+        (("shoulder_a", "slide_a"), "with the suffix '_a'"),
+        (("houlder", "lide"), "without the prefix 's' .'houlder'.: take it off the URDF"),
+    ],
+)
+def test_names_that_differ_by_one_end_are_told_so(
+    arm: Robot, names: tuple[str, ...], told: str
+) -> None:
+    track = joints("/joint_states", **dict.fromkeys(names, T))
+    with pytest.raises(InputError, match=f"no position of joints .* {told}.*--joint-topic$"):
+        joint_path(arm, "plate", [track], world="tail")
+
+
 def test_floating_joints_on_the_way_ask_for_a_pose_stream(tmp_path: Path) -> None:
     source = tmp_path / "arm.urdf"
     source.write_text(ARM.replace('type="prismatic"', 'type="floating"'))

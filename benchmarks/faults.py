@@ -1,0 +1,201 @@
+"""Faults of robot and log, each told to the estimator, and what it says of them.
+
+    python benchmarks/faults.py [SEEDS]
+
+RiHIBot and BarBot are simulated, a fault is put into what the estimator is told (URDF, joint names,
+clock, poses) or into the mount, and the result is judged: which cause is named, whether the names
+and figures are right, and whether a pose that is off by more than three sigma was ever called ok.
+Faults of the IMU itself stand below: none of the causes looked for here may be blamed for them.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections import Counter
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from common import clean_recording, grade
+
+from imucalib_cli.diagnose.case import needs_diagnosis
+from imucalib_cli.diagnose.diagnose import diagnose, explained
+from imucalib_cli.errors import ImucalibError
+from imucalib_cli.estimate.matched import calibrate_matched
+from imucalib_cli.estimate.options import MatchedOptions
+from imucalib_cli.simulate.noise import corrupt
+from imucalib_cli.simulate.options import PhysicsOptions
+from imucalib_cli.study.faults import Fault, told_wrongly, with_faulty_sensor
+from imucalib_cli.study.trial import error_of
+
+JOINTS = (
+    "shoulder_pan_joint",
+    "shoulder_lift_joint",
+    "elbow_joint",
+    "wrist_1_joint",
+    "wrist_2_joint",
+    "wrist_3_joint",
+)
+LINKS = ("shoulder_link", "upper_arm_link", "forearm_link", "wrist_1_link", "wrist_2_link")
+PHYSICS = PhysicsOptions(imu_rate=250, robot_rate=125)
+OFFSET = 0.0125
+ARM = (
+    Fault(kind="none"),
+    *(Fault(kind="link", names=(link,)) for link in LINKS),
+    *(Fault(kind="sign", names=(joint,)) for joint in JOINTS),
+    Fault(kind="sign", names=("shoulder_lift_joint", "wrist_2_joint")),
+    *(
+        Fault(kind="zero", names=(joint,), size=float(np.radians(angle)))
+        for joint, angle in product(JOINTS[1:5], (0.57, 5.0, 30.0, -90.0))
+    ),
+    *(Fault(kind="length", names=(joint,), size=0.01) for joint in JOINTS[2:5]),
+    Fault(kind="order"),
+    *(Fault(kind="order", names=pair) for pair in (JOINTS[:2], JOINTS[2:5:2], JOINTS[3::2])),
+    Fault(kind="degrees"),
+    Fault(kind="publishers", size=0.2),
+    *(Fault(kind="offset", size=size) for size in (1.8, 7.3, -23.0)),
+    *(Fault(kind="ringing", size=size) for size in (6.0, 11.8)),
+    Fault(kind="base", size=0.2),
+    Fault(kind="hum", size=11.0),
+    Fault(kind="accel scale", size=0.02),
+    Fault(kind="gyro scale", size=0.02),
+    Fault(kind="handed"),
+)
+BODY = (
+    Fault(kind="none"),
+    Fault(kind="inverse"),
+    Fault(kind="quaternion"),
+    Fault(kind="conjugate"),
+    Fault(kind="millimetres"),
+    Fault(kind="publishers", size=0.2),
+    Fault(kind="offset", size=9.0),
+    Fault(kind="accel scale", size=0.02),
+    Fault(kind="gyro scale", size=0.02),
+    Fault(kind="handed"),
+)
+NAMED = {"degrees": "unit", "millimetres": "unit"}
+"""What a finding calls a fault, where it is another word."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Verdict:
+    """What was said of one recording."""
+
+    fault: Fault
+    grade: str
+    named: str
+    """Kind of the finding; "-" nothing was found, "not asked" the fit was good."""
+    right: bool
+    """The names are right, and the size within a hundredth."""
+    trusted: bool
+    wrong_ok: bool
+    sentence: str
+
+
+def judge(system: str, fault: Fault, noise: str, seed: int) -> Verdict:
+    """One recording with one fault."""
+    extra = (
+        {"encoder_noise": 2e-5}
+        if system == "rihibot"
+        else {"pose_noise": 1e-5, "pose_noise_rotation": 2e-5}
+    )
+    clean = with_faulty_sensor(clean_recording(system, PHYSICS), fault)
+    noisy = corrupt(clean, grade(noise, time_offset=OFFSET, **extra), seed)
+    told = told_wrongly(noisy, fault)
+    options = MatchedOptions(gravity="none") if system == "barbot" else MatchedOptions()
+    try:
+        estimate = calibrate_matched(told.imu, told.path, options)
+    except ImucalibError as error:
+        return Verdict(
+            fault=fault,
+            grade=noise,
+            named="refused",
+            right=True,
+            trusted=False,
+            wrong_ok=False,
+            sentence=str(error),
+        )
+    asked = needs_diagnosis(estimate)
+    findings = diagnose(told.case(estimate, options)) if asked else ()
+    estimate = explained(estimate, findings)
+    error, covariance = error_of(estimate, noisy), np.asarray(estimate.covariance)
+    off = error.translation_norm > 3 * np.sqrt(np.trace(covariance[:3, :3]))
+    off |= error.rotation_angle > 3 * np.sqrt(np.trace(covariance[3:, 3:]))
+    finding = findings[0] if findings else None
+    return Verdict(
+        fault=fault,
+        grade=noise,
+        named=finding.kind if finding else "-" if asked else "not asked",
+        right=finding is not None and _right(fault, finding.names, finding.size),
+        trusted=estimate.trusted,
+        wrong_ok=estimate.trusted and bool(off),
+        sentence=finding.sentence if finding else "; ".join(estimate.distrust[:1]),
+    )
+
+
+def _right(fault: Fault, names: tuple[str, ...], size: tuple[float, ...]) -> bool:
+    """Whether the right thing is named, and its size."""
+    match fault.kind:
+        case "link":
+            right = names == ("wrist_3_link",)
+        case "sign":
+            right = set(fault.names) <= set(names)
+        case "zero":
+            right = fault.names[0] in names and abs(size[0] + fault.size) < 0.01 * abs(fault.size)
+        case "length":
+            right = fault.names[0] in names
+        case "order":
+            right = set(names) == set(fault.names or ("elbow_joint", "shoulder_pan_joint"))
+        case "offset":
+            right = abs(size[0] - fault.size - OFFSET) < 0.001
+        case "ringing":
+            right = abs(size[0] - fault.size) < 0.3
+        case _:
+            right = True
+    return right
+
+
+def main() -> None:
+    """Print the table of what was told against what was named, and what went wrong."""
+    seeds = int(sys.argv[1]) if len(sys.argv) > 1 else 1
+    cases = [
+        (system, fault, noise, seed)
+        for system, faults in (("rihibot", ARM), ("barbot", BODY))
+        for fault in faults
+        for noise in ("ideal", "industrial", "mems")
+        for seed in range(seeds)
+    ]
+    with ProcessPoolExecutor() as pool:
+        verdicts = list(pool.map(judge, *zip(*cases, strict=True)))
+    table: dict[str, Counter[str]] = {}
+    for verdict in verdicts:
+        table.setdefault(verdict.fault.kind, Counter())[verdict.named] += 1
+    print("| told | named | names and figures right | untrusted | ok though off by 3 sigma |")
+    print("|---|---|---|---|---|")
+    for kind, counts in table.items():
+        own = [verdict for verdict in verdicts if verdict.fault.kind == kind]
+        named = [v for v in own if v.named == NAMED.get(kind, kind)]
+        print(
+            f"| {kind} | {', '.join(f'{name} {n}' for name, n in counts.most_common())} | "
+            f"{sum(v.right for v in named)} of {len(named)} | "
+            f"{sum(not v.trusted for v in own)} of {len(own)} | {sum(v.wrong_ok for v in own)} |"
+        )
+    print()
+    for verdict in verdicts:
+        fault = verdict.fault
+        expected = NAMED.get(fault.kind, fault.kind)
+        missed = verdict.named not in (expected, "not asked")
+        if (
+            (missed and fault.kind not in ("none", "hum"))
+            or verdict.wrong_ok
+            or (verdict.named == expected and not verdict.right)
+        ):
+            print(
+                f"{fault.kind} {', '.join(fault.names)} {fault.size:.4g}, {verdict.grade}: "
+                f"{verdict.named}; ok though off: {verdict.wrong_ok}; {verdict.sentence}"
+            )
+
+
+if __name__ == "__main__":
+    main()

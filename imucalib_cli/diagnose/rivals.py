@@ -1,0 +1,106 @@
+"""Do two publishers tell the same thing, and contradict each other?
+
+Their messages interleave on one topic: the values jump to and fro between two curves a constant
+apart, which noise does not.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imucalib_cli.diagnose.case import Finding
+from imucalib_cli.diagnose.hypotheses import label_of, topic_of
+from imucalib_cli.robot.path import JointStep, PoseStep
+
+if TYPE_CHECKING:
+    from imucalib_cli.robot.path import KinematicPath, Track
+
+Floats = NDArray[np.float64]
+
+_JUMPS = 0.15
+"""Share of messages that jump away, or back."""
+_ALIKE = 0.25
+"""Spread of the jumps' sizes over their size: noise has 0.5 and more."""
+_OVER_STEPS = 4.0
+"""Size of the jumps over that of the steps between."""
+_LEAST = 1e-4
+"""rad or m: smaller jumps do no harm."""
+
+
+def find_rival_publishers(path: KinematicPath) -> Finding | None:
+    """Name a track that jumps between two curves.
+
+    Args:
+        path: As told.
+    """
+    for index, track in enumerate(path.tracks):
+        used = _used(path, index)
+        order = np.argsort(track.t, kind="stable")
+        for column in used:
+            size = _jump(track.values[order, column])
+            if size is None:
+                continue
+            return Finding(
+                kind="publishers",
+                names=(topic_of(track.name),),
+                sentence=f"{_what(track, column)} jumps to and fro by {_size(track, column, size)} "
+                "from message to message: two publishers tell it and contradict each other; stop "
+                "one of them, and record again",
+                size=(size,),
+            )
+    return None
+
+
+def _used(path: KinematicPath, index: int) -> tuple[int, ...]:
+    """Columns of a track that move the path."""
+    columns: list[int] = []
+    for step in path.steps:
+        if isinstance(step, JointStep) and step.track == index:
+            columns.append(step.column)
+        elif isinstance(step, PoseStep) and step.track == index:
+            columns += range(7)
+    return tuple(dict.fromkeys(columns))
+
+
+def _jump(values: Floats) -> float | None:
+    """Size of the jumps between two curves; None where there is one curve."""
+    if len(values) < 50:
+        return None
+    steps = np.diff(values)
+    size = np.abs(steps)
+    # A jump away and the next one back: large, and of opposite sign in their order.
+    large = size > 0.5 * np.percentile(size, 98)
+    if large.mean() < _JUMPS or not large.any():
+        return None
+    signs = np.sign(steps[large])
+    back = float(np.mean(signs[1:] != signs[:-1]))
+    typical = float(np.median(size[large]))
+    spread = float(np.median(np.abs(size[large] - typical))) * 1.4826
+    rest = float(np.median(size[~large])) if (~large).any() else 0.0
+    # With both publishers in strict turns there is no step along one curve to compare with.
+    along = float(np.median(np.abs(values[2:] - values[:-2]))) / 2.0 if large.all() else rest
+    if (
+        back > 0.9
+        and typical > _LEAST
+        and spread < _ALIKE * typical
+        and typical > _OVER_STEPS * along
+    ):
+        return typical
+    return None
+
+
+def _what(track: Track, column: int) -> str:
+    if track.kind == "joints":
+        return f"the position of {track.names[column]} in {topic_of(track.name)}"
+    return f"the pose told by {label_of(track.name)}"
+
+
+def _size(track: Track, column: int, size: float) -> str:
+    if track.kind == "pose":
+        if column < 3:
+            return f"{size * 1e3:.3g} mm"
+        return f"about {np.degrees(2.0 * size):.2g} deg"
+    return f"{size:.2g} rad (or m)"
