@@ -147,9 +147,9 @@ def test_joints_the_log_lacks_are_told_with_what_it_has(
 @pytest.mark.parametrize(
     ("names", "told"),
     [
-        (("left_shoulder", "left_slide"), "with the prefix 'left_' .'left_shoulder'.: give it to"),
+        (("left_shoulder", "left_slide"), "with the prefix 'left_' .'left_slide'.: give it to"),
         (("shoulder_a", "slide_a"), "with the suffix '_a'"),
-        (("houlder", "lide"), "without the prefix 's' .'houlder'.: take it off the URDF"),
+        (("houlder", "lide"), "without the prefix 's' .'lide'.: take it off the URDF"),
     ],
 )
 def test_names_that_differ_by_one_end_are_told_so(
