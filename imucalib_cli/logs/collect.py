@@ -24,8 +24,10 @@ if TYPE_CHECKING:
 _BLOCK_BYTES = 1 << 22
 _BLOCK_PIECES = 4096
 _ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
-_LARGEST_MESSAGE = 1 << 28
+_LARGEST_MESSAGE = 1 << 24
 """Bytes a message of these types may unpack to."""
+_UNPACKED = 1 << 26
+"""Bytes of unpacked messages that are held before they are decoded."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,6 +121,7 @@ class Collector:
 
         decompressor = zstandard.ZstdDecompressor()
         by_length: dict[int, list[tuple[int, bytes]]] = {}
+        held = 0
         for number, row in enumerate(rows):
             try:
                 reader = decompressor.stream_reader(row.tobytes())
@@ -126,10 +129,14 @@ class Collector:
             except zstandard.ZstdError:
                 payload = b""
             by_length.setdefault(len(payload), []).append((number, payload))
-        for length, found in by_length.items():
-            which = np.array([number for number, _ in found])
-            joined = np.frombuffer(b"".join(payload for _, payload in found), dtype=np.uint8)
-            self.add(channel, arrival[which], log_ns[which], joined.reshape(len(found), length))
+            held += len(payload)
+            if held > _UNPACKED or number == len(rows) - 1:
+                for length, found in by_length.items():
+                    which = np.array([each for each, _ in found])
+                    joined = np.frombuffer(b"".join(each for _, each in found), dtype=np.uint8)
+                    unpacked = joined.reshape(len(found), length)
+                    self.add(channel, arrival[which], log_ns[which], unpacked)
+                by_length, held = {}, 0
 
     def _decode(self, block: _Block) -> None:
         if not block.rows:

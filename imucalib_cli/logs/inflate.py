@@ -13,14 +13,16 @@ if TYPE_CHECKING:
 
 _STEP = 1 << 16
 """Bytes asked of a decompressor at a time: small enough that the allocator reuses them."""
+_DOUBLED = 1 << 26
+"""Bytes up to which a buffer that is too small is doubled."""
 _SLACK = 4096
 """Bytes beyond the start of what is wanted: holds most messages."""
 _SKIP = 1 << 15
 """Gaps in a file larger than this are jumped over, smaller ones read."""
 _LONGEST_NAME = 20
 """Letters that are told of a compression's name, which may be damaged too."""
-_LARGEST = 1 << 31
-"""A chunk that unpacks to more is taken for damage."""
+_LARGEST = 1 << 29
+"""Bytes unpacked of one chunk: whole recordings of this kind are smaller, and bombs larger."""
 
 
 class Decompressor(Protocol):
@@ -39,7 +41,8 @@ class Scratch:
     def reserve(self, size: int, keep: int = 0) -> Bytes:
         """Give at least ``size`` bytes whose first ``keep`` are as they were."""
         if size > len(self.data):
-            grown = np.empty(max(size, 2 * len(self.data)), dtype=np.uint8)
+            growth = len(self.data) // (1 if len(self.data) < _DOUBLED else 4)
+            grown = np.empty(max(size, len(self.data) + growth), dtype=np.uint8)
             grown[:keep] = self.data[:keep]
             self.data = grown
         return self.data
@@ -50,8 +53,9 @@ class Inflated:
 
     def __init__(self, source: Decompressor, claimed: int, scratch: Scratch) -> None:
         self._source = source
-        self.claimed = min(claimed, _LARGEST)
+        self.claimed = claimed
         """Bytes there should be."""
+        self._limit = min(claimed, _LARGEST)
         self._scratch = scratch
         self._done = 0
         self._ended = False
@@ -59,7 +63,7 @@ class Inflated:
 
     def upto(self, size: int | None = None) -> Bytes:
         """All sound bytes among the first ``size`` (None: all), at times a few more."""
-        wanted = self.claimed if size is None else min(size, self.claimed)
+        wanted = self._limit if size is None else min(size, self._limit)
         while self._done < wanted and not self._ended:
             room = min(wanted - self._done, max(1 << 20, self._done))
             buffer = self._scratch.reserve(self._done + room, keep=self._done)

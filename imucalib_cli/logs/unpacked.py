@@ -11,6 +11,8 @@ from pathlib import Path
 from imucalib_cli.errors import InputError
 
 _STEP = 1 << 20
+_MOST_RATIO, _ALWAYS = 1000, 1 << 28
+"""A file that unpacks to more than so many times its size, and bytes, is no log but a bomb."""
 
 
 def unpack(path: Path) -> tuple[Path, str]:
@@ -29,8 +31,12 @@ def unpack(path: Path) -> tuple[Path, str]:
     with target.open("wb") as out, path.open("rb") as packed:
         reader = zstandard.ZstdDecompressor().stream_reader(packed, read_across_frames=True)
         try:
+            most = max(_ALWAYS, _MOST_RATIO * path.stat().st_size)
             while data := reader.read(_STEP):
                 out.write(data)
+                if out.tell() > most:
+                    loss = f"it unpacks to over {_MOST_RATIO} times its size, which no log does"
+                    break
         except zstandard.ZstdError as error:
             loss = f"its compression is damaged ({error}): what stands before is used"
         except OSError as error:

@@ -18,9 +18,11 @@ from imucalib_cli.errors import InputError
 if TYPE_CHECKING:
     from pathlib import Path
 
-SIZE_LIMIT = 64 << 20
+SIZE_LIMIT = 16 << 20
 """Bytes; the largest published robot descriptions have a few hundred kilobytes."""
 DEPTH_LIMIT = 200
+ELEMENT_LIMIT = 200_000
+"""Ten times a humanoid's with all its meshes; more would cost seconds and memory for nothing."""
 FARTHEST = 1e4
 """m from link to link; millimetres and damage lie beyond, and digits of the pose would be lost."""
 KINDS = ("fixed", "revolute", "continuous", "prismatic", "floating", "planar")
@@ -123,6 +125,7 @@ class _Reader:
         self._path = path
         self._stack: list[_Element] = []
         self._root: _Element | None = None
+        self._count = 0
         self._parser = expat.ParserCreate()
         self._parser.StartElementHandler = self._start
         self._parser.EndElementHandler = self._end
@@ -142,6 +145,9 @@ class _Reader:
                 f"line {element.line}: {xacro} is xacro, not URDF: expand it first with "
                 f"`xacro {self._path} > robot.urdf` and give robot.urdf"
             )
+        self._count += 1
+        if self._count > ELEMENT_LIMIT:
+            raise _Refused(f"has more than {ELEMENT_LIMIT} elements: give a URDF")
         depth = len(self._stack)
         if depth >= DEPTH_LIMIT:
             raise _Refused(f"elements are nested more than {DEPTH_LIMIT} deep: give a URDF")
@@ -280,21 +286,23 @@ def _check_tree(links: dict[str, _Element], joints: dict[str, _Element], faults:
             links[roots[1]],
             f"{len(roots)} links have no parent ({', '.join(roots[:4])}): a URDF has one root",
         )
-    for name in _on_loop(joints, above):
+    parents = {child: _end(joints[name], "parent") for child, name in above.items()}
+    for link in _on_loop(parents):
+        name = above[link]
         faults.add(joints[name], f"joint '{name}' closes a loop: a URDF is a tree")
 
 
-def _on_loop(joints: dict[str, _Element], above: dict[str, str]) -> list[str]:
-    """First joint found of each loop; each link is visited once."""
+def _on_loop(following: dict[str, str]) -> list[str]:
+    """The first found of each loop, where each follows at most one; each is visited once."""
     state: Counter[str] = Counter()
     loops = []
-    for visit, start in enumerate(above, start=1):
-        link = start
-        while link in above and not state[link]:
-            state[link] = visit
-            link = _end(joints[above[link]], "parent")
-        if link in above and state[link] == visit:
-            loops.append(above[link])
+    for visit, start in enumerate(following, start=1):
+        here = start
+        while here in following and not state[here]:
+            state[here] = visit
+            here = following[here]
+        if here in following and state[here] == visit:
+            loops.append(here)
     return loops
 
 
@@ -310,12 +318,8 @@ def _check_mimics(joints: dict[str, _Element], faults: _Faults) -> None:
         elif joints[target].attributes["type"] not in _MOVING:
             faults.add(mimic, f"joint '{name}' mimics '{target}', which has no position")
         followed[name] = target
-    for name in followed:
-        target, steps = name, 0
-        while target in followed and steps <= len(followed):
-            target, steps = followed[target], steps + 1
-        if steps > len(followed):
-            faults.add(joints[name], f"joint '{name}' mimics itself in the end")
+    for name in _on_loop(followed):
+        faults.add(joints[name], f"joint '{name}' mimics itself in the end")
 
 
 def _kinematics_only(

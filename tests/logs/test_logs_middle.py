@@ -55,7 +55,7 @@ def without_index(path: Path, storage: str) -> bytearray:
     return bytearray(content[: int.from_bytes(content[-28:-20], "little") - 13])
 
 
-def mcap_chunks(content: bytes) -> list[tuple[int, int]]:
+def mcap_chunks(content: bytes | bytearray) -> list[tuple[int, int]]:
     """Begin and end of the chunk records."""
     at, found = 8, []
     while at + 9 <= len(content):
@@ -74,7 +74,7 @@ def mcap(tmp_path: Path, compression: str, chunk_size: int = 8000) -> tuple[list
     return said, without_index(path, "mcap")
 
 
-def damaged(tmp_path: Path, content: bytes) -> Path:
+def damaged(tmp_path: Path, content: bytes | bytearray) -> Path:
     path = tmp_path / "damaged"
     path.write_bytes(content)
     return path
@@ -265,9 +265,9 @@ def test_reading_a_write_ahead_log_leaves_nothing_behind(tmp_path: Path) -> None
     assert sorted(each.name for each in crashed.iterdir()) == ["a.db3", "a.db3-wal"]
     # Cut off while it was written: the transactions before count, and the rest is told.
     (crashed / "a.db3-wal").write_bytes(wal[: len(wal) * 3 // 4])
-    part = read_imu(crashed / "a.db3")
-    assert len(part.imus["/imu"]) in {200, 300}
-    assert any("its -wal is damaged or was cut off" in loss for loss in part.losses)
+    cut = read_imu(crashed / "a.db3")
+    assert len(cut.imus["/imu"]) in {200, 300}
+    assert any("its -wal is damaged or was cut off" in loss for loss in cut.losses)
     # Where SQLite cannot work beside the file, it works on a copy.
     (crashed / "a.db3-wal").write_bytes(wal)
     (crashed / "a.db3-shm").mkdir()

@@ -1,4 +1,4 @@
-"""Paths that are no plain files, files that change while they are read, folders of odds and ends."""
+"""Paths that are no plain files, files that change while being read, folders of odds and ends."""
 
 from __future__ import annotations
 

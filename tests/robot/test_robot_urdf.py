@@ -121,7 +121,7 @@ def test_an_entity_bomb_is_refused_at_once(tmp_path: Path) -> None:
 
 def test_size_is_limited(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(urdf_check, "SIZE_LIMIT", 20)
-    with pytest.raises(InputError, match="limit"):
+    with pytest.raises(InputError, match="are no URDF"):
         load_robot(write(tmp_path, robot(LINKS + AB + BC)))
 
 

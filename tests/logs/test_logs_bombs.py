@@ -1,0 +1,108 @@
+"""Little files that unpack to a great deal: what is sound is used, within a gigabyte."""
+
+from __future__ import annotations
+
+import io
+import resource
+import struct
+import zlib
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+import zstandard
+
+from imucalib_cli.errors import InputError
+from imucalib_cli.logs import collect, unpacked
+from imucalib_cli.logs.log import open_log
+from tests.logs.logs_samples import mixed_messages, write_mcap
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from tests.logs.logs_samples import Write
+
+
+def zeros(size: int) -> bytes:
+    """Zstandard of zeros."""
+    packed = io.BytesIO()
+    with zstandard.ZstdCompressor().stream_writer(packed, closefd=False) as writer:
+        block = bytes(1 << 24)
+        for _ in range(size >> 24):
+            writer.write(block)
+    return packed.getvalue()
+
+
+@contextmanager
+def limited(size: int) -> Iterator[None]:
+    """Let this process take so many bytes more."""
+    now = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    before = resource.getrlimit(resource.RLIMIT_AS)
+    resource.setrlimit(resource.RLIMIT_AS, (now + size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, before)
+
+
+def test_a_chunk_that_unpacks_to_gigabytes_costs_only_itself(tmp_path: Path) -> None:
+    path = tmp_path / "log.mcap"
+    said = [each for each in mixed_messages(100) if each.topic == "/imu"]
+    write_mcap(path, said, chunk_size=5000)
+    content = path.read_bytes()
+    data = zeros(2 << 30)
+    head = struct.pack("<QQQI", 0, 0, 2 << 30, zlib.crc32(b"")) + struct.pack("<I4s", 4, b"zstd")
+    body = head + struct.pack("<Q", len(data)) + data
+    bomb = struct.pack("<BQ", 6, len(body)) + body
+    at = content.index(struct.pack("<I4s", 4, b"zstd")) - 9 - 28
+    path.write_bytes(content[:at] + bomb + content[at:-100])
+    with limited(1 << 30):
+        data_read = open_log([path]).read(["/imu"])
+    assert len(data_read.imus["/imu"]) == 100
+    assert any("used as far as it can be unpacked" in loss for loss in data_read.losses)
+
+
+def test_messages_that_unpack_to_gigabytes_are_left_out(
+    written: Write, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    said = [each for each in mixed_messages(200) if each.topic == "/imu"]
+    bomb = zeros(64 << 20)
+    for each in said[::2]:
+        each.raw = bomb
+    path = written(said, "mcap-none")
+    monkeypatch.setattr(collect, "_BLOCK_BYTES", 1 << 26)  # else a block holds few of them
+    with limited(1 << 29):
+        data = open_log([path]).read(["/imu"])
+    assert len(data.imus["/imu"]) == 100
+    assert any("100 of 200 messages do not fit" in loss for loss in data.losses)
+
+
+def test_a_file_that_unpacks_to_a_disk_full_is_stopped(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(unpacked, "_ALWAYS", 1 << 24)
+    path = tmp_path / "log.db3.zstd"
+    path.write_bytes(zeros(1 << 30))
+    with pytest.raises(InputError, match="is not a log"):
+        open_log([path])
+    target, loss = unpacked.unpack(path)
+    assert target.stat().st_size < 1 << 28
+    assert "over 1000 times its size" in loss
+
+
+def test_counts_a_message_merely_claims_are_not_believed(written: Write) -> None:
+    """Names, positions and transforms by the billion."""
+    said = [each for each in mixed_messages(60) if each.topic in {"/joint_states", "/tf"}]
+    rng = np.random.default_rng(3)
+    for each in said[::3]:
+        raw = bytearray(each.cdr())
+        at = int(rng.integers(4, max(5, min(len(raw) - 4, 60)))) // 4 * 4
+        raw[at : at + 4] = b"\xff\xff\xff\x7f"
+        each.raw = bytes(raw)
+    path = written(said, "mcap-none")
+    with limited(1 << 28):
+        data = open_log([path]).read(["/joint_states", "/tf"])
+    assert data.joints["/joint_states"]
+    assert any("do not fit" in loss for loss in data.losses)
