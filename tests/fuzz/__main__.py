@@ -57,6 +57,7 @@ def main() -> int:
         if done.what and kept[text[:8]] <= _MOST_KEPT:
             _keep(options.keep / f"{options.seed}-{done.number}", options.seed, done.number, kinds)
     took = time.monotonic() - start
+    codes["none, the data being known"] = codes.pop(None, 0)
     told = ", ".join(f"exit {code}: {count}" for code, count in sorted(codes.items(), key=str))
     print(f"{options.cases} cases in {took:.0f} s, {told}; {found} with findings")  # noqa: T201
     return 1 if found else 0

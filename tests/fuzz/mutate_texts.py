@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import re
 from typing import TYPE_CHECKING
 from xml.etree import ElementTree as ET
@@ -94,11 +95,12 @@ def damage_urdf(content: bytes, rng: Random) -> tuple[bytes, str]:
                     parent.remove(child)
                 done.append(f"<{child.tag}> removed")
             case 1:
-                parent.append(child)
+                parent.append(copy.deepcopy(child))
                 done.append(f"<{child.tag}> repeated")
             case 2:
-                parent.remove(child)
-                rng.choice(list(root.iter())).append(child)
+                if len(parent):
+                    parent.remove(child)
+                rng.choice(list(root.iter())).append(copy.deepcopy(child))
                 done.append(f"<{child.tag}> moved")
             case 3:
                 ET.SubElement(
