@@ -5,7 +5,8 @@ from typing import Annotated
 
 import typer
 
-from imucalib_cli.cli.output import deliver
+from imucalib_cli.cli.answers import see_answer_writable
+from imucalib_cli.cli.output import deliver, exit_code, say, worst
 
 
 def apply_command(
@@ -14,17 +15,37 @@ def apply_command(
     ],
     *,
     urdf: Annotated[Path, typer.Option("--urdf", help="URDF to calibrate; it is not changed.")],
+    imu: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--imu",
+            metavar="FRAME|TOPIC",
+            help="IMU to apply, of a result of several; repeatable; default: all.",
+        ),
+    ] = None,
     output: Annotated[
-        Path | None,
+        str | None,
         typer.Option("-o", "--output", metavar="FILE", help="Where to write; default stdout."),
     ] = None,
     force: Annotated[
         bool, typer.Option("--force", help="Use a result that should not be trusted.")
     ] = False,
+    quiet: Annotated[bool, typer.Option("-q", "--quiet", help="Errors only on stderr.")] = False,
 ) -> None:
     """Write a URDF with the IMU's joint at the calibrated pose, every other byte as it was."""
+    inputs = [urdf] if result == "-" else [urdf, Path(result)]
+    see_answer_writable(output, inputs)
     from imucalib_cli.jobs.apply import apply
 
-    content = apply(result, urdf, force=force)
-    inputs = [urdf] if result == "-" else [urdf, Path(result)]
-    deliver(content, output, inputs=inputs)
+    applied = apply(result, urdf, imus=imu or (), force=force)
+    if applied.content is not None:
+        deliver(applied.content, None if output is None else Path(output), inputs=inputs)
+    if not quiet:
+        for change in applied.changes:
+            say("applied", change)
+    for failure in applied.failures:
+        say("error", failure)
+        snippet = getattr(failure, "snippet", "")
+        if snippet:
+            typer.echo(snippet, err=True, nl=False)
+    raise typer.Exit(worst(exit_code(failure) for failure in applied.failures))

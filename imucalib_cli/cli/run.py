@@ -88,6 +88,7 @@ def run_command(
     parse_choice("--format", fmt, ("yaml", "json", "urdf", "tf", "summary"))
     tolerance = None if require is None else parse_tolerance("--require", require)
     request = calibration_request(logs, recording, estimator)
+    _see_output_writable(output, [*logs, *([request.urdf] if request.urdf is not None else [])])
 
     from imucalib_cli.cli.progress import ProgressBar
     from imucalib_cli.jobs.calibrate import calibrate
@@ -102,6 +103,18 @@ def run_command(
     for failure in outcome.failures:
         say("error", failure)
     raise typer.Exit(code)
+
+
+def _see_output_writable(output: str | None, inputs: list[Path]) -> None:
+    """Find out before minutes of computing what would come to light after them."""
+    from imucalib_cli.results.atomic import see_folder_writable, see_writable
+
+    if output is None or output == "-":
+        return
+    if is_folder(output):
+        see_folder_writable(Path(output))
+    else:
+        see_writable(Path(output), inputs=inputs)
 
 
 def _write(

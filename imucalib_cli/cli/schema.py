@@ -1,11 +1,21 @@
-"""``imucalib schema``: the contract of the result, for programs."""
+"""``imucalib schema``: the contract of what is written, for programs."""
 
 from importlib.resources import files
+from typing import Annotated
+
+import typer
 
 from imucalib_cli.cli.output import deliver
+from imucalib_cli.cli.quantities import parse_choice
 
 
-def schema_command() -> None:
-    """Print the JSON Schema (2020-12) of the result."""
-    schema = files("imucalib_cli.results").joinpath("result.schema.json")
+def schema_command(
+    which: Annotated[
+        str,
+        typer.Argument(metavar="[result|comparison]", help="Of `run`, or of `verify` and `diff`."),
+    ] = "result",
+) -> None:
+    """Print the JSON Schema (2020-12) of the result, or of the answers of verify and diff."""
+    parse_choice("schema", which, ("result", "comparison"))
+    schema = files("imucalib_cli.results").joinpath(f"{which}.schema.json")
     deliver(schema.read_text(encoding="utf-8"), None)

@@ -1,49 +1,112 @@
-"""Put a calibrated pose into a URDF."""
+"""Put calibrated poses into a URDF."""
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from imucalib_cli.errors import ChoiceError
-from imucalib_cli.jobs.result_files import read_results
+import numpy as np
+
+from imucalib_cli.errors import ChoiceError, ImucalibError
+from imucalib_cli.jobs.result_files import display_name, read_results
+from imucalib_cli.results.digits import figures
 from imucalib_cli.results.formats import refuse_untrusted
-from imucalib_cli.results.urdf_edit import joint_for, replace_origin
-from imucalib_cli.robot.urdf import parse_robot, read_urdf
+from imucalib_cli.results.urdf_edit import JointOrigin, joint_for, replace_origin
+from imucalib_cli.robot.rotations import matrix_from_rpy, rotation_angle
+from imucalib_cli.robot.urdf import load_robot
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from pathlib import Path
 
+    from imucalib_cli.results.calibration import Calibration
+    from imucalib_cli.robot.urdf import Robot
 
-def apply(result: str, urdf: Path, *, force: bool = False) -> bytes:
-    """The URDF's bytes with the origin of each result's joint replaced.
+
+@dataclass(frozen=True, kw_only=True)
+class Applied:
+    """A URDF with new origins, and what became of each result."""
+
+    content: bytes | None
+    """None where no result could be applied."""
+    changes: tuple[str, ...]
+    """What was changed, one sentence for each joint."""
+    failures: tuple[ImucalibError, ...]
+    """Of results that were left out: their joints are as they were."""
+
+
+def apply(result: str, urdf: Path, *, imus: Sequence[str] = (), force: bool = False) -> Applied:
+    """Replace the origin of each result's joint, every other byte as it was.
+
+    Of several results those that may be used are; the others are left out and told.
 
     Args:
         result: Path of a result file; ``-`` reads standard input.
         urdf: Path of the URDF; it is not changed.
+        imus: Frames or topics of the IMUs to take from the file; empty takes all.
         force: Use results that should not be trusted.
 
     Raises:
-        InputError: A file cannot be used, or the URDF has no joint for the IMU.
-        UntrustedError: A result should not be trusted.
+        InputError: A file cannot be used.
+        ChoiceError: An IMU is not in the file, or two results are for one joint.
     """
-    calibrations = read_results(result)
-    content = read_urdf(urdf)
-    robot = parse_robot(content, urdf)
-    seen: set[str] = set()
+    calibrations = _chosen(read_results(result), imus, display_name(result))
+    robot = load_robot(urdf)
+    origins: dict[str, JointOrigin] = {}
+    changes: list[str] = []
+    failures: list[ImucalibError] = []
     for calibration in calibrations:
-        refuse_untrusted(calibration, "URDF", force=force)
-        estimate = calibration.estimate
-        origin = joint_for(
-            robot,
-            calibration.parent,
-            calibration.child,
-            estimate.R_parent_imu,
-            estimate.t_parent_imu,
-        )
-        if origin.joint in seen:
+        try:
+            refuse_untrusted(calibration, "URDF", force=force)
+            origin = _origin(robot, calibration)
+        except ImucalibError as error:
+            failures.append(error)
+            continue
+        if origin.joint in origins:
+            topics = ", ".join(c.provenance.imu_topic for c in calibrations)
             raise ChoiceError(
-                f"{result}: two results are for joint '{origin.joint}': keep one of them"
+                f"{display_name(result)}: two results are for joint '{origin.joint}': choose one "
+                f"with --imu, of: {topics}"
             )
-        seen.add(origin.joint)
-        content = replace_origin(content, origin.joint, origin.xyz, origin.rpy)
-    return content
+        origins[origin.joint] = origin
+        changes.append(_change(robot, calibration, origin))
+    content = urdf.read_bytes() if origins else None
+    for origin in origins.values():
+        if content is not None:
+            content = replace_origin(content, origin.joint, origin.xyz, origin.rpy)
+    return Applied(content=content, changes=tuple(changes), failures=tuple(failures))
+
+
+def _chosen(calibrations: list[Calibration], imus: Sequence[str], name: str) -> list[Calibration]:
+    """Results of the named frames or topics."""
+    for imu in imus:
+        if not any(imu in _names(calibration) for calibration in calibrations):
+            there = ", ".join(f"{c.child} ({c.provenance.imu_topic})" for c in calibrations)
+            raise ChoiceError(f"--imu {imu}: not in {name}; there are: {there}")
+    return [c for c in calibrations if not imus or not _names(c).isdisjoint(imus)]
+
+
+def _names(calibration: Calibration) -> set[str]:
+    return {calibration.child, calibration.provenance.imu_topic}
+
+
+def _origin(robot: Robot, calibration: Calibration) -> JointOrigin:
+    estimate = calibration.estimate
+    return joint_for(
+        robot,
+        calibration.parent,
+        calibration.child,
+        estimate.R_parent_imu,
+        estimate.t_parent_imu,
+    )
+
+
+def _change(robot: Robot, calibration: Calibration, origin: JointOrigin) -> str:
+    joint = robot.joint_above[calibration.child]
+    shift = float(np.linalg.norm(np.array(origin.xyz) - joint.p_origin))
+    turn = float(rotation_angle(joint.R_origin.T @ matrix_from_rpy(origin.rpy)))
+    return (
+        f"joint '{origin.joint}' ({calibration.child} on {joint.parent}): its origin moved by "
+        f"{figures(shift * 1e3, 3)} mm and {figures(math.degrees(turn), 3)} deg"
+    )

@@ -177,7 +177,9 @@ def _distinct(*stacks: Floats) -> Floats:
     if not len(directions):
         return np.zeros((0, 3))
     _, sizes, rows = np.linalg.svd(directions, full_matrices=False)
-    return np.asarray(rows[sizes > AFFECTED])
+    basis = rows[sizes > AFFECTED]
+    largest = np.take_along_axis(basis, np.argmax(np.abs(basis), axis=1)[:, None], axis=1)
+    return np.asarray(basis * np.sign(largest))
 
 
 def _untwist(turn: Floats, axis: Floats) -> float:

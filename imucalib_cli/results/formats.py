@@ -19,11 +19,11 @@ Format = Literal["yaml", "json", "urdf", "tf", "summary"]
 SUFFIXES: dict[Format, str] = {
     "yaml": ".yaml",
     "json": ".json",
-    "urdf": ".urdf",
+    "urdf": ".joint.xml",
     "tf": ".txt",
     "summary": ".txt",
 }
-"""Of the files that ``-o FOLDER/`` writes."""
+"""Of the files that ``-o FOLDER/`` writes; a <joint> alone is no URDF and is not called one."""
 
 
 def render(calibrations: list[Calibration], fmt: Format, *, force: bool = False) -> str:

@@ -5,18 +5,24 @@ from __future__ import annotations
 import json
 import os
 import re
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import jsonschema
+import numpy as np
 import pytest
 import typer
 
 from imucalib_cli import __version__
 from imucalib_cli.cli.main import app, main
 from imucalib_cli.cli.output import worst
+from imucalib_cli.results.document import to_document
+from imucalib_cli.results.text import to_yaml
 from tests.conftest import LogWriter
+from tests.results.test_results_documents import make_calibration
 
 ROOT = Path(__file__).parents[2]
 HEAVY = ("numpy", "scipy", "rosbags", "yourdfpy", "yaml", "mujoco")
@@ -29,6 +35,8 @@ HEAVY = ("numpy", "scipy", "rosbags", "yourdfpy", "yaml", "mujoco")
         ["run", "--help"],
         ["inspect", "--help"],
         ["apply", "--help"],
+        ["verify", "--help"],
+        ["diff", "--help"],
         ["simulate", "--help"],
         ["--version"],
     ],
@@ -66,6 +74,11 @@ def test_schema_is_a_valid_schema(capsys: pytest.CaptureFixture[str]) -> None:
     schema = json.loads(capsys.readouterr().out)
     jsonschema.Draft202012Validator.check_schema(schema)
     assert schema["$defs"]["document"]["properties"]["schema"] == {"const": 1}
+    assert main(["schema", "comparison"]) == 0
+    schema = json.loads(capsys.readouterr().out)
+    jsonschema.Draft202012Validator.check_schema(schema)
+    assert set(schema["$defs"]) >= {"verify", "diff"}
+    assert main(["schema", "log"]) == 2
 
 
 def _explode(*_: object, **__: object) -> None:
@@ -161,17 +174,134 @@ def test_closed_streams_that_are_not_needed_do_no_harm(
     assert "standard input is closed" in done.stderr
 
 
+@pytest.mark.parametrize("redirection", ["2>/dev/full", "2>&-"])
+@pytest.mark.parametrize(
+    ("arguments", "code"),
+    [
+        (["run", "nowhere.mcap"], 1),
+        (["run"], 2),
+        (["diff", "RESULT", "RESULT", "--within", "1um"], 3),
+        (["inspect", "LOG"], 0),
+    ],
+)
+def test_words_that_nobody_takes_change_no_exit_code(
+    redirection: str, arguments: list[str], code: int, tmp_path: Path
+) -> None:
+    named = {"LOG": str(ROOT / "sample_data/barbot.bag"), "RESULT": str(_result(tmp_path))}
+    done = _in_shell(redirection, *(named.get(word, word) for word in arguments))
+    assert (done.returncode, done.stderr) == (code, "")
+    assert bool(done.stdout) == (code in {0, 3})
+
+
+def _result(folder: Path) -> Path:
+    path = folder / "result.yaml"
+    path.write_text(to_yaml([to_document(make_calibration(t_parent_imu=np.zeros(3)))]))
+    return path
+
+
+def test_an_interruption_at_any_moment_is_quiet() -> None:
+    """From the first line of ours to the end: importing, reading, estimating, writing."""
+    log, urdf = (str(ROOT / "sample_data" / f"rihibot.{kind}") for kind in ("mcap", "urdf"))
+    program = (
+        "import sys; from imucalib_cli.cli.entry import main; print('on', flush=True);"
+        "sys.exit(main())"
+    )
+    codes = []
+    for i in range(12):
+        with subprocess.Popen(
+            [sys.executable, "-c", program, "run", log, "--urdf", urdf, "-o", os.devnull],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        ) as process:
+            assert process.stdout is not None
+            assert process.stdout.readline() == "on\n"
+            time.sleep(0.005 + 0.03 * i)
+            process.send_signal(signal.SIGINT)
+            _, err = process.communicate(timeout=20)
+        assert err == "" or process.returncode == 0
+        codes.append(process.returncode)
+    assert set(codes) <= {130, 0}  # a fast machine is done before the last ones
+    assert codes[:3] == [130] * 3
+
+
+def _limited(program: str, folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """In a process that may write files of 1000 bytes at most, as on a disk that is full."""
+    limit = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000));"
+    return subprocess.run(
+        [sys.executable, "-B", "-c", limit + program, *arguments],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["run", "LOG", "--urdf", "URDF", "-q", "-o", "out.yaml"],
+        ["verify", "RESULT", "--urdf", "URDF", "-q", "-o", "out.yaml"],
+        ["apply", "RESULT", "--urdf", "URDF", "-q", "-o", "out.urdf"],
+        ["diff", "RESULT", "RESULT", "-q", "-o", "out.yaml"],
+    ],
+)
+def test_a_full_disk_is_one_line_and_leaves_no_half_file(
+    arguments: list[str], tmp_path: Path
+) -> None:
+    log, urdf = (str(ROOT / "sample_data" / f"rihibot.{kind}") for kind in ("mcap", "urdf"))
+    result = _result(tmp_path)
+    folder = tmp_path / "here"
+    folder.mkdir()
+    named = {"LOG": log, "URDF": urdf, "RESULT": str(result)}
+    done = _limited(PROGRAM, folder, *(named.get(word, word) for word in arguments))
+    assert done.returncode == 1
+    assert done.stderr.startswith("error: out")
+    assert done.stderr.endswith(": cannot be written: File too large\n")
+    assert done.stderr.count("\n") == 1
+    assert [path for path in folder.rglob("*") if path.is_file()] == []
+
+
+@pytest.mark.parametrize(
+    ("output", "code", "words"),
+    [
+        ("nowhere/x.yaml", 1, "cannot be written: No such file or directory"),
+        ("arm.urdf/x.yaml", 1, "cannot be written: Not a directory"),
+        ("arm.urdf/x/", 1, "cannot be written: Not a directory"),
+        ("arm.urdf", 2, "is an input and would be overwritten"),
+    ],
+)
+def test_an_output_that_cannot_be_written_is_told_before_computing(
+    *,
+    output: str,
+    code: int,
+    words: str,
+    log_writer: LogWriter,
+    arm_urdf: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr("imucalib_cli.jobs.calibrate.read_recording", _explode)
+    log = str(log_writer.imu(seconds=0.1).write())
+    target = f"{arm_urdf.parent}/{output}"
+    assert main(["run", log, "--urdf", str(arm_urdf), "-o", target]) == code
+    assert words in (err := capsys.readouterr().err)
+    assert err.count("\n") == 1
+
+
 def test_no_result_is_worse_than_an_untrusted_one() -> None:
     assert worst([]) == 0
     assert worst([0, 3]) == 3
     assert worst([3, 2]) == 2
     assert worst([3, 1, 2]) == 1
+    assert worst([3, 1, 4, 2]) == 4
 
 
 def test_every_option_stands_in_the_documentation_with_its_default() -> None:
     text = (ROOT / "docs/options.md").read_text()
     group = typer.main.get_command(app)
-    for name in ("run", "inspect", "apply"):
+    shared: dict[str, str] = {}
+    for name in ("run", "inspect", "verify", "diff", "apply"):
         section = text.split(f"## `imucalib {name}`")[1].split("\n## ")[0]
         rows = {
             option: row
@@ -179,6 +309,12 @@ def test_every_option_stands_in_the_documentation_with_its_default() -> None:
             for option in re.findall(r"`(--?[a-z-]+)", row.split("|")[0])
         }
         told = set()
+        if name == "run":
+            shared = dict(rows)
+        elif name == "verify":  # takes those of run that are not its own, and they are told there
+            own = {option for p in group.commands[name].params for option in p.opts}  # type: ignore[attr-defined]
+            assert not set(rows) & {"--parent", "--window"}
+            rows = {o: row for o, row in shared.items() if o in own} | rows
         for parameter in group.commands[name].params:  # type: ignore[attr-defined]
             if parameter.param_type_name == "argument" or "--help" in parameter.opts:
                 continue

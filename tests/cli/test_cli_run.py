@@ -155,6 +155,13 @@ def test_output_folder_gets_a_file_for_each_imu(
 
 
 @pytest.mark.usefixtures("estimator")
+def test_a_joint_alone_is_not_called_a_urdf(arm_log: Path, arm_urdf: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "new"
+    assert run(arm_log, "--urdf", arm_urdf, "--format", "urdf", "-q", "-o", f"{folder}/") == 0
+    assert [path.name for path in folder.iterdir()] == [f"{arm_log.stem}.imu_link.joint.xml"]
+
+
+@pytest.mark.usefixtures("estimator")
 def test_imus_of_one_frame_do_not_overwrite_each_other(
     log_writer: LogWriter, arm_urdf: Path, tmp_path: Path
 ) -> None:

@@ -416,8 +416,9 @@ def test_untrusted_poses_are_refused_without_force(fmt: Any) -> None:
 
 
 def test_published_and_packaged_schema_are_one() -> None:
-    packaged = ROOT / "imucalib_cli/results/result.schema.json"
-    assert packaged.read_bytes() == (ROOT / "docs/result.schema.json").read_bytes()
+    for name in ("result.schema.json", "comparison.schema.json"):
+        packaged = ROOT / "imucalib_cli/results" / name
+        assert packaged.read_bytes() == (ROOT / "docs" / name).read_bytes()
 
 
 def test_the_summary_gives_both_directions_and_they_undo_each_other() -> None:

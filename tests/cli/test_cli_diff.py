@@ -1,0 +1,179 @@
+"""`imucalib diff` from two files to an exit code: pairs, frames, several IMUs."""
+
+from __future__ import annotations
+
+import io
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import jsonschema
+import numpy as np
+import pytest
+import yaml
+
+from imucalib_cli.cli.main import main
+from imucalib_cli.results.document import to_document
+from imucalib_cli.results.text import to_json, to_yaml
+from tests.results.test_results_documents import UP, make_calibration
+
+if TYPE_CHECKING:
+    from imucalib_cli.results.calibration import Calibration
+
+ROOT = Path(__file__).parents[2]
+SCHEMA = json.loads((ROOT / "docs/comparison.schema.json").read_text())
+SMALL = np.diag([1e-8] * 3 + [1e-10] * 3)
+HERE = np.array([0.1, 0.2, 0.3])
+
+
+def diff(*arguments: object) -> int:
+    return main(["diff", *(str(argument) for argument in arguments)])
+
+
+def make(
+    shift: Any = (0.0, 0.0, 0.0),
+    *,
+    child: str = "imu_link",
+    parent: str = "hand",
+    topic: str = "/imu",
+    log: str = "a",
+    **more: Any,
+) -> Calibration:
+    made = make_calibration(
+        t_parent_imu=HERE + shift, R_parent_imu=np.eye(3), **{"covariance": SMALL, **more}
+    )
+    provenance = replace(
+        made.provenance,
+        imu_topic=topic,
+        files=(replace(made.provenance.files[0], sha256=log * 64),),
+    )
+    return replace(made, child=child, parent=parent, provenance=provenance)
+
+
+@pytest.fixture
+def write(tmp_path: Path) -> Any:
+    def write(name: str, *calibrations: Calibration) -> Path:
+        documents = [to_document(calibration) for calibration in calibrations]
+        text = to_json(documents) if name.endswith("json") else to_yaml(documents)
+        (tmp_path / name).write_text(text)
+        return tmp_path / name
+
+    return write
+
+
+def answers(capsys: pytest.CaptureFixture[str]) -> tuple[list[dict[str, Any]], str]:
+    out, err = capsys.readouterr()
+    documents = list(yaml.safe_load_all(out))
+    for document in documents:
+        jsonschema.validate(document, SCHEMA, cls=jsonschema.Draft202012Validator)
+    return documents, err
+
+
+def test_moved_and_not(write: Any, capsys: pytest.CaptureFixture[str]) -> None:
+    first = write("a.yaml", make())
+    assert diff(first, write("b.json", make([0.0, 0.001, 0.0], log="b"))) == 4
+    (document,), err = answers(capsys)
+    assert document["verdict"] == "moved"
+    np.testing.assert_allclose(document["translation"]["vector_mm"], [0, 1, 0], atol=1e-9)
+    np.testing.assert_allclose(document["translation"]["std_mm"], np.full(3, 0.1 * 2**0.5))
+    assert document["test"]["chi2"] == pytest.approx(50.0)
+    assert document["test"]["degrees_of_freedom"] == 6
+    assert err.startswith("moved: imu_link in hand has moved: 1.00 ± 0.14 mm")
+    assert diff(first, write("c.yaml", make([1e-5, 0.0, 0.0], log="b"))) == 0
+    assert answers(capsys)[1].startswith("not moved: imu_link in hand has not moved: ")
+    assert diff(first, write("d.yaml", make(log="b", unobservable=(UP,)))) == 3
+    (document,), err = answers(capsys)
+    assert document["translation"]["unknown_directions"] == [[0.0, 0.0, 1.0]]
+    assert document["test"]["degrees_of_freedom"] == 5
+    assert "unknown: cannot tell whether" in err
+
+
+def test_within_asks_for_a_size_instead(write: Any, capsys: pytest.CaptureFixture[str]) -> None:
+    first, second = write("a.yaml", make()), write("b.yaml", make([0.001, 0.0, 0.0], log="b"))
+    assert diff(first, second, "--within", "2mm", "-q") == 0
+    (document,), err = answers(capsys)
+    assert err == ""
+    assert document["within"] == {"translation_mm": 2.0, "rotation_deg": 0.5}
+    assert diff(first, second, "--within", "0.5mm") == 4
+    assert diff(first, second, "--within", "1mm") == 3
+
+
+def test_one_of_them_from_stdin(
+    write: Any, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    first, second = write("a.yaml", make()), write("b.yaml", make())
+    monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(first.read_bytes())))
+    assert diff("-", second) == 0
+    (document,), err = answers(capsys)
+    assert document["first"]["file"] == "standard input"
+    assert "warning: standard input and " in err
+    assert "were computed from the same log" in err
+    assert diff("-", "-") == 2
+    assert "one of the two results, not both" in capsys.readouterr().err
+
+
+def test_imus_are_paired_by_frame_and_topic(write: Any, capsys: pytest.CaptureFixture[str]) -> None:
+    # c kept its frame, d its topic; a and b share a frame and are told apart by topic
+    one = [
+        make([i * 0.1, 0, 0], child=child, topic=topic)
+        for i, (child, topic) in enumerate([("x", "/a"), ("x", "/b"), ("c", "/c"), ("d", "/d")])
+    ]
+    other = [
+        make([i * 0.1, 0, 0], child=child, topic=topic, log="b")
+        for i, (child, topic) in enumerate([("x", "/a"), ("x", "/b"), ("c", "/new"), ("d", "/d")])
+    ]
+    assert diff(write("a.yaml", *one), write("b.json", *reversed(other))) == 0
+    documents, _ = answers(capsys)
+    assert [d["second"]["imu"] for d in documents] == ["/a", "/b", "/new", "/d"]
+    assert diff(write("a.yaml", *one), write("b.yaml", *other[:3])) == 2
+    documents, err = answers(capsys)
+    assert len(documents) == 3
+    assert "a.yaml has a result of d (/d), " in err
+    assert "b.yaml has none to go with it" in err
+
+
+URDF = """<robot name="r"><link name="hand"/><link name="plate"/><link name="imu_link"/>
+<link name="chip"/><link name="other"/>
+<joint name="bolt" type="fixed"><parent link="hand"/><child link="plate"/>
+<origin xyz="0.1 0 0" rpy="0 0 1.5707963267948966"/></joint>
+<joint name="mount" type="fixed"><parent link="plate"/><child link="imu_link"/></joint>
+<joint name="chip_joint" type="fixed"><parent link="imu_link"/><child link="chip"/>
+<origin xyz="0 0 0.02"/></joint>
+<joint name="other_joint" type="fixed"><parent link="hand"/><child link="other"/></joint>
+</robot>"""
+
+
+def test_other_frames_need_the_urdf(
+    write: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    urdf = tmp_path / "r.urdf"
+    urdf.write_text(URDF)
+    first = write("a.yaml", make())
+    # p_hand = (0.1 0 0) + Rz(90 deg) p_plate, and the chip 20 mm further along z
+    R = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    in_plate = R.T @ (HERE - [0.1, 0.0, 0.0]) + [0.0, 0.0, 0.02]
+    moved = make(in_plate - HERE, parent="plate", child="chip", log="b")
+    moved = replace(moved, estimate=replace(moved.estimate, R_parent_imu=R.T))
+    second = write("b.yaml", moved)
+    assert diff(first, second) == 2
+    assert "is of imu_link in hand, " in (err := capsys.readouterr().err)
+    assert "b.yaml of chip in plate: give --urdf" in err
+    assert err.count("\n") == 1
+    assert diff(first, second, "--urdf", urdf) == 0
+    (document,), _ = answers(capsys)
+    np.testing.assert_allclose(document["translation"]["vector_mm"], np.zeros(3), atol=1e-9)
+    assert document["rotation"]["difference_deg"] == pytest.approx(0.0, abs=1e-9)
+    stranger = write("c.yaml", make(child="other", log="c"))
+    assert diff(first, stranger, "--urdf", urdf) == 2
+    assert "two mounts: compare results of the same IMU" in capsys.readouterr().err
+
+
+def test_what_is_no_result_is_one_line(
+    write: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    first = write("a.yaml", make())
+    assert diff(first, tmp_path / "none.yaml") == 1
+    assert "cannot be read" in capsys.readouterr().err
+    assert diff(first, first, "-o", first) == 2
+    assert "is an input and would be overwritten" in capsys.readouterr().err

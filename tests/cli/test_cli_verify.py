@@ -1,0 +1,284 @@
+"""`imucalib verify` from arguments to exit code: logs, results, frames, several IMUs."""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import jsonschema
+import numpy as np
+import pytest
+import yaml
+from scipy.spatial.transform import Rotation
+
+from imucalib_cli.cli.main import main
+from tests.cli.test_cli_run import ESTIMATE, SIDEWAYS, Estimator
+
+if TYPE_CHECKING:
+    from tests.conftest import LogWriter
+
+ROOT = Path(__file__).parents[2]
+DATA = ROOT / "sample_data"
+SCHEMA = json.loads((ROOT / "docs/comparison.schema.json").read_text())
+
+
+def verify(*arguments: object) -> int:
+    return main(["verify", *(str(argument) for argument in arguments)])
+
+
+def answers(capsys: pytest.CaptureFixture[str]) -> tuple[list[dict[str, Any]], str]:
+    out, err = capsys.readouterr()
+    documents = list(yaml.safe_load_all(out))
+    for document in documents:
+        jsonschema.validate(document, SCHEMA, cls=jsonschema.Draft202012Validator)
+    return documents, err
+
+
+@pytest.fixture
+def estimator(monkeypatch: pytest.MonkeyPatch) -> Estimator:
+    fake = Estimator()
+    monkeypatch.setattr("imucalib_cli.jobs.calibrate._estimate", fake)
+    return fake
+
+
+@pytest.fixture
+def arm_log(log_writer: LogWriter) -> Path:
+    return log_writer.imu().joints().write()
+
+
+@pytest.fixture
+def result(estimator: Estimator, arm_log: Path, arm_urdf: Path, tmp_path: Path) -> Path:
+    """Of `run`: 10 mm from the URDF's 50 mm along x of hand, sigma 0.1 mm."""
+    assert estimator.estimate is ESTIMATE
+    path = tmp_path / "result.yaml"
+    assert main(["run", str(arm_log), "--urdf", str(arm_urdf), "-q", "-o", str(path)]) == 0
+    return path
+
+
+@pytest.mark.parametrize(
+    ("within", "code", "verdict", "words"),
+    [
+        ([], 4, "no", "off by 10.00 ± 0.10 mm (100 sigma), more than 5 mm"),
+        (["--within", "11mm"], 0, "yes", "within 11 mm and 0.5 deg: 10.00 ± 0.10 mm"),
+        (["--within", "10.1mm,1deg"], 3, "unknown", "so by 9.80 to 10.20 mm within two sigma"),
+        (["--within", "1cm,0.001deg"], 3, "unknown", "the tolerance of 0.001 deg lies in between"),
+    ],
+)
+@pytest.mark.usefixtures("estimator")
+def test_the_answer_is_a_document_a_sentence_and_an_exit_code(
+    *,
+    within: list[str],
+    code: int,
+    verdict: str,
+    words: str,
+    arm_log: Path,
+    arm_urdf: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert verify(arm_log, "--urdf", arm_urdf, *within) == code
+    (document,), err = answers(capsys)
+    assert document["verdict"] == verdict
+    assert document["translation"]["difference_mm"] == pytest.approx(10.0)
+    np.testing.assert_allclose(document["translation"]["vector_mm"], [10.0, 0, 0], atol=1e-12)
+    assert document["told"]["joint"] == "imu_joint"
+    assert document["told"]["urdf"]["path"] == str(arm_urdf)
+    assert document["found"]["transform"]["translation"] == [0.06, 0.0, 0.0]
+    assert err.startswith("warning: the moon is full\n")
+    assert err.endswith(f"{verdict}: {document['reason']}\n")
+    assert words in document["reason"]
+
+
+@pytest.mark.usefixtures("estimator")
+def test_quiet_json_into_a_file(
+    arm_log: Path, arm_urdf: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    target = tmp_path / "answer.json"
+    assert verify(arm_log, "--urdf", arm_urdf, "-q", "--format", "json", "-o", target) == 4
+    assert capsys.readouterr() == ("", "")
+    assert json.loads(target.read_text())["significance"]["of"] == "translation"
+
+
+def test_one_imu_that_is_wrong_settles_it(
+    estimator: Estimator, log_writer: LogWriter, arm_urdf: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = log_writer.imu("/a").imu("/b").joints().write()
+    assert verify(log, "--urdf", arm_urdf) == 4
+    documents, _ = answers(capsys)
+    assert [d["found"]["provenance"]["topics"]["imu"] for d in documents] == ["/a", "/b"]
+    jsonschema.validate(documents, SCHEMA)
+    estimator.fail_on = len(estimator.calls) + 1
+    assert verify(log, "--urdf", arm_urdf) == 4
+    assert "error: /a: too short" in capsys.readouterr().err
+    estimator.fail_on = len(estimator.calls) + 1
+    assert verify(log, "--urdf", arm_urdf, "--within", "11mm") == 1
+
+
+def test_an_unobservable_direction_cannot_tell_unless_the_rest_says_no(
+    estimator: Estimator, arm_log: Path, arm_urdf: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    wide = ESTIMATE.covariance + np.diag([0, 100.0, 0, 0, 0, 0])
+    estimator.estimate = replace(ESTIMATE, unobservable=(SIDEWAYS,), covariance=wide)
+    assert verify(arm_log, "--urdf", arm_urdf, "--within", "11mm") == 3
+    (document,), _ = answers(capsys)
+    assert "not determined: translation along (0.00 1.00 0.00) of hand" in document["reason"]
+    assert document["found"]["status"] == "untrusted"
+    assert verify(arm_log, "--urdf", arm_urdf) == 4
+    capsys.readouterr()
+    estimator.estimate = replace(ESTIMATE, distrust=("it wobbles",))
+    assert verify(arm_log, "--urdf", arm_urdf) == 3
+    assert "contradicts itself or its model: it wobbles" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("frame", "options", "code", "words"),
+    [
+        ("imu_lnk", [], 2, "name its link there with --imu-link; did you mean 'imu_link'?"),
+        ("imu_lnk", ["--parent", "hand"], 2, "name its link there with --imu-link"),
+        ("imu_lnk", ["--imu-link", "imu_link"], 4, "off by 10.00"),
+        ("", [], 2, "the IMU's frame_id is empty and is not in"),
+        ("imu_link", ["--parent", "upper"], 2, "the revolute joint 'lift' is between them"),
+        # a moving link's own frame: the URDF says that the IMU's is the same
+        ("hand", [], 4, "hand in hand is not where"),
+    ],
+)
+@pytest.mark.usefixtures("estimator")
+def test_frames_the_urdf_tells_and_does_not_tell(
+    *,
+    frame: str,
+    options: list[str],
+    code: int,
+    words: str,
+    log_writer: LogWriter,
+    arm_urdf: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    log = log_writer.imu(frame=frame).joints().write()
+    assert verify(log, "--urdf", arm_urdf, *options) == code
+    err = capsys.readouterr().err
+    assert words in err
+    assert sum(not line.startswith("warning") for line in err.splitlines()) == 1
+
+
+@pytest.mark.usefixtures("estimator")
+def test_the_logs_own_static_frames_may_tell(
+    log_writer: LogWriter, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = log_writer.imu().tf("odom", "body").tf("body", "imu_link", moving=False).write()
+    assert verify(log) == 4
+    (document,), err = answers(capsys)
+    assert document["told"]["urdf"] is None
+    assert "is not where the log's own frames say" in err
+    bare = log_writer.path.parent / "bare"
+    other = replace(log_writer, path=bare, messages=[]).imu().tf("odom", "body").write()
+    assert verify(other) == 2
+    assert "nothing tells where 'imu_link' should be: give --urdf" in capsys.readouterr().err
+
+
+def test_a_result_answers_like_its_log(
+    result: Path,
+    arm_urdf: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    assert verify(result, "--urdf", arm_urdf) == 4
+    (document,), err = answers(capsys)
+    assert "off by 10.00 ± 0.10 mm (100 sigma), more than 5 mm" in err
+    assert document["told"]["joint"] == "imu_joint"
+    monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(result.read_bytes())))
+    assert verify("-", "--urdf", arm_urdf, "--within", "11mm") == 0
+
+
+def test_a_result_is_compared_through_fixed_joints(
+    result: Path, arm_urdf: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The same mount, by way of a plate: 60 mm of hand are found, 30 + 20 mm told."""
+    plate = arm_urdf.with_name("plate.urdf")
+    joints = (
+        '<link name="plate"/><joint name="bolt" type="fixed"><parent link="hand"/>'
+        '<child link="plate"/><origin xyz="0.03 0 0" rpy="0 0 1.5"/></joint>'
+        '<joint name="imu_joint" type="fixed"><parent link="plate"/><child link="imu_link"/>'
+        f'<origin xyz="{0.02 * math.cos(1.5)} {-0.02 * math.sin(1.5)} 0" rpy="0 0 -1.5"/></joint>'
+    )
+    text = arm_urdf.read_text()
+    start, end = text.index('  <joint name="imu_joint"'), text.index("</robot>")
+    plate.write_text(text[:start] + joints + text[end:])
+    assert verify(result, "--urdf", plate) == 4
+    (document,), _ = answers(capsys)
+    np.testing.assert_allclose(document["translation"]["vector_mm"], [10, 0, 0], atol=1e-9)
+    assert document["rotation"]["difference_deg"] == pytest.approx(0.0, abs=1e-9)
+    assert document["told"]["joint"] == ""
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ([], "give --urdf"),
+        (["--urdf", "URDF", "--gravity", "none"], "--gravity is for logs"),
+        (["--urdf", "URDF", "--parent", "hand"], "--parent is for logs"),
+        (["--urdf", "URDF", "--imu-topic", "/x"], "--imu-topic /x: no result is of it"),
+        (["--urdf", "URDF", "--imu-link", "imu"], "'imu' is not in"),
+        (["--urdf", "URDF", "--within", "5"], "--within 5: expected a length"),
+        (["--urdf", "URDF", "LOG"], "give logs or results, not both"),
+        (["--urdf", "URDF", "--format", "tf"], "--format tf: expected yaml or json"),
+        (["--urdf", "URDF", "-o", "RESULT"], "is an input and would be overwritten"),
+        (["--urdf", "URDF", "-o", "/"], "is a folder; name the file to write"),
+    ],
+)
+def test_wrong_usage_with_a_result(
+    *,
+    options: list[str],
+    words: str,
+    result: Path,
+    arm_urdf: Path,
+    arm_log: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    named = {"URDF": str(arm_urdf), "LOG": str(arm_log), "RESULT": str(result)}
+    assert verify(result, *(named.get(option, option) for option in options)) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert words in err
+    assert err.count("\n") == 1
+
+
+SHIFT = np.array([0.003, -0.004, 0.012])
+TURN = Rotation.from_rotvec(np.radians([0.0, 0.6, -0.8]))
+
+
+def test_a_mount_off_by_a_known_amount_is_found_off_by_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The truth of a physics engine, and the truth displaced by 13 mm and 1 degree."""
+    truth = yaml.safe_load((DATA / "rihibot.truth.yaml").read_text())["transform"]
+    t, R = np.array(truth["translation"]), Rotation.from_quat(truth["rotation_xyzw"])
+    text = (DATA / "rihibot.urdf").read_text()
+    joint = text.index('name="imu_joint"')
+    start = text.index("<origin", joint)
+    end = text.index("/>", start) + 2
+    for shift, turn, code in ((np.zeros(3), Rotation.identity(), 0), (SHIFT, TURN, 4)):
+        told_R, told_t = turn.inv() * R, t - shift
+        xyz = " ".join(map(repr, told_t.tolist()))
+        rpy = " ".join(map(repr, told_R.as_euler("xyz").tolist()))
+        urdf = tmp_path / "told.urdf"
+        urdf.write_text(f'{text[:start]}<origin xyz="{xyz}" rpy="{rpy}"/>{text[end:]}')
+        log = DATA / "rihibot.mcap"
+        assert verify(log, "--urdf", urdf, "--within", "0.1mm,0.01deg") == code
+        (document,), _ = answers(capsys)
+        covariance = np.array(document["found"]["covariance"])
+        error = np.concatenate(
+            (
+                np.array(document["translation"]["vector_mm"]) / 1e3 - shift,
+                (
+                    Rotation.from_rotvec(np.radians(document["rotation"]["vector_deg"]))
+                    * turn.inv()
+                ).as_rotvec(),
+            )
+        )
+        assert error @ np.linalg.solve(covariance, error) < 22.5  # chi² of 6, once in a thousand
+    least, most = document["translation"]["between_mm"]
+    assert least < 13.0 < most
+    assert most - least < 0.1
