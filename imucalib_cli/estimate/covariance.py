@@ -118,9 +118,9 @@ class ScoreSpectrum:
                 B += scaled.real.T @ scaled.real + scaled.imag.T @ scaled.imag
         return B
 
-    def colour(self, levels: Floats) -> float:
-        """Loudest band over the middle one, of the bands the kernels let through; 1 is white."""
-        ratios = [1.0]
+    def whiteness(self, levels: Floats) -> tuple[float, float]:
+        """Loudest band over the median one, per sensor, of bands the kernel lets through."""
+        ratios = []
         for sensor in range(2):
             shape = self.shape(sensor)
             heard = [
@@ -128,9 +128,10 @@ class ScoreSpectrum:
                 for level, band in zip(levels[sensor], _bands(self.size), strict=True)
                 if np.median(shape[band]) > 0.1
             ]
-            if len(heard) > 1:
-                ratios.append(float(max(heard) / max(np.median(heard), 1e-300)))
-        return max(ratios)
+            ratios.append(
+                float(max(heard) / max(np.median(heard), 1e-300)) if len(heard) > 1 else 1.0
+            )
+        return ratios[0], ratios[1]
 
 
 def kernel_response(average: Floats, hop: int) -> Floats:

@@ -60,6 +60,31 @@ class Residuals:
     """Single IMU samples found to be spikes and bridged."""
     gaps: int
     """Holes in either stream that no window straddles."""
+    accel_normalised: Floats | None = None
+    """(3,), over what the sensor's own white noise leaves in a window, 1 is noise alone; None where
+    the method does not tell."""
+    gyro_normalised: Floats | None = None
+    """(3,), likewise."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Consistency:
+    """How well the parts of the log agree with each other."""
+
+    folds: int
+    """Contiguous segments the log was cut into."""
+    fold_std: Floats
+    """(6,), standard deviation of the pose by leaving each segment out in turn (jackknife), m and
+    rad: to be held against the stated sigma."""
+    halves_difference: Floats
+    """(6,), pose by the second half less pose by the first, m and rad."""
+    halves_sigmas: float
+    """Root mean square of that difference in sigmas; 1 is chance."""
+    segment_chi2: float
+    """Scatter of the segments over what noise explains, per degree of freedom."""
+    whiteness: tuple[float, float]
+    """Loudest band of the residuals' spectrum over its median, accelerometer and gyroscope, as far
+    as the filters let it through; 1 is white."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -94,6 +119,8 @@ class Estimate:
     corrections: tuple[Correction, ...] = ()
     """What was off and has been corrected; the time offset is then the accelerometer's, in the
     middle of the log."""
+    consistency: Consistency | None = None
+    """None where the log is too short to be cut, or the method does not tell."""
     unobservable: tuple[UnobservableDirection, ...] = ()
     sigma_source: Literal["noise", "segments"] = "noise"
     """What set the covariance: noise, or the scatter of segments (model error)."""

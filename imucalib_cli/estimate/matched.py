@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from imucalib_cli.estimate.consistency import change_in_words, consistency
 from imucalib_cli.estimate.corrections import corrections_of, in_words, misread
 from imucalib_cli.estimate.estimate import Estimate, Residuals
 from imucalib_cli.estimate.observability import unobservable_directions, widen
@@ -65,6 +66,8 @@ def _estimate(evidence: Evidence) -> Estimate:
     residuals = Residuals(
         accel_rms=_rms(accel[used]),
         gyro_rms=_rms(gyro[used]),
+        accel_normalised=_rms(accel[used]) / evidence.misfit.sensor_noise[0],
+        gyro_normalised=_rms(gyro[used]) / evidence.misfit.sensor_noise[1],
         windows_used=int(used.sum()),
         windows_dropped=int((~used).sum()),
         samples_replaced=clean.spikes,
@@ -73,6 +76,7 @@ def _estimate(evidence: Evidence) -> Estimate:
     unobservable = unobservable_directions(P[POSE, POSE], spread.excitation[POSE, POSE])
     estimated_offset = bool(fit.unknowns.free[DTAU])
     timed = bool(max(P[DTAU, DTAU], spread.excitation[DTAU, DTAU]) < _OFFSET_LIMIT**2)
+    changed = change_in_words(fit, spread.segments)
     corrections = corrections_of(fit, P)
     seconds, told = float(clean.t[-1] - clean.t[0]), fit.unknowns.gravity_norm
     warnings = [in_words(correction, seconds, told) for correction in corrections]
@@ -98,16 +102,16 @@ def _estimate(evidence: Evidence) -> Estimate:
         window=attempt.window,
         residuals=residuals,
         corrections=corrections,
+        consistency=consistency(spread),
         unobservable=tuple(unobservable),
         sigma_source="segments" if spread.from_segments else "noise",
         distrust=(
+            *([changed] if changed else []),
             *(reason for correction in corrections if (reason := misread(correction))),
             *reasons_for_distrust(evidence, unknown=bool(unobservable)),
         ),
         warnings=tuple(warnings),
         notes={
-            "segment_chi2": spread.segment_chi2,
-            "noise_colour": spread.colour,
             "residual_over_sensor_noise": max(evidence.misfit.over_noise),
             "residual_growth_with_motion": max(evidence.misfit.growth),
             "offset_correlation": attempt.lag.correlation if attempt.lag else None,

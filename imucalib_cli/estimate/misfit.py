@@ -45,6 +45,8 @@ class Misfit:
     growth: tuple[float, float]
     """Residual of the quarter of windows that moves most over that of the quarter that moves
     least, the sensor's own noise growing alike taken off."""
+    sensor_noise: tuple[float, float]
+    """What the sensor's own white noise leaves in a window, m/s² and rad/s."""
 
     @property
     def systematic(self) -> bool:
@@ -68,7 +70,7 @@ def measure_misfit(fit: Fit, clean: CleanImu) -> Misfit:
     order = used[np.argsort(motion)]
     quarter = max(len(order) // 4, 1)
     still, moving = order[:quarter], order[-quarter:]
-    over_noise, growth = [], []
+    over_noise, growth, expected = [], [], []
     for sensor, (samples, gridded, pair) in enumerate(
         (
             (clean.accel, grid.accel, plan.second_derivative),
@@ -80,7 +82,8 @@ def measure_misfit(fit: Fit, clean: CleanImu) -> Misfit:
         own = float(np.median(off)) * MAD_TO_STD / NOISE_OF_DEVIATION
         # A finer grid spreads each sample's noise over several of its points.
         in_window = own * float(np.linalg.norm(pair.average)) * np.sqrt(grid.refine)
-        over_noise.append(fit.scales[sensor] / max(in_window, floor))
+        expected.append(max(in_window, floor))
+        over_noise.append(fit.scales[sensor] / expected[-1])
         size = np.linalg.norm(residuals[sensor], axis=1)
         noise = np.abs(deviation_from_neighbours(gridded)).sum(axis=1)[fit.rows.centres]
         grown = max(float(np.median(size[moving])), floor) / max(
@@ -91,4 +94,8 @@ def measure_misfit(fit: Fit, clean: CleanImu) -> Misfit:
             float(np.median(noise[still])), quiet
         )
         growth.append(grown / max(louder, 1.0))
-    return Misfit(over_noise=(over_noise[0], over_noise[1]), growth=(growth[0], growth[1]))
+    return Misfit(
+        over_noise=(over_noise[0], over_noise[1]),
+        growth=(growth[0], growth[1]),
+        sensor_noise=(expected[0], expected[1]),
+    )

@@ -52,8 +52,8 @@ class Uncertainty:
     """Segments disagree by more than noise explains, and the covariance was widened to cover it."""
     segment_chi2: float
     """Scatter of the segments in units of the noise, per degree of freedom; 1 is noise alone."""
-    colour: float
-    """Loudest band of the noise over the middle one."""
+    whiteness: tuple[float, float]
+    """Loudest band of the residuals over the median one, accelerometer and gyroscope."""
     segments: Segments | None
     """Of the log, to hold against each other; None where it is too short."""
 
@@ -94,7 +94,7 @@ def uncertainty(fit: Fit, *, systematic: bool) -> Uncertainty:
         excitation=_excitation(fit, free, prior),
         from_segments=widened,
         segment_chi2=chi2 / freedom,
-        colour=spectrum.colour(levels),
+        whiteness=spectrum.whiteness(levels),
         segments=segments,
     )
 

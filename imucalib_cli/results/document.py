@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike
 
-    from imucalib_cli.estimate.estimate import UnobservableDirection
+    from imucalib_cli.estimate.estimate import Consistency, Residuals, UnobservableDirection
 
 Document = dict[str, Any]
 
@@ -111,11 +111,40 @@ def _diagnostics(calibration: Calibration) -> Document:
             "accel": vector_entry(residuals.accel_rms),
             "gyro": vector_entry(residuals.gyro_rms),
         },
+        "residual_normalised": _normalised(residuals),
+        "consistency": _consistency(estimate.consistency),
         "windows_used": int(residuals.windows_used),
         "windows_dropped": int(residuals.windows_dropped),
         "samples_replaced": int(residuals.samples_replaced),
         "gaps": int(residuals.gaps),
         "notes": {name: _scalar(value) for name, value in estimate.notes.items()},
+    }
+
+
+def _normalised(residuals: Residuals) -> Document | None:
+    accel, gyro = residuals.accel_normalised, residuals.gyro_normalised
+    if accel is None or gyro is None:
+        return None
+    return {"accel": vector_entry(accel), "gyro": vector_entry(gyro)}
+
+
+def _consistency(parts: Consistency | None) -> Document | None:
+    if parts is None:
+        return None
+    return {
+        "folds": parts.folds,
+        "fold_std": _tangent(parts.fold_std),
+        "halves": {**_tangent(parts.halves_difference), "sigmas": number(parts.halves_sigmas)},
+        "segment_chi2": number(parts.segment_chi2),
+        "whiteness": {"accel": number(parts.whiteness[0]), "gyro": number(parts.whiteness[1])},
+    }
+
+
+def _tangent(values: ArrayLike) -> Document:
+    six = np.asarray(values, dtype=np.float64)
+    return {
+        "translation_mm": vector_entry(six[:3] * 1e3),
+        "rotation_deg": vector_entry(np.degrees(six[3:])),
     }
 
 

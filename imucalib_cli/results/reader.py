@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from typing import Any, NoReturn, TypeVar
+from typing import get_args
 
 import numpy as np
 import yaml
@@ -12,6 +12,9 @@ from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.estimate.estimate import (
+    Consistency,
+    Correction,
+    CorrectionName,
     Estimate,
     Residuals,
     UnobservableDirection,
@@ -24,6 +27,7 @@ from imucalib_cli.results.calibration import (
     Provenance,
     SourceFile,
 )
+from imucalib_cli.results.node import Node
 from imucalib_cli.robot.rotations import (
     matrix_from_quaternion,
     matrix_from_rpy,
@@ -31,11 +35,8 @@ from imucalib_cli.robot.rotations import (
 )
 
 Floats = NDArray[np.float64]
-T = TypeVar("T")
-
 FARTHEST = 100.0
 """m; no IMU sits farther from the frame that carries it."""
-_LONGEST = 300
 ROTATIONS_AGREE = 1e-6
 """rad between the quaternion and the angles of one rotation."""
 
@@ -74,109 +75,13 @@ _Loader.add_implicit_resolver(
 )
 
 
-class _Node:
-    """A mapping of the document that knows where it stands, for messages."""
-
-    def __init__(self, content: object, file: str, where: str) -> None:
-        self.file, self.where = file, where
-        if not isinstance(content, dict):
-            self.fail("should be a mapping; is this a result of `imucalib run`?")
-        self.content: dict[Any, Any] = content
-
-    def fail(self, complaint: str, key: str = "") -> NoReturn:
-        place = ".".join(part for part in (self.where, key) if part) or "document"
-        if len(complaint) > _LONGEST:  # it may quote a value of any length
-            complaint = complaint[:_LONGEST] + "…"
-        raise InputError(f"{self.file}: {place} {complaint}")
-
-    def get(self, key: str) -> Any:
-        if key not in self.content:
-            self.fail("is missing; is this a result of `imucalib run`?", key)
-        return self.content[key]
-
-    def child(self, key: str) -> _Node:
-        return _Node(self.get(key), self.file, ".".join(p for p in (self.where, key) if p))
-
-    def optional(self, key: str) -> _Node | None:
-        return None if self.content.get(key) is None else self.child(key)
-
-    def children(self, key: str) -> list[_Node]:
-        return [_Node(item, self.file, f"{self.where}.{key}") for item in self._list(key)]
-
-    def of(self, key: str, kind: type[T]) -> T:
-        value = self.get(key)
-        if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):
-            self.fail(f"should be of type {kind.__name__}, not {value!r}", key)
-        return value
-
-    def choice(self, key: str, *allowed: str) -> str:
-        value = self.of(key, str)
-        if value not in allowed:
-            self.fail(f"should be {' or '.join(allowed)}, not {value!r}", key)
-        return value
-
-    def texts(self, key: str) -> tuple[str, ...]:
-        values = self._list(key)
-        if not all(isinstance(value, str) for value in values):
-            self.fail("should be a list of texts", key)
-        return tuple(values)
-
-    def number(self, key: str) -> float:
-        value = self.number_or_none(key)
-        return self.fail("should be a number", key) if value is None else value
-
-    def number_or_none(self, key: str) -> float | None:
-        value = self.get(key)
-        if value is None:
-            return None
-        number = _number(value)
-        if not math.isfinite(number):
-            self.fail(f"should be a finite number, not {value!r}", key)
-        return number
-
-    def array(self, key: str, *shape: int) -> Floats:
-        values = self.array_with_gaps(key, *shape)
-        if np.isnan(values).any():
-            self.fail("should have no null", key)
-        return values
-
-    def array_with_gaps(self, key: str, *shape: int) -> Floats:
-        """Numbers where null means not known: NaN inside."""
-        wrong = f"should be {'x'.join(map(str, shape))} finite numbers"
-        written = np.array(self.of(key, list), dtype=object)
-        if written.shape != shape:
-            self.fail(wrong, key)
-        values = np.full(written.size, np.nan)
-        for index, value in enumerate(written.flat):
-            if value is None:
-                continue
-            values[index] = number = _number(value)
-            if not math.isfinite(number):
-                self.fail(f"{wrong}, not {value!r}", key)
-        return values.reshape(shape)
-
-    def _list(self, key: str) -> list[Any]:
-        values: list[Any] = self.of(key, list)
-        return values
-
-
-def _number(value: object) -> float:
-    """As float; NaN for what is none: YAML's true is no 1."""
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
-        return math.nan
-    try:
-        return float(value)
-    except OverflowError:  # an integer of hundreds of digits
-        return math.inf
-
-
 def from_document(document: object, name: str) -> Calibration:
     """One result from its parsed document, the inverse of document.to_document.
 
     Raises:
         InputError: A key is missing or has a value that cannot be; it is named.
     """
-    root = _Node(document, name, "")
+    root = Node(document, name, "")
     schema = root.of("schema", int)
     if schema != SCHEMA:
         root.fail(
@@ -196,7 +101,7 @@ def from_document(document: object, name: str) -> Calibration:
     return calibration
 
 
-def _estimate(root: _Node) -> Estimate:
+def _estimate(root: Node) -> Estimate:
     # with nulls in transform the values to keep are the conditional ones
     pose, transform = root.optional("partial"), root.child("transform")
     if pose is None:
@@ -210,6 +115,7 @@ def _estimate(root: _Node) -> Estimate:
     offset, accel, gyro = (root.child(k) for k in ("time_offset", "accel_bias", "gyro_bias"))
     diagnostics = root.child("diagnostics")
     window, rms = diagnostics.child("window"), diagnostics.child("residual_rms")
+    relative = diagnostics.optional("residual_normalised")
     method = diagnostics.choice("method", "matched", "paper")
     source = diagnostics.choice("sigma_source", "noise", "segments")
     covariance = _covariance(root)
@@ -233,12 +139,16 @@ def _estimate(root: _Node) -> Estimate:
         residuals=Residuals(
             accel_rms=rms.array_with_gaps("accel", 3),
             gyro_rms=rms.array_with_gaps("gyro", 3),
+            accel_normalised=None if relative is None else relative.array("accel", 3),
+            gyro_normalised=None if relative is None else relative.array("gyro", 3),
             windows_used=diagnostics.of("windows_used", int),
             windows_dropped=diagnostics.of("windows_dropped", int),
             samples_replaced=diagnostics.of("samples_replaced", int),
             gaps=diagnostics.of("gaps", int),
         ),
         unobservable=tuple(_unobservable(node) for node in diagnostics.children("unobservable")),
+        corrections=_corrections(diagnostics),
+        consistency=_consistency(diagnostics),
         sigma_source="segments" if source == "segments" else "noise",
         distrust=diagnostics.texts("distrust"),
         warnings=diagnostics.texts("warnings"),
@@ -246,7 +156,41 @@ def _estimate(root: _Node) -> Estimate:
     )
 
 
-def _pose(node: _Node) -> tuple[Floats, Floats]:
+def _corrections(diagnostics: Node) -> tuple[Correction, ...]:
+    node = diagnostics.optional("corrections")
+    if node is None:
+        return ()
+    found = []
+    for name in node.content:
+        if name not in get_args(CorrectionName):
+            node.fail("is no correction that this version knows", str(name))
+        entry, size = node.child(name), 3 if name.endswith("scale") else 1
+        value, std = entry.array("value", size), entry.array("std", size)
+        found.append(Correction(name=name, value=value, std=std))
+    return tuple(found)
+
+
+def _consistency(diagnostics: Node) -> Consistency | None:
+    node = diagnostics.optional("consistency")
+    if node is None:
+        return None
+    halves, whiteness = node.child("halves"), node.child("whiteness")
+    return Consistency(
+        folds=node.of("folds", int),
+        fold_std=_tangent(node.child("fold_std")),
+        halves_difference=_tangent(halves),
+        halves_sigmas=halves.number("sigmas"),
+        segment_chi2=node.number("segment_chi2"),
+        whiteness=(whiteness.number("accel"), whiteness.number("gyro")),
+    )
+
+
+def _tangent(node: Node) -> Floats:
+    translation = node.array("translation_mm", 3) * 1e-3
+    return np.concatenate([translation, np.radians(node.array("rotation_deg", 3))])
+
+
+def _pose(node: Node) -> tuple[Floats, Floats]:
     quaternion = node.array("rotation_xyzw", 4)
     norm = math.hypot(*quaternion)
     if abs(norm - 1.0) > 1e-6:
@@ -264,7 +208,7 @@ def _pose(node: _Node) -> tuple[Floats, Floats]:
     return R, translation
 
 
-def _covariance(root: _Node) -> Floats | None:
+def _covariance(root: Node) -> Floats | None:
     if root.get("covariance") is None:
         return None
     covariance = root.array_with_gaps("covariance", 6, 6)
@@ -273,11 +217,11 @@ def _covariance(root: _Node) -> Floats | None:
     return covariance
 
 
-def _std(node: _Node) -> Floats | None:
+def _std(node: Node) -> Floats | None:
     return None if node.get("std") is None else node.array_with_gaps("std", 3)
 
 
-def _unobservable(node: _Node) -> UnobservableDirection:
+def _unobservable(node: Node) -> UnobservableDirection:
     kind = node.choice("kind", "translation", "rotation")
     return UnobservableDirection(
         kind="rotation" if kind == "rotation" else "translation",
@@ -287,7 +231,7 @@ def _unobservable(node: _Node) -> UnobservableDirection:
     )
 
 
-def _nominal(diagnostics: _Node) -> Nominal | None:
+def _nominal(diagnostics: Node) -> Nominal | None:
     node = diagnostics.optional("nominal")
     if node is None:
         return None
@@ -295,7 +239,7 @@ def _nominal(diagnostics: _Node) -> Nominal | None:
     return Nominal(joint=node.of("joint", str), R_parent_imu=R, t_parent_imu=t)
 
 
-def _provenance(node: _Node) -> Provenance:
+def _provenance(node: Node) -> Provenance:
     topics = node.child("topics")
     urdf = node.optional("urdf")
     return Provenance(
@@ -310,5 +254,5 @@ def _provenance(node: _Node) -> Provenance:
     )
 
 
-def _file(node: _Node) -> SourceFile:
+def _file(node: Node) -> SourceFile:
     return SourceFile(path=node.of("path", str), sha256=node.of("sha256", str))

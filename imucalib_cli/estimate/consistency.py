@@ -1,0 +1,109 @@
+"""Whether the parts of a log tell the same thing, in numbers and in sentences."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imucalib_cli.estimate.estimate import Consistency
+from imucalib_cli.estimate.solve import DBA, DBG, DPHI, DT, DTAU, POSE, TANGENT
+
+if TYPE_CHECKING:
+    from imucalib_cli.estimate.fit import Fit
+    from imucalib_cli.estimate.segments import Change, Segments
+    from imucalib_cli.estimate.uncertainty import Uncertainty
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+_MOVED: Final = 40.0
+"""Squared distance between two parts of a log, in sigmas, from which something changed between
+them: of a clean log's parts the farthest come to 20 once in a thousand logs."""
+_KINDS: Final[dict[str, Indices]] = {
+    "pose": np.arange(TANGENT)[POSE],
+    "clock": np.array([DTAU]),
+    "gyro bias": np.arange(TANGENT)[DBG],
+    "accel bias": np.arange(TANGENT)[DBA],
+}
+_NEGLIGIBLE: Final = {"pose": 1e-4, "clock": 1e-4, "gyro bias": 2e-4, "accel bias": 5e-3}
+"""m and rad, s, rad/s, m/s²: a change smaller than this is not worth a sentence."""
+
+
+def consistency(spread: Uncertainty) -> Consistency | None:
+    """Folds, halves and whiteness of a fit; None where the log is too short for segments."""
+    segments = spread.segments
+    if segments is None:
+        return None
+    pose = segments.places(POSE)
+    halves = segments.split(segments.count // 2)
+    jackknife, difference = np.zeros(6), np.zeros(6)
+    which = segments.free[pose]
+    jackknife[which] = segments.jackknife()[pose]
+    difference[which] = halves.difference[pose]
+    return Consistency(
+        folds=segments.count,
+        fold_std=jackknife,
+        halves_difference=difference,
+        halves_sigmas=float(np.sqrt(halves.distance(pose) / max(len(pose), 1))),
+        segment_chi2=spread.segment_chi2,
+        whiteness=spread.whiteness,
+    )
+
+
+def change_in_words(fit: Fit, segments: Segments | None) -> str | None:
+    """The sentence on an instant from which the log tells something else, if there is one."""
+    if segments is None or segments.count < 4:
+        return None
+    changes = segments.changes()
+    found: list[tuple[float, str, Change]] = []
+    for kind, components in _KINDS.items():
+        part = segments.places(components)
+        if not len(part):
+            continue
+        best = max(changes, key=lambda change: change.distance(part))
+        size = float(np.abs(best.difference[part]).max())
+        if best.distance(part) > _MOVED and size > _NEGLIGIBLE[kind]:
+            found.append((best.distance(part) / len(part), kind, best))
+    if not found:
+        return None
+    _, kind, change = max(found, key=lambda entry: entry[0])
+    return _sentence(kind, change, segments, _when(fit, segments, change.index))
+
+
+def _when(fit: Fit, segments: Segments, index: int) -> str:
+    """Instant of the log at which a segment begins, as far as segments tell it."""
+    kept = np.flatnonzero(fit.weights > 0.0)
+    first = np.array_split(kept, segments.count)[index][0]
+    grid = fit.windowing.grid
+    seconds = grid.t0 + grid.dt * float(fit.rows.centres[first])
+    length = (fit.rows.centres[kept[-1]] - fit.rows.centres[kept[0]]) * grid.dt / segments.count
+    return f"{seconds:.0f} ± {max(length / 2, 1.0):.0f} s"
+
+
+def _sentence(kind: str, change: Change, segments: Segments, when: str) -> str:
+    full = np.zeros(TANGENT)
+    full[segments.free] = change.difference
+    match kind:
+        case "clock":
+            return (
+                f"the clocks of IMU and robot shift by {full[DTAU] * 1e3:+.3g} ms against each "
+                f"other at about {when} of the log: use a part on one side of it, and see that "
+                "no clock is set while recording"
+            )
+        case "pose":
+            return (
+                f"before and after about {when} of the log the IMU's pose differs by "
+                f"{np.linalg.norm(full[DT]) * 1e3:.3g} mm and "
+                f"{np.degrees(np.linalg.norm(full[DPHI])):.2g} deg, beyond what noise and model "
+                "explain: the mount moved, or the log joins two set-ups; calibrate each part alone"
+            )
+        case "gyro bias":
+            size = f"gyroscope's bias changes by {np.linalg.norm(full[DBG]):.2g} rad/s"
+        case _:
+            size = f"accelerometer's bias changes by {np.linalg.norm(full[DBA]):.2g} m/s²"
+    return (
+        f"the {size} at about {when} of the log: the sensor was reset, struck or is warming up; "
+        "use a part on one side of it"
+    )
