@@ -21,10 +21,10 @@ def see_told(robot: Robot, frame_id: str, parent: str | None, imu_link: str | No
     """
     frame = imu_link or frame_id.lstrip("/")
     if frame not in robot.links:
-        named = f"the IMU's frame '{frame}'" if frame else "the IMU's frame_id is empty and"
+        named = f"the IMU's frame '{frame}' is not in" if frame else "the IMU has no frame_id for"
         raise ChoiceError(
-            f"{named} is not in {robot.source}, which so says nothing of its pose: name its link "
-            f"there with --imu-link{near_matches(frame, robot.links)}"
+            f"{named} {robot.source}, so there is no pose to verify: name the IMU's link there "
+            f"with --imu-link{near_matches(frame, robot.links)}"
         )
     if parent is not None and parent in robot.links:
         fixed_transform(robot, parent, frame)

@@ -103,7 +103,7 @@ def verify(
             )
     return Verification(
         verdict=verdict,
-        reason=said,
+        reason=said + assumed(calibration),
         translation=translation,
         rotation=rotation,
         within=within,
@@ -190,6 +190,28 @@ def _gaps(
             continue
         yield (
             f"the {part.kind} is off by {norm_words(part)}, so by {range_words(part)} within two "
-            f"sigma, and the tolerance of {bound_words(part, bound)} lies in between: record "
-            "longer or livelier motion, or ask for another tolerance"
+            f"sigma, and the tolerance of {bound_words(part, bound)} lies in between: "
+            f"{_remedy(calibration)}, or ask for another tolerance"
         )
+
+
+def _remedy(calibration: Calibration) -> str:
+    if calibration.estimate.sigma_source == "segments":
+        return (
+            "the robot model, not noise, sets sigma, so correct the URDF's lengths and joint zeros"
+        )
+    return "record longer or livelier motion"
+
+
+def assumed(calibration: Calibration) -> str:
+    """A clause on components of the pose that were told to the estimator, not found by it.
+
+    They agree with what was told for the simple reason that it was told.
+    """
+    stds = str(calibration.provenance.options.get("pose.std", "")).split()
+    names = [
+        name
+        for name, std in zip(("tx", "ty", "tz", "rx", "ry", "rz"), stds, strict=False)
+        if std != "inf"
+    ]
+    return f"; told beforehand, not found by the log alone: {', '.join(names)}" if names else ""

@@ -136,10 +136,10 @@ def test_an_unobservable_direction_cannot_tell_unless_the_rest_says_no(
 @pytest.mark.parametrize(
     ("frame", "options", "code", "words"),
     [
-        ("imu_lnk", [], 2, "name its link there with --imu-link; did you mean 'imu_link'?"),
-        ("imu_lnk", ["--parent", "hand"], 2, "name its link there with --imu-link"),
+        ("imu_lnk", [], 2, "name the IMU's link there with --imu-link; did you mean 'imu_link'?"),
+        ("imu_lnk", ["--parent", "hand"], 2, "name the IMU's link there with --imu-link"),
         ("imu_lnk", ["--imu-link", "imu_link"], 4, "off by 10.00"),
-        ("", [], 2, "the IMU's frame_id is empty and is not in"),
+        ("", [], 2, "the IMU has no frame_id for"),
         ("imu_link", ["--parent", "upper"], 2, "the revolute joint 'lift' is between them"),
         # a moving link's own frame: the URDF says that the IMU's is the same
         ("hand", [], 4, "hand in hand is not where"),

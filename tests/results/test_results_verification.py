@@ -265,3 +265,22 @@ def test_a_rotation_by_half_a_turn_is_plainly_wrong() -> None:
 
 def test_one_log_behind_both_results_is_said() -> None:
     assert "computed from the same log" in moved(found_at(), found_at()).warnings[0]
+
+
+def test_what_was_told_to_the_estimator_is_no_finding() -> None:
+    known = found_at()
+    options = {"pose.std": "inf inf 0 inf inf 0.01"}
+    known = replace(known, provenance=replace(known.provenance, options=options))
+    found = answer(known)
+    assert found.verdict == "yes"
+    assert found.reason.endswith("; told beforehand, not found by the log alone: tz, rz")
+    assert "told beforehand" not in answer(found_at()).reason
+
+
+def test_more_motion_is_no_advice_where_the_model_sets_sigma() -> None:
+    wide = np.diag([1e-6] * 3 + [1e-12] * 3)
+    assert "record longer" in answer(found_at(covariance=wide)).reason
+    modelled = answer(found_at(covariance=wide, sigma_source="segments"))
+    assert modelled.verdict == "unknown"
+    assert "correct the URDF's lengths and joint zeros" in modelled.reason
+    assert "record longer" not in modelled.reason
