@@ -25,6 +25,8 @@ from imucalib_cli.cli.main import main
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
+    from numpy.typing import NDArray
+
     from imucalib_cli.jobs.reading import Recording
     from imucalib_cli.jobs.request import CalibrationRequest, Progress
     from tests.fuzz.cases import Case
@@ -60,9 +62,9 @@ def prepare() -> None:
 
 def _stop_at_known_data() -> None:
     """Estimate only from data that no case of this process had: much damage changes none."""
-    from imucalib_cli.jobs import calibrate
+    from imucalib_cli.jobs import calibrate, reading
 
-    read, seen = calibrate.read_recording, set[bytes]()
+    read, seen = reading.read_recording, set[bytes]()
 
     def read_new(request: CalibrationRequest, progress: Progress | None = None) -> Recording:
         recording = read(request, progress)
@@ -72,14 +74,16 @@ def _stop_at_known_data() -> None:
         seen.add(digest)
         return recording
 
-    calibrate.read_recording = read_new
+    calibrate.read_recording = read_new  # type: ignore[attr-defined]
 
 
 def _digest(recording: Recording) -> bytes:
     """Of all that an estimate depends on."""
     digest = hashlib.blake2b()
     told = [recording.clock.kind, recording.robot and recording.robot.sha256]
-    arrays = [each for imu in recording.imus for each in (imu.header_ns, imu.log_ns)]
+    arrays: list[NDArray[Any]] = [
+        each for imu in recording.imus for each in (imu.header_ns, imu.log_ns)
+    ]
     for imu in recording.imus:
         told += [imu.topic, imu.frame_id]
         arrays += [imu.gyro, imu.accel]
