@@ -153,9 +153,10 @@ def _tell(outcome: "Outcome", *, told: bool) -> None:
                 sys.stderr.write(summarise(calibration, colour=wants_colour(sys.stderr)))
             continue
         estimate = calibration.estimate
-        for line in unobservable_lines(calibration):
-            say("untrusted", f"{calibration.child}: {line}")
+        # the cause, where one was found, before what comes of it
         for reason in estimate.distrust:
             say("untrusted", f"{calibration.child}: {reason}")
+        for line in unobservable_lines(calibration):
+            say("untrusted", f"{calibration.child}: {line}")
         for warning in estimate.warnings:
             say("warning", warning)

@@ -30,8 +30,11 @@ GENERIC = (
     "another rotation fits almost as well",
     "are not what they are taken for",
     "do not fit the rest and were left out: frames",
+    "the mount moved, or the log joins two set-ups",
 )
 """Fixed parts of the estimator's sentences that say a fit is poor, and not why."""
+PARTS_DISAGREE = ("the mount moved, or the log joins two set-ups",)
+"""Those that a small error of the chain explains away: it pulls unlike moves apart."""
 GENERIC_WARNINGS = (
     "the kinematic model or the mount, not noise, sets the uncertainty",
     "windows do not fit the rest and were left out",
@@ -39,6 +42,8 @@ GENERIC_WARNINGS = (
     "is unusual: a scale error, or another --gravity norm",
     "the motion does not determine the time offset",
 )
+_ASIDE = frozenset({"ringing", "publishers"})
+"""Findings that say why residuals are large, but not that the answer is another."""
 _SIGMAS = 2.0
 _MOST_MOVED = (2e-3, math.radians(0.2))
 """m and rad by which a pose may move once a known cause is mended, and still be given as it is."""
@@ -101,14 +106,23 @@ def explained(estimate: Estimate, findings: tuple[Finding, ...]) -> Estimate:
         return estimate
     sentences = tuple(finding.sentence for finding in findings)
     warnings = _without(estimate.warnings, GENERIC_WARNINGS)
-    if estimate.trusted and not _undoes(estimate, findings):
-        return replace(estimate, warnings=(*sentences, *warnings))
+    aside = all(finding.kind in _ASIDE for finding in findings)
+    if _stands(estimate, findings, aside=aside):
+        return replace(estimate, distrust=(), warnings=(*sentences, *warnings))
     return replace(
         estimate,
-        distrust=(*sentences, *_without(estimate.distrust, GENERIC)),
+        distrust=(*sentences, *_without(estimate.distrust, () if aside else GENERIC)),
         warnings=warnings,
         unobservable=tuple(_stepped_back(direction) for direction in estimate.unobservable),
     )
+
+
+def _stands(estimate: Estimate, findings: tuple[Finding, ...], *, aside: bool) -> bool:
+    """Whether the result may be used as it is, with the findings as warnings."""
+    if aside:
+        return estimate.trusted
+    left = _without(estimate.distrust, PARTS_DISAGREE)
+    return not left and not estimate.unobservable and not _undoes(estimate, findings)
 
 
 def _undoes(estimate: Estimate, findings: tuple[Finding, ...]) -> bool:
@@ -118,8 +132,9 @@ def _undoes(estimate: Estimate, findings: tuple[Finding, ...]) -> bool:
     return any(
         move > min(_SIGMAS * sigma, most)
         for finding in findings
-        if finding.moves is not None
-        for move, sigma, most in zip(finding.moves, stated, _MOST_MOVED, strict=True)
+        for move, sigma, most in zip(
+            finding.moves or (np.inf,) * 2, stated, _MOST_MOVED, strict=True
+        )
     )
 
 
