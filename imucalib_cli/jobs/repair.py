@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from imucalib_cli.logs.streams import ImuStream
     from imucalib_cli.robot.path import KinematicPath, Track
     from imucalib_cli.signals.bursts import Spread
-    from imucalib_cli.signals.faults import Fault
+    from imucalib_cli.signals.stuck import Fault
     from imucalib_cli.signals.turning import Turning
 
     Floats = NDArray[np.float64]

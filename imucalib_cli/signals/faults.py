@@ -2,25 +2,28 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from imucalib_cli.signals.saturation import saturated
 from imucalib_cli.signals.stamps import gap_limit
 from imucalib_cli.signals.stuck import (
     ALIVE_NOISE,
     AXES,
+    Fault,
     Runs,
     Sensor,
-    flat_tops,
     jumps_out,
     noise,
     repeated_runs,
     repeats_by_chance,
 )
-from imucalib_cli.signals.turning import BIN, TURNING, Turning
+from imucalib_cli.signals.turning import AGREE, BIN, TURNING
+
+if TYPE_CHECKING:
+    from imucalib_cli.signals.turning import Turning
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -32,31 +35,8 @@ _SIMILAR = 0.2
 _HELD_SECONDS = 0.5
 _HELD_TURNING = 0.1
 """s and rad/s: the robot's stream stands still this long while the IMU turns this fast."""
-_AGREE = 0.9
-"""Correlation of the two rates of turning elsewhere from which the kinematics tell faults."""
 _EXACTLY_STILL = 1e-6
 """rad/s: positions repeat, and rounding is all that moves."""
-_CUT = 0.97
-"""Measured over derived rate below which a flat top is one of the sensor, not of the motion."""
-
-
-@dataclass(frozen=True, eq=False)
-class Fault:
-    """A stretch, or several of one kind, that must not be used."""
-
-    sensor: Sensor
-    kind: Literal["frozen", "saturated"]
-    rows: Mask
-    """(N,), True where the sensor is at fault."""
-    axes: str
-    value: Floats
-    """One for each axis where frozen, the first; the limits where saturated."""
-    stretches: int
-
-    def seconds(self, t: Floats) -> tuple[float, float]:
-        """First and last instant."""
-        rows = np.flatnonzero(self.rows)
-        return float(t[rows[0]]), float(t[rows[-1]])
 
 
 def sensor_faults(t: Floats, gyro: Floats, accel: Floats, turning: Turning | None) -> list[Fault]:
@@ -68,7 +48,7 @@ def sensor_faults(t: Floats, gyro: Floats, accel: Floats, turning: Turning | Non
         accel: (N, 3), m/s².
         turning: Of the same IMU; None where no kinematics are known.
     """
-    tops = _saturated(t, gyro, accel, turning)
+    tops = saturated(t, gyro, accel, turning)
     cut = {fault.sensor: fault.rows for fault in tops}
     stuck = _outside(_frozen_gyro(t, gyro, turning), cut.get("gyro"))
     held = _outside(_frozen_accel(t, accel, gyro, turning, stuck), cut.get("accel"))
@@ -96,33 +76,9 @@ def _outside(runs: Runs, known: Mask | None) -> Runs:
     return runs.where(~known[runs.first] & ~known[runs.end - 1])
 
 
-def _saturated(t: Floats, gyro: Floats, accel: Floats, turning: Turning | None) -> list[Fault]:
-    """One fault for each sensor that is cut off, on whichever axes."""
-    found = []
-    sensors: tuple[tuple[Sensor, Floats], ...] = (("gyro", gyro), ("accel", accel))
-    for sensor, values in sensors:
-        tops = []
-        rows = np.zeros(len(t), dtype=bool)
-        for top in flat_tops(values):
-            here = np.zeros(len(t), dtype=bool)
-            here[top.rows] = True
-            if sensor == "accel" or _cut_short(t, here, turning):
-                tops.append(top)
-                rows |= here
-        if tops:
-            axes = "".join(sorted({top.axis for top in tops}))
-            limits = np.unique([top.limit for top in tops])
-            found.append(Fault(sensor, "saturated", rows, axes, limits, _count(rows)))
-    return found
-
-
 def _fault(sensor: Sensor, runs: Runs, values: Floats, axes: str) -> Fault:
     value = values[runs.first[0]].copy()
     return Fault(sensor, "frozen", runs.mask(len(values)), axes, value, len(runs))
-
-
-def _count(rows: Mask) -> int:
-    return int(np.count_nonzero(np.diff(rows.astype(np.int8), prepend=0) == 1))
 
 
 def _frozen_gyro(t: Floats, gyro: Floats, turning: Turning | None) -> Runs:
@@ -134,7 +90,7 @@ def _frozen_gyro(t: Floats, gyro: Floats, turning: Turning | None) -> Runs:
     if turning is not None:
         aside = np.zeros(len(turning.derived), dtype=bool)
         aside[turning.bins_of(t[runs.mask(len(t))])] = True
-        if turning.agreement(aside) < _AGREE:
+        if turning.agreement(aside) < AGREE:
             turning = None
     which = np.zeros(len(runs), dtype=bool)
     for k in range(len(runs)):
@@ -161,14 +117,14 @@ def _frozen_accel(
     if max(noise(gyro).max(), noise(accel).max()) < ALIVE_NOISE:
         return runs.where(np.zeros(len(runs), dtype=bool))  # made without noise, maybe constant
     jumps = jumps_out(accel, runs, "accel")
-    still_gyro = stuck.mask(len(t))
     bias = np.zeros(3) if turning is None else turning.bias
     steps = np.gradient(t)
     rate = np.linalg.norm(gyro - bias, axis=1)
+    rate[stuck.mask(len(t))] = 0.0
     which = np.zeros(len(runs), dtype=bool)
     for k in range(len(runs)):
         part = slice(int(runs.first[k]), int(runs.end[k]))
-        if still_gyro[part].mean() > 0.5:
+        if _together(runs.first[k], runs.end[k], stuck):
             which[k] = True
             continue
         fast = rate[part] > TURNING
@@ -177,16 +133,11 @@ def _frozen_accel(
     return runs.where(which)
 
 
-def _cut_short(t: Floats, rows: Mask, turning: Turning | None) -> bool:
-    """Whether the link turns faster than the IMU says where it seems to be at its limit."""
-    if turning is None:
-        return True
-    bins = np.unique(turning.bins_of(t[rows]))
-    measured, derived = turning.measured[bins], turning.derived[bins]
-    both = np.isfinite(measured) & np.isfinite(derived)
-    if not both.any():
-        return True
-    return float(np.sum(measured[both])) < _CUT * float(np.sum(derived[both]))
+def _together(first: int, end: int, stuck: Runs) -> bool:
+    """Whether a run is about the same as one of the gyroscope's."""
+    common = np.minimum(end, stuck.end) - np.maximum(first, stuck.first)
+    longest = np.maximum(end - first, stuck.end - stuck.first)
+    return bool((common > 0.5 * longest).any())
 
 
 def clear_of(t: Floats, rows: Mask) -> Mask:
@@ -217,4 +168,4 @@ def held_robot(turning: Turning) -> list[tuple[float, float]]:
             # The last sample that stood still may lie in the bin after.
             found.append((float(start), float(end) + BIN))
     # Where the rest does not agree either, something else is wrong.
-    return found if turning.agreement(aside) > _AGREE else []
+    return found if turning.agreement(aside) > AGREE else []

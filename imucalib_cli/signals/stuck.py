@@ -30,20 +30,13 @@ _JUMP_FLOOR = {"gyro": 0.02, "accel": 0.2}
 """rad/s and m/s²."""
 _LIVE_REPEATS = 0.2
 """Share of repeated samples from which the live axes are as still as the dead one may be."""
-_DEAD = 0.995
+DEAD = 0.995
 ALIVE_NOISE = 1e-5
 """rad/s and m/s²: without any noise the log is a simulation, whose axes may be exactly zero."""
 _LEAST_OUTSIDE = 200
 _QUIET = 20.0
 _QUIET_DEVIATION = 0.2533
 """A fifth of normal deviations are smaller than this: the noise of the calmest part of a log."""
-_TOP_RUN = 3
-_TOP_SAMPLES = 6
-_TOP_PLAIN = 20
-_TOP_STAY = 0.5
-"""Share of samples at the limit whose successor is at the limit too."""
-_TOP_BEYOND = 6.0
-"""Standard deviations and quanta by which the slope before a flat top would have gone beyond."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +68,7 @@ def repeated_runs(t: Floats, values: Floats) -> Runs:
         t: (N,), s, ascending.
         values: (N, C).
     """
-    runs = _runs((values[1:] == values[:-1]).all(axis=1))
+    runs = runs_of((values[1:] == values[:-1]).all(axis=1))
     long = (runs.end - runs.first >= FROZEN_SAMPLES) & (
         t[runs.end - 1] - t[runs.first] >= FROZEN_SECONDS
     )
@@ -103,7 +96,7 @@ def repeats_by_chance(values: Floats, known: Mask) -> bool:
     return not bool((quiet > np.maximum(quantum(values), ALIVE_NOISE)).any())
 
 
-def _runs(same: Mask) -> Runs:
+def runs_of(same: Mask) -> Runs:
     """Stretches from the differences of neighbours: (N - 1,), True where two are the same."""
     change = np.diff(np.concatenate([[0], same.astype(np.int8), [0]]))
     return Runs(np.flatnonzero(change == 1), np.flatnonzero(change == -1) + 1)
@@ -119,12 +112,12 @@ def dead_axes(values: Floats) -> str:
         Their letters, empty if none.
     """
     middle = np.median(values, axis=0)
-    same = np.mean(values == middle, axis=0) >= _DEAD
+    same = np.mean(values == middle, axis=0) >= DEAD
     if not same.any() or same.all():
         return ""
     live = values[:, ~same]
-    repeats = float(np.mean(live[1:] == live[:-1], axis=0).max())
-    if repeats > _LIVE_REPEATS or float(noise(live).min()) < ALIVE_NOISE:
+    nothing = np.zeros(len(values), dtype=bool)
+    if any(repeats_by_chance(channel[:, None], nothing) for channel in live.T):
         return ""
     return "".join(AXES[axis] for axis in np.flatnonzero(same))
 
@@ -157,52 +150,19 @@ def quantum(values: Floats) -> Floats:
 
 
 @dataclass(frozen=True, eq=False)
-class FlatTop:
-    """One axis that reaches a limit and stays there."""
+class Fault:
+    """A stretch, or several of one kind, that must not be used."""
 
-    axis: str
-    limit: float
-    """In the unit of the values, signed."""
-    rows: Indices
+    sensor: Sensor
+    kind: Literal["frozen", "saturated"]
+    rows: Mask
+    """(N,), True where the sensor is at fault."""
+    axes: str
+    value: Floats
+    """One for each axis where frozen, the first; the limits where saturated."""
+    stretches: int
 
-
-def flat_tops(values: Floats) -> list[FlatTop]:
-    """Axes cut off at a value that is reached again and again, held, and never exceeded.
-
-    Args:
-        values: (N, 3).
-    """
-    found = []
-    spread = np.maximum(noise(values), quantum(values))
-    for axis, channel in enumerate(values.T):
-        for limit in (float(channel.max()), float(channel.min())):
-            rows = _flat_rows(channel, limit, float(spread[axis]))
-            if len(rows):
-                found.append(FlatTop(AXES[axis], limit, rows))
-    return found
-
-
-def _flat_rows(channel: Floats, limit: float, spread: float) -> Indices:
-    if limit == 0.0 or np.mean(channel == limit) > _DEAD:
-        return np.zeros(0, np.intp)
-    at = channel == limit
-    rows = np.flatnonzero(at)
-    if len(rows) < _TOP_SAMPLES or np.mean(at[np.minimum(rows + 1, len(at) - 1)]) < _TOP_STAY:
-        return np.zeros(0, np.intp)
-    runs = _runs(at[1:] & at[:-1])
-    runs = runs.where((runs.end - runs.first >= _TOP_RUN) & (runs.first >= 3))
-    if not len(runs):
-        return np.zeros(0, np.intp)
-    ends = at | (channel == channel.max()) | (channel == channel.min())
-    if (
-        len(rows) >= _TOP_PLAIN
-        and spread > ALIVE_NOISE
-        and not repeats_by_chance(channel[:, None], ends)
-    ):
-        return rows  # a sensor as noisy as this never stands still
-    # Carried on, the slope into the top would have gone beyond it, and that out of it likewise.
-    sign = np.sign(limit - np.median(channel))
-    slope = (channel[runs.first - 1] - channel[runs.first - 3]) / 2.0
-    beyond = sign * (channel[runs.first - 1] + 3.0 * slope - limit)
-    steep = beyond > _TOP_BEYOND * max(spread, 1e-9)
-    return rows if np.mean(steep) > 0.5 and steep.sum() >= 1 else np.zeros(0, np.intp)
+    def seconds(self, t: Floats) -> tuple[float, float]:
+        """First and last instant."""
+        rows = np.flatnonzero(self.rows)
+        return float(t[rows[0]]), float(t[rows[-1]])

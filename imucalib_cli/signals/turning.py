@@ -26,6 +26,8 @@ BIN = 0.05
 """s over which turning is averaged: encoder steps and trackers' noise stay small in it."""
 TURNING = 0.05
 """rad/s: less is standing still."""
+AGREE = 0.9
+"""Correlation of the two rates of turning elsewhere from which the kinematics tell faults."""
 STILL = 0.005
 """rad/s by the kinematics: not turning."""
 _LEAST_BINS = 20

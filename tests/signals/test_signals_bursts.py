@@ -1,0 +1,114 @@
+"""Arrivals made from ticks that the test knows, by models of drivers, buses and networks."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from imucalib_cli.signals.bursts import Spread, spread_bursts
+
+Floats = NDArray[np.float64]
+
+
+def _values(t: Floats) -> Floats:
+    """Joints in smooth motion: in even steps if samples are even."""
+    return np.stack([np.sin(1.3 * t), np.sin(0.7 * t + 1.0), np.cos(2.1 * t)], axis=1)
+
+
+def _arrivals(
+    t: Floats, rng: np.random.Generator, *, batch: int, same: bool = True, mean: float = 0.005
+) -> Floats:
+    """Handed over ``batch`` at a time, delayed by gamma-distributed latency cut at 20 ms."""
+    group = np.arange(len(t)) // batch
+    sent = t[np.minimum((group + 1) * batch - 1, len(t) - 1)]
+    latency = np.minimum(rng.gamma(2.0, mean / 2.0, group[-1] + 1), 0.02)
+    within = np.zeros(len(t)) if same else 2e-6 * (np.arange(len(t)) % batch)
+    # A queue keeps the order.
+    return np.maximum.accumulate(sent + latency[group] + within)
+
+
+def _off(spread: Spread, t: Floats) -> Floats:
+    """Error of the ticks but for the delay, which nobody can know."""
+    off = spread.t - t
+    return np.asarray(off - np.median(off))
+
+
+@pytest.mark.parametrize("same", [True, False])
+@pytest.mark.parametrize("rate", [200.0, 500.0, 1000.0])
+@pytest.mark.parametrize("batch", [1, 5, 10])
+def test_even_ticks_behind_bursts_are_found(rate: float, batch: int, *, same: bool) -> None:
+    t = 3.0 + np.arange(int(60 * rate)) / rate
+    stamps = _arrivals(t, np.random.default_rng(int(rate) + batch), batch=batch, same=same)
+    spread = spread_bursts(stamps, _values(t))
+    assert spread is not None
+    assert np.abs(_off(spread, t)).max() < 0.7e-3
+    assert spread.period == pytest.approx(1 / rate, rel=2e-5)
+    assert spread.lost == 0
+    assert (np.diff(spread.t) > 0.0).all()
+
+
+@pytest.mark.parametrize("rate", [200.0, 500.0, 1000.0])
+@pytest.mark.parametrize("batch", [1, 5, 10])
+def test_one_message_in_a_hundred_may_be_lost(rate: float, batch: int) -> None:
+    rng = np.random.default_rng(int(rate) + batch)
+    t = np.arange(int(60 * rate)) / rate
+    kept = rng.random(len(t)) >= 0.01
+    stamps = _arrivals(t, rng, batch=batch)[kept]
+    spread = spread_bursts(stamps, _values(t[kept]))
+    assert spread is not None
+    raw = stamps - t[kept]
+    off = _off(spread, t[kept])
+    # As stamped it is off by up to a batch and the latency.
+    assert np.sqrt(np.mean(off**2)) < min(1.4e-3, 0.4 * np.std(raw))
+    if batch > 1:
+        assert spread.batch == batch
+        assert spread.lost == pytest.approx((~kept).sum(), abs=2.5 * batch)
+        assert spread.period == pytest.approx(1 / rate, rel=1e-4)
+
+
+def test_losses_are_counted_where_arrivals_betray_the_period() -> None:
+    rng = np.random.default_rng(4)
+    t = np.arange(15_000) / 125.0
+    kept = rng.random(len(t)) >= 0.01
+    stamps = np.maximum.accumulate(t + rng.gamma(2.0, 0.003, len(t)))[kept]
+    spread = spread_bursts(stamps, _values(t[kept]))
+    assert spread is not None
+    assert spread.lost == pytest.approx((~kept).sum(), abs=2)
+    # Counting without regard to them would be off by a second in the middle.
+    assert np.sqrt(np.mean(_off(spread, t[kept]) ** 2)) < 1.5e-3
+
+
+def test_a_pause_of_the_log_keeps_its_length() -> None:
+    rng = np.random.default_rng(5)
+    t = np.arange(12_000) / 200.0
+    t = t[(t < 20.0) | (t > 23.0)]
+    stamps = np.maximum.accumulate(t + rng.gamma(2.0, 0.0025, len(t)))
+    spread = spread_bursts(stamps, _values(t))
+    assert spread is not None
+    assert np.median(np.abs(_off(spread, t))) < 1e-3
+    assert np.diff(spread.t).max() == pytest.approx(3.0, abs=0.02)
+
+
+def test_even_stamps_and_small_jitter_are_left_alone() -> None:
+    rng = np.random.default_rng(6)
+    t = np.arange(8000) / 200.0
+    assert spread_bursts(t, _values(t)) is None
+    jittered = t + np.clip(rng.normal(scale=1e-3, size=len(t)), -2e-3, 2e-3)
+    assert spread_bursts(jittered, _values(t)) is None
+    assert spread_bursts(t[rng.random(len(t)) > 0.1], _values(t)) is None
+    assert spread_bursts(t[:50], _values(t[:50])) is None
+
+
+def test_samples_taken_when_stamped_are_no_bursts() -> None:
+    """Two publishers of one joint, or a loop that runs late: values belong to their stamps."""
+    t = np.repeat(np.arange(4000) * 0.01, 2) + np.tile([0.0, 2e-4], 4000)
+    assert spread_bursts(t, _values(t)) is None
+    twice = np.repeat(np.arange(4000) * 0.01, 2)  # every message recorded twice
+    assert spread_bursts(twice, _values(twice)) is None
+
+
+def test_stamps_that_run_backwards_are_not_for_this() -> None:
+    rng = np.random.default_rng(7)
+    t = np.arange(4000) / 200.0
+    assert spread_bursts(rng.permutation(t), _values(t)) is None

@@ -1,0 +1,187 @@
+"""Faults put into readings of which all else is known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from imucalib_cli.signals.faults import clear_of, held_robot, sensor_faults
+from imucalib_cli.signals.saturation import flat_tops
+from imucalib_cli.signals.stamps import gap_breaks
+from imucalib_cli.signals.stuck import dead_axes
+from imucalib_cli.signals.trajectory import Trajectory
+from imucalib_cli.signals.turning import Turning, compare_turning
+from tests.estimate.estimate_arm import INDUSTRIAL, MEMS, Log, make_log
+
+Floats = NDArray[np.float64]
+
+MPU = (np.radians(250 / 32768), 2 * 9.80665 / 32768)
+WIDE = (np.radians(2000 / 32768), 16 * 9.80665 / 32768)
+COARSE = (np.radians(0.1), 0.04)
+"""Quanta of gyroscope and accelerometer."""
+
+
+@pytest.fixture(scope="module")
+def clean() -> Log:
+    return make_log(time_offset=0.2)
+
+
+def _sensed(log: Log, densities: tuple[float, float], quanta: tuple[float, float]) -> Log:
+    noisy = log.noisy(1, densities).imu if densities[0] else log.imu
+    gyro, accel = (
+        np.round(values / quantum) * quantum if quantum else values
+        for values, quantum in ((noisy.gyro, quanta[0]), (noisy.accel, quanta[1]))
+    )
+    return log.with_imu(noisy.t, gyro, accel)
+
+
+def _turning(log: Log) -> Turning:
+    return compare_turning(log.imu.t, log.imu.gyro, Trajectory.of(log.path), 1.0)
+
+
+@pytest.mark.parametrize("quanta", [(0.0, 0.0), MPU, WIDE, COARSE])
+@pytest.mark.parametrize("densities", [(0.0, 0.0), INDUSTRIAL, MEMS])
+def test_a_sound_sensor_is_not_blamed(
+    clean: Log, densities: tuple[float, float], quanta: tuple[float, float]
+) -> None:
+    log = _sensed(clean, densities, quanta)
+    imu = log.imu
+    assert sensor_faults(imu.t, imu.gyro, imu.accel, _turning(log)) == []
+    assert dead_axes(imu.gyro) == dead_axes(imu.accel) == ""
+    assert held_robot(_turning(log)) == []
+
+
+def test_rates_of_turning_agree_whatever_the_mount(clean: Log) -> None:
+    turning = _turning(_sensed(clean, MEMS, (0.0, 0.0)))
+    assert turning.lag == pytest.approx(0.2, abs=0.01)
+    assert turning.ratio == pytest.approx(1.0, abs=0.01)
+    assert turning.correlation > 0.99
+    # biases that estimate_arm adds
+    np.testing.assert_allclose(turning.bias, (0.01, -0.02, 0.005), atol=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("densities", "quanta"), [(MEMS, (0.0, 0.0)), (INDUSTRIAL, WIDE), (INDUSTRIAL, COARSE)]
+)
+def test_a_sensor_that_freezes_in_motion_is_found(
+    clean: Log, densities: tuple[float, float], quanta: tuple[float, float]
+) -> None:
+    imu = _sensed(clean, densities, quanta).imu
+    first, end = 1100, 1500
+    gyro, accel = imu.gyro.copy(), imu.accel.copy()
+    gyro[first:end], accel[first:end] = gyro[first], accel[first]
+    for frozen_gyro, frozen_accel in ((gyro, accel), (gyro, imu.accel), (imu.gyro, accel)):
+        log = clean.with_imu(imu.t, frozen_gyro, frozen_accel)
+        faults = sensor_faults(imu.t, frozen_gyro, frozen_accel, _turning(log))
+        assert {fault.sensor for fault in faults} == {
+            name
+            for name, given, sound in (
+                ("gyro", frozen_gyro, imu.gyro),
+                ("accel", frozen_accel, imu.accel),
+            )
+            if given is not sound
+        }
+        for fault in faults:
+            assert (fault.kind, fault.axes) == ("frozen", "xyz")
+            assert fault.rows[first:end].all()
+            # At rest before and after, a coarse sensor repeats itself anyway.
+            assert fault.rows.sum() < 1.5 * (end - first)
+
+
+def test_an_axis_that_freezes_alone_is_found(clean: Log) -> None:
+    imu = _sensed(clean, MEMS, WIDE).imu
+    gyro = imu.gyro.copy()
+    gyro[2000:2300, 1] = gyro[2000, 1]
+    (fault,) = sensor_faults(imu.t, gyro, imu.accel, _turning(clean))
+    assert (fault.sensor, fault.kind, fault.axes) == ("gyro", "frozen", "y")
+    assert fault.rows[2000:2300].all()
+    assert fault.rows.sum() == 300
+
+
+@pytest.mark.parametrize(
+    ("densities", "quanta"), [(MEMS, WIDE), (INDUSTRIAL, WIDE), (MEMS, (0, 0))]
+)
+def test_flat_tops_are_found_on_both_sides(
+    clean: Log, densities: tuple[float, float], quanta: tuple[float, float]
+) -> None:
+    imu = _sensed(clean, densities, quanta).imu
+    limit = 0.6 * float(np.abs(imu.gyro).max())
+    gyro = np.clip(imu.gyro, -limit, limit)
+    log = clean.with_imu(imu.t, gyro, imu.accel)
+    (fault,) = sensor_faults(imu.t, gyro, imu.accel, _turning(log))
+    assert (fault.sensor, fault.kind) == ("gyro", "saturated")
+    clipped = (np.abs(gyro) == limit).any(axis=1)
+    # What a quiet sensor says for a moment at its limit may as well be its own.
+    assert fault.rows.sum() >= (1.0 if densities is MEMS else 0.8) * clipped.sum()
+    assert not fault.rows[~clipped].any()
+    assert set(np.abs(fault.value)) == {limit}
+
+
+def test_an_accelerometer_at_its_limit_is_found(clean: Log) -> None:
+    imu = _sensed(clean, MEMS, WIDE).imu
+    limit = float(np.percentile(np.abs(imu.accel[:, 0]), 97))
+    accel = imu.accel.copy()
+    accel[:, 0] = np.clip(accel[:, 0], -limit, limit)
+    (fault,) = sensor_faults(imu.t, imu.gyro, accel, _turning(clean))
+    assert (fault.sensor, fault.kind, fault.axes) == ("accel", "saturated", "x")
+    assert fault.rows.sum() == (np.abs(accel[:, 0]) == limit).sum()
+
+
+def test_a_steady_rotation_is_not_saturation() -> None:
+    """A plateau without noise: the rate is flat, and the kinematics turn as fast."""
+    t = np.arange(0.0, 12.0, 0.005)
+    rate = np.clip(3.0 * np.sin(t), -1.5, 1.5)
+    gyro = np.stack([np.zeros_like(t), np.zeros_like(t), rate], axis=1)
+    accel = np.tile([0.0, 0.0, 9.80665], (len(t), 1))
+    assert flat_tops(gyro)  # from the values alone it looks like one
+    bins = int(12.0 / 0.05)
+    mean = np.abs(rate.reshape(bins, -1).mean(axis=1))
+    turning = Turning(0.0, mean, mean, np.zeros(3), 0.0, 1.0)
+    assert sensor_faults(t, gyro, accel, turning) == []
+    lively = np.where(mean < 1.3, mean, 1.1 * mean)
+    cut = Turning(0.0, lively, mean, np.zeros(3), 0.0, 1.0)
+    (fault,) = sensor_faults(t, gyro, accel, cut)
+    assert (fault.sensor, fault.kind, fault.axes) == ("gyro", "saturated", "z")
+
+
+def test_dead_axes_are_told_from_axes_at_rest() -> None:
+    rng = np.random.default_rng(3)
+    values = rng.normal(size=(2000, 3)) * (0.01, 0.0, 0.01)
+    assert dead_axes(values) == "y"
+    assert dead_axes(values * (1, 1, 0)) == "yz"
+    planar = np.stack([np.zeros(2000), np.zeros(2000), np.sin(np.arange(2000) / 50)], axis=1)
+    assert dead_axes(planar) == ""
+    assert dead_axes(np.round(planar / 0.01) * 0.01) == ""
+
+
+def test_no_window_reaches_over_what_is_left_out() -> None:
+    t = np.arange(2000) / 1000.0
+    rows = np.zeros(2000, dtype=bool)
+    rows[500:503] = True  # 3 ms: alone it would be bridged
+    out = clear_of(t, rows)
+    assert out[500:503].all()
+    assert out.sum() < 40
+    assert len(gap_breaks(t[~out])) == 1
+    assert not clear_of(t, np.zeros(2000, dtype=bool)).any()
+
+
+def test_a_robot_that_stands_still_alone_is_found(clean: Log) -> None:
+    (track,) = clean.path.tracks
+    values = track.values.copy()
+    values[1500:2100] = values[1500]
+    path = replace(clean.path, tracks=(replace(track, values=values),))
+    noisy = clean.noisy(2)
+    turning = compare_turning(noisy.imu.t, noisy.imu.gyro, Trajectory.of(path), 1.0)
+    held = held_robot(turning)
+    # The pauses at either end belong to it as far as positions repeat.
+    assert held[0][0] == pytest.approx(7.5, abs=0.5)
+    assert held[-1][1] == pytest.approx(10.5, abs=0.1)
+
+
+def test_clocks_that_do_not_match_are_no_fault_of_the_robot(clean: Log) -> None:
+    imu = clean.noisy(3).imu
+    turning = compare_turning(imu.t + 4.7, imu.gyro, Trajectory.of(clean.path), 1.0)
+    assert held_robot(turning) == []
