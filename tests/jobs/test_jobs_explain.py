@@ -1,0 +1,103 @@
+"""From files to the cause of a poor fit: the user's command is answered with the right one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from imucalib_cli.diagnose.case import Case
+from imucalib_cli.diagnose.diagnose import diagnose
+from imucalib_cli.estimate.matched import calibrate_matched
+from imucalib_cli.estimate.options import MatchedOptions
+from imucalib_cli.jobs.calibrate import calibrate
+from imucalib_cli.jobs.motion import Sources, find_motion, other_frames
+from imucalib_cli.jobs.request import CalibrationRequest
+from imucalib_cli.robot.frames import Edge
+from imucalib_cli.robot.path import Track
+from imucalib_cli.simulate.load import load_system
+from imucalib_cli.simulate.options import PhysicsOptions
+from imucalib_cli.simulate.physics import record
+from imucalib_cli.study.trial import streams_of
+
+SAMPLES = Path(__file__).parents[2] / "sample_data"
+LOG, URDF = SAMPLES / "rihibot.mcap", SAMPLES / "rihibot.urdf"
+
+
+def test_the_wrong_parent_is_answered_with_the_right_command() -> None:
+    request = CalibrationRequest(logs=(LOG,), urdf=URDF, parent="forearm_link")
+    (calibration,) = calibrate(request).calibrations
+    assert calibration.status == "untrusted"
+    first = calibration.estimate.distrust[0]
+    assert first.startswith("the IMU moves as wrist_3_link does, not as forearm_link")
+    assert "--parent wrist_3_link" in first
+
+
+def test_a_reversed_axis_and_an_inverted_mount_in_the_urdf(tmp_path: Path) -> None:
+    text = URDF.read_text()
+    joint = text.index('<joint name="elbow_joint"')
+    axis = text.index('<axis xyz="0 0 1"', joint)
+    reversed_axis = tmp_path / "reversed.urdf"
+    reversed_axis.write_text(text[:axis] + text[axis:].replace("0 0 1", "0 0 -1", 1))
+    (calibration,) = calibrate(CalibrationRequest(logs=(LOG,), urdf=reversed_axis)).calibrations
+    assert calibration.status == "untrusted"
+    assert "joint elbow_joint turns the other way" in calibration.estimate.distrust[0]
+
+    # T_imu_parent instead of T_parent_imu; the rotation, a half turn, is its own inverse, so that
+    # the translation alone tells.
+    (right,) = calibrate(CalibrationRequest(logs=(LOG,), urdf=URDF)).calibrations
+    R, t = right.estimate.R_parent_imu, right.estimate.t_parent_imu
+    joint = text.index('<joint name="imu_joint"')
+    start = text.index("xyz=", joint)
+    end = text.index("/>", start)
+    xyz = " ".join(f"{value:.6f}" for value in -R.T @ t)
+    inverted = tmp_path / "inverted.urdf"
+    inverted.write_text(f'{text[:start]}xyz="{xyz}" rpy="3.1415927 0 1.5707963" {text[end:]}')
+    (calibration,) = calibrate(CalibrationRequest(logs=(LOG,), urdf=inverted)).calibrations
+    assert calibration.status == "ok"
+    assert "joint imu_joint seems to hold the pose of the parent in the IMU" in "".join(
+        calibration.estimate.warnings
+    )
+
+
+@pytest.mark.parametrize("told", ["tool", "bar_link"])
+def test_frames_of_tf_are_tried_as_links_are(told: str) -> None:
+    physics = PhysicsOptions(duration=45.0, imu_rate=125, robot_rate=125)
+    imu, path = streams_of(record(load_system("barbot"), physics))
+    (track,) = path.tracks
+    half = 0.4 * np.sin(1.3 * track.t)
+    values = np.zeros((len(track.t), 7))
+    values[:, 1], values[:, 4], values[:, 6] = 0.2, np.sin(half), np.cos(half)
+    tool = Track(name="/tf (bar_link -> tool)", kind="pose", t=track.t, values=values)
+    body = replace(track, name="/tf (world -> bar_link)")
+    sources = Sources(
+        joints=(),
+        edges=(
+            Edge(parent="world", child="bar_link", track=body),
+            Edge(parent="bar_link", child="tool", track=tool),
+        ),
+        topics={body.name: "/tf", tool.name: "/tf"},
+    )
+    options = MatchedOptions(gravity="none")
+    request = CalibrationRequest(logs=(), parent=told, estimator=options)
+    motion = find_motion(sources, None, "imu_link", request)
+    estimate = calibrate_matched(imu, motion.path, options)
+    frames, path_to = other_frames(sources, None, request)
+    case = Case(
+        samples=imu,
+        path=motion.path,
+        options=options,
+        estimate=estimate,
+        frames=frames,
+        path_to=path_to,
+    )
+    if told == "bar_link":
+        assert estimate.trusted
+        assert diagnose(case) == ()
+    else:
+        assert not estimate.trusted
+        (found,) = diagnose(case)
+        assert found.names == ("bar_link",)
+        assert "rerun with --parent bar_link" in found.sentence
