@@ -100,7 +100,7 @@ def joint_streams(data: TopicData) -> tuple[tuple[JointStream, ...], list[str]]:
             ]
         )
         sound, position = _sound_rows(position)
-        unsound += int(np.count_nonzero(~sound))
+        unsound += len(position) - len(position[sound])
         streams.append(
             JointStream(
                 topic=data.topic,
@@ -118,13 +118,15 @@ def joint_streams(data: TopicData) -> tuple[tuple[JointStream, ...], list[str]]:
     return tuple(streams), losses
 
 
-def _sound_rows(position: Floats) -> tuple[NDArray[np.bool_], Floats]:
+def _sound_rows(position: Floats) -> tuple[NDArray[np.bool_] | slice, Floats]:
     """Rows without damage, (n,); and positions, NaN where a joint mostly says nothing.
 
     A joint that seldom has a number has no encoder, and must not cost the others their rows.
     """
     good = np.abs(position) < _ABSURD
-    told = np.mean(good, axis=0) > _TOLD if len(good) else np.ones(position.shape[1], dtype=bool)
+    if good.all():
+        return slice(None), position
+    told = np.mean(good, axis=0) > _TOLD
     sound: NDArray[np.bool_] = np.all(good[:, told], axis=1)
     return sound, position if told.all() else np.where(good, position, np.nan)
 
