@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import ortho_group
 
 from imucalib_cli.results.calibration import Nominal, Tolerance
-from imucalib_cli.results.movement import RARE, Comparison, Side, compare
+from imucalib_cli.results.movement import Comparison, Side, compare
 from imucalib_cli.results.requirement import require
 from imucalib_cli.results.uncertain_pose import pose_of
 from imucalib_cli.results.verification import Verification, verify
@@ -145,7 +145,7 @@ def test_mounts_that_did_not_move_alarm_once_in_a_hundred() -> None:
         assert found.verdict in {"moved", "not moved"}
         alarms += found.verdict == "moved"
     # mean 10, deviation 3.1
-    assert 0.2 * RARE * trials < alarms < 2.0 * RARE * trials
+    assert 2 <= alarms <= 20
 
 
 def test_a_move_of_many_sigma_is_seen_and_told() -> None:
@@ -210,6 +210,12 @@ def test_an_unknown_translation_withholds_yes_but_not_no() -> None:
     assert answer(found_at([0.0, 0.0, 4.0], **blind)).verdict == "unknown"
     assert answer(found_at([0.0, 0.01, -4.0], **blind)).verdict == "no"
     assert answer(found_at([0.0, 0.0, 4.0], [0.01, 0.0, 0.0], **blind)).verdict == "no"
+
+
+def test_a_direction_called_unknown_is_never_right_however_wide_the_tolerance() -> None:
+    loose = replace(UP, std=0.06)
+    found = found_at(covariance=_widened(loose), unobservable=(loose,))
+    assert answer(found, Tolerance(translation=1.0, rotation=1.0)).verdict == "unknown"
 
 
 def test_an_unknown_rotation_withholds_what_hangs_on_it() -> None:
