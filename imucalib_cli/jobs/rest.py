@@ -60,7 +60,7 @@ def refuse_dead(imu: ImuStream) -> None:
         dead = dead_axes(values)
         if dead:
             axes, says = ("axis", "says") if len(dead) == 1 else ("axes", "say")
-            held = ", ".join(f"{values[0, 'xyz'.index(axis)]:.4g}" for axis in dead)
+            held = ", ".join(f"{values[0, 'xyz'.index(axis)] + 0.0:.4g}" for axis in dead)
             raise InputError(
                 f"{imu.topic}: {name} {axes} {' '.join(dead)} {says} {held} from first message to "
                 "last while the others vary: the sensor or its driver is broken there, and the "

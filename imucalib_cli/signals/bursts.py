@@ -39,8 +39,13 @@ _LEAST_CHUNK = 12
 """Units per chunk."""
 _STRAIGHT = 1.0
 """Von Neumann's ratio of the chunks about a line: 2 if they scatter, near 0 if they wander."""
+_CHANCE = 4.0
+"""Scatter of the chunks over that of as many independent delays: queues make them alike."""
 _NEGLIGIBLE = 2e-4
 """s: wandering less than this needs no further thought."""
+_WITHIN = 0.25
+"""Scatter, in periods, below which not one message was miscounted for long."""
+_CLEARLY = 0.5
 _AVERAGED = 32
 _LEAST_AVERAGED = 16
 _MOST_AVERAGED = 256
@@ -71,8 +76,8 @@ class Spread:
     """Samples per burst where the device sends batches, else 1."""
     lost: int
     """Messages that seem to be missing."""
-    blur: float
-    """How far, s, neighbouring parts of the log scatter about the ticks, s."""
+    scatter: float
+    """How far the lower edge of the delays scatters along the log, s."""
 
 
 def bunched_share(t: Floats) -> float:
@@ -101,15 +106,22 @@ def spread_bursts(t: Floats, values: Floats) -> Spread | None:
     if not _evenly_sampled(t, values, period):
         return None
     single = _Units(t, np.arange(len(t)), 1)
-    ticks = _straight_ticks(t, period)
-    if ticks is not None:
-        return _between(t, single, ticks, 0)
+    found = _straight(t, single, period)
+    if found is not None and found.scatter < max(_NEGLIGIBLE, _WITHIN * period):
+        return found
+    # An uneven count of many messages may look straight by chance: the plainer reading must not
+    # be much worse than one that counts batches, or losses.
     units = _batches(t, period) or single
-    ticks = _straight_ticks(units.arrival, units.samples * period) if units.samples > 1 else None
-    if ticks is not None:
-        return _between(t, units, ticks, 0)
-    ticks, lost = _ticks_with_losses(units.arrival, units.samples * period)
-    return _between(t, units, ticks, lost)
+    if units.samples > 1:
+        found = _better(found, _straight(t, units, period))
+    found = _better(found, _with_losses(t, units, period))
+    return found if found is not None else _followed(t, units, period)
+
+
+def _better(plain: Spread | None, other: Spread | None) -> Spread | None:
+    if plain is None or other is None:
+        return plain or other
+    return other if other.scatter < _CLEARLY * plain.scatter else plain
 
 
 def _usual_period(t: Floats) -> float:
@@ -159,17 +171,22 @@ def _batches(t: Floats, period: float) -> _Units | None:
     return _Units(t[ends - 1][group], first, batch)
 
 
-def _straight_ticks(arrival: Floats, period: float) -> Floats | None:
+def _straight(t: Floats, units: _Units, period: float) -> Spread | None:
     """Ticks of an even rate from the first unit to the last; None where the count wanders."""
-    index = np.arange(len(arrival), dtype=np.float64)
-    rest = arrival - period * index
+    index = np.arange(len(units.arrival), dtype=np.float64)
+    rest = units.arrival - units.samples * period * index
     centre, low = _low_edge(rest)
     line = _robust_line(centre, low)
     off = low - np.polyval(line, centre)
     scatter = float(np.mean(off**2))
-    if scatter > _NEGLIGIBLE**2 and float(np.mean(np.diff(off) ** 2)) < _STRAIGHT * scatter:
+    wanders = float(np.mean(np.diff(off) ** 2)) < _STRAIGHT * scatter
+    # Delays scatter about any line too; what they leave of it in a chunk is little.
+    delays = rest - np.polyval(line, index)
+    chance = float(np.var(delays)) * len(low) / len(rest)
+    if scatter > _NEGLIGIBLE**2 and (wanders or scatter > _CHANCE**2 * chance):
         return None
-    return np.asarray(period * index + np.polyval(line, index))
+    ticks = units.samples * period * index + np.polyval(line, index)
+    return _between(t, units, np.asarray(ticks), 0)
 
 
 def _low_edge(rest: Floats) -> tuple[Floats, Floats]:
@@ -194,20 +211,16 @@ def _robust_line(x: Floats, y: Floats) -> Floats:
     return np.asarray(line)
 
 
-def _ticks_with_losses(arrival: Floats, period: float) -> tuple[Floats, int]:
-    """Ticks where messages are missing, and how many are.
+def _with_losses(t: Floats, units: _Units, period: float) -> Spread | None:
+    """Ticks where messages are missing; None if arrivals do not betray the device's period.
 
-    If arrivals betray the device's period, each loss is a step by a whole period in the lower
-    edge of arrival - index * period. Else that edge is followed from chunk to chunk.
+    Each loss is a step by a whole period in the lower edge of arrival - index * period.
     """
-    index = np.arange(len(arrival), dtype=np.float64)
-    found = _period_in(arrival, period)
+    arrival = units.arrival
+    found = _period_in(arrival, units.samples * period)
     if found is None:
-        rest = arrival - period * index
-        first = np.interp(index, *_edge_of_chunks(rest, _MOST_AVERAGED // 4))
-        delay = float(np.std(rest - first)) / period
-        size = int(np.clip(_AVERAGED * delay, _LEAST_AVERAGED, _MOST_AVERAGED))
-        return np.asarray(period * index + np.interp(index, *_edge_of_chunks(rest, size))), 0
+        return None
+    index = np.arange(len(arrival), dtype=np.float64)
     rest = arrival - found * index
     # No delay is negative, and what is lost stays lost.
     edge = np.minimum.accumulate(rest[::-1])[::-1] - rest[0]
@@ -217,7 +230,19 @@ def _ticks_with_losses(arrival: Floats, period: float) -> tuple[Floats, int]:
         delay = float(np.mean(rest - rest[0] + found * (phase - lost)))
         if delay < cost:
             best, cost = lost, delay
-    return found * (index + best), int(best[-1] - best[0])
+    return _between(t, units, found * (index + best), int(best[-1] - best[0]))
+
+
+def _followed(t: Floats, units: _Units, period: float) -> Spread:
+    """Ticks that follow the lower edge of arrivals from chunk to chunk, whatever is missing."""
+    period = units.samples * period
+    index = np.arange(len(units.arrival), dtype=np.float64)
+    rest = units.arrival - period * index
+    first = np.interp(index, *_edge_of_chunks(rest, _MOST_AVERAGED // 4))
+    delay = float(np.std(rest - first)) / period
+    size = int(np.clip(_AVERAGED * delay, _LEAST_AVERAGED, _MOST_AVERAGED))
+    ticks = period * index + np.interp(index, *_edge_of_chunks(rest, size))
+    return _between(t, units, np.asarray(ticks), 0)
 
 
 def _period_in(arrival: Floats, usual: float) -> float | None:
@@ -252,7 +277,6 @@ def _between(t: Floats, units: _Units, ticks: Floats, lost_units: int) -> Spread
     unit_period = float(np.median(np.diff(ticks)))
     share = (within + 0.5) / sizes[unit] - (1.0 - 0.5 / units.samples)
     placed = ticks[unit] + unit_period * share
-    left = np.diff(_low_edge(t - placed)[1])
     missing = (len(ticks) + lost_units) * units.samples - len(t)
     return Spread(
         t=placed,
@@ -260,5 +284,5 @@ def _between(t: Floats, units: _Units, ticks: Floats, lost_units: int) -> Spread
         delay=float(np.std(t - placed)),
         batch=units.samples,
         lost=max(missing, 0) if missing >= units.samples else 0,
-        blur=float(np.std(left) / np.sqrt(2.0)),
+        scatter=float(np.std(_low_edge(t - placed)[1])),
     )

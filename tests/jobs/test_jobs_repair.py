@@ -1,0 +1,315 @@
+"""Raw streams with faults put into them, through repair and the estimator; truth by pinocchio."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from imucalib_cli.errors import InputError
+from imucalib_cli.estimate.accel_sign import calibrate_either_sign
+from imucalib_cli.estimate.options import MatchedOptions
+from imucalib_cli.jobs.repair import Repaired, look, repair
+from imucalib_cli.jobs.request import CalibrationRequest
+from imucalib_cli.jobs.units import Units
+from imucalib_cli.logs.streams import ImuStream
+from imucalib_cli.robot.path import KinematicPath, PoseStep, Track
+from imucalib_cli.robot.rotations import quaternion_from_matrix
+from tests.estimate.estimate_arm import (
+    Log,
+    Moves,
+    make_log,
+    parent_motion,
+    readings,
+    rotation_error,
+)
+
+if TYPE_CHECKING:
+    from imucalib_cli.estimate.estimate import Estimate
+
+Floats = NDArray[np.float64]
+_DEG = 180.0 / np.pi
+_G = 9.80665
+
+
+@lru_cache(maxsize=1)
+def _log() -> Log:
+    return make_log(Moves(seconds=30.0), time_offset=0.05).noisy(0)
+
+
+def _repaired(log: Log, **wishes: Any) -> Repaired:
+    ns = (log.imu.t * 1e9).astype(np.int64) + 10**18
+    imu = ImuStream(
+        topic="/imu",
+        header_ns=ns,
+        log_ns=ns,
+        frame_id="imu",
+        gyro=log.imu.gyro,
+        accel=log.imu.accel,
+    )
+    return repair(imu, log.imu.t, log.path, CalibrationRequest(logs=(), **wishes))
+
+
+def _estimate(mended: Repaired, options: MatchedOptions | None = None) -> Estimate:
+    options = options or MatchedOptions()
+    return mended.told(calibrate_either_sign(mended.samples, mended.path, options))
+
+
+def _see_right(estimate: Estimate, log: Log, most: float = 1.5e-3) -> None:
+    """Where chi-squared of six has it, by a sigma that is no larger than it may be, m."""
+    assert estimate.trusted, estimate.distrust
+    assert estimate.covariance is not None
+    error = np.concatenate(
+        [
+            estimate.t_parent_imu - log.mount.t,
+            rotation_error(estimate.R_parent_imu, log.mount.R),
+        ]
+    )
+    assert error @ np.linalg.solve(estimate.covariance, error) < 28.0
+    std = np.sqrt(np.diag(estimate.covariance))
+    assert std[:3].max() < most
+    assert std[3:].max() < np.radians(0.03)
+
+
+def _scaled(gyro: float = 1.0, accel: float = 1.0) -> Log:
+    log = _log()
+    return log.with_imu(log.imu.t, log.imu.gyro * gyro, log.imu.accel * accel)
+
+
+def test_a_sound_log_passes_untouched() -> None:
+    log = _log()
+    mended = _repaired(log)
+    assert mended.warnings == mended.distrust == ()
+    np.testing.assert_array_equal(mended.samples.gyro, log.imu.gyro)
+    np.testing.assert_array_equal(mended.samples.accel, log.imu.accel)
+    np.testing.assert_array_equal(mended.samples.t, log.imu.t)
+
+
+@pytest.mark.parametrize(
+    ("gyro", "accel", "says"),
+    [
+        (_DEG, 1.0, ["gyro reads 57.3 times the rate"]),
+        (1.0, 1 / _G, ["taken as g and multiplied by 9.80665"]),
+        (1.0, 1000 / _G, ["taken as mg and multiplied by 0.00980665"]),
+        (_DEG, -1 / _G, ["taken as deg/s", "taken as g", "points down at rest"]),
+        (1.0, -1.0, ["points down at rest: its values fit the motion"]),
+    ],
+)
+def test_units_and_sign_are_mended_and_said(gyro: float, accel: float, says: list[str]) -> None:
+    log = _scaled(gyro, accel)
+    estimate = _estimate(_repaired(log))
+    _see_right(estimate, log)
+    assert len(estimate.warnings) == len(says)
+    for words, warning in zip(says, estimate.warnings, strict=True):
+        assert words in warning
+
+
+def test_a_slow_gyroscope_in_degrees_is_known_by_the_robot() -> None:
+    """Below 40, the largest rate in rad/s there is, nothing but the kinematics tells."""
+    slow = make_log(Moves(seconds=20.0, move=8.0)).noisy(1)
+    assert np.abs(slow.imu.gyro).max() * _DEG < 40.0
+    log = slow.with_imu(slow.imu.t, slow.imu.gyro * _DEG, slow.imu.accel)
+    mended = _repaired(log)
+    assert mended.notes["gyro_unit"] == "deg/s"
+    np.testing.assert_allclose(mended.samples.gyro, slow.imu.gyro, rtol=1e-12)
+
+
+def test_what_the_user_says_of_units_counts() -> None:
+    log = _scaled(_DEG, -1 / _G)
+    told = Units(accel="g", gyro="deg/s", sign="down")
+    mended = _repaired(log, units=told)
+    assert mended.warnings == ()
+    np.testing.assert_allclose(mended.samples.accel, _log().imu.accel, rtol=1e-12)
+    kept = _repaired(log, units=Units(accel="m/s2", gyro="rad/s", sign="up"))
+    np.testing.assert_array_equal(kept.samples.accel, log.imu.accel)
+    np.testing.assert_array_equal(kept.samples.gyro, log.imu.gyro)
+
+
+def test_other_norms_of_gravity_are_units_too() -> None:
+    moon = 1.62 / _G
+    options = MatchedOptions(gravity_norm=1.62)
+    assert _repaired(_scaled(accel=moon), estimator=options).warnings == ()
+    in_g = _repaired(_scaled(accel=moon / _G), estimator=options)
+    assert in_g.notes["accel_unit"] == "g"
+    strange = _repaired(_scaled(accel=0.5))
+    assert "neither gravity nor a unit that is known" in strange.warnings[0]
+
+
+def test_units_of_no_gyroscope_are_refused() -> None:
+    with pytest.raises(InputError, match=r"it is 286 times the robot's rate, where deg/s would be"):
+        _repaired(_scaled(gyro=5.0 * _DEG))
+
+
+def test_gravity_that_was_taken_off_is_refused_and_asked_for() -> None:
+    log = _log()
+    flat = log.with_imu(log.imu.t, log.imu.gyro, log.imu.accel * 0.01)
+    with pytest.raises(InputError, match="gravity is not in it.*--gravity none"):
+        _repaired(flat)
+    none = MatchedOptions(gravity="none")
+    assert _repaired(flat, estimator=none).warnings == ()
+    assert "yet --gravity none was given" in _repaired(log, estimator=none).warnings[0]
+
+
+@pytest.mark.parametrize(
+    ("gyro", "accel", "says"),
+    [
+        ((0, 0, 0), (1, 1, 1), "gyro is zero in all 6000 messages"),
+        ((1, 1, 1), (0, 0, 0), "accel is zero in all 6000 messages"),
+        ((0, 0, 0), (0, 0, 0), "gyro and accel are zero"),
+        ((1, 0, 1), (1, 1, 1), "gyro axis y says 0 from first message to last"),
+        ((1, 1, 1), (0, 1, 0), "accel axes x z say 0, 0 from first message to last"),
+    ],
+)
+def test_a_sensor_that_is_not_there_is_refused(
+    gyro: tuple[int, ...], accel: tuple[int, ...], says: str
+) -> None:
+    log = _log()
+    dead = log.with_imu(log.imu.t, log.imu.gyro * gyro, log.imu.accel * accel)
+    with pytest.raises(InputError) as caught:
+        _repaired(dead)
+    assert str(caught.value).startswith(f"/imu: {says}")
+
+
+def test_a_frozen_stretch_is_left_out() -> None:
+    log = _log()
+    gyro, accel = log.imu.gyro.copy(), log.imu.accel.copy()
+    gyro[2100:2500], accel[2100:2500] = gyro[2100], accel[2100]
+    estimate = _estimate(_repaired(log.with_imu(log.imu.t, gyro, accel)))
+    _see_right(estimate, log)
+    assert [w.split(" is ")[1][:9] for w in estimate.warnings] == ["frozen at", "frozen at"]
+    assert "in 400 samples between 10.55 and 12.55 s" in estimate.warnings[0]
+
+
+def test_a_sensor_that_died_makes_the_rest_untrusted() -> None:
+    log = _log()
+    gyro, accel = log.imu.gyro.copy(), log.imu.accel.copy()
+    gyro[2100:], accel[2100:] = gyro[2100], accel[2100]
+    mended = _repaired(log.with_imu(log.imu.t, gyro, accel))
+    (reason,) = mended.distrust
+    assert "of the rotation is in samples that were left out as frozen or saturated" in reason
+
+
+def test_flat_tops_are_left_out() -> None:
+    log = _log()
+    clipped = log.with_imu(log.imu.t, np.clip(log.imu.gyro, -1.3, 1.3), log.imu.accel)
+    estimate = _estimate(_repaired(clipped))
+    _see_right(estimate, log)
+    (warning,) = estimate.warnings
+    assert "is saturated at -1.3, 1.3 rad/s" in warning
+    # Absorbed instead, they bend the answer.
+    raw = calibrate_either_sign(clipped.imu, log.path, MatchedOptions())
+    bent = np.linalg.norm(rotation_error(raw.R_parent_imu, log.mount.R))
+    assert bent > 2 * np.linalg.norm(rotation_error(estimate.R_parent_imu, log.mount.R))
+
+
+def test_a_robot_that_falls_silent_is_left_out() -> None:
+    log = _log()
+    (track,) = log.path.tracks
+    values = track.values.copy()
+    values[2000:2600] = values[2000]
+    held = replace(log, path=replace(log.path, tracks=(replace(track, values=values),)))
+    estimate = _estimate(_repaired(held))
+    _see_right(estimate, log)
+    assert "/joint_states: stands still from 10.0 to 1" in estimate.warnings[0]
+    values[2000:] = values[2000]
+    (reason,) = _repaired(held).distrust
+    assert "while the robot's stream stood still" in reason
+
+
+def test_another_joint_that_moves_proves_the_publisher_alive() -> None:
+    """The arm stands still on a base that is turned by hand: the gripper goes on."""
+    log = _log()
+    (track,) = log.path.tracks
+    values = np.hstack([track.values, np.sin(track.t)[:, None]])
+    values[2000:2600, :6] = values[2000, :6]
+    more = replace(track, values=values, names=(*track.names, "gripper"))
+    held = replace(log, path=replace(log.path, tracks=(more,)))
+    assert _repaired(held).warnings == ()
+
+
+def _arrive(t: Floats, seed: int, *, batch: int, drops: float) -> tuple[NDArray[np.bool_], Floats]:
+    rng = np.random.default_rng(seed)
+    kept = rng.random(len(t)) >= drops
+    group = np.arange(len(t)) // batch
+    sent = t[np.minimum((group + 1) * batch - 1, len(t) - 1)]
+    delay = np.minimum(rng.gamma(2.0, 0.0025, group[-1] + 1), 0.02)
+    return kept, np.maximum.accumulate(sent + delay[group])[kept]
+
+
+@pytest.mark.parametrize("drops", [0.0, 0.01])
+@pytest.mark.parametrize("batch", [1, 5, 10])
+def test_bursts_of_both_streams_give_the_same_answer(batch: int, drops: float) -> None:
+    log = _log()
+    kept, stamps = _arrive(log.imu.t, 1, batch=batch, drops=drops)
+    (track,) = log.path.tracks
+    also, robot_stamps = _arrive(track.t, 2, batch=batch, drops=drops)
+    late = replace(
+        log.with_imu(stamps, log.imu.gyro[kept], log.imu.accel[kept]),
+        path=replace(log.path, tracks=(replace(track, t=robot_stamps, values=track.values[also]),)),
+    )
+    mended = _repaired(late)
+    assert [warning.split(":")[0] for warning in mended.warnings] == ["/imu", "/joint_states"]
+    assert all("stamps come in bursts" in warning for warning in mended.warnings)
+    # A single message lost among jittering ones cannot be placed.
+    _see_right(_estimate(mended), log, most=4e-3 if batch == 1 and drops else 1.5e-3)
+
+
+def test_numbers_that_are_none_are_counted() -> None:
+    log = _log()
+    (track,) = log.path.tracks
+    values = track.values.copy()
+    values[::500, 2] = np.nan
+    broken = replace(log, path=replace(log.path, tracks=(replace(track, values=values),)))
+    estimate = _estimate(_repaired(broken))
+    _see_right(estimate, log)
+    assert "/joint_states: left out 12 messages that are not finite" in estimate.warnings[0]
+
+
+def test_a_sign_that_no_motion_tells_is_left_to_the_user() -> None:
+    """Turned about one point, an IMU with its sign reversed sits on the other side, as well."""
+    t = np.arange(0.0, 20.0, 0.005)
+    motion = parent_motion(Moves(seconds=20.0), t)
+    about_a_point = replace(motion, acceleration=np.zeros_like(motion.acceleration))
+    mount = _log().mount
+    gyro, accel = readings(about_a_point, mount, np.array([0.0, 0.0, -_G]))
+    pose = np.hstack([np.zeros((len(t), 3)), [quaternion_from_matrix(R) for R in motion.R]])
+    path = KinematicPath(
+        world="room",
+        parent="stage",
+        steps=(PoseStep(track=0),),
+        tracks=(Track(name="/stage", kind="pose", t=t, values=pose),),
+    )
+    log = replace(_log(), path=path).with_imu(t, gyro, accel).noisy(5)
+    up = _estimate(_repaired(log))
+    np.testing.assert_allclose(up.t_parent_imu, mount.t, atol=2e-3)
+    assert up.trusted
+    reversed_ = log.with_imu(t, log.imu.gyro, -log.imu.accel)
+    down = _estimate(_repaired(reversed_))
+    np.testing.assert_allclose(down.t_parent_imu, -mount.t, atol=2e-3)  # wrong, and not trusted
+    assert not down.trusted
+    assert any("say --accel-sign up or down" in reason for reason in down.distrust)
+    told = _repaired(reversed_, units=Units(sign="down"))
+    np.testing.assert_allclose(_estimate(told).t_parent_imu, mount.t, atol=2e-3)
+
+
+def test_much_shows_without_kinematics() -> None:
+    log = _log()
+    ns = (log.imu.t * 1e9).astype(np.int64)
+    imu = ImuStream(
+        topic="/imu",
+        header_ns=ns,
+        log_ns=ns,
+        frame_id="imu",
+        gyro=np.clip(log.imu.gyro, -1.3, 1.3),
+        accel=log.imu.accel,
+    )
+    assert [each[:12] for each in look(imu, log.imu.t)] == ["/imu: gyro x"]
+    (said,) = look(replace(imu, gyro=np.zeros_like(imu.gyro)), log.imu.t)
+    assert "gyro is zero" in said
+    _, stamps = _arrive(log.imu.t, 3, batch=10, drops=0.0)
+    (said,) = look(replace(imu, gyro=log.imu.gyro), stamps)
+    assert "stamps come in bursts" in said
