@@ -85,15 +85,16 @@ class Db3File:
     @contextlib.contextmanager
     def _database(self) -> Iterator[sqlite3.Connection]:
         path = quote(str(self._file.absolute()))
-        shared = self._file.with_name(self._file.name + "-shm")
-        # SQLite makes one to read a -wal and would leave it behind.
-        ours = not shared.exists()
+        # SQLite makes these to read a file in WAL mode and would leave them behind.
+        made = [self._file.with_name(self._file.name + end) for end in ("-shm", "-wal")]
+        made = [each for each in made if not each.exists()]
         with closing(sqlite3.connect(f"file:{path}?{self._mode}", uri=True)) as database:
             database.text_factory = lambda text: text.decode("utf-8", "replace")
             yield database
-        if ours:
+        for each in made:
             with contextlib.suppress(OSError):
-                shared.unlink()
+                if each.name.endswith("-shm") or not each.stat().st_size:
+                    each.unlink()
 
     def _channels(self) -> tuple[Channel, ...]:
         with self._database() as database:

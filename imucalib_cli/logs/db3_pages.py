@@ -83,8 +83,9 @@ def find_leaves(database: sqlite3.Connection, path: Path) -> Leaves | None:
         DamageError: The tree is not sound.
         OSError: The file cannot be read.
     """
-    if any(path.with_name(path.name + end).exists() for end in ("-wal", "-journal")):
-        return None  # the file alone is not the database
+    for beside in (path.with_name(path.name + end) for end in ("-wal", "-journal")):
+        if beside.exists() and beside.stat().st_size:
+            return None  # the file alone is not the database
     table = database.execute("PRAGMA table_info(messages)").fetchall()
     if [(name, key) for _, name, _, _, _, key in table] != _COLUMNS or table[0][2] != "INTEGER":
         return None

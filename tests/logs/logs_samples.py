@@ -107,7 +107,7 @@ def write_mcap(path: Path, messages: Iterable[Said], *, ros1: bool = False, **op
             writer.add_message(
                 channels[key],
                 log_time=each.log_ns,
-                publish_time=each.log_ns - 5,
+                publish_time=max(each.log_ns - 5, 0),
                 data=each.ros1() if ros1 else each.cdr(),
                 sequence=number,
             )

@@ -274,6 +274,19 @@ def test_reading_a_write_ahead_log_leaves_nothing_behind(tmp_path: Path) -> None
     assert len(read_imu(crashed / "a.db3").imus["/imu"]) == 400
 
 
+def test_a_file_in_wal_mode_is_left_alone(tmp_path: Path) -> None:
+    """Properly closed, so without a -wal; SQLite would make an empty one."""
+    _, path = db3(tmp_path, 30)
+    with closing(sqlite3.connect(path)) as database:
+        database.execute("PRAGMA journal_mode=WAL")
+    before = sorted(each.name for each in path.parent.iterdir())
+    assert path.read_bytes()[18:20] == b"\2\2"
+    data = read_imu(path)
+    assert len(data.imus["/imu"]) == 30
+    assert data.losses == ()
+    assert sorted(each.name for each in path.parent.iterdir()) == before
+
+
 def test_journal_of_an_unfinished_write_is_taken_in(tmp_path: Path) -> None:
     _, path = db3(tmp_path, 100)
     crashed = tmp_path / "crashed"
