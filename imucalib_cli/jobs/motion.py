@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from imucalib_cli.errors import ChoiceError, InputError
-from imucalib_cli.jobs.told import see_told
+from imucalib_cli.jobs.told import nothing_told, see_told
 from imucalib_cli.results.calibration import Nominal
 from imucalib_cli.robot.build import find_base, is_still, joint_path, moving_base_path
 from imucalib_cli.robot.frames import Edge, frame_path
@@ -77,7 +77,7 @@ def find_motion(
     else:
         motion = _from_frames(sources, frame_id, request)
     if request.needs_nominal and motion.nominal is None:
-        raise ChoiceError(f"nothing tells where '{motion.child}' should be: give --urdf")
+        raise ChoiceError(nothing_told(motion.parent, motion.child))
     if is_still(motion.path):
         raise InputError(
             f"{motion.parent} never moves in {motion.path.world} according to "

@@ -30,6 +30,14 @@ def see_told(robot: Robot, frame_id: str, parent: str | None, imu_link: str | No
         fixed_transform(robot, parent, frame)
 
 
+def nothing_told(parent: str, child: str) -> str:
+    """The sentence for an IMU of which neither a URDF nor the log's static frames tell a pose."""
+    return (
+        f"neither a URDF nor a static frame of the log tells where '{child}' is on '{parent}', so "
+        "there is no pose to verify: give --urdf"
+    )
+
+
 def told_by(robot: Robot, parent: str, child: str) -> Nominal:
     """The pose of one link in another by the fixed joints of a URDF.
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from imucalib_cli.errors import ChoiceError, ImucalibError
 from imucalib_cli.jobs.calibrate import calibrate
 from imucalib_cli.jobs.result_files import display_name, read_results
-from imucalib_cli.jobs.told import told_by
+from imucalib_cli.jobs.told import nothing_told, told_by
 from imucalib_cli.results.calibration import SourceFile
 from imucalib_cli.results.verification import WITHIN, Verification, verify
 from imucalib_cli.robot.urdf import load_robot
@@ -45,7 +45,7 @@ def verify_recording(
     for calibration in outcome.calibrations:
         told = calibration.nominal
         if told is None:  # needs_nominal has seen to it
-            raise ChoiceError(f"nothing tells where '{calibration.child}' should be: give --urdf")
+            raise ChoiceError(nothing_told(calibration.parent, calibration.child))
         answers.append(verify(calibration, told, within, calibration.provenance.urdf))
     return Answers(verifications=tuple(answers), failures=outcome.failures, files=outcome.files)
 

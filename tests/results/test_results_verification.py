@@ -275,7 +275,7 @@ def test_one_log_behind_both_results_is_said() -> None:
 
 def test_what_was_told_to_the_estimator_is_no_finding() -> None:
     known = found_at()
-    options = {"pose.std": "inf inf 0 inf inf 0.01"}
+    options: dict[str, Any] = {"pose.std": "inf inf 0 inf inf 0.01"}
     known = replace(known, provenance=replace(known.provenance, options=options))
     found = answer(known)
     assert found.verdict == "yes"
