@@ -84,7 +84,7 @@ class BagScan:
                     return self
                 if found > at:
                     self.losses.append(f"bytes {at} to {found} are damaged and left out")
-                at = found
+                at, self._unsure = found, found + 1
         self._end_run(size)
         if not self.losses:
             self.losses.append("the bag has no usable index and was scanned; nothing is lost")

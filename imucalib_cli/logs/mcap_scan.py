@@ -85,7 +85,7 @@ class _Scan:
                     break
                 if found > at:
                     losses.append(f"bytes {at} to {found} are damaged and left out")
-                at = found
+                at, self._unsure = found, found + 1
         self._end_run(at)
         return self._contents
 
