@@ -7,8 +7,11 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
+import numpy as np
+
 from imucalib_cli.errors import InputError
 from imucalib_cli.results.reader import read_calibrations
+from imucalib_cli.results.uncertain_pose import is_covariance
 
 if TYPE_CHECKING:
     from imucalib_cli.results.calibration import Calibration
@@ -42,7 +45,19 @@ def read_results(name: str) -> list[Calibration]:
     Raises:
         InputError: The file cannot be read or holds no result.
     """
-    return read_calibrations(_text(name), display_name(name))
+    calibrations = read_calibrations(_text(name), display_name(name))
+    for calibration in calibrations:
+        covariance = calibration.estimate.covariance
+        if (
+            covariance is not None
+            and np.isfinite(covariance).all()
+            and not is_covariance(covariance)
+        ):
+            raise InputError(
+                f"{display_name(name)}: the covariance of {calibration.child} is none: it is not "
+                "symmetric, or gives a variance below zero; was it edited?"
+            )
+    return calibrations
 
 
 def display_name(name: str) -> str:

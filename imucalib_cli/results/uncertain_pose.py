@@ -18,6 +18,9 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
+_ROUNDING = 1e-6
+"""Of a correlation."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class UncertainPose:
@@ -35,6 +38,19 @@ class UncertainPose:
     """(m, 3), unit vectors of the parent along which the translation was not determined."""
     unknown_rotation: Floats
     """(n, 3), unit vectors of the parent about which the rotation was not determined."""
+
+
+def is_covariance(matrix: Floats) -> bool:
+    """Whether a matrix is symmetric and no combination of components has a negative variance.
+
+    Rounding in the last digits that a file keeps is allowed for.
+    """
+    scale = np.sqrt(np.abs(np.diag(matrix)))
+    scale = np.where(scale > 0.0, scale, 1.0)
+    correlation = matrix / np.outer(scale, scale)
+    if not np.allclose(correlation, correlation.T, rtol=0.0, atol=_ROUNDING):
+        return False
+    return bool(np.linalg.eigvalsh(correlation)[0] > -_ROUNDING)
 
 
 def pose_of(calibration: Calibration) -> UncertainPose:

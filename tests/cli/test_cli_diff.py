@@ -177,3 +177,19 @@ def test_what_is_no_result_is_one_line(
     assert "cannot be read" in capsys.readouterr().err
     assert diff(first, first, "-o", first) == 2
     assert "is an input and would be overwritten" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("damage", ["one-sided", "impossible"])
+def test_a_covariance_that_is_none_is_refused(
+    damage: str, write: Any, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It would pass for certainty: a negative variance is not a small one."""
+    covariance = SMALL.copy()
+    covariance[0, 1] = 2e-8
+    if damage == "impossible":
+        covariance[1, 0] = 2e-8
+    first, second = write("a.yaml", make()), write("b.yaml", make(covariance=covariance))
+    assert diff(first, second) == 1
+    err = capsys.readouterr().err
+    assert "b.yaml: the covariance of imu_link is none" in err
+    assert err.count("\n") == 1
