@@ -160,8 +160,11 @@ def _set_back(stamps: Nanoseconds) -> str:
     back = np.flatnonzero(steps < far)
     if not len(back):
         return ""
-    size = -float(steps[back].min()) / _NS
-    return f"are set back by {size:.3g} s at message {int(back[0]) + 3} and run through it again"
+    first = int(back[0])
+    raw = np.diff(stamps)[first : first + 5]
+    size = -float(raw.min()) / _NS
+    number = first + int(np.argmin(raw)) + 2
+    return f"are set back by {size:.3g} s at message {number} and run through it again"
 
 
 def _step(stream: Stream) -> str:

@@ -78,6 +78,7 @@ def stamp_health(stamp_ns: Nanoseconds) -> StampHealth:
     usual = _usual_interval(stamps)
     if np.mean(steps < _SHORT * usual) < _BUNCHED:
         usual = median
+    between = float(np.median(forward[forward >= _SHORT * usual]))  # of bursts, if there are any
     return StampHealth(
         count=len(stamp_ns),
         duration=float(stamps.max() - stamps.min()) / _NS,
@@ -85,7 +86,7 @@ def stamp_health(stamp_ns: Nanoseconds) -> StampHealth:
         median_interval=median,
         jitter=(high - low) / 1.349,  # the quartiles of a normal distribution
         longest_gap=float(forward.max()),
-        gaps=int(np.count_nonzero(forward > max(_GAP_INTERVALS * usual, _GAP_LEAST_S))),
+        gaps=int(np.count_nonzero(forward > max(_GAP_INTERVALS * between, _GAP_LEAST_S))),
         duplicates=int(np.count_nonzero(steps == 0)),
         backwards=int(np.count_nonzero(steps < 0)),
         zeros=zeros,
@@ -94,9 +95,11 @@ def stamp_health(stamp_ns: Nanoseconds) -> StampHealth:
 
 
 def _usual_interval(stamps: Nanoseconds) -> float:
-    """Mean interval over a hundred messages, the median of them: blind to bunches and holes, s."""
+    """Mean interval, holes aside, s."""
     span = min(_SPAN, len(stamps) - 1)
-    return max(float(np.median(stamps[span:] - stamps[:-span])) / span / _NS, 1e-9)
+    took: Floats = (stamps[span:] - stamps[:-span]) / _NS
+    usual = np.abs(took) <= 1.5 * max(float(np.median(took)), 1e-9)
+    return max(float(np.mean(took[usual])) / span, 1e-9) if usual.any() else 1e-9
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -46,6 +46,9 @@ def test_sound_headers_are_taken() -> None:
         (lambda t: 35 * SECOND + t, "apart from those of other topics"),
         (lambda t: START + 30 * SECOND + t, "apart from those of other topics"),
         (lambda t: START + (1.05 * t).astype(int), "at 1.05 times"),
+        (lambda t: START + t - 2 * SECOND * (t > t[-1] // 2), "set back by 1.99 s at message 1001"),
+        (lambda t: START + t + SECOND // 20 * (t > t[-1] // 3), "step by +50 ms against the rec"),
+        (lambda t: START + t - SECOND // 5 * (t > t[-1] // 2), "step by -200 ms against the rec"),
     ],
 )
 def test_broken_headers_of_one_stream_turn_all_to_receive_times(header: Any, says: str) -> None:
@@ -68,6 +71,8 @@ def test_broken_headers_of_one_stream_turn_all_to_receive_times(header: Any, say
         lambda t: START + t + 100 * SECOND,  # the recorder's clock is off
         lambda t: np.where(np.arange(len(t)) == 7, 0, START + t),  # one glitch
         lambda t: START + t // 10_000_000 * 10_000_000,  # coarse stamps that repeat
+        lambda t: START + (1.0005 * t).astype(int),  # a clock that drifts
+        lambda t: START + t - SECOND * (np.arange(len(t)) == 9),  # one glitch back
     ],
 )
 def test_headers_that_agree_with_each_other_are_taken(header: Any) -> None:

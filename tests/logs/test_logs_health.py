@@ -48,6 +48,30 @@ def test_jitter_is_that_of_the_intervals() -> None:
     assert stamp_health(stamps).jitter == pytest.approx(0.001, rel=0.03)
 
 
+@pytest.mark.parametrize("apart", [0, 1000])
+def test_the_rate_of_bunched_stamps_is_that_of_the_messages(apart: int) -> None:
+    index = np.arange(2000)
+    health = stamp_health(START + index // 10 * 50_000_000 + index % 10 * apart)
+    assert health.rate_hz == pytest.approx(200, rel=0.01)
+    assert health.gaps == 0
+    assert health.duplicates + health.bursts == 1800
+
+
+def test_units_are_guessed_though_messages_come_in_bursts() -> None:
+    sound = imu(1.0, 1.0)
+    index = np.arange(len(sound))
+    late = START + (index // 10 + 1) * 100_000_000 + index % 10
+    bunched = ImuStream(
+        topic="/imu",
+        header_ns=late,
+        log_ns=late,
+        frame_id="imu",
+        gyro=sound.gyro,
+        accel=sound.accel,
+    )
+    assert guess_units(bunched).accel_at_rest == pytest.approx(9.81, abs=0.02)
+
+
 @pytest.mark.parametrize("stamps", [[], [START], [0, 0, 0], [START, START]])
 def test_too_few_stamps_have_no_rate(stamps: list[int]) -> None:
     health = stamp_health(np.array(stamps, dtype=np.int64))
