@@ -30,6 +30,8 @@ SA: Final = slice(25, 28)
 """Relative change of the accelerometer's scale, IMU axes."""
 SG: Final = slice(28, 31)
 """Relative change of the gyroscope's scale, IMU axes."""
-EXTRAS: Final = slice(23, 31)
-"""Drift, delay and scales: looked for only where the data ask for them."""
-COUNT: Final = 31
+MG: Final = slice(31, 34)
+"""Turn of the gyroscope's axes against the accelerometer's, IMU axes, rad."""
+EXTRAS: Final = slice(23, 34)
+"""Drift, delay, scales and misalignment: looked for only where the data ask for them."""
+COUNT: Final = 34

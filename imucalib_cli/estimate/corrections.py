@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.estimate.estimate import Correction
-from imucalib_cli.estimate.solve import DDELAY, DDRIFT, DNORM, DSA, DSG
+from imucalib_cli.estimate.solve import DDELAY, DDRIFT, DMG, DNORM, DSA, DSG
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -20,6 +20,8 @@ Floats = NDArray[np.float64]
 
 _BEYOND_SENSORS = 0.05
 """Relative scale error from which a sensor is not off but misread: units, range, another axis."""
+_BEYOND_AXES_DEG = 3.0
+"""Misalignment likewise."""
 
 
 def corrections_of(fit: Fit, covariance: Floats) -> tuple[Correction, ...]:
@@ -37,6 +39,7 @@ def corrections_of(fit: Fit, covariance: Floats) -> tuple[Correction, ...]:
         ("gyro_delay", DDELAY, [found.gyro_delay], 1.0),
         ("accel_scale", DSA, found.accel_scale, 1.0),
         ("gyro_scale", DSG, found.gyro_scale, 1.0),
+        ("gyro_misalignment", DMG, found.gyro_turn, 1.0),
         ("gravity_norm", DNORM, [norm], norm),
     )
     return tuple(
@@ -77,6 +80,16 @@ def in_words(correction: Correction, seconds: float, told_gravity: float) -> str
                 f"not; used here: give --gravity {value:.4f}, unless the accelerometer's scale is "
                 f"off by {value / told_gravity - 1.0:+.2%}"
             )
+        case "gyro_misalignment":
+            about = ", ".join(
+                f"{axis} {turn:.2f}"
+                for axis, turn in zip("xyz", np.degrees(correction.value), strict=True)
+            )
+            return (
+                f"the gyroscope's axes are turned against the accelerometer's, by {about} deg "
+                f"about its axes (± {np.degrees(correction.std.max()):.1g}); corrected here, and "
+                "the pose is the accelerometer's: calibrate the sensor's axes"
+            )
     sensor = "accelerometer" if correction.name == "accel_scale" else "gyroscope"
     axes = ", ".join(
         f"{axis} {scale:.4f}" for axis, scale in zip("xyz", correction.value, strict=True)
@@ -89,6 +102,14 @@ def in_words(correction: Correction, seconds: float, told_gravity: float) -> str
 
 def misread(correction: Correction) -> str | None:
     """Why a correction is more than a working sensor needs, or None where it is not."""
+    if correction.name == "gyro_misalignment":
+        angle = float(np.degrees(np.linalg.norm(correction.value)))
+        if angle < _BEYOND_AXES_DEG:
+            return None
+        return (
+            f"the axes of gyroscope and accelerometer differ by {angle:.2g} deg, more than any "
+            "working sensor's: check the driver's axis mapping"
+        )
     if not correction.name.endswith("scale"):
         return None
     off = np.abs(correction.value - 1.0)

@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
-CorrectionName = Literal["clock_drift", "gyro_delay", "accel_scale", "gyro_scale", "gravity_norm"]
+CorrectionName = Literal[
+    "clock_drift", "gyro_delay", "accel_scale", "gyro_scale", "gyro_misalignment", "gravity_norm"
+]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -40,7 +42,7 @@ class Correction:
 
     name: CorrectionName
     value: Floats
-    """(1,) s/s, s or m/s²; or (3,), measured over true, IMU axes."""
+    """(1,) s/s, s or m/s²; or (3,), measured over true, or rad about the IMU's axes."""
     std: Floats
     """1 sigma, of the same shape and unit."""
 

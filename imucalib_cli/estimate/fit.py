@@ -30,7 +30,7 @@ from imucalib_cli.estimate.solve import (
     solve_globally,
 )
 from imucalib_cli.estimate.statistics import BLOCK_SECONDS, block_statistics
-from imucalib_cli.robot.rotations import rotation_angle
+from imucalib_cli.robot.rotations import rotation_angle, skew
 
 if TYPE_CHECKING:
     from imucalib_cli.estimate.options import MatchedOptions
@@ -83,7 +83,7 @@ def make_unknowns(
     Args:
         options: The user's.
         offset_free: Whether the time offset moves.
-        extras: (9,), which of drift, delay, scales and gravity move; none by default.
+        extras: (12,), which of solve.OPTIONAL move; none by default.
     """
     free = np.ones(TANGENT, dtype=bool)
     prior = np.zeros(TANGENT)
@@ -104,7 +104,8 @@ def make_unknowns(
     prior[OPTIONAL] = (
         1.0
         / np.repeat(
-            [WEAKEST_STD[name] for name in ("drift", "delay", "scale", "gravity")], [1, 1, 6, 1]
+            [WEAKEST_STD[name] for name in ("drift", "delay", "scale", "turn", "gravity")],
+            [1, 1, 6, 3, 1],
         )
         ** 2
     )
@@ -138,7 +139,7 @@ def fit_windows(
         options: What is free and what is known.
         time_offset: IMU stamp - robot stamp to begin with, s.
         start: A solution nearby, from which to go on; None searches all rotations.
-        extras: (9,), which of drift, delay, scales and gravity are found too; none by default.
+        extras: (12,), which of solve.OPTIONAL are found too; none by default.
 
     Raises:
         InputError: The streams overlap for too few windows.
@@ -198,7 +199,7 @@ def _settled(joint: Solution, moving: Unknowns, reach: float) -> bool:
     """
     free = moving.free[_RELINEARISED]
     step = np.r_[joint.state.tau, joint.state.extras][free]
-    left = step**2 / np.array([reach, reach, reach, *[1.0] * 6])[free]
+    left = step**2 / np.array([reach, reach, reach, *[1.0] * 9])[free]
     information = np.diag(joint.information)[_RELINEARISED][free]
     return bool((left < np.maximum(_RESOLUTION, _CONVERGED / np.sqrt(information))).all())
 
@@ -231,8 +232,8 @@ def _set_late_columns(
 ) -> None:
     """Fill the columns that depend on the solution: the offset's by central difference.
 
-    The others follow: a drift is an offset that grows, a delay one of the gyroscope alone, and a
-    scale is the rotation's own part of an axis.
+    The others follow: a drift is an offset that grows, a delay one of the gyroscope alone, a scale
+    is the rotation's own part of an axis, and a misalignment turns the rotation for the gyroscope.
     """
     x = state.here().vector()
     h = _OFFSET_STEP
@@ -245,3 +246,5 @@ def _set_late_columns(
         part[:, :, columns.DELAY] = part[:, :, columns.TAU] * sensor
         by_axis = part[:, :, columns.R].reshape(-1, 3, 3, 3) * state.R
         part[:, :, scale] = -by_axis.sum(axis=2)
+    turned = np.stack([state.R @ generator for generator in skew(np.eye(3))])
+    rows.gyro[:, :, columns.MG] = rows.gyro[:, :, columns.R] @ turned.reshape(3, 9).T

@@ -17,7 +17,17 @@ from numpy.typing import NDArray
 from imucalib_cli.estimate.covariance import squared_distance
 from imucalib_cli.estimate.fit import fit_windows
 from imucalib_cli.estimate.misfit import Misfit, measure_misfit
-from imucalib_cli.estimate.solve import DDELAY, DDRIFT, DNORM, DSA, DSG, DTAU, OPTIONAL, TANGENT
+from imucalib_cli.estimate.solve import (
+    DDELAY,
+    DDRIFT,
+    DMG,
+    DNORM,
+    DSA,
+    DSG,
+    DTAU,
+    OPTIONAL,
+    TANGENT,
+)
 from imucalib_cli.estimate.uncertainty import bounded_priors, gram, inverse_of, score_spectrum
 
 if TYPE_CHECKING:
@@ -34,6 +44,7 @@ GROUPS: Final[dict[str, Indices]] = {
     "delay": np.array([DDELAY]),
     "accel scale": np.arange(TANGENT)[DSA],
     "gyro scale": np.arange(TANGENT)[DSG],
+    "misalignment": np.arange(TANGENT)[DMG],
     "gravity": np.array([DNORM]),
 }
 """Tangent components of each fault."""
@@ -42,6 +53,7 @@ _NEGLIGIBLE: Final = {
     "delay": 2e-6,
     "accel scale": 2e-5,
     "gyro scale": 2e-5,
+    "misalignment": 2e-5,
     "gravity": 2e-5,
 }
 """What is a few times smaller than this no sensor and no clock keeps."""
@@ -135,7 +147,7 @@ def _candidates(fit: Fit) -> dict[str, Indices]:
     free = fit.unknowns.free
     timed = {"drift", "delay"} if free[DTAU] else set()
     heavy = {"gravity"} if fit.unknowns.gravity_norm > 0.0 else set()
-    wanted = {"accel scale", "gyro scale"} | timed | heavy
+    wanted = {"accel scale", "gyro scale", "misalignment"} | timed | heavy
     return {name: part for name, part in GROUPS.items() if name in wanted and not free[part].any()}
 
 
@@ -147,4 +159,5 @@ def _plausible(fit: Fit) -> bool:
         np.abs(np.log(np.maximum(scales, 1e-3))).max() < 0.7
         and abs(found.drift) < 0.1
         and abs(found.gyro_delay) < 0.2
+        and np.linalg.norm(found.gyro_turn) < 0.5
     )

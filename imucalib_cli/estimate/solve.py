@@ -67,9 +67,10 @@ WEAKEST_STD = {
     "drift": 0.1,
     "delay": 0.1,
     "scale": 1.0,
+    "turn": 0.5,
     "gravity": 1.0,
 }
-"""m, m/s², rad/s, s, s/s, s, 1, 1: priors wider than any robot. They matter only where the motion
+"""m, m/s², rad/s, s, s/s, s, 1, rad, 1: priors wider than any robot. They matter only where the motion
 says nothing, and keep an undetermined component from running away with those that are determined.
 From the offset's on they are about the point of linearisation, which moves with the solution."""
 
@@ -85,11 +86,13 @@ DDRIFT = 15
 DDELAY = 16
 DSA = slice(17, 20)
 DSG = slice(20, 23)
-DEXTRAS = slice(15, 23)
-DNORM = 23
-OPTIONAL = slice(15, 24)
+DMG = slice(23, 26)
+DEXTRAS = slice(15, 26)
+DNORM = 26
+OPTIONAL = slice(15, 27)
 """Unknowns that are looked for only where the data ask for them."""
-TANGENT = 24
+TANGENT = 27
+_EXTRAS = DEXTRAS.stop - DEXTRAS.start
 
 
 _GENERATORS = skew(np.eye(3))
@@ -109,12 +112,12 @@ class State:
     gravity: Floats
     tau: float = 0.0
     """Change of the time offset since the rows were made, s."""
-    extras: Floats = field(default_factory=lambda: np.zeros(8))
-    """(8,), changes of drift, delay and scales since the rows were made."""
+    extras: Floats = field(default_factory=lambda: np.zeros(_EXTRAS))
+    """(11,), changes of drift, delay, scales and misalignment since the rows were made."""
 
     def here(self) -> State:
         """The same values as a point of linearisation: no change of offset or extras."""
-        return replace(self, tau=0.0, extras=np.zeros(8))
+        return replace(self, tau=0.0, extras=np.zeros(_EXTRAS))
 
     def vector(self) -> Floats:
         """The columns' coefficients x."""
@@ -143,7 +146,7 @@ class State:
             # Near the horizon x and y no longer span gravity's sphere.
             J[columns.G, DTILT] = turned @ np.linalg.svd(self.gravity[None])[2][1:].T
         J[columns.TAU, DTAU] = 1.0
-        J[columns.EXTRAS, DEXTRAS] = np.eye(8)
+        J[columns.EXTRAS, DEXTRAS] = np.eye(_EXTRAS)
         J[columns.G, DNORM] = self.gravity
         return J
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from imucalib_cli.estimate import columns
+from imucalib_cli.estimate.axes import axes_in_words
 from imucalib_cli.estimate.solve import DBA, DBG, DTILT, POSE, state_prior_offset
 
 if TYPE_CHECKING:
@@ -61,6 +62,11 @@ def reasons_for_distrust(evidence: Evidence, *, unknown: bool) -> list[str]:
     """
     attempt, options = evidence.attempt, evidence.options
     reasons = _unexplained(evidence)
+    if reasons or evidence.misfit.gross:
+        axes = axes_in_words(attempt.fit)
+        # The cause, where it is known, and not what else follows from it.
+        if axes is not None:
+            return [axes, *_missed_priors(evidence)]
     if attempt.lag is not None and attempt.lag.at_edge and not unknown:
         reasons.append(
             f"the time offset may lie beyond the search of ±{options.max_offset:g} s: "

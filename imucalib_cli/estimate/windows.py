@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.estimate import columns
-from imucalib_cli.robot.rotations import skew
+from imucalib_cli.robot.rotations import matrix_from_rotvec, rotvec_from_matrix, skew
 from imucalib_cli.signals.kernels import MARGIN, MatchedFilter, convolve_at, matched_filter
 
 if TYPE_CHECKING:
@@ -109,6 +109,9 @@ class WindowRows:
         return self.accel @ x, self.gyro @ x
 
 
+_ONES = (1.0, 1.0, 1.0)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Corrections:
     """How the IMU departs from the ideal one, as far as the data ask for it."""
@@ -120,18 +123,35 @@ class Corrections:
     accel_scale: tuple[float, float, float] = (1.0, 1.0, 1.0)
     """Measured over true, IMU axes."""
     gyro_scale: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    gyro_turn: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Rotation vector from the gyroscope's axes to the accelerometer's, rad."""
+
+    @property
+    def R_accel_gyro(self) -> Floats:
+        """(3, 3), takes the gyroscope's axes to the accelerometer's."""
+        return matrix_from_rotvec(np.array(self.gyro_turn))
+
+    def imu(self, gyro: Floats, accel: Floats) -> tuple[Floats, Floats]:
+        """What an ideal sensor would have measured, (N, 3) each."""
+        if self.gyro_scale != _ONES:
+            gyro = gyro / np.array(self.gyro_scale)
+        if any(self.gyro_turn):
+            gyro = gyro @ self.R_accel_gyro.T
+        return gyro, accel if self.accel_scale == _ONES else accel / np.array(self.accel_scale)
 
     def moved(self, extras: Floats) -> Corrections:
-        """After a step in (drift, delay, accelerometer's scales, gyroscope's scales)."""
+        """After a step in (drift, delay, accelerometer's scales, gyroscope's scales, turn)."""
         accel, gyro = (
             tuple(float(s) for s in np.array(scale) * (1.0 + extras[part]))
             for scale, part in ((self.accel_scale, slice(2, 5)), (self.gyro_scale, slice(5, 8)))
         )
+        turn = rotvec_from_matrix(matrix_from_rotvec(extras[8:11]) @ self.R_accel_gyro)
         return Corrections(
             drift=self.drift + float(extras[0]),
             gyro_delay=self.gyro_delay + float(extras[1]),
             accel_scale=(accel[0], accel[1], accel[2]),
             gyro_scale=(gyro[0], gyro[1], gyro[2]),
+            gyro_turn=(float(turn[0]), float(turn[1]), float(turn[2])),
         )
 
 
@@ -219,6 +239,7 @@ class Windowing:
             t = self.robot_times(stamps, time_offset)
             R, p = self.trajectory.poses(t)
             delay = self.corrections.gyro_delay
+            gyro, accel = self.corrections.imu(self.grid.gyro[span], self.grid.accel[span])
             yield _Chunk(
                 part=part,
                 centres=centres[part] - span.start,
@@ -226,8 +247,8 @@ class Windowing:
                 # Derivatives do not see a constant; taking it off keeps digits.
                 p=p - p[0],
                 R_gyro=R if delay == 0.0 else self.trajectory.poses(t - delay)[0],
-                accel=_scaled(self.grid.accel[span], self.corrections.accel_scale),
-                gyro=_scaled(self.grid.gyro[span], self.corrections.gyro_scale),
+                gyro=gyro,
+                accel=accel,
             )
 
 
@@ -246,10 +267,6 @@ class _Chunk:
     """R_world_parent at the gyroscope's samples."""
     accel: Floats
     gyro: Floats
-
-
-def _scaled(values: Floats, scale: tuple[float, float, float]) -> Floats:
-    return values if scale == (1.0, 1.0, 1.0) else values / np.array(scale)
 
 
 def _derive(values: Floats, pair: MatchedFilter, centres: Indices) -> Floats:

@@ -164,7 +164,7 @@ def _corrections(diagnostics: Node) -> tuple[Correction, ...]:
     for name in node.content:
         if name not in get_args(CorrectionName):
             node.fail("is no correction that this version knows", str(name))
-        entry, size = node.child(name), 3 if name.endswith("scale") else 1
+        entry, size = node.child(name), 3 if name.endswith(("scale", "misalignment")) else 1
         value, std = entry.array("value", size), entry.array("std", size)
         found.append(Correction(name=name, value=value, std=std))
     return tuple(found)
