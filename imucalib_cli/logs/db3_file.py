@@ -14,27 +14,25 @@ from imucalib_cli.errors import InputError
 from imucalib_cli.logs.damage import DamageError, Tally
 from imucalib_cli.logs.db3_pages import Leaves, Rows, batches, find_leaves, read_leaves
 from imucalib_cli.logs.db3_salvage import salvage
+from imucalib_cli.logs.db3_sql import (
+    ALL_IDS,
+    BROKEN,
+    add_fetched,
+    count_messages,
+    count_rows,
+    definitions_of,
+    fetch,
+)
 from imucalib_cli.logs.db3_wal import pages_left_out
 from imucalib_cli.logs.inflate import Scratch
 from imucalib_cli.logs.messages import normalise_type
-from imucalib_cli.logs.storage import Bytes, Channel, Progress, Sink, cut
+from imucalib_cli.logs.storage import Channel, Progress, Sink, cut
 from imucalib_cli.logs.unpacked import copy_with_companions, copy_with_page_count
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
     from io import FileIO
     from pathlib import Path
-
-    from imucalib_cli.logs.streams import Nanoseconds
-
-_BROKEN = (sqlite3.DatabaseError, MemoryError)
-"""What SQLite raises on damage: it takes some of it for a lack of memory."""
-Row = tuple[int, int, int, bytes]
-"""Id, topic's id, receive time in ns, payload; where damaged, of any type."""
-_FETCH = 1024
-"""Rows taken at a time."""
-_ALL = (-(1 << 63), (1 << 63) - 1)
-"""Ids of all rows: above the first, up to the second."""
 
 
 class Db3File:
@@ -55,7 +53,7 @@ class Db3File:
         self._mode = "mode=ro"
         try:
             self.channels = self._open()
-        except _BROKEN as error:
+        except BROKEN as error:
             raise InputError(f"{path} is no readable rosbag2 database: {error}") from error
 
     def _open(self) -> tuple[Channel, ...]:
@@ -68,9 +66,9 @@ class Db3File:
             # What is beside has to be taken in, which needs a folder that can be written to.
             self._file = copy_with_companions(self.path)
             self._mode = "mode=rw"
-            with contextlib.suppress(*_BROKEN):
+            with contextlib.suppress(*BROKEN):
                 return self._channels()
-        except _BROKEN:
+        except BROKEN:
             pass
         # SQLite refuses a file that is shorter than its header says; one that says what is there
         # is read up to the first missing page.
@@ -100,7 +98,7 @@ class Db3File:
         with self._database() as database:
             tallies = _quick_tallies(database, self._file)
             channels = self._listed(
-                database, _tallies(database, self._file) if tallies is None else tallies
+                database, count_messages(database, self._file) if tallies is None else tallies
             )
             left, total = pages_left_out(self._file)
             if left:
@@ -113,7 +111,7 @@ class Db3File:
     def _listed(
         self, database: sqlite3.Connection, tallies: dict[int, Tally]
     ) -> tuple[Channel, ...]:
-        definitions = _definitions(database)
+        definitions = definitions_of(database)
         found = []
         for number, topic, type_name, encoding in database.execute(
             "SELECT id, name, type, serialization_format FROM topics WHERE typeof(id) = 'integer'"
@@ -147,7 +145,7 @@ class Db3File:
                 for count in self._give(database, channels, sink):
                     done += count
                     progress(min(1.0, done / total))
-        except _BROKEN as error:
+        except BROKEN as error:
             raise InputError(f"{self.path} cannot be read any more: {error}") from error
         progress(1.0)
 
@@ -161,23 +159,23 @@ class Db3File:
         runs = [(0, 0)] if leaves is None else batches(leaves)
         with self._file.open("rb", buffering=0) as file:
             for start, stop in runs:
-                ids = _ALL
+                ids = ALL_IDS
                 if leaves is not None:
                     rows = _usable_rows(file, leaves, (start, stop), channels, scratch)
                     if rows is not None:
                         yield _add_rows(rows, arrival, channels, sink)
                         arrival += len(rows.topic_ids)
                         continue
-                    before = int(leaves.last_ids[start - 1]) if start else _ALL[0]
+                    before = int(leaves.last_ids[start - 1]) if start else ALL_IDS[0]
                     ids = (before, int(leaves.last_ids[stop - 1]))
                 last = ids[0]
                 try:
-                    for fetched in _fetch(database, tuple(channels), ids):
-                        _add(fetched, arrival, channels, sink)
+                    for fetched in fetch(database, tuple(channels), ids):
+                        add_fetched(fetched, arrival, channels, sink)
                         arrival += len(fetched)
                         last = fetched[-1][0] if isinstance(fetched[-1][0], int) else last
                         yield len(fetched)
-                except _BROKEN as error:
+                except BROKEN as error:
                     self._lose(f"the database is damaged ({error}): what its pages hold is used")
                     within = None if leaves is None else leaves.only(start, stop)
                     for rows in salvage(file, within, (last, ids[1]), scratch):
@@ -223,64 +221,6 @@ def _add_rows(rows: Rows, arrival: int, channels: dict[int, Channel], sink: Sink
     return count
 
 
-def _fetch(
-    database: sqlite3.Connection, numbers: tuple[int, ...], ids: tuple[int, int]
-) -> Iterator[list[Row]]:
-    """Rows in blocks, up to the last one before any damage, which is then raised."""
-    marks = ", ".join("?" * len(numbers))
-    # Without ORDER BY: SQLite would otherwise go through the timestamps' index.
-    query = (
-        f"SELECT rowid, topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks}) "  # noqa: S608
-        "AND rowid > ? AND rowid <= ?"
-    )
-    values = (*numbers, *ids)
-    done = 0
-    try:
-        rows = database.execute(query, values)
-        while fetched := rows.fetchmany(_FETCH):
-            done += len(fetched)
-            yield fetched
-    except _BROKEN:
-        # The block that met the damage is lost as a whole: take its rows one by one.
-        for row in database.execute(f"{query} LIMIT -1 OFFSET {done}", values):
-            yield [row]
-        raise
-
-
-def _add(
-    fetched: list[Row],
-    arrival: int,
-    channels: dict[int, Channel],
-    sink: Sink,
-) -> None:
-    # SQLite stores anything anywhere, so damage can turn a number into nothing.
-    for number, channel in channels.items():
-        rows = [row for row in fetched if row[1] == number]
-        log_ns, payloads = _columns(rows)
-        at = arrival + np.arange(len(payloads))
-        lengths = set(map(len, payloads))
-        if len(lengths) == 1:
-            sink.add(channel, at, log_ns, _joined(payloads))
-            continue
-        sizes = np.fromiter(map(len, payloads), dtype=np.int64, count=len(payloads))
-        for size in lengths:
-            which = np.flatnonzero(sizes == size)
-            sink.add(channel, at[which], log_ns[which], _joined([payloads[k] for k in which]))
-
-
-def _columns(rows: list[Row]) -> tuple[Nanoseconds, list[bytes]]:
-    payloads = [row[3] for row in rows]
-    times = [row[2] for row in rows]
-    if not set(map(type, payloads)) <= {bytes} or not set(map(type, times)) <= {int}:
-        return _columns([row for row in rows if type(row[2]) is int and type(row[3]) is bytes])
-    return np.array(times, dtype=np.int64), payloads
-
-
-def _joined(payloads: list[bytes]) -> Bytes:
-    joined = np.frombuffer(b"".join(payloads), dtype=np.uint8)
-    return joined.reshape(len(payloads), len(payloads[0]))
-
-
 def _quick_tallies(database: sqlite3.Connection, path: Path) -> dict[int, Tally] | None:
     """Count and times of each topic from the pages; None where they are not as usual."""
     leaves = _leaves(database, path)
@@ -293,46 +233,5 @@ def _quick_tallies(database: sqlite3.Connection, path: Path) -> dict[int, Tally]
             rows = _usable_rows(file, leaves, run, (), scratch)
             if rows is None:
                 return None
-            _count(rows, tallies)
+            count_rows(rows, tallies)
     return tallies
-
-
-def _tallies(database: sqlite3.Connection, path: Path) -> dict[int, Tally]:
-    """Count and times of each topic; of a damaged file by what its pages hold."""
-    query = "SELECT topic_id, COUNT(*), MIN(timestamp), MAX(timestamp) FROM messages GROUP BY 1"
-    try:
-        found = database.execute(query).fetchall()
-    except _BROKEN:
-        found = [(None,)]
-    if {type(value) for row in found for value in row} <= {int}:
-        return {number: Tally(*tally) for number, *tally in found}
-    tallies: dict[int, Tally] = {}
-    last = _ALL[0]
-    try:
-        for last, number, time in database.execute(  # noqa: B007 - counts after the loop
-            "SELECT rowid, topic_id, timestamp FROM messages "
-            "WHERE typeof(timestamp) = 'integer' AND typeof(topic_id) = 'integer'"
-        ):
-            tallies.setdefault(number, Tally()).add(np.array([time]))
-    except _BROKEN:
-        after = last if isinstance(last, int) else _ALL[0]  # rows of a view have no id
-        with path.open("rb", buffering=0) as file:
-            for rows in salvage(file, None, (after, _ALL[1]), Scratch()):
-                _count(rows, tallies)
-    return tallies
-
-
-def _count(rows: Rows, tallies: dict[int, Tally]) -> None:
-    for number in np.unique(rows.topic_ids).tolist():
-        tallies.setdefault(number, Tally()).add(rows.log_ns[rows.topic_ids == number])
-
-
-def _definitions(database: sqlite3.Connection) -> dict[str, str]:
-    """Embedded definitions by type; early files have none."""
-    with contextlib.suppress(*_BROKEN):
-        rows = database.execute(
-            "SELECT topic_type, encoded_message_definition FROM message_definitions "
-            "WHERE encoding = 'ros2msg'"
-        ).fetchall()
-        return {name: text for name, text in rows if isinstance(text, str)}
-    return {}

@@ -21,7 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
-from imucalib_cli.robot.urdf_check import SIZE_LIMIT, check_urdf
+from imucalib_cli.robot.urdf_check import check_urdf
+from imucalib_cli.robot.urdf_xml import SIZE_LIMIT
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -1,28 +1,20 @@
-"""Check a URDF's XML before any library sees it, and keep only what kinematics need.
-
-Expat's own events are used, so that a DOCTYPE (entity bombs, external entities) is refused at
-the moment it begins, before anything in it is expanded.
-"""
+"""Check a URDF's XML before any library sees it, and keep only what kinematics need."""
 
 from __future__ import annotations
 
 import math
 from collections import Counter
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 from xml.etree import ElementTree as ET
-from xml.parsers import expat
 
 from imucalib_cli.errors import InputError
+from imucalib_cli.robot.urdf_xml import parse_xml
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-SIZE_LIMIT = 16 << 20
-"""Bytes; the largest published robot descriptions have a few hundred kilobytes."""
-DEPTH_LIMIT = 200
-ELEMENT_LIMIT = 200_000
-"""Ten times a humanoid's with all its meshes; more would cost seconds and memory for nothing."""
+    from imucalib_cli.robot.urdf_xml import Element
+
 FARTHEST = 1e4
 """m from link to link; millimetres and damage lie beyond, and digits of the pose would be lost."""
 KINDS = ("fixed", "revolute", "continuous", "prismatic", "floating", "planar")
@@ -39,24 +31,6 @@ _KEPT = {
 }
 
 
-@dataclass
-class _Element:
-    tag: str
-    attributes: dict[str, str]
-    line: int
-    children: list[_Element] = field(default_factory=list)
-
-    def find(self, tag: str) -> _Element | None:
-        return next((child for child in self.children if child.tag == tag), None)
-
-    def findall(self, tag: str) -> list[_Element]:
-        return [child for child in self.children if child.tag == tag]
-
-
-class _Refused(Exception):  # noqa: N818 - carries a fault out of an expat callback
-    pass
-
-
 def check_urdf(data: bytes, path: Path) -> bytes:
     """Refuse what is no sound URDF; return its links and joints as XML, without the rest.
 
@@ -66,7 +40,7 @@ def check_urdf(data: bytes, path: Path) -> bytes:
     Raises:
         InputError: One line with the file and the first faults, each with its element.
     """
-    root = _parse(data, path)
+    root = parse_xml(data, path)
     faults = _Faults()
     links = _links(root, faults)
     joints = _joints(root, faults)
@@ -84,7 +58,7 @@ class _Faults:
     def __init__(self) -> None:
         self.found: list[str] = []
 
-    def add(self, element: _Element | None, text: str) -> None:
+    def add(self, element: Element | None, text: str) -> None:
         # &#10; in an attribute would break the line, and a word may be megabytes long
         text = " ".join(
             word if len(word) <= _LONGEST else word[:_LONGEST] + "…" for word in text.split()
@@ -92,95 +66,12 @@ class _Faults:
         self.found.append(text if element is None else f"line {element.line}: {text}")
 
 
-def _parse(data: bytes, path: Path) -> _Element:
-    if len(data) > SIZE_LIMIT:
-        raise InputError(f"{path}: more than {SIZE_LIMIT >> 20} MB are no URDF: check --urdf")
-    if not data.strip():
-        raise InputError(f"{path}: the file is empty: check --urdf")
-    reader = _Reader(path)
-    try:
-        root = reader.read(data)
-    except _Refused as refused:
-        raise InputError(f"{path}: {refused}") from None
-    except expat.ExpatError as error:
-        raise InputError(
-            f"{path}: not well-formed XML ({expat.ErrorString(error.code)}, line {error.lineno}, "
-            f"column {error.offset + 1}): give a URDF"
-        ) from None
-    except (ValueError, LookupError) as error:
-        raise InputError(
-            f"{path}: its encoding cannot be read ({error}): save it as UTF-8"
-        ) from None
-    if root.tag != "robot":
-        raise InputError(f"{path}: the root element is <{root.tag}>, not <robot>: give a URDF")
-    if root.find("link") is None:
-        raise InputError(f"{path}: <robot> has no <link>: give a complete URDF")
-    return root
-
-
-class _Reader:
-    """Elements down to those inside a <joint>; below, nothing is kinematics."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        self._stack: list[_Element] = []
-        self._root: _Element | None = None
-        self._count = 0
-        self._parser = expat.ParserCreate()
-        self._parser.StartElementHandler = self._start
-        self._parser.EndElementHandler = self._end
-        self._parser.StartDoctypeDeclHandler = self._doctype
-
-    def read(self, data: bytes) -> _Element:
-        self._parser.Parse(data, True)
-        if self._root is None:
-            raise _Refused("has no element: give a URDF")
-        return self._root
-
-    def _start(self, tag: str, attributes: dict[str, str]) -> None:
-        element = _Element(tag, attributes, self._parser.CurrentLineNumber)
-        xacro = f"<{tag}>" if tag.startswith("xacro:") else _xacro_in(element)
-        if xacro:
-            raise _Refused(
-                f"line {element.line}: {xacro} is xacro, not URDF: expand it first with "
-                f"`xacro {self._path} > robot.urdf` and give robot.urdf"
-            )
-        self._count += 1
-        if self._count > ELEMENT_LIMIT:
-            raise _Refused(f"has more than {ELEMENT_LIMIT} elements: give a URDF")
-        depth = len(self._stack)
-        if depth >= DEPTH_LIMIT:
-            raise _Refused(f"elements are nested more than {DEPTH_LIMIT} deep: give a URDF")
-        if depth == 0:
-            self._root = element
-        elif depth < 3:
-            self._stack[-1].children.append(element)
-        self._stack.append(element)
-
-    def _end(self, _tag: str) -> None:
-        self._stack.pop()
-
-    def _doctype(self, *_args: object) -> None:
-        raise _Refused(
-            "has a DOCTYPE, which a URDF does not need and which may hide entities: remove it"
-        )
-
-
-def _xacro_in(element: _Element) -> str:
-    """The attribute that is still to be expanded, in its element; empty if there is none."""
-    for name, value in element.attributes.items():
-        counts = element.tag in ("robot", "link", "joint") or name in ("xyz", "rpy", "link")
-        if counts and ("${" in value or "$(" in value):
-            return " ".join(f'<{element.tag} {name}="{value}">'.split())
-    return ""
-
-
-def _links(root: _Element, faults: _Faults) -> dict[str, _Element]:
+def _links(root: Element, faults: _Faults) -> dict[str, Element]:
     return _by_name(root.findall("link"), faults)
 
 
-def _by_name(elements: list[_Element], faults: _Faults) -> dict[str, _Element]:
-    named: dict[str, _Element] = {}
+def _by_name(elements: list[Element], faults: _Faults) -> dict[str, Element]:
+    named: dict[str, Element] = {}
     for element in elements:
         name = element.attributes.get("name", "")
         if not name:
@@ -197,7 +88,7 @@ def _by_name(elements: list[_Element], faults: _Faults) -> dict[str, _Element]:
     return named
 
 
-def _joints(root: _Element, faults: _Faults) -> dict[str, _Element]:
+def _joints(root: Element, faults: _Faults) -> dict[str, Element]:
     joints = _by_name(root.findall("joint"), faults)
     for name, joint in joints.items():
         kind = joint.attributes.get("type")
@@ -215,7 +106,7 @@ def _joints(root: _Element, faults: _Faults) -> dict[str, _Element]:
     return joints
 
 
-def _check_numbers(name: str, joint: _Element, faults: _Faults) -> None:
+def _check_numbers(name: str, joint: Element, faults: _Faults) -> None:
     for tag, attribute, count in (
         ("origin", "xyz", 3),
         ("origin", "rpy", 3),
@@ -259,12 +150,12 @@ def _numbers(text: str) -> list[float]:
         return []
 
 
-def _end(joint: _Element, tag: str) -> str:
+def _end(joint: Element, tag: str) -> str:
     element = joint.find(tag)
     return "" if element is None else element.attributes["link"]
 
 
-def _check_tree(links: dict[str, _Element], joints: dict[str, _Element], faults: _Faults) -> None:
+def _check_tree(links: dict[str, Element], joints: dict[str, Element], faults: _Faults) -> None:
     above: dict[str, str] = {}
     for name, joint in joints.items():
         for tag in ("parent", "child"):
@@ -306,7 +197,7 @@ def _on_loop(following: dict[str, str]) -> list[str]:
     return loops
 
 
-def _check_mimics(joints: dict[str, _Element], faults: _Faults) -> None:
+def _check_mimics(joints: dict[str, Element], faults: _Faults) -> None:
     followed = {}
     for name, joint in joints.items():
         mimic = joint.find("mimic")
@@ -322,9 +213,7 @@ def _check_mimics(joints: dict[str, _Element], faults: _Faults) -> None:
         faults.add(joints[name], f"joint '{name}' mimics itself in the end")
 
 
-def _kinematics_only(
-    root: _Element, links: dict[str, _Element], joints: dict[str, _Element]
-) -> bytes:
+def _kinematics_only(root: Element, links: dict[str, Element], joints: dict[str, Element]) -> bytes:
     robot = ET.Element("robot", name=root.attributes.get("name") or "robot")
     for name in links:
         ET.SubElement(robot, "link", name=name)

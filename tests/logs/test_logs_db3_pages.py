@@ -93,8 +93,8 @@ def forbid_sqlite(patch: pytest.MonkeyPatch) -> None:
     def forbidden(*_: Any) -> Any:
         pytest.fail("SQLite was asked for rows")
 
-    patch.setattr(db3_file, "_fetch", forbidden)
-    patch.setattr(db3_file, "_tallies", forbidden)
+    patch.setattr(db3_file, "fetch", forbidden)
+    patch.setattr(db3_file, "count_messages", forbidden)
 
 
 @pytest.mark.parametrize("page_size", [1024, 4096, 65536])

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from imucalib_cli.errors import InputError
-from imucalib_cli.robot import urdf_check
+from imucalib_cli.robot import urdf_xml
 from imucalib_cli.robot.urdf import Mimic, load_robot, preload
 
 DATA = Path(__file__).parent / "data"
@@ -120,7 +120,7 @@ def test_an_entity_bomb_is_refused_at_once(tmp_path: Path) -> None:
 
 
 def test_size_is_limited(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(urdf_check, "SIZE_LIMIT", 20)
+    monkeypatch.setattr(urdf_xml, "SIZE_LIMIT", 20)
     with pytest.raises(InputError, match="are no URDF"):
         load_robot(write(tmp_path, robot(LINKS + AB + BC)))
 

@@ -1,0 +1,132 @@
+"""A URDF's XML as elements, with nothing expanded and nothing beyond a joint's own kept.
+
+Expat's own events are used, so that a DOCTYPE (entity bombs, external entities) is refused at
+the moment it begins, before anything in it is expanded.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+from xml.parsers import expat
+
+from imucalib_cli.errors import InputError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+SIZE_LIMIT = 16 << 20
+"""Bytes; the largest published robot descriptions have a few hundred kilobytes."""
+DEPTH_LIMIT = 200
+ELEMENT_LIMIT = 200_000
+"""Ten times a humanoid's with all its meshes; more would cost seconds and memory for nothing."""
+
+
+@dataclass
+class Element:
+    """One element, with its children down to those inside a joint."""
+
+    tag: str
+    attributes: dict[str, str]
+    line: int
+    children: list[Element] = field(default_factory=list)
+
+    def find(self, tag: str) -> Element | None:
+        """The first child of this tag."""
+        return next((child for child in self.children if child.tag == tag), None)
+
+    def findall(self, tag: str) -> list[Element]:
+        """All children of this tag."""
+        return [child for child in self.children if child.tag == tag]
+
+
+class _Refused(Exception):  # noqa: N818 - carries a fault out of an expat callback
+    pass
+
+
+def parse_xml(data: bytes, path: Path) -> Element:
+    """Read a URDF's elements.
+
+    Raises:
+        InputError: It is not XML, is xacro, has a DOCTYPE, is too much, or is of another kind.
+    """
+    if len(data) > SIZE_LIMIT:
+        raise InputError(f"{path}: more than {SIZE_LIMIT >> 20} MB are no URDF: check --urdf")
+    if not data.strip():
+        raise InputError(f"{path}: the file is empty: check --urdf")
+    reader = _Reader(path)
+    try:
+        root = reader.read(data)
+    except _Refused as refused:
+        raise InputError(f"{path}: {refused}") from None
+    except expat.ExpatError as error:
+        raise InputError(
+            f"{path}: not well-formed XML ({expat.ErrorString(error.code)}, line {error.lineno}, "
+            f"column {error.offset + 1}): give a URDF"
+        ) from None
+    except (ValueError, LookupError) as error:
+        raise InputError(
+            f"{path}: its encoding cannot be read ({error}): save it as UTF-8"
+        ) from None
+    if root.tag != "robot":
+        raise InputError(f"{path}: the root element is <{root.tag}>, not <robot>: give a URDF")
+    if root.find("link") is None:
+        raise InputError(f"{path}: <robot> has no <link>: give a complete URDF")
+    return root
+
+
+class _Reader:
+    """Elements down to those inside a <joint>; below, nothing is kinematics."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._stack: list[Element] = []
+        self._root: Element | None = None
+        self._count = 0
+        self._parser = expat.ParserCreate()
+        self._parser.StartElementHandler = self._start
+        self._parser.EndElementHandler = self._end
+        self._parser.StartDoctypeDeclHandler = self._doctype
+
+    def read(self, data: bytes) -> Element:
+        self._parser.Parse(data, True)
+        if self._root is None:
+            raise _Refused("has no element: give a URDF")
+        return self._root
+
+    def _start(self, tag: str, attributes: dict[str, str]) -> None:
+        element = Element(tag, attributes, self._parser.CurrentLineNumber)
+        xacro = f"<{tag}>" if tag.startswith("xacro:") else _xacro_in(element)
+        if xacro:
+            raise _Refused(
+                f"line {element.line}: {xacro} is xacro, not URDF: expand it first with "
+                f"`xacro {self._path} > robot.urdf` and give robot.urdf"
+            )
+        self._count += 1
+        if self._count > ELEMENT_LIMIT:
+            raise _Refused(f"has more than {ELEMENT_LIMIT} elements: give a URDF")
+        depth = len(self._stack)
+        if depth >= DEPTH_LIMIT:
+            raise _Refused(f"elements are nested more than {DEPTH_LIMIT} deep: give a URDF")
+        if depth == 0:
+            self._root = element
+        elif depth < 3:
+            self._stack[-1].children.append(element)
+        self._stack.append(element)
+
+    def _end(self, _tag: str) -> None:
+        self._stack.pop()
+
+    def _doctype(self, *_args: object) -> None:
+        raise _Refused(
+            "has a DOCTYPE, which a URDF does not need and which may hide entities: remove it"
+        )
+
+
+def _xacro_in(element: Element) -> str:
+    """The attribute that is still to be expanded, in its element; empty if there is none."""
+    for name, value in element.attributes.items():
+        counts = element.tag in ("robot", "link", "joint") or name in ("xyz", "rpy", "link")
+        if counts and ("${" in value or "$(" in value):
+            return " ".join(f'<{element.tag} {name}="{value}">'.split())
+    return ""
