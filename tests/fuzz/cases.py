@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 KINDS = ("messages", "mcap", "bag", "db3", "bytes", "folder", "urdf", "result")
 """What is damaged; ``bytes`` is any log, without regard to its format."""
+_VERIFIED = 0.1
+"""Share of calibrations that verify instead."""
 _WEIGHTS = (22, 20, 12, 14, 14, 4, 8, 6)
 
 
@@ -52,7 +54,11 @@ def make(
     weights = [_WEIGHTS[KINDS.index(kind)] for kind in kinds]
     kind = rng.choices(kinds, weights)[0]
     case = _MAKERS[kind](rng, folder)
-    return case if case.argv[0] != "run" or rng.random() < runs else _inspected(case)
+    if case.argv[0] != "run":
+        return case
+    if rng.random() >= runs:
+        return _inspected(case)
+    return _verified(case) if rng.random() < _VERIFIED else case
 
 
 def sound_case(scene: Callable[[], seeds.Scene], kind: str, folder: Path) -> Case:
@@ -80,6 +86,13 @@ def _some(rng: Random, begins: str = "") -> tuple[Callable[[], seeds.Scene], str
 def _inspected(case: Case) -> Case:
     urdf = case.argv[case.argv.index("--urdf") :] if "--urdf" in case.argv else []
     case.argv, case.truth = ["inspect", case.argv[1], *urdf], None
+    return case
+
+
+def _verified(case: Case) -> Case:
+    """Is the pose in the URDF right? It is off by a degree, so the answer is never yes."""
+    if case.truth is not None and "--urdf" in case.argv:
+        case.argv = ["verify", case.argv[1], *case.argv[case.argv.index("--urdf") :]]
     return case
 
 

@@ -163,7 +163,10 @@ def _words(code: int, words: str) -> Iterator[str]:
 
 
 def _answer(case: Case, code: int) -> Iterator[str]:
-    if case.truth is None or case.argv[0] != "run" or code != 0:
+    if case.truth is None or code != 0:
+        return
+    if case.argv[0] == "verify":
+        yield "WRONG OK (verify): the URDF's pose is a degree off"
         return
     result = Path(case.argv[case.argv.index("-o") + 1])
     if not result.is_file():
