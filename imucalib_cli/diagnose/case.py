@@ -52,8 +52,19 @@ class Finding:
     """m and rad by which the IMU's pose changes once it is mended; None where that is not known."""
 
 
+_OF_SENSOR = (
+    "axes are left-handed",
+    "sign is reversed on all axes",
+    "do not share their axes",
+)
+"""Fixed parts of the estimator's sentences that name the sensor as the cause: nothing is left to
+ask of the robot."""
+
+
 def needs_diagnosis(estimate: Estimate) -> bool:
     """Whether a result is poor for reasons that a cause may lie behind."""
     if estimate.method != "matched":
+        return False
+    if any(part in reason for reason in estimate.distrust for part in _OF_SENSOR):
         return False
     return bool(estimate.distrust) or estimate.sigma_source == "segments"

@@ -13,14 +13,16 @@ from imucalib_cli.diagnose.parameters import explain_by_parameters
 from imucalib_cli.diagnose.rest import find_motion_at_rest
 from imucalib_cli.diagnose.ringing import find_ringing
 from imucalib_cli.diagnose.rivals import find_rival_publishers
-from imucalib_cli.diagnose.search import explain_grossly, is_poor
-from imucalib_cli.diagnose.words import of_hypotheses, of_parameters
+from imucalib_cli.diagnose.search import explain_grossly, falls, is_poor
+from imucalib_cli.diagnose.words import of_given_offset, of_hypotheses, of_parameters
 
 if TYPE_CHECKING:
     from imucalib_cli.diagnose.bench import Bench, Trial
     from imucalib_cli.diagnose.case import Case, Finding
     from imucalib_cli.estimate.estimate import Estimate, UnobservableDirection
 
+_OFFSET_FALL = 2.0
+"""Fall of a residual for which a time offset that was given is contradicted."""
 _SMALL_GYRO = 0.1
 """Share of the rotation left unexplained up to which small errors are looked for first."""
 GENERIC = (
@@ -31,9 +33,11 @@ GENERIC = (
     "are not what they are taken for",
     "do not fit the rest and were left out: frames",
     "the mount moved, or the log joins two set-ups",
+    "the sensor was reset, struck or is warming up",
+    "see that no clock is set while recording",
 )
 """Fixed parts of the estimator's sentences that say a fit is poor, and not why."""
-PARTS_DISAGREE = ("the mount moved, or the log joins two set-ups",)
+PARTS_DISAGREE = GENERIC[-3:]
 """Those that a small error of the chain explains away: it pulls unlike moves apart."""
 GENERIC_WARNINGS = (
     "the kinematic model or the mount, not noise, sets the uncertainty",
@@ -77,12 +81,23 @@ def diagnose(case: Case) -> tuple[Finding, ...]:
     if told is None:
         return ()
     small = told.shares[1] < _SMALL_GYRO
-    for attempt in (_small, _gross) if small else (_gross, _small):
+    for attempt in (_given_offset, _small, _gross) if small else (_gross, _small):
         found = attempt(bench, case, told)
         if found:
             return found
     other = find_ringing(told) or find_motion_at_rest(told)
     return () if other is None else (other,)
+
+
+def _given_offset(bench: Bench, case: Case, told: Trial) -> tuple[Finding, ...]:
+    """A time offset that was given, and that the log contradicts."""
+    if case.options.time_offset is None:
+        return ()
+    free = replace(bench, options=replace(bench.options, time_offset=None))
+    trial = free.trial(case.path, offset=told.time_offset)
+    if trial is None or not falls(trial, told, _OFFSET_FALL):
+        return ()
+    return (of_given_offset(trial, told, case),)
 
 
 def _gross(bench: Bench, case: Case, told: Trial) -> tuple[Finding, ...]:

@@ -31,6 +31,8 @@ if TYPE_CHECKING:
     from imucalib_cli.diagnose.case import Case
     from imucalib_cli.robot.path import KinematicPath
 
+_MOST_LISTED = 3
+"""Joints named in a sentence about their order."""
 GROSS_ZEROS_DEG = (45.0, -45.0, 90.0, -90.0, 135.0, -135.0, 180.0)
 _MOST_PAIRED, _MOST_TRIPLED = 12, 7
 """Joints of a chain up to which two and three at once are tried."""
@@ -146,15 +148,17 @@ def _orders(path: KinematicPath) -> Iterator[Hypothesis]:
             if key in seen or len(set(listing)) < count:
                 continue
             seen.add(key)
-            moved = tuple(
-                track.names[column] for column in used if columns[index, column] != column
-            )
+            changed = [column for column in used if columns[index, column] != column]
+            pairs = [(track.names[c], track.names[columns[index, c]]) for c in changed]
+            moved = tuple(dict.fromkeys(name for pair in pairs for name in pair))
             why = f" ({how})" if "/" not in how else ""
             yield Hypothesis(
                 kind="order",
                 names=moved,
                 path=with_columns(path, columns),
-                cause=f"the positions of {_listed(moved)} are exchanged in {topic}{why}",
+                cause=f"the positions of {_listed(moved)} are exchanged in {topic}{why}"
+                if len(moved) <= _MOST_LISTED
+                else f"positions and names of the joints in {topic} do not belong together{why}",
                 remedy="let the publisher list positions in the order of its names",
             )
 

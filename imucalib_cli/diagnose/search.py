@@ -184,10 +184,13 @@ def _refined_zero(bench: Bench, hypothesis: Hypothesis, trial: Trial) -> Explain
 
 
 def _explains(trial: Trial, told: Trial) -> bool:
-    if not is_good(trial):
-        return False
+    return is_good(trial) and falls(trial, told, _FALL)
+
+
+def falls(trial: Trial, told: Trial, by: float) -> bool:
+    """Whether one sensor's residual falls by a factor, and the other's does not rise much."""
     ratios = [
         np.hypot(before, noise) / np.hypot(after, noise)
         for before, after, noise in zip(told.left, trial.left, told.noise, strict=True)
     ]
-    return bool(max(ratios) > _FALL and min(ratios) > 1.0 / _RISE)
+    return bool(max(ratios) > by and min(ratios) > 1.0 / _RISE)

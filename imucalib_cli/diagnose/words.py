@@ -45,6 +45,20 @@ def of_hypotheses(tied: list[Explained], told: Trial, case: Case) -> Finding:
     )
 
 
+def of_given_offset(trial: Trial, told: Trial, case: Case) -> Finding:
+    """One sentence for a time offset that was given wrongly."""
+    moves = _apart(trial, told)
+    return Finding(
+        kind="offset",
+        names=(),
+        sentence=f"{_offset_cause(trial.time_offset, case)} (that leaves {_evidence(trial, told)}, "
+        f"and puts the IMU {moves[0] * 1e3:.2g} mm and {math.degrees(moves[1]):.2g} deg from where "
+        "it is found now): rerun without --time-offset, or give this one",
+        size=(trial.time_offset,),
+        moves=moves,
+    )
+
+
 def of_parameters(explanation: Explanation, told: Trial, case: Case) -> Finding | None:
     """One sentence for constants of the chain; None where too many others would do."""
     if len(explanation.rivals) > _MOST_RIVALS:
@@ -113,7 +127,8 @@ def _offset_cause(offset: float, case: Case) -> str:
         if told is None
         else f"not the {told:g} s that were given"
     )
-    return f"the IMU's stamps are {abs(offset):.3g} s {late} than the robot's, {where}"
+    size = f"{abs(offset):.3g} s" if abs(offset) >= 1.0 else f"{abs(offset) * 1e3:.3g} ms"
+    return f"the IMU's stamps are {size} {late} than the robot's, {where}"
 
 
 def _size(explained: Explained) -> tuple[float, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from typing import TYPE_CHECKING
 
@@ -141,6 +142,18 @@ def test_a_zero_that_moves_the_answer_is_not_left_to_a_wide_sigma() -> None:
     assert found[0].moves is not None
     assert found[0].moves[0] == pytest.approx(error.translation_norm, rel=0.1)
     assert error.translation_norm > 5e-3
+
+
+def test_a_time_offset_given_wrongly_is_contradicted() -> None:
+    noisy = corrupt(clean(ARM), replace(load_grade("industrial"), time_offset=0.03), seed=3)
+    told = told_wrongly(noisy, Fault(kind="none"))
+    options = MatchedOptions(time_offset=0.0)
+    plain = calibrate_matched(told.imu, told.path, options)
+    (found,) = diagnose(told.case(plain, options))
+    assert found.kind == "offset"
+    assert found.size[0] == pytest.approx(0.03, abs=1e-4)
+    assert "30 ms later than the robot's, not the 0 s that were given" in found.sentence
+    assert not explained(plain, (found,)).trusted
 
 
 @pytest.mark.parametrize(("kind", "size"), [("ringing", 6.0), ("hum", 6.0)])
