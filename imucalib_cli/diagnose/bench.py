@@ -31,6 +31,8 @@ Floats = NDArray[np.float64]
 
 MOST_SECONDS = 60.0
 """Longest stretch tried: the liveliest of the log."""
+_ENOUGH_SECONDS, _ENOUGH_SAMPLES = 30.0, 30_000
+"""A shorter one will do where the IMU is fast."""
 _SHORTEST_WINDOW = 0.2
 """s: cheap windows are few, so they had better not be short."""
 _PASSES = 2
@@ -194,15 +196,17 @@ def make_bench(
 
 
 def _liveliest(t: Floats, clean: CleanImu) -> slice:
-    """The stretch of MOST_SECONDS with most rotation, and most acceleration beside it."""
-    if t[-1] - t[0] <= MOST_SECONDS:
+    """The stretch with most rotation, and most acceleration beside it."""
+    interval = float(np.median(np.diff(t)))
+    seconds = min(max(_ENOUGH_SECONDS, _ENOUGH_SAMPLES * interval), MOST_SECONDS)
+    if t[-1] - t[0] <= seconds:
         return slice(0, len(t))
     turning = ((clean.gyro - np.median(clean.gyro, axis=0)) ** 2).sum(axis=1)
     pushing = ((clean.accel - np.median(clean.accel, axis=0)) ** 2).sum(axis=1)
     life = turning / max(turning.mean(), 1e-12) + 0.2 * pushing / max(pushing.mean(), 1e-12)
     so_far = np.concatenate([[0.0], np.cumsum(life)])
     starts = np.arange(0, len(t), max(len(t) // 400, 1))
-    ends = np.searchsorted(t, t[starts] + MOST_SECONDS)
+    ends = np.searchsorted(t, t[starts] + seconds)
     best = int(np.argmax(so_far[ends] - so_far[starts]))
     return slice(int(starts[best]), int(ends[best]))
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from imucalib_cli.diagnose.bench import trimmed_rms
 from imucalib_cli.diagnose.case import Finding
+from imucalib_cli.diagnose.edits import joints_of
 from imucalib_cli.estimate import columns
 from imucalib_cli.estimate.windows import WindowPlan
 from imucalib_cli.signals.kernels import matched_filter
@@ -72,12 +73,16 @@ def find_motion_at_rest(trial: Trial) -> Finding | None:
         seen += (" and is accelerated by " if turns else "is accelerated by ") + (
             f"{pushing:.2g} m/s²"
         )
+    world = trial.path.world
+    if joints_of(trial.path):
+        cause = f"{world} moves, or a joint on the way does and the log does not say so; clamp it"
+    else:
+        cause = f"{world} moves, or the poses are held; mend that"
     return Finding(
         kind="base",
-        names=(trial.path.world,),
-        sentence=f"the IMU {seen} (rms) while all that the log knows of stands still: "
-        f"{trial.path.world} moves, or a joint on the way does and the log does not say so; "
-        "clamp it, or record its pose and name it with --pose-topic",
+        names=(world,),
+        sentence=f"the IMU {seen} (rms) while all that the log knows of stands still: {cause}, or "
+        "record its pose and name it with --pose-topic",
     )
 
 

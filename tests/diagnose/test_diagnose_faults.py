@@ -36,6 +36,7 @@ def clean(system: str) -> Recording:
     return record(load_system(system), physics)
 
 
+@cache
 def judged(system: str, fault: Fault) -> tuple[Estimate, Estimate, tuple[Finding, ...], Error]:
     """The estimate as it comes, as it is told, what was found, and how far off it is."""
     noise = load_grade("industrial")
