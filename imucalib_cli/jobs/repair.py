@@ -13,7 +13,7 @@ import numpy as np
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.estimate.options import MatchedOptions
-from imucalib_cli.jobs.rest import refuse_dead, refuse_impossible
+from imucalib_cli.jobs.rest import refuse_dead, refuse_impossible, see_dead_in_motion
 from imucalib_cli.jobs.units import accel_factor, gyro_factor, largest_rate
 from imucalib_cli.signals.bursts import bunched_share, spread_bursts
 from imucalib_cli.signals.faults import clear_of, held_robot, sensor_faults
@@ -91,6 +91,7 @@ def repair(imu: ImuStream, t: Floats, path: KinematicPath, request: CalibrationR
         samples = ImuSamples(t=t, gyro=imu.gyro, accel=imu.accel)
         return Repaired(samples=samples, path=path, warnings=tuple(warnings), distrust=(), notes={})
     turning = compare_turning(t[rows], imu.gyro[rows], trajectory, _search(request))
+    warnings += see_dead_in_motion(imu, turning)
     turns = gyro_factor(imu.topic, largest_rate(imu.gyro[rows]), turning, request.units.gyro)
     gravity = request.estimator.gravity_norm if request.wants_gravity else 0.0
     pulls = accel_factor(imu, request.units.accel, gravity=gravity)

@@ -7,14 +7,24 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from imucalib_cli.errors import InputError
-from imucalib_cli.signals.stuck import dead_axes
+from imucalib_cli.signals.stuck import AXES, constant_axes, dead_axes
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from imucalib_cli.logs.streams import ImuStream
+    from imucalib_cli.signals.turning import Turning
 
 
 _IMPOSSIBLE = (("gyro", 1e3, "rad/s"), ("accel", 1e5, "m/s²"))
 """Beyond any IMU: the fastest gyroscopes end at 350 rad/s, shock sensors at 10^5 m/s²."""
+
+_LEFT = 0.05
+"""Share of the rotation that a gyroscope may miss."""
+_ALIKE = 0.7
+"""Correlation of the two rates from which it is the same motion."""
+_TWO_AXES = 0.2
+"""Share of a second axis in the rotation from which all axes of an accelerometer feel it."""
 
 
 def refuse_impossible(imu: ImuStream) -> None:
@@ -57,12 +67,57 @@ def refuse_dead(imu: ImuStream) -> None:
                 )
                 + "; turn it on in the driver, or choose another --imu-topic"
             )
-        dead = dead_axes(values)
-        if dead:
-            axes, says = ("axis", "says") if len(dead) == 1 else ("axes", "say")
-            held = ", ".join(f"{values[0, 'xyz'.index(axis)] + 0.0:.4g}" for axis in dead)
-            raise InputError(
-                f"{imu.topic}: {name} {axes} {' '.join(dead)} {says} {held} from first message to "
-                "last while the others vary: the sensor or its driver is broken there, and the "
-                "pose cannot be found with it"
-            )
+        _refuse_axes(imu, name, dead_axes(values))
+
+
+def see_dead_in_motion(imu: ImuStream, turning: Turning) -> tuple[str, ...]:
+    """Axes that never change though the motion says they should.
+
+    A sensor as quiet as its quantum shows no noise on an axis that nothing moves, so that noise
+    alone does not tell.
+
+    Args:
+        imu: As read.
+        turning: Rates of the robot and of the IMU, in units of its own.
+
+    Returns:
+        Warnings about the gyroscope, which may as well ride on another link than is told.
+
+    Raises:
+        InputError: The IMU turns about two axes and the accelerometer does not feel it.
+    """
+    rates = np.linalg.svd(imu.gyro - np.median(imu.gyro, axis=0), compute_uv=False)
+    if rates[1] > _TWO_AXES * rates[0]:
+        _refuse_axes(imu, "accel", _letters(constant_axes(imu.accel)))
+    dead = _letters(constant_axes(imu.gyro))
+    both = np.isfinite(turning.derived) & np.isfinite(turning.measured)
+    derived, ratio = turning.derived[both], turning.ratio
+    if not dead or ratio is None or turning.correlation < _ALIKE:
+        return ()
+    left = turning.measured[both] / ratio - derived
+    if float(np.mean(left**2)) < _LEFT**2 * float(np.mean(derived**2)):
+        return ()
+    says = _axes_words(imu, "gyro", dead)
+    cause = "the sensor or its driver is broken there, or the IMU rides on another link"
+    return (f"{says}, and the robot turns otherwise: {cause}",)
+
+
+def _letters(which: NDArray[np.bool_]) -> str:
+    return "" if which.all() else "".join(np.array(list(AXES))[which])
+
+
+def _refuse_axes(imu: ImuStream, name: str, dead: str) -> None:
+    if not dead:
+        return
+    raise InputError(
+        f"{_axes_words(imu, name, dead)} while the others vary: the sensor or its driver is "
+        "broken there, and the pose cannot be found with it"
+    )
+
+
+def _axes_words(imu: ImuStream, name: str, dead: str) -> str:
+    values = imu.gyro if name == "gyro" else imu.accel
+    axes, says = ("axis", "says") if len(dead) == 1 else ("axes", "say")
+    held = ", ".join(f"{np.median(values[:, AXES.index(axis)]) + 0.0:.4g}" for axis in dead)
+    letters = " ".join(dead)
+    return f"{imu.topic}: {name} {axes} {letters} {says} {held} from first message to last"

@@ -111,8 +111,7 @@ def dead_axes(values: Floats) -> str:
     Returns:
         Their letters, empty if none.
     """
-    middle = np.median(values, axis=0)
-    same = np.mean(values == middle, axis=0) >= DEAD
+    same = constant_axes(values)
     if not same.any() or same.all():
         return ""
     live = values[:, ~same]
@@ -120,6 +119,11 @@ def dead_axes(values: Floats) -> str:
     if any(repeats_by_chance(channel[:, None], nothing) for channel in live.T):
         return ""
     return "".join(AXES[axis] for axis in np.flatnonzero(same))
+
+
+def constant_axes(values: Floats) -> Mask:
+    """Which axes say one value throughout, spikes aside, (3,)."""
+    return np.asarray(np.mean(values == np.median(values, axis=0), axis=0) >= DEAD)
 
 
 def noise(values: Floats) -> Floats:

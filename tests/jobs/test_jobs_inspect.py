@@ -45,8 +45,8 @@ def test_an_imu_that_nothing_can_be_done_with_gets_none(
 def test_units_are_told_as_a_run_would_take_them(log_writer: LogWriter, arm_urdf: Path) -> None:
     log = log_writer.imu(accel=1000.0).joints().write()
     found = inspect((log,), arm_urdf)
-    (warning,) = found.warnings
-    assert "accel at rest is 1000: taken as mg and multiplied by 0.00980665" in warning
+    said = "accel at rest is 1000: taken as mg and multiplied by 0.00980665"
+    assert any(said in each for each in found.warnings)
     bare = inspect((log,))
     assert any("which looks like mg" in each for each in bare.warnings)
 
@@ -58,6 +58,6 @@ def test_bursts_are_told(log_writer: LogWriter, arm_urdf: Path) -> None:
             ns = message.header.stamp.nanosec
             message.header.stamp.nanosec = ns // 50_000_000 * 50_000_000
     found = inspect((log_writer.write(),), arm_urdf)
-    (warning,) = found.warnings
-    assert warning.startswith("/imu/data: stamps come in bursts (80% of the intervals")
+    said = "/imu/data: stamps come in bursts (80% of the intervals"
+    assert any(each.startswith(said) for each in found.warnings)
     assert "bunched" in found.as_text()

@@ -174,6 +174,18 @@ def test_a_sensor_that_is_not_there_is_refused(
     assert str(caught.value).startswith(f"/imu: {says}")
 
 
+def test_a_dead_axis_of_a_sensor_without_noise_is_told_by_the_motion() -> None:
+    log = make_log(Moves(seconds=20.0))
+    assert _repaired(log).warnings == ()
+    deaf = replace(log.imu, accel=log.imu.accel * (1, 1, 0))
+    with pytest.raises(InputError, match="accel axis z says 0 from first message to last"):
+        _repaired(replace(log, imu=deaf))
+    blind = replace(log, imu=replace(log.imu, gyro=log.imu.gyro * (1, 0, 1)))
+    estimate = _estimate(_repaired(blind))
+    assert "gyro axis y says 0 from first message to last, and" in estimate.warnings[0]
+    assert not estimate.trusted
+
+
 def test_a_frozen_stretch_is_left_out() -> None:
     log = _log()
     gyro, accel = log.imu.gyro.copy(), log.imu.accel.copy()
