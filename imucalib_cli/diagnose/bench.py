@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from imucalib_cli.diagnose.ideal import idealised
 from imucalib_cli.errors import InputError
 from imucalib_cli.estimate import columns
 from imucalib_cli.estimate.fit import MIN_WINDOWS, make_unknowns
 from imucalib_cli.estimate.offset import coarse_time_offset
-from imucalib_cli.estimate.prepare import CleanImu, clean_imu
+from imucalib_cli.estimate.prepare import clean_imu
 from imucalib_cli.estimate.robust import MAD_TO_STD, SCALE_FLOOR, window_weights
 from imucalib_cli.estimate.solve import Solution, State, refine, solve_globally
 from imucalib_cli.estimate.windows import Windowing, WindowPlan, WindowRows
@@ -22,6 +23,7 @@ from imucalib_cli.signals.spikes import NOISE_OF_DEVIATION, deviation_from_neigh
 from imucalib_cli.signals.trajectory import CleanTrack, Trajectory, clean_track
 
 if TYPE_CHECKING:
+    from imucalib_cli.estimate.estimate import Correction
     from imucalib_cli.estimate.options import MatchedOptions
     from imucalib_cli.robot.path import KinematicPath, Track
     from imucalib_cli.signals.lag import Lag
@@ -161,6 +163,7 @@ def make_bench(
     seconds: float,
     imu_ticks: bool,
     robot_ticks: bool,
+    corrections: tuple[Correction, ...] = (),
 ) -> Bench:
     """Prepare the liveliest stretch of an IMU for trials.
 
@@ -170,13 +173,17 @@ def make_bench(
         seconds: Its window.
         imu_ticks: Whether it read the IMU's stamps as ticks of a constant rate.
         robot_ticks: The same of the robot's.
+        corrections: What it found to be wrong with the sensor.
     """
     # A pose known in one link is no guide in another; what it hides would be blamed on the chain.
     options = replace(options, pose=None)
     clean = clean_imu(samples)
     t = clean.ticks.t if imu_ticks and clean.ticks is not None else clean.t
-    part = _liveliest(t, clean)
-    grid = imu_grid(t[part], clean.gyro[part], clean.accel[part])
+    t, gyro, accel = idealised(t, clean.gyro, clean.accel, corrections)
+    norms = [float(each.value[0]) for each in corrections if each.name == "gravity_norm"]
+    options = replace(options, gravity_norm=norms[0] if norms else options.gravity_norm)
+    part = _liveliest(t, gyro, accel)
+    grid = imu_grid(t[part], gyro[part], accel[part])
     length = max(2 * round(max(seconds, _SHORTEST_WINDOW) / grid.dt / 2) + 1, options.degree + 4)
     length += 1 - length % 2
     plan = WindowPlan(
@@ -185,24 +192,24 @@ def make_bench(
         first_derivative=matched_filter(length, options.degree, 1, grid.dt),
         second_derivative=matched_filter(length, options.degree, 2, grid.dt),
     )
-    accel, gyro = (
+    noise = [
         max(_own_noise(values) * float(np.linalg.norm(pair.average)), least)
         for values, pair, least in (
-            (clean.accel[part], plan.second_derivative, _LEAST_NOISE[0]),
-            (clean.gyro[part], plan.first_derivative, _LEAST_NOISE[1]),
+            (accel[part], plan.second_derivative, _LEAST_NOISE[0]),
+            (gyro[part], plan.first_derivative, _LEAST_NOISE[1]),
         )
-    )
-    return Bench(grid, options, plan, (accel, gyro), robot_ticks)
+    ]
+    return Bench(grid, options, plan, (noise[0], noise[1]), robot_ticks)
 
 
-def _liveliest(t: Floats, clean: CleanImu) -> slice:
+def _liveliest(t: Floats, gyro: Floats, accel: Floats) -> slice:
     """The stretch with most rotation, and most acceleration beside it."""
     interval = float(np.median(np.diff(t)))
     seconds = min(max(_ENOUGH_SECONDS, _ENOUGH_SAMPLES * interval), MOST_SECONDS)
     if t[-1] - t[0] <= seconds:
         return slice(0, len(t))
-    turning = ((clean.gyro - np.median(clean.gyro, axis=0)) ** 2).sum(axis=1)
-    pushing = ((clean.accel - np.median(clean.accel, axis=0)) ** 2).sum(axis=1)
+    turning = ((gyro - np.median(gyro, axis=0)) ** 2).sum(axis=1)
+    pushing = ((accel - np.median(accel, axis=0)) ** 2).sum(axis=1)
     life = turning / max(turning.mean(), 1e-12) + 0.2 * pushing / max(pushing.mean(), 1e-12)
     so_far = np.concatenate([[0.0], np.cumsum(life)])
     starts = np.arange(0, len(t), max(len(t) // 400, 1))

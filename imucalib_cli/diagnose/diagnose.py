@@ -73,6 +73,7 @@ def diagnose(case: Case) -> tuple[Finding, ...]:
         seconds=case.estimate.window.seconds,
         imu_ticks=notes.get("imu_stamps") == "ticks",
         robot_ticks=notes.get("robot_stamps") == "ticks",
+        corrections=case.estimate.corrections,
     )
     rivals = find_rival_publishers(case.path)
     if rivals is not None:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from imucalib_cli.diagnose.bench import Bench, make_bench
 from imucalib_cli.diagnose.parameters import (
@@ -16,7 +17,9 @@ from imucalib_cli.diagnose.parameters import (
     explain_by_parameters,
     with_parameters,
 )
+from imucalib_cli.estimate.estimate import Correction
 from imucalib_cli.estimate.options import MatchedOptions
+from imucalib_cli.signals.samples import ImuSamples
 from imucalib_cli.simulate.load import load_system
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
@@ -98,3 +101,40 @@ def test_a_scale_error_of_the_sensor_is_no_fault_of_the_chain() -> None:
     assert trial is not None
     assert trial.shares[1] > 0.02
     assert explain_by_parameters(loud, trial) is None
+
+
+def test_what_the_fit_corrected_is_not_asked_about_again() -> None:
+    """Scales, misalignment and delay of a sensor are taken off before the robot is doubted."""
+    made, path = bench()
+    t, gyro, accel = made.grid.t, made.grid.gyro, made.grid.accel
+    turn = np.array([0.01, -0.02, 0.015])
+    late = np.stack([np.interp(t - 0.002, t, axis) for axis in gyro.T], axis=1)
+    spoiled = ImuSamples(
+        t=t,
+        gyro=late @ Rotation.from_rotvec(turn).as_matrix() * 1.03,
+        accel=accel * np.array([1.01, 1.0, 0.99]),
+    )
+    std = np.full(3, 1e-4)
+    corrections = (
+        Correction(name="gyro_delay", value=np.array([0.002]), std=std[:1]),
+        Correction(name="gyro_misalignment", value=turn, std=std),
+        Correction(name="gyro_scale", value=np.full(3, 1.03), std=std),
+        Correction(name="accel_scale", value=np.array([1.01, 1.0, 0.99]), std=std),
+    )
+    shares = []
+    for known in ((), corrections):
+        again = make_bench(
+            spoiled,
+            MatchedOptions(),
+            seconds=0.2,
+            imu_ticks=False,
+            robot_ticks=False,
+            corrections=known,
+        )
+        trial = again.trial(path)
+        assert trial is not None
+        shares.append(trial.shares)
+    assert shares[0][0] > 0.05
+    assert shares[0][1] > 0.02
+    assert shares[1][0] < 0.02
+    assert shares[1][1] < 0.003
