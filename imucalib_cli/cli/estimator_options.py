@@ -10,8 +10,10 @@ import typer
 
 from imucalib_cli.cli.quantities import (
     parse_choice,
+    parse_components,
     parse_number,
     parse_pose,
+    parse_pose_std,
     parse_prior,
     parse_seconds,
     parse_window,
@@ -19,13 +21,22 @@ from imucalib_cli.cli.quantities import (
 from imucalib_cli.errors import ChoiceError
 
 if TYPE_CHECKING:
-    from imucalib_cli.estimate.options import MatchedOptions, PaperOptions
+    from imucalib_cli.estimate.options import MatchedOptions, PaperOptions, PosePrior
 
 _ESTIMATE, _PAPER = "How to estimate", "Only with --method paper"
-_MATCHED_ONLY = ("time_offset", "max_offset", "accel_bias", "gyro_bias", "tilt_std")
+_MATCHED_ONLY = (
+    "time_offset",
+    "max_offset",
+    "accel_bias",
+    "gyro_bias",
+    "tilt_std",
+    "fix",
+    "prior_std",
+    "sensor_model",
+)
 _LONGEST_OFFSET = 600.0
 """s: clocks further apart than this share no log; a search needs memory by its width."""
-_PAPER_ONLY = ("exclude", "initial", "residual")
+_PAPER_ONLY = ("exclude", "residual")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,21 +126,50 @@ class EstimatorTexts:
             rich_help_panel=_ESTIMATE,
         ),
     ] = None
-    exclude: Annotated[
+    fix: Annotated[
         str | None,
         typer.Option(
-            metavar="THRESHOLD",
-            help="Change of the derived acceleration, m/s², that excludes a sample; 0 keeps all.",
-            show_default="the method's",
-            rich_help_panel=_PAPER,
+            metavar="tx,ty,tz,rx,ry,rz",
+            help="Components held at the URDF's pose, or at --initial; parent frame.",
+            show_default="none",
+            rich_help_panel=_ESTIMATE,
+        ),
+    ] = None
+    prior_std: Annotated[
+        str | None,
+        typer.Option(
+            "--prior-std",
+            metavar="2mm,0.5deg|tx=1mm,rz=0.2deg",
+            help="How well the URDF's pose, or --initial, is known beforehand, 1 sigma.",
+            show_default="unknown",
+            rich_help_panel=_ESTIMATE,
         ),
     ] = None
     initial: Annotated[
         str | None,
         typer.Option(
             metavar='"X Y Z R P Y"',
-            help="Initial guess, m and rad.",
+            help="Pose that --fix, --prior-std and the published method begin from, m and rad.",
             show_default="the URDF's joint",
+            rich_help_panel=_ESTIMATE,
+        ),
+    ] = None
+    sensor_model: Annotated[
+        str | None,
+        typer.Option(
+            "--sensor-model",
+            metavar="auto|ideal",
+            help="Find clock drift, sensor delay, scale and axes where they are off; or do not.",
+            show_default="auto",
+            rich_help_panel=_ESTIMATE,
+        ),
+    ] = None
+    exclude: Annotated[
+        str | None,
+        typer.Option(
+            metavar="THRESHOLD",
+            help="Change of the derived acceleration, m/s², that excludes a sample; 0 keeps all.",
+            show_default="the method's",
             rich_help_panel=_PAPER,
         ),
     ] = None
@@ -190,7 +230,37 @@ def _matched(degree: int, texts: EstimatorTexts) -> MatchedOptions:
         given["gravity_norm"] = _norm(texts.gravity)
     if texts.tilt_std is not None:
         given["tilt_std"] = _tilt(texts)
+    if texts.sensor_model is not None:
+        given["sensor_model"] = parse_choice(
+            "--sensor-model", texts.sensor_model, ("auto", "ideal")
+        )
+    given["pose"] = _pose_prior(texts)
     return MatchedOptions(**given)
+
+
+def _pose_prior(texts: EstimatorTexts) -> PosePrior | None:
+    """What the user knows of the pose; where it is about may be left to the URDF."""
+    from imucalib_cli.estimate.options import PosePrior
+
+    std = [math.inf] * 6
+    if texts.prior_std is not None:
+        std = parse_pose_std("--prior-std", texts.prior_std)
+    if texts.fix is not None:
+        for place in parse_components("--fix", texts.fix):
+            std[place] = 0.0
+    if all(math.isinf(value) for value in std):
+        if texts.initial is not None:
+            raise ChoiceError(
+                "--initial belongs to --fix, --prior-std or --method paper: the matched method "
+                "needs no guess, so leave it out"
+            )
+        return None
+    if texts.initial is None:
+        return PosePrior(std=tuple(std))
+    known = _initial(texts.initial)
+    return PosePrior(
+        std=tuple(std), R_parent_imu=known["R_initial"], t_parent_imu=known["t_initial"]
+    )
 
 
 def _paper(degree: int, texts: EstimatorTexts) -> PaperOptions:

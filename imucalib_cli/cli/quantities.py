@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6}
 _METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6}
 _RADIANS = {"deg": math.pi / 180.0, "°": math.pi / 180.0, "rad": 1.0, "mrad": 1e-3}
+_COMPONENTS = ("tx", "ty", "tz", "rx", "ry", "rz")
 _NUMBER = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\D*)")
 
 
@@ -104,6 +105,36 @@ def parse_pose(option: str, text: str) -> tuple[tuple[float, ...], tuple[float, 
         raise ChoiceError(f"{option} {text!r}: has {len(parts)} numbers; expected {allowed}")
     values = tuple(parse_number(option, part, allowed) for part in parts)
     return values[:3], values[3:]
+
+
+def parse_components(option: str, text: str) -> list[int]:
+    """Components of the pose, such as ``tx,rz``, as places in tx ty tz rx ry rz."""
+    allowed = f"some of {', '.join(_COMPONENTS)}"
+    names = [part.strip() for part in text.split(",")]
+    if unknown := [name for name in names if name not in _COMPONENTS]:
+        raise ChoiceError(f"{option} {text}: '{unknown[0]}' is no component; expected {allowed}")
+    return [_COMPONENTS.index(name) for name in names]
+
+
+def parse_pose_std(option: str, text: str) -> list[float]:
+    """Standard deviations of the pose, six, inf where none is given.
+
+    ``2mm,0.5deg`` is of every component, ``tx=1mm,rz=0.2deg`` of some.
+    """
+    allowed = "such as 2mm,0.5deg for all components or tx=1mm,rz=0.2deg for some"
+    std = [math.inf] * 6
+    for part in text.split(","):
+        name, _, quantity = part.rpartition("=")
+        value, unit = _split(option, quantity.strip(), allowed)
+        if value <= 0.0:
+            raise ChoiceError(f"{option} {text}: must be positive; expected {allowed}")
+        units, kind = (_METRES, range(3)) if unit in _METRES else (_RADIANS, range(3, 6))
+        places = [*kind] if not name else parse_components(option, name.strip())
+        if unit not in units or any(place not in kind for place in places):
+            raise ChoiceError(f"{option} {text}: '{part.strip()}' is not understood; {allowed}")
+        for place in places:
+            std[place] = value * units[unit]
+    return std
 
 
 def parse_choice(option: str, text: str, allowed: tuple[str, ...]) -> str:

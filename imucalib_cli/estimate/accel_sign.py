@@ -54,14 +54,14 @@ def calibrate_either_sign(
     turned = matched.calibrate_matched(replace(imu, accel=-imu.accel), path, options)
     gain = _misfit(given) - _misfit(turned)
     if gain > _CLEARLY_BETTER and not turned.distrust:
+        told = (
+            "the accelerometer points down at rest: its values fit the motion "
+            f"{np.exp(gain):.1f} times better with their sign reversed, which was done "
+            "(--accel-sign up keeps them)"
+        )
         return replace(
             turned,
-            warnings=(
-                "the accelerometer points down at rest: its values fit the motion "
-                f"{np.exp(gain):.1f} times better with their sign reversed, which was done "
-                "(--accel-sign up keeps them)",
-                *turned.warnings,
-            ),
+            warnings=(told, *turned.warnings),
             notes={**turned.notes, "accel_sign": "down"},
         )
     if off_down and gain > -_CLEARLY_BETTER and not given.distrust:

@@ -171,7 +171,7 @@ def _bands(size: int) -> list[slice]:
 
 
 def squared_distance(d: Floats, C: Floats) -> float:
-    """Square d' C^-1 d for a covariance that may be singular, in units that may differ by orders."""
+    """Square d' C^-1 d, for a covariance that may be singular and of mixed units."""
     scale = 1.0 / np.sqrt(np.maximum(np.diag(C), 1e-300))
     values, vectors = np.linalg.eigh(C * np.outer(scale, scale))
     return float(np.sum((vectors.T @ (d * scale)) ** 2 / np.maximum(values, 1e-9)))

@@ -110,7 +110,7 @@ def make_unknowns(
         ** 2
     )
     known = options.pose
-    if known is None:
+    if known is None or known.R_parent_imu is None or known.t_parent_imu is None:
         return Unknowns(gravity_norm=norm, free=free, prior_information=prior)
     pose_std = np.array(known.std)
     free[POSE] = pose_std > 0.0

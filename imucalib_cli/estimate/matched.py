@@ -12,6 +12,7 @@ from imucalib_cli.estimate.corrections import corrections_of, in_words, misread
 from imucalib_cli.estimate.estimate import Estimate, Residuals
 from imucalib_cli.estimate.observability import unobservable_directions, widen
 from imucalib_cli.estimate.prepare import CleanImu, clean_imu
+from imucalib_cli.estimate.priors import missed_priors
 from imucalib_cli.estimate.readings import Attempt, best_reading
 from imucalib_cli.estimate.sensor_faults import with_sensor_faults
 from imucalib_cli.estimate.solve import DBA, DBG, DTAU, POSE
@@ -76,6 +77,7 @@ def _estimate(evidence: Evidence) -> Estimate:
     unobservable = unobservable_directions(P[POSE, POSE], spread.excitation[POSE, POSE])
     estimated_offset = bool(fit.unknowns.free[DTAU])
     timed = bool(max(P[DTAU, DTAU], spread.excitation[DTAU, DTAU]) < _OFFSET_LIMIT**2)
+    contradicted = missed_priors(fit, options)
     changed = change_in_words(fit, spread.segments)
     corrections = corrections_of(fit, P)
     seconds, told = float(clean.t[-1] - clean.t[0]), fit.unknowns.gravity_norm
@@ -106,7 +108,8 @@ def _estimate(evidence: Evidence) -> Estimate:
         unobservable=tuple(unobservable),
         sigma_source="segments" if spread.from_segments else "noise",
         distrust=(
-            *([changed] if changed else []),
+            *contradicted,
+            *([changed] if changed and not contradicted else []),
             *(reason for correction in corrections if (reason := misread(correction))),
             *reasons_for_distrust(evidence, unknown=bool(unobservable)),
         ),

@@ -26,12 +26,12 @@ class WindowChoice:
 class PosePrior:
     """What is known of T_parent_imu beforehand, from a drawing or an earlier result."""
 
-    R_parent_imu: NDArray[np.float64]
-    """(3, 3)."""
-    t_parent_imu: NDArray[np.float64]
-    """(3,), m."""
     std: tuple[float, ...] = (math.inf,) * 6
     """tx ty tz in m, rx ry rz in rad, parent frame: inf leaves a component free, 0 fixes it."""
+    R_parent_imu: NDArray[np.float64] | None = None
+    """(3, 3); None until the URDF has told."""
+    t_parent_imu: NDArray[np.float64] | None = None
+    """(3,), m, likewise."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

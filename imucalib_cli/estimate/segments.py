@@ -6,6 +6,7 @@ All of it follows from one information matrix and one score a segment; nothing i
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -138,9 +139,16 @@ class Segments:
         chi2, freedom = self.chi2((index,))
         return Change(index, difference, covariance * max(chi2 / freedom, 1.0))
 
-    def changes(self) -> list[Change]:
+    @cached_property
+    def _changes(self) -> list[Change]:
         """The log cut everywhere it can be."""
         return [self.split(k) for k in range(_LEAST_PART, self.count - _LEAST_PART + 1)]
+
+    def change(self, part: Indices) -> Change | None:
+        """The cut across which some components differ most, None where no cut is possible."""
+        if not len(part) or not self._changes:
+            return None
+        return max(self._changes, key=lambda change: change.distance(part))
 
     def jackknife(self) -> Floats:
         """(P,), standard deviation of the solution by leaving each segment out in turn."""

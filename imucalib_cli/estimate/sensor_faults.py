@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from imucalib_cli.estimate.covariance import squared_distance
 from imucalib_cli.estimate.fit import fit_windows
 from imucalib_cli.estimate.misfit import Misfit, measure_misfit
+from imucalib_cli.estimate.score_test import ScoreTest
 from imucalib_cli.estimate.solve import (
     DDELAY,
     DDRIFT,
@@ -28,7 +29,6 @@ from imucalib_cli.estimate.solve import (
     OPTIONAL,
     TANGENT,
 )
-from imucalib_cli.estimate.uncertainty import bounded_priors, gram, inverse_of, score_spectrum
 
 if TYPE_CHECKING:
     from imucalib_cli.estimate.fit import Fit
@@ -117,20 +117,12 @@ def _explaining(fit: Fit) -> Indices:
     Forward selection: a fault that another explains as well is not named.
     """
     candidates = _candidates(fit)
-    base = np.flatnonzero(fit.unknowns.free)
-    every = np.union1d(base, np.concatenate(list(candidates.values())))
-    spectrum = score_spectrum(fit, every, fit.scales)
-    A = gram(spectrum.J) + np.diag((fit.unknowns.prior_information + bounded_priors())[every])
-    score = spectrum.J.reshape(-1, len(every)).T @ spectrum.e.reshape(-1)
-    B = spectrum.score_covariance(spectrum.noise_levels(inverse_of(A)))
+    test = ScoreTest(fit, np.concatenate(list(candidates.values())))
     chosen = np.zeros(0, np.intp)
     while candidates:
         gains = {}
         for name, part in candidates.items():
-            known = np.searchsorted(every, np.concatenate([base, chosen, part]))
-            inverse = inverse_of(A[np.ix_(known, known)])
-            step = -(inverse @ score[known])[-len(part) :]
-            C = (inverse @ B[np.ix_(known, known)] @ inverse)[-len(part) :, -len(part) :]
+            step, C = test.step(part, chosen)
             C += np.diag(np.full(len(part), _NEGLIGIBLE[name] ** 2))
             gains[name] = squared_distance(step, C) - _PER_COMPONENT * len(part)
             if name == "gravity" and abs(float(step[0])) > _LARGEST_GRAVITY:

@@ -70,9 +70,9 @@ WEAKEST_STD = {
     "turn": 0.5,
     "gravity": 1.0,
 }
-"""m, m/s², rad/s, s, s/s, s, 1, rad, 1: priors wider than any robot. They matter only where the motion
-says nothing, and keep an undetermined component from running away with those that are determined.
-From the offset's on they are about the point of linearisation, which moves with the solution."""
+"""m, m/s², rad/s, s, s/s, s, 1, rad, 1: priors wider than any robot. They matter only where the
+motion says nothing, and keep an undetermined component from running away with the determined. From
+the offset's on they are about the point of linearisation, which moves with the solution."""
 
 # Tangent components: the pose in the parent frame, then the nuisances.
 POSE = slice(0, 6)

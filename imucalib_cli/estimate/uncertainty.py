@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from imucalib_cli.estimate.covariance import ScoreSpectrum, kernel_response
 from imucalib_cli.estimate.segments import Segments, beyond_noise, cut
-from imucalib_cli.estimate.solve import DPHI, DT, DTILT, TANGENT
+from imucalib_cli.estimate.solve import DPHI, DT, DTILT, POSE, TANGENT
 from imucalib_cli.estimate.window_choice import kinematic_noise, second_derivative_gain
 
 if TYPE_CHECKING:
@@ -28,6 +28,9 @@ the error is 1 to 2.5 times what the scatter alone says (benchmarks/model_error.
 _SYSTEMATIC_SHARE = 9.0
 """Widening of noise that is a function of the motion: what repeats with each move does not average
 out. Joint zeros, held joints, delays and scale errors then come out within their sigma."""
+_CHANGED = 20.0
+"""Squared distance of the pose between two parts of a log, in sigmas, that one clean log in a
+hundred comes to."""
 _ROUNDING = 1e-14
 """Eigenvalue of the scaled information that is no longer more than rounding."""
 
@@ -86,9 +89,15 @@ def uncertainty(fit: Fit, *, systematic: bool) -> Uncertainty:
     chi2, freedom = (1.0, 1.0) if segments is None else segments.chi2()
     widened = systematic or (segments is not None and beyond_noise(chi2, freedom))
     covariance = noise
-    if widened and segments is not None:
-        share = _COMMON_SHARE * segments.count / (segments.count - 1)
-        covariance = noise + share * segments.scatter()
+    if segments is not None:
+        change = segments.change(segments.places(POSE))
+        if change is not None and change.distance(segments.places(POSE)) > _CHANGED:
+            # The truth is with one part or the other, the estimate somewhere between them.
+            widened = True
+            covariance = covariance + np.outer(change.difference, change.difference) / 4.0
+        if widened:
+            share = _COMMON_SHARE * segments.count / (segments.count - 1)
+            covariance = covariance + share * segments.scatter()
     return Uncertainty(
         covariance=_embed(covariance, free),
         excitation=_excitation(fit, free, prior),

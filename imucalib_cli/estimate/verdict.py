@@ -9,7 +9,7 @@ import numpy as np
 
 from imucalib_cli.estimate import columns
 from imucalib_cli.estimate.axes import axes_in_words
-from imucalib_cli.estimate.solve import DBA, DBG, DTILT, POSE, state_prior_offset
+from imucalib_cli.estimate.solve import POSE
 
 if TYPE_CHECKING:
     from imucalib_cli.estimate.misfit import Misfit
@@ -33,8 +33,6 @@ _DROPPED_MOTION = 0.2
 _PLAIN_ACCEL = 0.1
 _PLAIN_GYRO = 0.02
 """m/s² and rad/s: residuals of a window that no filter, only a wrong model leaves."""
-_PRIOR_MISSED = 5.0
-"""Standard deviations from which a prior and the data contradict each other."""
 _TILTED_DEG = 20.0
 _LARGE_ACCEL_BIAS = 0.5
 """m/s²: more than any working accelerometer has."""
@@ -66,7 +64,7 @@ def reasons_for_distrust(evidence: Evidence, *, unknown: bool) -> list[str]:
         axes = axes_in_words(attempt.fit)
         # The cause, where it is known, and not what else follows from it.
         if axes is not None:
-            return [axes, *_missed_priors(evidence)]
+            return [axes]
     if attempt.lag is not None and attempt.lag.at_edge and not unknown:
         reasons.append(
             f"the time offset may lie beyond the search of ±{options.max_offset:g} s: "
@@ -87,7 +85,6 @@ def reasons_for_distrust(evidence: Evidence, *, unknown: bool) -> list[str]:
             f"windows with {dropped:.0%} of the motion do not fit the rest and were left out: "
             "frames, joint order or stamps may be wrong in parts of the log"
         )
-    reasons += _missed_priors(evidence)
     return reasons
 
 
@@ -132,24 +129,6 @@ def _dropped_motion(evidence: Evidence) -> float:
     total = float(motion.sum())
     lost = (fit.weights <= 0.0) & plain
     return float(motion[lost].sum()) / total if total > 0.0 else 0.0
-
-
-def _missed_priors(evidence: Evidence) -> list[str]:
-    """Priors the user gave that the data contradict."""
-    fit = evidence.attempt.fit
-    offset = state_prior_offset(fit.solution.state, fit.unknowns)
-    options = evidence.options
-    given = (
-        ("--tilt-std", DTILT, options.tilt_std),
-        ("--accel-bias", DBA, options.accel_bias_std),
-        ("--gyro-bias", DBG, options.gyro_bias_std),
-    )
-    return [
-        f"the data contradict {name}: the value found is {missed:.0f} standard deviations off"
-        for name, part, std in given
-        if 0.0 < std < np.inf
-        and (missed := float(np.linalg.norm(offset[part])) / std) > _PRIOR_MISSED
-    ]
 
 
 def _matters(spread: Uncertainty) -> bool:

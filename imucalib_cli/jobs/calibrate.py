@@ -94,7 +94,7 @@ def _calibrate_one(
     check_joint_topics(recording.joints, _driven(motion.path))
     check_overlap(samples, imu.topic, motion, recording.clock)
     mended = repair(imu, samples.t, motion.path, request)
-    options = _with_initial(request.estimator, motion)
+    options = _with_initial(request.estimator, motion, verifying=request.needs_nominal)
     either_sign = request.units.sign == "auto"
     estimate = _estimate(mended.samples, mended.path, options, either_sign=either_sign)
     estimate = mended.told(explain(estimate, mended, motion, recording, request))
@@ -103,7 +103,7 @@ def _calibrate_one(
         child=motion.child,
         estimate=replace(estimate, warnings=(*recording.warnings, *estimate.warnings)),
         nominal=motion.nominal,
-        provenance=_provenance(recording, imu, motion, request),
+        provenance=_provenance(recording, imu, motion, replace(request, estimator=options)),
     )
     return calibration if request.require is None else require(calibration, request.require)
 
@@ -127,13 +127,33 @@ def _estimate(
 
 
 def _with_initial(
-    options: MatchedOptions | PaperOptions, motion: Motion
+    options: MatchedOptions | PaperOptions, motion: Motion, *, verifying: bool
 ) -> MatchedOptions | PaperOptions:
-    """The published method starts from the URDF's joint unless told otherwise."""
+    """Let the URDF's joint tell the pose that priors are about, or the published method's guess.
+
+    Raises:
+        ChoiceError: It is needed and nothing tells it, or it is what is to be verified.
+    """
     nominal = motion.nominal
-    if isinstance(options, MatchedOptions) or options.R_initial is not None or nominal is None:
+    if isinstance(options, PaperOptions):
+        if options.R_initial is not None or nominal is None:
+            return options
+        return replace(options, R_initial=nominal.R_parent_imu, t_initial=nominal.t_parent_imu)
+    prior = options.pose
+    if prior is None or prior.R_parent_imu is not None:
         return options
-    return replace(options, R_initial=nominal.R_parent_imu, t_initial=nominal.t_parent_imu)
+    if verifying:
+        raise ChoiceError(
+            "--fix and --prior-std take the pose from the URDF, which is what verify is to check: "
+            'give the pose you know by --initial "X Y Z R P Y"'
+        )
+    if nominal is None:
+        raise ChoiceError(
+            f"--fix and --prior-std need a pose of {motion.child} in {motion.parent} to be about, "
+            'and no joint tells it: give --initial "X Y Z R P Y", or --imu-link'
+        )
+    told = replace(prior, R_parent_imu=nominal.R_parent_imu, t_parent_imu=nominal.t_parent_imu)
+    return replace(options, pose=told)
 
 
 def _driven(path: KinematicPath) -> set[str]:

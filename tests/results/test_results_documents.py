@@ -85,8 +85,8 @@ def make_calibration(**changes: Any) -> Calibration:
         ),
         consistency=Consistency(
             folds=12,
-            fold_std=np.arange(1, 7) * 1e-4,
-            halves_difference=np.arange(-3, 3) * 1e-4,
+            fold_std=np.linspace(1e-4, 6e-4, 6),
+            halves_difference=np.linspace(-3e-4, 2e-4, 6),
             halves_sigmas=1.2,
             segment_chi2=0.9,
             whiteness=(1.0, 1.3),

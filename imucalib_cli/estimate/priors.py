@@ -1,0 +1,64 @@
+"""What the user said was known, held against what the data say."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from imucalib_cli.estimate.covariance import squared_distance
+from imucalib_cli.estimate.score_test import ScoreTest
+from imucalib_cli.estimate.solve import DBA, DBG, DTILT, POSE, TANGENT, state_prior_offset
+
+if TYPE_CHECKING:
+    from imucalib_cli.estimate.fit import Fit
+    from imucalib_cli.estimate.options import MatchedOptions
+
+_MISSED = 5.0
+"""Standard deviations from which a prior and the data contradict each other."""
+_PULLED = 40.0
+"""Squared sigmas by which the data must pull at fixed components to contradict them."""
+_NEGLIGIBLE = 1e-5
+"""m and rad: no drawing is more exact, so no contradiction is smaller."""
+_NAMES = ("tx", "ty", "tz", "rx", "ry", "rz")
+
+
+def missed_priors(fit: Fit, options: MatchedOptions) -> list[str]:
+    """Priors and fixed components that the data contradict, a sentence each."""
+    offset = state_prior_offset(fit.solution.state, fit.unknowns)
+    given = (
+        ("--tilt-std", DTILT, options.tilt_std),
+        ("--accel-bias", DBA, options.accel_bias_std),
+        ("--gyro-bias", DBG, options.gyro_bias_std),
+    )
+    found = [
+        f"the data contradict {name}: the value found is {missed:.0f} standard deviations off"
+        for name, part, std in given
+        if 0.0 < std < np.inf and (missed := float(np.linalg.norm(offset[part])) / std) > _MISSED
+    ]
+    if options.pose is None:
+        return found
+    std = np.array(options.pose.std)
+    off = np.abs(offset[POSE]) / np.where(std > 0.0, std, np.inf)
+    found += [
+        f"the data contradict --prior-std: {_NAMES[place]} comes out {off[place]:.0f} standard "
+        "deviations off the pose told beforehand"
+        for place in np.flatnonzero(off > _MISSED)
+    ]
+    fixed = np.arange(TANGENT)[POSE][std == 0.0]
+    return found + ([] if not len(fixed) else _pulled(fit, fixed))
+
+
+def _pulled(fit: Fit, fixed: np.ndarray[tuple[int], np.dtype[np.intp]]) -> list[str]:
+    """Where the data would take fixed components, if they plainly would."""
+    step, C = ScoreTest(fit, fixed).step(fixed, np.zeros(0, np.intp))
+    if squared_distance(step, C + _NEGLIGIBLE**2 * np.eye(len(fixed))) < _PULLED:
+        return []
+    worst = int(np.argmax(np.abs(step) / np.sqrt(np.diag(C) + _NEGLIGIBLE**2)))
+    place, size = int(fixed[worst]), float(step[worst])
+    away = f"{size * 1e3:+.3g} mm" if place < 3 else f"{np.degrees(size):+.3g} deg"
+    told = (
+        f"the data contradict --fix: left free, {_NAMES[place]} would go {away} from where it is "
+        "held; measure it again, or leave it out of --fix"
+    )
+    return [told]
