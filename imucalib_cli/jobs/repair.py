@@ -18,6 +18,7 @@ from imucalib_cli.jobs.units import accel_factor, gyro_factor, largest_rate
 from imucalib_cli.signals.bursts import bunched_share, spread_bursts
 from imucalib_cli.signals.faults import clear_of, held_robot, sensor_faults
 from imucalib_cli.signals.samples import ImuSamples
+from imucalib_cli.signals.spikes import find_glitches
 from imucalib_cli.signals.stamps import near_stamps, tidy_rows
 from imucalib_cli.signals.trajectory import Trajectory
 from imucalib_cli.signals.turning import BIN, compare_turning
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
     from imucalib_cli.logs.streams import ImuStream
     from imucalib_cli.robot.path import KinematicPath, Track
     from imucalib_cli.signals.bursts import Spread
+    from imucalib_cli.signals.stamps import Indices
     from imucalib_cli.signals.stuck import Fault
     from imucalib_cli.signals.turning import Turning
 
@@ -42,6 +44,10 @@ _SEARCH = 1.0
 _LEAST_IMU = 50
 _SHOWN = 3
 _SAME = 1e-6
+_LEAP = 0.01
+"""rad or m by which a single message may leap and come back: faster than any robot shakes."""
+_MOST_LEAPS = 0.05
+"""Share of leaps beyond which they are how the robot moves, or noise."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -181,7 +187,27 @@ def _even_track(track: Track, warnings: list[str]) -> Track:
             f"{tidy.astray} with stamps far from the log and {tidy.repeated} with repeated stamps; "
             f"stamps that went backwards: {tidy.backward}"
         )
-    return track if t is track.t else replace(track, t=t)
+    even = track if t is track.t else replace(track, t=t)
+    return _without_glitches(even, tidy.rows, warnings)
+
+
+def _without_glitches(track: Track, rows: Indices, warnings: list[str]) -> Track:
+    """Leave out single messages in which a joint or pose leaps away and back."""
+    values = track.values[rows]
+    if track.kind == "pose":  # q and -q are one rotation
+        signs = np.where(np.sum(values[1:, 3:] * values[:-1, 3:], axis=1) < 0.0, -1.0, 1.0)
+        values = values.copy()
+        values[1:, 3:] *= np.cumprod(signs)[:, None]
+    leaps = find_glitches(track.t[rows], values, _LEAP)
+    if not leaps.any() or np.mean(leaps) > _MOST_LEAPS:
+        return track
+    warnings.append(
+        f"{track.name}: {np.count_nonzero(leaps)} messages in which a value leaps away and back "
+        f"by more than {_LEAP:g} (rad or m) are left out: look after the encoder or its driver"
+    )
+    keep = np.ones(len(track.t), dtype=bool)
+    keep[rows[leaps]] = False
+    return replace(track, t=track.t[keep], values=track.values[keep])
 
 
 def _repeats(track: Track, start: float, end: float) -> bool:

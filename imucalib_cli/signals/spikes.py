@@ -14,6 +14,11 @@ _MAX_RUN = 3
 _BLOCK = 256
 """Samples over which noise is taken as constant: vibration comes and goes with motion."""
 _MAD_TO_STD = 1.4826
+_SIDES = (-2, -1, 1, 2)
+_MOST_SPREAD = 2.5
+"""Times the usual spread of a sample's neighbours."""
+_GLITCH_ROUNDS = 4
+"""Glitches close to each other show one after the other."""
 
 
 def find_spikes(values: Floats, floor: float) -> NDArray[np.bool_]:
@@ -54,6 +59,64 @@ def _channel_spikes(channel: Floats, floor: float) -> NDArray[np.bool_]:
         _bridge(work, found)
     # Samples between two spikes were suspected with them: those on the bridge are innocent.
     return found & (np.abs(channel - work) > limit)
+
+
+def find_glitches(t: Floats, values: Floats, floor: float) -> NDArray[np.bool_]:
+    """Mark single samples that leap away and back, whatever the stamps.
+
+    For joints and poses: their second derivative makes much of an encoder's one wrong reading.
+
+    Args:
+        t: (N,), s, strictly increasing.
+        values: (N, C).
+        floor: Leap below which nothing counts, in the unit of the values.
+
+    Returns:
+        (N,), True where any channel leaps.
+    """
+    found = np.zeros(len(t), dtype=bool)
+    for _ in range(_GLITCH_ROUNDS):
+        kept = np.flatnonzero(~found)
+        new = _leaps(t[kept], values[kept], floor)
+        if not new.any():
+            break
+        found[kept[new]] = True
+    return found
+
+
+def _leaps(t: Floats, values: Floats, floor: float) -> NDArray[np.bool_]:
+    """The worst of each neighbourhood, off the cubic across it and the parabolas on both sides."""
+    found = np.zeros(len(t), dtype=bool)
+    if len(t) < 2 * _BLOCK // 8:
+        return found
+    size = _off_polynomial(t, values, _SIDES)
+    # A step or a corner of the motion goes on where one side leads.
+    apart = np.minimum(
+        _off_polynomial(t, values, (-3, -2, -1)), _off_polynomial(t, values, (1, 2, 3))
+    )
+    scale = _MAD_TO_STD * np.median(size, axis=0)
+    worst = size >= np.maximum.reduce([np.roll(size, shift, axis=0) for shift in _SIDES])
+    leap = worst & (size > np.maximum(_THRESHOLD * scale, floor)) & (apart > 0.5 * size)
+    # Across a hole polynomials say nothing.
+    spread = t[6:] - t[:-6]
+    found[3:-3] = leap[3:-3].any(axis=1) & (spread < _MOST_SPREAD * float(np.median(spread)))
+    return found
+
+
+def _off_polynomial(t: Floats, values: Floats, sides: tuple[int, ...]) -> Floats:
+    """Distance of each sample from the polynomial through some neighbours; 0 at the ends."""
+    at = np.arange(3, len(t) - 3)
+    near = [t[at + shift] - t[at] for shift in sides]
+    predicted = np.zeros_like(values[at])
+    for j, shift in enumerate(sides):
+        weight = np.ones(len(at))
+        for k in range(len(sides)):
+            if j != k:
+                weight *= near[k] / (near[k] - near[j])
+        predicted += weight[:, None] * values[at + shift]
+    off = np.zeros_like(values)
+    off[at] = np.abs(values[at] - predicted)
+    return off
 
 
 def _bridge(work: Floats, found: NDArray[np.bool_]) -> None:

@@ -69,12 +69,14 @@ def _numbers(message: Message) -> tuple[int, int]:
     return len(message.cdr) - 8 * 7, 7
 
 
-def _values(message: Message) -> list[float]:
+def values_of(message: Message) -> list[float]:
+    """The numbers of a message that matter."""
     start, count = _numbers(message)
     return list(struct.unpack_from(f"<{count}d", message.cdr, start))
 
 
-def _with_values(message: Message, values: Sequence[float]) -> Message:
+def with_values(message: Message, values: Sequence[float]) -> Message:
+    """The same message with others."""
     start, count = _numbers(message)
     packed = struct.pack(f"<{count}d", *values)
     return replace(message, cdr=message.cdr[:start] + packed + message.cdr[start + 8 * count :])
@@ -108,11 +110,11 @@ def _value(messages: list[Message], which: list[int], rng: Random) -> list[Messa
     column, value = rng.randrange(37), rng.choice(_ODD_VALUES)
 
     def change(message: Message) -> Message:
-        values = _values(message)
+        values = values_of(message)
         values[column % len(values)] = value
         if rng.random() < 0.2:
             values = [value] * len(values)
-        return _with_values(message, values)
+        return with_values(message, values)
 
     return _each(messages, which, change)
 
@@ -124,10 +126,10 @@ def _scaled(messages: list[Message], which: list[int], rng: Random) -> list[Mess
     count = rng.choice((1, 3, 37))
 
     def change(message: Message) -> Message:
-        values = _values(message)
+        values = values_of(message)
         start = first % len(values)
         values[start : start + count] = [factor * v for v in values[start : start + count]]
-        return _with_values(message, values)
+        return with_values(message, values)
 
     return _each(messages, which, change)
 
@@ -137,16 +139,16 @@ def _shifted(messages: list[Message], which: list[int], rng: Random) -> list[Mes
     offset, column = rng.choice((1e-4, 0.01, 0.1, 1.0, 6.283185307179586)), rng.randrange(37)
 
     def change(message: Message) -> Message:
-        values = _values(message)
+        values = values_of(message)
         values[column % len(values)] += offset
-        return _with_values(message, values)
+        return with_values(message, values)
 
     return _each(messages, which, change)
 
 
 def _frozen(messages: list[Message], which: list[int], _rng: Random) -> list[Message]:
-    held = _values(messages[which[0]])
-    return _each(messages, which, lambda message: _with_values(message, held))
+    held = values_of(messages[which[0]])
+    return _each(messages, which, lambda message: with_values(message, held))
 
 
 def _turned(messages: list[Message], which: list[int], rng: Random) -> list[Message]:
@@ -154,8 +156,8 @@ def _turned(messages: list[Message], which: list[int], rng: Random) -> list[Mess
     shift = rng.randrange(1, 7)
 
     def change(message: Message) -> Message:
-        values = _values(message)
-        return _with_values(message, [*values[shift:], *values[:shift]])
+        values = values_of(message)
+        return with_values(message, [*values[shift:], *values[:shift]])
 
     return _each(messages, which, change)
 
@@ -226,9 +228,9 @@ def _reordered(messages: list[Message], which: list[int], rng: Random) -> list[M
 
 def _exchanged(messages: list[Message], which: list[int], _rng: Random) -> list[Message]:
     """Payloads in another order than their stamps."""
-    payloads = [_values(messages[k]) for k in reversed(which)]
+    payloads = [values_of(messages[k]) for k in reversed(which)]
     for k, values in zip(which, payloads, strict=True):
-        messages[k] = _with_values(messages[k], values)
+        messages[k] = with_values(messages[k], values)
     return messages
 
 
