@@ -78,7 +78,8 @@ def values_of(message: Message) -> list[float]:
 def with_values(message: Message, values: Sequence[float]) -> Message:
     """The same message with others."""
     start, count = _numbers(message)
-    packed = struct.pack(f"<{count}d", *values)
+    fitting = [*values, *[0.0] * count][:count]  # a topic may hold messages of two types by now
+    packed = struct.pack(f"<{count}d", *fitting)
     return replace(message, cdr=message.cdr[:start] + packed + message.cdr[start + 8 * count :])
 
 
