@@ -28,8 +28,10 @@ _KINDS: Final[dict[str, Indices]] = {
     "gyro bias": np.arange(TANGENT)[DBG],
     "accel bias": np.arange(TANGENT)[DBA],
 }
-_NEGLIGIBLE: Final = {"pose": 1e-4, "clock": 1e-4, "gyro bias": 2e-4, "accel bias": 5e-3}
-"""m and rad, s, rad/s, m/s²: a change smaller than this is not worth a sentence."""
+_NEGLIGIBLE: Final = {"clock": 1e-4, "gyro bias": 2e-4, "accel bias": 5e-3}
+"""s, rad/s, m/s²: a change smaller than this is not worth a sentence."""
+_MOVED = (5e-4, 5e-3)
+"""m and rad: a pose that changes by less is the model's imperfection, which sigma covers."""
 
 
 def consistency(spread: Uncertainty) -> Consistency | None:
@@ -63,13 +65,22 @@ def change_in_words(fit: Fit, segments: Segments | None) -> str | None:
         best = segments.change(part)
         if best is None:
             continue
-        size = float(np.abs(best.difference[part]).max())
-        if best.distance(part) > _CHANGED[kind] and size > _NEGLIGIBLE[kind]:
+        if best.distance(part) > _CHANGED[kind] and _matters(kind, best, segments):
             found.append((best.distance(part) / len(part), kind, best))
     if not found:
         return None
     _, kind, change = max(found, key=lambda entry: entry[0])
     return _sentence(kind, change, segments, _when(fit, segments, change.index))
+
+
+def _matters(kind: str, change: Change, segments: Segments) -> bool:
+    full = np.zeros(TANGENT)
+    full[segments.free] = change.difference
+    if kind == "pose":
+        return bool(
+            np.linalg.norm(full[DT]) > _MOVED[0] or np.linalg.norm(full[DPHI]) > _MOVED[1]
+        )
+    return bool(np.abs(full[_KINDS[kind]]).max() > _NEGLIGIBLE[kind])
 
 
 def _when(fit: Fit, segments: Segments, index: int) -> str:
