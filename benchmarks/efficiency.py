@@ -39,6 +39,7 @@ def cases() -> list[Case]:
     p200 = PhysicsOptions(imu_rate=200, robot_rate=200)
     p24 = PhysicsOptions(imu_rate=200, robot_rate=125, duration=24)
     p15 = PhysicsOptions(imu_rate=200, robot_rate=125, duration=15)
+    p1800 = PhysicsOptions(imu_rate=100, robot_rate=50, duration=1800)
     p125 = PhysicsOptions(imu_rate=200, robot_rate=125)
     rough = {
         "spikes": 0.005,
@@ -81,6 +82,13 @@ def cases() -> list[Case]:
             physics=p125,
             noise=grade("mems", accel_bias_walk=1e-3, gyro_bias_walk=1e-4),
         ),
+        Case(name="MEMS, 30 min", physics=p1800, noise=grade("mems"), seeds=0.25),
+        Case(
+            name="30 min, bias walks",
+            physics=p1800,
+            noise=grade("mems", accel_bias_walk=1e-4, gyro_bias_walk=1e-5),
+            seeds=0.25,
+        ),
         Case(
             name="BarBot, MEMS",
             system="barbot",
@@ -105,7 +113,7 @@ def main() -> None:
             continue
         clean = clean_recording(case.system, case.physics)
         bound = cramer_rao(clean, *sample_std(case.noise, case.physics.imu_rate or 0.0))
-        trials = run_trials(case, arguments.seeds)
+        trials = run_trials(case, max(round(arguments.seeds * case.seeds), 1))
         print(row(case.name, trials, bound), flush=True)
 
 
