@@ -77,9 +77,7 @@ def _matters(kind: str, change: Change, segments: Segments) -> bool:
     full = np.zeros(TANGENT)
     full[segments.free] = change.difference
     if kind == "pose":
-        return bool(
-            np.linalg.norm(full[DT]) > _MOVED[0] or np.linalg.norm(full[DPHI]) > _MOVED[1]
-        )
+        return bool(np.linalg.norm(full[DT]) > _MOVED[0] or np.linalg.norm(full[DPHI]) > _MOVED[1])
     return bool(np.abs(full[_KINDS[kind]]).max() > _NEGLIGIBLE[kind])
 
 

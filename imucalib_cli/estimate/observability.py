@@ -24,6 +24,10 @@ WEAKEST_STD = {"translation": 10.0, "rotation": float(np.pi)}
 """m and rad: what is known of any mount without looking."""
 
 
+_LIMITS = {"translation": TRANSLATION_LIMIT, "rotation": ROTATION_LIMIT}
+_PARTS = {"translation": slice(0, 3), "rotation": slice(3, 6)}
+
+
 def unobservable_directions(covariance: Floats, excitation: Floats) -> list[UnobservableDirection]:
     """Eigen-directions of the pose's covariance beyond the limits.
 
@@ -35,33 +39,49 @@ def unobservable_directions(covariance: Floats, excitation: Floats) -> list[Unob
     Returns:
         Translation first, the least known first.
     """
-    found: list[UnobservableDirection] = []
-    kinds: list[tuple[Literal["translation", "rotation"], slice, float]] = [
-        ("translation", slice(0, 3), TRANSLATION_LIMIT),
-        ("rotation", slice(3, 6), ROTATION_LIMIT),
-    ]
-    for kind, part, limit in kinds:
-        worst = np.maximum.reduce(
-            [np.linalg.eigvalsh(c[part, part])[-1] for c in (covariance, excitation)]
-        )
-        if worst <= limit**2:
-            continue
-        source = max((covariance, excitation), key=lambda c: float(np.trace(c[part, part])))
-        values, vectors = np.linalg.eigh(source[part, part])
-        for variance, direction in zip(values[::-1], vectors.T[::-1], strict=True):
-            if variance <= limit**2:
-                break
-            std = float(np.sqrt(variance))
-            bounded = std < _UNBOUNDED * WEAKEST_STD[kind]
-            axis = _readable(direction)
-            found.append(
-                UnobservableDirection(
-                    kind=kind,
-                    direction_parent=axis,
-                    std=std if bounded else None,
-                    motion=_motion(kind, axis),
-                )
+    rotation = _beyond("rotation", covariance, excitation)
+    swept = [_swept(matrix, rotation) for matrix in (covariance, excitation)]
+    return [*_beyond("translation", *swept), *rotation]
+
+
+def _swept(covariance: Floats, rotation: Sequence[UnobservableDirection]) -> Floats:
+    """Covariance in which an unknown turn of the IMU sweeps its place around a circle.
+
+    To first order the turn moves the place along the circle's tangent only; where it is large,
+    the place is as little known across it.
+    """
+    wide = covariance.copy()
+    for turn in rotation:
+        u = turn.direction_parent
+        plane = np.eye(3) - np.outer(u, u)
+        size = float(np.linalg.eigvalsh(plane @ covariance[:3, :3] @ plane)[-1])
+        if size > TRANSLATION_LIMIT**2:
+            wide[:3, :3] += size * plane
+    return wide
+
+
+def _beyond(
+    kind: Literal["translation", "rotation"], covariance: Floats, excitation: Floats
+) -> list[UnobservableDirection]:
+    """Eigen-directions of one kind beyond its limit, the least known first."""
+    part, limit = _PARTS[kind], _LIMITS[kind]
+    blocks = [matrix[part, part] for matrix in (covariance, excitation)]
+    if max(np.linalg.eigvalsh(block)[-1] for block in blocks) <= limit**2:
+        return []
+    values, vectors = np.linalg.eigh(max(blocks, key=lambda block: float(np.trace(block))))
+    found = []
+    for variance, direction in zip(values[::-1], vectors.T[::-1], strict=True):
+        if variance <= limit**2:
+            break
+        std, axis = float(np.sqrt(variance)), _readable(direction)
+        found.append(
+            UnobservableDirection(
+                kind=kind,
+                direction_parent=axis,
+                std=std if std < _UNBOUNDED * WEAKEST_STD[kind] else None,
+                motion=_motion(kind, axis),
             )
+        )
     return found
 
 

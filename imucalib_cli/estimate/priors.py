@@ -51,7 +51,7 @@ def missed_priors(fit: Fit, options: MatchedOptions) -> list[str]:
 
 def _pulled(fit: Fit, fixed: np.ndarray[tuple[int], np.dtype[np.intp]]) -> list[str]:
     """Where the data would take fixed components, if they plainly would."""
-    step, C = ScoreTest(fit, fixed).step(fixed, np.zeros(0, np.intp))
+    step, C = ScoreTest(fit, fixed).step(fixed)
     if squared_distance(step, C + _NEGLIGIBLE**2 * np.eye(len(fixed))) < _PULLED:
         return []
     worst = int(np.argmax(np.abs(step) / np.sqrt(np.diag(C) + _NEGLIGIBLE**2)))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -32,20 +33,22 @@ class ScoreTest:
         prior = (fit.unknowns.prior_information + bounded_priors())[self._every]
         self._information = gram(spectrum.J) + np.diag(prior)
         self._score = spectrum.J.reshape(-1, len(self._every)).T @ spectrum.e.reshape(-1)
-        levels = spectrum.noise_levels(inverse_of(self._information))
+        # The noise is what is left with all of them free: a fault is no part of it.
+        inverse = inverse_of(self._information)
+        left = spectrum.e - spectrum.J @ (inverse @ self._score)
+        levels = replace(spectrum, e=left).noise_levels(inverse)
         self._noise = spectrum.score_covariance(levels)
 
-    def step(self, part: Indices, beside: Indices) -> tuple[Floats, Floats]:
+    def step(self, part: Indices) -> tuple[Floats, Floats]:
         """Where some components would go if they were free, and the covariance of that.
 
         Args:
-            part: Tangent components, of those that may be asked for.
-            beside: Further ones that are free as well.
+            part: (P,), tangent components, of those that may be asked for.
 
         Returns:
             (P,) and (P, P).
         """
-        known = np.searchsorted(self._every, np.concatenate([self._base, beside, part]))
+        known = np.searchsorted(self._every, np.concatenate([self._base, part]))
         inverse = inverse_of(self._information[np.ix_(known, known)])
         last = slice(len(known) - len(part), None)
         step = -(inverse @ self._score[known])[last]

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.estimate.covariance import squared_distance
-from imucalib_cli.estimate.solve import POSE, TANGENT
+from imucalib_cli.estimate.solve import DT, POSE, TANGENT
 
 if TYPE_CHECKING:
     from imucalib_cli.estimate.covariance import ScoreSpectrum
@@ -27,6 +27,8 @@ _SHORTEST_SECONDS = 4.0
 """A few moves: what is shorter is not worth comparing."""
 _SIGNIFICANCE_Z = 2.326
 """Normal quantile of p = 0.01: rarer scatter than that is not noise."""
+_COMPARABLE = (0.02, 0.02)
+"""m and rad: parts that know the pose no better than this are not held against each other."""
 _LEAST_PART = 2
 """Segments on either side of a change, so that each side shows its own scatter."""
 
@@ -145,10 +147,20 @@ class Segments:
         return [self.split(k) for k in range(_LEAST_PART, self.count - _LEAST_PART + 1)]
 
     def change(self, part: Indices) -> Change | None:
-        """The cut across which some components differ most, None where no cut is possible."""
-        if not len(part) or not self._changes:
+        """The cut across which some components differ most.
+
+        None where there is none whose two parts both determine the pose.
+        """
+        known = [change for change in self._changes if self._determined(change)]
+        if not len(part) or not known:
             return None
-        return max(self._changes, key=lambda change: change.distance(part))
+        return max(known, key=lambda change: change.distance(part))
+
+    def _determined(self, change: Change) -> bool:
+        """Whether each component of the pose is known well enough to be compared."""
+        pose = self.places(POSE)
+        std = np.sqrt(np.maximum(np.diag(change.covariance)[pose], 0.0))
+        return bool((std < np.where(self.free[pose] < DT.stop, *_COMPARABLE)).all())
 
     def jackknife(self) -> Floats:
         """(P,), standard deviation of the solution by leaving each segment out in turn."""

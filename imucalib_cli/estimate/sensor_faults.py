@@ -49,14 +49,15 @@ GROUPS: Final[dict[str, Indices]] = {
 }
 """Tangent components of each fault."""
 _NEGLIGIBLE: Final = {
-    "drift": 2e-7,
-    "delay": 2e-6,
-    "accel scale": 2e-5,
-    "gyro scale": 2e-5,
-    "misalignment": 2e-5,
-    "gravity": 2e-5,
+    "drift": 1e-6,
+    "delay": 1e-5,
+    "accel scale": 1e-4,
+    "gyro scale": 1e-4,
+    "misalignment": 1e-4,
+    "gravity": 1e-4,
 }
-"""What is a few times smaller than this no sensor and no clock keeps."""
+"""s/s, s, 1, 1, rad, 1: what is smaller no sensor and no clock keeps."""
+_MOST_FAULTS = 3
 _SIGNIFICANT = 40.0
 """Chi-squared of up to three degrees of freedom from which a fault is there. Chance reaches 30 in
 a millionth of logs; joint zeros 10 mrad off and lengths 1 % off were seen at 15."""
@@ -84,10 +85,16 @@ def with_sensor_faults(
     misfit = measure_misfit(attempt.fit, clean)
     if options.sensor_model == "ideal":
         return attempt, misfit
-    chosen = _explaining(attempt.fit)
+    best, chosen = attempt, np.zeros(0, np.intp)
+    for _ in range(_MOST_FAULTS):
+        # One at a time: what a large fault leaks into the others is gone once it is found.
+        further = _most_telling(best.fit)
+        if further is None:
+            break
+        chosen = np.concatenate([chosen, further])
+        best = _with(chosen, attempt, options)
     if not len(chosen):
         return attempt, misfit
-    best = _with(chosen, attempt, options)
     if DNORM in chosen:
         # Little acceleration beside gravity: a scale error of the sensor looks much the same.
         scale = np.union1d(chosen[chosen != DNORM], GROUPS["accel scale"])
@@ -111,27 +118,23 @@ def _with(components: Indices, attempt: Attempt, options: MatchedOptions) -> Att
     return replace(attempt, fit=fit)
 
 
-def _explaining(fit: Fit) -> Indices:
-    """Tangent components of the faults that explain what chance cannot, the most telling first.
-
-    Forward selection: a fault that another explains as well is not named.
-    """
+def _most_telling(fit: Fit) -> Indices | None:
+    """Tangent components of the fault that explains most of what chance cannot."""
     candidates = _candidates(fit)
+    if not candidates:
+        return None
     test = ScoreTest(fit, np.concatenate(list(candidates.values())))
-    chosen = np.zeros(0, np.intp)
-    while candidates:
-        gains = {}
-        for name, part in candidates.items():
-            step, C = test.step(part, chosen)
-            C += np.diag(np.full(len(part), _NEGLIGIBLE[name] ** 2))
-            gains[name] = squared_distance(step, C) - _PER_COMPONENT * len(part)
-            if name == "gravity" and abs(float(step[0])) > _LARGEST_GRAVITY:
-                gains[name] = -np.inf
-        best = max(gains, key=lambda name: gains[name])
-        if gains[best] < _SIGNIFICANT - _PER_COMPONENT:
-            break
-        chosen = np.concatenate([chosen, candidates.pop(best)])
-    return chosen
+    gains = {}
+    for name, part in candidates.items():
+        step, C = test.step(part)
+        size = float(np.abs(step).max())
+        if size < _NEGLIGIBLE[name] or (name == "gravity" and size > _LARGEST_GRAVITY):
+            continue
+        gains[name] = squared_distance(step, C) - _PER_COMPONENT * len(part)
+    best = max(gains, key=lambda name: gains[name], default=None)
+    if best is None or gains[best] < _SIGNIFICANT - _PER_COMPONENT:
+        return None
+    return candidates[best]
 
 
 def _candidates(fit: Fit) -> dict[str, Indices]:

@@ -59,6 +59,8 @@ class Uncertainty:
     """Loudest band of the residuals over the median one, accelerometer and gyroscope."""
     segments: Segments | None
     """Of the log, to hold against each other; None where it is too short."""
+    parts_differ: bool
+    """The pose before and after some instant differs by more than noise explains."""
 
 
 def uncertainty(fit: Fit, *, systematic: bool) -> Uncertainty:
@@ -88,12 +90,12 @@ def uncertainty(fit: Fit, *, systematic: bool) -> Uncertainty:
     )
     chi2, freedom = (1.0, 1.0) if segments is None else segments.chi2()
     widened = systematic or (segments is not None and beyond_noise(chi2, freedom))
-    covariance = noise
+    covariance, parts_differ = noise, False
     if segments is not None:
         change = segments.change(segments.places(POSE))
         if change is not None and change.distance(segments.places(POSE)) > _CHANGED:
             # The truth is with one part or the other, the estimate somewhere between them.
-            widened = True
+            widened = parts_differ = True
             covariance = covariance + np.outer(change.difference, change.difference) / 4.0
         if widened:
             share = _COMMON_SHARE * segments.count / (segments.count - 1)
@@ -105,6 +107,7 @@ def uncertainty(fit: Fit, *, systematic: bool) -> Uncertainty:
         segment_chi2=chi2 / freedom,
         whiteness=spectrum.whiteness(levels),
         segments=segments,
+        parts_differ=parts_differ,
     )
 
 

@@ -33,6 +33,8 @@ _DROPPED_MOTION = 0.2
 _PLAIN_ACCEL = 0.1
 _PLAIN_GYRO = 0.02
 """m/s² and rad/s: residuals of a window that no filter, only a wrong model leaves."""
+_PLAIN_SCATTER = 1.5
+"""Scatter of segments over noise from which it is said as a number."""
 _TILTED_DEG = 20.0
 _LARGE_ACCEL_BIAS = 0.5
 """m/s²: more than any working accelerometer has."""
@@ -201,6 +203,8 @@ def _why_widened(evidence: Evidence) -> str:
     model = "the kinematic model or the mount, not noise, sets the uncertainty"
     if misfit.systematic:
         return f"{_in_words(misfit)}: {model}"
+    if spread.parts_differ and spread.segment_chi2 < _PLAIN_SCATTER:
+        return f"parts of the log tell poses that differ by more than noise explains: {model}"
     return (
         f"segments of the log disagree {np.sqrt(spread.segment_chi2):.1f} times more than noise "
         f"explains: {model}"
