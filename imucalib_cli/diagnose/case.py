@@ -65,6 +65,11 @@ def needs_diagnosis(estimate: Estimate) -> bool:
     """Whether a result is poor for reasons that a cause may lie behind."""
     if estimate.method != "matched":
         return False
-    if any(part in reason for reason in estimate.distrust for part in _OF_SENSOR):
+    if names_sensor(estimate):
         return False
     return bool(estimate.distrust) or estimate.sigma_source == "segments"
+
+
+def names_sensor(estimate: Estimate) -> bool:
+    """Whether the fit itself has found the sensor to be the cause."""
+    return any(part in reason for reason in estimate.distrust for part in _OF_SENSOR)

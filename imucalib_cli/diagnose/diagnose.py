@@ -19,7 +19,7 @@ from imucalib_cli.diagnose.words import of_given_offset, of_hypotheses, of_param
 if TYPE_CHECKING:
     from imucalib_cli.diagnose.bench import Bench, Trial
     from imucalib_cli.diagnose.case import Case, Finding
-    from imucalib_cli.estimate.estimate import Estimate, UnobservableDirection
+    from imucalib_cli.estimate.estimate import Estimate
 
 _OFFSET_FALL = 2.0
 """Fall of a residual for which a time offset that was given is contradicted."""
@@ -126,10 +126,8 @@ def explained(estimate: Estimate, findings: tuple[Finding, ...]) -> Estimate:
     if _stands(estimate, findings, aside=aside):
         return replace(estimate, distrust=(), warnings=(*sentences, *warnings))
     return replace(
-        estimate,
+        stepped_back(estimate),
         distrust=(*sentences, *_without(estimate.distrust, () if aside else GENERIC)),
-        warnings=warnings,
-        unobservable=tuple(_stepped_back(direction) for direction in estimate.unobservable),
     )
 
 
@@ -154,9 +152,13 @@ def _undoes(estimate: Estimate, findings: tuple[Finding, ...]) -> bool:
     )
 
 
-def _stepped_back(direction: UnobservableDirection) -> UnobservableDirection:
-    """Advice on motion is no use while the fit is wrong for another reason."""
-    return replace(direction, motion=_AFTER)
+def stepped_back(estimate: Estimate) -> Estimate:
+    """The estimate without advice on motion, which is no use while the fit is wrong otherwise."""
+    return replace(
+        estimate,
+        warnings=_without(estimate.warnings, GENERIC_WARNINGS),
+        unobservable=tuple(replace(each, motion=_AFTER) for each in estimate.unobservable),
+    )
 
 
 def _without(sentences: tuple[str, ...], parts: tuple[str, ...]) -> tuple[str, ...]:

@@ -90,6 +90,17 @@ def with_longer_origins(path: KinematicPath, by: Mapping[str, float]) -> Kinemat
     return replace(path, steps=tuple(steps))
 
 
+def with_origins_in_millimetres(path: KinematicPath) -> KinematicPath:
+    """The same path, every constant translation taken as millimetres."""
+    return replace(
+        path,
+        steps=tuple(
+            replace(step, p=MILLI * step.p) if isinstance(step, FixedStep) else step
+            for step in path.steps
+        ),
+    )
+
+
 def origin_lengths(path: KinematicPath) -> dict[str, float]:
     """Length of each joint's origin, m, those between two moving steps only."""
     lengths: dict[str, float] = {}

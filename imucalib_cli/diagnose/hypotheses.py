@@ -13,11 +13,13 @@ from imucalib_cli.diagnose.edits import (
     MILLI,
     driven_key,
     joints_of,
+    origin_lengths,
     pose_tracks,
     with_columns,
     with_conjugate_quaternions,
     with_flipped,
     with_inverse_poses,
+    with_origins_in_millimetres,
     with_positions_in_millimetres,
     with_rolled_quaternions,
     with_scaled,
@@ -36,6 +38,8 @@ _MOST_LISTED = 3
 GROSS_ZEROS_DEG = (45.0, -45.0, 90.0, -90.0, 135.0, -135.0, 180.0)
 _MOST_PAIRED, _MOST_TRIPLED = 12, 7
 """Joints of a chain up to which two and three at once are tried."""
+_LONGEST_ORIGIN = 10.0
+"""m, between two joints, from which millimetres are thought of."""
 FAR_OFFSET = 60.0
 """s: how far stamps are searched apart."""
 
@@ -60,6 +64,7 @@ def gross_hypotheses(case: Case) -> Iterator[Hypothesis]:
     yield from _signs(case.path, 1)
     yield from _orders(case.path)
     yield from _units(case.path)
+    yield from _lengths(case.path)
     yield from _poses(case.path)
     yield from _gross_zeros(case.path)
 
@@ -181,6 +186,18 @@ def _units(path: KinematicPath) -> Iterator[Hypothesis]:
             path=with_scaled(path, "prismatic", MILLI),
             cause=f"the positions of sliding joints in {topics} are in millimetres",
             remedy="sensor_msgs/JointState is in m: convert them in the publisher",
+        )
+
+
+def _lengths(path: KinematicPath) -> Iterator[Hypothesis]:
+    """A URDF in the unit of the drawing; no arm has links of many metres."""
+    if max(origin_lengths(path).values(), default=0.0) > _LONGEST_ORIGIN:
+        yield Hypothesis(
+            kind="unit",
+            names=("mm",),
+            path=with_origins_in_millimetres(path),
+            cause="the origins in the URDF are in millimetres",
+            remedy="URDF is in m: divide them by 1000",
         )
 
 

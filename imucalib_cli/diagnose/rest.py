@@ -56,7 +56,11 @@ def find_motion_at_rest(trial: Trial) -> Finding | None:
     if calm.sum() < _LEAST:
         return None
     accel, gyro = rows.residuals(x)
-    turning = trimmed_rms(gyro[calm] - np.median(gyro[calm], axis=0))
+    turning = min(
+        trimmed_rms(gyro[calm] - np.median(gyro[calm], axis=0)),
+        # A bias that changes once, or a sensor that is reset, is no motion.
+        trimmed_rms(_less_a_step(gyro[calm] @ trial.solution.state.R)),
+    )
     # What is constant in a pause is bias, tilt or scale: gravity lies differently in the next.
     pushing = trimmed_rms(_within_pauses(accel[calm], np.flatnonzero(calm)))
     moving = ~still
@@ -84,6 +88,17 @@ def find_motion_at_rest(trial: Trial) -> Finding | None:
         sentence=f"the IMU {seen} (rms) while all that the log knows of stands still: {cause}, or "
         "record its pose and name it with --pose-topic",
     )
+
+
+def _less_a_step(values: Floats) -> Floats:
+    """Values less their means before and after the instant that leaves least, (N, 3)."""
+    count = np.arange(1, len(values))[:, None]
+    sums, squares = np.cumsum(values, axis=0)[:-1], float(np.sum(values**2))
+    total = np.sum(values, axis=0)
+    left = squares - (sums**2 / count + (total - sums) ** 2 / (len(values) - count)).sum(axis=1)
+    k = int(np.argmin(left)) + 1
+    parts = (values[:k], values[k:])
+    return np.concatenate([part - np.median(part, axis=0) for part in parts])
 
 
 def _within_pauses(values: Floats, index: NDArray[np.intp]) -> Floats:

@@ -64,7 +64,7 @@ def calibrate_either_sign(
             warnings=(told, *turned.warnings),
             notes={**turned.notes, "accel_sign": "down"},
         )
-    if off_down and gain > -_CLEARLY_BETTER and not given.distrust:
+    if off_down and gain > -_CLEARLY_BETTER and not (given.distrust or given.unobservable):
         reason = (
             "gravity comes out far from down, and the motion does not tell whether world is "
             "mounted so or the accelerometer points down at rest: say --accel-sign up or down, or "

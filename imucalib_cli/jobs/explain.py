@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from imucalib_cli.diagnose.case import Case, needs_diagnosis
+from imucalib_cli.diagnose.case import Case, Finding, names_sensor, needs_diagnosis
 from imucalib_cli.diagnose.nominal import inverted_nominal
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.jobs.motion import other_frames
@@ -52,8 +52,17 @@ def explain(
             path_to=lambda frame: _stamped_as(path_to(frame), mended.path),
             links={joint.name: (joint.parent, joint.child) for joint in joints},
         )
-        estimate = explained(estimate, diagnose(case))
+        estimate = explained(estimate, diagnose(case) or _suspected(mended))
+    elif names_sensor(estimate):
+        from imucalib_cli.diagnose.diagnose import stepped_back
+
+        estimate = stepped_back(estimate)
     return _with_nominal(estimate, motion)
+
+
+def _suspected(mended: Repaired) -> tuple[Finding, ...]:
+    """What was seen of the sensor before the fit, where nothing else explains that it is poor."""
+    return tuple(Finding(kind="sensor", names=(), sentence=each) for each in mended.suspects)
 
 
 def _stamped_as(path: KinematicPath, mended: KinematicPath) -> KinematicPath:

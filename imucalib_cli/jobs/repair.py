@@ -61,13 +61,19 @@ class Repaired:
     """Why what is left says too little, a sentence each."""
     notes: dict[str, float | str | bool | None]
     """For the record."""
+    suspects: tuple[str, ...] = ()
+    """What does no harm to a good fit, and is the likely cause of a poor one."""
 
     def told(self, estimate: Estimate) -> Estimate:
         """An estimate made of these, with what was done to them said in it."""
         return replace(
             estimate,
             distrust=(*self.distrust, *estimate.distrust),
-            warnings=(*self.warnings, *estimate.warnings),
+            warnings=(
+                *self.warnings,
+                *(each for each in self.suspects if each not in estimate.distrust),
+                *estimate.warnings,
+            ),
             notes={**self.notes, **estimate.notes},
         )
 
@@ -97,11 +103,13 @@ def repair(imu: ImuStream, t: Floats, path: KinematicPath, request: CalibrationR
         samples = ImuSamples(t=t, gyro=imu.gyro, accel=imu.accel)
         return Repaired(samples=samples, path=path, warnings=tuple(warnings), distrust=(), notes={})
     turning = compare_turning(t[rows], imu.gyro[rows], trajectory, _search(request))
-    warnings += see_dead_in_motion(imu, turning)
+    suspects = list(see_dead_in_motion(imu, turning))
     turns = gyro_factor(imu.topic, largest_rate(imu.gyro[rows]), turning, request.units.gyro)
     gravity = request.estimator.gravity_norm if request.wants_gravity else 0.0
     pulls = accel_factor(imu, request.units.accel, gravity=gravity)
-    warnings += [each.warning for each in (turns, pulls) if each.warning is not None]
+    for each in (turns, pulls):
+        if each.warning is not None:
+            (warnings if each.is_mended else suspects).append(each.warning)
     gyro, accel = imu.gyro * turns.value, imu.accel * pulls.value
     turning = turning.scaled(turns.value)
     if request.units.sign == "down":
@@ -139,6 +147,7 @@ def repair(imu: ImuStream, t: Floats, path: KinematicPath, request: CalibrationR
             "accel_unit": pulls.unit,
             "imu_samples_at_fault": int(out.sum()),
         },
+        suspects=tuple(suspects),
     )
 
 

@@ -49,6 +49,11 @@ class Factor:
     value: float
     warning: str | None = None
 
+    @property
+    def is_mended(self) -> bool:
+        """Whether the values are changed."""
+        return self.value != 1.0
+
 
 def gyro_factor(topic: str, gyro_largest: float, turning: Turning, wanted: GyroUnit) -> Factor:
     """Unit of a gyroscope, from how fast the robot turns at the same time.
@@ -125,8 +130,8 @@ def accel_factor(imu: ImuStream, wanted: AccelUnit, *, gravity: float) -> Factor
         return Factor(
             unit="m/s2",
             value=1.0,
-            warning=f"{rest}, neither gravity nor a unit that is known: --accel-unit or --gravity "
-            "may tell",
+            warning=f"{rest}, neither gravity nor a unit that is known: mend its scale, "
+            "or say --accel-unit or --gravity",
         )
     return kept
 

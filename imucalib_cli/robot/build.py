@@ -228,7 +228,7 @@ def _raise_missing(robot: Robot, missing: list[str], tracks: Sequence[Track]) ->
             f"{affix}"
         )
     hint = near_matches(missing[0], known)
-    there = "" if hint.startswith("; there are") else f"; the log has: {', '.join(known[:12])}"
+    there = "" if hint.startswith("; there are") else f" The log has: {', '.join(known[:12])}"
     raise InputError(
         f"{robot.source}: no position of joint{plural} {listed} in the log's joint "
         f"states{hint}{there}"

@@ -49,10 +49,10 @@ def find_mount(
     frame = imu_link or frame_id.lstrip("/")
     if frame not in robot.links:
         if parent is None:
-            named = f"the IMU's frame '{frame}'" if frame else "the IMU's frame_id is empty and"
+            said = f"frame '{frame}' is not in {robot.source}" if frame else "frame_id is empty"
             raise ChoiceError(
-                f"{named} is not in {robot.source}: name the link the IMU is bolted to with "
-                f"--parent, one of: {', '.join(robot.links)}"
+                f"the IMU's {said}: name the link the IMU is bolted to with --parent, one of: "
+                f"{', '.join(robot.links)}"
             )
         return Mount(
             parent=parent, child=frame or "imu", R_nominal=None, t_nominal=None, joint_name=None

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from imucalib_cli.signals.saturation import saturated
+from imucalib_cli.signals.saturation import count_stretches, saturated
 from imucalib_cli.signals.stamps import gap_limit
 from imucalib_cli.signals.stuck import (
     ALIVE_NOISE,
@@ -48,7 +49,7 @@ def sensor_faults(t: Floats, gyro: Floats, accel: Floats, turning: Turning | Non
         accel: (N, 3), m/s².
         turning: Of the same IMU; None where no kinematics are known.
     """
-    tops = saturated(t, gyro, accel, turning)
+    tops = _not_dead(t, gyro, accel, saturated(t, gyro, accel, turning))
     cut = {fault.sensor: fault.rows for fault in tops}
     stuck = _outside(_frozen_gyro(t, gyro, turning), cut.get("gyro"))
     held = _outside(_frozen_accel(t, accel, gyro, turning, stuck), cut.get("accel"))
@@ -67,6 +68,21 @@ def sensor_faults(t: Floats, gyro: Floats, accel: Floats, turning: Turning | Non
             if len(alone) and not repeats_by_chance(column, alone.mask(len(t)) | known):
                 found.append(_fault(sensor, alone, column, AXES[axis]))
     return [*found, *tops]
+
+
+def _not_dead(t: Floats, gyro: Floats, accel: Floats, tops: list[Fault]) -> list[Fault]:
+    """Saturation without what is none: where both sensors stop at once, the driver stopped."""
+    if not tops:
+        return tops
+    both = np.hstack([gyro, accel])
+    dead = repeated_runs(t, both).mask(len(t))
+    if not dead.any() or repeats_by_chance(both, dead):
+        return tops
+    return [
+        replace(top, rows=top.rows & ~dead, stretches=count_stretches(top.rows & ~dead))
+        for top in tops
+        if (top.rows & ~dead).any()
+    ]
 
 
 def _outside(runs: Runs, known: Mask | None) -> Runs:

@@ -72,7 +72,7 @@ def saturated(t: Floats, gyro: Floats, accel: Floats, turning: Turning | None) -
             rows[np.concatenate([top.rows for top in tops])] = True
             axes = "".join(sorted({top.axis for top in tops}))
             limits = np.unique([top.limit for top in tops])
-            found.append(Fault(sensor, "saturated", rows, axes, limits, _count(rows)))
+            found.append(Fault(sensor, "saturated", rows, axes, limits, count_stretches(rows)))
     return found
 
 
@@ -109,7 +109,8 @@ def _outrun(top: FlatTop, t: Floats, suspected: Floats, turning: Turning | None)
     return measured < _CUT * usual * derived
 
 
-def _count(rows: Mask) -> int:
+def count_stretches(rows: Mask) -> int:
+    """Runs of True in a mask."""
     return int(np.count_nonzero(np.diff(rows.astype(np.int8), prepend=0) == 1))
 
 

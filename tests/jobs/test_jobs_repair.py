@@ -136,7 +136,7 @@ def test_other_norms_of_gravity_are_units_too() -> None:
     in_g = _repaired(_scaled(accel=moon / _G), estimator=options)
     assert in_g.notes["accel_unit"] == "g"
     strange = _repaired(_scaled(accel=0.5))
-    assert "neither gravity nor a unit that is known" in strange.warnings[0]
+    assert "neither gravity nor a unit that is known" in strange.suspects[0]
 
 
 def test_units_of_no_gyroscope_are_refused() -> None:
@@ -151,7 +151,7 @@ def test_gravity_that_was_taken_off_is_refused_and_asked_for() -> None:
         _repaired(flat)
     none = MatchedOptions(gravity="none")
     assert _repaired(flat, estimator=none).warnings == ()
-    assert "yet --gravity none was given" in _repaired(log, estimator=none).warnings[0]
+    assert "yet --gravity none was given" in _repaired(log, estimator=none).suspects[0]
 
 
 @pytest.mark.parametrize(
