@@ -74,6 +74,27 @@ class Tolerance:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class KnownDirection:
+    """A direction of the pose that the motion determined though it left others open."""
+
+    kind: Literal["translation", "rotation"]
+    direction_parent: Floats
+    """(3,), unit vector in the parent frame: along it, or about it."""
+    value: float | None
+    """Where the IMU is along it, m; None for rotation."""
+    std: float
+    """1 sigma, m or rad."""
+
+
+def _across(directions: Floats) -> Floats:
+    """(3, K), orthonormal basis of what is orthogonal to some directions (N, 3)."""
+    if not len(directions):
+        return np.eye(3)
+    _, sizes, Vt = np.linalg.svd(directions)
+    return np.asarray(Vt[int((sizes > AFFECTED).sum()) :].T)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Calibration:
     """Pose of one IMU in its parent link, as it is written to a file."""
 
@@ -101,6 +122,31 @@ class Calibration:
     def known_rotation(self) -> bool:
         """Whether the motion determined the rotation about every axis."""
         return all(direction.kind != "rotation" for direction in self.estimate.unobservable)
+
+    @property
+    def known_directions(self) -> tuple[KnownDirection, ...]:
+        """What the motion determined all the same, where it left something undetermined.
+
+        Across the undetermined directions, in which the covariance is that of the estimate.
+        """
+        covariance, unknown = self.estimate.covariance, self.estimate.unobservable
+        if covariance is None or not unknown:
+            return ()
+        found: list[KnownDirection] = []
+        kinds: tuple[tuple[Literal["translation", "rotation"], slice], ...] = (
+            ("translation", slice(0, 3)),
+            ("rotation", slice(3, 6)),
+        )
+        for kind, part in kinds:
+            lost = [u.direction_parent for u in unknown if u.kind == kind]
+            basis = _across(np.array(lost).reshape(-1, 3))
+            values, vectors = np.linalg.eigh(basis.T @ covariance[part, part] @ basis)
+            for variance, vector in zip(values, (basis @ vectors).T, strict=True):
+                axis = vector * np.sign(vector[np.argmax(np.abs(vector))])
+                value = float(axis @ self.estimate.t_parent_imu) if kind == "translation" else None
+                std = float(np.sqrt(max(variance, 0.0)))
+                found.append(KnownDirection(kind=kind, direction_parent=axis, value=value, std=std))
+        return tuple(found)
 
     @property
     def translation_std(self) -> Floats | None:

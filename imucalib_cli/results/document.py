@@ -94,6 +94,15 @@ def _diagnostics(calibration: Calibration) -> Document:
     return {
         "method": estimate.method,
         "unobservable": [_unobservable(direction) for direction in estimate.unobservable],
+        "observable": [
+            {
+                "kind": direction.kind,
+                "direction_parent": vector_entry(direction.direction_parent),
+                "value": number(direction.value),
+                "std": number(direction.std),
+            }
+            for direction in calibration.known_directions
+        ],
         "distrust": list(estimate.distrust),
         "warnings": list(estimate.warnings),
         "sigma_source": estimate.sigma_source,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from imucalib_cli.results.calibration import Calibration, distance_to
+from imucalib_cli.results.calibration import Calibration, KnownDirection, distance_to
 from imucalib_cli.results.digits import figures, sigma, with_std
 from imucalib_cli.robot.rotations import quaternion_from_matrix, rotvec_from_matrix, rpy_from_matrix
 
@@ -63,6 +63,15 @@ def unobservable_lines(calibration: Calibration) -> Iterator[str]:
             f"not determined: {direction.kind} {how} ({axis}) of {calibration.parent}, "
             f"sigma {_direction_std(direction)}; {direction.motion}"
         )
+    if known := calibration.known_directions:
+        yield f"known all the same: {'; '.join(_known(direction) for direction in known)}"
+
+
+def _known(direction: KnownDirection) -> str:
+    axis = _numbers(direction.direction_parent, 2)
+    if direction.value is None:
+        return f"rotation about ({axis}) to ± {figures(math.degrees(direction.std), 2)} deg"
+    return f"place along ({axis}) {with_std(direction.value * 1e3, direction.std * 1e3)} mm"
 
 
 def _direction_std(direction: UnobservableDirection) -> str:
@@ -103,6 +112,8 @@ def _sigmas(calibration: Calibration) -> Iterator[str]:
         _AXES, millimetres, translation_std * 1e3, calibration.known_translation, strict=True
     ):
         text = f"{with_std(value, std)} mm" if known else "not determined"
+        if std == 0.0:
+            text = f"{figures(value, 6)} mm, held as told by --fix"
         yield f"  {axis:<15} {text}"
     if calibration.known_rotation:
         stds = " ".join(sigma(std) for std in np.degrees(rotation_std))

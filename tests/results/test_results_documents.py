@@ -285,7 +285,7 @@ def _paths(node: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
 def test_every_missing_or_mistyped_key_is_an_input_error() -> None:
     """No key's absence and no wrong type may end in a traceback."""
     whole = to_document(make_calibration(unobservable=(UP, ROLL)))
-    unread = {"tool", "distance_mm", "distance_deg"}
+    unread = {"tool", "distance_mm", "distance_deg", "observable"}
     for path in _paths(whole):
         for damage in ("missing", "nonsense"):
             document = json.loads(json.dumps(whole))
