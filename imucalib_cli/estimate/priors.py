@@ -32,7 +32,8 @@ def missed_priors(fit: Fit, options: MatchedOptions) -> list[str]:
         ("--gyro-bias", DBG, options.gyro_bias_std),
     )
     found = [
-        f"the data contradict {name}: the value found is {missed:.0f} standard deviations off"
+        f"the data contradict {name}: the value found is {missed:.0f} standard deviations off; "
+        "give a larger one, or leave the option out"
         for name, part, std in given
         if 0.0 < std < np.inf and (missed := float(np.linalg.norm(offset[part])) / std) > _MISSED
     ]
@@ -42,7 +43,7 @@ def missed_priors(fit: Fit, options: MatchedOptions) -> list[str]:
     off = np.abs(offset[POSE]) / np.where(std > 0.0, std, np.inf)
     found += [
         f"the data contradict --prior-std: {_NAMES[place]} comes out {off[place]:.0f} standard "
-        "deviations off the pose told beforehand"
+        "deviations off the pose told beforehand; measure it again, or give a larger one"
         for place in np.flatnonzero(off > _MISSED)
     ]
     fixed = np.arange(TANGENT)[POSE][std == 0.0]
