@@ -29,6 +29,7 @@ from imucalib_cli.estimate.solve import (
     OPTIONAL,
     TANGENT,
 )
+from imucalib_cli.estimate.uncertainty import uncertainty
 
 if TYPE_CHECKING:
     from imucalib_cli.estimate.fit import Fit
@@ -48,6 +49,7 @@ GROUPS: Final[dict[str, Indices]] = {
     "gravity": np.array([DNORM]),
 }
 """Tangent components of each fault."""
+_ALL = np.concatenate(list(GROUPS.values()))
 _NEGLIGIBLE: Final = {
     "drift": 1e-6,
     "delay": 1e-5,
@@ -100,6 +102,11 @@ def with_sensor_faults(
         scale = np.union1d(chosen[chosen != DNORM], GROUPS["accel scale"])
         other = _with(scale, attempt, options)
         best = other if other.misfit < best.misfit - _BETTER else best
+    while (doubtful := _least_supported(best.fit)) is not None:
+        kept = np.setdiff1d(_found(best.fit), doubtful)
+        if not len(kept):
+            return attempt, misfit
+        best = _with(kept, attempt, options)
     left = measure_misfit(best.fit, clean)
     if left.systematic or not _plausible(best.fit):
         return attempt, misfit
@@ -135,6 +142,36 @@ def _most_telling(fit: Fit) -> Indices | None:
     if best is None or gains[best] < _SIGNIFICANT - _PER_COMPONENT:
         return None
     return candidates[best]
+
+
+def _found(fit: Fit) -> Indices:
+    """Tangent components of the faults that a fit has free."""
+    return np.flatnonzero(fit.unknowns.free & np.isin(np.arange(TANGENT), _ALL))
+
+
+def _least_supported(fit: Fit) -> Indices | None:
+    """The fault found that says least in its final sigma, if that is too little (Wald 1943).
+
+    All candidates together explain much of a wrong robot, so that what is left without them can
+    be too little noise. The faults that were chosen leave it, and it scatters among segments.
+    """
+    covariance = uncertainty(fit, systematic=False).covariance
+    found, departure = fit.corrections, np.zeros(TANGENT)
+    departure[DDRIFT], departure[DDELAY] = found.drift, found.gyro_delay
+    departure[DSA], departure[DSG] = np.array([found.accel_scale, found.gyro_scale]) - 1.0
+    departure[DMG] = found.gyro_turn
+    norm = float(np.linalg.norm(fit.solution.state.gravity))
+    departure[DNORM] = norm / fit.unknowns.gravity_norm - 1.0 if norm > 0.0 else 0.0
+    support = {
+        name: squared_distance(departure[part], covariance[np.ix_(part, part)])
+        - _PER_COMPONENT * len(part)
+        for name, part in GROUPS.items()
+        if fit.unknowns.free[part].all()
+    }
+    least = min(support, key=lambda name: support[name], default=None)
+    if least is None or support[least] >= _SIGNIFICANT - _PER_COMPONENT:
+        return None
+    return GROUPS[least]
 
 
 def _candidates(fit: Fit) -> dict[str, Indices]:

@@ -1,0 +1,136 @@
+"""The arm of estimate_arm.py with an IMU that is not ideal: each flaw exact, none interpolated."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from imucalib_cli.signals.samples import ImuSamples
+from tests.estimate.estimate_arm import (
+    GRAVITY,
+    LINKS,
+    MOUNT,
+    Log,
+    Mount,
+    Moves,
+    arm_path,
+    parent_motion,
+    readings,
+    rotation_error,
+)
+
+if TYPE_CHECKING:
+    from imucalib_cli.estimate.estimate import Estimate
+
+Floats = NDArray[np.float64]
+Triple = tuple[float, float, float]
+
+SECONDS = 24.0
+ROBOT_RATE = 200.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Flaws:
+    """How an IMU departs from the ideal one; all zero or one by default."""
+
+    time_offset: float = 0.0
+    """Of the accelerometer's stamps in the middle of the log, s."""
+    drift: float = 0.0
+    """Seconds the IMU's clock gains in a second of the robot's."""
+    gyro_delay: float = 0.0
+    """The gyroscope's stamps are later than the accelerometer's by so much, s."""
+    accel_scale: Triple = (1.0, 1.0, 1.0)
+    """Measured over true, IMU axes."""
+    gyro_scale: Triple = (1.0, 1.0, 1.0)
+    gyro_turn: Triple = (0.0, 0.0, 0.0)
+    """Rotation vector of the gyroscope's axes in the accelerometer's, rad."""
+    gravity: float = GRAVITY
+    clock_jump: tuple[float, float] = (0.0, 0.0)
+    """Instant, s, from which the IMU's stamps are later by so much, s."""
+
+
+def flawed_log(
+    flaws: Flaws | None = None,
+    *,
+    moves: Moves | None = None,
+    mount: Mount = MOUNT,
+    mount_after: tuple[float, Mount] | None = None,
+    rate: float = 100.0,
+    links: tuple[Triple, ...] = LINKS,
+    zeros: Floats | None = None,
+) -> Log:
+    """A log without noise of an IMU with flaws.
+
+    Args:
+        flaws: Of the IMU.
+        moves: The arm's motion.
+        mount: Of the IMU.
+        mount_after: The instant from which the IMU sits elsewhere, and where.
+        rate: Of the IMU, Hz.
+        links: What the estimator is told of the arm; the truth stays.
+        zeros: (6,), rad: the joints read so much more than they are.
+    """
+    flaws, moves = flaws or Flaws(), moves or Moves(seconds=SECONDS)
+    stamps = np.arange(0.0, moves.seconds, 1 / rate)
+    middle = 0.5 * moves.seconds
+    # The robot's time at each stamp: what the IMU's clock has gained is taken off.
+    t = middle + (stamps - middle) / (1.0 + flaws.drift)
+    start, jump = flaws.clock_jump
+    t = np.where(t < start, t, t - jump)
+    gravity = np.array([0.0, 0.0, -flaws.gravity])
+
+    def measured(instants: Floats) -> tuple[Floats, Floats]:
+        motion = parent_motion(moves, instants)
+        gyro, accel = readings(motion, mount, gravity)
+        if mount_after is not None:
+            later = instants >= mount_after[0]
+            other_gyro, other_accel = readings(motion, mount_after[1], gravity)
+            gyro[later], accel[later] = other_gyro[later], other_accel[later]
+        return gyro, accel
+
+    _, accel = measured(t)
+    gyro, _ = measured(t - flaws.gyro_delay)
+    turn = Rotation.from_rotvec(flaws.gyro_turn).as_matrix()
+    t_robot = np.arange(0.0, moves.seconds, 1 / ROBOT_RATE)
+    q = moves.joints(t_robot)[0] + (0.0 if zeros is None else zeros)
+    return Log(
+        imu=ImuSamples(
+            t=stamps + flaws.time_offset,
+            # Rows are vectors: v @ turn is turn' v, the accelerometer's axes to the gyroscope's.
+            gyro=(gyro @ turn) * flaws.gyro_scale,
+            accel=accel * flaws.accel_scale,
+        ),
+        path=arm_path(t_robot, q, links),
+        mount=mount,
+        time_offset=flaws.time_offset,
+    )
+
+
+def biased_from(
+    log: Log, instant: float, *, gyro: Triple = (0, 0, 0), accel: Triple = (0, 0, 0)
+) -> Log:
+    """The same log with other biases from an instant on."""
+    later = (log.imu.t >= instant)[:, None]
+    return replace(
+        log,
+        imu=ImuSamples(
+            t=log.imu.t, gyro=log.imu.gyro + later * gyro, accel=log.imu.accel + later * accel
+        ),
+    )
+
+
+def pose_error(estimate: Estimate, mount: Mount) -> Floats:
+    """(6,), translation and rotation error in the parent frame."""
+    turned = rotation_error(estimate.R_parent_imu, mount.R)
+    return np.concatenate([estimate.t_parent_imu - mount.t, turned])
+
+
+def nees(estimate: Estimate, mount: Mount) -> float:
+    """Square of the pose error in stated sigmas; chi-squared of six degrees of freedom."""
+    assert estimate.covariance is not None
+    error = pose_error(estimate, mount)
+    return float(error @ np.linalg.solve(estimate.covariance, error))
