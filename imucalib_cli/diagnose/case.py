@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from imucalib_cli.estimate.sentence import Says, says_any
+
 if TYPE_CHECKING:
     from collections.abc import Callable
 
@@ -52,15 +54,6 @@ class Finding:
     """m and rad by which the IMU's pose changes once it is mended; None where that is not known."""
 
 
-_OF_SENSOR = (
-    "axes are left-handed",
-    "sign is reversed on all axes",
-    "do not share their axes",
-)
-"""Fixed parts of the estimator's sentences that name the sensor as the cause: nothing is left to
-ask of the robot."""
-
-
 def needs_diagnosis(estimate: Estimate) -> bool:
     """Whether a result is poor for reasons that a cause may lie behind."""
     if estimate.method != "matched":
@@ -72,4 +65,4 @@ def needs_diagnosis(estimate: Estimate) -> bool:
 
 def names_sensor(estimate: Estimate) -> bool:
     """Whether the fit itself has found the sensor to be the cause."""
-    return any(part in reason for reason in estimate.distrust for part in _OF_SENSOR)
+    return any(says_any(reason, {Says.SENSOR}) for reason in estimate.distrust)

@@ -15,6 +15,7 @@ from imucalib_cli.diagnose.ringing import find_ringing
 from imucalib_cli.diagnose.rivals import find_rival_publishers
 from imucalib_cli.diagnose.search import explain_grossly, falls, is_poor
 from imucalib_cli.diagnose.words import of_given_offset, of_hypotheses, of_parameters
+from imucalib_cli.estimate.sentence import Says, without
 
 if TYPE_CHECKING:
     from imucalib_cli.diagnose.bench import Bench, Trial
@@ -25,27 +26,9 @@ _OFFSET_FALL = 2.0
 """Fall of a residual for which a time offset that was given is contradicted."""
 _SMALL_GYRO = 0.1
 """Share of the rotation left unexplained up to which small errors are looked for first."""
-GENERIC = (
-    "does not explain the gyroscope",
-    "of the acceleration unexplained: are --gravity",
-    "the time offset may lie beyond the search",
-    "another rotation fits almost as well",
-    "are not what they are taken for",
-    "do not fit the rest and were left out: frames",
-    "the mount moved, or the log joins two set-ups",
-    "the sensor was reset, struck or is warming up",
-    "see that no clock is set while recording",
-)
-"""Fixed parts of the estimator's sentences that say a fit is poor, and not why."""
-PARTS_DISAGREE = GENERIC[-3:]
-"""Those that a small error of the chain explains away: it pulls unlike moves apart."""
-GENERIC_WARNINGS = (
-    "the kinematic model or the mount, not noise, sets the uncertainty",
-    "windows do not fit the rest and were left out",
-    "else joint signs, frames or the accelerometer's sign are wrong",
-    "is unusual: a scale error, or another --gravity norm",
-    "the motion does not determine the time offset",
-)
+_GENERIC = frozenset({Says.POOR, Says.PARTS_DIFFER})
+"""What a cause explains, and what need not be said beside it. A small error of the chain explains
+away that parts of the log differ too: it pulls unlike moves apart."""
 _ASIDE = frozenset({"ringing", "publishers"})
 """Findings that say why residuals are large, but not that the answer is another."""
 _SIGMAS = 2.0
@@ -121,13 +104,13 @@ def explained(estimate: Estimate, findings: tuple[Finding, ...]) -> Estimate:
     if not findings:
         return estimate
     sentences = tuple(finding.sentence for finding in findings)
-    warnings = _without(estimate.warnings, GENERIC_WARNINGS)
+    warnings = without(estimate.warnings, {Says.POOR})
     aside = all(finding.kind in _ASIDE for finding in findings)
     if _stands(estimate, findings, aside=aside):
         return replace(estimate, distrust=(), warnings=(*sentences, *warnings))
     return replace(
         stepped_back(estimate),
-        distrust=(*sentences, *_without(estimate.distrust, () if aside else GENERIC)),
+        distrust=(*sentences, *without(estimate.distrust, () if aside else _GENERIC)),
     )
 
 
@@ -135,7 +118,7 @@ def _stands(estimate: Estimate, findings: tuple[Finding, ...], *, aside: bool) -
     """Whether the result may be used as it is, with the findings as warnings."""
     if aside:
         return estimate.trusted
-    left = _without(estimate.distrust, PARTS_DISAGREE)
+    left = without(estimate.distrust, {Says.PARTS_DIFFER})
     return not left and not estimate.unobservable and not _undoes(estimate, findings)
 
 
@@ -156,10 +139,6 @@ def stepped_back(estimate: Estimate) -> Estimate:
     """The estimate without advice on motion, which is no use while the fit is wrong otherwise."""
     return replace(
         estimate,
-        warnings=_without(estimate.warnings, GENERIC_WARNINGS),
+        warnings=without(estimate.warnings, {Says.POOR}),
         unobservable=tuple(replace(each, motion=_AFTER) for each in estimate.unobservable),
     )
-
-
-def _without(sentences: tuple[str, ...], parts: tuple[str, ...]) -> tuple[str, ...]:
-    return tuple(s for s in sentences if not any(part in s for part in parts))

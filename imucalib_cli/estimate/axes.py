@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.estimate import columns
+from imucalib_cli.estimate.sentence import Says, Sentence
 from imucalib_cli.robot.rotations import rotation_angle
 
 if TYPE_CHECKING:
@@ -45,8 +46,13 @@ class _Free:
         return float(np.linalg.det(self.Q)) < 0.0
 
 
-def axes_in_words(fit: Fit) -> str | None:
+def axes_in_words(fit: Fit) -> Sentence | None:
     """The sentence on mirrored, swapped or reversed axes, if that is what is wrong."""
+    told = _told(fit)
+    return None if told is None else Sentence(told, Says.SENSOR)
+
+
+def _told(fit: Fit) -> str | None:
     accel = _free_matrix(fit, fit.rows.accel, [columns.T, columns.R, columns.BA, columns.G])
     gyro = _free_matrix(fit, fit.rows.gyro, [columns.R, columns.BG])
     if accel is None or gyro is None or min(accel.ratio, gyro.ratio) > _DECISIVE:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.estimate.estimate import Consistency
+from imucalib_cli.estimate.sentence import Says, Sentence
 from imucalib_cli.estimate.solve import DBA, DBG, DPHI, DT, DTAU, POSE, TANGENT
 
 if TYPE_CHECKING:
@@ -55,7 +56,7 @@ def consistency(spread: Uncertainty) -> Consistency | None:
     )
 
 
-def change_in_words(fit: Fit, segments: Segments | None) -> str | None:
+def change_in_words(fit: Fit, segments: Segments | None) -> Sentence | None:
     """The sentence on an instant from which the log tells something else, if there is one."""
     if segments is None:
         return None
@@ -70,7 +71,8 @@ def change_in_words(fit: Fit, segments: Segments | None) -> str | None:
     if not found:
         return None
     _, kind, change = max(found, key=lambda entry: entry[0])
-    return _sentence(kind, change, segments, _when(fit, segments, change.index))
+    told = _told(kind, change, segments, _when(fit, segments, change.index))
+    return Sentence(told, Says.PARTS_DIFFER)
 
 
 def _matters(kind: str, change: Change, segments: Segments) -> bool:
@@ -91,7 +93,7 @@ def _when(fit: Fit, segments: Segments, index: int) -> str:
     return f"{seconds:.0f} ± {max(length / 2, 1.0):.0f} s"
 
 
-def _sentence(kind: str, change: Change, segments: Segments, when: str) -> str:
+def _told(kind: str, change: Change, segments: Segments, when: str) -> str:
     full = np.zeros(TANGENT)
     full[segments.free] = change.difference
     match kind:

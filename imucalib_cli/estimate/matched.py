@@ -15,6 +15,7 @@ from imucalib_cli.estimate.prepare import CleanImu, clean_imu
 from imucalib_cli.estimate.priors import missed_priors
 from imucalib_cli.estimate.readings import Attempt, best_reading
 from imucalib_cli.estimate.sensor_faults import with_sensor_faults
+from imucalib_cli.estimate.sentence import Says, Sentence
 from imucalib_cli.estimate.solve import DBA, DBG, DTAU, POSE
 from imucalib_cli.estimate.uncertainty import bias_std, uncertainty
 from imucalib_cli.estimate.verdict import Evidence, reasons_for_distrust, warnings_of
@@ -84,7 +85,8 @@ def _estimate(evidence: Evidence) -> Estimate:
     warnings = [in_words(correction, seconds, told) for correction in corrections]
     warnings += warnings_of(evidence)
     if estimated_offset and not timed:
-        warnings.append("the motion does not determine the time offset; the value is a guess")
+        unsure = "the motion does not determine the time offset; the value is a guess"
+        warnings.append(Sentence(unsure, Says.POOR))
     return Estimate(
         method="matched",
         R_parent_imu=state.R,

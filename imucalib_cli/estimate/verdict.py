@@ -9,6 +9,7 @@ import numpy as np
 
 from imucalib_cli.estimate import columns
 from imucalib_cli.estimate.axes import axes_in_words
+from imucalib_cli.estimate.sentence import Says, Sentence
 from imucalib_cli.estimate.solve import POSE
 
 if TYPE_CHECKING:
@@ -69,30 +70,42 @@ def reasons_for_distrust(evidence: Evidence, *, unknown: bool) -> list[str]:
             return [axes]
     if attempt.lag is not None and attempt.lag.at_edge and not unknown:
         reasons.append(
-            f"the time offset may lie beyond the search of ±{options.max_offset:g} s: "
-            "widen it with --max-offset"
+            _poor(
+                f"the time offset may lie beyond the search of ±{options.max_offset:g} s: "
+                "widen it with --max-offset"
+            )
         )
     if attempt.fit.runner_up_rise < _AMBIGUOUS and not unknown:
         reasons.append(
-            "another rotation fits almost as well: record motion about more than one axis"
+            _poor("another rotation fits almost as well: record motion about more than one axis")
         )
     if evidence.misfit.gross and _matters(evidence.spread):
         reasons.append(
-            f"{_in_words(evidence.misfit)}: kinematics, scale, delays or stamps are not what they "
-            "are taken for"
+            _poor(
+                f"{_in_words(evidence.misfit)}: kinematics, scale, delays or stamps are not what "
+                "they are taken for"
+            )
         )
     dropped = _dropped_motion(evidence)
     if dropped > _DROPPED_MOTION:
         reasons.append(
-            f"windows with {dropped:.0%} of the motion do not fit the rest and were left out: "
-            "frames, joint order or stamps may be wrong in parts of the log"
+            _poor(
+                f"windows with {dropped:.0%} of the motion do not fit the rest and were left out: "
+                "frames, joint order or stamps may be wrong in parts of the log"
+            )
         )
     return reasons
 
 
+def _poor(text: str) -> Sentence:
+    """A sentence that steps back once the cause is known."""
+    return Sentence(text, Says.POOR)
+
+
 def _unexplained(evidence: Evidence) -> list[str]:
     """Motion that the model does not account for."""
-    fit, reasons = evidence.attempt.fit, []
+    fit = evidence.attempt.fit
+    reasons: list[str] = []
     accel, gyro = fit.rows.residuals(fit.solution.state.vector())
     turning = float(np.sqrt(np.mean(fit.rows.gyro[:, :, columns.ONE] ** 2)))
     left = float(np.sqrt(np.mean(gyro**2)))
@@ -105,14 +118,19 @@ def _unexplained(evidence: Evidence) -> list[str]:
             else ""
         )
         reasons.append(
-            f"the robot's motion does not explain the gyroscope ({left / turning:.0%} of the "
-            f"rotation is left over): is this the right parent link, URDF and joint topic{beyond}?"
+            _poor(
+                f"the robot's motion does not explain the gyroscope ({left / turning:.0%} of the "
+                "rotation is left over): is this the right parent link, URDF and joint "
+                f"topic{beyond}?"
+            )
         )
     force_left = float(np.sqrt(np.mean(accel**2)))
     if force_left > UNEXPLAINED_ACCEL:
         reasons.append(
-            f"the robot's motion and gravity leave {force_left:.2g} m/s² of the acceleration "
-            "unexplained: are --gravity, the units and the parent link right?"
+            _poor(
+                f"the robot's motion and gravity leave {force_left:.2g} m/s² of the acceleration "
+                "unexplained: are --gravity, the units and the parent link right?"
+            )
         )
     return reasons
 
@@ -166,11 +184,11 @@ def warnings_of(evidence: Evidence) -> list[str]:
         if track.held
     ]
     if spread.from_segments and _matters(spread) and not evidence.misfit.gross:
-        warnings.append(_why_widened(evidence))
+        warnings.append(_poor(_why_widened(evidence)))
     dropped = int((fit.weights <= 0.0).sum())
     if dropped > 0.05 * len(fit.weights):
         warnings.append(
-            f"{dropped} of {len(fit.weights)} windows do not fit the rest and were left out"
+            _poor(f"{dropped} of {len(fit.weights)} windows do not fit the rest and were left out")
         )
     state = fit.solution.state
     norm = float(np.linalg.norm(state.gravity))
@@ -178,14 +196,18 @@ def warnings_of(evidence: Evidence) -> list[str]:
         tilt_deg = float(np.degrees(np.arccos(np.clip(-state.gravity[2] / norm, -1.0, 1.0))))
         if tilt_deg > _TILTED_DEG:
             warnings.append(
-                f"gravity is {tilt_deg:.0f} deg off -z of the world: true for a base mounted so, "
-                "else joint signs, frames or the accelerometer's sign are wrong"
+                _poor(
+                    f"gravity is {tilt_deg:.0f} deg off -z of the world: true for a base mounted "
+                    "so, else joint signs, frames or the accelerometer's sign are wrong"
+                )
             )
     bias = float(np.linalg.norm(state.accel_bias))
     if bias > _LARGE_ACCEL_BIAS:
         warnings.append(
-            f"an accelerometer bias of {bias:.2g} m/s² is unusual: a scale error, or another "
-            "--gravity norm?"
+            _poor(
+                f"an accelerometer bias of {bias:.2g} m/s² is unusual: a scale error, or another "
+                "--gravity norm?"
+            )
         )
     return warnings
 

@@ -103,8 +103,8 @@ def _diagnostics(calibration: Calibration) -> Document:
             }
             for direction in calibration.known_directions
         ],
-        "distrust": list(estimate.distrust),
-        "warnings": list(estimate.warnings),
+        "distrust": [str(reason) for reason in estimate.distrust],
+        "warnings": [str(warning) for warning in estimate.warnings],
         "sigma_source": estimate.sigma_source,
         "corrections": {
             correction.name: _with_std(correction.value, correction.std)
