@@ -91,6 +91,8 @@ class Segments:
             edges: Where the log is cut into parts, each with a solution of its own.
         """
         pose, chi2, freedom = self.places(POSE), 0.0, 0.0
+        if not len(pose):
+            return 1.0, 1.0
         everywhere = self.noise.sum(axis=0)
         moved = self._moved(edges)
         for own, information, score in zip(self.noise, self.information, moved, strict=True):

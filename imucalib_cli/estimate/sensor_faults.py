@@ -23,6 +23,7 @@ from imucalib_cli.estimate.solve import (
     DDRIFT,
     DMG,
     DNORM,
+    DPHI,
     DSA,
     DSG,
     DTAU,
@@ -179,7 +180,9 @@ def _candidates(fit: Fit) -> dict[str, Indices]:
     free = fit.unknowns.free
     timed = {"drift", "delay"} if free[DTAU] else set()
     heavy = {"gravity"} if fit.unknowns.gravity_norm > 0.0 else set()
-    wanted = {"accel scale", "gyro scale", "misalignment"} | timed | heavy
+    # A rotation that is held wrongly turns one sensor against the other too.
+    turned = {"misalignment"} if free[DPHI].all() else set()
+    wanted = {"accel scale", "gyro scale"} | turned | timed | heavy
     return {name: part for name, part in GROUPS.items() if name in wanted and not free[part].any()}
 
 
