@@ -37,7 +37,8 @@ class ScoreTest:
         inverse = inverse_of(self._information)
         left = spectrum.e - spectrum.J @ (inverse @ self._score)
         levels = replace(spectrum, e=left).noise_levels(inverse)
-        self._noise = spectrum.score_covariance(levels)
+        # Where the data say nothing the prior alone bounds a step, and is as uncertain.
+        self._noise = spectrum.score_covariance(levels) + np.diag(prior)
 
     def step(self, part: Indices) -> tuple[Floats, Floats]:
         """Where some components would go if they were free, and the covariance of that.

@@ -1,0 +1,130 @@
+"""Axes that are no turn of the parent link's, and two sensors that do not share theirs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from imucalib_cli.estimate.matched import calibrate_matched
+from imucalib_cli.estimate.options import MatchedOptions
+from tests.estimate.estimate_arm import INDUSTRIAL, MEMS, Log, Moves, arm_path, random_mount
+from tests.estimate.estimate_faults import flawed_log
+
+if TYPE_CHECKING:
+    from imucalib_cli.estimate.estimate import Estimate
+
+Floats = NDArray[np.float64]
+
+SAME = np.eye(3)
+MIRRORED = np.diag([-1.0, 1.0, 1.0])
+SWAPPED = SAME[[1, 0, 2]]
+TURNED = Rotation.from_euler("xyz", [30.0, 40.0, 0.0], degrees=True).as_matrix()
+ANGLE = np.degrees(Rotation.from_matrix(TURNED).magnitude())
+QUARTER = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+"""Rows say along what the new axes point: x along y, y along -x, z along z."""
+LEFT = "the IMU's axes are left-handed"
+APART = "accelerometer and gyroscope do not share their axes: "
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Wiring:
+    """Rows: along which true axes each sensor's point; and how it should be told."""
+
+    gyro: Floats
+    accel: Floats
+    words: str
+
+
+WIRINGS = {
+    "mirrored": Wiring(gyro=MIRRORED, accel=MIRRORED, words=LEFT),
+    "swapped": Wiring(gyro=SWAPPED, accel=SWAPPED, words=LEFT),
+    "all negated": Wiring(gyro=-SAME, accel=-SAME, words=LEFT),
+    "accelerometer negated": Wiring(
+        gyro=SAME, accel=-SAME, words="the accelerometer's sign is reversed on all axes"
+    ),
+    "gyroscope negated": Wiring(
+        gyro=-SAME, accel=SAME, words="the gyroscope's sign is reversed on all axes"
+    ),
+    "gyroscope a quarter turned": Wiring(
+        gyro=QUARTER,
+        accel=SAME,
+        words=f"{APART}the gyroscope's x, y, z point along the accelerometer's y, -x, z; mend",
+    ),
+    "accelerometer a quarter turned": Wiring(
+        gyro=SAME,
+        accel=QUARTER,
+        words=f"{APART}the gyroscope's x, y, z point along the accelerometer's -y, x, z; mend",
+    ),
+    "gyroscope swapped": Wiring(
+        gyro=SWAPPED,
+        accel=SAME,
+        words=f"{APART}the gyroscope's x, y, z point along the accelerometer's y, x, z; those of "
+        "the gyroscope are left-handed",
+    ),
+    "one axis of the accelerometer negated": Wiring(
+        gyro=SAME,
+        accel=MIRRORED,
+        words=f"{APART}the gyroscope's x, y, z point along the accelerometer's -x, y, z; those of "
+        "the accelerometer are left-handed",
+    ),
+    "turned": Wiring(
+        gyro=TURNED,
+        accel=SAME,
+        words=f"{APART}they are turned by {ANGLE:.0f} deg against each other",
+    ),
+}
+
+
+@cache
+def log_of(seed: int) -> Log:
+    moves = Moves(seed=seed, seconds=14.0)
+    return flawed_log(moves=moves, mount=random_mount(seed))
+
+
+def calibrated(log: Log, gyro: Floats = SAME, accel: Floats = SAME) -> Estimate:
+    wired = log.with_imu(log.imu.t, log.imu.gyro @ gyro.T, log.imu.accel @ accel.T)
+    return calibrate_matched(wired.imu, wired.path, MatchedOptions())
+
+
+@pytest.mark.parametrize("which", WIRINGS)
+def test_the_cause_is_told_and_nothing_that_follows_from_it(which: str) -> None:
+    wiring = WIRINGS[which]
+    grade = INDUSTRIAL if "swapped" in which else MEMS
+    estimate = calibrated(log_of(3).noisy(3, grade), wiring.gyro, wiring.accel)
+    assert len(estimate.distrust) == 1
+    assert wiring.words in estimate.distrust[0]
+    assert estimate.corrections == ()
+
+
+def test_a_proper_turn_of_both_is_only_another_mount() -> None:
+    log = log_of(3)
+    estimate = calibrated(log.noisy(3), QUARTER @ TURNED, QUARTER @ TURNED)
+    assert estimate.trusted
+    np.testing.assert_allclose(estimate.R_parent_imu @ QUARTER @ TURNED, log.mount.R, atol=1e-3)
+
+
+def test_other_faults_are_not_blamed_on_the_axes() -> None:
+    """Joints that turn the other way are no fault of the sensor."""
+    log = log_of(3).noisy(3)
+    q = log.path.tracks[0].values * [1, -1, 1, 1, -1, 1]
+    path = arm_path(log.path.tracks[0].t, q)
+    estimate = calibrate_matched(log.imu, path, MatchedOptions())
+    assert not estimate.trusted
+    told = " ".join(estimate.distrust)
+    assert "left-handed" not in told
+    assert "reversed" not in told
+    assert "share their axes" not in told
+
+
+def test_motion_about_one_axis_says_too_little_to_tell() -> None:
+    one = Moves(seed=1, seconds=14.0, amplitude=(0, 0, 0, 0, 0, 1.5))
+    log = flawed_log(moves=one).noisy(1)
+    told = " ".join(calibrated(log, MIRRORED, MIRRORED).distrust)
+    assert "left-handed" not in told
+    assert "share their axes" not in told

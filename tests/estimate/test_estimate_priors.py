@@ -1,0 +1,290 @@
+"""What is known of the pose beforehand: held, weighed in, and contradicted where the data do."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from functools import cache
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from imucalib_cli.estimate import solve
+from imucalib_cli.estimate.fit import make_unknowns
+from imucalib_cli.estimate.matched import calibrate_matched
+from imucalib_cli.estimate.options import MatchedOptions, PosePrior
+from imucalib_cli.estimate.solve import DNORM, DTILT, TANGENT, State, state_prior_offset
+from tests.estimate.estimate_arm import GRAVITY, INDUSTRIAL, MOUNT, Log, Moves, parent_motion
+from tests.estimate.estimate_faults import flawed_log, nees, pose_error
+
+if TYPE_CHECKING:
+    from imucalib_cli.estimate.estimate import Estimate
+
+Floats = NDArray[np.float64]
+
+NAMES = ("tx", "ty", "tz", "rx", "ry", "rz")
+FREE = (np.inf,) * 6
+
+
+@cache
+def log() -> Log:
+    return flawed_log(moves=Moves(seed=4, seconds=16.0)).noisy(1)
+
+
+def told(
+    std: tuple[float, ...] = FREE,
+    *,
+    dt: tuple[float, ...] = (0.0, 0.0, 0.0),
+    turn: tuple[float, ...] = (0.0, 0.0, 0.0),
+) -> PosePrior:
+    """A prior about the true mount, moved by dt and turned on the left by a rotation vector."""
+    R = Rotation.from_rotvec(turn).as_matrix() @ MOUNT.R
+    return PosePrior(std=std, R_parent_imu=R, t_parent_imu=MOUNT.t + dt)
+
+
+def calibrated(
+    prior: PosePrior | None,
+    recorded: Log | None = None,
+    gravity: Literal["tilt", "fixed"] = "tilt",
+) -> Estimate:
+    data = recorded or log()
+    return calibrate_matched(data.imu, data.path, MatchedOptions(pose=prior, gravity=gravity))
+
+
+def fixing(*names: str) -> tuple[float, ...]:
+    return tuple(0.0 if name in names else np.inf for name in NAMES)
+
+
+def sigma(estimate: Estimate) -> Floats:
+    assert estimate.covariance is not None
+    return np.sqrt(np.diag(estimate.covariance))
+
+
+def turned_from(estimate: Estimate, prior: PosePrior) -> Floats:
+    """Rotation vector from the prior's rotation to the estimate's, parent frame."""
+    assert prior.R_parent_imu is not None
+    return np.asarray(
+        Rotation.from_matrix(estimate.R_parent_imu @ prior.R_parent_imu.T).as_rotvec()
+    )
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_fixed_component_is_what_it_was_fixed_to(name: str) -> None:
+    prior, place = told(fixing(name)), NAMES.index(name)
+    estimate = calibrated(prior)
+    assert estimate.trusted
+    assert estimate.warnings == ()
+    if place < 3:
+        assert estimate.t_parent_imu[place] == MOUNT.t[place]
+    else:
+        assert abs(turned_from(estimate, prior)[place - 3]) < 1e-12
+    others = [index for index in range(6) if index != place]
+    assert sigma(estimate)[place] == 0.0
+    # What is known of one makes no other worse, but for how well the noise is known.
+    free = calibrated(None)
+    assert np.all(sigma(estimate)[others] <= 1.06 * sigma(free)[others])
+    off = np.abs(pose_error(estimate, MOUNT))[others]
+    assert np.all(off < 4 * sigma(estimate)[others])
+
+
+def test_all_of_the_pose_may_be_fixed() -> None:
+    estimate = calibrated(told(fixing(*NAMES)))
+    np.testing.assert_array_equal(estimate.t_parent_imu, MOUNT.t)
+    np.testing.assert_allclose(estimate.R_parent_imu, MOUNT.R, atol=1e-15)
+    np.testing.assert_array_equal(estimate.covariance, np.zeros((6, 6)))
+    # There is still a clock to be found.
+    assert estimate.time_offset_std is not None
+    assert abs(estimate.time_offset) < 4 * estimate.time_offset_std
+
+
+@pytest.mark.parametrize(("name", "size", "unit"), [("tx", 8.0, "mm"), ("rz", -1.0, "deg")])
+def test_a_wrong_fix_is_contradicted_by_name_and_size(name: str, size: float, unit: str) -> None:
+    place = NAMES.index(name)
+    wrong = [0.0] * 6
+    wrong[place] = size * (1e-3 if unit == "mm" else np.pi / 180)
+    prior = told(fixing(name), dt=tuple(wrong[:3]), turn=tuple(wrong[3:]))
+    estimate = calibrated(prior)
+    (reason,) = estimate.distrust
+    assert "the data contradict --fix" in reason
+    match = re.search(rf"left free, {name} would go ([-+][\d.]+) {unit}", reason)
+    assert match is not None, reason
+    assert float(match[1]) == pytest.approx(-size, rel=0.15)
+    assert estimate.corrections == ()
+
+
+def test_of_several_fixed_components_the_wrong_one_is_named() -> None:
+    prior = told(fixing("tx", "ty", "tz", "rx", "ry", "rz"), dt=(0.0, 0.0, 0.02))
+    (reason,) = calibrated(prior).distrust
+    match = re.search(r"left free, tz would go (-[\d.]+) mm", reason)
+    assert match is not None, reason
+    assert float(match[1]) == pytest.approx(-20.0, abs=1.0)
+
+
+def test_a_prior_weighs_in_by_inverse_variance() -> None:
+    """Against the textbook's combination of two Gaussians, from the free estimate's numbers."""
+    free = calibrated(None)
+    assert free.covariance is not None
+    P, std = free.covariance, 1.5 * sigma(free) * [1.0, 0.5, 2.0, 1.0, 0.7, 1.3]
+    away = np.array([2.0, -1.0, 1.5, 1.0, 2.0, -1.5]) * std
+    prior = PosePrior(
+        std=tuple(std),
+        R_parent_imu=Rotation.from_rotvec(away[3:]).as_matrix() @ free.R_parent_imu,
+        t_parent_imu=free.t_parent_imu + away[:3],
+    )
+    both = calibrated(prior)
+    gain = P @ np.linalg.inv(P + np.diag(std**2))
+    expected, left = gain @ away, P - gain @ P
+    turned = Rotation.from_matrix(both.R_parent_imu @ free.R_parent_imu.T).as_rotvec()
+    moved = np.concatenate([both.t_parent_imu - free.t_parent_imu, turned])
+    np.testing.assert_allclose(moved / sigma(free), expected / sigma(free), atol=0.15)
+    np.testing.assert_allclose(sigma(both), np.sqrt(np.diag(left)), rtol=0.07)
+    assert both.distrust == ()
+
+
+def test_a_wide_prior_changes_nothing_and_a_tight_one_holds() -> None:
+    free = calibrated(None)
+    wide = calibrated(told((1.0,) * 3 + (1.0,) * 3, dt=(0.1, 0.0, 0.0)))
+    np.testing.assert_allclose(wide.t_parent_imu, free.t_parent_imu, atol=1e-6)
+    tight = calibrated(told((1e-7,) * 3 + (1e-8,) * 3))
+    assert np.linalg.norm(pose_error(tight, MOUNT)[:3]) < 1e-6
+    assert np.all(sigma(tight) <= 1.01 * np.array([1e-7] * 3 + [1e-8] * 3))
+
+
+def test_a_prior_that_the_data_contradict_is_named() -> None:
+    estimate = calibrated(told((1e-3,) + (np.inf,) * 5, dt=(0.02, 0.0, 0.0)))
+    (reason,) = estimate.distrust
+    match = re.search(r"contradict --prior-std: tx comes out (\d+) standard deviations", reason)
+    assert match is not None, reason
+    # As far as a prior of 1 mm can hold it against what the data know.
+    data = sigma(calibrated(None))[0]
+    assert float(match[1]) == pytest.approx(20.0 / (1.0 + (data / 1e-3) ** 2), abs=1.0)
+
+
+@pytest.mark.parametrize("turn", [-3.0, -2.0, -1.0, 1.3, 2.4, 3.1])
+@pytest.mark.parametrize("axis", range(3))
+def test_one_free_axis_is_found_from_far(axis: int, turn: float) -> None:
+    away = np.zeros(3)
+    away[axis] = turn
+    held = [NAMES[3 + other] for other in range(3) if other != axis]
+    prior = told(fixing(*held), turn=tuple(-away))
+    estimate = calibrated(prior)
+    assert estimate.trusted
+    off = np.abs(turned_from(estimate, prior) - away)
+    assert off[axis] < 4 * sigma(estimate)[3 + axis]
+    assert np.delete(off, axis).max() < 1e-12
+
+
+@pytest.mark.parametrize(
+    "away", [(0, 2.0, 1.5), (2.2, 0, -1.0), (-1.5, -1.8, 0), (0, -0.5, 2.6), (1.0, 0, 0.3)]
+)
+def test_two_free_axes_are_found_from_far(away: tuple[float, ...]) -> None:
+    held = away.index(0)
+    # The prior stands where a turn by ``away`` on the left of it is the truth.
+    R = Rotation.from_rotvec(away).as_matrix().T @ MOUNT.R
+    prior = PosePrior(std=fixing(NAMES[3 + held]), R_parent_imu=R, t_parent_imu=np.zeros(3))
+    estimate = calibrated(prior)
+    assert estimate.trusted
+    assert nees_of_free(estimate, 3 + held) < 25.0
+    assert abs(turned_from(estimate, prior)[held]) < 1e-12
+
+
+def nees_of_free(estimate: Estimate, held: int) -> float:
+    assert estimate.covariance is not None
+    free = [index for index in range(6) if index != held]
+    error = pose_error(estimate, MOUNT)[free]
+    return float(error @ np.linalg.solve(estimate.covariance[np.ix_(free, free)], error))
+
+
+def test_what_the_motion_leaves_open_a_fix_closes() -> None:
+    """About one axis of the wrist, the place along that axis is unknown until it is told.
+
+    The vertical is known: a tilt of the base would look like a turn about the axis.
+    """
+    one = Moves(seed=2, seconds=16.0, amplitude=(0, 0, 0, 0, 1.8, 0))
+    recorded = flawed_log(moves=one).noisy(1, INDUSTRIAL)
+    omega = parent_motion(one, np.arange(0.0, 16.0, 0.01)).omega
+    axis = np.linalg.eigh(omega.T @ omega)[1][:, 2]
+    free = calibrated(None, recorded, "fixed")
+    (left,) = free.unobservable
+    assert left.kind == "translation"
+    assert abs(left.direction_parent @ axis) == pytest.approx(1.0, abs=1e-3)
+    # The axis is nearest to y: any component along it will do.
+    closed = calibrated(told(fixing("ty")), recorded, "fixed")
+    assert closed.trusted
+    assert closed.t_parent_imu[1] == MOUNT.t[1]
+    assert np.linalg.norm(closed.t_parent_imu - MOUNT.t) < 1e-3
+    weighed = calibrated(told((np.inf, 1e-3, *[np.inf] * 4)), recorded, "fixed")
+    assert weighed.trusted
+    assert sigma(weighed)[1] == pytest.approx(1e-3, rel=0.05)
+
+
+def test_a_prior_is_true_of_itself() -> None:
+    """Priors drawn about the truth leave sigma true."""
+    clean, rng = flawed_log(moves=Moves(seed=4, seconds=12.0)), np.random.default_rng(8)
+    std = np.array([3e-4, 2e-4, 4e-4, 1e-4, 1e-4, 1e-4])
+    scores = []
+    for seed in range(15):
+        away = rng.normal(size=6) * std
+        prior = told(tuple(std), dt=tuple(away[:3]), turn=tuple(away[3:]))
+        scores.append(nees(calibrated(prior, clean.noisy(seed)), MOUNT))
+    assert abs(np.mean(scores) - 6.0) < 3 * np.sqrt(12 / 15)
+
+
+def random_state(rng: np.random.Generator) -> State:
+    """Gravity straight down, all else anywhere."""
+    return State(
+        rng.normal(size=3),
+        Rotation.random(rng=rng).as_matrix(),
+        rng.normal(size=3),
+        rng.normal(size=3),
+        np.array([0.0, 0.0, -GRAVITY]),
+        float(rng.normal()) * 1e-3,
+        rng.normal(size=11) * 1e-2,
+    )
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(deadline=None, max_examples=25)
+def test_jacobian_of_the_prior_is_the_difference_of_moved_states(seed: int) -> None:
+    rng, h = np.random.default_rng(seed), 1e-6
+    state = random_state(rng)
+    away = rng.normal(size=3)
+    away *= rng.uniform(0.0, 2.8) / np.linalg.norm(away)
+    options = MatchedOptions(
+        accel_bias_std=0.1,
+        gyro_bias_std=0.1,
+        tilt_std=0.1,
+        pose=PosePrior(
+            std=(0.1,) * 6,
+            R_parent_imu=Rotation.from_rotvec(away).as_matrix() @ state.R,
+            t_parent_imu=rng.normal(size=3),
+        ),
+    )
+    unknowns = make_unknowns(options, offset_free=True, extras=np.ones(12, dtype=bool))
+    assert np.all(unknowns.prior_information > 0.0)
+    steps = h * np.eye(TANGENT)
+    differences = [
+        state_prior_offset(state.moved(s), unknowns) - state_prior_offset(state.moved(-s), unknowns)
+        for s in steps
+    ]
+    expected = np.stack(differences, axis=1) / (2 * h)
+    nominal = state_prior_offset(state, unknowns)
+    np.testing.assert_allclose(solve._prior_jacobian(nominal), expected, atol=1e-7)
+
+
+@pytest.mark.parametrize("direction", [(1.0, 0, 0), (0, -1.0, 0), (0.6, 0.7, 0.1), (0, 0, 1.0)])
+def test_jacobian_of_a_state_holds_wherever_gravity_points(direction: tuple[float, ...]) -> None:
+    rng, h = np.random.default_rng(3), 1e-6
+    gravity = GRAVITY * np.array(direction) / np.linalg.norm(direction)
+    state = replace(random_state(rng), gravity=gravity)
+    steps = h * np.eye(TANGENT)
+    differences = [(state.moved(s).vector() - state.moved(-s).vector()) / (2 * h) for s in steps]
+    J = state.jacobian()
+    np.testing.assert_allclose(J, np.stack(differences, axis=1), atol=1e-8)
+    assert np.abs(J).max(axis=0).min() > 0.0
+    assert np.linalg.matrix_rank(J[:, [*range(*DTILT.indices(TANGENT)), DNORM]]) == 3
