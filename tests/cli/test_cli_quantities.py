@@ -11,7 +11,9 @@ from hypothesis import strategies as st
 
 from imucalib_cli.cli.quantities import (
     parse_choice,
+    parse_components,
     parse_pose,
+    parse_pose_std,
     parse_prior,
     parse_seconds,
     parse_tolerance,
@@ -87,6 +89,61 @@ def test_poses() -> None:
         parse_pose("--initial", "1 2 3 4 5")
 
 
+@pytest.mark.parametrize(
+    ("text", "places"),
+    [("tx", [0]), ("tx,rz", [0, 5]), ("rz, tx", [5, 0]), ("tx,ty,tz,rx,ry,rz", [0, 1, 2, 3, 4, 5])],
+)
+def test_components(text: str, places: list[int]) -> None:
+    assert parse_components("--fix", text) == places
+
+
+@pytest.mark.parametrize("text", ["", "x", "tx,", "tx ty", "TX", "tx;ty", "roll", "tx=1"])
+def test_what_is_no_component_is_refused_with_the_six_there_are(text: str) -> None:
+    with pytest.raises(ChoiceError, match=r"--fix .*expected some of tx, ty, tz, rx, ry, rz"):
+        parse_components("--fix", text)
+
+
+INF, DEG = math.inf, math.radians(1.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "std"),
+    [
+        ("2mm", [2e-3, 2e-3, 2e-3, INF, INF, INF]),
+        ("0.5deg", [INF, INF, INF, 0.5 * DEG, 0.5 * DEG, 0.5 * DEG]),
+        ("2mm,0.5deg", [2e-3, 2e-3, 2e-3, 0.5 * DEG, 0.5 * DEG, 0.5 * DEG]),
+        ("0.5deg, 0.2cm", [2e-3, 2e-3, 2e-3, 0.5 * DEG, 0.5 * DEG, 0.5 * DEG]),
+        ("tx=1mm,rz=0.2deg", [1e-3, INF, INF, INF, INF, 0.2 * DEG]),
+        ("ty = 300um", [INF, 3e-4, INF, INF, INF, INF]),
+        ("2mm,tz=5mm,ry=3mrad", [2e-3, 2e-3, 5e-3, INF, 3e-3, INF]),
+    ],
+)
+def test_standard_deviations_of_a_pose(text: str, std: list[float]) -> None:
+    assert parse_pose_std("--prior-std", text) == pytest.approx(std, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "2",
+        "2mm,",
+        "0mm",
+        "-1mm",
+        "tx=0mm",
+        "tx=1deg",
+        "rx=1mm",
+        "qx=1mm",
+        "tx=",
+        "=1mm,tx",
+        "s=1s",
+    ],
+)
+def test_standard_deviations_that_make_no_sense(text: str) -> None:
+    with pytest.raises(ChoiceError, match="--prior-std"):
+        parse_pose_std("--prior-std", text)
+
+
 def test_choices_list_what_there_is() -> None:
     with pytest.raises(ChoiceError, match="--clock sun: expected auto, header or log"):
         parse_choice("--clock", "sun", ("auto", "header", "log"))
@@ -98,6 +155,9 @@ def test_no_text_is_worse_than_a_choice_error(text: str) -> None:
         parse_window,
         lambda t: parse_seconds("-x", t),
         lambda t: parse_tolerance("-x", t),
+        lambda t: parse_components("-x", t),
+        lambda t: parse_pose_std("-x", t),
+        lambda t: parse_pose_std("-x", f"tx={t}"),
     ):
         with contextlib.suppress(ChoiceError):
             parse(text)
