@@ -121,7 +121,7 @@ def parse_pose_std(option: str, text: str) -> list[float]:
 
     ``2mm,0.5deg`` is of every component, ``tx=1mm,rz=0.2deg`` of some.
     """
-    allowed = "such as 2mm,0.5deg for all components or tx=1mm,rz=0.2deg for some"
+    allowed = "2mm,0.5deg for all components or tx=1mm,rz=0.2deg for some"
     std = [math.inf] * 6
     for part in text.split(","):
         name, _, quantity = part.rpartition("=")
@@ -131,7 +131,7 @@ def parse_pose_std(option: str, text: str) -> list[float]:
         units, kind = (_METRES, range(3)) if unit in _METRES else (_RADIANS, range(3, 6))
         places = [*kind] if not name else parse_components(option, name.strip())
         if unit not in units or any(place not in kind for place in places):
-            raise ChoiceError(f"{option} {text}: '{part.strip()}' is not understood; {allowed}")
+            raise ChoiceError(f"{option} {text}: '{part.strip()}' is not understood; use {allowed}")
         for place in places:
             std[place] = value * units[unit]
     return std

@@ -1,7 +1,7 @@
 """Names of the columns in which every residual of the estimator is linear.
 
-A window's residual is J x, with x = (1, t, vec R, b_a', b_g', g, tau): further unknowns (a joint
-zero, a scale factor) are further columns, and nothing else changes.
+A window's residual is J x, with x = (1, t, vec R, b_a', b_g', g, tau) and, where the data ask for
+them, changes of the sensor's own constants (drift, delay, scales, misalignment).
 """
 
 from __future__ import annotations

@@ -9,6 +9,7 @@ import numpy as np
 
 from imucalib_cli.estimate.fit import Fit, fit_windows
 from imucalib_cli.estimate.offset import coarse_time_offset
+from imucalib_cli.estimate.options import WindowChoice
 from imucalib_cli.estimate.window_choice import choose_window
 from imucalib_cli.estimate.windows import Windowing, plan_windows
 
@@ -22,6 +23,10 @@ if TYPE_CHECKING:
 _CLEARLY_BETTER = 0.3
 """Least fall of the logarithm of both residual scales from which jittered stamps are believed:
 read wrongly they seem to fit better by up to 0.2 in noise, and ticks time the log better."""
+_ENOUGH_WINDOWS = 100
+"""Windows, overlapping eightfold, from which a dozen independent ones speak."""
+_SHORTEST = 0.1
+"""s: shorter windows drown in the noise of the kinematics' derivatives."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,8 +71,24 @@ def _first_attempt(clean: CleanImu, trajectory: Trajectory, options: MatchedOpti
     if offset is None:
         offset, lag = coarse_time_offset(grid, trajectory, options.max_offset)
     windowing = Windowing(grid, trajectory, plan_windows(length, options.degree, grid.dt))
+    if options.window == WindowChoice():
+        windowing, window = _between_gaps(windowing, window, options, offset)
     fit = fit_windows(windowing, options, offset)
     return Attempt(fit, window, lag, imu_ticks, trajectory.use_ticks)
+
+
+def _between_gaps(
+    windowing: Windowing, window: Window, options: MatchedOptions, offset: float
+) -> tuple[Windowing, Window]:
+    """A shorter window where too few of the automatic one fit into the log or between its gaps."""
+    grid = windowing.grid
+    while len(windowing.centres(offset)) < _ENOUGH_WINDOWS and window.seconds > _SHORTEST:
+        shorter = WindowChoice(seconds=0.7 * window.seconds)
+        length, window = choose_window(shorter, grid, windowing.trajectory, options.degree)
+        window = replace(window, reason="automatic: shortened to fit the log and between its gaps")
+        plan = plan_windows(length, options.degree, grid.dt)
+        windowing = Windowing(grid, windowing.trajectory, plan)
+    return windowing, window
 
 
 def _next_attempt(

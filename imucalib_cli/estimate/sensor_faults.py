@@ -1,4 +1,4 @@
-"""Drift, delay, scale and gravity: looked for in what a fit leaves, and found with it if there.
+"""Drift, delay, scale, axes and gravity: looked for in what a fit leaves, then fitted with it.
 
 Each is one more column of the same residual. They are not unknowns from the start, for every
 unknown has its price; but what they would explain of the residuals is known from the rows at hand.

@@ -31,6 +31,8 @@ _CLEAR_LAG = 0.8
 """Correlation of the two rates at the right time offset: even a bad model keeps it."""
 _DROPPED_MOTION = 0.2
 """Share of the motion in windows left out from which the rest no longer speaks for the log."""
+_HEAVY = 15.0
+"""Root mean square of the residuals over their median from which a few of them rule."""
 _PLAIN_ACCEL = 0.1
 _PLAIN_GYRO = 0.02
 """m/s² and rad/s: residuals of a window that no filter, only a wrong model leaves."""
@@ -86,6 +88,7 @@ def reasons_for_distrust(evidence: Evidence, *, unknown: bool) -> list[str]:
                 "they are taken for"
             )
         )
+    reasons += _contradicting(evidence)
     dropped = _dropped_motion(evidence)
     if dropped > _DROPPED_MOTION:
         reasons.append(
@@ -133,6 +136,26 @@ def _unexplained(evidence: Evidence) -> list[str]:
             )
         )
     return reasons
+
+
+def _contradicting(evidence: Evidence) -> list[str]:
+    """A few windows that are far off and were used, for lack of better ones of their kind."""
+    fit = evidence.attempt.fit
+    pairs = zip(
+        fit.rows.residuals(fit.solution.state.vector()), evidence.misfit.sensor_noise, strict=True
+    )
+    size = [np.linalg.norm(residual, axis=1) / noise for residual, noise in pairs]
+    worst = np.maximum(*size)
+    rms = float(np.sqrt(np.average(worst**2, weights=fit.weights)))
+    if rms < _HEAVY * max(float(np.median(worst)), 1.0) or not _matters(evidence.spread):
+        return []
+    grid = fit.windowing.grid
+    when = grid.t0 + grid.dt * float(fit.rows.centres[int(np.argmax(worst * fit.weights))])
+    told = (
+        f"some windows are {worst.max():.2g} times the sensor's own noise off, worst at {when:.1f} "
+        "s of the log, and the rest is not: look there for glitches of the encoders or the IMU"
+    )
+    return [told]
 
 
 def _dropped_motion(evidence: Evidence) -> float:

@@ -116,7 +116,7 @@ def _sigmas(calibration: Calibration) -> Iterator[str]:
             text = f"{figures(value, 6)} mm, held as told by --fix"
         yield f"  {axis:<15} {text}"
     if calibration.known_rotation:
-        stds = " ".join(sigma(std) for std in np.degrees(rotation_std))
+        stds = " ".join("held" if std == 0.0 else sigma(std) for std in np.degrees(rotation_std))
         yield f"  rotation        ± {stds} deg about x, y, z of {calibration.parent}"
     else:
         yield "  rotation        not determined"
