@@ -169,7 +169,9 @@ def _mean_rates(t: Floats, gyro: Floats, edges: Floats) -> Floats:
     rates = np.diff(turned, axis=0) / BIN
     outside = (edges[:-1] < t[0]) | (edges[1:] > t[-1])
     wide = max(_HOLES * float(np.median(steps)), BIN)
-    for hole in np.flatnonzero(steps > wide):
-        outside |= (edges[1:] > t[hole]) & (edges[:-1] < t[hole + 1])
-    rates[outside] = np.nan
+    holes = np.flatnonzero(steps > wide)
+    count = np.zeros(len(edges), np.intp)
+    np.add.at(count, np.searchsorted(edges[1:], t[holes], side="right"), 1)
+    np.add.at(count, np.searchsorted(edges[:-1], t[holes + 1], side="left"), -1)
+    rates[outside | (np.cumsum(count)[:-1] > 0)] = np.nan
     return np.asarray(rates)
