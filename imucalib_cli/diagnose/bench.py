@@ -233,7 +233,7 @@ def _fit(
         return None
     weights = np.ones(len(rows.centres))
     if near is None:
-        state = solve_globally(normal_matrix(rows, weights, bench.noise), still).state
+        state = solve_globally(_normal_matrix(rows, weights, bench.noise), still).state
     else:
         state = near.solution.state
     for turn in range(_PASSES + 1):
@@ -245,15 +245,15 @@ def _fit(
             weights = np.ones(len(rows.centres))
         for _ in range(2):
             weights = window_weights(rows, state.vector(), redescend=False)
-            state = refine(normal_matrix(rows, weights, bench.noise), still, state).state
-        set_offset_column(windowing, offset, rows, state)
+            state = refine(_normal_matrix(rows, weights, bench.noise), still, state).state
+        _set_offset_column(windowing, offset, rows, state)
         if turn == _PASSES or bench.options.time_offset is not None:
             break
-        step = refine(normal_matrix(rows, weights, bench.noise), moving, state).state
+        step = refine(_normal_matrix(rows, weights, bench.noise), moving, state).state
         reach = 0.25 * windowing.plan.length * windowing.grid.dt
         offset += float(np.clip(step.tau, -reach, reach))
         state = replace(step, tau=0.0)
-    solution = refine(normal_matrix(rows, weights, bench.noise), still, state)
+    solution = refine(_normal_matrix(rows, weights, bench.noise), still, state)
     return Trial(
         path=windowing.trajectory.path,
         windowing=windowing,
@@ -277,7 +277,7 @@ def _left_by_any_matrix(rows: WindowRows) -> float:
     return float(np.linalg.norm(left)) / turning if turning > 0.0 else 0.0
 
 
-def normal_matrix(rows: WindowRows, weights: Floats, noise: tuple[float, float]) -> Floats:
+def _normal_matrix(rows: WindowRows, weights: Floats, noise: tuple[float, float]) -> Floats:
     """Normal matrix of all windows, the sensors weighted by their noise."""
     root = np.sqrt(weights)[:, None, None]
     total = np.zeros((columns.COUNT, columns.COUNT))
@@ -287,7 +287,7 @@ def normal_matrix(rows: WindowRows, weights: Floats, noise: tuple[float, float])
     return total
 
 
-def set_offset_column(windowing: Windowing, offset: float, rows: WindowRows, state: State) -> None:
+def _set_offset_column(windowing: Windowing, offset: float, rows: WindowRows, state: State) -> None:
     """Fill the column of the time offset by central difference."""
     x = state.vector()
     x[columns.TAU] = 0.0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from imucalib_cli.estimate.sentence import Says, says_any
 
@@ -19,6 +19,13 @@ if TYPE_CHECKING:
     from imucalib_cli.signals.samples import ImuSamples
 
     Floats = NDArray[np.float64]
+
+HypothesisKind = Literal[
+    "conjugate", "inverse", "link", "offset", "order", "quaternion", "sign", "unit", "zero"
+]
+"""Faults that another kinematic path, or another time offset, would explain."""
+FindingKind = HypothesisKind | Literal["base", "chain", "length", "publishers", "ringing", "sensor"]
+"""Those, and faults that are found otherwise; ``chain``: zeros and lengths together."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -41,9 +48,8 @@ class Case:
 class Finding:
     """A cause that explains what the model as told does not."""
 
-    kind: str
-    """Of the fault, one word: link, sign, order, zero, length, inverse, quaternion, unit, offset,
-    ringing, base."""
+    kind: FindingKind
+    """Of the fault."""
     names: tuple[str, ...]
     """The joints, links or topics at fault; empty where it is none of them."""
     sentence: str

@@ -19,7 +19,7 @@ from imucalib_cli.estimate.sentence import Says, without
 
 if TYPE_CHECKING:
     from imucalib_cli.diagnose.bench import Bench, Trial
-    from imucalib_cli.diagnose.case import Case, Finding
+    from imucalib_cli.diagnose.case import Case, Finding, FindingKind
     from imucalib_cli.estimate.estimate import Estimate
 
 _OFFSET_FALL = 2.0
@@ -29,7 +29,7 @@ _SMALL_GYRO = 0.1
 _GENERIC = frozenset({Says.POOR, Says.PARTS_DIFFER})
 """What a cause explains, and what need not be said beside it. A small error of the chain explains
 away that parts of the log differ too: it pulls unlike moves apart."""
-_ASIDE = frozenset({"ringing", "publishers"})
+_ASIDE: frozenset[FindingKind] = frozenset({"ringing", "publishers"})
 """Findings that say why residuals are large, but not that the answer is another."""
 _SIGMAS = 2.0
 _MOST_MOVED = (2e-3, math.radians(0.2))

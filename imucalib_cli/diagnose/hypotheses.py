@@ -30,7 +30,7 @@ from imucalib_cli.errors import ImucalibError
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from imucalib_cli.diagnose.case import Case
+    from imucalib_cli.diagnose.case import Case, HypothesisKind
     from imucalib_cli.robot.path import KinematicPath
 
 _MOST_LISTED = 3
@@ -48,7 +48,7 @@ FAR_OFFSET = 60.0
 class Hypothesis:
     """One thing that may be wrong, and the path that would be right."""
 
-    kind: str
+    kind: HypothesisKind
     names: tuple[str, ...]
     path: KinematicPath
     cause: str

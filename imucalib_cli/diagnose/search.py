@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from imucalib_cli.diagnose.bench import Bench, Trial
-    from imucalib_cli.diagnose.case import Case
+    from imucalib_cli.diagnose.case import Case, HypothesisKind
     from imucalib_cli.diagnose.hypotheses import Hypothesis
 
 _POOR = (0.25, 0.05)
@@ -34,7 +34,7 @@ _RISE = 3.0
 """Largest rise of the other sensor's, which must stay good: a fit bends to what is largest."""
 _TIE = 0.25
 """Mean logarithm of residuals within which two hypotheses explain equally."""
-_LIKELY = (
+_LIKELY: tuple[HypothesisKind, ...] = (
     "offset",
     "link",
     "order",
@@ -52,7 +52,7 @@ _STRETCH = 5.0
 """s: half of what is searched at once for a far offset."""
 _HOPELESS = 0.3
 """Share of the rotation that even a free matrix leaves, from which a path is not fitted at all."""
-_ALWAYS = frozenset({"offset", "inverse", "conjugate", "unit"})
+_ALWAYS: frozenset[HypothesisKind] = frozenset({"offset", "inverse", "conjugate", "unit"})
 """Kinds whose rates may be those of the path as told, so that screening by rates is blind."""
 
 
