@@ -14,12 +14,12 @@ from imucalib_cli.estimate import columns
 from imucalib_cli.estimate.fit import MIN_WINDOWS, make_unknowns
 from imucalib_cli.estimate.offset import coarse_time_offset
 from imucalib_cli.estimate.prepare import clean_imu
-from imucalib_cli.estimate.robust import MAD_TO_STD, SCALE_FLOOR, window_weights
+from imucalib_cli.estimate.robust import SCALE_FLOOR, window_weights
 from imucalib_cli.estimate.solve import Solution, State, refine, solve_globally
 from imucalib_cli.estimate.windows import Windowing, WindowPlan, WindowRows
 from imucalib_cli.signals.grid import ImuGrid, imu_grid
 from imucalib_cli.signals.kernels import matched_filter
-from imucalib_cli.signals.spikes import NOISE_OF_DEVIATION, deviation_from_neighbours
+from imucalib_cli.signals.spikes import MAD_TO_STD, NOISE_OF_DEVIATION, deviation_from_neighbours
 from imucalib_cli.signals.trajectory import CleanTrack, Trajectory, clean_track
 
 if TYPE_CHECKING:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from imucalib_cli.diagnose.case import Finding
 from imucalib_cli.diagnose.hypotheses import label_of, topic_of
 from imucalib_cli.robot.path import JointStep, PoseStep
+from imucalib_cli.signals.spikes import MAD_TO_STD
 
 if TYPE_CHECKING:
     from imucalib_cli.robot.path import KinematicPath, Track
@@ -78,7 +79,7 @@ def _jump(values: Floats) -> float | None:
     signs = np.sign(steps[large])
     back = float(np.mean(signs[1:] != signs[:-1]))
     typical = float(np.median(size[large]))
-    spread = float(np.median(np.abs(size[large] - typical))) * 1.4826
+    spread = float(np.median(np.abs(size[large] - typical))) * MAD_TO_STD
     rest = float(np.median(size[~large])) if (~large).any() else 0.0
     # With both publishers in strict turns there is no step along one curve to compare with.
     along = float(np.median(np.abs(values[2:] - values[:-2]))) / 2.0 if large.all() else rest

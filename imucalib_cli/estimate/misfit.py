@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.estimate import columns
-from imucalib_cli.estimate.robust import MAD_TO_STD, SCALE_FLOOR
-from imucalib_cli.signals.spikes import NOISE_OF_DEVIATION, deviation_from_neighbours
+from imucalib_cli.estimate.robust import SCALE_FLOOR
+from imucalib_cli.signals.spikes import MAD_TO_STD, NOISE_OF_DEVIATION, deviation_from_neighbours
 
 if TYPE_CHECKING:
     from imucalib_cli.estimate.fit import Fit

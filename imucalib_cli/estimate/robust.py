@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.estimate import columns
+from imucalib_cli.signals.spikes import MAD_TO_STD
 
 if TYPE_CHECKING:
     from imucalib_cli.estimate.windows import WindowRows
 
 Floats = NDArray[np.float64]
 
-MAD_TO_STD = 1.4826
 SCALE_FLOOR = (2e-4, 1e-5)
 """m/s² and rad/s: below what any IMU resolves within a window, so no reason for doubt."""
 _CHI2_6_MEDIAN = 5.348

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from imucalib_cli.estimate.estimate import Window
 from imucalib_cli.signals.kernels import convolve_at, matched_filter
-from imucalib_cli.signals.spikes import NOISE_OF_DEVIATION, deviation_from_neighbours
+from imucalib_cli.signals.spikes import MAD_TO_STD, NOISE_OF_DEVIATION, deviation_from_neighbours
 
 if TYPE_CHECKING:
     from imucalib_cli.estimate.options import WindowChoice
@@ -124,12 +124,14 @@ def _moving_variance(track: CleanTrack) -> Floats:
         # Not the largest speed: a tracker that jumps once would be all that moves.
         active = speed > 0.2 * np.percentile(speed, 95)
         if active.sum() >= 8:
-            variance[channel] = (np.median(np.abs(rest[active])) * 1.4826 / NOISE_OF_DEVIATION) ** 2
+            variance[channel] = (
+                np.median(np.abs(rest[active])) * MAD_TO_STD / NOISE_OF_DEVIATION
+            ) ** 2
     return variance
 
 
 def _median_deviation(values: Floats) -> float:
-    return float(np.median(np.abs(deviation_from_neighbours(values)))) * 1.4826
+    return float(np.median(np.abs(deviation_from_neighbours(values)))) * MAD_TO_STD
 
 
 def _lever_power(grid: ImuGrid, trajectory: Trajectory, degree: int) -> float:

@@ -15,6 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from imucalib_cli.signals.spikes import MAD_TO_STD
+
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
@@ -206,7 +208,7 @@ def _robust_line(x: Floats, y: Floats) -> Floats:
     line = np.polyfit(x, y, 1)
     for _ in range(3):
         off = np.abs(y - np.polyval(line, x))
-        near = off <= 3.0 * 1.4826 * np.median(off) + 1e-12
+        near = off <= 3.0 * MAD_TO_STD * np.median(off) + 1e-12
         line = np.polyfit(x[near], y[near], 1)
     return np.asarray(line)
 

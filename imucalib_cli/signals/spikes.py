@@ -13,7 +13,8 @@ _MAX_RUN = 3
 """Longest run of neighbours that is still a glitch and not motion."""
 _BLOCK = 256
 """Samples over which noise is taken as constant: vibration comes and goes with motion."""
-_MAD_TO_STD = 1.4826
+MAD_TO_STD = 1.4826
+"""Standard deviation over median absolute deviation, of normal noise."""
 _SIDES = (-2, -1, 1, 2)
 _MOST_SPREAD = 2.5
 """Times the usual spread of a sample's neighbours."""
@@ -94,7 +95,7 @@ def _leaps(t: Floats, values: Floats, floor: float) -> NDArray[np.bool_]:
     apart = np.minimum(
         _off_polynomial(t, values, (-3, -2, -1)), _off_polynomial(t, values, (1, 2, 3))
     )
-    scale = _MAD_TO_STD * np.median(size, axis=0)
+    scale = MAD_TO_STD * np.median(size, axis=0)
     worst = size >= np.maximum.reduce([np.roll(size, shift, axis=0) for shift in _SIDES])
     leap = worst & (size > np.maximum(_THRESHOLD * scale, floor)) & (apart > 0.5 * size)
     # Across a hole polynomials say nothing.
@@ -167,8 +168,8 @@ def _local_scale(off: Floats) -> Floats:
     """Robust standard deviation of the deviations, block by block, never below the log's own."""
     blocks = max(len(off) // _BLOCK, 1)
     size = len(off) // blocks
-    local = np.median(off[: blocks * size].reshape(blocks, size), axis=1) * _MAD_TO_STD
-    local = np.maximum(local, np.median(off) * _MAD_TO_STD)
+    local = np.median(off[: blocks * size].reshape(blocks, size), axis=1) * MAD_TO_STD
+    local = np.maximum(local, np.median(off) * MAD_TO_STD)
     # Vibration sets in anywhere within a block: the louder neighbour tells how loud it may be.
     edges = np.pad(local, 1, mode="edge")
     local = np.maximum.reduce([edges[:-2], local, edges[2:]])

@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from imucalib_cli.signals.spikes import NOISE_OF_DEVIATION, deviation_from_neighbours
+from imucalib_cli.signals.spikes import MAD_TO_STD, NOISE_OF_DEVIATION, deviation_from_neighbours
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -129,7 +129,7 @@ def constant_axes(values: Floats) -> Mask:
 def noise(values: Floats) -> Floats:
     """Standard deviation of each channel's white noise, (C,)."""
     off = np.abs(deviation_from_neighbours(values))
-    return np.asarray(np.median(off, axis=0) * 1.4826 / NOISE_OF_DEVIATION)
+    return np.asarray(np.median(off, axis=0) * MAD_TO_STD / NOISE_OF_DEVIATION)
 
 
 def jumps_out(values: Floats, runs: Runs, sensor: Sensor) -> Mask:
