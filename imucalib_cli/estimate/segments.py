@@ -5,7 +5,7 @@ All of it follows from one information matrix and one score a segment; nothing i
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING
@@ -65,6 +65,9 @@ class Segments:
     """(P, P), of the information of all and the prior."""
     free: Indices
     """(P,), tangent components."""
+    spectrum: ScoreSpectrum
+    rows: list[Indices]
+    """Windows of each segment."""
 
     @property
     def count(self) -> int:
@@ -143,6 +146,24 @@ class Segments:
         chi2, freedom = self.chi2((index,))
         return Change(index, difference, covariance * max(chi2 / freedom, 1.0))
 
+    def against_own_noise(self, index: int) -> Change:
+        """The log cut before a segment, against the noise that the change is no part of.
+
+        A bias that steps is loud where biases are told, and hides in the noise it seems to be. So
+        noise is learned from the two parts, each at its own solution, without the segments next
+        to the cut, in one of which the change happened.
+        """
+        e = self.spectrum.e.copy()
+        apart = [(0, index - 1), (index + 1, self.count)]
+        for start, stop in apart:
+            windows = np.concatenate(self.rows[start:stop])
+            e[windows] += self.spectrum.J[windows] @ self.solution(start, stop)
+        kept = np.concatenate([np.concatenate(self.rows[start:stop]) for start, stop in apart])
+        J, slots = self.spectrum.J[kept], self.spectrum.slots[kept]
+        levels = replace(self.spectrum, J=J, e=e[kept], slots=slots).noise_levels(self.inverse)
+        noise = [self.spectrum.score_covariance(levels, windows) for windows in self.rows]
+        return replace(self, noise=np.stack(noise)).split(index)
+
     @cached_property
     def _changes(self) -> list[Change]:
         """The log cut everywhere it can be."""
@@ -215,6 +236,8 @@ def cut(
         prior=prior,
         inverse=inverse,
         free=free,
+        spectrum=spectrum,
+        rows=parts,
     )
 
 

@@ -16,8 +16,9 @@ from scipy.stats import chi2
 
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions
+from imucalib_cli.simulate.load import load_grade
 from tests.estimate.estimate_arm import INDUSTRIAL, MEMS, MOUNT, Log, Mount, Moves, rotation_error
-from tests.estimate.estimate_faults import Flaws, flawed_log, nees
+from tests.estimate.estimate_faults import Flaws, biased_from, flawed_log, nees
 
 if TYPE_CHECKING:
     from imucalib_cli.estimate.estimate import Consistency, Estimate
@@ -106,6 +107,44 @@ def test_a_clock_that_was_set_is_named_with_time_and_size(
     assert abs(when - instant) <= give + 1.0
     assert number_before("ms", told) == pytest.approx(1e3 * jump, rel=0.2)
     assert estimate.corrections == ()
+
+
+@pytest.mark.parametrize("grade", GRADES)
+@pytest.mark.parametrize("instant", [11.0, 20.0])
+@pytest.mark.parametrize(
+    ("sensor", "step", "unit"),
+    [("gyroscope", (0.01, 0.0, -0.005), "rad/s"), ("accelerometer", (0.1, 0.2, -0.1), "m/s²")],
+)
+def test_a_bias_that_stepped_is_named_with_time_and_size(
+    sensor: str, step: tuple[float, float, float], unit: str, instant: float, grade: str
+) -> None:
+    clean = flawed_log(moves=MOVES).noisy(1, GRADES[grade])
+    stepped = {"gyro": step} if sensor == "gyroscope" else {"accel": step}
+    estimate = calibrated(biased_from(clean, instant, **stepped))
+    (told, *rest) = estimate.distrust
+    assert f"the {sensor}'s bias changes by" in told
+    assert all("times the sensor's own noise" in other for other in rest)
+    when, give = instant_in(told)
+    assert abs(when - instant) <= give + 1.0
+    # The segment in which it happened belongs to neither part.
+    assert number_before(unit, told) == pytest.approx(np.linalg.norm(step), rel=0.3)
+    assert estimate.corrections == ()
+
+
+@pytest.mark.parametrize("grade", GRADES)
+def test_biases_that_walk_are_no_step(grade: str) -> None:
+    clean, known = flawed_log(moves=MOVES), load_grade(grade)
+    for seed in range(3):
+        log = clean.noisy(seed, GRADES[grade])
+        rng = np.random.default_rng(seed)
+        root = np.sqrt(np.median(np.diff(log.imu.t)))
+        walk = np.cumsum(rng.normal(size=(2, *log.imu.accel.shape)) * root, axis=1)
+        walking = log.with_imu(
+            log.imu.t,
+            log.imu.gyro + known.gyro_bias_walk * walk[0],
+            log.imu.accel + known.accel_bias_walk * walk[1],
+        )
+        assert calibrated(walking).distrust == ()
 
 
 @pytest.mark.parametrize("grade", GRADES)
