@@ -34,7 +34,8 @@ from imucalib_cli.robot.rotations import rotation_angle, skew
 
 if TYPE_CHECKING:
     from imucalib_cli.estimate.options import MatchedOptions
-    from imucalib_cli.estimate.windows import Corrections, Windowing, WindowRows
+    from imucalib_cli.estimate.sensor_model import Corrections
+    from imucalib_cli.estimate.windows import Windowing, WindowRows
 
 Floats = NDArray[np.float64]
 

@@ -12,7 +12,7 @@ from imucalib_cli.estimate.corrections import corrections_of, in_words, misread
 from imucalib_cli.estimate.estimate import Estimate, Residuals
 from imucalib_cli.estimate.observability import unobservable_directions, widen
 from imucalib_cli.estimate.prepare import CleanImu, clean_imu
-from imucalib_cli.estimate.priors import missed_priors
+from imucalib_cli.estimate.priors import missed_priors, resting_on_priors
 from imucalib_cli.estimate.readings import Attempt, best_reading
 from imucalib_cli.estimate.sensor_faults import with_sensor_faults
 from imucalib_cli.estimate.sentence import Says, Sentence
@@ -83,6 +83,7 @@ def _estimate(evidence: Evidence) -> Estimate:
     corrections = corrections_of(fit, P)
     seconds, told = float(clean.t[-1] - clean.t[0]), fit.unknowns.gravity_norm
     warnings = [in_words(correction, seconds, told) for correction in corrections]
+    warnings += resting_on_priors(fit, options, P)
     warnings += warnings_of(evidence)
     if estimated_offset and not timed:
         unsure = "the motion does not determine the time offset; the value is a guess"

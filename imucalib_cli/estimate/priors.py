@@ -5,19 +5,25 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from imucalib_cli.estimate.covariance import squared_distance
+from imucalib_cli.estimate.observability import ROTATION_LIMIT, TRANSLATION_LIMIT
 from imucalib_cli.estimate.score_test import ScoreTest
-from imucalib_cli.estimate.solve import DBA, DBG, DTILT, POSE, TANGENT, state_prior_offset
+from imucalib_cli.estimate.solve import DBA, DBG, DT, DTILT, POSE, TANGENT, state_prior_offset
 
 if TYPE_CHECKING:
     from imucalib_cli.estimate.fit import Fit
     from imucalib_cli.estimate.options import MatchedOptions
 
+Floats = NDArray[np.float64]
+
 _MISSED = 5.0
 """Standard deviations from which a prior and the data contradict each other."""
 _PULLED = 40.0
 """Squared sigmas by which the data must pull at fixed components to contradict them."""
+_UNTOUCHED = 0.9
+"""Share of a prior's deviation that is left where the data add nothing to it."""
 _NEGLIGIBLE = 1e-5
 """m and rad: no drawing is more exact, so no contradiction is smaller."""
 _NAMES = ("tx", "ty", "tz", "rx", "ry", "rz")
@@ -48,6 +54,37 @@ def missed_priors(fit: Fit, options: MatchedOptions) -> list[str]:
     ]
     fixed = np.arange(TANGENT)[POSE][std == 0.0]
     return found + ([] if not len(fixed) else _pulled(fit, fixed))
+
+
+def resting_on_priors(fit: Fit, options: MatchedOptions, covariance: Floats) -> list[str]:
+    """Which components come from what was told and not from the log, in a sentence.
+
+    Args:
+        fit: The solution.
+        options: The user's.
+        covariance: (TANGENT, TANGENT), of the solution.
+    """
+    if options.pose is None:
+        return []
+    std = np.array(options.pose.std)
+    told = [
+        place
+        for place in range(6)
+        if 0.0 < std[place] < np.inf and covariance[place, place] > (_UNTOUCHED * std[place]) ** 2
+    ]
+    fixed = np.arange(TANGENT)[POSE][std == 0.0]
+    if len(fixed):
+        _, C = ScoreTest(fit, fixed).step(fixed)
+        unseen = np.sqrt(np.diag(C)) > np.where(fixed < DT.stop, TRANSLATION_LIMIT, ROTATION_LIMIT)
+        told += [int(place) for place in fixed[unseen]]
+    if not told:
+        return []
+    names = ", ".join(_NAMES[place] for place in sorted(told))
+    sentence = (
+        f"the log says nothing on {names} beyond what was told by --fix or --prior-std: "
+        "it neither confirms nor contradicts it"
+    )
+    return [sentence]
 
 
 def _pulled(fit: Fit, fixed: np.ndarray[tuple[int], np.dtype[np.intp]]) -> list[str]:

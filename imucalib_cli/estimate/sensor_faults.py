@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from imucalib_cli.errors import InputError
 from imucalib_cli.estimate.covariance import squared_distance
 from imucalib_cli.estimate.fit import fit_windows
 from imucalib_cli.estimate.misfit import Misfit, measure_misfit
@@ -63,7 +64,7 @@ _NEGLIGIBLE: Final = {
 _MOST_FAULTS = 3
 _SIGNIFICANT = 40.0
 """Chi-squared of up to three degrees of freedom from which a fault is there. Chance reaches 30 in
-a millionth of logs; joint zeros 10 mrad off and lengths 1 % off were seen at 15."""
+a millionth of logs; what joint zeros and lengths mimic is stopped by what they leave over."""
 _PER_COMPONENT = 10.0
 """Chi-squared by which a fault of more components must explain more than one of fewer."""
 _BETTER = 0.02
@@ -96,6 +97,8 @@ def with_sensor_faults(
             break
         chosen = np.concatenate([chosen, further])
         best = _with(chosen, attempt, options)
+        if best is attempt:
+            return attempt, misfit
     if not len(chosen):
         return attempt, misfit
     if DNORM in chosen:
@@ -115,14 +118,17 @@ def with_sensor_faults(
 
 
 def _with(components: Indices, attempt: Attempt, options: MatchedOptions) -> Attempt:
-    """The fit with further tangent components free."""
-    fit = fit_windows(
-        attempt.fit.windowing,
-        options,
-        attempt.fit.time_offset,
-        attempt.fit.solution.state.here(),
-        np.isin(np.arange(TANGENT), components)[OPTIONAL],
-    )
+    """The fit with further tangent components free; as it is where that leads out of the log."""
+    try:
+        fit = fit_windows(
+            attempt.fit.windowing,
+            options,
+            attempt.fit.time_offset,
+            attempt.fit.solution.state.here(),
+            np.isin(np.arange(TANGENT), components)[OPTIONAL],
+        )
+    except InputError:
+        return attempt
     return replace(attempt, fit=fit)
 
 

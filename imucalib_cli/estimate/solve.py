@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.estimate import columns
+from imucalib_cli.estimate.starts import least_squares, start_rotations
 from imucalib_cli.robot.rotations import (
     matrix_from_rotvec,
     rotation_angle,
@@ -25,8 +25,6 @@ _ROUGH_STEPS = 8
 """Steps from each start before the best are carried to their minimum."""
 _RUNNERS = 4
 """Starts that ended elsewhere and are tried as the second minimum."""
-_TURNS = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0)
-"""rad: how far the starts of a partly fixed rotation stand from what it is fixed to."""
 _CONVERGED = 1e-12
 """Step, in the mixed units of the tangent, below which the solve has arrived."""
 
@@ -187,7 +185,12 @@ def solve_globally(normal: Floats, unknowns: Unknowns) -> Solution:
         normal: (COUNT, COUNT), normal matrix; cost = x' normal x.
         unknowns: What may move, and priors.
     """
-    starts = _start_rotations(normal, unknowns)
+    starts = start_rotations(
+        normal,
+        turns=unknowns.turns,
+        known=unknowns.R_prior,
+        told=bool(unknowns.prior_information[DPHI].any()),
+    )
     rough = [refine(normal, unknowns, _start(normal, R, unknowns), _ROUGH_STEPS) for R in starts]
     rough.sort(key=lambda solution: solution.cost)
     first = refine(normal, unknowns, rough[0].state)
@@ -199,25 +202,6 @@ def solve_globally(normal: Floats, unknowns: Unknowns) -> Solution:
         if not _same_rotation(other, first):
             return replace(first, runner_up=other.state)
     return first
-
-
-def _start_rotations(normal: Floats, unknowns: Unknowns) -> list[Floats]:
-    """Rotations of which one is in the basin of the least cost."""
-    turns, known = unknowns.turns, unknowns.R_prior
-    if turns.all():
-        starts = [_relaxed_rotation(normal), *cube_rotations()]
-        return [known, *starts] if unknowns.prior_information[DPHI].any() else starts
-    if not turns.any():
-        return [known]
-    axes = np.eye(3)[turns]
-    # One axis: all around it. Two: the disc of turns about axes between them.
-    heading = np.linspace(0.0, 2 * np.pi, 12, endpoint=False)
-    rays = (
-        [axes[0], -axes[0]]
-        if len(axes) == 1
-        else [np.array([np.cos(h), np.sin(h)]) @ axes for h in heading]
-    )
-    return [known, *(matrix_from_rotvec(angle * ray) @ known for ray in rays for angle in _TURNS)]
 
 
 def _same_rotation(one: Solution, other: Solution) -> bool:
@@ -300,7 +284,7 @@ def _start(normal: Floats, R: Floats, unknowns: Unknowns) -> State:
     known[columns.ONE], known[columns.R] = 1.0, R.reshape(9)
     known[columns.T] = np.where(held, unknowns.t_prior, 0.0)
     x = known.copy()
-    x[moving] = _least_squares(normal[np.ix_(moving, moving)], normal[moving] @ known)
+    x[moving] = least_squares(normal[np.ix_(moving, moving)], normal[moving] @ known)
     gravity = np.array([0.0, 0.0, -unknowns.gravity_norm])
     found = x[columns.G]
     if unknowns.gravity_norm > 0.0 and unknowns.free[DTILT].all() and found.any():
@@ -308,35 +292,3 @@ def _start(normal: Floats, R: Floats, unknowns: Unknowns) -> State:
     accel_bias = np.where(unknowns.free[DBA], x[columns.BA], 0.0)
     gyro_bias = np.where(unknowns.free[DBG], x[columns.BG], 0.0)
     return State(x[columns.T], R, accel_bias, gyro_bias, gravity)
-
-
-def _least_squares(matrix: Floats, rhs: Floats) -> Floats:
-    """Minimum-norm x of matrix x = -rhs, columns scaled to one."""
-    scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-    inverse = np.linalg.pinv(matrix / np.outer(scale, scale), rcond=1e-10, hermitian=True)
-    return np.asarray(-(inverse @ (rhs / scale)) / scale)
-
-
-def _relaxed_rotation(normal: Floats) -> Floats:
-    """Rotation nearest to the unconstrained 3x3 matrix that fits best."""
-    rest = np.r_[1:22]
-    x = _least_squares(normal[np.ix_(rest, rest)], normal[rest, columns.ONE])
-    return nearest_rotation(x[3:12].reshape(3, 3))
-
-
-def nearest_rotation(M: Floats) -> Floats:
-    """Rotation nearest to a 3x3 matrix in the Frobenius norm (Schönemann 1966)."""
-    U, _, Vt = np.linalg.svd(M)
-    return np.asarray(U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt)
-
-
-def cube_rotations() -> list[Floats]:
-    """The 24 rotations of the cube: no rotation is further than 63 degrees from one of them."""
-    found = []
-    for order in itertools.permutations(range(3)):
-        for signs in itertools.product((1.0, -1.0), repeat=3):
-            M = np.zeros((3, 3))
-            M[range(3), order] = signs
-            if np.linalg.det(M) > 0:
-                found.append(M)
-    return found

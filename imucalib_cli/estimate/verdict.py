@@ -155,7 +155,7 @@ def _contradicting(evidence: Evidence) -> list[str]:
         f"some windows are {worst.max():.2g} times the sensor's own noise off, worst at {when:.1f} "
         "s of the log, and the rest is not: look there for glitches of the encoders or the IMU"
     )
-    return [told]
+    return [_poor(told)]
 
 
 def _dropped_motion(evidence: Evidence) -> float:

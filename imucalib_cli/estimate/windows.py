@@ -11,7 +11,7 @@ R_c' as well, so that all residuals read in the parent frame.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -19,7 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.estimate import columns
-from imucalib_cli.robot.rotations import matrix_from_rotvec, rotvec_from_matrix, skew
+from imucalib_cli.estimate.sensor_model import Corrections
+from imucalib_cli.robot.rotations import skew
 from imucalib_cli.signals.kernels import MARGIN, MatchedFilter, convolve_at, matched_filter
 
 if TYPE_CHECKING:
@@ -109,52 +110,6 @@ class WindowRows:
         return self.accel @ x, self.gyro @ x
 
 
-_ONES = (1.0, 1.0, 1.0)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Corrections:
-    """How the IMU departs from the ideal one, as far as the data ask for it."""
-
-    drift: float = 0.0
-    """s/s: the IMU's clock gains so much on the robot's, about the middle of the log."""
-    gyro_delay: float = 0.0
-    """s: stamp of the gyroscope - stamp of the accelerometer for the same instant."""
-    accel_scale: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    """Measured over true, IMU axes."""
-    gyro_scale: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    gyro_turn: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Rotation vector from the gyroscope's axes to the accelerometer's, rad."""
-
-    @property
-    def R_accel_gyro(self) -> Floats:
-        """(3, 3), takes the gyroscope's axes to the accelerometer's."""
-        return matrix_from_rotvec(np.array(self.gyro_turn))
-
-    def imu(self, gyro: Floats, accel: Floats) -> tuple[Floats, Floats]:
-        """What an ideal sensor would have measured, (N, 3) each."""
-        if self.gyro_scale != _ONES:
-            gyro = gyro / np.array(self.gyro_scale)
-        if any(self.gyro_turn):
-            gyro = gyro @ self.R_accel_gyro.T
-        return gyro, accel if self.accel_scale == _ONES else accel / np.array(self.accel_scale)
-
-    def moved(self, extras: Floats) -> Corrections:
-        """After a step in (drift, delay, accelerometer's scales, gyroscope's scales, turn)."""
-        accel, gyro = (
-            tuple(float(s) for s in np.array(scale) * (1.0 + extras[part]))
-            for scale, part in ((self.accel_scale, slice(2, 5)), (self.gyro_scale, slice(5, 8)))
-        )
-        turn = rotvec_from_matrix(matrix_from_rotvec(extras[8:11]) @ self.R_accel_gyro)
-        return Corrections(
-            drift=self.drift + float(extras[0]),
-            gyro_delay=self.gyro_delay + float(extras[1]),
-            accel_scale=(accel[0], accel[1], accel[2]),
-            gyro_scale=(gyro[0], gyro[1], gyro[2]),
-            gyro_turn=(float(turn[0]), float(turn[1]), float(turn[2])),
-        )
-
-
 @dataclass(frozen=True, eq=False)
 class Windowing:
     """An IMU and a trajectory seen through the same windows."""
@@ -162,7 +117,7 @@ class Windowing:
     grid: ImuGrid
     trajectory: Trajectory
     plan: WindowPlan
-    corrections: Corrections = Corrections()
+    corrections: Corrections = field(default_factory=Corrections)
 
     @property
     def middle(self) -> float:

@@ -27,11 +27,10 @@ from imucalib_cli.estimate.solve import (
     TANGENT,
     State,
     Unknowns,
-    cube_rotations,
-    nearest_rotation,
     refine,
     solve_globally,
 )
+from imucalib_cli.estimate.starts import cube_rotations, nearest_rotation
 from imucalib_cli.estimate.statistics import block_statistics
 from imucalib_cli.estimate.uncertainty import bias_std
 from imucalib_cli.estimate.windows import Windowing, WindowRows, plan_windows
