@@ -32,7 +32,7 @@ _KINDS: Final[dict[str, Indices]] = {
 }
 _NEGLIGIBLE: Final = {"clock": 1e-4, "gyro bias": 2e-4, "accel bias": 5e-3}
 """s, rad/s, m/s²: a change smaller than this is not worth a sentence."""
-_MOVED = (5e-4, 5e-3)
+_MOVED = (2e-3, 5e-3)
 """m and rad: a pose that changes by less is the model's imperfection, which sigma covers."""
 
 

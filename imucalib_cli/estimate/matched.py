@@ -84,7 +84,7 @@ def _estimate(evidence: Evidence) -> Estimate:
     seconds, told = float(clean.t[-1] - clean.t[0]), fit.unknowns.gravity_norm
     warnings = [in_words(correction, seconds, told) for correction in corrections]
     warnings += resting_on_priors(fit, options, P)
-    warnings += warnings_of(evidence)
+    warnings += warnings_of(evidence, unknown=bool(unobservable))
     if estimated_offset and not timed:
         unsure = "the motion does not determine the time offset; the value is a guess"
         warnings.append(Sentence(unsure, Says.POOR))

@@ -180,8 +180,13 @@ def _matters(spread: Uncertainty) -> bool:
     return bool(std[:3].max() > _NEGLIGIBLE_MM * 1e-3 or std[3:].max() > _NEGLIGIBLE_MM * 1e-3)
 
 
-def warnings_of(evidence: Evidence) -> list[str]:
-    """What the user should know of a result, a sentence each."""
+def warnings_of(evidence: Evidence, *, unknown: bool) -> list[str]:
+    """What the user should know of a result, a sentence each.
+
+    Args:
+        evidence: Of the fit.
+        unknown: Whether directions are unobservable: gravity and biases then are no evidence.
+    """
     attempt, clean, spread = evidence.attempt, evidence.clean, evidence.spread
     fit = attempt.fit
     warnings = []
@@ -215,6 +220,8 @@ def warnings_of(evidence: Evidence) -> list[str]:
         )
     state = fit.solution.state
     norm = float(np.linalg.norm(state.gravity))
+    if unknown:
+        return warnings
     if norm > 0.0:
         tilt_deg = float(np.degrees(np.arccos(np.clip(-state.gravity[2] / norm, -1.0, 1.0))))
         if tilt_deg > _TILTED_DEG:

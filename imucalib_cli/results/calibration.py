@@ -127,10 +127,11 @@ class Calibration:
     def known_directions(self) -> tuple[KnownDirection, ...]:
         """What the motion determined all the same, where it left something undetermined.
 
-        Across the undetermined directions, in which the covariance is that of the estimate.
+        Across the undetermined directions, in which the covariance is that of the estimate; none
+        where the result is contradicted besides.
         """
         covariance, unknown = self.estimate.covariance, self.estimate.unobservable
-        if covariance is None or not unknown:
+        if covariance is None or not unknown or self.estimate.distrust:
             return ()
         found: list[KnownDirection] = []
         kinds: tuple[tuple[Literal["translation", "rotation"], slice], ...] = (

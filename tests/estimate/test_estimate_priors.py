@@ -165,7 +165,7 @@ def test_a_prior_that_the_data_contradict_is_named() -> None:
     assert float(match[1]) == pytest.approx(20.0 / (1.0 + (data / 1e-3) ** 2), abs=1.0)
 
 
-@pytest.mark.parametrize("turn", [-3.0, -2.0, -1.0, 1.3, 2.4, 3.1])
+@pytest.mark.parametrize("turn", [-2.9, -1.3, 2.2, 3.1])
 @pytest.mark.parametrize("axis", range(3))
 def test_one_free_axis_is_found_from_far(axis: int, turn: float) -> None:
     away = np.zeros(3)
@@ -228,11 +228,11 @@ def test_a_prior_is_true_of_itself() -> None:
     clean, rng = flawed_log(moves=Moves(seed=4, seconds=12.0)), np.random.default_rng(8)
     std = np.array([3e-4, 2e-4, 4e-4, 1e-4, 1e-4, 1e-4])
     scores = []
-    for seed in range(15):
+    for seed in range(10):
         away = rng.normal(size=6) * std
         prior = told(tuple(std), dt=tuple(away[:3]), turn=tuple(away[3:]))
         scores.append(nees(calibrated(prior, clean.noisy(seed)), MOUNT))
-    assert abs(np.mean(scores) - 6.0) < 3 * np.sqrt(12 / 15)
+    assert abs(np.mean(scores) - 6.0) < 3 * np.sqrt(12 / 10)
 
 
 def random_state(rng: np.random.Generator) -> State:
