@@ -83,7 +83,7 @@ WIRINGS = {
 
 @cache
 def log_of(seed: int) -> Log:
-    moves = Moves(seed=seed, seconds=10.0)
+    moves = Moves(seed=seed, seconds=14.0)
     return flawed_log(moves=moves, mount=random_mount(seed))
 
 
