@@ -21,10 +21,10 @@ Indices = NDArray[np.intp]
 
 COMMON_SCALE = (1e-3, 5e-5)
 """m/s² and rad/s: residuals of a window that an ordinary IMU would leave."""
-_COMMON_SHARE = 4.0
+_COMMON_SHARE = 9.0
 """Covariance of a model error over what the scatter of segments shows of it. Most of what a wrong
 length does is common to all segments and cancels in their differences: with origins 1 % too long
-the error is 1 to 2.5 times what the scatter alone says (benchmarks/model_error.py)."""
+the error is 1 to 3.4 times what the scatter alone says (benchmarks/model_error.py)."""
 _SYSTEMATIC_SHARE = 9.0
 """Widening of noise that is a function of the motion: what repeats with each move does not average
 out. Joint zeros, held joints, delays and scale errors then come out within their sigma."""
