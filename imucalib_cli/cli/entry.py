@@ -20,6 +20,7 @@ def main() -> int:
     signal.signal(signal.SIGINT, _leave)
     from imucalib_cli.cli.main import main as run
 
+    sys.unraisablehook = _unraisable
     signal.signal(signal.SIGINT, _interrupt)
     try:
         code = run()
@@ -43,6 +44,13 @@ def _interrupt(_number: int, _frame: FrameType | None) -> None:
         signal.signal(signal.SIGALRM, _leave)
         signal.setitimer(signal.ITIMER_REAL, _PATIENCE)
     raise KeyboardInterrupt
+
+
+def _unraisable(unraisable: "sys.UnraisableHookArgs") -> None:
+    """End the process where an interruption came in a callback, which cannot pass it on."""
+    if isinstance(unraisable.exc_value, KeyboardInterrupt):
+        _leave(0, None)
+    sys.__unraisablehook__(unraisable)
 
 
 def _leave(_number: int, _frame: FrameType | None) -> None:

@@ -95,6 +95,8 @@ def _calibrate_one(
     check_overlap(samples, imu.topic, motion, recording.clock)
     mended = repair(imu, samples.t, motion.path, request)
     options = _with_initial(request.estimator, motion, verifying=request.needs_nominal)
+    # The published method's guess is recorded as where it came from, a prior as what it was.
+    told = replace(request, estimator=options) if isinstance(options, MatchedOptions) else request
     either_sign = request.units.sign == "auto"
     estimate = _estimate(mended.samples, mended.path, options, either_sign=either_sign)
     estimate = mended.told(explain(estimate, mended, motion, recording, request))
@@ -103,7 +105,7 @@ def _calibrate_one(
         child=motion.child,
         estimate=replace(estimate, warnings=(*recording.warnings, *estimate.warnings)),
         nominal=motion.nominal,
-        provenance=_provenance(recording, imu, motion, replace(request, estimator=options)),
+        provenance=_provenance(recording, imu, motion, told),
     )
     return calibration if request.require is None else require(calibration, request.require)
 
