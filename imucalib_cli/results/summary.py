@@ -170,6 +170,14 @@ def _fit(calibration: Calibration) -> Iterator[str]:
         f"  residual rms    accel {_numbers(residuals.accel_rms, 5)} m/s², "
         f"gyro {_numbers(residuals.gyro_rms, 6)} rad/s"
     )
+    parts = estimate.consistency
+    if parts is not None:
+        apart = float(np.linalg.norm(parts.halves_difference[:3])) * 1e3
+        turned = math.degrees(float(np.linalg.norm(parts.halves_difference[3:])))
+        yield (
+            f"  consistency     first and second half {figures(apart, 2)} mm and "
+            f"{figures(turned, 2)} deg apart, {figures(parts.halves_sigmas, 2)} sigma"
+        )
     nominal = calibration.nominal
     if nominal is None:
         return
