@@ -29,6 +29,8 @@ _SIGNIFICANCE_Z = 2.326
 """Normal quantile of p = 0.01: rarer scatter than that is not noise."""
 _COMPARABLE = (0.02, 0.02)
 """m and rad: parts that know the pose no better than this are not held against each other."""
+_ROUNDING = 1e-14
+"""Eigenvalue of a scaled information that is no longer more than rounding."""
 _LEAST_PART = 2
 """Segments on either side of a change, so that each side shows its own scatter."""
 
@@ -182,8 +184,16 @@ class Segments:
     def _determined(self, change: Change) -> bool:
         """Whether each component of the pose is known well enough to be compared."""
         pose = self.places(POSE)
-        std = np.sqrt(np.maximum(np.diag(change.covariance)[pose], 0.0))
-        return bool((std < np.where(self.free[pose] < DT.stop, *_COMPARABLE)).all())
+        limits = np.where(self.free[pose] < DT.stop, *_COMPARABLE)
+        variances = [np.diag(change.covariance)[pose]]
+        for start, stop in ((0, change.index), (change.index, self.count)):
+            # What a part does not see has no noise either, so its information is asked as well.
+            A = self.information[start:stop].sum(axis=0) + np.diag(self.prior)
+            scale = 1.0 / np.sqrt(np.diag(A))
+            values, vectors = np.linalg.eigh(A * np.outer(scale, scale))
+            scaled = vectors[pose] * scale[pose, None]
+            variances.append((scaled**2 / np.maximum(values, _ROUNDING * values[-1])).sum(axis=1))
+        return bool((np.maximum.reduce(variances) < limits**2).all())
 
     def jackknife(self) -> Floats:
         """(P,), standard deviation of the solution by leaving each segment out in turn."""
