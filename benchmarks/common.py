@@ -34,8 +34,6 @@ class Case:
     noise: NoiseOptions
     options: MatchedOptions = field(default_factory=MatchedOptions)
     system: str = "rihibot"
-    seeds: float = 1.0
-    """Share of the seeds asked for: long logs say much each."""
 
 
 @cache

@@ -24,6 +24,9 @@ _CHANGED: Final = {"pose": 35.0, "clock": 40.0, "gyro bias": 150.0, "accel bias"
 them. Of 600 clean logs one came to 29 in the pose, in white noise and coloured, none to 15 in the
 clock. Biases are held against the noise that is left without the change: those that walk come to
 26, ten times as fast to 107; a MEMS gyroscope's that steps by 2 mrad/s to several hundred."""
+_STEP: Final = 16.0
+"""Square of a bias' step over its mean square wandering besides: what walks for half an hour is
+far from where it was, and comes to 7 here."""
 _KINDS: Final[dict[str, Indices]] = {
     "pose": np.arange(TANGENT)[POSE],
     "clock": np.array([DTAU]),
@@ -45,14 +48,10 @@ def consistency(spread: Uncertainty) -> Consistency | None:
     middle = segments.count // 2
     # Against noise without the change: a mount that moved would hide in what it made of it.
     halves = segments.against_own_noise(middle) if middle > 1 else segments.split(middle)
-    jackknife, difference = np.zeros(6), np.zeros(6)
-    which = segments.free[pose]
-    jackknife[which] = segments.jackknife()[pose]
-    difference[which] = halves.difference[pose]
     return Consistency(
         folds=segments.count,
-        fold_std=jackknife,
-        halves_difference=difference,
+        fold_std=segments.in_tangent(segments.jackknife())[POSE],
+        halves_difference=segments.in_tangent(halves.difference)[POSE],
         halves_sigmas=float(np.sqrt(halves.distance(pose) / max(len(pose), 1))),
         segment_chi2=spread.segment_chi2,
         whiteness=spread.whiteness,
@@ -73,7 +72,8 @@ def change_in_words(fit: Fit, segments: Segments | None) -> Sentence | None:
         if not bias and best.distance(part) < _CHANGED[kind]:
             continue
         quiet = segments.against_own_noise(best.index)
-        if not bias or quiet.distance(part) > _CHANGED[kind]:
+        loud = quiet.distance(part) > _CHANGED[kind]
+        if not bias or (loud and segments.stands_out(best.index, part) > _STEP):
             found.append((quiet.distance(part) / len(part), kind, best))
     if not found:
         return None
@@ -83,8 +83,7 @@ def change_in_words(fit: Fit, segments: Segments | None) -> Sentence | None:
 
 
 def _matters(kind: str, change: Change, segments: Segments) -> bool:
-    full = np.zeros(TANGENT)
-    full[segments.free] = change.difference
+    full = segments.in_tangent(change.difference)
     if kind == "pose":
         return bool(np.linalg.norm(full[DT]) > _MOVED[0] or np.linalg.norm(full[DPHI]) > _MOVED[1])
     return bool(np.abs(full[_KINDS[kind]]).max() > _NEGLIGIBLE[kind])
@@ -93,7 +92,7 @@ def _matters(kind: str, change: Change, segments: Segments) -> bool:
 def _when(fit: Fit, segments: Segments, index: int) -> str:
     """Instant of the log at which a segment begins, as far as segments tell it."""
     kept = np.flatnonzero(fit.weights > 0.0)
-    first = np.array_split(kept, segments.count)[index][0]
+    first = kept[segments.rows[index][0]]
     grid = fit.windowing.grid
     seconds = grid.t0 + grid.dt * float(fit.rows.centres[first])
     length = (fit.rows.centres[kept[-1]] - fit.rows.centres[kept[0]]) * grid.dt / segments.count
@@ -101,8 +100,7 @@ def _when(fit: Fit, segments: Segments, index: int) -> str:
 
 
 def _told(kind: str, change: Change, segments: Segments, when: str) -> str:
-    full = np.zeros(TANGENT)
-    full[segments.free] = change.difference
+    full = segments.in_tangent(change.difference)
     match kind:
         case "clock":
             return (

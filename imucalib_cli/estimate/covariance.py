@@ -32,6 +32,8 @@ _RESPONSE_FLOOR = 1e-3
 """Kernel response below which frequencies carry no information and no weight."""
 _LEAST_FREEDOM = 0.25
 """Share of a band's freedom that is taken to remain, however many unknowns it determines."""
+_ROUNDING = 1e-14
+"""Eigenvalue of a scaled information that is no longer more than rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,3 +177,11 @@ def squared_distance(d: Floats, C: Floats) -> float:
     scale = 1.0 / np.sqrt(np.maximum(np.diag(C), 1e-300))
     values, vectors = np.linalg.eigh(C * np.outer(scale, scale))
     return float(np.sum((vectors.T @ (d * scale)) ** 2 / np.maximum(values, 1e-9)))
+
+
+def inverse_of(A: Floats) -> Floats:
+    """Inverse of a positive matrix of mixed units; stays positive where A is singular."""
+    scale = 1.0 / np.sqrt(np.diag(A))
+    values, vectors = np.linalg.eigh(A * np.outer(scale, scale))
+    scaled = vectors * scale[:, None]
+    return np.asarray((scaled / np.maximum(values, _ROUNDING * values[-1])) @ scaled.T)

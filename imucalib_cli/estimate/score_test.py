@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from imucalib_cli.estimate.uncertainty import bounded_priors, gram, inverse_of, score_spectrum
+from imucalib_cli.estimate.covariance import inverse_of
+from imucalib_cli.estimate.uncertainty import bounded_priors, gram, score_spectrum
 
 if TYPE_CHECKING:
     from imucalib_cli.estimate.fit import Fit

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from imucalib_cli.estimate.covariance import squared_distance
+from imucalib_cli.estimate.covariance import inverse_of, squared_distance
 from imucalib_cli.estimate.solve import DT, POSE, TANGENT
 
 if TYPE_CHECKING:
@@ -29,8 +29,6 @@ _SIGNIFICANCE_Z = 2.326
 """Normal quantile of p = 0.01: rarer scatter than that is not noise."""
 _COMPARABLE = (0.02, 0.02)
 """m and rad: parts that know the pose no better than this are not held against each other."""
-_ROUNDING = 1e-14
-"""Eigenvalue of a scaled information that is no longer more than rounding."""
 _LEAST_PART = 2
 """Segments on either side of a change, so that each side shows its own scatter."""
 
@@ -131,11 +129,17 @@ class Segments:
         """(P,), how far the solution of some segments alone is from that of all."""
         return np.asarray(-self._inverse_of(start, stop) @ self.score[start:stop].sum(axis=0))
 
+    def in_tangent(self, values: Floats) -> Floats:
+        """(TANGENT,), values of the free components, the others zero."""
+        full = np.zeros(TANGENT)
+        full[self.free] = values
+        return full
+
+    def _information_of(self, start: int, stop: int) -> Floats:
+        return np.asarray(self.information[start:stop].sum(axis=0) + np.diag(self.prior))
+
     def _inverse_of(self, start: int, stop: int) -> Floats:
-        A = self.information[start:stop].sum(axis=0) + np.diag(self.prior)
-        scale = 1.0 / np.sqrt(np.diag(A))
-        scaled = np.linalg.pinv(A * np.outer(scale, scale), rcond=1e-12, hermitian=True)
-        return np.asarray(scaled * np.outer(scale, scale))
+        return _inverse_where_seen(self._information_of(start, stop))
 
     def split(self, index: int) -> Change:
         """The log cut before a segment: how the two parts differ."""
@@ -168,18 +172,33 @@ class Segments:
 
     @cached_property
     def _changes(self) -> list[Change]:
-        """The log cut everywhere it can be."""
-        return [self.split(k) for k in range(_LEAST_PART, self.count - _LEAST_PART + 1)]
+        """The log cut everywhere that leaves two parts which both determine the pose."""
+        cuts = (self.split(k) for k in range(_LEAST_PART, self.count - _LEAST_PART + 1))
+        return [change for change in cuts if self._determined(change)]
 
     def change(self, part: Indices) -> Change | None:
         """The cut across which some components differ most.
 
         None where there is none whose two parts both determine the pose.
         """
-        known = [change for change in self._changes if self._determined(change)]
-        if not len(part) or not known:
+        if not len(part) or not self._changes:
             return None
-        return max(known, key=lambda change: change.distance(part))
+        return max(self._changes, key=lambda change: change.distance(part))
+
+    def stands_out(self, index: int, part: Indices) -> float:
+        """How far some components step at a cut, over how far they wander elsewhere.
+
+        The square of the step, in units of the mean square of the differences between segments
+        that the step is no part of: 1 for what walks, infinite where there are no such segments.
+        """
+        each = np.stack([self.solution(k, k + 1)[part] for k in range(self.count)])
+        # The change is somewhere in the two segments next to the cut: a walk takes three steps
+        # from the one before them to the one behind.
+        step = each[index + 1] - each[index - 2]
+        others = np.diff(np.delete(each, [index - 1, index], axis=0), axis=0)
+        others = np.delete(others, index - 2, axis=0)
+        wander = np.mean(others**2) if len(others) else 0.0
+        return float(np.mean(step**2) / 3.0 / wander) if wander > 0.0 else np.inf
 
     def _determined(self, change: Change) -> bool:
         """Whether each component of the pose is known well enough to be compared."""
@@ -188,22 +207,16 @@ class Segments:
         variances = [np.diag(change.covariance)[pose]]
         for start, stop in ((0, change.index), (change.index, self.count)):
             # What a part does not see has no noise either, so its information is asked as well.
-            A = self.information[start:stop].sum(axis=0) + np.diag(self.prior)
-            scale = 1.0 / np.sqrt(np.diag(A))
-            values, vectors = np.linalg.eigh(A * np.outer(scale, scale))
-            scaled = vectors[pose] * scale[pose, None]
-            variances.append((scaled**2 / np.maximum(values, _ROUNDING * values[-1])).sum(axis=1))
+            variances.append(np.diag(inverse_of(self._information_of(start, stop)))[pose])
         return bool((np.maximum.reduce(variances) < limits**2).all())
 
     def jackknife(self) -> Floats:
         """(P,), standard deviation of the solution by leaving each segment out in turn."""
-        total = self.information.sum(axis=0) + np.diag(self.prior)
-        left_out = []
-        for information, score in zip(self.information, self.score, strict=True):
-            A = total - information
-            scale = 1.0 / np.sqrt(np.maximum(np.diag(A), 1e-300))
-            inverse = np.linalg.pinv(A * np.outer(scale, scale), rcond=1e-12, hermitian=True)
-            left_out.append(inverse @ (score * scale) * scale)
+        total = self._information_of(0, self.count)
+        left_out = [
+            _inverse_where_seen(total - information) @ score
+            for information, score in zip(self.information, self.score, strict=True)
+        ]
         spread = np.stack(left_out)
         spread -= spread.mean(axis=0)
         return np.asarray(np.sqrt((self.count - 1) / self.count * (spread**2).sum(axis=0)))
@@ -249,6 +262,13 @@ def cut(
         spectrum=spectrum,
         rows=parts,
     )
+
+
+def _inverse_where_seen(A: Floats) -> Floats:
+    """Inverse of an information of mixed units; zero along what it does not see."""
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(A), 1e-300))
+    scaled = np.linalg.pinv(A * np.outer(scale, scale), rcond=1e-12, hermitian=True)
+    return np.asarray(scaled * np.outer(scale, scale))
 
 
 def beyond_noise(chi2: float, freedom: float) -> bool:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from imucalib_cli.estimate.covariance import ScoreSpectrum, kernel_response
+from imucalib_cli.estimate.covariance import ScoreSpectrum, inverse_of, kernel_response
 from imucalib_cli.estimate.segments import Segments, beyond_noise, cut
 from imucalib_cli.estimate.solve import DPHI, DT, DTILT, POSE, TANGENT
 from imucalib_cli.estimate.window_choice import kinematic_noise, second_derivative_gain
@@ -31,8 +31,6 @@ out. Joint zeros, held joints, delays and scale errors then come out within thei
 _CHANGED = 20.0
 """Squared distance of the pose between two parts of a log, in sigmas, that one clean log in a
 hundred comes to."""
-_ROUNDING = 1e-14
-"""Eigenvalue of the scaled information that is no longer more than rounding."""
 
 
 def bounded_priors() -> Floats:
@@ -138,14 +136,6 @@ def gram(J: Floats) -> Floats:
     """J'J over windows and axes, (P, P), of rows (W, 6, P)."""
     flat = J.reshape(-1, J.shape[2])
     return np.asarray(flat.T @ flat)
-
-
-def inverse_of(A: Floats) -> Floats:
-    """Inverse of a positive matrix of mixed units; stays positive where A is singular."""
-    scale = 1.0 / np.sqrt(np.diag(A))
-    values, vectors = np.linalg.eigh(A * np.outer(scale, scale))
-    scaled = vectors * scale[:, None]
-    return np.asarray((scaled / np.maximum(values, _ROUNDING * values[-1])) @ scaled.T)
 
 
 def _embed(covariance: Floats, free: Indices) -> Floats:

@@ -131,19 +131,27 @@ def test_a_bias_that_stepped_is_named_with_time_and_size(
     assert estimate.corrections == ()
 
 
+def walking_biases(log: Log, seed: int, *, gyro: float, accel: float) -> Log:
+    """The log with biases that walk, rad/s/√s and m/s²/√s."""
+    root = np.sqrt(np.median(np.diff(log.imu.t)))
+    steps = np.random.default_rng(seed).normal(size=(2, *log.imu.accel.shape))
+    walk = np.cumsum(root * steps, axis=1)
+    return log.with_imu(log.imu.t, log.imu.gyro + gyro * walk[0], log.imu.accel + accel * walk[1])
+
+
 @pytest.mark.parametrize("grade", GRADES)
 def test_biases_that_walk_are_no_step(grade: str) -> None:
     clean, known = flawed_log(moves=MOVES), load_grade(grade)
     for seed in range(2):
         log = clean.noisy(seed, GRADES[grade])
-        rng = np.random.default_rng(seed)
-        root = np.sqrt(np.median(np.diff(log.imu.t)))
-        walk = np.cumsum(rng.normal(size=(2, *log.imu.accel.shape)) * root, axis=1)
-        walking = log.with_imu(
-            log.imu.t,
-            log.imu.gyro + known.gyro_bias_walk * walk[0],
-            log.imu.accel + known.accel_bias_walk * walk[1],
-        )
+        walking = walking_biases(log, seed, gyro=known.gyro_bias_walk, accel=known.accel_bias_walk)
+        assert calibrated(walking).distrust == ()
+
+
+def test_a_bias_far_from_where_it_was_has_not_stepped_if_it_walked_there() -> None:
+    clean = flawed_log(moves=Moves(seed=3, seconds=240.0))
+    for seed, gyro in ((1, 3e-5), (2, 3e-5), (2, 1e-4)):
+        walking = walking_biases(clean.noisy(seed, MEMS), seed, gyro=gyro, accel=10.0 * gyro)
         assert calibrated(walking).distrust == ()
 
 
