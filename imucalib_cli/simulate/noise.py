@@ -25,6 +25,7 @@ from imucalib_cli.simulate.recording import (
     Messages,
     PoseRecord,
     Recording,
+    rows_kept,
 )
 
 if TYPE_CHECKING:
@@ -147,9 +148,7 @@ def _publish(
 def _lose(record: Record, share: float, rng: np.random.Generator) -> tuple[Record, Kept]:
     """Drop a share of the rows; names and frames stay."""
     kept = rng.random(len(record.t)) >= share
-    values = {f.name: getattr(record, f.name) for f in fields(record)}
-    arrays = {name: v[kept] for name, v in values.items() if isinstance(v, np.ndarray)}
-    return replace(record, **arrays), kept
+    return rows_kept(record, kept), kept
 
 
 def _interval(record: Messages) -> float:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,6 +56,21 @@ class PoseRecord(Messages):
     """(N, 3), m."""
     quaternion_xyzw: Floats
     """(N, 4)."""
+
+
+Record = TypeVar("Record", bound=Messages)
+
+
+def rows_kept(record: Record, kept: NDArray[np.bool_]) -> Record:
+    """A publisher's record with only some of its messages; names and frames stay.
+
+    Args:
+        record: N messages.
+        kept: (N,), which of them.
+    """
+    values = {f.name: getattr(record, f.name) for f in fields(record)}
+    arrays = {name: v[kept] for name, v in values.items() if isinstance(v, np.ndarray)}
+    return replace(record, **arrays)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -15,7 +15,7 @@ from rosbags.highlevel import AnyReader
 
 from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.simulate.config import SystemConfig
-from imucalib_cli.simulate.load import builtin_names, load_grade, load_system
+from imucalib_cli.simulate.load import load_grade, load_system, system_names
 from imucalib_cli.simulate.truth import _plain
 from imucalib_cli.simulate.urdf import urdf_text
 
@@ -67,7 +67,7 @@ def test_the_papers_mounts_are_the_truth() -> None:
 
 
 def test_builtin_systems_are_found_and_nothing_else() -> None:
-    assert builtin_names() == ["barbot", "rihibot"]
+    assert system_names() == ["barbot", "rihibot"]
     with pytest.raises(ChoiceError, match="choose barbot, rihibot"):
         load_system("imu_grades")
     with pytest.raises(ChoiceError, match="choose ideal, industrial, mems"):
@@ -130,7 +130,7 @@ def test_an_arm_needs_a_number_for_every_joint(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("content", "words"), [("a: [", "not YAML"), ("5", "not a system"), ("\xff", "not")]
+    ("content", "words"), [("a: [", "not YAML"), ("5", "no keys and values"), ("\xff", "not")]
 )
 def test_files_that_are_no_system_say_so(tmp_path: Path, content: str, words: str) -> None:
     path = tmp_path / "mine.yaml"

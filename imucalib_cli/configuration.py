@@ -1,0 +1,105 @@
+"""Configurations that come with the package, or from the user's own YAML, each key checked."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import MISSING, fields, is_dataclass
+from importlib import resources
+from pathlib import Path
+from types import NoneType, UnionType
+from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args, get_origin, get_type_hints
+
+import yaml
+
+from imucalib_cli.errors import InputError
+
+if TYPE_CHECKING:
+    from importlib.resources.abc import Traversable
+
+T = TypeVar("T")
+
+_EXPONENT = re.compile(r"[-+]?\d+[eE][-+]?\d+")
+
+
+def builtin_names(folder: str = "") -> list[str]:
+    """Names, without suffix, of the YAML files of a folder of configs/."""
+    names = (Path(file.name) for file in _configs().joinpath(folder).iterdir())
+    return sorted(name.stem for name in names if name.suffix == ".yaml")
+
+
+def read_builtin(name: str) -> dict[str, Any]:
+    """Content of configs/<name>.yaml; the name may have folders."""
+    text = _configs().joinpath(f"{name}.yaml").read_text("utf-8")
+    loaded: dict[str, Any] = yaml.safe_load(text)
+    return loaded
+
+
+def read_yaml(path: Path) -> dict[str, Any]:
+    """Keys and values of the user's own file.
+
+    Raises:
+        InputError: It cannot be read or holds something else.
+    """
+    try:
+        loaded = yaml.safe_load(path.read_text("utf-8"))
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror}; name a readable YAML file") from error
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        line = " ".join(str(error).split())
+        raise InputError(f"{path}: not YAML ({line}); see configs/ for examples") from error
+    if not isinstance(loaded, dict):
+        raise InputError(f"{path}: holds no keys and values; see configs/ for examples")
+    return loaded
+
+
+def build(kind: type[T], raw: object, where: str) -> T:
+    """Make a dataclass from what YAML gave, each key and type checked.
+
+    Raises:
+        InputError: A key is missing, unknown or of another type; names it.
+    """
+    if not isinstance(raw, dict):
+        raise InputError(f"{where}: expected keys and values, found {raw!r}")
+    hints = get_type_hints(kind)
+    known = {field.name: field for field in fields(kind)}  # type: ignore[arg-type]
+    unknown = sorted(set(raw) - set(known), key=str)
+    if unknown:
+        raise InputError(f"{where}: unknown key {unknown[0]}; known are {', '.join(known)}")
+    missing = [n for n, f in known.items() if n not in raw and f.default is MISSING]
+    if missing:
+        raise InputError(f"{where}: key {missing[0]} is missing; see configs/ for an example")
+    return kind(**{n: _convert(hints[n], v, f"{where}: {n}") for n, v in raw.items()})
+
+
+def _convert(hint: Any, value: object, where: str) -> Any:
+    """A value as its field's type wants it."""
+    origin, args = get_origin(hint), get_args(hint)
+    if origin is UnionType:  # the only unions are "or None"
+        return None if value is None and NoneType in args else _convert(args[0], value, where)
+    if isinstance(hint, type) and is_dataclass(hint):
+        return build(hint, value, where)
+    if origin is tuple and isinstance(value, list):
+        kinds = [args[0]] * len(value) if args[-1] is Ellipsis else list(args)
+        if len(kinds) == len(value):
+            return tuple(_convert(k, v, where) for k, v in zip(kinds, value, strict=True))
+    if hint is float and _is_number(value):
+        return float(str(value))
+    # bool is an int to Python, and is none here
+    if (hint in {bool, int, str} and type(value) is hint) or (origin is Literal and value in args):
+        return value
+    raise InputError(f"{where}: {value!r} does not fit; see configs/ for an example")
+
+
+def _is_number(value: object) -> bool:
+    if isinstance(value, str):  # YAML 1.1 takes 1e-4, without a dot, for a word
+        return _EXPONENT.fullmatch(value) is not None
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _configs() -> Traversable:
+    """The repository's configs/, which the package carries as imucalib_cli.configs."""
+    try:
+        return resources.files("imucalib_cli.configs")
+    except ModuleNotFoundError:  # run from the source tree without an install
+        return Path(__file__).parents[1] / "configs"

@@ -1,0 +1,32 @@
+"""The studies there are, each imported only when it is asked for."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from imucalib_cli.study.experiment import Study
+
+STUDIES: dict[str, tuple[str, str]] = {
+    "noise": ("imucalib_cli.study.noise_study", "Table 2: sensitivity to IMU noise"),
+}
+"""Module, which has ``load(file, quick)``, and what it is, by name."""
+
+
+def load_study(name: str, file: Path | None = None, *, quick: bool = False) -> Study:
+    """A study with its parameters.
+
+    Args:
+        name: One of STUDIES.
+        file: Parameters of the user's own, as configs/studies/ has them.
+        quick: Few runs, for a look or for CI.
+
+    Raises:
+        InputError: The parameters cannot be read.
+    """
+    module, _ = STUDIES[name]
+    study: Study = import_module(module).load(file, quick=quick)
+    return study

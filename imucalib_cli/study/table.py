@@ -1,0 +1,55 @@
+"""Tables of studies, for people and for machines."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from dataclasses import asdict, dataclass
+from typing import Literal
+
+TableFormat = Literal["markdown", "csv", "json"]
+FORMATS: tuple[TableFormat, ...] = ("markdown", "csv", "json")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Table:
+    """A table of cells that are already text."""
+
+    title: str
+    header: tuple[str, ...]
+    """Units included."""
+    rows: tuple[tuple[str, ...], ...]
+    note: str = ""
+    """What a reader must know to read it rightly."""
+
+
+def render_tables(tables: list[Table], fmt: TableFormat) -> str:
+    """All tables as one text that ends with a line feed."""
+    if fmt == "json":
+        return json.dumps([asdict(table) for table in tables], indent=2, ensure_ascii=False) + "\n"
+    if fmt == "csv":
+        return _csv(tables)
+    return "\n".join(_markdown(table) for table in tables)
+
+
+def _csv(tables: list[Table]) -> str:
+    """One block a table, its title in the first column, so that blocks can be told apart."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    for table in tables:
+        writer.writerow(("table", *table.header))
+        writer.writerows((table.title, *row) for row in table.rows)
+    return text.getvalue()
+
+
+def _markdown(table: Table) -> str:
+    lines = [f"### {table.title}", ""]
+    lines += [f"{table.note}", ""] if table.note else []
+    lines += [_line(table.header), "|" + "---|" * len(table.header)]
+    lines += [_line(row) for row in table.rows]
+    return "\n".join(lines) + "\n"
+
+
+def _line(cells: tuple[str, ...]) -> str:
+    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
