@@ -19,19 +19,27 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-SITE = "imu"
+SITE, CAMERA = "imu", "camera"
+Mount = tuple[str, "Floats", "Floats"]
 
 
 def model_xml(
-    system: SystemConfig, R_parent_imu: Floats, t_parent_imu: Floats, gravity_world: Floats
+    system: SystemConfig,
+    R_parent_imu: Floats,
+    t_parent_imu: Floats,
+    gravity_world: Floats,
+    camera: Mount | None = None,
 ) -> str:
     """Write the model with an accelerometer and a gyroscope at the IMU's mount.
+
+    With a camera its pose in the world, position and quaternion wxyz, is read after them.
 
     Args:
         system: What to model.
         R_parent_imu: (3, 3), true orientation of the IMU in its parent link.
         t_parent_imu: (3,), m.
         gravity_world: (3,), m/s².
+        camera: The link that carries the camera, R_link_camera (3, 3), p_link_camera (3,), m.
 
     Raises:
         InputError: The parent link is not in the configuration.
@@ -56,6 +64,12 @@ def model_xml(
     sensors = ET.SubElement(root, "sensor")
     ET.SubElement(sensors, "gyro", site=SITE)
     ET.SubElement(sensors, "accelerometer", site=SITE)
+    if camera is not None:
+        link, R_link_camera, p_link_camera = camera
+        position, orientation = _numbers(p_link_camera), _numbers(_wxyz(R_link_camera))
+        ET.SubElement(bodies[link], "site", name=CAMERA, pos=position, quat=orientation)
+        ET.SubElement(sensors, "framepos", objtype="site", objname=CAMERA)
+        ET.SubElement(sensors, "framequat", objtype="site", objname=CAMERA)
     return ET.tostring(root, encoding="unicode")
 
 

@@ -19,6 +19,7 @@ from imucalib_cli.robot.rotations import (
     quaternion_from_matrix,
 )
 from imucalib_cli.simulate.recording import (
+    CameraRecord,
     Corruption,
     ImuRecord,
     JointRecord,
@@ -56,14 +57,24 @@ def corrupt(recording: Recording, noise: NoiseOptions, seed: int) -> Recording:
     if recording.corruption is not None:
         raise InputError("this recording has noise already; corrupt the clean one")
     _check(noise)
-    imu_seed, robot_seed = np.random.SeedSequence(seed).spawn(2)
+    imu_seed, robot_seed, camera_seed = np.random.SeedSequence(seed).spawn(3)
     imu, corruption = _corrupt_imu(recording.imu, noise, imu_seed, seed)
     seeds = robot_seed.spawn(len(recording.robot))
     parts = zip(recording.robot, seeds, strict=True)
     robot = tuple(_corrupt_robot(record, noise, part_seed) for record, part_seed in parts)
     dropped = sum(len(r.t) for r in recording.robot) - sum(len(r.t) for r in robot)
     corruption = replace(corruption, robot_dropped=dropped)
-    return replace(recording, imu=imu, robot=robot, corruption=corruption)
+    camera = recording.camera and _corrupt_camera(recording.camera, noise, camera_seed)
+    return replace(recording, imu=imu, robot=robot, camera=camera, corruption=corruption)
+
+
+def _corrupt_camera(
+    record: CameraRecord, noise: NoiseOptions, seed: np.random.SeedSequence
+) -> CameraRecord:
+    s = _streams(seed, 3)
+    corners = record.corners + noise.corner_noise * s[0].standard_normal(record.corners.shape)
+    record = replace(record, corners=corners)
+    return _publish(record, noise, noise.camera_offset, 0.0, s[1:])
 
 
 def _corrupt_robot(record: Robot, noise: NoiseOptions, seed: np.random.SeedSequence) -> Robot:
@@ -191,7 +202,7 @@ def _spikes(rng: np.random.Generator, size: float, spiked: Kept) -> Floats:
 def _check(noise: NoiseOptions) -> None:
     for field in fields(noise):
         value = getattr(noise, field.name)
-        if field.name == "time_offset" or isinstance(value, tuple):
+        if field.name in {"time_offset", "camera_offset"} or isinstance(value, tuple):
             if not np.isfinite(value).all():
                 raise InputError(f"{field.name}: must be a finite number")
         elif not (np.isfinite(value) and value >= 0):

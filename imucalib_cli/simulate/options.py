@@ -92,6 +92,14 @@ class NoiseOptions:
     """Std per axis of positions, m (free bodies)."""
     pose_noise_rotation: float = 0.0
     """Std per axis of orientations, rad (free bodies)."""
+    camera_offset: float = 0.0
+    """Camera stamp - robot stamp of the same instant, s."""
+    corner_noise: float = 0.0
+    """Std per axis of the corners found in images, pixels."""
+    image_noise: float = 0.0
+    """Std of a rendered image's pixels, grey levels."""
+    image_blur: float = 0.0
+    """Std of a rendered image's Gaussian blur, pixels."""
 
 
 @dataclass(frozen=True, kw_only=True)

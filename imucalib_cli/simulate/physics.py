@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.robot.rotations import matrix_from_rotvec, matrix_from_rpy
+from imucalib_cli.simulate.camera import camera_mount, see
 from imucalib_cli.simulate.mjcf import model_xml
 from imucalib_cli.simulate.motion import ArmReference, PushPlan, instants
 from imucalib_cli.simulate.options import PhysicsOptions
@@ -29,6 +30,7 @@ from imucalib_cli.simulate.recording import (
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from imucalib_cli.simulate.camera_config import CameraConfig
     from imucalib_cli.simulate.config import Arm, FreeBody, SystemConfig
 
 Floats = NDArray[np.float64]
@@ -41,6 +43,8 @@ def record(
     system: SystemConfig,
     options: PhysicsOptions | None = None,
     progress: Callable[[float], None] | None = None,
+    *,
+    camera: CameraConfig | None = None,
 ) -> Recording:
     """Simulate a system without noise.
 
@@ -48,6 +52,8 @@ def record(
         system: What moves, and how.
         options: Rates, duration, gravity, mount; None takes the system's own.
         progress: Called now and then with the share done, 0 to 1.
+        camera: Record what it sees too; its optical frame is one of the system's, as
+            :func:`imucalib_cli.simulate.camera_config.load_camera` gives them.
 
     Raises:
         InputError: MuJoCo is not installed, an option is out of range, or the motion blew up.
@@ -66,7 +72,13 @@ def record(
     t_parent_imu = np.array(system.imu.xyz if options.mount_xyz is None else options.mount_xyz)
     gravity_world = _gravity(system, options)
     model = engine.MjModel.from_xml_string(
-        model_xml(system, R_parent_imu, t_parent_imu, gravity_world)
+        model_xml(
+            system,
+            R_parent_imu,
+            t_parent_imu,
+            gravity_world,
+            None if camera is None else camera_mount(system, camera.frame.link),
+        )
     )
     data = engine.MjData(model)
     control = _control(system, options, duration)
@@ -75,8 +87,9 @@ def record(
 
     imu_t = instants(imu_rate, duration)
     robot_t = [instants(robot_rate, duration, k / len(groups)) for k in range(len(groups))]
+    camera_t = np.zeros(0) if camera is None else instants(camera.rate, duration)
     # Instants of several clocks that differ by rounding only are one instant.
-    events = np.unique(np.round(np.concatenate([imu_t, *robot_t]), 12))
+    events = np.unique(np.round(np.concatenate([imu_t, *robot_t, camera_t]), 12))
     with _callback:
         previous = engine.get_mjcb_control()
         engine.set_mjcb_control(control)
@@ -90,10 +103,11 @@ def record(
 
     at = np.searchsorted(events, np.round(imu_t, 12))
     imu = ImuRecord(
-        t=imu_t, stamp=imu_t, received=imu_t, gyro=sensors[at, :3], accel=sensors[at, 3:]
+        t=imu_t, stamp=imu_t, received=imu_t, gyro=sensors[at, :3], accel=sensors[at, 3:6]
     )
     state = State(t=imu_t, position=q[at], velocity=qd[at], acceleration=qdd[at])
     rows = [np.searchsorted(events, np.round(t, 12)) for t in robot_t]
+    seen = sensors[np.searchsorted(events, np.round(camera_t, 12)), 6:]
     return Recording(
         system=system,
         physics=options,
@@ -104,6 +118,7 @@ def record(
         robot=_robot(system, groups, robot_t, [q[row] for row in rows]),
         state=state,
         engine=f"MuJoCo {engine.__version__}",
+        camera=None if camera is None else see(camera, camera_t, seen[:, :3], seen[:, 3:]),
     )
 
 

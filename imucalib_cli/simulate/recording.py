@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
+    from imucalib_cli.simulate.camera_config import CameraConfig
     from imucalib_cli.simulate.config import SystemConfig
     from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
 
@@ -74,6 +75,25 @@ def rows_kept(record: Record, kept: NDArray[np.bool_]) -> Record:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class CameraRecord(Messages):
+    """What a camera sees of its target: poses are true, corners as found in its images."""
+
+    config: CameraConfig
+    R_world_camera: Floats
+    """(N, 3, 3), of the optical frame: z forward, x right, y down."""
+    p_world_camera: Floats
+    """(N, 3), m."""
+    R_world_target: Floats
+    """(3, 3)."""
+    p_world_target: Floats
+    """(3,), m."""
+    target_points: Floats
+    """(K, 3), m, corners of the tags in the target's frame, in Kalibr's order."""
+    corners: Floats
+    """(N, K, 2), pixels; NaN where a tag is not seen."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class State:
     """The engine's own state at the IMU's instants, untouched by noise.
 
@@ -121,4 +141,5 @@ class Recording:
     state: State
     engine: str
     """Physics engine and its version."""
+    camera: CameraRecord | None = None
     corruption: Corruption | None = None

@@ -1,0 +1,118 @@
+"""What a camera on a simulated robot sees of an AprilGrid: its poses and the grid's corners."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imucalib_cli.errors import InputError
+from imucalib_cli.robot.rotations import matrix_from_quaternion, matrix_from_rpy
+from imucalib_cli.simulate.recording import CameraRecord
+
+if TYPE_CHECKING:
+    from imucalib_cli.simulate.camera_config import AprilGrid, CameraConfig, Intrinsics
+    from imucalib_cli.simulate.config import SystemConfig
+
+Floats = NDArray[np.float64]
+
+
+def camera_mount(system: SystemConfig, link: str) -> tuple[str, Floats, Floats]:
+    """The moving link that carries a fixed frame, and the frame's pose in it.
+
+    Returns:
+        The link, R_link_frame (3, 3), p_link_frame (3,), m.
+
+    Raises:
+        InputError: The frame does not hang on a link that moves.
+    """
+    above = {frame.link: frame for frame in system.frames}
+    R, p = np.eye(3), np.zeros(3)
+    frame, passed = link, 0
+    while frame in above and passed <= len(above):
+        step = above[frame]
+        R_parent_frame = matrix_from_rpy(step.rpy)
+        R, p = R_parent_frame @ R, R_parent_frame @ p + step.xyz
+        frame, passed = step.parent, passed + 1
+    moving = {system.parent} if system.arm is None else {joint.child for joint in system.arm.joints}
+    if frame not in moving:
+        raise InputError(f"{system.name}: {link} hangs on {frame}, which is no link that moves")
+    return frame, R, p
+
+
+def target_points(target: AprilGrid) -> Floats:
+    """Corners of all tags in the target's frame, m, (K, 3) with K = 4 tag_rows tag_cols.
+
+    Row by row from the lower left, 2 tag_cols a row: the order of Kalibr's
+    GridCalibrationTargetAprilgrid::createGridPoints.
+    """
+    pitch = (1 + target.tag_spacing) * target.tag_size
+
+    def edges(tags: int) -> Floats:
+        return (np.arange(tags)[:, None] * pitch + [0.0, target.tag_size]).ravel()
+
+    y, x = np.meshgrid(edges(target.tag_rows), edges(target.tag_cols), indexing="ij")
+    return np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)
+
+
+def project(intrinsics: Intrinsics, points: Floats) -> Floats:
+    """Pixels of points in the optical frame; NaN for what is not before the camera.
+
+    The pinhole with radial-tangential distortion of OpenCV's documentation of calib3d, which is
+    Kalibr's pinhole-radtan.
+
+    Args:
+        intrinsics: Of the camera.
+        points: (..., 3), m.
+
+    Returns:
+        (..., 2), pixels; whole numbers are centres of pixels.
+    """
+    depth = np.where(points[..., 2:] > 0, points[..., 2:], np.nan)
+    x, y = np.moveaxis(points[..., :2] / depth, -1, 0)
+    k1, k2, p1, p2 = intrinsics.distortion
+    r2 = x * x + y * y
+    radial = 1 + r2 * (k1 + k2 * r2)
+    u = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
+    v = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
+    return np.stack([intrinsics.fx * u + intrinsics.cx, intrinsics.fy * v + intrinsics.cy], axis=-1)
+
+
+def see(camera: CameraConfig, t: Floats, position: Floats, quaternion_wxyz: Floats) -> CameraRecord:
+    """What the camera sees at its instants, without noise.
+
+    A tag counts as seen if its front faces the camera and all its corners lie within the image,
+    ``border`` pixels from its edge, as Kalibr's detector has it.
+
+    Args:
+        camera: Intrinsics and target.
+        t: (N,), s, instants of the images.
+        position: (N, 3), m, p_world_camera of the optical frame.
+        quaternion_wxyz: (N, 4), its orientation as MuJoCo gives it.
+    """
+    target, lens = camera.target, camera.intrinsics
+    points = target_points(target)
+    R_world_camera = matrix_from_quaternion(np.roll(quaternion_wxyz, -1, axis=1))
+    R_world_target, p_world_target = matrix_from_rpy(target.rpy), np.array(target.xyz)
+    in_world = points @ R_world_target.T + p_world_target
+    from_camera = in_world - position[:, None]
+    corners = project(lens, from_camera @ R_world_camera)  # rows: R_camera_world v
+    low = camera.border
+    high = np.array([lens.width, lens.height]) - 1 - camera.border
+    front = from_camera @ R_world_target[:, 2] < 0
+    seen = front & (corners >= low).all(axis=-1) & (corners <= high).all(axis=-1)
+    tags = seen.reshape(len(t), target.tag_rows, 2, target.tag_cols, 2)
+    seen = np.broadcast_to(tags.all(axis=(2, 4), keepdims=True), tags.shape).reshape(seen.shape)
+    return CameraRecord(
+        t=t,
+        stamp=t,
+        received=t,
+        config=camera,
+        R_world_camera=R_world_camera,
+        p_world_camera=position,
+        R_world_target=R_world_target,
+        p_world_target=p_world_target,
+        target_points=points,
+        corners=np.where(seen[..., None], corners, np.nan),
+    )

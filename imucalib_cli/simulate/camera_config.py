@@ -1,0 +1,138 @@
+"""A camera on a system and the pattern before it, as their YAML states them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from imucalib_cli.configuration import build, builtin_names, read_builtin, read_yaml
+from imucalib_cli.errors import ChoiceError, InputError
+from imucalib_cli.simulate.config import (  # noqa: TC001 - types of fields, checked when read
+    FixedFrame,
+    Move,
+    Vector,
+)
+
+if TYPE_CHECKING:
+    from imucalib_cli.simulate.config import SystemConfig
+
+_FOLDER = "cameras"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Intrinsics:
+    """A pinhole with radial-tangential distortion; pixel centres have whole coordinates."""
+
+    width: int
+    """Pixels."""
+    height: int
+    fx: float
+    """Pixels, as the next three."""
+    fy: float
+    cx: float
+    cy: float
+    distortion: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+    """k1, k2, p1, p2 of Kalibr's ``radtan``, which are OpenCV's first four."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class AprilGrid:
+    """A board of tags of the family 36h11, ids row by row from the lower left, and its place."""
+
+    tag_rows: int
+    tag_cols: int
+    tag_size: float
+    """m, edge of a tag with its black border."""
+    tag_spacing: float
+    """Gap between tags as a share of ``tag_size``."""
+    xyz: Vector
+    """m, p_world_target, of the outer corner of the lower left tag."""
+    rpy: Vector
+    """R_world_target: x along rows, y up the board, z towards the viewer."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shades:
+    """Grey levels of a rendered image, 0 to 255."""
+
+    black: float
+    white: float
+    background: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class ViewMotion:
+    """The arm's moves while it looks at the pattern, in place of the system's own."""
+
+    start_deg: tuple[float, ...]
+    start_rest: float
+    """s."""
+    moves: tuple[Move, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraConfig:
+    """A camera, what it looks at, and how the arm moves meanwhile: one YAML file."""
+
+    frame: FixedFrame
+    """The optical frame: z forward, x right, y down."""
+    topic: str
+    rate: float
+    """Images/s."""
+    intrinsics: Intrinsics
+    border: float
+    """Pixels: a tag with a corner closer to the image's edge counts as not seen."""
+    target: AprilGrid
+    shades: Shades
+    motion: ViewMotion | None = None
+
+
+def load_camera(
+    name_or_file: str | Path, system: SystemConfig
+) -> tuple[SystemConfig, CameraConfig]:
+    """Read a camera by its system's name or from the user's own YAML file.
+
+    Returns:
+        The system as it moves with this camera, its optical frame among the frames; the camera.
+
+    Raises:
+        ChoiceError: There is no such camera.
+        InputError: The file cannot be read, states something else, or does not fit the system.
+    """
+    path = Path(name_or_file)
+    if path.suffix in {".yaml", ".yml"}:
+        camera = build(CameraConfig, read_yaml(path), str(path))
+    else:
+        known = builtin_names(_FOLDER)
+        if str(name_or_file) not in known:
+            raise ChoiceError(
+                f"no camera for {name_or_file}: choose {', '.join(known)}, or give --camera-config"
+            )
+        camera = build(
+            CameraConfig, read_builtin(f"{_FOLDER}/{name_or_file}"), f"cameras/{name_or_file}.yaml"
+        )
+    _check(camera, system, str(name_or_file))
+    frames = tuple(frame for frame in system.frames if frame.link != camera.frame.link)
+    arm = system.arm
+    if arm is not None and camera.motion is not None:
+        motion = camera.motion
+        arm = replace(
+            arm, start_deg=motion.start_deg, start_rest=motion.start_rest, moves=motion.moves
+        )
+    return replace(system, frames=(*frames, camera.frame), arm=arm), camera
+
+
+def _check(camera: CameraConfig, system: SystemConfig, where: str) -> None:
+    """What types cannot say."""
+    lens, target = camera.intrinsics, camera.target
+    sizes = (lens.width, lens.height, lens.fx, lens.fy, camera.rate, target.tag_size)
+    if min(sizes) <= 0 or not 0 < target.tag_spacing <= 1:
+        raise InputError(f"{where}: sizes, focal lengths and rate must be positive, spacing 0 to 1")
+    if min(target.tag_rows, target.tag_cols) < 3:  # Kalibr's ConfigReader.py: int >= 3
+        raise InputError(f"{where}: a grid has at least 3 rows and 3 columns of tags")
+    joints = 0 if system.arm is None else len(system.arm.joints)
+    if camera.motion is not None:
+        motion = camera.motion
+        if any(len(v) != joints for v in (motion.start_deg, *(m.to_deg for m in motion.moves))):
+            raise InputError(f"{where}: start_deg and to_deg need {joints} numbers, one a joint")
