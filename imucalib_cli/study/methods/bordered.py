@@ -1,0 +1,123 @@
+"""Least squares whose matrix is a band, from unknowns along time, with a few dense columns.
+
+J'J of a spline's control points is a band as wide as one segment's support; unknowns that act on
+all data, such as a mount or a bias, border it. The band is factored by LAPACK (scipy) and the
+border eliminated by its Schur complement, so a step costs time and memory in proportion to the
+length of the log.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve, cho_solve_banded, cholesky_banded
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+
+@dataclass(eq=False)
+class BorderedNormal:
+    """J'J and J'r, accumulated block by block."""
+
+    controls: int
+    """Number of control points."""
+    width: int
+    """Components of a control point."""
+    order: int
+    """Control points that act together."""
+    borders: int
+    """Number of dense unknowns."""
+    band: Floats = field(init=False)
+    """(order * width, controls * width), lower form of scipy.linalg.cholesky_banded."""
+    edge: Floats = field(init=False)
+    """(controls, width, borders)."""
+    corner: Floats = field(init=False)
+    """(borders, borders)."""
+    right: Floats = field(init=False)
+    """(controls, width), J'r."""
+    right_border: Floats = field(init=False)
+    """(borders,)."""
+
+    def __post_init__(self) -> None:
+        self.band = np.zeros((self.order * self.width, self.controls * self.width))
+        self.edge = np.zeros((self.controls, self.width, self.borders))
+        self.corner = np.zeros((self.borders, self.borders))
+        self.right = np.zeros((self.controls, self.width))
+        self.right_border = np.zeros(self.borders)
+
+    def add(
+        self, segment: Indices, local: Floats, border: Floats, columns: Indices, r: Floats
+    ) -> None:
+        """Add rows.
+
+        Args:
+            segment: (N,), first control point of each group of rows, ascending.
+            local: (N, rows, order * width), whitened Jacobian in the control points.
+            border: (N, rows, B), in the dense unknowns.
+            columns: (B,), which they are.
+            r: (N, rows), whitened residuals: data less prediction.
+        """
+        if len(segment) == 0:
+            return
+        starts = np.flatnonzero(np.diff(segment, prepend=-1))
+        first = segment[starts]
+        turned = np.swapaxes(local, 1, 2)
+        blocks = np.add.reduceat(turned @ local, starts, axis=0)
+        size = self.order * self.width
+        for i in range(size):
+            for j in range(i + 1):
+                # Column j of the block of segment s is column s * width + j of the matrix.
+                self.band[i - j, first * self.width + j] += blocks[:, i, j]
+        crossed = np.add.reduceat(turned @ border, starts, axis=0)
+        pulled = np.add.reduceat(np.einsum("nrc,nr->nc", local, r), starts, axis=0)
+        for k in range(self.order):
+            part = slice(k * self.width, (k + 1) * self.width)
+            self.edge[(first + k)[:, None], :, columns] += np.swapaxes(crossed[:, part], 1, 2)
+            self.right[first + k] += pulled[:, part]
+        flat = border.reshape(-1, len(columns))
+        self.corner[np.ix_(columns, columns)] += flat.T @ flat
+        self.right_border[columns] += flat.T @ r.ravel()
+
+    def add_border(self, J: Floats, r: Floats) -> None:
+        """Add rows in dense unknowns alone: J (rows, borders), r (rows,), whitened."""
+        self.corner += J.T @ J
+        self.right_border += J.T @ r
+
+    def hold(self, columns: list[int]) -> None:
+        """Hold dense unknowns where they are."""
+        self.edge[:, :, columns] = 0.0
+        self.corner[columns, :] = 0.0
+        self.corner[:, columns] = 0.0
+        self.corner[columns, columns] = 1.0
+        self.right_border[columns] = 0.0
+
+    def step(self, damping: float) -> tuple[Floats, Floats, float]:
+        """Solve (J'J + damping diag J'J) d = J'r.
+
+        Returns:
+            d of the control points (controls, width), of the dense unknowns (borders,), and the
+            decrease of the squared residual that the linear model promises.
+
+        Raises:
+            numpy.linalg.LinAlgError: The data leave an unknown open.
+        """
+        band = self.band.copy()
+        # Segments without data are held by a whisper, so that the factor exists.
+        band[0] += damping * band[0] + 1e-12 * band[0].mean()
+        factor = cholesky_banded(band, overwrite_ab=True, lower=True, check_finite=False)
+        n = self.controls * self.width
+        edge = self.edge.reshape(n, self.borders)
+        sides = np.column_stack([self.right.reshape(n), edge])
+        solved = cho_solve_banded((factor, True), sides, overwrite_b=True, check_finite=False)
+        corner = self.corner + damping * np.diag(np.diag(self.corner)) - edge.T @ solved[:, 1:]
+        reduced = self.right_border - edge.T @ solved[:, 0]
+        # Scaled to a unit diagonal: metres, radians and seconds differ by orders of magnitude.
+        scale = 1.0 / np.sqrt(np.maximum(np.diag(corner), np.finfo(float).tiny))
+        chol = cho_factor(corner * np.outer(scale, scale), check_finite=False)
+        border = scale * cho_solve(chol, scale * reduced)
+        local = solved[:, 0] - solved[:, 1:] @ border
+        promised = float(self.right.reshape(n) @ local + self.right_border @ border)
+        return local.reshape(self.controls, self.width), border, promised

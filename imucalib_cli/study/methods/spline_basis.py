@@ -1,0 +1,140 @@
+"""Uniform B-splines of degree 5, and the calculus of the rotation vectors they carry."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imucalib_cli.robot.rotations import skew
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+DEGREE = 5
+ORDER = DEGREE + 1
+"""Control points that act on one instant; Kalibr's default order (Furgale et al., 2013)."""
+
+
+def _blending() -> Floats:
+    """(6, 6): weight of control point j is sum_p M[j, p] u^p on its segment, u from 0 to 1."""
+    matrix = np.zeros((ORDER, ORDER))
+    for j in range(ORDER):
+        # The cardinal spline's piece i = DEGREE - j, from truncated powers (x - k)_+^5 / 5!.
+        i = DEGREE - j
+        for k in range(i + 1):
+            sign = (-1) ** k * math.comb(ORDER, k) / math.factorial(DEGREE)
+            for p in range(ORDER):
+                matrix[j, p] += sign * math.comb(DEGREE, p) * float(i - k) ** (DEGREE - p)
+    return matrix
+
+
+_BLENDING = _blending()
+
+
+@dataclass(frozen=True)
+class Knots:
+    """Even knots over a span of time."""
+
+    start: float
+    """s."""
+    rate: float
+    """Knots per second."""
+    segments: int
+
+    @classmethod
+    def over(cls, start: float, end: float, rate: float) -> Knots:
+        """Knots that cover a span, the last segment perhaps a little longer than it."""
+        return cls(start, rate, max(math.ceil((end - start) * rate - 1e-9), 1))
+
+    @property
+    def controls(self) -> int:
+        """Number of control points."""
+        return self.segments + DEGREE
+
+    def at(self, t: Floats) -> tuple[Indices, Floats]:
+        """Segment (N,) and place in it, 0 to 1, (N,), of instants; outside it is extrapolated."""
+        x = (t - self.start) * self.rate
+        segment = np.clip(np.floor(x).astype(np.intp), 0, self.segments - 1)
+        return segment, x - segment
+
+    def weights(self, u: Floats, orders: int) -> Floats:
+        """Weights of the six control points for the value and its derivatives.
+
+        Args:
+            u: (N,), place in the segment.
+            orders: How many: 1 for the value alone.
+
+        Returns:
+            (orders, N, 6), per s to the power of the order.
+        """
+        result = np.zeros((orders, len(u), ORDER))
+        for order in range(orders):
+            for p in range(order, ORDER):
+                factor = math.perm(p, order) * self.rate**order
+                result[order] += np.multiply.outer(u ** (p - order), factor * _BLENDING[:, p])
+        return result
+
+
+def evaluate(controls: Floats, segment: Indices, weights: Floats) -> Floats:
+    """Values and derivatives of a spline.
+
+    Args:
+        controls: (K, C).
+        segment: (N,).
+        weights: (orders, N, 6).
+
+    Returns:
+        (orders, N, C).
+    """
+    near = controls[segment[:, None] + np.arange(ORDER)]
+    return np.asarray(np.einsum("onk,nkc->onc", weights, near))
+
+
+def _coefficients(phi: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+    """B = (1 - cos a)/a², c = (a - sin a)/a³, and b'/a, c'/a, of the angle a; each (N,)."""
+    a2 = np.sum(phi * phi, axis=-1)
+    a = np.sqrt(a2)
+    small = a < 0.05
+    x = np.where(small, 1.0, a)
+    sine, cosine = np.sin(x), np.cos(x)
+    b = np.where(small, 0.5 - a2 / 24 + a2**2 / 720, (1 - cosine) / x**2)
+    c = np.where(small, 1 / 6 - a2 / 120 + a2**2 / 5040, (x - sine) / x**3)
+    db = np.where(small, -1 / 12 + a2 / 180 - a2**2 / 6720, (x * sine - 2 * (1 - cosine)) / x**4)
+    dc = np.where(
+        small, -1 / 60 + a2 / 1260 - a2**2 / 60480, (3 * sine - x * cosine - 2 * x) / x**5
+    )
+    return b, c, db, dc
+
+
+def right_jacobian(phi: Floats) -> Floats:
+    """J with exp(phi + d) = exp(phi) exp(J d) to first order; (N, 3, 3).
+
+    Args:
+        phi: (N, 3), rad.
+
+    Source:
+        Chirikjian, Stochastic Models, Information Theory, and Lie Groups, vol. 2, 2012, 10.86.
+    """
+    b, c, _, _ = _coefficients(phi)
+    K = skew(phi)
+    return np.asarray(np.eye(3) - b[:, None, None] * K + c[:, None, None] * (K @ K))
+
+
+def rate_jacobian(phi: Floats, v: Floats) -> Floats:
+    """Derivative of right_jacobian(phi) @ v in phi; (N, 3, 3).
+
+    Args:
+        phi: (N, 3), rad.
+        v: (N, 3).
+    """
+    b, c, db, dc = (x[:, None, None] for x in _coefficients(phi))
+    cross = np.cross(phi, v)
+    twice = np.cross(phi, cross)
+    along = np.sum(phi * v, axis=1)[:, None, None]
+    row = phi[:, None, :]
+    result = b * skew(v) - db * (cross[:, :, None] @ row) + dc * (twice[:, :, None] @ row)
+    result += c * (along * np.eye(3) + phi[:, :, None] @ v[:, None, :] - 2 * v[:, :, None] @ row)
+    return np.asarray(result)
