@@ -21,6 +21,7 @@ from imucalib_cli.cli.run import run_command
 from imucalib_cli.cli.schema import schema_command
 from imucalib_cli.cli.simulate import simulate_command
 from imucalib_cli.cli.stdio import guard_streams
+from imucalib_cli.cli.study import study_command
 from imucalib_cli.cli.verify import verify_command
 from imucalib_cli.errors import ImucalibError
 
@@ -43,6 +44,7 @@ app.command("apply")(apply_command)
 app.command("verify")(verify_command)
 app.command("diff")(diff_command)
 app.command("simulate")(simulate_command)
+app.command("study")(study_command)
 app.command("schema")(schema_command)
 
 

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from imucalib_cli.simulate.config import Arm, FreeBody, SystemConfig
     from imucalib_cli.simulate.recording import Messages, Recording
 
+_ROUNDING = 1e-6
+"""s, by which a plan may miss its duration."""
 _WRIST_JOINTS = 3
 """Joints at the end of an arm that are its wrist."""
 
@@ -47,7 +49,7 @@ def moves_of(system: SystemConfig, duration: float) -> list[Stretch]:
     else:
         raise InputError(f"{system.name}: moves by no plan")
     stretches, number = [], 0
-    while t < duration:
+    while t < duration - _ROUNDING:
         if number == len(moves):  # as the simulation repeats its plan
             number = min(again, len(moves) - 1)
         kind, seconds = moves[number]

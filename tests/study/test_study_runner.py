@@ -1,0 +1,106 @@
+"""Studies run in parallel, are kept as they come, and go on where they stopped."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import pytest
+
+from imucalib_cli.errors import ChoiceError, InputError
+from imucalib_cli.study.runner import run_study
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from imucalib_cli.study.experiment import Cell, Figure, Row
+    from imucalib_cli.study.table import Table
+
+
+@dataclass(frozen=True)
+class Squares:
+    """How many numbers to square."""
+
+    count: int = 6
+    fatal: int = -1
+
+
+@dataclass(frozen=True)
+class Squaring:
+    """A study without physics."""
+
+    config: Squares = field(default_factory=Squares)
+    name: str = "squares"
+
+    def cells(self) -> list[Cell]:
+        return [{"number": n} for n in range(self.config.count)]
+
+    def measure(self, cell: Cell) -> list[Row]:
+        number = int(cell["number"] or 0)
+        if number == self.config.fatal:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return [cell | {"square": number**2}, cell | {"process": os.getpid()}]
+
+    def tables(self, rows: Sequence[Row]) -> list[Table]:
+        raise NotImplementedError
+
+    def figures(self, rows: Sequence[Row]) -> list[Figure]:
+        raise NotImplementedError
+
+
+def squares(rows: Sequence[Row]) -> list[object]:
+    return [row["square"] for row in rows if "square" in row]
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_rows_come_in_the_order_of_the_cells(jobs: int, tmp_path: Path) -> None:
+    told: list[tuple[int, int]] = []
+    rows = run_study(
+        Squaring(), tmp_path / "a.jsonl", jobs=jobs, report=lambda *done: told.append(done)
+    )
+    assert squares(rows) == [0, 1, 4, 9, 16, 25]
+    assert told[0] == (0, 6)
+    assert told[-1] == (6, 6)
+    here = {row["process"] for row in rows if "process" in row} == {os.getpid()}
+    assert here == (jobs == 1)
+
+
+def test_what_is_done_is_not_done_again(tmp_path: Path) -> None:
+    file = tmp_path / "made" / "a.jsonl"
+    first = run_study(Squaring(), file, jobs=1)
+    header, *lines = file.read_text().splitlines(keepends=True)
+    # Stopped after two runs, and in the middle of writing the third.
+    marked = lines[1].replace('"square": 1', '"square": 111')
+    file.write_text(header + lines[0] + marked + lines[2][:20])
+    again = run_study(Squaring(), file, jobs=1)
+    assert squares(again) == [0, 111, 4, 9, 16, 25]
+    assert len(file.read_text().splitlines()) == 1 + 6
+    assert squares(run_study(Squaring(), file, jobs=1, fresh=True)) == squares(first)
+
+
+def test_another_experiment_is_not_taken_for_this_one(tmp_path: Path) -> None:
+    file = tmp_path / "a.jsonl"
+    run_study(Squaring(), file, jobs=1)
+    with pytest.raises(ChoiceError, match="other parameters"):
+        run_study(Squaring(Squares(count=7)), file, jobs=1)
+    file.write_text("what is this\n")
+    with pytest.raises(ChoiceError, match="not the rows of a study"):
+        run_study(Squaring(), file, jobs=1)
+
+
+def test_a_killed_worker_is_an_error_and_costs_only_its_own_run(tmp_path: Path) -> None:
+    file = tmp_path / "a.jsonl"
+    with pytest.raises(InputError, match="worker was killed"):
+        run_study(Squaring(Squares(count=40, fatal=39)), file, jobs=2)
+    done = [json.loads(line) for line in file.read_text().splitlines()[1:]]
+    assert len(done) >= 30
+
+
+def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="cannot be written"):
+        run_study(Squaring(), tmp_path / "file" / "a.jsonl", jobs=1)
