@@ -77,12 +77,24 @@ def simulate_command(
         ),
     ] = 1,
     grade: Annotated[
-        str,
+        str | None,
         typer.Option(
             help="ideal, industrial or mems: noise and biases; single options win.",
+            show_default="ideal",
             rich_help_panel=NOISE,
         ),
-    ] = "ideal",
+    ] = None,
+    imu: Annotated[
+        str | None,
+        typer.Option(
+            "--imu",
+            "--imu-model",
+            metavar="NAME|FILE",
+            help="By its data sheet, as configs/imus has it: bmi088, adis16448 ...; a name that is "
+            "none lists them. Instead of --grade; single options win.",
+            rich_help_panel=NOISE,
+        ),
+    ] = None,
     accel_noise_ug: Annotated[
         float | None,
         typer.Option(help="Density, µg/sqrt(Hz).", rich_help_panel=NOISE),
@@ -116,6 +128,14 @@ def simulate_command(
     ] = None,
     gyro_bias_walk: Annotated[
         float | None, typer.Option(help="rad/s/sqrt(s).", rich_help_panel=NOISE)
+    ] = None,
+    accel_range: Annotated[
+        float | None,
+        typer.Option(help="Readings are cut off here, m/s².", rich_help_panel=NOISE),
+    ] = None,
+    gyro_range: Annotated[
+        float | None,
+        typer.Option(help="Readings are cut off here, rad/s.", rich_help_panel=NOISE),
     ] = None,
     accel_coloured: Annotated[
         float | None,
@@ -207,7 +227,7 @@ def simulate_command(
 
     The truth goes to <log>.truth.yaml. The same options and seed give the same log.
     """
-    from imucalib_cli.simulate.load import load_grade, load_system
+    from imucalib_cli.simulate.load import load_system
     from imucalib_cli.simulate.options import LogOptions, PhysicsOptions, SimulationOptions
     from imucalib_cli.simulate.simulate import simulate
     from imucalib_cli.simulate.truth import truth_path
@@ -228,7 +248,7 @@ def simulate_command(
         publishers=publishers,
     )
     noise: NoiseOptions = replace(
-        load_grade(grade),
+        _graded(grade, imu),
         **_given(
             accel_noise=_density(accel_noise, accel_noise_ug, "accel", _METRES_PER_UG),
             gyro_noise=_density(gyro_noise, gyro_noise_deg, "gyro", _RADIANS_PER_DEG),
@@ -238,6 +258,8 @@ def simulate_command(
             gyro_bias=_vector("--gyro-bias", gyro_bias),
             accel_bias_walk=accel_bias_walk,
             gyro_bias_walk=gyro_bias_walk,
+            accel_range=accel_range,
+            gyro_range=gyro_range,
             accel_coloured=accel_coloured,
             gyro_coloured=gyro_coloured,
             coloured_time=_seconds("--coloured-time", coloured_time),
@@ -280,10 +302,27 @@ def simulate_command(
         f"{truth.robot_messages} of the robot; truth in {truth_path(output)}"
         + (f", URDF in {urdf}" if urdf else ""),
     )
+    if truth.saturated:
+        say(
+            "warning",
+            f"{truth.saturated} of {truth.imu_messages} Imu messages are cut off at the sensor's "
+            "range: set a larger one with --accel-range or --gyro-range, or take slower motion",
+        )
 
 
 _METRES_PER_UG = 9.80665e-6
 _RADIANS_PER_DEG = 3.141592653589793 / 180.0
+
+
+def _graded(grade: str | None, imu: str | None) -> "NoiseOptions":
+    """Noise by one of the two ways to name it."""
+    from imucalib_cli.simulate.load import load_grade, load_imu
+
+    if imu is None:
+        return load_grade(grade or "ideal")
+    if grade is not None:
+        raise ChoiceError(f"--grade {grade} and --imu {imu} both tell the noise: give one of them")
+    return load_imu(imu)
 
 
 def _given(**options: Any) -> dict[str, Any]:

@@ -7,9 +7,10 @@ from pathlib import Path
 
 from imucalib_cli.configuration import build, builtin_names, read_builtin, read_yaml
 from imucalib_cli.errors import ChoiceError, InputError
+from imucalib_cli.estimate.imu_model import Sensor, imu_assumptions, load_imu_model
 from imucalib_cli.estimate.options import STANDARD_GRAVITY
 from imucalib_cli.simulate.config import Grade, SystemConfig
-from imucalib_cli.simulate.options import NoiseOptions
+from imucalib_cli.simulate.options import NoiseOptions, Vector
 
 _GRADES = "imu_grades"
 
@@ -49,6 +50,33 @@ def load_grade(name: str) -> NoiseOptions:
         gyro_bias=grade.gyro_bias,
         accel_bias_walk=grade.accel_bias_walk,
         gyro_bias_walk=grade.gyro_bias_walk,
+    )
+
+
+def load_imu(name_or_file: str | Path) -> NoiseOptions:
+    """Noise, bias, bias walk and range of an IMU as its data sheet states them.
+
+    What the sheet leaves out is not simulated; of several ranges the largest is.
+
+    Raises:
+        ChoiceError: There is no such IMU.
+        InputError: The user's file states something else.
+    """
+    model, pattern = load_imu_model(name_or_file), imu_assumptions().bias_pattern
+
+    def bias(sensor: Sensor) -> Vector:
+        x, y, z = (share * (model.bias_sigma(sensor) or 0.0) for share in pattern)
+        return x, y, z
+
+    return NoiseOptions(
+        accel_noise=model.noise("accel"),
+        gyro_noise=model.noise("gyro"),
+        accel_bias=bias("accel"),
+        gyro_bias=bias("gyro"),
+        accel_bias_walk=model.bias_walk("accel") or 0.0,
+        gyro_bias_walk=model.bias_walk("gyro") or 0.0,
+        accel_range=max(model.ranges("accel"), default=None),
+        gyro_range=max(model.ranges("gyro"), default=None),
     )
 
 

@@ -106,6 +106,7 @@ def _corrupt_imu(
     spiked = s[6].random(len(imu.t)) < noise.spikes
     accel += _spikes(s[7], noise.spike_accel, spiked)
     gyro += _spikes(s[7], noise.spike_gyro, spiked)
+    cut = _cut_off(accel, noise.accel_range) | _cut_off(gyro, noise.gyro_range)
     imu = replace(imu, accel=accel, gyro=gyro)
     imu = _publish(imu, noise, noise.time_offset, noise.stamp_jitter, s[8:10])
     imu, kept = _lose(imu, noise.dropouts, s[10])
@@ -113,6 +114,7 @@ def _corrupt_imu(
         noise=noise,
         seed=seed,
         spiked=spiked[kept],
+        saturated=cut[kept],
         imu_dropped=int((~kept).sum()),
         robot_dropped=0,
         accel_bias=accel_bias[kept],
@@ -199,16 +201,28 @@ def _spikes(rng: np.random.Generator, size: float, spiked: Kept) -> Floats:
     return thrown
 
 
+def _cut_off(values: Floats, limit: float | None) -> Kept:
+    """Cut (N, 3) off in place at a limit either way; rows that went beyond."""
+    if limit is None:
+        return np.zeros(len(values), dtype=bool)
+    beyond = np.asarray((np.abs(values) > limit).any(axis=1))
+    np.clip(values, -limit, limit, out=values)
+    return beyond
+
+
 def _check(noise: NoiseOptions) -> None:
-    for field in fields(noise):
-        value = getattr(noise, field.name)
-        if field.name in {"time_offset", "camera_offset"} or isinstance(value, tuple):
+    told = {field.name: getattr(noise, field.name) for field in fields(noise)}
+    for name, value in told.items():
+        if name in {"time_offset", "camera_offset"} or isinstance(value, tuple):
             if not np.isfinite(value).all():
-                raise InputError(f"{field.name}: must be a finite number")
-        elif not (np.isfinite(value) and value >= 0):
-            raise InputError(f"{field.name} {value:g}: must not be negative")
+                raise InputError(f"{name}: must be a finite number")
+        elif value is not None and not (np.isfinite(value) and value >= 0):
+            raise InputError(f"{name} {value:g}: must not be negative")
     for name in ("spikes", "dropouts", "robot_dropouts"):
-        if getattr(noise, name) >= 1:
-            raise InputError(f"{name} {getattr(noise, name):g}: a share, below 1")
+        if told[name] >= 1:
+            raise InputError(f"{name} {told[name]:g}: a share, below 1")
+    for name in ("accel_range", "gyro_range"):
+        if told[name] == 0:
+            raise InputError(f"{name} 0: must be positive; leave it out for a sensor without limit")
     if noise.coloured_time == 0:
         raise InputError("coloured_time 0: must be positive; use white noise instead")

@@ -64,6 +64,10 @@ class NoiseOptions:
     """The same, rad/s."""
     coloured_time: float = 0.1
     """Correlation time of both, s."""
+    accel_range: float | None = None
+    """Readings are cut off here either way, m/s²; None does not."""
+    gyro_range: float | None = None
+    """rad/s."""
     time_offset: float = 0.0
     """IMU stamp - robot stamp of the same instant, s."""
     spikes: float = 0.0

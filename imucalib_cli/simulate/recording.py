@@ -115,6 +115,8 @@ class Corruption:
     seed: int
     spiked: NDArray[np.bool_]
     """(N,), over the IMU samples that are left."""
+    saturated: NDArray[np.bool_]
+    """(N,), where the sensor's range cut a reading off."""
     imu_dropped: int
     robot_dropped: int
     accel_bias: Floats

@@ -47,6 +47,8 @@ class Truth:
     """(3,), m/s²."""
     spikes: int
     """IMU samples thrown off that are in the log."""
+    saturated: int
+    """IMU samples cut off at the end of the sensor's range."""
     imu_messages: int
     imu_dropped: int
     robot_messages: int
@@ -85,6 +87,7 @@ def truth_of(recording: Recording, log: LogOptions) -> Truth:
         gyro_bias=zero if corruption is None else corruption.gyro_bias.mean(axis=0),
         gravity_world=recording.gravity_world,
         spikes=0 if corruption is None else int(corruption.spiked.sum()),
+        saturated=0 if corruption is None else int(corruption.saturated.sum()),
         imu_messages=len(recording.imu.t),
         imu_dropped=0 if corruption is None else corruption.imu_dropped,
         robot_messages=sum(len(record.t) for record in recording.robot),
@@ -132,6 +135,7 @@ def write_truth(truth: Truth, path: Path) -> None:
             "imu_messages": truth.imu_messages,
             "imu_dropped": truth.imu_dropped,
             "imu_spikes": truth.spikes,
+            "imu_saturated": truth.saturated,
             "robot_messages": truth.robot_messages,
             "robot_dropped": truth.robot_dropped,
         },

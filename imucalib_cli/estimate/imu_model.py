@@ -1,0 +1,179 @@
+"""What an IMU's data sheet says of it: noise, biases and ranges, from configs/imus or a file."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+from functools import cache
+from pathlib import Path
+from typing import Literal
+
+from imucalib_cli.configuration import build, builtin_names, read_builtin, read_yaml
+from imucalib_cli.errors import ChoiceError, InputError
+from imucalib_cli.estimate.options import STANDARD_GRAVITY
+
+Sensor = Literal["accel", "gyro"]
+BiasKind = Literal["typical", "1 sigma", "max"]
+
+_FOLDER = "imus"
+_ASSUMPTIONS = "_assumptions"
+_SI: dict[Sensor, float] = {"accel": STANDARD_GRAVITY, "gyro": math.radians(1.0)}
+"""m/s² of a g, rad of a degree."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImuSource:
+    """Where figures were read."""
+
+    document: str
+    """Name and revision."""
+    url: str
+    """The maker's, or the publisher's."""
+    read: str
+    """Tables and parameters that were taken from it."""
+    copy: str | None = None
+    """Where it was read, if elsewhere."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImuModel:
+    """An IMU in the units of data sheets; None and empty where the sheet gives no figure.
+
+    Where axes differ a figure is the largest of theirs.
+    """
+
+    name: str
+    maker: str
+    title: str
+    sources: tuple[ImuSource, ...]
+    accel_noise_ug: float
+    """One-sided density, µg/sqrt(Hz)."""
+    gyro_noise_deg: float
+    """One-sided density, deg/s/sqrt(Hz)."""
+    accel_bias_instability_ug: float | None = None
+    """In-run bias stability, the lowest point of the Allan deviation, µg."""
+    gyro_bias_instability_deg_h: float | None = None
+    """Likewise, deg/h."""
+    accel_bias_mg: float | None = None
+    """Zero offset or bias repeatability, mg."""
+    accel_bias_kind: BiasKind = "typical"
+    gyro_bias_deg: float | None = None
+    """Likewise, deg/s."""
+    gyro_bias_kind: BiasKind = "typical"
+    accel_range_g: tuple[float, ...] = ()
+    """Full scales that can be chosen, g."""
+    gyro_range_deg: tuple[float, ...] = ()
+    """deg/s."""
+    max_rate_hz: float | None = None
+    """Fastest output of both sensors."""
+    accel_bandwidth_hz: float | None = None
+    """-3 dB; the widest where it can be chosen."""
+    gyro_bandwidth_hz: float | None = None
+    accel_scale_percent: float | None = None
+    """Error of the sensitivity."""
+    gyro_scale_percent: float | None = None
+    misalignment_deg: float | None = None
+    """Of one axis to another."""
+    cross_axis_percent: float | None = None
+
+    def noise(self, sensor: Sensor) -> float:
+        """One-sided density, m/s²/sqrt(Hz) or rad/s/sqrt(Hz)."""
+        if sensor == "accel":
+            return self.accel_noise_ug * 1e-6 * _SI["accel"]
+        return self.gyro_noise_deg * _SI["gyro"]
+
+    def ranges(self, sensor: Sensor) -> tuple[float, ...]:
+        """Full scales that can be chosen, ascending, m/s² or rad/s."""
+        scales = self.accel_range_g if sensor == "accel" else self.gyro_range_deg
+        return tuple(sorted(scale * _SI[sensor] for scale in scales))
+
+    def bandwidth(self, sensor: Sensor) -> float | None:
+        """-3 dB, Hz."""
+        return self.accel_bandwidth_hz if sensor == "accel" else self.gyro_bandwidth_hz
+
+    def bias_sigma(self, sensor: Sensor) -> float | None:
+        """Of the constant bias over parts and switching on, 1 sigma, m/s² or rad/s."""
+        if sensor == "accel":
+            figure, kind = self.accel_bias_mg, self.accel_bias_kind
+            unit = 1e-3 * _SI["accel"]
+        else:
+            figure, kind, unit = self.gyro_bias_deg, self.gyro_bias_kind, _SI["gyro"]
+        if figure is None:
+            return None
+        return figure * unit / (imu_assumptions().sigmas_of_max if kind == "max" else 1.0)
+
+    def bias_prior(self, sensor: Sensor) -> float | None:
+        """What an estimator may take the bias to lie within, 1 sigma, m/s² or rad/s."""
+        sigma = self.bias_sigma(sensor)
+        return None if sigma is None else sigma * imu_assumptions().prior_widening
+
+    def bias_walk(self, sensor: Sensor) -> float | None:
+        """Of a bias that walks as the in-run stability lets it, m/s²/sqrt(s) or rad/s/sqrt(s).
+
+        A random walk of density K has an Allan deviation of K sqrt(t / 3) (IEEE Std 952-1997,
+        annex C); when it reaches the stability is assumed, in configs/imus/_assumptions.yaml.
+        """
+        if sensor == "accel":
+            figure, unit = self.accel_bias_instability_ug, 1e-6 * _SI["accel"]
+        else:
+            figure, unit = self.gyro_bias_instability_deg_h, _SI["gyro"] / 3600.0
+        if figure is None:
+            return None
+        return figure * unit * math.sqrt(3.0 / imu_assumptions().bias_instability_time)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImuAssumptions:
+    """What no sheet says; explained where it is chosen, configs/imus/_assumptions.yaml."""
+
+    bias_instability_time: float
+    bias_pattern: tuple[float, float, float]
+    sigmas_of_max: float
+    prior_widening: float
+    noise_factor: float
+
+
+@cache
+def imu_assumptions() -> ImuAssumptions:
+    """Read configs/imus/_assumptions.yaml."""
+    name = f"{_FOLDER}/{_ASSUMPTIONS}"
+    return build(ImuAssumptions, read_builtin(name), f"{name}.yaml")
+
+
+def imu_names() -> list[str]:
+    """Names of the IMUs that come with the package."""
+    return [name for name in builtin_names(_FOLDER) if name != _ASSUMPTIONS]
+
+
+def load_imu_model(name_or_file: str | Path) -> ImuModel:
+    """Read an IMU by its name in configs/imus, or from the user's own YAML file.
+
+    Raises:
+        ChoiceError: There is no such IMU.
+        InputError: The file cannot be read, or states something else or impossible figures.
+    """
+    path = Path(name_or_file)
+    if path.suffix in {".yaml", ".yml"}:
+        return _checked(build(ImuModel, read_yaml(path), str(path)), str(path))
+    known = imu_names()
+    if str(name_or_file) not in known:
+        raise ChoiceError(
+            f"no IMU model {name_or_file}: choose {', '.join(known)}, or give a YAML file of your "
+            "own; --imu-topic and --imu-link choose an IMU of the log"
+        )
+    where = f"{_FOLDER}/{name_or_file}"
+    return _checked(build(ImuModel, read_builtin(where), f"{where}.yaml"), f"{where}.yaml")
+
+
+def _checked(model: ImuModel, where: str) -> ImuModel:
+    """See that every figure is positive.
+
+    Raises:
+        InputError: One is not.
+    """
+    for field in fields(model):
+        value = getattr(model, field.name)
+        figures = value if isinstance(value, tuple) else (value,)
+        if any(isinstance(figure, float) and figure <= 0.0 for figure in figures):
+            raise InputError(f"{where}: {field.name} must be positive, leave out what is unknown")
+    return model
