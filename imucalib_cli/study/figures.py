@@ -1,0 +1,122 @@
+"""Figures of studies: drawn without a display, the same bytes for the same rows.
+
+matplotlib is an optional dependency (extra ``study``) and slow to import: only here, when drawn.
+"""
+
+from __future__ import annotations
+
+import io
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from imucalib_cli.errors import InputError
+from imucalib_cli.results.atomic import write_whole
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure as Canvas
+
+SIZE = (7.2, 4.2)
+"""Inches: a panel alone."""
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#444444", "#999999")
+"""Okabe and Ito's, told apart by colour-blind readers too, then greys."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Curve:
+    """One line of a panel."""
+
+    name: str
+    x: Sequence[float]
+    y: Sequence[float]
+    """NaN where there is nothing to draw."""
+    dashed: bool = False
+    """For what others are held against: a bound, a claim."""
+
+
+def new_figure(
+    rows: int = 1,
+    columns: int = 1,
+    *,
+    size: tuple[float, float] | None = None,
+    share_x: bool = False,
+) -> tuple[Canvas, list[Axes]]:
+    """An empty figure and its panels, row by row, without pyplot's global state.
+
+    Args:
+        rows: Of panels.
+        columns: Of panels.
+        size: Inches; default grows with the panels.
+        share_x: Whether panels above each other have the same abscissa.
+
+    Raises:
+        InputError: matplotlib is not installed.
+    """
+    try:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure as Canvas
+    except ImportError as error:
+        raise InputError(
+            "figures need matplotlib: pip install 'imucalib[study]', or give --no-figures"
+        ) from error
+    default = SIZE[0] * (1 + 0.6 * (columns - 1)), SIZE[1] * (1 + 0.7 * (rows - 1))
+    figure = Canvas(figsize=size or default, layout="constrained")
+    FigureCanvasAgg(figure)
+    panels = figure.subplots(rows, columns, squeeze=False, sharex="col" if share_x else False)
+    for axes in panels.flat:
+        axes.set_prop_cycle(color=COLOURS)
+        axes.grid(visible=True, alpha=0.3)
+    return figure, list(panels.flat)
+
+
+def draw_curves(axes: Axes, curves: Sequence[Curve], *, logarithmic: bool = True) -> None:
+    """Lines with a mark at each value, coloured in their order; zeros cannot stand on log axes.
+
+    Args:
+        axes: The panel.
+        curves: What to draw; dashed ones are thin and black.
+        logarithmic: Whether both axes are.
+    """
+    for number, curve in enumerate(curves):
+        x, y = np.array(curve.x, dtype=float), np.array(curve.y, dtype=float)
+        shown = np.isfinite(x) & np.isfinite(y)
+        if logarithmic:
+            shown &= (x > 0.0) & (y > 0.0)
+        if not shown.any():
+            continue
+        colour, style, mark = COLOURS[number % len(COLOURS)], "-", "o"
+        if curve.dashed:
+            colour, style, mark = "black", "--", ""
+        axes.plot(
+            x[shown],
+            y[shown],
+            linestyle=style,
+            marker=mark,
+            markersize=3.5,
+            linewidth=1.3,
+            color=colour,
+            label=curve.name,
+        )
+    if logarithmic:
+        axes.set_xscale("log")
+        axes.set_yscale("log")
+
+
+def save_svg(figure: Canvas, path: Path) -> None:
+    """Write a figure as SVG; the same figure gives the same bytes.
+
+    Raises:
+        InputError: The file cannot be written.
+    """
+    from matplotlib import rc_context
+
+    text = io.BytesIO()
+    # The ids of an SVG's parts are random without a salt; text as paths looks alike everywhere.
+    with rc_context({"svg.hashsalt": "imucalib", "svg.fonttype": "path"}):
+        figure.savefig(text, format="svg", metadata={"Date": None, "Creator": "imucalib"})
+    write_whole(path, text.getvalue())
