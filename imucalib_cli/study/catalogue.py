@@ -11,6 +11,10 @@ if TYPE_CHECKING:
     from imucalib_cli.study.experiment import Study
 
 STUDIES: dict[str, tuple[str, str]] = {
+    "initial-error": (
+        "imucalib_cli.study.initial_error_study",
+        "Table 3: sensitivity to the initial guess",
+    ),
     "noise": ("imucalib_cli.study.noise_study", "Table 2: sensitivity to IMU noise"),
 }
 """Module, which has ``load(file, quick)``, and what it is, by name."""

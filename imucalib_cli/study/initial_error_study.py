@@ -1,0 +1,193 @@
+"""Table 3: what the error of the initial guess does to the result (section 4.5 of the paper)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+from imucalib_cli.estimate.options import WindowChoice
+from imucalib_cli.simulate.noise import corrupt
+from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
+from imucalib_cli.study.claims import Claim, claims_table
+from imucalib_cli.study.contest import Method, Settings, contest
+from imucalib_cli.study.folds import moves_of, stratified_folds, without
+from imucalib_cli.study.guesses import wrong_guess
+from imucalib_cli.study.load import load_parameters
+from imucalib_cli.study.summary import DEGREES, MILLIMETRES, chosen, column, digits, spread
+from imucalib_cli.study.systems import clean_recording
+from imucalib_cli.study.table import Table
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from imucalib_cli.study.experiment import Cell, Figure, Row, Study
+
+METHODS: tuple[Method, ...] = ("paper", "paper, components", "matched")
+
+
+@dataclass(frozen=True, kw_only=True)
+class InitialErrorParameters:
+    """As configs/studies/initial-error.yaml states them, with units."""
+
+    systems: tuple[str, ...]
+    imu_rate: float
+    robot_rate: float
+    profile: Literal["smooth", "hard"]
+    folds: int
+    seeds: int
+    translation: tuple[float, ...]
+    rotation_deg: tuple[float, ...]
+    accel: float
+    gyro: float
+    paper_window: int
+    paper_exclusion: float
+    failed_translation: float
+    failed_rotation_deg: float
+
+    def sizes(self) -> list[tuple[float, float]]:
+        """Translation, m, and rotation, deg: each alone, then both together."""
+        pairs = [(size, 0.0) for size in self.translation]
+        pairs += [(0.0, size) for size in self.rotation_deg]
+        pairs += zip(self.translation, self.rotation_deg, strict=True)
+        return list(dict.fromkeys(pairs))
+
+
+@dataclass(frozen=True)
+class InitialErrorStudy:
+    """Section 4.5 and Table 3."""
+
+    config: InitialErrorParameters
+    name: str = "initial-error"
+
+    def cells(self) -> list[Cell]:
+        """Every size of error on every fold in several directions."""
+        return [
+            {
+                "system": system,
+                "initial_translation": translation,
+                "initial_rotation_deg": rotation_deg,
+                "fold": fold,
+                "seed": seed,
+            }
+            for system in self.config.systems
+            for translation, rotation_deg in self.config.sizes()
+            for fold in range(self.config.folds)
+            for seed in range(self.config.seeds)
+        ]
+
+    def measure(self, cell: Cell) -> list[Row]:
+        """All methods on one fold, from one guess; ours is given none."""
+        config, fold = self.config, int(cell["fold"] or 0)
+        physics = PhysicsOptions(
+            imu_rate=config.imu_rate, robot_rate=config.robot_rate, profile=config.profile
+        )
+        clean = clean_recording(str(cell["system"]), physics)
+        folds = stratified_folds(moves_of(clean.system, clean.system.duration), config.folds)
+        # The noise is the fold's: only the guess differs between the seeds.
+        noise = NoiseOptions(accel_white=config.accel, gyro_white=config.gyro)
+        recording = without(corrupt(clean, noise, fold), folds[fold])
+        guess = wrong_guess(
+            clean,
+            float(cell["initial_translation"] or 0.0),
+            math.radians(float(cell["initial_rotation_deg"] or 0.0)),
+            seed=fold * config.seeds + int(cell["seed"] or 0),
+        )
+        settings = Settings(
+            paper_window=WindowChoice(samples=config.paper_window),
+            paper_exclusion=config.paper_exclusion,
+            R_initial=guess.R_parent_imu,
+            t_initial=guess.t_parent_imu,
+        )
+        return [cell | row for row in contest(recording, METHODS, settings)]
+
+    def tables(self, rows: Sequence[Row]) -> list[Table]:
+        """One table a system, and the claims."""
+        made = [self._table(chosen(rows, system=system), system) for system in self.config.systems]
+        return [*made, claims_table("Claims of section 4.5", self._claims(rows))]
+
+    def figures(self, rows: Sequence[Row]) -> list[Figure]:
+        """None: the tables say it."""
+        del rows
+        return []
+
+    def _failed(self, row: Row) -> bool:
+        """Whether a calibration gave no answer, or one in another minimum."""
+        translation, rotation = row["translation"], row["rotation"]
+        return not (
+            isinstance(translation, float)
+            and isinstance(rotation, float)
+            and translation <= self.config.failed_translation
+            and rotation * DEGREES <= self.config.failed_rotation_deg
+        )
+
+    def _table(self, rows: Sequence[Row], system: str) -> Table:
+        lines = []
+        for translation, rotation_deg in self.config.sizes():
+            sized = chosen(rows, initial_translation=translation, initial_rotation_deg=rotation_deg)
+            for method in METHODS:
+                found = chosen(sized, method=method)
+                good = [row for row in found if not self._failed(row)]
+                lines.append(
+                    (
+                        digits(translation),
+                        digits(rotation_deg),
+                        method,
+                        spread(good, "translation", MILLIMETRES),
+                        spread(good, "rotation", DEGREES),
+                        spread(good, "averaged_translation", MILLIMETRES),
+                        spread(good, "averaged_rotation", DEGREES),
+                        f"{len(found) - len(good)} of {len(found)}",
+                    )
+                )
+        return Table(
+            title=f"{system}: error of the initial guess",
+            header=(
+                "initial m",
+                "initial deg",
+                "method",
+                "translation mm",
+                "rotation deg",
+                "|mean Δxyz| mm",
+                "mean |rpy| deg",
+                "failed",
+            ),
+            rows=tuple(lines),
+            note=(
+                f"Failed: no answer, or one farther than {self.config.failed_translation * 1e3:g} "
+                f"mm or {self.config.failed_rotation_deg:g} deg from the truth, another minimum; "
+                "means and spreads are of the others. The matched method is given no guess."
+            ),
+        )
+
+    def _claims(self, rows: Sequence[Row]) -> list[Claim]:
+        made = []
+        for system in self.config.systems:
+            for method in METHODS:
+                found = chosen(rows, system=system, method=method)
+                failed = [row for row in found if self._failed(row)]
+                good = [row for row in found if not self._failed(row)]
+                widest = max(self._range(good, fold) for fold in range(self.config.folds))
+                made.append(
+                    Claim(
+                        words=f"{method}: {system}: final errors do not vary with the initial "
+                        "error (no failure; within 0.01 mm of each other on each fold)",
+                        found=f"{len(failed)} of {len(found)} failed; others within "
+                        f"{digits(widest)} mm of each other",
+                        met=not failed and widest < 0.01,
+                    )
+                )
+        return made
+
+    def _range(self, rows: Sequence[Row], fold: int) -> float:
+        """Largest less smallest translation error on a fold, mm."""
+        errors = column(chosen(rows, fold=fold), "translation")
+        return MILLIMETRES * (max(errors) - min(errors)) if errors else math.nan
+
+
+def load(file: Path | None, *, quick: bool) -> Study:
+    """The study with its parameters."""
+    return InitialErrorStudy(
+        load_parameters(InitialErrorParameters, "initial-error", file, quick=quick)
+    )
