@@ -1,0 +1,164 @@
+"""Hand-eye calibration, A X = X B over relative motions, and RANSAC over them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imucalib_cli.errors import InputError
+from imucalib_cli.robot.rotations import matrix_from_rotvec, rotvec_from_matrix, skew
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+Floats = NDArray[np.float64]
+Chosen = NDArray[np.bool_]
+
+FEWEST_MOTIONS = 3
+_SINGULAR = 1e-4
+"""Ratio of singular values below which motions leave X open."""
+
+
+@dataclass(frozen=True, eq=False)
+class Motions:
+    """Relative motions of two frames on one body."""
+
+    R_a: Floats
+    """(N, 3, 3), A: first frame at the end of a motion as seen at its start."""
+    t_a: Floats
+    """(N, 3), m."""
+    R_b: Floats
+    """(N, 3, 3), B: the same of the second frame."""
+    t_b: Floats
+    """(N, 3), m."""
+
+    def __len__(self) -> int:
+        return len(self.t_a)
+
+    def only(self, which: Chosen | NDArray[np.intp]) -> Motions:
+        """Some of them."""
+        return Motions(self.R_a[which], self.t_a[which], self.R_b[which], self.t_b[which])
+
+
+@dataclass(frozen=True, eq=False)
+class HandEye:
+    """X: pose of the second frame in the first."""
+
+    R: Floats
+    t: Floats
+
+    def apart(self, motions: Motions) -> tuple[Floats, Floats]:
+        """How far the two displacements are apart, each (N,): m, and rad."""
+        place = (motions.R_a - np.eye(3)) @ self.t + motions.t_a - motions.t_b @ self.R.T
+        turn = np.swapaxes(motions.R_a, 1, 2) @ self.R @ motions.R_b @ self.R.T
+        return np.linalg.norm(place, axis=1), np.linalg.norm(rotvec_from_matrix(turn), axis=1)
+
+
+def tsai(motions: Motions) -> HandEye:
+    """Rotation by modified Rodrigues vectors, then translation, both linear.
+
+    Raises:
+        InputError: The motions leave X open.
+
+    Source:
+        Tsai and Lenz, IEEE Transactions on Robotics and Automation 5(3), 1989, eq. 10 to 15.
+    """
+    a, b = rotvec_from_matrix(motions.R_a), rotvec_from_matrix(motions.R_b)
+    angles = np.linalg.norm(a, axis=1), np.linalg.norm(b, axis=1)
+    # 2 sin(angle / 2) along the axis; sinc is smooth at rest.
+    p_a, p_b = (
+        v * np.sinc(angle / (2 * np.pi))[:, None] for v, angle in zip((a, b), angles, strict=True)
+    )
+    # tan of half the angle, along the axis of X.
+    half = _solve(skew(p_b + p_a).reshape(-1, 3), (p_b - p_a).ravel())
+    angle = 2.0 * np.arctan(np.linalg.norm(half))
+    axis = half / max(float(np.linalg.norm(half)), np.finfo(float).tiny)
+    return _with_translation(motions, matrix_from_rotvec(angle * axis))
+
+
+def park_martin(motions: Motions) -> HandEye:
+    """Rotation by the least squares of rotation vectors (Wahba's problem), then translation.
+
+    Raises:
+        InputError: The motions leave X open.
+
+    Source:
+        Park and Martin, IEEE Transactions on Robotics and Automation 10(5), 1994.
+    """
+    a, b = rotvec_from_matrix(motions.R_a), rotvec_from_matrix(motions.R_b)
+    U, s, Vt = np.linalg.svd(a.T @ b)
+    if s[1] < _SINGULAR * s[0]:
+        raise InputError("the motions turn about one axis only: hand-eye calibration needs two")
+    return _with_translation(motions, U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt)
+
+
+def _with_translation(motions: Motions, R: Floats) -> HandEye:
+    J = (motions.R_a - np.eye(3)).reshape(-1, 3)
+    return HandEye(R, _solve(J, (motions.t_b @ R.T - motions.t_a).ravel()))
+
+
+def _solve(J: Floats, right: Floats) -> Floats:
+    x, _, _, s = np.linalg.lstsq(J, right, rcond=None)
+    if s[-1] < _SINGULAR * s[0]:
+        raise InputError("the motions turn about one axis only: hand-eye calibration needs two")
+    return np.asarray(x)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ransac:
+    """How samples are drawn and judged."""
+
+    iterations: int
+    samples: int
+    """Motions a model is made from."""
+    threshold_m: float
+    """Difference of displacements up to which a motion agrees."""
+    threshold_rad: float
+    seed: int = 0
+
+
+def ransac(
+    motions: Motions, solve: Callable[[Motions], HandEye], options: Ransac
+) -> tuple[HandEye, Chosen]:
+    """The model that most motions agree with, solved again from those.
+
+    Where fewer motions agree than a model needs, the model with the least median difference.
+
+    Returns:
+        X, and which motions it was made from, (N,).
+
+    Raises:
+        InputError: There are too few motions, or no sample of them determines X.
+    """
+    if len(motions) < FEWEST_MOTIONS:
+        raise InputError(
+            f"{len(motions)} moves between standstills seen by the camera, need at least "
+            f"{FEWEST_MOTIONS}: record more start-stop moves before the target"
+        )
+    rng = np.random.default_rng(options.seed)
+    size = min(options.samples, len(motions))
+    best: tuple[float, float] | None = None
+    agreeing = np.ones(len(motions), dtype=bool)
+    why: InputError | None = None
+    for _ in range(options.iterations):
+        chosen = rng.choice(len(motions), size, replace=False)
+        try:
+            model = solve(motions.only(chosen))
+        except InputError as error:
+            why = error
+            continue
+        place, turn = model.apart(motions)
+        agree = (place < options.threshold_m) & (turn < options.threshold_rad)
+        score = (-float(agree.sum()), float(np.median(place / options.threshold_m)))
+        if best is None or score < best:
+            best = score
+            agreeing = agree
+            if agree.sum() < FEWEST_MOTIONS:
+                agreeing = np.zeros(len(motions), dtype=bool)
+                agreeing[chosen] = True
+    if best is None and why is not None:
+        raise why
+    return solve(motions.only(agreeing)), agreeing

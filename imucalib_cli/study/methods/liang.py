@@ -1,0 +1,176 @@
+"""Camera-IMU hand-eye calibration with RANSAC, from standstill to standstill.
+
+The method of Liang, Cheng, Tan, Huang and Li, "Camera-IMU extrinsic calibration method based on
+intermittent sampling and RANSAC optimization", Measurement Science and Technology, 2024, doi
+10.1088/1361-6501/ad4dd2, as far as its abstract and the description in Sensors 2026, 26(6), 1788
+tell it: keyframes where the IMU shows that motion turns to stillness, displacements of the camera
+by PnP and of the IMU by integration between them, a robot's hand-eye calibration on both, RANSAC
+on their difference.
+
+Two variants, because the text leaves much open. ``as_published`` takes RANSAC's numbers from the
+practice of the authors of the comparison (20 iterations, 10 samples, threshold 0.01) and integrates
+plainly: gyroscope bias from the first standstill, gravity from the reading before each move, rest
+at its start. ``tuned`` uses all that start-stop motion offers: biases and gravity from the
+standstills at both ends, velocity zero at both, all images of a standstill, more samples.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imucalib_cli.errors import InputError
+from imucalib_cli.estimate.options import STANDARD_GRAVITY
+from imucalib_cli.robot.rotations import matrix_from_rotvec
+from imucalib_cli.signals.stamps import tidy_rows
+from imucalib_cli.study.methods.answer import Answer
+from imucalib_cli.study.methods.hand_eye import Motions, Ransac, park_martin, ransac, tsai
+from imucalib_cli.study.methods.pnp import target_pose
+from imucalib_cli.study.methods.strapdown import (
+    Displacement,
+    Still,
+    StillOptions,
+    integrate,
+    standstills,
+    static_accel_bias,
+)
+
+if TYPE_CHECKING:
+    from imucalib_cli.signals.samples import ImuSamples
+    from imucalib_cli.study.methods.pnp import CameraObservations
+
+Floats = NDArray[np.float64]
+Pose = tuple[Floats, Floats]
+
+
+@dataclass(frozen=True, kw_only=True)
+class LiangOptions:
+    """Options of the hand-eye method."""
+
+    tuned: bool = False
+    """Use both ends of each move, all images of a standstill, and the optimal rotation."""
+    ransac: Ransac
+    still: StillOptions = field(default_factory=StillOptions)
+    camera_offset: float = 0.0
+    """IMU stamp - camera stamp of the same instant, s, as far as known: images need only fall
+    into the right standstill."""
+    gravity_norm: float = STANDARD_GRAVITY
+    """m/s²."""
+
+
+def as_published(*, seed: int = 0) -> LiangOptions:
+    """Known numbers of the published method; what the threshold applies to is an assumption."""
+    return LiangOptions(
+        ransac=Ransac(iterations=20, samples=10, threshold_m=0.01, threshold_rad=0.01, seed=seed)
+    )
+
+
+def tuned(*, seed: int = 0) -> LiangOptions:
+    """The same method, tuned for start-stop motion."""
+    return LiangOptions(
+        tuned=True,
+        ransac=Ransac(iterations=200, samples=5, threshold_m=0.01, threshold_rad=0.01, seed=seed),
+    )
+
+
+def calibrate_liang(imu: ImuSamples, camera: CameraObservations, options: LiangOptions) -> Answer:
+    """Find the IMU's pose in the camera's optical frame.
+
+    Args:
+        imu: As stamped.
+        camera: Corners of a target that does not move.
+        options: Variant and thresholds.
+
+    Raises:
+        InputError: OpenCV is missing; too few moves between standstills at which the target is
+            seen; or turns about one axis only.
+    """
+    rows = tidy_rows(imu.t, np.hstack([imu.gyro, imu.accel])).rows
+    imu = replace(imu, t=imu.t[rows], gyro=imu.gyro[rows], accel=imu.accel[rows])
+    stills = standstills(imu.t, imu.gyro, imu.accel, options.still)
+    if not stills:
+        raise InputError("the IMU never stands still: this method needs start-stop motion")
+    seen = [camera_pose(camera, still, options) for still in stills]
+    if options.tuned:
+        accel_bias = static_accel_bias(stills, options.gravity_norm)
+        gyro_bias = np.mean([still.gyro for still in stills], axis=0)
+    else:
+        accel_bias, gyro_bias = np.zeros(3), stills[0].gyro
+    moved: list[tuple[Pose, Displacement]] = []
+    for (start, first), (end, last) in pairwise(zip(stills, seen, strict=True)):
+        if first is None or last is None:
+            continue
+        path = (
+            displaced_both_ends(imu, start, end, accel_bias, gyro_bias)
+            if options.tuned
+            else displaced(imu, start, end, gyro_bias)
+        )
+        moved.append((_relative(first, last), path))
+    motions = Motions(
+        np.array([a[0] for a, _ in moved]).reshape(-1, 3, 3),
+        np.array([a[1] for a, _ in moved]).reshape(-1, 3),
+        np.array([b.R for _, b in moved]).reshape(-1, 3, 3),
+        np.array([b.p for _, b in moved]).reshape(-1, 3),
+    )
+    found, _ = ransac(motions, park_martin if options.tuned else tsai, options.ransac)
+    return Answer(
+        frame="camera",
+        R_frame_imu=found.R,
+        t_frame_imu=found.t,
+        time_offset=None,
+        evaluations=options.ransac.iterations + 1,
+        accel_bias=accel_bias if options.tuned else None,
+        gyro_bias=gyro_bias,
+    )
+
+
+def camera_pose(camera: CameraObservations, still: Still, options: LiangOptions) -> Pose | None:
+    """Pose of the target in the camera during a standstill; None where it is not seen.
+
+    As published, one image, the middle one; tuned, the mean of each corner over all images.
+    """
+    t = camera.t + options.camera_offset
+    inside = np.flatnonzero((t >= still.start) & (t <= still.end))
+    if len(inside) == 0:
+        return None
+    if not options.tuned:
+        return target_pose(camera, camera.corners[inside[len(inside) // 2]])
+    return target_pose(camera, camera.corners[inside].mean(axis=0))
+
+
+def displaced(imu: ImuSamples, start: Still, end: Still, gyro_bias: Floats) -> Displacement:
+    """Plain integration from rest; gravity, accelerometer bias included, as read before."""
+    rows = slice(start.rows.stop - 1, end.rows.start + 1)
+    return integrate(imu.t[rows], imu.gyro[rows] - gyro_bias, imu.accel[rows], start.accel)
+
+
+def displaced_both_ends(
+    imu: ImuSamples, start: Still, end: Still, accel_bias: Floats, gyro_bias: Floats
+) -> Displacement:
+    """Integration between two standstills that uses what both tell.
+
+    For the position, the tilt that is left at the end is spread evenly over the move, and the
+    velocity left there is taken for a constant error of acceleration. The orientation is the
+    gyroscope's: over a move it is the better of the two.
+    """
+    rows = slice(start.rows.stop - 1, end.rows.start + 1)
+    t, gyro, accel = imu.t[rows], imu.gyro[rows] - gyro_bias, imu.accel[rows] - accel_bias
+    up, up_end = start.accel - accel_bias, end.accel - accel_bias
+    plain = integrate(t, gyro, accel, up)
+    # Up at the end as integration carries it back, against up as it was.
+    carried = plain.R @ up_end
+    tilt = np.cross(carried, up) / (np.linalg.norm(carried) * np.linalg.norm(up))
+    length = float(t[-1] - t[0])
+    corrections = matrix_from_rotvec(((t - t[0]) / length)[:, None] * tilt)
+    level = integrate(t, gyro, accel, up, corrections)
+    return replace(level, R=plain.R, p=level.p - 0.5 * length * level.velocity)
+
+
+def _relative(first: Pose, last: Pose) -> Pose:
+    """Motion of the camera: its later frame in its earlier one, from two poses of the target."""
+    R = first[0] @ last[0].T
+    return R, first[1] - R @ last[1]

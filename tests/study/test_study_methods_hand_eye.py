@@ -1,0 +1,209 @@
+"""Hand-eye parts: OpenCV's own solver, the engine's poses and analytic motion as truth."""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from imucalib_cli.errors import InputError
+from imucalib_cli.simulate.camera import camera_mount
+from imucalib_cli.simulate.camera_config import load_camera
+from imucalib_cli.simulate.load import load_system
+from imucalib_cli.simulate.noise import corrupt
+from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
+from imucalib_cli.simulate.physics import record
+from imucalib_cli.study.methods.hand_eye import (
+    HandEye,
+    Motions,
+    Ransac,
+    park_martin,
+    ransac,
+    tsai,
+)
+from imucalib_cli.study.methods.liang import as_published, calibrate_liang, tuned
+from imucalib_cli.study.methods.pnp import observations_of, target_pose
+from imucalib_cli.study.methods.strapdown import (
+    Still,
+    StillOptions,
+    integrate,
+    standstills,
+    static_accel_bias,
+)
+from imucalib_cli.study.metrics import PoseError, pose_error
+from imucalib_cli.study.trial import streams_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from imucalib_cli.simulate.recording import CameraRecord, Recording
+
+Floats = NDArray[np.float64]
+
+NOISE = NoiseOptions(
+    accel_noise=1.7e-4,
+    gyro_noise=3.5e-5,
+    accel_bias=(0.008, -0.006, 0.010),
+    gyro_bias=(4e-4, -3e-4, 2e-4),
+    corner_noise=0.2,
+)
+
+
+@pytest.fixture(scope="module")
+def seen() -> Recording:
+    system, camera = load_camera("rihibot", load_system("rihibot"))
+    physics = PhysicsOptions(duration=26.0, imu_rate=200.0, robot_rate=20.0)
+    return record(system, physics, camera=camera)
+
+
+def camera_of(recording: Recording) -> CameraRecord:
+    assert recording.camera is not None
+    return recording.camera
+
+
+def motions(rng: np.random.Generator, X: HandEye, n: int, noise: float = 0.0) -> Motions:
+    R_b, t_b = Rotation.random(n, rng=rng).as_matrix(), rng.normal(size=(n, 3))
+    R_a = X.R @ R_b @ X.R.T
+    t_a = X.t + t_b @ X.R.T - R_a @ X.t
+    shake = Rotation.from_rotvec(noise * rng.normal(size=(n, 3))).as_matrix()
+    return Motions(shake @ R_a, t_a + noise * rng.normal(size=(n, 3)), R_b, t_b)
+
+
+X = HandEye(Rotation.from_rotvec([0.4, -2.0, 1.1]).as_matrix(), np.array([0.1, -0.2, 0.3]))
+
+
+@pytest.mark.parametrize("solve", [tsai, park_martin])
+def test_hand_eye_finds_the_transform(solve: Callable[[Motions], HandEye]) -> None:
+    rng = np.random.default_rng(0)
+    exact = motions(rng, X, 5)
+    found = solve(exact)
+    np.testing.assert_allclose(found.R, X.R, atol=1e-9)
+    np.testing.assert_allclose(found.t, X.t, atol=1e-9)
+    place, turn = found.apart(exact)
+    assert max(place.max(), turn.max()) < 1e-8
+    noisy = solve(motions(rng, X, 400, 1e-3))
+    np.testing.assert_allclose(noisy.R, X.R, atol=3e-4)
+    np.testing.assert_allclose(noisy.t, X.t, atol=6e-4)
+    moved = HandEye(X.R, X.t + np.array([0.0, 0.0, 0.01]))
+    place, _ = moved.apart(exact)
+    expected = [np.linalg.norm((R - np.eye(3)) @ [0.0, 0.0, 0.01]) for R in exact.R_a]
+    np.testing.assert_allclose(place, expected, atol=1e-9)
+
+
+def test_turns_about_one_axis_leave_the_transform_open() -> None:
+    rng = np.random.default_rng(1)
+    R_b = Rotation.from_rotvec(np.outer(rng.uniform(0.2, 1.0, 6), [0.0, 0.6, 0.8])).as_matrix()
+    t_b = rng.normal(size=(6, 3))
+    R_a = X.R @ R_b @ X.R.T
+    one_axis = Motions(R_a, X.t + t_b @ X.R.T - R_a @ X.t, R_b, t_b)
+    for solve in (tsai, park_martin):
+        with pytest.raises(InputError, match="one axis"):
+            solve(one_axis)
+    with pytest.raises(InputError, match="at least 3"):
+        ransac(one_axis.only(np.array([0, 1])), tsai, as_published().ransac)
+
+
+def test_ransac_leaves_out_what_disagrees() -> None:
+    rng = np.random.default_rng(2)
+    some = motions(rng, X, 30, 1e-4)
+    some.t_b[:8] += rng.normal(size=(8, 3))
+    options = Ransac(iterations=200, samples=4, threshold_m=0.01, threshold_rad=0.01)
+    found, agreeing = ransac(some, tsai, options)
+    assert not agreeing[:8].any()
+    assert agreeing[8:].all()
+    np.testing.assert_allclose(found.t, X.t, atol=1e-3)
+
+
+def test_integration_follows_an_analytic_motion() -> None:
+    t = np.linspace(0.0, 2.0, 1001)
+    angle, rate = 0.4 * (1 - np.cos(np.pi * t)), 0.4 * np.pi * np.sin(np.pi * t)
+    axis = np.array([0.48, -0.6, 0.64])
+    R = Rotation.from_rotvec(angle[:, None] * axis)
+    p = np.stack([1 - np.cos(np.pi * t), 0.3 * t**3, 0.1 * t**2 * (t - 2) ** 2], axis=1)
+    a = np.stack([np.pi**2 * np.cos(np.pi * t), 1.8 * t, 0.1 * (12 * t**2 - 24 * t + 8)], axis=1)
+    up = np.array([1.0, 2.0, 9.5])
+    found = integrate(t, rate[:, None] * axis, R.inv().apply(a + up), up)
+    np.testing.assert_allclose(found.p, p[-1], atol=5e-5)
+    np.testing.assert_allclose(found.R, R[-1].as_matrix(), atol=1e-5)
+    np.testing.assert_allclose(found.velocity, [0.0, 3.6, 0.0], atol=5e-5)
+
+
+def test_standstills_are_where_the_engine_stands_still(seen: Recording) -> None:
+    noisy = corrupt(seen, NOISE, 0)
+    imu = noisy.imu
+    found = standstills(imu.stamp, imu.gyro, imu.accel, StillOptions())
+    speed = np.abs(seen.state.velocity).max(axis=1)
+    assert all(speed[still.rows].max() < 2e-3 for still in found)
+    resting = np.concatenate([[False], speed < 1e-4, [False]])
+    edges = np.flatnonzero(np.diff(resting.astype(int)))
+    assert len(found) == np.sum(edges[1::2] - edges[::2] > 0.3 * 200)
+    bias = static_accel_bias(found, float(np.linalg.norm(seen.gravity_world)))
+    np.testing.assert_allclose(bias, NOISE.accel_bias, atol=3e-3)
+    turning = imu.gyro + np.where(imu.stamp < 8.0, 0.1, 0.0)[:, None]  # steady, but no standstill
+    later = standstills(imu.stamp, turning, imu.accel, StillOptions())
+    assert [still.start for still in later] == [s.start for s in found if s.start > 8.0]
+
+
+def test_a_bias_shows_where_orientations_differ() -> None:
+    ups = 9.8 * Rotation.random(20, rng=np.random.default_rng(3)).apply([0.0, 0.0, 1.0])
+    stills = [
+        Still(slice(0, 100), 0.0, 1.0, np.zeros(3), up + np.array([0.1, -0.2, 0.05])) for up in ups
+    ]
+    np.testing.assert_allclose(static_accel_bias(stills, 9.8), [0.1, -0.2, 0.05], atol=1e-9)
+
+
+def test_poses_from_corners_are_the_engines(seen: Recording) -> None:
+    pytest.importorskip("cv2")
+    camera, record_ = observations_of(camera_of(seen)), camera_of(seen)
+    for k in (40, 200, 400):
+        pose = target_pose(camera, camera.corners[k])
+        assert pose is not None
+        R = record_.R_world_camera[k].T @ record_.R_world_target
+        p = record_.R_world_camera[k].T @ (record_.p_world_target - record_.p_world_camera[k])
+        np.testing.assert_allclose(pose[0], R, atol=1e-6)
+        np.testing.assert_allclose(pose[1], p, atol=1e-6)
+    assert target_pose(camera, np.full_like(camera.corners[0], np.nan)) is None
+
+
+def errors(recording: Recording, seed: int) -> tuple[PoseError, PoseError]:
+    imu, _ = streams_of(recording)
+    _, R_parent_camera, p = camera_mount(recording.system, "camera_optical_frame")
+    R_true = R_parent_camera.T @ recording.R_parent_imu
+    t_true = R_parent_camera.T @ (recording.t_parent_imu - p)
+    camera = observations_of(camera_of(recording))
+    found = []
+    for options in (as_published(seed=seed), tuned(seed=seed)):
+        answer = calibrate_liang(imu, camera, options)
+        assert answer.frame == "camera"
+        found.append(pose_error(answer.R_frame_imu, answer.t_frame_imu, R_true, t_true))
+    return found[0], found[1]
+
+
+def test_camera_and_imu_are_found_on_clean_data(seen: Recording) -> None:
+    pytest.importorskip("cv2")
+    for found in errors(corrupt(seen, NoiseOptions(), 0), 0):
+        assert found.translation < 5e-4
+        assert found.rotation < np.radians(2e-3)
+
+
+def test_camera_and_imu_are_found_in_noise_and_tuning_helps(seen: Recording) -> None:
+    pytest.importorskip("cv2")
+    pairs = [errors(corrupt(seen, NOISE, seed), seed) for seed in range(3)]
+    plain, better = (np.array([pair[k].translation for pair in pairs]) for k in (0, 1))
+    assert np.sqrt(np.mean(better**2)) < 0.5 * np.sqrt(np.mean(plain**2))
+    assert better.max() < 2e-3
+    assert max(pair[1].rotation for pair in pairs) < np.radians(0.03)
+
+
+def test_what_the_method_cannot_do_is_said(
+    seen: Recording, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    imu, _ = streams_of(seen)
+    camera = observations_of(camera_of(seen))
+    monkeypatch.setitem(sys.modules, "cv2", None)
+    with pytest.raises(InputError, match=r"pip install 'imucalib\[study\]'"):
+        calibrate_liang(imu, camera, as_published())
