@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from imucalib_cli.simulate.config import SystemConfig
     from imucalib_cli.simulate.options import NoiseOptions
 
+CAMERA = "Camera"
 MOTION, NOISE, CLOCKS, LOG = "Motion and mount", "IMU and encoder noise", "Stamps and losses", "Log"
 SECONDS = "seconds, such as 0.042 or -42ms"
 VECTOR = 'three numbers "x y z"'
@@ -37,6 +38,32 @@ def simulate_command(
     ] = None,
     urdf: Annotated[
         Path | None, typer.Option(help="Write the URDF too, with the IMU's nominal pose.")
+    ] = None,
+    camera: Annotated[
+        bool,
+        typer.Option(
+            "--camera",
+            help="Move before an AprilGrid, write images of it too, and the files Kalibr needs.",
+            rich_help_panel=CAMERA,
+        ),
+    ] = False,
+    camera_config: Annotated[
+        Path | None,
+        typer.Option(
+            help="A camera of your own, as configs/cameras has them.", rich_help_panel=CAMERA
+        ),
+    ] = None,
+    camera_offset: Annotated[
+        str | None,
+        typer.Option(
+            help="Camera stamp - robot stamp of the same instant.", rich_help_panel=CAMERA
+        ),
+    ] = None,
+    image_noise: Annotated[
+        float | None, typer.Option(help="Std, grey levels.", rich_help_panel=CAMERA)
+    ] = None,
+    image_blur: Annotated[
+        float | None, typer.Option(help="Std of a Gaussian, pixels.", rich_help_panel=CAMERA)
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of all noise.")] = 0,
     duration: Annotated[float | None, typer.Option(help="s.", rich_help_panel=MOTION)] = None,
@@ -235,6 +262,11 @@ def simulate_command(
     if bool(system) == (config is not None):
         raise ChoiceError("name one system, rihibot or barbot, or give --config FILE")
     chosen = load_system(config or system)
+    viewer = None
+    if camera or camera_config is not None:
+        from imucalib_cli.simulate.camera_config import load_camera
+
+        chosen, viewer = load_camera(camera_config or chosen.name, chosen)
     physics: PhysicsOptions = PhysicsOptions(
         duration=duration,
         imu_rate=imu_rate,
@@ -277,6 +309,9 @@ def simulate_command(
             delay_jitter=_seconds("--delay-jitter", delay_jitter),
             dropouts=dropouts,
             robot_dropouts=robot_dropouts,
+            camera_offset=_seconds("--camera-offset", camera_offset),
+            image_noise=image_noise,
+            image_blur=image_blur,
         ),
     )
     log: LogOptions = LogOptions(
@@ -294,7 +329,9 @@ def simulate_command(
             options,
             output,
             urdf=urdf,
+            camera=viewer,
             progress=lambda share: bar.report(f"simulating {chosen.name}", share),
+            writing=lambda share: bar.report(f"writing {output}", share),
         )
     say(
         "wrote",
@@ -302,6 +339,12 @@ def simulate_command(
         f"{truth.robot_messages} of the robot; truth in {truth_path(output)}"
         + (f", URDF in {urdf}" if urdf else ""),
     )
+    if truth.camera is not None:
+        from imucalib_cli.simulate.kalibr import kalibr_command
+
+        say("images", f"{truth.camera['images']}, {truth.camera['tags_seen']:.1%} of tags seen")
+        if output.suffix == ".bag":
+            say("kalibr", kalibr_command(output))
     if truth.saturated:
         say(
             "warning",

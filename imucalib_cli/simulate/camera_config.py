@@ -72,6 +72,16 @@ class ViewMotion:
 
 
 @dataclass(frozen=True, kw_only=True)
+class KalibrLeast:
+    """What Kalibr is told of an IMU that has less noise: it takes no zeros. In its own units."""
+
+    accel_noise: float
+    accel_walk: float
+    gyro_noise: float
+    gyro_walk: float
+
+
+@dataclass(frozen=True, kw_only=True)
 class CameraConfig:
     """A camera, what it looks at, and how the arm moves meanwhile: one YAML file."""
 
@@ -85,6 +95,7 @@ class CameraConfig:
     """Pixels: a tag with a corner closer to the image's edge counts as not seen."""
     target: AprilGrid
     shades: Shades
+    kalibr_least: KalibrLeast
     motion: ViewMotion | None = None
 
 
@@ -129,6 +140,9 @@ def _check(camera: CameraConfig, system: SystemConfig, where: str) -> None:
     sizes = (lens.width, lens.height, lens.fx, lens.fy, camera.rate, target.tag_size)
     if min(sizes) <= 0 or not 0 < target.tag_spacing <= 1:
         raise InputError(f"{where}: sizes, focal lengths and rate must be positive, spacing 0 to 1")
+    least = camera.kalibr_least
+    if min(least.accel_noise, least.accel_walk, least.gyro_noise, least.gyro_walk) <= 0:
+        raise InputError(f"{where}: kalibr_least must be positive")
     if min(target.tag_rows, target.tag_cols) < 3:  # Kalibr's ConfigReader.py: int >= 3
         raise InputError(f"{where}: a grid has at least 3 rows and 3 columns of tags")
     joints = 0 if system.arm is None else len(system.arm.joints)

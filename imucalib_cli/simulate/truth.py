@@ -11,6 +11,7 @@ import yaml
 from imucalib_cli import __version__
 from imucalib_cli.results.atomic import write_whole
 from imucalib_cli.robot.rotations import quaternion_from_matrix
+from imucalib_cli.simulate.kalibr import camera_truth
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -55,13 +56,15 @@ class Truth:
     robot_dropped: int
     duration: float
     """s between the first and the last instant."""
+    camera: dict[str, Any] | None
+    """What Kalibr should find (:func:`imucalib_cli.simulate.kalibr.camera_truth`)."""
     settings: dict[str, Any]
     """Everything the log was made from: options, seed, system, versions."""
 
 
 def truth_of(recording: Recording, log: LogOptions) -> Truth:
     """Gather what is true about a recording, clean or corrupted."""
-    corruption = recording.corruption
+    corruption, camera = recording.corruption, recording.camera
     zero = np.zeros(3)
     noise = None if corruption is None else asdict(corruption.noise)
     # Its own values, not None, so that the file alone says how the log was made.
@@ -93,6 +96,7 @@ def truth_of(recording: Recording, log: LogOptions) -> Truth:
         robot_messages=sum(len(record.t) for record in recording.robot),
         robot_dropped=0 if corruption is None else corruption.robot_dropped,
         duration=float(recording.state.t[-1]),
+        camera=None if camera is None else camera_truth(recording, camera),
         settings={
             "seed": None if corruption is None else corruption.seed,
             "physics": asdict(physics),
@@ -104,6 +108,7 @@ def truth_of(recording: Recording, log: LogOptions) -> Truth:
                 "numpy": np.__version__,
             },
             "system": asdict(recording.system),
+            **({} if camera is None else {"camera": asdict(camera.config)}),
         },
     )
 
@@ -139,6 +144,7 @@ def write_truth(truth: Truth, path: Path) -> None:
             "robot_messages": truth.robot_messages,
             "robot_dropped": truth.robot_dropped,
         },
+        **({} if truth.camera is None else {"camera": _plain(truth.camera)}),
         "settings": _plain(truth.settings),
     }
     text = yaml.safe_dump(document, sort_keys=False, width=100, default_flow_style=None)

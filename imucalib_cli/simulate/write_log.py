@@ -9,7 +9,13 @@ from numpy.typing import NDArray
 
 from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.simulate.options import LogOptions
-from imucalib_cli.simulate.recording import ImuRecord, JointRecord, PoseRecord, Recording
+from imucalib_cli.simulate.recording import (
+    CameraRecord,
+    ImuRecord,
+    JointRecord,
+    PoseRecord,
+    Recording,
+)
 from imucalib_cli.simulate.storage import open_log
 
 if TYPE_CHECKING:
@@ -19,19 +25,25 @@ if TYPE_CHECKING:
     Make = Callable[[int], Any]
 
 Nanoseconds = NDArray[np.int64]
-Record = ImuRecord | JointRecord | PoseRecord
+Record = ImuRecord | JointRecord | PoseRecord | CameraRecord
 
 
-def write_log(recording: Recording, path: Path, options: LogOptions | None = None) -> None:
+def write_log(
+    recording: Recording,
+    path: Path,
+    options: LogOptions | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> None:
     """Write a recording as a ROS log; an existing file is replaced once the new one is whole.
 
     Args:
         recording: Clean or corrupted.
         path: ``.mcap``, ``.bag`` or ``.db3``; without suffix a ROS 2 bag folder.
         options: Names, compression, order.
+        progress: Called now and then with the share done, 0 to 1.
 
     Raises:
-        InputError: The path cannot be written.
+        InputError: The path cannot be written, or OpenCV is not there to render images.
         ChoiceError: The suffix, the compression or the joint order does not exist.
     """
     options = options or LogOptions()
@@ -45,9 +57,11 @@ def write_log(recording: Recording, path: Path, options: LogOptions | None = Non
         source = np.repeat(np.arange(len(parts)), [len(ns) for ns, _, _ in parts])
         row = np.concatenate([np.arange(len(ns)) for ns, _, _ in parts])
         order = np.argsort(received, kind="stable")
-        for part, i, ns in zip(source[order], row[order], received[order].tolist(), strict=True):
-            _, connection, make = parts[part]
-            log.write(connection, ns, make(i))
+        for done, at in enumerate(order.tolist()):
+            _, connection, make = parts[source[at]]
+            log.write(connection, int(received[at]), make(int(row[at])))
+            if progress is not None and done % 1000 == 0:
+                progress(done / len(order))
 
 
 class _Factory:
@@ -69,6 +83,9 @@ class _Factory:
             else:
                 topic = f"{robot}_{number + 1}" if options.topic_each else robot
                 yield record, topic, "sensor_msgs/msg/JointState"
+        camera = self._recording.camera
+        if camera is not None:
+            yield camera, camera.config.topic, "sensor_msgs/msg/Image"
 
     def maker(self, record: Record) -> Make:
         stamps = _ns(record.stamp, self._options).tolist()
@@ -76,6 +93,8 @@ class _Factory:
             return self._imu(record, stamps)
         if isinstance(record, JointRecord):
             return self._joints(record, stamps)
+        if isinstance(record, CameraRecord):
+            return self._images(record, stamps)
         return self._pose(record, stamps)
 
     def _header(self, i: int, ns: int, frame: str) -> Any:
@@ -116,6 +135,28 @@ class _Factory:
             header = self._header(i, stamps[i], "")
             return joint_state(
                 header=header, name=names, position=position[i], velocity=nothing, effort=nothing
+            )
+
+        return make
+
+    def _images(self, record: CameraRecord, stamps: list[int]) -> Make:
+        from imucalib_cli.simulate.render import Images
+
+        corruption = self._recording.corruption
+        noise, seed = (None, 0) if corruption is None else (corruption.noise, corruption.seed)
+        images = Images(record, noise, seed)  # each is rendered when it is written
+        image = self._types["sensor_msgs/msg/Image"]
+        lens, frame = record.config.intrinsics, record.config.frame.link
+
+        def make(i: int) -> Any:
+            return image(
+                header=self._header(i, stamps[i], frame),
+                height=lens.height,
+                width=lens.width,
+                encoding="mono8",
+                is_bigendian=0,
+                step=lens.width,
+                data=images[i].ravel(),
             )
 
         return make

@@ -1,0 +1,147 @@
+"""What Kalibr is told beside a bag: its camchain, IMU and target files, and what it should find.
+
+Keys and checks of the files: Kalibr's kalibr_common/ConfigReader.py.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imucalib_cli.errors import InputError
+from imucalib_cli.results.atomic import write_whole
+from imucalib_cli.results.text import to_yaml
+from imucalib_cli.simulate.camera import camera_mount
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from imucalib_cli.simulate.camera_config import CameraConfig
+    from imucalib_cli.simulate.options import LogOptions
+    from imucalib_cli.simulate.recording import CameraRecord, Recording
+
+Floats = NDArray[np.float64]
+
+KINDS = ("camchain", "imu", "target")
+
+
+def kalibr_paths(log: Path) -> dict[str, Path]:
+    """Where Kalibr's files of a log lie; ``<log>-imu.yaml`` is a name that Kalibr writes to."""
+    return {kind: log.with_suffix(f".{kind}.yaml") for kind in KINDS}
+
+
+def kalibr_command(log: Path) -> str:
+    """The command that calibrates a log; its result is ``<log>-camchain-imucam.yaml``."""
+    paths = kalibr_paths(log)
+    return (
+        f"kalibr_calibrate_imu_camera --bag {log} --cams {paths['camchain']} "
+        f"--imu {paths['imu']} --target {paths['target']} --dont-show-report"
+    )
+
+
+def write_kalibr(
+    recording: Recording, camera: CameraConfig, log: Path, options: LogOptions
+) -> None:
+    """Write the files beside a log of a recording with a camera.
+
+    Raises:
+        InputError: A file cannot be written.
+    """
+    contents = {
+        "camchain": {"cam0": _camera(camera)},
+        "imu": _imu(recording, camera, options),
+        "target": _target(camera),
+    }
+    for kind, path in kalibr_paths(log).items():
+        write_whole(path, f"{_HEADERS[kind]}{to_yaml([contents[kind]])}")
+
+
+_HEADERS = {
+    "camchain": "# The camera before calibration: intrinsics, no T_cam_imu. Made by imucalib.\n",
+    "imu": """\
+# Kalibr's densities: a sample at rate f has the standard deviation density * sqrt(f), so they are
+# 1 / sqrt(2) of the one-sided ones of data sheets. m/s^2/sqrt(Hz), m/s^3/sqrt(Hz), rad/s/sqrt(Hz),
+# rad/s^2/sqrt(Hz). Made by imucalib.
+""",
+    "target": "# tagSize in m, tagSpacing as a share of it. Made by imucalib.\n",
+}
+
+
+def _camera(camera: CameraConfig) -> dict[str, Any]:
+    lens = camera.intrinsics
+    return {
+        "camera_model": "pinhole",
+        "intrinsics": [lens.fx, lens.fy, lens.cx, lens.cy],
+        # with no distortion too: AslamCamera leaves `geometry` unset for the model `none`
+        "distortion_model": "radtan",
+        "distortion_coeffs": list(lens.distortion),
+        "resolution": [lens.width, lens.height],
+        "rostopic": camera.topic,
+        "cam_overlaps": [],
+    }
+
+
+def _imu(recording: Recording, camera: CameraConfig, options: LogOptions) -> dict[str, Any]:
+    """Kalibr refuses zeros: what is less than the camera's ``kalibr_least`` is told as that."""
+    noise = None if recording.corruption is None else recording.corruption.noise
+    rate = recording.physics.imu_rate or recording.system.rates.imu
+    least = camera.kalibr_least
+
+    def density(one_sided: float, sample: float) -> float:
+        return float(np.hypot(one_sided / np.sqrt(2), sample / np.sqrt(rate)))
+
+    accel = 0.0 if noise is None else density(noise.accel_noise, noise.accel_white)
+    gyro = 0.0 if noise is None else density(noise.gyro_noise, noise.gyro_white)
+    accel_walk = 0.0 if noise is None else noise.accel_bias_walk
+    gyro_walk = 0.0 if noise is None else noise.gyro_bias_walk
+    return {
+        "rostopic": options.imu_topic or recording.system.topics.imu,
+        "update_rate": float(rate),
+        "accelerometer_noise_density": max(accel, least.accel_noise),
+        "accelerometer_random_walk": max(accel_walk, least.accel_walk),
+        "gyroscope_noise_density": max(gyro, least.gyro_noise),
+        "gyroscope_random_walk": max(gyro_walk, least.gyro_walk),
+    }
+
+
+def _target(camera: CameraConfig) -> dict[str, Any]:
+    target = camera.target
+    return {
+        "target_type": "aprilgrid",
+        "tagCols": target.tag_cols,
+        "tagRows": target.tag_rows,
+        "tagSize": target.tag_size,
+        "tagSpacing": target.tag_spacing,
+    }
+
+
+def camera_truth(recording: Recording, camera: CameraRecord) -> dict[str, Any]:
+    """What Kalibr should find: T_cam_imu, its inverse, and t_imu = t_cam + timeshift_cam_imu.
+
+    Raises:
+        InputError: The camera and the IMU are not on the same link.
+    """
+    frame = camera.config.frame.link
+    link, R, p = camera_mount(recording.system, frame)
+    if link != recording.system.parent:
+        raise InputError(
+            f"{frame} is on {link} and the IMU on {recording.system.parent}: a camera that is "
+            "calibrated with an IMU has to be on its link"
+        )
+    T_camera_imu = np.eye(4)
+    T_camera_imu[:3, :3] = R.T @ recording.R_parent_imu
+    T_camera_imu[:3, 3] = R.T @ (recording.t_parent_imu - p)
+    noise = None if recording.corruption is None else recording.corruption.noise
+    offset = 0.0 if noise is None else noise.camera_offset
+    shift = (0.0 if noise is None else noise.time_offset) - offset
+    return {
+        "frame": frame,
+        "T_cam_imu": T_camera_imu.tolist(),
+        "T_imu_cam": np.linalg.inv(T_camera_imu).tolist(),
+        "time_offset": offset,
+        "timeshift_cam_imu": shift,
+        "images": len(camera.t),
+        "tags_seen": float(np.isfinite(camera.corners[..., 0]).mean()),
+    }

@@ -1,0 +1,176 @@
+"""Images of an AprilGrid by homography, anti-aliased, one at a time."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imucalib_cli.simulate.aprilgrid import board_picture, opencv
+from imucalib_cli.simulate.camera import project
+
+if TYPE_CHECKING:
+    from imucalib_cli.simulate.camera_config import CameraConfig, Intrinsics
+    from imucalib_cli.simulate.options import NoiseOptions
+    from imucalib_cli.simulate.recording import CameraRecord
+
+Floats = NDArray[np.float64]
+Bytes = NDArray[np.uint8]
+
+_FINE = 4
+"""Samples along an edge of a pixel: 16 are averaged for each."""
+_OUTLINE = 64
+"""Points along an edge of the paper: with distortion it is bent."""
+
+
+class Renderer:
+    """Draws what a camera sees of its target, which is flat: one homography an image."""
+
+    def __init__(self, camera: CameraConfig) -> None:
+        """Draw the board's picture.
+
+        Raises:
+            InputError: OpenCV is not installed, or the board cannot be drawn.
+        """
+        self._cv2 = opencv()
+        self._lens = camera.intrinsics
+        self._background = camera.shades.background
+        self._picture = board_picture(camera.target, camera.shades)
+        self._rays = _fine_rays(camera.intrinsics) if any(camera.intrinsics.distortion) else None
+
+    def __call__(self, R_camera_target: Floats, p_camera_target: Floats) -> Bytes:
+        """Render one image.
+
+        Args:
+            R_camera_target: (3, 3).
+            p_camera_target: (3,), m.
+
+        Returns:
+            (height, width), grey levels.
+        """
+        lens = self._lens
+        image = np.full((lens.height, lens.width), round(self._background), dtype=np.uint8)
+        box = self._box(R_camera_target, p_camera_target)
+        if box is None:
+            return image
+        left, top, right, bottom = box
+        # columns x, y, 1 of the target to rays (x, y, 1) before the camera
+        H = np.column_stack([R_camera_target[:, :2], p_camera_target])
+        to_picture = self._picture.T_pixel_target @ np.linalg.inv(H)
+        fine = self._sample(to_picture, box)
+        size = (right - left, bottom - top)
+        # the area's average, which is exact for whole factors
+        image[top:bottom, left:right] = self._cv2.resize(
+            fine, size, interpolation=self._cv2.INTER_AREA
+        )
+        return image
+
+    def _sample(self, to_picture: Floats, box: tuple[int, int, int, int]) -> Bytes:
+        """The picture at the fine samples of a part of the image."""
+        cv2, lens = self._cv2, self._lens
+        left, top, right, bottom = box
+        shades = {"borderMode": cv2.BORDER_CONSTANT, "borderValue": self._background}
+        if self._rays is None:
+            first = 0.5 / _FINE - 0.5  # of the first fine sample, from its pixel's centre
+            to_ray = np.array(
+                [
+                    [1 / _FINE / lens.fx, 0.0, (left + first - lens.cx) / lens.fx],
+                    [0.0, 1 / _FINE / lens.fy, (top + first - lens.cy) / lens.fy],
+                    [0.0, 0.0, 1.0],
+                ]
+            )
+            size = ((right - left) * _FINE, (bottom - top) * _FINE)
+            flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+            fine = cv2.warpPerspective(
+                self._picture.pixels, to_picture @ to_ray, size, flags=flags, **shades
+            )
+        else:
+            rays = self._rays[:, top * _FINE : bottom * _FINE, left * _FINE : right * _FINE]
+            H = to_picture.astype(np.float32)
+            x, y, w = (row[0] * rays[0] + row[1] * rays[1] + row[2] for row in H)
+            fine = cv2.remap(self._picture.pixels, x / w, y / w, cv2.INTER_LINEAR, **shades)
+        return np.asarray(fine, dtype=np.uint8)
+
+    def _box(
+        self, R_camera_target: Floats, p_camera_target: Floats
+    ) -> tuple[int, int, int, int] | None:
+        """Left, top, right, bottom of the part that may show the board; None where none does."""
+        share = np.arange(_OUTLINE)[:, None] / _OUTLINE
+        corners = self._picture.outline
+        edges = [a + share * (b - a) for a, b in zip(corners, np.roll(corners, -1, 0), strict=True)]
+        flat = np.vstack(edges)
+        points = flat @ R_camera_target[:, :2].T + p_camera_target
+        facing = R_camera_target[:, 2] @ p_camera_target < 0
+        pixels = project(self._lens, points)
+        if not facing or not np.isfinite(pixels).any():
+            return None
+        whole = (0, 0, self._lens.width, self._lens.height)
+        if not np.isfinite(pixels).all():  # partly behind the camera
+            return whole
+        low = np.maximum(np.floor(pixels.min(axis=0)).astype(int) - 1, 0)
+        high = np.minimum(np.ceil(pixels.max(axis=0)).astype(int) + 2, whole[2:])
+        if (high <= low).any():
+            return None
+        return int(low[0]), int(low[1]), int(high[0]), int(high[1])
+
+
+class Images:
+    """Images of a record, rendered when they are asked for."""
+
+    def __init__(self, record: CameraRecord, noise: NoiseOptions | None, seed: int) -> None:
+        """Prepare to draw them.
+
+        Args:
+            record: Poses of camera and target.
+            noise: Its ``image_noise`` and ``image_blur`` count.
+            seed: Of the noise; every image has a stream of its own.
+
+        Raises:
+            InputError: As :class:`Renderer`.
+        """
+        self._record, self._seed = record, seed
+        self._noise = 0.0 if noise is None else noise.image_noise
+        self._blur = 0.0 if noise is None else noise.image_blur
+        self._render = Renderer(record.config)
+
+    def __len__(self) -> int:
+        return len(self._record.t)
+
+    def __getitem__(self, i: int) -> Bytes:
+        """(height, width), grey levels."""
+        record = self._record
+        R_camera_world = record.R_world_camera[i].T
+        p_camera_target = R_camera_world @ (record.p_world_target - record.p_world_camera[i])
+        image = self._render(R_camera_world @ record.R_world_target, p_camera_target)
+        if self._blur:
+            image = np.asarray(opencv().GaussianBlur(image, (0, 0), self._blur), dtype=np.uint8)
+        if self._noise:
+            rng = np.random.default_rng([self._seed, i])
+            noisy = image + self._noise * rng.standard_normal(image.shape, dtype=np.float32)
+            image = np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
+        return image
+
+
+def _fine_rays(lens: Intrinsics) -> NDArray[np.float32]:
+    """Rays (x, y, 1) of all fine samples of an image, (2, rows, columns), distortion undone.
+
+    By fixed-point iteration at whole pixels and linearly between them.
+    """
+    u, v = np.meshgrid(np.arange(-1.0, lens.width + 1), np.arange(-1.0, lens.height + 1))
+    distorted = np.stack([(u - lens.cx) / lens.fx, (v - lens.cy) / lens.fy])
+    rays = distorted.copy()
+    for _ in range(40):
+        pixels = project(lens, np.stack([*rays, np.ones_like(u)], axis=-1))
+        there = np.stack(
+            [(pixels[..., 0] - lens.cx) / lens.fx, (pixels[..., 1] - lens.cy) / lens.fy]
+        )
+        rays += distorted - there
+    for axis, count in ((1, lens.height), (2, lens.width)):
+        at = (np.arange(count * _FINE) + 0.5) / _FINE + 0.5  # 1 is the first pixel's centre
+        before = at.astype(int)
+        shape = [1, 1, 1]
+        shape[axis] = len(at)
+        share = (at - before).reshape(shape)
+        rays = rays.take(before, axis) * (1 - share) + rays.take(before + 1, axis) * share
+    return rays.astype(np.float32)
