@@ -15,7 +15,8 @@ from scipy.spatial.transform import Rotation
 from imucalib_cli.errors import InputError
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions, PaperOptions, WindowChoice
-from imucalib_cli.estimate.paper import DEFAULT_EXCLUSION, calibrate_paper, prepare_instants
+from imucalib_cli.estimate.paper import calibrate_paper
+from imucalib_cli.estimate.paper_filters import DEFAULT_EXCLUSION, filtered_instants
 from tests.estimate.estimate_arm import (
     GRAVITY,
     Log,
@@ -90,7 +91,7 @@ def minimised(differences: Callable[[Floats], Floats], *, components: bool) -> F
 @pytest.mark.parametrize("seed", range(3))
 def test_the_error_is_the_papers_at_any_guess(log: Log, samples: int, seed: int) -> None:
     options = PaperOptions(window=WindowChoice(samples=samples), exclusion_threshold=0.0)
-    instants, _, _ = prepare_instants(log.imu, log.path, options, np.eye(3), np.zeros(3))
+    instants, _, _ = filtered_instants(log.imu, log.path, options, np.eye(3), np.zeros(3))
     z = np.random.default_rng(seed).normal(size=6)
     expected = restated(log, samples)(z)
     np.testing.assert_allclose(instants.differences(z, GRAVITY), expected, atol=1e-8)
@@ -135,9 +136,10 @@ def test_exclusion_drops_what_exceeds_the_threshold() -> None:
     counts = []
     for limit in (None, 2.0, 0.5, 0.0):
         options = PaperOptions(exclusion_threshold=limit)
-        instants, _, _ = prepare_instants(log.imu, log.path, options, log.mount.R, log.mount.t)
-        counts.append(instants.excluded)
-        assert instants.excluded + len(instants.R) == len(log.imu.t)
+        instants, _, _ = filtered_instants(log.imu, log.path, options, log.mount.R, log.mount.t)
+        counts.append(np.sum(~instants.kept))
+        assert len(instants.kept) == len(log.imu.t)
+        instants = instants.compared()
         if limit is not None and limit > 0:
             # Second differences over one interval are the acceleration but for O(dt²).
             assert np.abs(instants.p_acceleration + instants.R_acceleration @ log.mount.t).max() < (
@@ -161,8 +163,8 @@ def test_exclusion_is_by_second_differences_of_the_imus_pose(limit: float) -> No
         for values, most in ((p, limit), (q, 10 * limit))
     ]
     options = PaperOptions(exclusion_threshold=limit)
-    instants, _, _ = prepare_instants(log.imu, log.path, options, log.mount.R, log.mount.t)
-    assert instants.excluded == (dropped[0] | dropped[1]).sum()
+    instants, _, _ = filtered_instants(log.imu, log.path, options, log.mount.R, log.mount.t)
+    assert np.sum(~instants.kept) == (dropped[0] | dropped[1]).sum()
     assert dropped[0].any()
     assert dropped[1].any() == (limit < 0.2)
 
@@ -172,8 +174,8 @@ def test_the_threshold_does_not_depend_on_the_rate() -> None:
     for rate in (100.0, 200.0, 400.0):
         log = make_log(MOVES, imu_rate=rate, robot_rate=rate)
         options = PaperOptions(exclusion_threshold=1.0)
-        instants, _, _ = prepare_instants(log.imu, log.path, options, log.mount.R, log.mount.t)
-        shares.append(instants.excluded / len(log.imu.t))
+        instants, _, _ = filtered_instants(log.imu, log.path, options, log.mount.R, log.mount.t)
+        shares.append(np.mean(~instants.kept))
     assert shares[0] > 0.1
     np.testing.assert_allclose(shares, shares[0], atol=0.01)
 

@@ -1,0 +1,216 @@
+"""What the published method compares: both sides filtered alike and paired instant by instant.
+
+The pose derivatives are linear in the unknown, so they are filtered once and not at every step of
+the solver; the numbers are the same.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imucalib_cli.errors import InputError
+from imucalib_cli.estimate.estimate import Window
+from imucalib_cli.estimate.options import PaperOptions
+from imucalib_cli.robot.rotations import matrix_from_rotvec, quaternion_from_matrix
+from imucalib_cli.signals.stamps import gap_breaks, tidy_rows
+from imucalib_cli.signals.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from imucalib_cli.robot.path import KinematicPath
+    from imucalib_cli.signals.samples import ImuSamples
+
+Floats = NDArray[np.float64]
+
+DEFAULT_EXCLUSION = 6.25
+"""m/s²: the authors' 1e-4 m between successive samples, at 250 Hz."""
+_QUATERNION_PER_METRE = 10.0
+"""1/m: their limit for quaternions, 1e-3, over the one for positions."""
+
+
+@dataclass(frozen=True, eq=False)
+class Instants:
+    """What is compared, at each instant."""
+
+    t: Floats
+    """(N,), on the robot's clock, s."""
+    kept: NDArray[np.bool_]
+    """(N,), not excluded as a start or a stop, and with a measurement beside it."""
+    R: Floats
+    """(N, 3, 3), R_world_parent."""
+    R_rate: Floats
+    """(N, 3, 3), its first derivative, 1/s."""
+    R_acceleration: Floats
+    """(N, 3, 3), its second derivative, 1/s²."""
+    p_acceleration: Floats
+    """(N, 3), second derivative of p_world_parent, m/s²."""
+    accel: Floats
+    """(N, 3), smoothed, IMU frame, m/s²."""
+    gyro: Floats
+    """(N, 3), smoothed, IMU frame, rad/s."""
+
+    def compared(self) -> Instants:
+        """Those of them that are kept."""
+        parts = {field.name: getattr(self, field.name)[self.kept] for field in fields(self)}
+        return Instants(**parts)
+
+    def accelerations(self, x: Floats, gravity_norm: float) -> tuple[Floats, Floats]:
+        """Derived and measured acceleration of the IMU in the world, (N, 3) each, m/s².
+
+        Args:
+            x: (6,), t_parent_imu, m, and the rotation vector of R_parent_imu, rad.
+            gravity_norm: m/s², along +z of the world as an accelerometer at rest reads it.
+        """
+        accel = np.einsum("nij,nj->ni", self.R @ matrix_from_rotvec(x[3:]), self.accel)
+        accel[:, 2] -= gravity_norm
+        return self.p_acceleration + self.R_acceleration @ x[:3], accel
+
+    def differences(self, x: Floats, gravity_norm: float) -> Floats:
+        """Derived minus measured acceleration and angular rate in the world, (N, 6).
+
+        Args:
+            x: (6,), t_parent_imu, m, and the rotation vector of R_parent_imu, rad.
+            gravity_norm: m/s², along +z of the world as an accelerometer at rest reads it.
+        """
+        R_parent_imu = matrix_from_rotvec(x[3:])
+        R_world_imu = self.R @ R_parent_imu
+        derived_accel, accel = self.accelerations(x, gravity_norm)
+        # [omega]x = dR/dt R', of the IMU's orientation; R_parent_imu cancels but for rounding.
+        spin = (self.R_rate @ R_parent_imu) @ np.swapaxes(R_world_imu, 1, 2)
+        derived_gyro = np.stack([spin[:, 2, 1], spin[:, 0, 2], spin[:, 1, 0]], axis=1)
+        gyro = np.einsum("nij,nj->ni", R_world_imu, self.gyro)
+        return np.hstack([derived_accel - accel, derived_gyro - gyro])
+
+
+def filtered_instants(
+    imu: ImuSamples,
+    path: KinematicPath,
+    options: PaperOptions,
+    R_initial: Floats,
+    t_initial: Floats,
+) -> tuple[Instants, Window, int]:
+    """Filter both sides, pair them, mark starts and stops.
+
+    Args:
+        imu: As stamped.
+        path: Kinematics of the parent link, as stamped.
+        options: Window, degree and exclusion.
+        R_initial: (3, 3), guess with which starts and stops are told.
+        t_initial: (3,), m, likewise.
+
+    Returns:
+        All instants, the window, and the number of gaps in the streams.
+
+    Raises:
+        InputError: Fewer samples than a window needs.
+    """
+    from scipy.signal import savgol_filter  # slow to import, and only this method needs it
+
+    trajectory = Trajectory.of(path)
+    t_imu, gyro, accel = _ordered(imu)
+    t = _instants(trajectory)
+    dt, dt_imu = (float(np.median(np.diff(series))) for series in (t, t_imu))
+    length = _window_length(options, dt)
+    if min(len(t), len(t_imu)) < length:
+        raise InputError(
+            f"{min(len(t), len(t_imu))} samples are fewer than the window of {length}: "
+            "choose a shorter --window"
+        )
+    R, p = trajectory.poses(t)
+    whole = _stretches(t, length), _stretches(t_imu, length)
+
+    def smooth(values: Floats, order: int, interval: float, stretches: list[slice]) -> Floats:
+        smoothed = np.zeros_like(values)
+        for part in stretches:
+            smoothed[part] = savgol_filter(
+                values[part],
+                length,
+                options.degree,
+                deriv=order,
+                delta=interval,
+                axis=0,
+                mode="interp",
+            )
+        return smoothed
+
+    nearest = np.clip(np.searchsorted(t_imu, t), 1, len(t_imu) - 1)
+    nearest -= (t - t_imu[nearest - 1] < t_imu[nearest] - t).astype(np.intp)
+    flat = R.reshape(-1, 9)
+    keep = _steady(p + R @ t_initial, R @ R_initial, dt, options.exclusion_threshold)
+    keep &= np.abs(t_imu[nearest] - t) <= dt_imu
+    keep &= _inside(len(t), whole[0]) & _inside(len(t_imu), whole[1])[nearest]
+    instants = Instants(
+        t=t,
+        kept=keep,
+        R=R,
+        R_rate=smooth(flat, 1, dt, whole[0]).reshape(-1, 3, 3),
+        R_acceleration=smooth(flat, 2, dt, whole[0]).reshape(-1, 3, 3),
+        p_acceleration=smooth(p, 2, dt, whole[0]),
+        accel=smooth(accel, 0, dt_imu, whole[1])[nearest],
+        gyro=smooth(gyro, 0, dt_imu, whole[1])[nearest],
+    )
+    window = Window(samples=length, seconds=(length - 1) * dt, reason="as asked")
+    return instants, window, trajectory.gaps + len(gap_breaks(t_imu))
+
+
+def _stretches(t: Floats, length: int) -> list[slice]:
+    """Stretches between gaps that hold a window: a filter over a gap would be no filter."""
+    edges = [0, *gap_breaks(t), len(t)]
+    return [slice(a, b) for a, b in pairwise(edges) if b - a >= length]
+
+
+def _inside(count: int, stretches: list[slice]) -> NDArray[np.bool_]:
+    inside = np.zeros(count, dtype=bool)
+    for part in stretches:
+        inside[part] = True
+    return inside
+
+
+def _ordered(imu: ImuSamples) -> tuple[Floats, Floats, Floats]:
+    rows = tidy_rows(imu.t, np.hstack([imu.gyro, imu.accel])).rows
+    if len(rows) < 2:
+        raise InputError(
+            "the IMU has no usable samples: look at its stamps with 'imucalib inspect'"
+        )
+    return imu.t[rows], imu.gyro[rows], imu.accel[rows]
+
+
+def _instants(trajectory: Trajectory) -> Floats:
+    """Stamps of the fastest track, where every track has samples."""
+    fastest = min(trajectory.tracks, key=lambda track: track.interval)
+    t = fastest.t[trajectory.covered(fastest.t)]
+    if len(t) < 2:
+        raise InputError("the robot's streams do not overlap: nothing to differentiate")
+    return t
+
+
+def _window_length(options: PaperOptions, dt: float) -> int:
+    """Samples, odd: the paper's L."""
+    samples = options.window.samples
+    if samples is None and options.window.seconds is not None:
+        samples = round(options.window.seconds / dt) + 1
+    if samples is None:
+        samples = PaperOptions().window.samples or 0
+    shortest = options.degree + 2 + (options.degree + 1) % 2
+    return max(samples + (samples + 1) % 2, shortest)
+
+
+def _steady(
+    p_world_imu: Floats, R_world_imu: Floats, dt: float, limit: float | None
+) -> NDArray[np.bool_]:
+    """Samples away from starts and stops, told by second differences of the derived pose."""
+    keep = np.ones(len(p_world_imu), dtype=bool)
+    limit = DEFAULT_EXCLUSION if limit is None else limit
+    if limit <= 0.0:
+        return keep
+    q = quaternion_from_matrix(R_world_imu)
+    flips = np.cumsum(np.sum(q[1:] * q[:-1], axis=1) < 0) % 2
+    q[1:] *= np.where(flips, -1.0, 1.0)[:, None]
+    for values, most in ((p_world_imu, limit), (q, limit * _QUATERNION_PER_METRE)):
+        second = np.abs(np.diff(values, n=2, axis=0)).max(axis=1) / dt**2
+        keep[1:-1] &= second <= most
+    return keep
