@@ -1,12 +1,13 @@
 """What the published method compares: both sides filtered alike and paired instant by instant.
 
-The pose derivatives are linear in the unknown, so they are filtered once and not at every step of
-the solver; the numbers are the same.
+The pose derivatives are linear in the unknown, and so are the differences: they are filtered once
+and not at every step of the solver; the numbers are the same.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -76,14 +77,29 @@ class Instants:
             x: (6,), t_parent_imu, m, and the rotation vector of R_parent_imu, rad.
             gravity_norm: m/s², along +z of the world as an accelerometer at rest reads it.
         """
-        R_parent_imu = matrix_from_rotvec(x[3:])
-        R_world_imu = self.R @ R_parent_imu
-        derived_accel, accel = self.accelerations(x, gravity_norm)
-        # [omega]x = dR/dt R', of the IMU's orientation; R_parent_imu cancels but for rounding.
-        spin = (self.R_rate @ R_parent_imu) @ np.swapaxes(R_world_imu, 1, 2)
+        constant, slope = self.linear
+        at = np.concatenate([x[:3], matrix_from_rotvec(x[3:]).ravel()])
+        differences = (slope.reshape(-1, len(at)) @ at).reshape(-1, 6)
+        differences += constant
+        differences[:, 2] += gravity_norm
+        return np.asarray(differences)
+
+    @cached_property
+    def linear(self) -> tuple[Floats, Floats]:
+        """The differences without gravity as constant + slope @ (t, vec R row by row).
+
+        Returns:
+            (N, 6), m/s² and rad/s; (N, 6, 12).
+        """
+        # [omega]x = dR/dt R' of the IMU's orientation, in which R_parent_imu cancels.
+        spin = self.R_rate @ np.swapaxes(self.R, 1, 2)
         derived_gyro = np.stack([spin[:, 2, 1], spin[:, 0, 2], spin[:, 1, 0]], axis=1)
-        gyro = np.einsum("nij,nj->ni", R_world_imu, self.gyro)
-        return np.hstack([derived_accel - accel, derived_gyro - gyro])
+        slope = np.zeros((len(self.t), 6, 12))
+        slope[:, :3, :3] = self.R_acceleration
+        for part, measured in ((slice(0, 3), self.accel), (slice(3, 6), self.gyro)):
+            turned = self.R[:, :, :, None] * measured[:, None, None, :]
+            slope[:, part, 3:] = -turned.reshape(-1, 3, 9)
+        return np.hstack([self.p_acceleration, derived_gyro]), slope
 
 
 def filtered_instants(
