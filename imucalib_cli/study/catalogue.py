@@ -11,11 +11,16 @@ if TYPE_CHECKING:
     from imucalib_cli.study.experiment import Study
 
 STUDIES: dict[str, tuple[str, str]] = {
+    "derivation": (
+        "imucalib_cli.study.derivation_study",
+        "Figures 5 to 7: derived against measured acceleration",
+    ),
     "initial-error": (
         "imucalib_cli.study.initial_error_study",
         "Table 3: sensitivity to the initial guess",
     ),
     "noise": ("imucalib_cli.study.noise_study", "Table 2: sensitivity to IMU noise"),
+    "window": ("imucalib_cli.study.window_study", "open question: the filters' window"),
 }
 """Module, which has ``load(file, quick)``, and what it is, by name."""
 
