@@ -91,8 +91,9 @@ def test_the_spline_reaches_the_bound_and_gyro_first_is_near(arm: Recording) -> 
 def test_the_spline_takes_encoder_noise_for_what_it_is(arm: Recording) -> None:
     noisy = corrupt(arm, replace(NOISE, encoder_noise=5e-5), 0)
     problem, _ = prepare(*streams_of(noisy), OPTIONS)
-    assert 2e-5 < problem.poses.position_std < 2e-4
-    assert 5e-5 < problem.poses.rotation_std < 2e-4
+    position_std, rotation_std = 1.0 / problem.poses.whiten[[0, 3]]
+    assert 2e-5 < position_std < 2e-4
+    assert 5e-5 < rotation_std < 2e-4
     found = error(calibrate_bspline(*streams_of(noisy), OPTIONS), arm)
     assert found.translation < 1e-3
     assert found.rotation < np.radians(0.02)

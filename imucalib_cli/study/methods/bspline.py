@@ -151,11 +151,14 @@ def calibrate_bspline(imu: ImuSamples, path: KinematicPath, options: BSplineOpti
         InputError: Too few samples, streams that do not overlap, turns beyond what a rotation
             vector can carry, or motion that leaves an unknown open.
     """
-    problem, state = prepare(imu, path, options)
-    state, evaluations = solve(problem, state)
+    return answer_of(*solve(*prepare(imu, path, options)), "parent")
+
+
+def answer_of(state: State, evaluations: int, frame: Literal["parent", "camera"]) -> Answer:
+    """What a solution says."""
     mean = state.biases.mean(axis=0)
     return Answer(
-        frame="parent",
+        frame=frame,
         R_frame_imu=state.R_parent_imu,
         t_frame_imu=state.t_parent_imu,
         time_offset=state.time_offset,
@@ -166,23 +169,35 @@ def calibrate_bspline(imu: ImuSamples, path: KinematicPath, options: BSplineOpti
     )
 
 
-def prepare(imu: ImuSamples, path: KinematicPath, options: BSplineOptions) -> tuple[Problem, State]:
+def prepare(
+    imu: ImuSamples,
+    path: KinematicPath,
+    options: BSplineOptions,
+    whiten: Floats | None = None,
+) -> tuple[Problem, State]:
     """Data, and a start: rotation, time offset and biases of the gyro-first method, no lever arm.
+
+    Args:
+        imu: As stamped.
+        path: Kinematics of the parent link.
+        options: Noise of the sensors, knots, what is unknown.
+        whiten: (N, 6, 6), for each pose of the path, in place of the options' deviations.
 
     Raises:
         InputError: As calibrate_bspline.
     """
+    trajectory = Trajectory.of(path)
     first = calibrate_gyro_first(
         imu,
         path,
         GyroFirstOptions(
+            window_seconds=max(0.1, 6.0 * trajectory.interval),
             time_offset=options.time_offset,
             max_offset=options.max_offset,
             gravity="none" if options.gravity == "none" else "tilt",
             gravity_norm=options.gravity_norm,
         ),
     )
-    trajectory = Trajectory.of(path)
     t = max((track.t for track in trajectory.tracks), key=len)
     t = t[trajectory.covered(t)]
     R, p = trajectory.poses(t)
@@ -190,12 +205,17 @@ def prepare(imu: ImuSamples, path: KinematicPath, options: BSplineOptions) -> tu
     R_imu = R @ first.R_frame_imu
     R_middle = middle_orientation(R_imu)
     phi = unwrapped_rotvecs(R_middle.T @ R_imu)
+    if whiten is None:
+        stds = (
+            _or(options.position_std, residual_std(knots, t, p)),
+            _or(options.rotation_std, residual_std(knots, t, phi)),
+        )
+        whiten = 1.0 / np.repeat(stds, 3)
     poses = PoseData(
         t=t,
         R=R,
         p=p,
-        position_std=_or(options.position_std, residual_std(knots, t, p)),
-        rotation_std=_or(options.rotation_std, residual_std(knots, t, phi)),
+        whiten=whiten,
     )
     offset = first.time_offset or 0.0
     rows = tidy_rows(imu.t, np.hstack([imu.gyro, imu.accel])).rows

@@ -45,10 +45,18 @@ class State:
             controls=self.controls + controls,
             t_parent_imu=self.t_parent_imu + border[:3],
             R_parent_imu=matrix_from_rotvec(border[3:6]) @ self.R_parent_imu,
-            gravity=matrix_from_rotvec([*border[TILT], 0.0]) @ self.gravity,
+            gravity=matrix_from_rotvec(level_axes(self.gravity) @ border[TILT]) @ self.gravity,
             time_offset=self.time_offset + float(border[OFFSET]),
             biases=self.biases + border[BIASES:].reshape(-1, 6),
         )
+
+
+def level_axes(gravity: Floats) -> Floats:
+    """Two axes across gravity, about which it may turn, (3, 2)."""
+    helper = np.eye(3)[int(np.argmin(np.abs(gravity)))]
+    first = np.cross(gravity, helper)
+    axes = np.stack([first, np.cross(gravity, first)], axis=1)
+    return np.asarray(axes / np.maximum(np.linalg.norm(axes, axis=0), np.finfo(float).tiny))
 
 
 def middle_orientation(R: Floats) -> Floats:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.robot.rotations import matrix_from_rotvec, rotvec_from_matrix, skew
-from imucalib_cli.study.methods.bspline_state import BIASES, OFFSET, TILT, State
+from imucalib_cli.study.methods.bspline_state import BIASES, OFFSET, TILT, State, level_axes
 from imucalib_cli.study.methods.spline_basis import (
     ORDER,
     Knots,
@@ -60,10 +60,9 @@ class PoseData:
     """(N, 3, 3), R_world_parent."""
     p: Floats
     """(N, 3), m."""
-    position_std: float
-    """m, per axis."""
-    rotation_std: float
-    """rad, per axis."""
+    whiten: Floats
+    """What residuals are multiplied by, per m and rad: (6,) for all, or (N, 6, 6); position in the
+    world, then rotation in the parent frame."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -89,7 +88,6 @@ def pose_rows(
     R_fs, t_fs = state.R_parent_imu, state.t_parent_imu
     back = R_fs.T @ t_fs
     columns = np.arange(6)
-    whiten = 1.0 / np.repeat([data.position_std, data.rotation_std], 3)
     for start in range(0, len(data.t), _CHUNK):
         part = slice(start, start + _CHUNK)
         segment, u = knots.at(data.t[part])
@@ -98,7 +96,9 @@ def pose_rows(
         phi = x[:, 3:]
         R = R_middle @ matrix_from_rotvec(phi)
         apart = rotvec_from_matrix(R_fs @ np.swapaxes(R, 1, 2) @ data.R[part])
-        r = np.hstack([data.p[part] - x[:, :3] + R @ back, apart]) * whiten
+        whiten = data.whiten if data.whiten.ndim == 1 else data.whiten[part]
+        r = _whitened(whiten, np.hstack([data.p[part] - x[:, :3] + R @ back, apart])[:, :, None])
+        r = r[:, :, 0]
         if not derivatives:
             yield Rows(segment, r, _NONE, _NONE, columns)
             continue
@@ -108,13 +108,12 @@ def pose_rows(
         of_value[:, :3, :3] = np.eye(3)
         of_value[:, :3, 3:] = R @ skew(back) @ J
         of_value[:, 3:, 3:] = R_fs @ J
-        of_value *= whiten[:, None]
         border = np.zeros((n, 6, 6))
         border[:, :3, :3] = -R @ R_fs.T
         border[:, :3, 3:] = -R @ R_fs.T @ skew(t_fs)
         border[:, 3:, 3:] = -np.eye(3)
-        border *= whiten[:, None]
-        yield Rows(segment, r, _spread(of_value, weights[0]), border, columns)
+        local = _spread(_whitened(whiten, of_value), weights[0])
+        yield Rows(segment, r, local, _whitened(whiten, border), columns)
 
 
 def imu_rows(
@@ -156,7 +155,7 @@ def imu_rows(
         )
         local = local.reshape(len(t), 6, -1) * whiten[:, None]
         border = np.zeros((len(t), 6, len(columns)))
-        border[:, :3, :2] = (R_t @ skew(state.gravity))[:, :, :2]
+        border[:, :3, :2] = R_t @ (skew(state.gravity) @ level_axes(state.gravity))
         jerk = (R_t @ x[3][:, :3, None])[:, :, 0] - np.cross(omega, force)
         border[:, :3, 2] = -jerk
         border[:, 3:, 2] = -((J @ x[2][:, 3:, None])[:, :, 0] + (bent @ rate[:, :, None])[:, :, 0])
@@ -167,6 +166,11 @@ def imu_rows(
             if len(data.nodes) > 1:
                 border[rows, axis, at + 6 + axis] = share
         yield Rows(segment, r, local, border * whiten[:, None], columns)
+
+
+def _whitened(whiten: Floats, rows: Floats) -> Floats:
+    """Rows (N, 6, C) times what makes their noise white and of unit size."""
+    return np.asarray(rows * whiten[:, None] if whiten.ndim == 1 else whiten @ rows)
 
 
 def _spread(of_value: Floats, weights: Floats) -> Floats:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
-from imucalib_cli.robot.rotations import matrix_from_rotvec
+from imucalib_cli.robot.rotations import matrix_from_rotvec, skew
 
 if TYPE_CHECKING:
     from imucalib_cli.simulate.recording import CameraRecord
@@ -74,6 +74,47 @@ def target_pose(camera: CameraObservations, corners: Floats) -> tuple[Floats, Fl
     criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 50, 1e-12)
     turn, place = cv2.solvePnPRefineLM(*args, turn, place, criteria)
     return matrix_from_rotvec(turn[:, 0]), np.asarray(place[:, 0], dtype=np.float64)
+
+
+@dataclass(frozen=True, eq=False)
+class CornerInformation:
+    """What the corners of one image say of the camera's pose, for corners of unit noise."""
+
+    information: Floats
+    """(6, 6): p_target_camera, then the turn of R_target_camera in the camera's frame."""
+    squares: float
+    """Sum of squared reprojection errors, pixels²."""
+    free: int
+    """Degrees of freedom of that sum."""
+
+
+def corner_information(
+    camera: CameraObservations, corners: Floats, pose: tuple[Floats, Floats]
+) -> CornerInformation:
+    """Information on a pose found by :func:`target_pose`, and what is left of the corners.
+
+    Args:
+        camera: Target and lens.
+        corners: (K, 2), pixels; NaN where not found.
+        pose: R_camera_target (3, 3) and p_camera_target (3,), m.
+
+    Raises:
+        InputError: OpenCV is not installed.
+    """
+    cv2 = _import_opencv()
+    found = np.isfinite(corners).all(axis=1)
+    R, p = pose
+    points = camera.target_points[found]
+    pixels, jacobian = cv2.projectPoints(
+        points, cv2.Rodrigues(R)[0], p, camera.matrix, camera.distortion
+    )
+    # Columns 3 to 5 are in the translation, which moves a point in the camera's frame as it is.
+    of_point = jacobian[:, 3:6].reshape(-1, 2, 3)
+    in_camera = points @ R.T + p
+    of_place = np.broadcast_to(-R, (len(points), 3, 3))
+    J = (of_point @ np.concatenate([of_place, skew(in_camera)], axis=2)).reshape(-1, 6)
+    rest = corners[found] - pixels[:, 0]
+    return CornerInformation(J.T @ J, float(np.sum(rest * rest)), rest.size - 6)
 
 
 def _import_opencv() -> Any:
