@@ -154,6 +154,18 @@ class EstimatorTexts:
             rich_help_panel=_ESTIMATE,
         ),
     ] = None
+    imu_model: Annotated[
+        str | None,
+        typer.Option(
+            "--imu-model",
+            "--imu",
+            metavar="NAME|FILE",
+            help="Which IMU it is, as configs/imus has it: bmi088, adis16448 ...; its data sheet "
+            "gives weak priors of the biases, and its noise is compared with the log's.",
+            show_default="unknown",
+            rich_help_panel=_ESTIMATE,
+        ),
+    ] = None
     sensor_model: Annotated[
         str | None,
         typer.Option(

@@ -10,11 +10,12 @@ import typer
 
 from imucalib_cli.cli.estimator_options import EstimatorTexts, estimator_options
 from imucalib_cli.cli.quantities import parse_choice
+from imucalib_cli.errors import ChoiceError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from imucalib_cli.jobs.request import CalibrationRequest
+    from imucalib_cli.jobs.request import CalibrationRequest, ExpectedImu
 
 SOURCES = "What to read"
 
@@ -152,4 +153,28 @@ def calibration_request(
         clock=recording.clock,  # type: ignore[arg-type]  # checked above
         units=units,
         estimator=options,
+        imu=_expected_imu(estimator),
     )
+
+
+def _expected_imu(texts: EstimatorTexts) -> ExpectedImu | None:
+    """The IMU that the user names, with priors for what they say nothing of themselves.
+
+    Raises:
+        ChoiceError: There is no such IMU.
+        InputError: The user's file states something else.
+    """
+    name = texts.imu_model
+    if name is None:
+        return None
+    if name.startswith("/") and not name.endswith((".yaml", ".yml")):
+        raise ChoiceError(
+            f"--imu-model {name}: expected the name of an IMU such as bmi088, or a YAML file; "
+            "--imu-topic takes a topic"
+        )
+    from imucalib_cli.estimate.imu_model import load_imu_model
+    from imucalib_cli.jobs.request import ExpectedImu
+
+    told = {"accel": texts.accel_bias, "gyro": texts.gyro_bias}
+    priors = tuple(sensor for sensor, text in told.items() if text is None)
+    return ExpectedImu(model=load_imu_model(name), priors=priors)  # type: ignore[arg-type]

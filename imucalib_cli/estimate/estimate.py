@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from imucalib_cli.estimate.imu_check import ImuCheck
 
 Floats = NDArray[np.float64]
 CorrectionName = Literal[
@@ -67,6 +70,9 @@ class Residuals:
     the method does not tell."""
     gyro_normalised: Floats | None = None
     """(3,), likewise."""
+    white_equivalent: tuple[float, float] | None = None
+    """Standard deviation of a sample's white noise that would leave these in a window, m/s² and
+    rad/s; not written to files."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -129,6 +135,8 @@ class Estimate:
     distrust: tuple[str, ...] = ()
     """Why the result must not be trusted, one sentence each; empty if it may be."""
     warnings: tuple[str, ...] = ()
+    imu_check: ImuCheck | None = None
+    """The log against the data sheet of the IMU it is said to be of; None where none is named."""
     notes: dict[str, float | str | bool | None] = field(default_factory=dict)
     """Further diagnostics by name, scalar, for the record."""
 

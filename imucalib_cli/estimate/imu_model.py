@@ -159,7 +159,7 @@ def load_imu_model(name_or_file: str | Path) -> ImuModel:
     if str(name_or_file) not in known:
         raise ChoiceError(
             f"no IMU model {name_or_file}: choose {', '.join(known)}, or give a YAML file of your "
-            "own; --imu-topic and --imu-link choose an IMU of the log"
+            "own"
         )
     where = f"{_FOLDER}/{name_or_file}"
     return _checked(build(ImuModel, read_builtin(where), f"{where}.yaml"), f"{where}.yaml")

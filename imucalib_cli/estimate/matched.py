@@ -70,6 +70,10 @@ def _estimate(evidence: Evidence) -> Estimate:
         gyro_rms=_rms(gyro[used]),
         accel_normalised=_rms(accel[used]) / evidence.misfit.sensor_noise[0],
         gyro_normalised=_rms(gyro[used]) / evidence.misfit.sensor_noise[1],
+        white_equivalent=(
+            float(np.sqrt(np.mean(accel[used] ** 2))) / evidence.misfit.window_gain[0],
+            float(np.sqrt(np.mean(gyro[used] ** 2))) / evidence.misfit.window_gain[1],
+        ),
         windows_used=int(used.sum()),
         windows_dropped=int((~used).sum()),
         samples_replaced=clean.spikes,

@@ -47,6 +47,8 @@ class Misfit:
     least, the sensor's own noise growing alike taken off."""
     sensor_noise: tuple[float, float]
     """What the sensor's own white noise leaves in a window, m/s² and rad/s."""
+    window_gain: tuple[float, float]
+    """What white noise of unit deviation in a sample leaves in a window."""
 
     @property
     def systematic(self) -> bool:
@@ -70,7 +72,7 @@ def measure_misfit(fit: Fit, clean: CleanImu) -> Misfit:
     order = used[np.argsort(motion)]
     quarter = max(len(order) // 4, 1)
     still, moving = order[:quarter], order[-quarter:]
-    over_noise, growth, expected = [], [], []
+    over_noise, growth, expected, gains = [], [], [], []
     for sensor, (samples, gridded, pair) in enumerate(
         (
             (clean.accel, grid.accel, plan.second_derivative),
@@ -81,8 +83,8 @@ def measure_misfit(fit: Fit, clean: CleanImu) -> Misfit:
         off = np.abs(deviation_from_neighbours(samples))
         own = float(np.median(off)) * MAD_TO_STD / NOISE_OF_DEVIATION
         # A finer grid spreads each sample's noise over several of its points.
-        in_window = own * float(np.linalg.norm(pair.average)) * np.sqrt(grid.refine)
-        expected.append(max(in_window, floor))
+        gains.append(float(np.linalg.norm(pair.average) * np.sqrt(grid.refine)))
+        expected.append(max(own * gains[-1], floor))
         over_noise.append(fit.scales[sensor] / expected[-1])
         size = np.linalg.norm(residuals[sensor], axis=1)
         noise = np.abs(deviation_from_neighbours(gridded)).sum(axis=1)[fit.rows.centres]
@@ -98,4 +100,5 @@ def measure_misfit(fit: Fit, clean: CleanImu) -> Misfit:
         over_noise=(over_noise[0], over_noise[1]),
         growth=(growth[0], growth[1]),
         sensor_noise=(expected[0], expected[1]),
+        window_gain=(gains[0], gains[1]),
     )

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-_MISSED = 5.0
+MISSED = 5.0
 """Standard deviations from which a prior and the data contradict each other."""
 _PULLED = 40.0
 """Squared sigmas by which the data must pull at fixed components to contradict them."""
@@ -41,7 +41,7 @@ def missed_priors(fit: Fit, options: MatchedOptions) -> list[str]:
         f"the data contradict {name}: the value found is {missed:.0f} standard deviations off; "
         "give a larger one, or leave the option out"
         for name, part, std in given
-        if 0.0 < std < np.inf and (missed := float(np.linalg.norm(offset[part])) / std) > _MISSED
+        if 0.0 < std < np.inf and (missed := float(np.linalg.norm(offset[part])) / std) > MISSED
     ]
     if options.pose is None:
         return found
@@ -50,7 +50,7 @@ def missed_priors(fit: Fit, options: MatchedOptions) -> list[str]:
     found += [
         f"the data contradict --prior-std: {_NAMES[place]} comes out {off[place]:.0f} standard "
         "deviations off the pose told beforehand; measure it again, or give a larger one"
-        for place in np.flatnonzero(off > _MISSED)
+        for place in np.flatnonzero(off > MISSED)
     ]
     fixed = np.arange(TANGENT)[POSE][std == 0.0]
     return found + ([] if not len(fixed) else _pulled(fit, fixed))

@@ -10,6 +10,7 @@ import numpy as np
 from imucalib_cli import __version__
 from imucalib_cli.errors import ChoiceError, ImucalibError, InputError
 from imucalib_cli.estimate.options import MatchedOptions, PaperOptions
+from imucalib_cli.jobs.expected import checked, contradicted, free, freed, with_priors
 from imucalib_cli.jobs.explain import explain
 from imucalib_cli.jobs.motion import Motion, find_motion
 from imucalib_cli.jobs.provenance import printable
@@ -94,11 +95,17 @@ def _calibrate_one(
     check_joint_topics(recording.joints, _driven(motion.path))
     check_overlap(samples, imu.topic, motion, recording.clock)
     mended = repair(imu, samples.t, motion.path, request)
+    request = replace(request, estimator=with_priors(request.estimator, request.imu))
     options = _with_initial(request.estimator, motion, verifying=request.needs_nominal)
-    # The published method's guess is recorded as where it came from, a prior as what it was.
-    told = replace(request, estimator=options) if isinstance(options, MatchedOptions) else request
     either_sign = request.units.sign == "auto"
     estimate = _estimate(mended.samples, mended.path, options, either_sign=either_sign)
+    wrong = contradicted(estimate, request.imu)
+    if wrong:
+        request, options = freed(request, wrong), free(options, wrong)
+        estimate = _estimate(mended.samples, mended.path, options, either_sign=either_sign)
+    # The published method's guess is recorded as where it came from, a prior as what it was.
+    told = replace(request, estimator=options) if isinstance(options, MatchedOptions) else request
+    estimate = checked(estimate, mended.samples, request.imu, wrong)
     estimate = mended.told(explain(estimate, mended, motion, recording, request))
     calibration = Calibration(
         parent=motion.parent,

@@ -56,6 +56,7 @@ def recorded_options(request: CalibrationRequest) -> dict[str, Scalar]:
         "gyro_unit": units.gyro,
         "accel_sign": units.sign,
     }
+    written["imu_model"] = "none" if request.imu is None else request.imu.model.name
     written["require"] = "none" if request.require is None else tolerance_text(request.require)
     return written
 

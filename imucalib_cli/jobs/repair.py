@@ -116,7 +116,8 @@ def repair(imu: ImuStream, t: Floats, path: KinematicPath, request: CalibrationR
         accel = -accel
 
     out = np.zeros(len(rows), dtype=bool)
-    for fault in sensor_faults(t[rows], gyro[rows], accel[rows], turning):
+    ends = () if request.imu is None else request.imu.model.ranges("accel")
+    for fault in sensor_faults(t[rows], gyro[rows], accel[rows], turning, ends):
         warnings.append(_fault_words(imu.topic, fault, t[rows]))
         out |= fault.rows
     out = clear_of(t[rows], out)

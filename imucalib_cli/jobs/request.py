@@ -12,11 +12,21 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
+    from imucalib_cli.estimate.imu_model import ImuModel, Sensor
     from imucalib_cli.results.calibration import Tolerance
 
     Progress = Callable[[str, float | None], None]
 
 ClockChoice = Literal["auto", "header", "log"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExpectedImu:
+    """Which IMU the user says that it is."""
+
+    model: ImuModel
+    priors: tuple[Sensor, ...] = ("accel", "gyro")
+    """Sensors whose bias may take its prior from the data sheet: of others the user has told."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -39,6 +49,8 @@ class CalibrationRequest:
     units: Units = field(default_factory=Units)
     """What the IMU's numbers mean, where the log is not believed."""
     estimator: MatchedOptions | PaperOptions = field(default_factory=MatchedOptions)
+    imu: ExpectedImu | None = None
+    """By its data sheet."""
     require: Tolerance | None = None
     needs_nominal: bool = False
     """Whether the pose of every IMU must be told by the URDF or the log's own frames."""

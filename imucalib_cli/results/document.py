@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from imucalib_cli.estimate.estimate import Consistency, Residuals, UnobservableDirection
+    from imucalib_cli.estimate.imu_check import ImuCheck, SensorCheck
 
 Document = dict[str, Any]
 
@@ -122,6 +123,7 @@ def _diagnostics(calibration: Calibration) -> Document:
         },
         "residual_normalised": _normalised(residuals),
         "consistency": _consistency(estimate.consistency),
+        "imu_model": _imu_model(estimate.imu_check),
         "windows_used": int(residuals.windows_used),
         "windows_dropped": int(residuals.windows_dropped),
         "samples_replaced": int(residuals.samples_replaced),
@@ -135,6 +137,26 @@ def _normalised(residuals: Residuals) -> Document | None:
     if accel is None or gyro is None:
         return None
     return {"accel": vector_entry(accel), "gyro": vector_entry(gyro)}
+
+
+def _imu_model(check: ImuCheck | None) -> Document | None:
+    if check is None:
+        return None
+    return {
+        "name": check.name,
+        "rate": number(check.rate),
+        "accel": _sensor(check.accel),
+        "gyro": _sensor(check.gyro),
+    }
+
+
+def _sensor(check: SensorCheck) -> Document:
+    return {
+        "expected": number(check.expected),
+        "measured": number(check.measured),
+        "in_windows": number(check.in_windows),
+        "bias_prior": number(check.bias_prior),
+    }
 
 
 def _consistency(parts: Consistency | None) -> Document | None:

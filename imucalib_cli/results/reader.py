@@ -20,6 +20,7 @@ from imucalib_cli.estimate.estimate import (
     UnobservableDirection,
     Window,
 )
+from imucalib_cli.estimate.imu_check import ImuCheck, SensorCheck
 from imucalib_cli.results.calibration import (
     SCHEMA,
     Calibration,
@@ -152,6 +153,7 @@ def _estimate(root: Node) -> Estimate:
         sigma_source="segments" if source == "segments" else "noise",
         distrust=diagnostics.texts("distrust"),
         warnings=diagnostics.texts("warnings"),
+        imu_check=_imu_check(diagnostics),
         notes=dict(diagnostics.child("notes").content),
     )
 
@@ -183,6 +185,22 @@ def _consistency(diagnostics: Node) -> Consistency | None:
         segment_chi2=node.number("segment_chi2"),
         whiteness=(whiteness.number("accel"), whiteness.number("gyro")),
     )
+
+
+def _imu_check(diagnostics: Node) -> ImuCheck | None:
+    node = diagnostics.optional("imu_model")
+    if node is None:
+        return None
+    accel, gyro = (
+        SensorCheck(
+            expected=sensor.number("expected"),
+            measured=sensor.number("measured"),
+            in_windows=sensor.number_or_none("in_windows"),
+            bias_prior=sensor.number_or_none("bias_prior"),
+        )
+        for sensor in (node.child("accel"), node.child("gyro"))
+    )
+    return ImuCheck(name=node.of("name", str), rate=node.number("rate"), accel=accel, gyro=gyro)
 
 
 def _tangent(node: Node) -> Floats:

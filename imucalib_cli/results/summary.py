@@ -170,6 +170,13 @@ def _fit(calibration: Calibration) -> Iterator[str]:
         f"  residual rms    accel {_numbers(residuals.accel_rms, 5)} m/s², "
         f"gyro {_numbers(residuals.gyro_rms, 6)} rad/s"
     )
+    check = estimate.imu_check
+    if check is not None:
+        yield (
+            f"  noise           accel {check.accel.measured:.2g} m/s², gyro "
+            f"{check.gyro.measured:.2g} rad/s in a sample; {check.accel.expected:.2g} and "
+            f"{check.gyro.expected:.2g} by the data sheet of {check.name}"
+        )
     parts = estimate.consistency
     if parts is not None:
         apart = float(np.linalg.norm(parts.halves_difference[:3])) * 1e3

@@ -40,7 +40,13 @@ _EXACTLY_STILL = 1e-6
 """rad/s: positions repeat, and rounding is all that moves."""
 
 
-def sensor_faults(t: Floats, gyro: Floats, accel: Floats, turning: Turning | None) -> list[Fault]:
+def sensor_faults(
+    t: Floats,
+    gyro: Floats,
+    accel: Floats,
+    turning: Turning | None,
+    accel_ranges: tuple[float, ...] = (),
+) -> list[Fault]:
     """Frozen and saturated stretches of an IMU.
 
     Args:
@@ -48,8 +54,9 @@ def sensor_faults(t: Floats, gyro: Floats, accel: Floats, turning: Turning | Non
         gyro: (N, 3), rad/s.
         accel: (N, 3), m/s².
         turning: Of the same IMU; None where no kinematics are known.
+        accel_ranges: Full scales of the accelerometer, m/s², as far as they are known.
     """
-    tops = _not_dead(t, gyro, accel, saturated(t, gyro, accel, turning))
+    tops = _not_dead(t, gyro, accel, saturated(t, gyro, accel, turning, accel_ranges))
     cut = {fault.sensor: fault.rows for fault in tops}
     stuck = _outside(_frozen_gyro(t, gyro, turning), cut.get("gyro"))
     held = _outside(_frozen_accel(t, accel, gyro, turning, stuck), cut.get("accel"))

@@ -39,13 +39,21 @@ _TOP_BEND_SHARE = 98.0
 """The slope before a flat top, which ends within a sample, over the bends of the rest."""
 _TOP_STEPS = 3.0
 """That slope, per sample, over noise and quantum."""
+_FULL_SCALE = 0.02
+"""Converters end a little before or beyond the round number that names their range."""
 _ELSEWHERE = 20
 _CUT = 0.985
 """Measured over derived rate, against what it is elsewhere, below which a flat top is one of the
 sensor, not of the motion."""
 
 
-def saturated(t: Floats, gyro: Floats, accel: Floats, turning: Turning | None) -> list[Fault]:
+def saturated(
+    t: Floats,
+    gyro: Floats,
+    accel: Floats,
+    turning: Turning | None,
+    accel_ranges: tuple[float, ...] = (),
+) -> list[Fault]:
     """One fault for each sensor that is cut off, on whichever axes.
 
     Args:
@@ -53,6 +61,8 @@ def saturated(t: Floats, gyro: Floats, accel: Floats, turning: Turning | None) -
         gyro: (N, 3), rad/s.
         accel: (N, 3), m/s².
         turning: Of the same IMU; None where no kinematics are known.
+        accel_ranges: Full scales of the accelerometer, m/s², as far as they are known: what is
+            flat there is no motion's. Of the gyroscope the kinematics know better.
     """
     found = []
     sensors: tuple[tuple[Sensor, Floats], ...] = (("gyro", gyro), ("accel", accel))
@@ -60,7 +70,11 @@ def saturated(t: Floats, gyro: Floats, accel: Floats, turning: Turning | None) -
         suspects = flat_tops(values)
         aside = np.concatenate([top.rows for top in suspects] or [np.zeros(0, np.intp)])
         if sensor == "accel":
-            tops = [top for top in suspects if top.shape == "certain" or _turns(top, gyro, turning)]
+            tops = [
+                top
+                for top in suspects
+                if top.shape == "certain" or _ends(top, accel_ranges) or _turns(top, gyro, turning)
+            ]
         else:
             tops = [
                 top
@@ -74,6 +88,11 @@ def saturated(t: Floats, gyro: Floats, accel: Floats, turning: Turning | None) -
             limits = np.unique([top.limit for top in tops])
             found.append(Fault(sensor, "saturated", rows, axes, limits, count_stretches(rows)))
     return found
+
+
+def _ends(top: FlatTop, ranges: tuple[float, ...]) -> bool:
+    """Whether a flat top is where the sensor is known to end."""
+    return any(abs(abs(top.limit) / full - 1.0) < _FULL_SCALE for full in ranges)
 
 
 def _turns(top: FlatTop, gyro: Floats, turning: Turning | None) -> bool:

@@ -26,6 +26,7 @@ from imucalib_cli.estimate.estimate import (
     UnobservableDirection,
     Window,
 )
+from imucalib_cli.estimate.imu_check import ImuCheck, SensorCheck
 from imucalib_cli.results.calibration import (
     Calibration,
     Nominal,
@@ -90,6 +91,12 @@ def make_calibration(**changes: Any) -> Calibration:
             halves_sigmas=1.2,
             segment_chi2=0.9,
             whiteness=(1.0, 1.3),
+        ),
+        imu_check=ImuCheck(
+            name="bmi088",
+            rate=200.0,
+            accel=SensorCheck(expected=0.02, measured=0.1, in_windows=0.03, bias_prior=0.4),
+            gyro=SensorCheck(expected=2e-3, measured=1e-3, in_windows=None, bias_prior=None),
         ),
         notes={"chi2": float("nan"), "count": 3, "flag": True},
     )
@@ -299,7 +306,7 @@ def test_every_missing_or_mistyped_key_is_an_input_error() -> None:
             free = path[0] == "std" or path[-1] in unread or "notes" in path or "options" in path
             free |= path in {("transform", k) for k in ("rotation_rpy", "rotation_xyzw")}
             free |= path in {("partial",), ("diagnostics", "nominal"), ("provenance", "urdf")}
-            later = {"corrections", "consistency", "residual_normalised"}
+            later = {"corrections", "consistency", "residual_normalised", "imu_model"}
             free |= damage == "missing" and (path[-1] in later or path[-2:-1] == ("corrections",))
             try:
                 from_document(document, "f")

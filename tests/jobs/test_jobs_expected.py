@@ -1,0 +1,198 @@
+"""What naming the IMU does to a calibration: priors, warnings, and nothing to the pose."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from scipy.signal import butter, lfilter
+
+from imucalib_cli.cli.main import main
+from imucalib_cli.estimate.imu_model import load_imu_model
+from imucalib_cli.jobs.calibrate import calibrate
+from imucalib_cli.jobs.request import CalibrationRequest, ExpectedImu
+from imucalib_cli.results.document import to_document
+from imucalib_cli.results.reader import from_document
+from imucalib_cli.simulate.load import load_imu, load_system
+from imucalib_cli.simulate.noise import corrupt
+from imucalib_cli.simulate.options import LogOptions, NoiseOptions, PhysicsOptions
+from imucalib_cli.simulate.physics import record
+from imucalib_cli.simulate.write_log import write_log
+
+if TYPE_CHECKING:
+    from imucalib_cli.results.calibration import Calibration
+    from imucalib_cli.simulate.recording import Recording
+
+RATE = 200.0
+
+
+@lru_cache(maxsize=1)
+def clean() -> Recording:
+    options = PhysicsOptions(duration=36.0, imu_rate=RATE, robot_rate=125.0)
+    return record(load_system("barbot"), options)
+
+
+def written(folder: Path, noise: NoiseOptions) -> Path:
+    return as_log(folder, corrupt(clean(), noise, seed=5))
+
+
+def as_log(folder: Path, recording: Recording) -> Path:
+    write_log(recording, folder / "log.mcap", LogOptions())
+    return folder / "log.mcap"
+
+
+def request(log: Path, name: str | None, **changes: Any) -> CalibrationRequest:
+    from imucalib_cli.estimate.options import MatchedOptions
+
+    options = MatchedOptions(gravity="none", **changes)
+    imu = None if name is None else ExpectedImu(model=load_imu_model(name))
+    return CalibrationRequest(logs=(log,), parent="bar_link", estimator=options, imu=imu)
+
+
+def result(log: Path, name: str | None, **changes: Any) -> Calibration:
+    (calibration,) = calibrate(request(log, name, **changes)).calibrations
+    return calibration
+
+
+def of_model(calibration: Calibration) -> list[str]:
+    return [w for w in calibration.estimate.warnings if "data sheet" in w]
+
+
+def test_noise_that_fits_the_sheet_is_no_news(tmp_path: Path) -> None:
+    found = result(written(tmp_path, load_imu("bmi088")), "bmi088")
+    assert found.status == "ok"
+    assert of_model(found) == []
+    check = found.estimate.imu_check
+    assert check is not None
+    assert check.rate == pytest.approx(RATE)
+    for sensor in (check.accel, check.gyro):
+        assert sensor.measured == pytest.approx(sensor.expected, rel=0.05)
+        assert sensor.in_windows == pytest.approx(sensor.expected, rel=0.1)
+    # The sheet's own figures: 190 ug and 0.014 deg/s per sqrt(Hz), at 200 Hz.
+    assert check.accel.expected == pytest.approx(190e-6 * 9.80665 * 10.0)
+    assert check.gyro.expected == pytest.approx(np.radians(0.014) * 10.0)
+    document = to_document(found)
+    assert document["provenance"]["options"]["imu_model"] == "bmi088"
+    assert document["diagnostics"]["imu_model"]["accel"]["measured"] == check.accel.measured
+    again = from_document(json.loads(json.dumps(document)), "x").estimate.imu_check
+    assert again == check
+
+
+def test_five_times_the_noise_is_told_and_changes_nothing(tmp_path: Path) -> None:
+    sheet = load_imu("bmi088")
+    loud = replace(sheet, accel_noise=5 * sheet.accel_noise, gyro_noise=5 * sheet.gyro_noise)
+    log = written(tmp_path, loud)
+    # bmi270 has no figures for biases, so nothing but the comparison differs.
+    told, untold = result(log, "bmi270"), result(log, None)
+    accel, gyro = of_model(told)
+    assert "accelerometer's noise is 0.09" in accel
+    assert "6 times the 0.016 by the data sheet of bmi270 at 200 Hz" in accel  # 190 * 5 / 160
+    assert "10 times the 0.0012" in gyro
+    assert "--imu-model" in accel
+    for key in ("R_parent_imu", "t_parent_imu", "covariance", "accel_bias"):
+        np.testing.assert_array_equal(getattr(told.estimate, key), getattr(untold.estimate, key))
+    assert told.status == untold.status == "ok"
+    assert untold.estimate.imu_check is None
+    assert to_document(untold)["diagnostics"]["imu_model"] is None
+
+
+def test_too_little_noise_is_told_with_its_likely_cause(tmp_path: Path) -> None:
+    quiet = replace(load_imu("bmi088"), accel_noise=1e-4, gyro_noise=1e-5)
+    accel, gyro = of_model(result(written(tmp_path, quiet), "bmi270"))
+    assert "should be 0.016 by the data sheet" in accel
+    assert "a filter in the driver, a simulated log, or another IMU" in gyro
+
+    noisy = corrupt(clean(), load_imu("bmi088"), seed=5)
+    b, a = butter(2, 25.0, fs=RATE)
+    imu = replace(
+        noisy.imu,
+        accel=lfilter(b, a, noisy.imu.accel, axis=0),
+        gyro=lfilter(b, a, noisy.imu.gyro, axis=0),
+    )
+    filtered = result(as_log(tmp_path, replace(noisy, imu=imu)), "bmi088")
+    assert len(of_model(filtered)) == 2
+    for sentence in of_model(filtered):
+        assert "below its cut-off the noise is the sheet's; its delay is part of" in sentence
+    assert filtered.estimate.time_offset > 0.005  # as that sentence says
+
+
+def test_biases_take_their_priors_from_the_sheet_unless_the_user_tells(tmp_path: Path) -> None:
+    log = written(tmp_path, load_imu("adis16448"))
+    found = result(log, "adis16448")
+    options, check = found.provenance.options, found.estimate.imu_check
+    # 20 mg and 0.5 deg/s, 1 sigma, taken twice as wide.
+    assert options["accel_bias_std"] == pytest.approx(2 * 0.020 * 9.80665)
+    assert options["gyro_bias_std"] == pytest.approx(2 * np.radians(0.5))
+    assert check is not None
+    assert check.gyro.bias_prior == options["gyro_bias_std"]
+
+    (path,) = Path(log).parent.glob("*.mcap")
+    words = ["run", str(path), "--parent", "bar_link", "--gravity", "none", "-o"]
+    out = tmp_path / "told.json"
+    more = ["--format", "json", "--imu-model", "adis16448", "--gyro-bias", "free"]
+    assert main([*words, str(out), *more]) == 0
+    written_options = json.loads(out.read_text())["provenance"]["options"]
+    assert written_options["gyro_bias_std"] == "free"
+    assert written_options["accel_bias_std"] == pytest.approx(0.392266)
+
+
+def test_a_prior_is_weak_where_the_log_knows_and_helps_where_it_does_not(tmp_path: Path) -> None:
+    log = written(tmp_path, load_imu("adis16448"))
+    told, untold = result(log, "adis16448").estimate, result(log, None).estimate
+    assert told.covariance is not None
+    assert untold.covariance is not None
+    off = told.t_parent_imu - untold.t_parent_imu
+    assert np.abs(off).max() < 0.1 * np.sqrt(np.diag(untold.covariance)[:3]).min()
+    assert told.accel_bias_std is not None
+    assert untold.accel_bias_std is not None
+    assert np.all(told.accel_bias_std <= untold.accel_bias_std * 1.001)
+
+
+def test_a_bias_that_no_such_sensor_has_drops_the_prior_not_the_result(tmp_path: Path) -> None:
+    wild = replace(load_imu("adis16448"), gyro_bias=(0.2, 0.0, -0.1))
+    log = written(tmp_path, wild)
+    told, untold = result(log, "adis16448"), result(log, None)
+    assert told.status == "ok"
+    (sentence,) = of_model(told)
+    assert "a gyro bias of 0.22 rad/s is far beyond" in sentence
+    assert "(0.0087, 1 sigma)" in sentence
+    assert told.provenance.options["gyro_bias_std"] == "free"
+    assert told.provenance.options["accel_bias_std"] == pytest.approx(0.392266)
+    np.testing.assert_allclose(told.estimate.gyro_bias, untold.estimate.gyro_bias, atol=1e-6)
+    # The user's own prior is another matter: the log contradicts the user.
+    assert result(log, None, gyro_bias_std=0.0175).status == "untrusted"
+
+
+def test_readings_beyond_what_the_sensor_can_read_are_told(tmp_path: Path) -> None:
+    noise = replace(load_imu("bmi088"), accel_range=None, spikes=0.002, spike_accel=300.0)
+    spiked = of_model(result(written(tmp_path, noise), "bmi088"))
+    assert len(spiked) == 1
+    assert "are beyond the 235.4 m/s² where bmi088 ends" in spiked[0]
+
+
+def test_published_method_is_compared_too(tmp_path: Path) -> None:
+    from imucalib_cli.estimate.options import PaperOptions
+
+    log = written(tmp_path, load_imu("bmi088"))
+    wish = replace(request(log, "xsens_mti"), estimator=PaperOptions(gravity_norm=0.0))
+    (found,) = calibrate(wish).calibrations
+    assert any("3.2 times the 0.0059" in sentence for sentence in of_model(found))
+    assert found.estimate.imu_check is not None
+    assert found.estimate.imu_check.accel.in_windows is None
+    assert found.estimate.imu_check.accel.bias_prior is None
+
+
+@pytest.mark.parametrize(
+    ("name", "words"), [("bmi08", "choose adis16448"), ("/imu/data", "--imu-topic takes a topic")]
+)
+def test_a_name_that_is_none_lists_those_that_are(
+    name: str, words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for option in ("--imu-model", "--imu"):
+        assert main(["run", "none.mcap", option, name]) == 2
+        assert words in capsys.readouterr().err
