@@ -38,7 +38,8 @@ def spread(rows: Sequence[Row], key: str, scale: float = 1.0) -> str:
     values = scale * np.array(column(rows, key))
     if not len(values):
         return "-"
-    return f"{digits(float(values.mean()))} ± {digits(float(values.std()))}"
+    middle, around = float(values.mean()), float(values.std())
+    return f"{digits(middle)} ± {digits(around if around > 1e-12 * abs(middle) else 0.0)}"
 
 
 def digits(value: float) -> str:

@@ -1,0 +1,95 @@
+"""Figures 5 to 7: derived and measured acceleration against the engine's own."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+from xml.etree import ElementTree as ET
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from imucalib_cli.simulate.options import PhysicsOptions
+from imucalib_cli.study.derivation import compared_by_matched, compared_by_paper, near_changes
+from imucalib_cli.study.derivation_figure import draw_comparison
+from imucalib_cli.study.guesses import wrong_guess
+from imucalib_cli.study.systems import clean_recording
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from imucalib_cli.simulate.recording import Recording
+
+Floats = NDArray[np.float64]
+
+PHYSICS = PhysicsOptions(imu_rate=250, robot_rate=250, duration=24)
+
+
+def bar() -> Recording:
+    return clean_recording("barbot", PHYSICS)
+
+
+def acceleration_of_the_imu(recording: Recording) -> Floats:
+    """World x acceleration at the IMU's instants, from the engine's state of the bar."""
+    state = recording.state
+    R = Rotation.from_quat(state.position[:, [4, 5, 6, 3]])
+    omega, alpha = state.velocity[:, 3:], state.acceleration[:, 3:]
+    arm = np.broadcast_to(recording.t_parent_imu, omega.shape)
+    swing = np.cross(alpha, arm) + np.cross(omega, np.cross(omega, arm))
+    return np.asarray((state.acceleration[:, :3] + R.apply(swing))[:, 0])
+
+
+def test_both_filters_derive_and_measure_what_the_engine_knows() -> None:
+    truth = wrong_guess(bar(), 0.0, 0.0, 0)
+    true = acceleration_of_the_imu(bar())
+    for found, most in (
+        (compared_by_paper(bar(), truth, 11, 0.0), 0.02),
+        (compared_by_matched(bar(), truth, 11), 2e-4),
+    ):
+        at = np.searchsorted(bar().imu.t, found.t - 1e-9)
+        inner = slice(20, -20)
+        # smoothed over 40 ms; the bar's ramps take 300
+        np.testing.assert_allclose(found.derived[inner], true[at][inner], atol=0.003)
+        np.testing.assert_allclose(found.measured[inner], true[at][inner], atol=0.003)
+        assert np.abs(found.mismatch[inner]).max() < most
+        assert np.abs(true).max() > 0.15
+
+
+def test_the_guess_shows_in_the_derived_acceleration_alone() -> None:
+    truth = wrong_guess(bar(), 0.0, 0.0, 0)
+    displaced = wrong_guess(bar(), 0.1, 0.0, 3)
+    assert np.linalg.norm(displaced.t_parent_imu - truth.t_parent_imu) == pytest.approx(0.1)
+    right, wrong = (compared_by_matched(bar(), guess, 11) for guess in (truth, displaced))
+    np.testing.assert_allclose(wrong.measured, right.measured, atol=1e-12)
+    assert np.abs(wrong.mismatch).max() > 50 * np.abs(right.mismatch).max()
+
+
+def test_excluded_samples_are_where_the_pose_bends() -> None:
+    truth = wrong_guess(bar(), 0.0, 0.0, 0)
+    for limit in (0.05, 0.2):
+        found = compared_by_paper(bar(), truth, 11, limit)
+        assert 0.0 < np.mean(~found.kept) < 0.6
+        assert np.abs(found.derived[found.kept]).max() < limit + 0.1
+
+
+def test_starts_and_stops_are_where_acceleration_jumps() -> None:
+    t = np.arange(1000) / 250
+    accel = np.where((t > 1.0) & (t < 3.0), 0.05, 0.0)
+    near = near_changes(t, accel, jerk=2.0, margin=0.1)
+    for edge in (1.0, 3.0):
+        assert near[np.abs(t - edge) < 0.09].all()
+    assert not near[np.minimum(np.abs(t - 1.0), np.abs(t - 3.0)) > 0.12].any()
+
+
+def test_the_figure_is_an_svg_and_the_same_twice(tmp_path: Path) -> None:
+    truth = wrong_guess(bar(), 0.0, 0.0, 0)
+    found = {
+        "paper": compared_by_paper(bar(), truth, 11, 0.2),
+        "matched": compared_by_matched(bar(), truth, 11),
+    }
+    for name in ("a.svg", "b.svg"):
+        draw_comparison(tmp_path / name, "bar", found, (5.0, 10.0))
+    first = (tmp_path / "a.svg").read_bytes()
+    assert first == (tmp_path / "b.svg").read_bytes()
+    assert ET.fromstring(first).tag.endswith("svg")  # noqa: S314 - our own file
