@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from imucalib_cli.cli.apply import apply_command
+from imucalib_cli.cli.compare import compare_command
 from imucalib_cli.cli.diff import diff_command
 from imucalib_cli.cli.inspect import inspect_command
 from imucalib_cli.cli.output import (
@@ -43,6 +44,7 @@ app.command("inspect")(inspect_command)
 app.command("apply")(apply_command)
 app.command("verify")(verify_command)
 app.command("diff")(diff_command)
+app.command("compare")(compare_command)
 app.command("simulate")(simulate_command)
 app.command("study")(study_command)
 app.command("schema")(schema_command)

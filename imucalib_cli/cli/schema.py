@@ -12,10 +12,12 @@ from imucalib_cli.cli.quantities import parse_choice
 def schema_command(
     which: Annotated[
         str,
-        typer.Argument(metavar="[result|comparison]", help="Of `run`, or of `verify` and `diff`."),
+        typer.Argument(
+            metavar="[result|comparison]", help="Of `run`, or of `verify`, `diff`, `compare`."
+        ),
     ] = "result",
 ) -> None:
-    """Print the JSON Schema (2020-12) of the result, or of the answers of verify and diff."""
+    """Print the JSON Schema (2020-12) of the result, or of the answers of verify, diff, compare."""
     parse_choice("schema", which, ("result", "comparison"))
     schema = files("imucalib_cli.results").joinpath(f"{which}.schema.json")
     deliver(schema.read_text(encoding="utf-8"), None)

@@ -342,7 +342,11 @@ def simulate_command(
     if truth.camera is not None:
         from imucalib_cli.simulate.kalibr import kalibr_command
 
-        say("images", f"{truth.camera['images']}, {truth.camera['tags_seen']:.1%} of tags seen")
+        say(
+            "images",
+            f"{truth.camera['images']}, in which {truth.camera['tags_seen']:.1%} of the tags are "
+            f"seen, never fewer than {truth.camera['fewest_tags']}",
+        )
         if output.suffix == ".bag":
             say("kalibr", kalibr_command(output))
     if truth.saturated:

@@ -45,7 +45,7 @@ def read_results(name: str) -> list[Calibration]:
     Raises:
         InputError: The file cannot be read or holds no result.
     """
-    calibrations = read_calibrations(_text(name), display_name(name))
+    calibrations = read_calibrations(read_text(name), display_name(name))
     for calibration in calibrations:
         covariance = calibration.estimate.covariance
         if (
@@ -65,7 +65,12 @@ def display_name(name: str) -> str:
     return "standard input" if name == "-" else name
 
 
-def _text(name: str) -> str:
+def read_text(name: str) -> str:
+    """Content of a small text file, or of standard input for ``-``.
+
+    Raises:
+        InputError: It cannot be read, is no text, or is far too large.
+    """
     try:
         if name == "-":
             if sys.stdin is None:

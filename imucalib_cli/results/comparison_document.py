@@ -31,8 +31,11 @@ def verification_document(verification: Verification) -> Document:
         "parent": verification.calibration.parent,
         "child": verification.calibration.child,
         "within": _within(verification.within),
-        "translation": {"verdict": verification.translation, **_part(apart, apart.translation)},
-        "rotation": {"verdict": verification.rotation, **_part(apart, apart.rotation)},
+        "translation": {
+            "verdict": verification.translation,
+            **part_entry(apart, apart.translation),
+        },
+        "rotation": {"verdict": verification.rotation, **part_entry(apart, apart.rotation)},
         "significance": _strongest(apart),
         "told": {
             "joint": told.joint,
@@ -55,10 +58,10 @@ def comparison_document(comparison: Comparison) -> Document:
         "parent": comparison.parent,
         "child": comparison.child,
         "within": None if comparison.within is None else _within(comparison.within),
-        "translation": _part(apart, apart.translation),
-        "rotation": _part(apart, apart.rotation),
+        "translation": part_entry(apart, apart.translation),
+        "rotation": part_entry(apart, apart.rotation),
         "significance": _strongest(apart),
-        "test": _test(comparison.significance),
+        "test": test_entry(comparison.significance),
         "covariance": None if covariance is None else [vector_entry(row) for row in covariance],
         "warnings": list(comparison.warnings),
         "first": _side(comparison.first),
@@ -73,7 +76,8 @@ def _within(within: Tolerance) -> Document:
     }
 
 
-def _part(apart: Difference, part: Part) -> Document:
+def part_entry(apart: Difference, part: Part) -> Document:
+    """Translation or rotation of a difference."""
     unit, scale = UNITS[part.kind]
     bounds = None if part.bounds is None else vector_entry(np.array(part.bounds) * scale)
     std = None if part.covariance is None else np.sqrt(np.diag(part.covariance)) * scale
@@ -84,11 +88,12 @@ def _part(apart: Difference, part: Part) -> Document:
         f"vector_{unit}": vector_entry(part.vector * scale),
         f"std_{unit}": None if std is None else vector_entry(std),
         "unknown_directions": [vector_entry(direction) for direction in part.unknown],
-        "test": _test(apart.significance(part)),
+        "test": test_entry(apart.significance(part)),
     }
 
 
-def _test(test: Significance | None) -> Document | None:
+def test_entry(test: Significance | None) -> Document | None:
+    """A chi-squared test, if there is one."""
     if test is None:
         return None
     return {

@@ -136,6 +136,8 @@ def camera_truth(recording: Recording, camera: CameraRecord) -> dict[str, Any]:
     noise = None if recording.corruption is None else recording.corruption.noise
     offset = 0.0 if noise is None else noise.camera_offset
     shift = (0.0 if noise is None else noise.time_offset) - offset
+    target = camera.config.target
+    tags = np.isfinite(camera.corners[..., 0]).sum(axis=1) // 4
     return {
         "frame": frame,
         "T_cam_imu": T_camera_imu.tolist(),
@@ -143,5 +145,6 @@ def camera_truth(recording: Recording, camera: CameraRecord) -> dict[str, Any]:
         "time_offset": offset,
         "timeshift_cam_imu": shift,
         "images": len(camera.t),
-        "tags_seen": float(np.isfinite(camera.corners[..., 0]).mean()),
+        "tags_seen": float(tags.mean() / (target.tag_rows * target.tag_cols)),
+        "fewest_tags": int(tags.min()),
     }

@@ -301,7 +301,7 @@ def test_every_option_stands_in_the_documentation_with_its_default() -> None:
     text = (ROOT / "docs/options.md").read_text()
     group = typer.main.get_command(app)
     shared: dict[str, str] = {}
-    for name in ("run", "inspect", "verify", "diff", "apply"):
+    for name in ("run", "inspect", "verify", "diff", "compare", "apply"):
         section = text.split(f"## `imucalib {name}`")[1].split("\n## ")[0]
         rows = {
             option: row

@@ -1,0 +1,84 @@
+"""``imucalib compare``: a result beside one of another tool."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from imucalib_cli.cli.answers import see_answer_writable
+from imucalib_cli.cli.output import EXIT_OK, EXIT_UNTRUSTED, deliver, say
+from imucalib_cli.cli.quantities import parse_choice
+
+
+def compare_command(
+    result: Annotated[
+        str, typer.Argument(metavar="RESULT", help="Result of `imucalib run`; - reads stdin.")
+    ],
+    *,
+    kalibr: Annotated[
+        str,
+        typer.Option(
+            "--kalibr",
+            metavar="FILE",
+            help="camchain-imucam.yaml of kalibr_calibrate_imu_camera; - reads stdin.",
+        ),
+    ],
+    urdf: Annotated[
+        Path,
+        typer.Option("--urdf", help="Its fixed joints lead from the IMU's link to the camera."),
+    ],
+    camera_link: Annotated[
+        str | None,
+        typer.Option(
+            "--camera-link",
+            help="The camera's optical frame in the URDF (z forward, x right); default: the only "
+            "link that ends in _optical_frame.",
+        ),
+    ] = None,
+    camera: Annotated[str, typer.Option("--camera", help="Which of Kalibr's chain.")] = "cam0",
+    imu: Annotated[
+        str | None, typer.Option("--imu", help="Frame or topic, where the result has several.")
+    ] = None,
+    truth: Annotated[
+        str | None,
+        typer.Option(
+            "--truth", metavar="FILE", help="truth.yaml of a simulated log: the errors of both."
+        ),
+    ] = None,
+    fmt: Annotated[
+        str, typer.Option("--format", metavar="yaml|json", help="Form of the answer.")
+    ] = "yaml",
+    output: Annotated[
+        str | None,
+        typer.Option("-o", "--output", metavar="FILE", help="Where to write; default stdout."),
+    ] = None,
+    quiet: Annotated[bool, typer.Option("-q", "--quiet", help="Errors only on stderr.")] = False,
+) -> None:
+    """Put a result beside Kalibr's, through the URDF. Exit 0; 3 if the result is untrusted."""
+    parse_choice("--format", fmt, ("yaml", "json"))
+    inputs = [Path(name) for name in (result, kalibr, truth) if name is not None and name != "-"]
+    inputs.append(urdf)
+    see_answer_writable(output, inputs)
+
+    from imucalib_cli.jobs.compare import compare_with_kalibr
+    from imucalib_cli.results.side_by_side_document import side_by_side_document
+    from imucalib_cli.results.text import to_json, to_yaml
+
+    sides = compare_with_kalibr(
+        result,
+        kalibr,
+        urdf,
+        camera=camera,
+        camera_link=camera_link,
+        imu=imu,
+        truth=truth,
+    )
+    document = side_by_side_document(sides)
+    text = to_json([document]) if fmt == "json" else to_yaml([document])
+    deliver(text, None if output is None else Path(output), inputs=inputs)
+    if not quiet:
+        say("compared", document["reason"])
+    trusted = document["status"] == "ok"
+    if not trusted and not quiet:
+        say("warning", f"{result}: the result should not be trusted, so neither should this")
+    raise typer.Exit(EXIT_OK if trusted else EXIT_UNTRUSTED)

@@ -1,0 +1,83 @@
+"""Put a result beside what Kalibr found of the same IMU and a camera on the same link."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from imucalib_cli.errors import ChoiceError
+from imucalib_cli.jobs.result_files import display_name, read_results, read_text
+from imucalib_cli.results.kalibr_result import read_kalibr
+from imucalib_cli.results.movement import Side
+from imucalib_cli.results.side_by_side import SideBySide, side_by_side
+from imucalib_cli.results.true_pose import read_truth
+from imucalib_cli.robot.urdf import load_robot
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from imucalib_cli.results.calibration import Calibration
+    from imucalib_cli.robot.urdf import Robot
+
+OPTICAL = "_optical_frame"
+"""REP 103's suffix of frames whose z is forward, which Kalibr's cameras are."""
+
+
+def compare_with_kalibr(
+    result: str,
+    kalibr: str,
+    urdf: Path,
+    *,
+    camera: str = "cam0",
+    camera_link: str | None = None,
+    imu: str | None = None,
+    truth: str | None = None,
+) -> SideBySide:
+    """Compare one result with Kalibr's.
+
+    Args:
+        result: File of ``imucalib run``; ``-`` reads standard input.
+        kalibr: Kalibr's camchain-imucam.yaml; ``-`` likewise.
+        urdf: Its fixed joints lead from the result's parent link to the camera.
+        camera: Which of Kalibr's chain.
+        camera_link: The camera's optical frame in the URDF; default: the only one whose name says
+            so.
+        imu: Frame or topic, where the result has several.
+        truth: Truth file of a simulated log; ``-`` likewise.
+
+    Raises:
+        InputError: A file cannot be used.
+        ChoiceError: A frame, a camera or an IMU is not there or must be named; or more than one
+            file is standard input.
+    """
+    if [result, kalibr, truth].count("-") > 1:
+        raise ChoiceError("standard input can be one of the files, not two: name the others")
+    calibration = _chosen(read_results(result), display_name(result), imu)
+    told = read_kalibr(read_text(kalibr), display_name(kalibr), camera)
+    true = None if truth is None else read_truth(read_text(truth), display_name(truth))
+    robot = load_robot(urdf)
+    link = camera_link or _only_optical(robot)
+    ours = Side(name=display_name(result), calibration=calibration)
+    return side_by_side(ours, told, robot, link, true)
+
+
+def _chosen(calibrations: list[Calibration], name: str, imu: str | None) -> Calibration:
+    def names(calibration: Calibration) -> set[str]:
+        return {calibration.child, calibration.provenance.imu_topic}
+
+    candidates = [c for c in calibrations if imu is None or imu in names(c)]
+    if len(candidates) == 1:
+        return candidates[0]
+    listed = ", ".join(c.provenance.imu_topic for c in calibrations)
+    said = f"{name} has results of {listed}"
+    raise ChoiceError(f"{said}: choose one with --imu" if imu is None else f"--imu {imu}: {said}")
+
+
+def _only_optical(robot: Robot) -> str:
+    optical = [link for link in robot.links if link.endswith(OPTICAL)]
+    if len(optical) == 1:
+        return optical[0]
+    candidates = optical or robot.links
+    raise ChoiceError(
+        f"name the camera's optical frame in {robot.source} (z forward) with --camera-link, one "
+        f"of: {', '.join(candidates)}"
+    )

@@ -1,0 +1,306 @@
+"""`imucalib compare`: frames and errors against scipy's, and what is wrong with a file."""
+
+from __future__ import annotations
+
+import io
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import jsonschema
+import numpy as np
+import pytest
+import yaml
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from imucalib_cli.cli.main import main
+from imucalib_cli.results.document import to_document
+from imucalib_cli.results.text import to_yaml
+from tests.results.test_results_documents import UP, make_calibration
+
+if TYPE_CHECKING:
+    from imucalib_cli.results.calibration import Calibration
+
+ROOT = Path(__file__).parents[2]
+SCHEMA = json.loads((ROOT / "docs/comparison.schema.json").read_text())
+URDF = """<?xml version="1.0"?>
+<robot name="arm">
+  <link name="base"/> <link name="hand"/> <link name="imu_link"/>
+  <link name="camera_link"/> <link name="camera_optical_frame"/>
+  <joint name="pan" type="revolute">
+    <parent link="base"/> <child link="hand"/> <axis xyz="0 0 1"/>
+    <limit lower="-3" upper="3" effort="1" velocity="1"/>
+  </joint>
+  <joint name="imu_joint" type="fixed">
+    <parent link="hand"/> <child link="imu_link"/> <origin xyz="0.1 0.2 0.3" rpy="0 0 0"/>
+  </joint>
+  <joint name="camera_joint" type="fixed">
+    <parent link="hand"/> <child link="camera_link"/> <origin xyz="0.02 0.1 0" rpy="0.5 0.3 -1"/>
+  </joint>
+  <joint name="optical_joint" type="fixed">
+    <parent link="camera_link"/> <child link="camera_optical_frame"/>
+    <origin xyz="0 0.01 0" rpy="-1.5707963267948966 0 -1.5707963267948966"/>
+  </joint>
+</robot>
+"""
+
+
+def fixed(xyz: Any, rpy: Any) -> RigidTransform:
+    return RigidTransform.from_components(np.array(xyz), Rotation.from_euler("xyz", rpy))
+
+
+HAND_CAMERA = fixed([0.02, 0.1, 0.0], [0.5, 0.3, -1.0]) * fixed(
+    [0.0, 0.01, 0.0], [-np.pi / 2, 0.0, -np.pi / 2]
+)
+OURS = fixed([0.1, 0.2, 0.3], [0.02, -0.01, 0.03])
+APART = np.array([3e-4, -2e-4, 1e-4])
+TURNED = np.array([1e-3, 2e-3, -2e-3])
+THEIRS = RigidTransform.from_components(
+    OURS.translation + APART, Rotation.from_rotvec(TURNED) * OURS.rotation
+)
+TRUE = fixed([0.1001, 0.1999, 0.3], [0.021, -0.01, 0.03])
+
+
+def ours(**changes: Any) -> Calibration:
+    made = make_calibration(
+        t_parent_imu=OURS.translation,
+        R_parent_imu=OURS.rotation.as_matrix(),
+        covariance=np.diag([1e-8] * 3 + [1e-8] * 3),
+        **changes,
+    )
+    return replace(made, parent="hand", child="imu_link")
+
+
+def chain(pose: RigidTransform = THEIRS, **more: Any) -> dict[str, Any]:
+    """As Kalibr writes it, with the inputs it carries along."""
+    return {
+        "T_cam_imu": (HAND_CAMERA.inv() * pose).as_matrix().tolist(),
+        "cam_overlaps": [],
+        "camera_model": "pinhole",
+        "distortion_coeffs": [0.0, 0.0, 0.0, 0.0],
+        "distortion_model": "radtan",
+        "intrinsics": [900.0, 900.0, 639.5, 359.5],
+        "resolution": [1280, 720],
+        "rostopic": "/cam0/image_raw",
+        "timeshift_cam_imu": 0.0123,
+        **more,
+    }
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> Path:
+    (tmp_path / "robot.urdf").write_text(URDF)
+    (tmp_path / "result.yaml").write_text(to_yaml([to_document(ours())]))
+    (tmp_path / "kalibr.yaml").write_text(yaml.safe_dump({"cam0": chain()}))
+    quaternion = TRUE.rotation.as_quat(canonical=True).tolist()
+    truth = {
+        "transform": {
+            "parent": "hand",
+            "child": "imu_link",
+            "translation": TRUE.translation.tolist(),
+            "rotation_xyzw": quaternion,
+        },
+        "time_offset": -0.042,
+    }
+    (tmp_path / "truth.yaml").write_text(yaml.safe_dump(truth))
+    return tmp_path
+
+
+def compare(files: Path, *more: str, result: str = "", kalibr: str = "") -> int:
+    arguments = [result or str(files / "result.yaml")]
+    arguments += ["--kalibr", kalibr or str(files / "kalibr.yaml")]
+    return main(["compare", *arguments, "--urdf", str(files / "robot.urdf"), *more])
+
+
+def answer(capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
+    document: dict[str, Any] = yaml.safe_load(capsys.readouterr().out)
+    jsonschema.validate(document, SCHEMA, cls=jsonschema.Draft202012Validator)
+    return document
+
+
+def pose(entry: dict[str, Any]) -> RigidTransform:
+    return RigidTransform.from_components(
+        entry["translation"], Rotation.from_quat(entry["rotation_xyzw"])
+    )
+
+
+def assert_same(entry: dict[str, Any], expected: RigidTransform) -> None:
+    np.testing.assert_allclose(pose(entry).as_matrix(), expected.as_matrix(), atol=1e-12)
+
+
+def test_both_stand_in_both_frames(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert compare(files) == 0
+    document = answer(capsys)
+    assert document["camera_link"] == "camera_optical_frame"
+    assert_same(document["imucalib"]["T_parent_imu"], OURS)
+    assert_same(document["imucalib"]["T_camera_imu"], HAND_CAMERA.inv() * OURS)
+    assert_same(document["kalibr"]["T_parent_imu"], THEIRS)
+    assert_same(document["kalibr"]["T_camera_imu"], HAND_CAMERA.inv() * THEIRS)
+    assert_same(document["nominal"]["T_parent_imu"], fixed([0.1, 0.2, 0.3], [0, 0, 0]))
+    assert document["kalibr"]["timeshift_cam_imu"] == 0.0123
+    assert document["imucalib"]["time_offset"] == -0.042
+    assert document["truth"] is document["kalibr"]["error"] is None
+
+
+def test_the_difference_has_our_sigma(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert compare(files) == 0
+    document = answer(capsys)
+    moved, turned = document["translation"], document["rotation"]
+    np.testing.assert_allclose(moved["vector_mm"], APART * 1e3, atol=1e-9)
+    assert moved["difference_mm"] == pytest.approx(np.linalg.norm(APART) * 1e3)
+    np.testing.assert_allclose(moved["std_mm"], [0.1] * 3)
+    np.testing.assert_allclose(turned["vector_deg"], np.degrees(TURNED), atol=1e-9)
+    assert turned["difference_deg"] == pytest.approx(np.degrees(3e-3))
+    assert moved["test"]["chi2"] == pytest.approx((APART**2).sum() / 1e-8)
+    assert document["test"]["degrees_of_freedom"] == 6
+    off = document["kalibr"]["from_nominal"]
+    assert off["distance_mm"] == pytest.approx(np.linalg.norm(APART) * 1e3)
+    assert off["angle_deg"] == pytest.approx(np.degrees(THEIRS.rotation.magnitude()))
+
+
+def test_errors_are_of_both_and_in_both_metrics(
+    files: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert compare(files, "--truth", str(files / "truth.yaml")) == 0
+    document = answer(capsys)
+    for name, estimate in (("imucalib", OURS), ("kalibr", THEIRS)):
+        delta = TRUE.inv() * estimate
+        error = document[name]["error"]
+        assert error["distance_mm"] == pytest.approx(np.linalg.norm(delta.translation) * 1e3)
+        assert error["angle_deg"] == pytest.approx(np.degrees(delta.rotation.magnitude()))
+        averaged = error["averaged"]
+        assert "compareTransforms" in averaged["metric"]
+        assert averaged["translation_mm"] == pytest.approx(abs(delta.translation.mean()) * 1e3)
+        angles = np.abs(delta.rotation.as_euler("xyz", degrees=True))
+        assert averaged["rotation_deg"] == pytest.approx(angles.mean())
+    assert document["imucalib"]["error"]["averaged"]["translation_mm"] < 0.01  # signs cancel
+    assert document["imucalib"]["error"]["distance_mm"] > 0.1
+
+
+def test_a_camera_drawn_wrong_does_not_count_against_kalibr(
+    files: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    truth = yaml.safe_load((files / "truth.yaml").read_text())
+    elsewhere = fixed([0.03, 0.1, 0.0], [0.5, 0.3, -1.0])
+    T_cam_imu = (elsewhere.inv() * TRUE).as_matrix().tolist()
+    truth["camera"] = {"T_cam_imu": T_cam_imu, "timeshift_cam_imu": 0.0124}
+    (files / "truth.yaml").write_text(yaml.safe_dump(truth))
+    (files / "kalibr.yaml").write_text(yaml.safe_dump({"cam0": chain(T_cam_imu=T_cam_imu)}))
+    assert compare(files, "--truth", str(files / "truth.yaml")) == 0
+    document = answer(capsys)
+    assert document["kalibr"]["error"]["distance_mm"] == pytest.approx(0.0, abs=1e-9)
+    assert document["truth"]["timeshift_cam_imu"] == 0.0124
+    assert document["translation"]["difference_mm"] > 5.0  # through the URDF
+
+
+def test_another_camera_of_the_chain(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    cameras = {"cam0": chain(OURS), "cam1": chain(T_cn_cnm1=np.eye(4).tolist())}
+    (files / "kalibr.yaml").write_text(yaml.safe_dump(cameras))
+    arguments = ["--camera", "cam1", "--camera-link", "camera_optical_frame", "--format", "json"]
+    assert compare(files, *arguments) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["kalibr"]["camera"] == "cam1"
+    assert_same(document["kalibr"]["T_parent_imu"], THEIRS)
+    assert compare(files, "--camera", "cam2") == 2
+    assert "has cam0, cam1" in capsys.readouterr().err
+
+
+def test_stdin_output_and_quiet(
+    files: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    content = (files / "kalibr.yaml").read_bytes()
+    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(content)))
+    assert compare(files, "-q", "-o", str(files / "answer.yaml"), kalibr="-") == 0
+    out, err = capsys.readouterr()
+    assert out == err == ""
+    document = yaml.safe_load((files / "answer.yaml").read_text())
+    assert document["kalibr"]["file"] == "standard input"
+    assert compare(files, result="-", kalibr="-") == 2
+    assert "standard input can be one" in capsys.readouterr().err
+    assert compare(files, "-o", str(files / "kalibr.yaml")) == 2  # an input
+    assert content == (files / "kalibr.yaml").read_bytes()
+
+
+def test_an_untrusted_result_is_compared_with_a_warning(
+    files: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (files / "result.yaml").write_text(to_yaml([to_document(ours(unobservable=(UP,)))]))
+    assert compare(files) == 3
+    out, err = capsys.readouterr()
+    assert yaml.safe_load(out)["translation"]["unknown_directions"] == [[0.0, 0.0, 1.0]]
+    assert "should not be trusted" in err
+
+
+def test_one_of_several_imus(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    other = replace(ours(), child="other_link")
+    other = replace(other, provenance=replace(other.provenance, imu_topic="/other"))
+    documents = [to_document(other), to_document(ours())]
+    (files / "result.yaml").write_text(to_yaml(documents))
+    assert compare(files) == 2
+    assert "choose one with --imu" in capsys.readouterr().err
+    assert compare(files, "--imu", "imu_link") == 0
+    assert answer(capsys)["child"] == "imu_link"
+    assert compare(files, "--imu", "/other") == 0
+    assert answer(capsys)["nominal"] is None  # no such link in the URDF
+    assert compare(files, "--imu", "/none") == 2
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ("a: [", "not YAML"),
+        ("5", "holds no cam0"),
+        ("imu0: {}", "holds no cam0"),
+        ("cam0: 3", "has no T_cam_imu"),
+        ("cam0: {rostopic: /a}", "has no T_cam_imu"),
+        ("cam0: {T_cam_imu: [[1, 0], [0, 1]]}", "should be 4x4 finite numbers"),
+        ("cam0: {T_cam_imu: 7}", "T_cam_imu"),
+        (yaml.safe_dump({"cam0": chain(T_cam_imu=(2 * np.eye(4)).tolist())}), "a rotation"),
+        (
+            yaml.safe_dump({"cam0": chain(T_cam_imu=np.diag([1.0, 1.0, -1.0, 1.0]).tolist())}),
+            "a rotation",
+        ),
+        (yaml.safe_dump({"cam0": chain(timeshift_cam_imu=float("nan"))}), "timeshift_cam_imu"),
+    ],
+)
+def test_a_bad_file_of_kalibrs_is_named(
+    files: Path, capsys: pytest.CaptureFixture[str], content: str, words: str
+) -> None:
+    (files / "kalibr.yaml").write_text(content)
+    assert compare(files) == 1
+    err = capsys.readouterr().err
+    assert words in err
+    assert "kalibr.yaml" in err
+    assert err.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ("cam0: {}", "should be the truth.yaml"),
+        ("transform: {}\ntime_offset: 0.0", "rotation_xyzw"),
+        (": [", "not YAML"),
+    ],
+)
+def test_a_bad_truth_is_named(
+    files: Path, capsys: pytest.CaptureFixture[str], content: str, words: str
+) -> None:
+    (files / "truth.yaml").write_text(content)
+    assert compare(files, "--truth", str(files / "truth.yaml")) == 1
+    assert words in capsys.readouterr().err
+
+
+def test_frames_that_do_not_fit_are_named(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert compare(files, "--camera-link", "base") == 2
+    assert "the revolute joint 'pan' is between them" in capsys.readouterr().err
+    assert compare(files, "--camera-link", "camera") == 2
+    assert "did you mean 'camera_link'" in capsys.readouterr().err
+    truth = (files / "truth.yaml").read_text().replace("parent: hand", "parent: base")
+    (files / "truth.yaml").write_text(truth)
+    assert compare(files, "--truth", str(files / "truth.yaml")) == 2
+    assert "is of imu_link in base" in capsys.readouterr().err
+    (files / "robot.urdf").write_text(URDF.replace("camera_optical_frame", "camera_eye"))
+    assert compare(files) == 2
+    assert "--camera-link, one of: base, hand" in capsys.readouterr().err
