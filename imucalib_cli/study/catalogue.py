@@ -19,6 +19,7 @@ STUDIES: dict[str, tuple[str, str]] = {
         "imucalib_cli.study.initial_error_study",
         "Table 3: sensitivity to the initial guess",
     ),
+    "methods": ("imucalib_cli.study.methods_study", "Table 1: the methods compared"),
     "noise": ("imucalib_cli.study.noise_study", "Table 2: sensitivity to IMU noise"),
     "window": ("imucalib_cli.study.window_study", "open question: the filters' window"),
 }

@@ -1,0 +1,149 @@
+"""Runs functions in a fresh process of their own and tells what they cost.
+
+Memory is the resident set: the kernel's peak while a function runs, less what the process held
+before, which is the interpreter, the libraries and the data.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import resource
+import signal
+import sys
+import threading
+import time
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Generic, TypeVar
+
+from imucalib_cli.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from multiprocessing.connection import Connection
+
+T = TypeVar("T")
+G = TypeVar("G")
+
+_STATUS = Path("/proc/self/status")
+_RESET = Path("/proc/self/clear_refs")
+_FORGET_PEAK = "5"
+"""proc(5): resets the peak of the resident set to its present size."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cost(Generic[T]):
+    """What came of a call."""
+
+    value: T | None
+    """None where it failed."""
+    failure: str | None
+    """Why, in one line."""
+    seconds: float
+    """By the clock on the wall."""
+    cpu_seconds: float
+    memory: float
+    """Bytes, at the peak, more than before."""
+    held: float
+    """Bytes held before."""
+
+
+def run_alone(
+    calls: Sequence[Callable[[G], T]], given: G, modules: Sequence[str] = ()
+) -> list[Cost[T]]:
+    """Call functions one after the other in a new process.
+
+    Args:
+        calls: What to call; importable, for they are sent to the process.
+        given: Their argument.
+        modules: Imported beforehand, if they are there, so that their import costs nothing.
+
+    Raises:
+        InputError: The process was killed.
+        RuntimeError: A call failed otherwise than by an InputError.
+    """
+    context = multiprocessing.get_context("spawn")
+    ours, theirs = context.Pipe(duplex=False)
+    child = context.Process(
+        target=_serve, args=(theirs, tuple(calls), given, tuple(modules)), daemon=True
+    )
+    child.start()
+    theirs.close()
+    try:
+        costs: list[Cost[T]] = ours.recv()
+    except EOFError:
+        child.join()
+        if (child.exitcode or 0) < 0:
+            raise InputError("a method's process was killed, for want of memory perhaps") from None
+        raise RuntimeError("a method failed; its traceback stands above") from None
+    finally:
+        ours.close()
+    child.join()
+    return costs
+
+
+def _serve(
+    answer: Connection, calls: Sequence[Callable[[G], T]], given: G, modules: Sequence[str]
+) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides what an interruption ends
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    for module in modules:
+        try:
+            import_module(module)
+        except ImportError:
+            continue  # what needs it will say so
+    answer.send([_timed(call, given) for call in calls])
+    answer.close()
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
+
+
+def _timed(call: Callable[[G], T], given: G) -> Cost[T]:
+    value, failure = None, None
+    held = _forget_peak()
+    begun, begun_cpu = time.perf_counter(), time.process_time()
+    try:
+        value = call(given)
+    except InputError as error:
+        failure = str(error)
+    seconds, cpu = time.perf_counter() - begun, time.process_time() - begun_cpu
+    return Cost(
+        value=value,
+        failure=failure,
+        seconds=seconds,
+        cpu_seconds=cpu,
+        memory=max(_peak() - held, 0.0),
+        held=held,
+    )
+
+
+def _forget_peak() -> float:
+    """Start a new peak where the kernel can; the resident set at present, bytes."""
+    try:
+        _RESET.write_text(_FORGET_PEAK)
+    except OSError:
+        return _peak()  # then the peak of before is all that can be told
+    return _status("VmRSS")
+
+
+def _peak() -> float:
+    if _STATUS.exists():
+        return _status("VmHWM")
+    unit = 1.0 if sys.platform == "darwin" else 1024.0
+    return unit * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+
+
+def _status(key: str) -> float:
+    """A size of /proc/self/status, bytes."""
+    for line in _STATUS.read_text().splitlines():
+        name, _, value = line.partition(":")
+        if name == key:
+            return 1024.0 * float(value.split()[0])
+    return 0.0

@@ -1,0 +1,283 @@
+"""Table 1: the published method, ours and others on one camera-IMU transform (section 4.3).
+
+Every method runs alone in a fresh process, on the same recording and the same noise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from imucalib_cli.robot.rotations import matrix_from_rpy
+from imucalib_cli.simulate.camera import camera_mount
+from imucalib_cli.simulate.camera_config import load_camera
+from imucalib_cli.simulate.load import load_system
+from imucalib_cli.simulate.noise import corrupt
+from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
+from imucalib_cli.simulate.physics import record
+from imucalib_cli.study.alone import run_alone
+from imucalib_cli.study.bound import Unknown, cramer_rao
+from imucalib_cli.study.load import load_parameters
+from imucalib_cli.study.methods.bspline import BSplineOptions
+from imucalib_cli.study.methods.entrants import ENTRANTS, Given, PaperSetting
+from imucalib_cli.study.methods.gyro_first import GyroFirstOptions
+from imucalib_cli.study.methods.hand_eye import (  # noqa: TC001 - types of fields, checked when read
+    Ransac,
+)
+from imucalib_cli.study.methods.pnp import observations_of
+from imucalib_cli.study.methods_tables import methods_tables
+from imucalib_cli.study.metrics import pose_error
+from imucalib_cli.study.trial import robot_of, streams_of
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from imucalib_cli.simulate.recording import Recording
+    from imucalib_cli.study.alone import Cost
+    from imucalib_cli.study.experiment import Cell, Figure, Row, Study
+    from imucalib_cli.study.methods.answer import Answer
+    from imucalib_cli.study.table import Table
+
+_LIBRARIES = ("scipy.optimize", "scipy.linalg", "scipy.signal", "cv2")
+"""Whose import is not a method's cost."""
+POSE_ALONE = Unknown(accel_bias=False, gyro_bias=False, tilt=False, time_offset=False)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Condition:
+    """Sensors under which methods are compared."""
+
+    name: str
+    noise: NoiseOptions
+    seeds: int | None = None
+    """None takes the study's."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Quoted:
+    """Figures of others, shown as such."""
+
+    condition: str
+    method: str
+    translation: str
+    rotation: str
+    seconds: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class MethodsParameters:
+    """As configs/studies/methods.yaml states them, with units and sources."""
+
+    system: str
+    camera: str
+    duration: float
+    imu_rate: float
+    robot_rate: float
+    conditions: tuple[Condition, ...]
+    seeds: int
+    paper_windows: tuple[int, ...]
+    paper_exclusions: tuple[float, ...]
+    paper_residuals: tuple[Literal["l1", "components"], ...]
+    stated_where_none: NoiseOptions
+    knots_per_second: float
+    bias_interval: float
+    gyro_first_window: float
+    gyro_first_degree: int
+    published_ransac: Ransac
+    tuned_ransac: Ransac
+    quoted: tuple[Quoted, ...]
+
+    @property
+    def physics(self) -> PhysicsOptions:
+        """Of the one recording."""
+        return PhysicsOptions(
+            duration=self.duration, imu_rate=self.imu_rate, robot_rate=self.robot_rate
+        )
+
+    @property
+    def paper_settings(self) -> tuple[PaperSetting, ...]:
+        """All that the published method is run with."""
+        return tuple(
+            PaperSetting(window=window, exclusion=exclusion, residual=residual)
+            for window in self.paper_windows
+            for exclusion in self.paper_exclusions
+            for residual in self.paper_residuals
+        )
+
+    def condition(self, name: str) -> Condition:
+        """By its name."""
+        return next(c for c in self.conditions if c.name == name)
+
+
+@dataclass(frozen=True)
+class MethodsStudy:
+    """Section 4.3 and Table 1."""
+
+    config: MethodsParameters
+    name: str = "methods"
+
+    def cells(self) -> list[Cell]:
+        """Every method under every condition with every seed."""
+        return [
+            {"condition": condition.name, "method": method, "seed": seed}
+            for condition in self.config.conditions
+            for seed in range(condition.seeds or self.config.seeds)
+            for method in ENTRANTS
+        ]
+
+    def measure(self, cell: Cell) -> list[Row]:
+        """One method on one recording; the published one in all its settings."""
+        config = self.config
+        clean = seen_recording(config.system, config.camera, config.physics)
+        noise = config.condition(str(cell["condition"])).noise
+        entrant = ENTRANTS[str(cell["method"])]
+        seed = int(cell["seed"] or 0)
+        recording = corrupt(clean, noise, seed)
+        costs = run_alone(
+            entrant.calls(config.paper_settings), given(recording, config, seed), _LIBRARIES
+        )
+        bound = _bound(clean, noise, config.imu_rate, alone=entrant.unknowns == "pose")
+        settings = config.paper_settings if entrant.call is None else (None,)
+        return [
+            cell | _setting(setting) | _row(cost, recording, config.camera) | bound
+            for cost, setting in zip(costs, settings, strict=True)
+        ]
+
+    def tables(self, rows: Sequence[Row]) -> list[Table]:
+        """One a condition, and the claims."""
+        quoted: list[Row] = [
+            {
+                "condition": quote.condition,
+                "method": quote.method,
+                "translation": quote.translation,
+                "rotation": quote.rotation,
+                "seconds": quote.seconds,
+            }
+            for quote in self.config.quoted
+        ]
+        return methods_tables(rows, [c.name for c in self.config.conditions], quoted)
+
+    def figures(self, rows: Sequence[Row]) -> list[Figure]:
+        """None: the tables say it."""
+        del rows
+        return []
+
+
+@cache
+def seen_recording(system: str, camera: str, physics: PhysicsOptions) -> Recording:
+    """Noise-free run of a system before its pattern."""
+    moved, config = load_camera(camera, load_system(system))
+    return record(moved, physics, camera=config)
+
+
+def given(recording: Recording, config: MethodsParameters, seed: int) -> Given:
+    """What methods are given of a recording, noisy or not.
+
+    Args:
+        recording: With a camera.
+        config: How methods are set.
+        seed: Of RANSAC's draws.
+
+    Raises:
+        ValueError: The recording has no camera.
+    """
+    if recording.camera is None:
+        raise ValueError("the recording has no camera")
+    imu, path = streams_of(recording, robot_of(recording.system))
+    noise = recording.corruption.noise if recording.corruption else NoiseOptions()
+    stated = noise if noise.accel_noise > 0.0 else config.stated_where_none
+    to_sample = float(np.sqrt(0.5 * config.imu_rate))
+    norm = float(np.linalg.norm(recording.gravity_world))
+    nominal = recording.system.imu.nominal
+    return Given(
+        imu=imu,
+        path=path,
+        camera=observations_of(recording.camera),
+        gravity_norm=norm,
+        R_nominal=matrix_from_rpy(nominal.rpy),
+        t_nominal=np.array(nominal.xyz),
+        spline=BSplineOptions(
+            accel_std=stated.accel_noise * to_sample,
+            gyro_std=stated.gyro_noise * to_sample,
+            accel_bias_walk=stated.accel_bias_walk,
+            gyro_bias_walk=stated.gyro_bias_walk,
+            bias_interval=config.bias_interval,
+            knots_per_second=config.knots_per_second,
+            gravity_norm=norm,
+        ),
+        gyro_first=GyroFirstOptions(
+            window_seconds=config.gyro_first_window,
+            degree=config.gyro_first_degree,
+            gravity_norm=norm,
+        ),
+        published_ransac=replace(config.published_ransac, seed=seed),
+        tuned_ransac=replace(config.tuned_ransac, seed=seed),
+    )
+
+
+def _row(cost: Cost[Answer], recording: Recording, camera: str) -> Row:
+    """Errors of T_camera_imu, and what they cost."""
+    row: Row = {
+        "seconds": cost.seconds,
+        "cpu_seconds": cost.cpu_seconds,
+        "memory": cost.memory,
+        "held": cost.held,
+        "failure": cost.failure,
+    }
+    answer = cost.value
+    if answer is None:
+        nothing = ("translation", "rotation", "averaged_translation", "averaged_rotation")
+        return row | dict.fromkeys((*nothing, "time_offset", "evaluations"))
+    _, config = load_camera(camera, load_system(recording.system.name))
+    link, R, p = camera_mount(recording.system, config.frame.link)
+    if link != recording.system.parent:
+        raise ValueError("the camera is not on the IMU's link")
+
+    def from_camera(R_imu: np.ndarray, t_imu: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return R.T @ R_imu, R.T @ (t_imu - p)
+
+    found = answer.R_frame_imu, answer.t_frame_imu
+    if answer.frame == "parent":
+        found = from_camera(*found)
+    truth = from_camera(recording.R_parent_imu, recording.t_parent_imu)
+    error = pose_error(*found, *truth)
+    return row | {
+        "translation": error.translation,
+        "rotation": error.rotation,
+        "averaged_translation": error.averaged_translation,
+        "averaged_rotation": error.averaged_rotation,
+        "time_offset": answer.time_offset,
+        "evaluations": answer.evaluations,
+    }
+
+
+def _setting(setting: PaperSetting | None) -> Row:
+    words = (
+        None
+        if setting is None
+        else f"L {setting.window}, exclusion {setting.exclusion:g}, {setting.residual}"
+    )
+    return {"setting": words}
+
+
+def _bound(clean: Recording, noise: NoiseOptions, rate: float, *, alone: bool) -> Row:
+    """The least errors on exact kinematics, with the method's unknowns."""
+    if noise.accel_noise == 0.0 or noise.gyro_noise == 0.0:
+        return {"bound_translation": None, "bound_rotation": None}
+    to_sample = float(np.sqrt(0.5 * rate))
+    bound = cramer_rao(
+        clean,
+        noise.accel_noise * to_sample,
+        noise.gyro_noise * to_sample,
+        POSE_ALONE if alone else None,
+    )
+    return {"bound_translation": bound.translation, "bound_rotation": bound.rotation}
+
+
+def load(file: Path | None, *, quick: bool) -> Study:
+    """The study with its parameters."""
+    return MethodsStudy(load_parameters(MethodsParameters, "methods", file, quick=quick))

@@ -1,0 +1,64 @@
+"""What a call costs, against calls whose cost is known."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from imucalib_cli.errors import InputError
+from imucalib_cli.study.alone import run_alone
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+
+def allocate(count: int, given: str) -> str:
+    numbers = np.ones(count)
+    return f"{given}: {numbers.sum():g}"
+
+
+def sleep(given: str) -> str:
+    time.sleep(0.3)
+    return given
+
+
+def refuse(given: str) -> str:
+    raise InputError(f"{given} cannot be used")
+
+
+def die(given: str) -> str:
+    os.kill(os.getpid(), signal.SIGKILL)
+    return given
+
+
+def test_values_time_and_memory_come_back() -> None:
+    calls: list[Callable[[str], str]] = [
+        partial(allocate, 12_500_000),
+        partial(allocate, 10),
+        sleep,
+        refuse,
+    ]
+    large, small, slow, failed = run_alone(
+        calls,
+        "log",
+        ["scipy.linalg", "a_library_that_is_not_there"],
+    )
+    assert large.value == "log: 1.25e+07"
+    assert large.memory == pytest.approx(100e6, rel=0.1)
+    assert small.memory < 20e6  # the peak of the call before is forgotten
+    assert large.held > 10e6
+    assert slow.seconds == pytest.approx(0.3, abs=0.2)
+    assert slow.cpu_seconds < 0.1
+    assert failed.value is None
+    assert failed.failure == "log cannot be used"
+
+
+def test_a_process_that_is_killed_is_said_to_be() -> None:
+    with pytest.raises(InputError, match="was killed"):
+        run_alone([die], "log")

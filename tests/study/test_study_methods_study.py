@@ -1,0 +1,169 @@
+"""The comparison of methods: rows against errors computed here, tables against their rows."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from imucalib_cli.simulate.camera import camera_mount
+from imucalib_cli.simulate.noise import corrupt
+from imucalib_cli.study.alone import Cost
+from imucalib_cli.study.load import load_parameters
+from imucalib_cli.study.methods.answer import Answer
+from imucalib_cli.study.methods.entrants import ENTRANTS
+from imucalib_cli.study.methods_study import (
+    MethodsParameters,
+    MethodsStudy,
+    _row,
+    given,
+    load,
+    seen_recording,
+)
+from imucalib_cli.study.methods_tables import best_setting, methods_tables
+
+if TYPE_CHECKING:
+    from imucalib_cli.simulate.recording import Recording
+    from imucalib_cli.study.experiment import Row
+
+NOISY = "ADIS16495 with biases"
+
+
+@pytest.fixture(scope="module")
+def config() -> MethodsParameters:
+    quick = load_parameters(MethodsParameters, "methods", None, quick=True)
+    return replace(
+        quick,
+        duration=14.0,
+        imu_rate=100.0,
+        robot_rate=100.0,
+        paper_windows=(5, 11),
+        paper_exclusions=(0.0,),
+        paper_residuals=("l1", "components"),
+    )
+
+
+@pytest.fixture(scope="module")
+def clean(config: MethodsParameters) -> Recording:
+    return seen_recording(config.system, config.camera, config.physics)
+
+
+def cost(value: Answer | None, failure: str | None = None) -> Cost[Answer]:
+    return Cost(value=value, failure=failure, seconds=1.0, cpu_seconds=0.5, memory=2e6, held=1e8)
+
+
+def test_every_method_runs_under_every_condition(config: MethodsParameters) -> None:
+    cells = load(None, quick=False).cells()
+    assert len(cells) == (1 + 3 * 5) * len(ENTRANTS)
+    assert len({tuple(cell.items()) for cell in cells}) == len(cells)
+    assert len(config.paper_settings) == 4
+
+
+def test_errors_are_those_of_the_camera_imu_transform(clean: Recording) -> None:
+    turn = Rotation.from_rotvec([0.0, 0.02, 0.0]).as_matrix()
+    parent = Answer(
+        frame="parent",
+        R_frame_imu=turn @ clean.R_parent_imu,
+        t_frame_imu=clean.t_parent_imu + np.array([0.003, 0.0, -0.004]),
+        time_offset=None,
+        evaluations=1,
+    )
+    _, R, p = camera_mount(clean.system, "camera_optical_frame")
+    camera = replace(
+        parent,
+        frame="camera",
+        R_frame_imu=R.T @ parent.R_frame_imu,
+        t_frame_imu=R.T @ (parent.t_frame_imu - p),
+    )
+    by_frame = [_row(cost(answer), clean, "rihibot") for answer in (parent, camera)]
+    for row in by_frame:
+        assert row["translation"] == pytest.approx(0.005)
+        assert row["rotation"] == pytest.approx(0.02)
+    assert by_frame[0] == pytest.approx(by_frame[1])
+    failed = _row(cost(None, "why"), clean, "rihibot")
+    assert failed["failure"] == "why"
+    assert failed["translation"] is None
+
+
+@pytest.mark.parametrize("method", ["gyro-first hand-eye", "paper"])
+def test_a_run_is_what_the_method_says_on_the_same_data(
+    config: MethodsParameters, clean: Recording, method: str
+) -> None:
+    study = MethodsStudy(config)
+    rows = study.measure({"condition": NOISY, "method": method, "seed": 3})
+    calls = ENTRANTS[method].calls(config.paper_settings)
+    assert len(rows) == len(calls)
+    recording = corrupt(clean, config.condition(NOISY).noise, 3)
+    data = given(recording, config, 3)
+    for row, call in zip(rows, calls, strict=True):
+        answer = call(data)
+        error = float(np.linalg.norm(answer.t_frame_imu - clean.t_parent_imu))
+        assert row["translation"] == pytest.approx(error, rel=1e-6)
+        assert row["failure"] is None
+        assert isinstance(row["memory"], float)
+        assert row["memory"] < 200e6
+        assert isinstance(row["bound_translation"], float)
+    if method == "paper":
+        assert rows[1]["setting"] == "L 5, exclusion 0, components"
+
+
+def test_every_entrant_answers(config: MethodsParameters, clean: Recording) -> None:
+    pytest.importorskip("cv2")
+    data = given(corrupt(clean, config.condition(NOISY).noise, 0), config, 0)
+    assert data.spline.accel_bias_walk > 0.0
+    for name, entrant in ENTRANTS.items():
+        answer = entrant.calls(config.paper_settings)[0](data)
+        row = _row(cost(answer), clean, "rihibot")
+        # Who does not know of biases is off by what they are worth.
+        limit = 1e-3 if "biases" in entrant.unknowns else 0.02
+        assert float(row["translation"] or 1.0) < limit, name
+
+
+def rows_of(errors: dict[str, float]) -> list[Row]:
+    return [
+        {
+            "condition": "c",
+            "method": method,
+            "seed": seed,
+            "setting": setting,
+            "translation": errors.get(method, 1.0) * (2.0 if setting == "b" else 1.0),
+            "rotation": errors.get(method, 1.0),
+            "averaged_translation": 0.0,
+            "averaged_rotation": 0.0,
+            "bound_translation": 0.5,
+            "bound_rotation": 0.5,
+            "seconds": 1.0,
+            "cpu_seconds": 1.0,
+            "memory": 1e6,
+            "held": 1e8,
+            "failure": None,
+        }
+        for method in ENTRANTS
+        for seed in range(2)
+        for setting in (("a", "b") if method == "paper" else (None,))
+    ]
+
+
+def test_tables_show_the_best_setting_and_judge_claims() -> None:
+    rows = rows_of({"paper": 0.5, "hand-eye + RANSAC (Liang)": 0.4})
+    paper = [row for row in rows if row["method"] == "paper"]
+    assert {row["setting"] for row in best_setting(paper)} == {"a"}
+    quote: Row = {
+        "condition": "c",
+        "method": "Q (quoted)",
+        "translation": "9",
+        "rotation": "8",
+        "seconds": "7",
+    }
+    table, claims = methods_tables(rows, ["c"], [quote])
+    by_name = {row[0]: dict(zip(table.header, row, strict=True)) for row in table.rows}
+    assert by_name["paper (a)"]["translation mm"] == "500 ± 0"
+    assert by_name["paper (a)"]["over bound"] == "1"
+    assert by_name["B-spline batch, corners"]["over bound"] == "-"
+    assert by_name["ours"]["answers"] == "2 of 2"
+    assert by_name["Q (quoted)"]["translation mm"] == "9"
+    verdicts = [row[2] for row in claims.rows]
+    assert verdicts == ["met", "not met", "met", "met"]
