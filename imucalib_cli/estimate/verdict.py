@@ -39,6 +39,8 @@ _PLAIN_GYRO = 0.02
 _PLAIN_SCATTER = 1.5
 """Scatter of segments over noise from which it is said as a number."""
 _TILTED_DEG = 20.0
+_WITHIN = 2.0
+"""Sigmas of a prior within which a bias is what was told."""
 _LARGE_ACCEL_BIAS = 0.5
 """m/s²: more than any working accelerometer has."""
 _NEGLIGIBLE_MM = 0.01
@@ -188,7 +190,7 @@ def warnings_of(evidence: Evidence, *, unknown: bool) -> list[str]:
         unknown: Whether directions are unobservable: gravity and biases then are no evidence.
     """
     attempt, clean, spread = evidence.attempt, evidence.clean, evidence.spread
-    fit = attempt.fit
+    fit, options = attempt.fit, evidence.options
     warnings = []
     if clean.repeated or clean.backward or clean.not_finite or clean.astray:
         warnings.append(
@@ -232,7 +234,8 @@ def warnings_of(evidence: Evidence, *, unknown: bool) -> list[str]:
                 )
             )
     bias = float(np.linalg.norm(state.accel_bias))
-    if bias > _LARGE_ACCEL_BIAS:
+    prior = options.accel_bias_std  # who states one does not wonder at what is within it
+    if bias > max(_LARGE_ACCEL_BIAS, _WITHIN * prior if np.isfinite(prior) else 0.0):
         warnings.append(
             _poor(
                 f"an accelerometer bias of {bias:.2g} m/s² is unusual: a scale error, or another "

@@ -168,6 +168,13 @@ def test_a_bias_that_no_such_sensor_has_drops_the_prior_not_the_result(tmp_path:
     assert result(log, None, gyro_bias_std=0.0175).status == "untrusted"
 
 
+def test_a_large_bias_is_usual_for_an_imu_whose_sheet_says_so(tmp_path: Path) -> None:
+    log = written(tmp_path, load_imu("icm20948"))  # 50 mg, 1 sigma
+    told, untold = result(log, "icm20948").estimate, result(log, None).estimate
+    assert any("accelerometer bias of 0.69 m/s² is unusual" in w for w in untold.warnings)
+    assert told.warnings == ()
+
+
 def test_readings_beyond_what_the_sensor_can_read_are_told(tmp_path: Path) -> None:
     noise = replace(load_imu("bmi088"), accel_range=None, spikes=0.002, spike_accel=300.0)
     spiked = of_model(result(written(tmp_path, noise), "bmi088"))
