@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -67,7 +68,7 @@ def methods_tables(
         "its settings by the truth. The B-spline batch on corners is of Kalibr's kind, not Kalibr."
     )
     first = made[0]
-    made[0] = Table(title=first.title, header=first.header, rows=first.rows, note=note)
+    made[0] = replace(first, note=f"{note} {first.note}".strip())
     return [*made, _claims(rows, conditions)]
 
 
@@ -123,7 +124,18 @@ def _table(rows: Sequence[Row], condition: str, quoted: Sequence[Row]) -> Table:
         )
         for quote in chosen(quoted, condition=condition)
     ]
-    return Table(title=f"camera-IMU transform, {condition}", header=_HEADER, rows=tuple(lines))
+    return Table(
+        title=f"camera-IMU transform, {condition}",
+        header=_HEADER,
+        rows=tuple(lines),
+        note=_failures(chosen(rows, condition=condition)),
+    )
+
+
+def _failures(rows: Sequence[Row]) -> str:
+    """Why methods gave no answer, once each."""
+    whys = dict.fromkeys((row["method"], row["failure"]) for row in rows if row["failure"])
+    return " ".join(f"{method}: {why}." for method, why in whys)
 
 
 def _over_bound(rows: Sequence[Row], key: str, data: str) -> str:
