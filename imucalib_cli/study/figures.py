@@ -37,6 +37,8 @@ class Curve:
     """NaN where there is nothing to draw."""
     dashed: bool = False
     """For what others are held against: a bound, a claim."""
+    dotted: bool = False
+    """To tell a second of these from the first."""
 
 
 def new_figure(
@@ -91,7 +93,7 @@ def draw_curves(axes: Axes, curves: Sequence[Curve], *, logarithmic: bool = True
             continue
         colour, style, mark = COLOURS[number % len(COLOURS)], "-", "o"
         if curve.dashed:
-            colour, style, mark = "black", "--", ""
+            colour, style, mark = "black", ":" if curve.dotted else "--", ""
         axes.plot(
             x[shown],
             y[shown],

@@ -1,0 +1,245 @@
+"""One parameter swept, everything else held: conditions, methods and seeds on a grid.
+
+The studies of what the paper leaves open share this; each says only what its parameter does.
+Beside every error stands the Cramér-Rao bound with the unknowns of the method in question.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field, replace
+from functools import cache
+from typing import TYPE_CHECKING, ClassVar, Generic, Literal, TypeVar
+
+from imucalib_cli.estimate.options import WindowChoice
+from imucalib_cli.simulate.noise import corrupt
+from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
+from imucalib_cli.study.bound import Bound, Unknown, cramer_rao
+from imucalib_cli.study.contest import METHODS, Method, Settings, contest
+from imucalib_cli.study.experiment import Figure
+from imucalib_cli.study.guesses import wrong_guess
+from imucalib_cli.study.summary import chosen
+from imucalib_cli.study.sweep_figures import draw_sweep
+from imucalib_cli.study.sweep_tables import NOTE, sweep_table
+from imucalib_cli.study.systems import clean_recording
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from imucalib_cli.study.experiment import Cell, Row
+    from imucalib_cli.study.table import Table
+
+POSE_ALONE = Unknown(accel_bias=False, gyro_bias=False, tilt=False, time_offset=False)
+"""What the published method takes for known."""
+
+
+PUBLISHED: tuple[Method, ...] = ("paper", "paper, components")
+"""Methods that are run in each variant."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Condition:
+    """Sensors under which the sweep is done."""
+
+    name: str
+    noise: NoiseOptions
+    seeds: int | None = None
+    """Where fewer tell enough; None takes the study's."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Variant:
+    """A setting of the published method that is not known to us."""
+
+    window: int
+    """Samples."""
+    exclusion: float
+    """m/s², second difference over which a sample is dropped; 0 drops none."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SweepParameters:
+    """What configs/studies/ states of every sweep, with units."""
+
+    systems: tuple[str, ...]
+    duration: float | None
+    imu_rate: float
+    robot_rate: float
+    profile: Literal["smooth", "hard"]
+    conditions: tuple[Condition, ...]
+    seeds: int
+    paper_windows: tuple[int, ...]
+    paper_exclusions: tuple[float, ...]
+    initial_translation: float
+    initial_rotation_deg: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Part:
+    """One of a study's sweeps."""
+
+    name: str
+    words: str
+    """What is swept, with its unit, for headers and axes."""
+    values: tuple[float, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Setup:
+    """All that one run is made with."""
+
+    physics: PhysicsOptions
+    noise: NoiseOptions
+    variants: tuple[Variant, ...]
+    """Of the published method: each is run, tables show the best."""
+    window: WindowChoice = field(default_factory=WindowChoice)
+    """Of the matched filters."""
+
+
+Config = TypeVar("Config", bound=SweepParameters)
+
+
+@dataclass(frozen=True)
+class Sweep(ABC, Generic[Config]):
+    """A study with one parameter on the abscissa."""
+
+    name: ClassVar[str]
+    note: ClassVar[str]
+    """What its tables need said, beside what all sweeps say."""
+    config: Config
+
+    @abstractmethod
+    def parts(self) -> list[Part]:
+        """What is swept, and over which values."""
+
+    @abstractmethod
+    def change(self, setup: Setup, part: str, value: float, seed: int) -> Setup:
+        """The run's setup with the parameter at a value."""
+
+    def methods(self) -> tuple[Method, ...]:
+        """Who takes part."""
+        return METHODS
+
+    def cells(self) -> list[Cell]:
+        """Every value under every condition with every seed."""
+        return [
+            {
+                "system": system,
+                "part": part.name,
+                "condition": condition.name,
+                "value": value,
+                "seed": seed,
+            }
+            for system in self.config.systems
+            for part in self.parts()
+            for condition in self.config.conditions
+            for value in part.values
+            for seed in range(condition.seeds or self.config.seeds)
+        ]
+
+    def setup(self, cell: Cell) -> Setup:
+        """What a cell is run with."""
+        config = self.config
+        condition = next(c for c in config.conditions if c.name == cell["condition"])
+        setup = Setup(
+            physics=PhysicsOptions(
+                duration=config.duration,
+                imu_rate=config.imu_rate,
+                robot_rate=config.robot_rate,
+                profile=config.profile,
+            ),
+            noise=condition.noise,
+            variants=tuple(
+                Variant(window=window, exclusion=exclusion)
+                for window in config.paper_windows
+                for exclusion in config.paper_exclusions
+            ),
+        )
+        return self.change(
+            setup, str(cell["part"]), float(cell["value"] or 0), int(cell["seed"] or 0)
+        )
+
+    def measure(self, cell: Cell) -> list[Row]:
+        """All methods on one recording, the published one in each of its variants."""
+        config, setup, seed = self.config, self.setup(cell), int(cell["seed"] or 0)
+        system = str(cell["system"])
+        clean = clean_recording(system, setup.physics)
+        recording = corrupt(clean, setup.noise, seed)
+        guess = wrong_guess(
+            clean, config.initial_translation, math.radians(config.initial_rotation_deg), seed
+        )
+        settings = Settings(
+            window=setup.window, R_initial=guess.R_parent_imu, t_initial=guess.t_parent_imu
+        )
+        rows: list[Row] = []
+        for method in self.methods():
+            bound = _bound_columns(system, setup, alone=method != "matched")
+            if method not in PUBLISHED:
+                untuned: Row = {"window": None, "exclusion": None}
+                rows += [
+                    cell | row | untuned | bound for row in contest(recording, (method,), settings)
+                ]
+                continue
+            for variant in setup.variants:
+                tuned: Row = {"window": variant.window, "exclusion": variant.exclusion}
+                found = contest(recording, (method,), _with(settings, variant))
+                rows += [cell | row | tuned | bound for row in found]
+        return rows
+
+    def tables(self, rows: Sequence[Row]) -> list[Table]:
+        """One a system, part and condition; what must be known of all stands with the first."""
+        made = [
+            sweep_table(
+                chosen(rows, system=system, part=part.name, condition=condition.name),
+                f"{system}: {part.words}, {condition.name}",
+                part.words,
+            )
+            for system in self.config.systems
+            for part in self.parts()
+            for condition in self.config.conditions
+        ]
+        return [replace(made[0], note=NOTE + self.note), *made[1:]]
+
+    def figures(self, rows: Sequence[Row]) -> list[Figure]:
+        """One a system and part, a column of panels a condition."""
+
+        def figure(system: str, part: Part) -> Figure:
+            mine = chosen(rows, system=system, part=part.name)
+            return Figure(
+                f"{self.name}-{system}-{part.name}",
+                lambda path: draw_sweep(mine, part.words, path),
+            )
+
+        return [figure(system, part) for system in self.config.systems for part in self.parts()]
+
+
+def _with(settings: Settings, variant: Variant) -> Settings:
+    return replace(
+        settings,
+        paper_window=WindowChoice(samples=variant.window),
+        paper_exclusion=variant.exclusion,
+    )
+
+
+def _bound_columns(system: str, setup: Setup, *, alone: bool) -> Row:
+    """Root-mean-square errors below which no unbiased estimator gets; None without IMU noise."""
+    rate = float(setup.physics.imu_rate or 0.0)
+    noise = setup.noise
+    accel, gyro = (
+        math.hypot(density * math.sqrt(0.5 * rate), white)
+        for density, white in (
+            (noise.accel_noise, noise.accel_white),
+            (noise.gyro_noise, noise.gyro_white),
+        )
+    )
+    if accel == 0.0 or gyro == 0.0:
+        return {"bound_translation": None, "bound_rotation": None}
+    bound = _bound(system, setup.physics, accel, gyro, alone)
+    return {"bound_translation": bound.translation, "bound_rotation": bound.rotation}
+
+
+@cache
+def _bound(system: str, physics: PhysicsOptions, accel: float, gyro: float, alone: bool) -> Bound:
+    unknown = POSE_ALONE if alone else Unknown()
+    return cramer_rao(clean_recording(system, physics), accel, gyro, unknown)

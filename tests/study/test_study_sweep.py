@@ -1,0 +1,179 @@
+"""Sweeps of one parameter: what is run, what stands beside it, and that tiny ones run."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from imucalib_cli.study.bias_study import load as load_bias
+from imucalib_cli.study.bound import Unknown, cramer_rao
+from imucalib_cli.study.encoder_study import load as load_encoder
+from imucalib_cli.study.rate_study import load as load_rate
+from imucalib_cli.study.sweep import Sweep
+from imucalib_cli.study.sweep_tables import sweep_points
+from imucalib_cli.study.systems import clean_recording
+from imucalib_cli.study.window_study import load as load_window
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from imucalib_cli.study.experiment import Row
+
+LOADERS = {"window": load_window, "encoder": load_encoder, "bias": load_bias, "rate": load_rate}
+VALUES: dict[str, dict[str, Any]] = {
+    "window": {"samples": (11,)},
+    "encoder": {"noise": (1e-5,), "step": (1e-4,)},
+    "bias": {
+        "accel_bias": (0.1,),
+        "gyro_bias": (0.01,),
+        "accel_bias_walk": (1e-4,),
+        "gyro_bias_walk": (1e-5,),
+    },
+    "rate": {"together": (100.0,), "robot": (50.0,)},
+}
+
+
+def study(name: str, **changes: Any) -> Sweep[Any]:
+    loaded = LOADERS[name](None, quick=True)
+    assert isinstance(loaded, Sweep)
+    return type(loaded)(replace(loaded.config, **changes))
+
+
+def tiny(name: str, **changes: Any) -> Sweep[Any]:
+    """Twelve seconds of the arm at 100 Hz, one value, one seed."""
+    config: Any = study(name).config
+    noisy = tuple(replace(c, seeds=None) for c in config.conditions if c.name == "MEMS")
+    shrunk: dict[str, Any] = {
+        "duration": 12.0,
+        "imu_rate": 100.0,
+        "robot_rate": 100.0,
+        "conditions": noisy or config.conditions[:1],
+        "seeds": 1,
+        "paper_windows": (5, 11),
+        "paper_exclusions": (0.0,),
+    }
+    return study(name, **(shrunk | VALUES[name] | changes))
+
+
+@pytest.mark.parametrize("name", LOADERS)
+def test_every_value_meets_every_condition_and_seed(name: str) -> None:
+    for quick in (True, False):
+        loaded = LOADERS[name](None, quick=quick)
+        assert isinstance(loaded, Sweep)
+        config: Any = loaded.config
+        cells = loaded.cells()
+        values = sum(len(part.values) for part in loaded.parts())
+        seeds = sum(condition.seeds or config.seeds for condition in config.conditions)
+        assert len(cells) == len(config.systems) * values * seeds
+        assert len({tuple(cell.items()) for cell in cells}) == len(cells)
+        assert quick or config.seeds >= 5
+
+
+@pytest.mark.parametrize("name", LOADERS)
+def test_a_tiny_run_gives_finite_errors_tables_and_a_figure(name: str, tmp_path: Path) -> None:
+    small = tiny(name)
+    rows = [row for cell in small.cells() for row in small.measure(cell)]
+    assert all(row["failure"] is None for row in rows)
+    for row in rows:
+        for key in ("translation", "rotation", "bound_translation", "bound_rotation"):
+            value = row[key]
+            assert isinstance(value, float)
+            assert 0.0 < value < math.inf
+    tables = small.tables(rows)
+    assert len(tables) == len(small.parts())
+    assert [len(table.rows) for table in tables] == [4] * len(tables)
+    figures = small.figures(rows)
+    for figure in figures:
+        figure.draw(tmp_path / f"{figure.name}.svg")
+    assert len(list(tmp_path.iterdir())) == len(figures) == len(tables)
+
+
+def test_a_run_is_the_same_again() -> None:
+    small = tiny("encoder", paper_windows=(11,))
+    cell = small.cells()[0]
+    first, again = ([row | {"seconds": 0.0} for row in small.measure(cell)] for _ in range(2))
+    assert first == again
+
+
+def test_the_bound_has_the_unknowns_of_the_method() -> None:
+    small = tiny("window")
+    cell = small.cells()[0]
+    setup = small.setup(cell)
+    # MEMS: one-sided densities at 100 Hz.
+    accel, gyro = (
+        300e-6 * 9.80665 * math.sqrt(50.0),
+        math.radians(0.014) * math.sqrt(50.0),
+    )
+    clean = clean_recording("rihibot", setup.physics)
+    alone = Unknown(accel_bias=False, gyro_bias=False, tilt=False, time_offset=False)
+    expected = {name: cramer_rao(clean, accel, gyro, alone) for name in ("paper", "matched, pose")}
+    everything = cramer_rao(clean, accel, gyro)
+    for row in small.measure(cell):
+        bound = everything if row["method"] == "matched" else expected["paper"]
+        assert row["bound_translation"] == pytest.approx(bound.translation, rel=1e-5)
+        assert row["bound_rotation"] == pytest.approx(bound.rotation, rel=1e-5)
+
+
+def test_each_part_changes_its_own_parameter() -> None:
+    window, encoder, bias, rate = (study(name) for name in LOADERS)
+    cells = {
+        (name, cell["part"], cell["value"]): sweep.setup(cell)
+        for name, sweep in zip(LOADERS, (window, encoder, bias, rate), strict=True)
+        for cell in sweep.cells()
+    }
+    for (name, part, value), setup in cells.items():
+        assert isinstance(value, float)
+        noise, physics = setup.noise, setup.physics
+        if name == "window":
+            assert setup.window.samples == round(value * 250.0)
+            assert {variant.window for variant in setup.variants} == {setup.window.samples}
+        encoders = (noise.encoder_noise, noise.encoder_step)
+        if name == "encoder":
+            assert encoders == ((value, 0.0) if part == "noise" else (0.0, value))
+        biases = [float(np.linalg.norm(b)) for b in (noise.accel_bias, noise.gyro_bias)]
+        if name == "bias":
+            told = [*biases, noise.accel_bias_walk, noise.gyro_bias_walk]
+            wanted = dict.fromkeys(("accel", "gyro", "accel-walk", "gyro-walk"), 0.0)
+            assert told == pytest.approx(list((wanted | {str(part): value}).values()))
+        if name == "rate":
+            imu = value if part == "together" else 500.0
+            assert (physics.imu_rate, physics.robot_rate) == (imu, value)
+
+
+def row(seed: int, window: int | None, translation: float | None, **more: Any) -> Row:
+    made: Row = {
+        "value": 1.0,
+        "method": "paper",
+        "seed": seed,
+        "window": window,
+        "exclusion": 0.0,
+        "translation": translation,
+        "rotation": 0.1,
+        "bound_translation": 2.0,
+        "bound_rotation": None,
+        "trusted": True,
+        "failure": None if translation is not None else "too few",
+    }
+    return made | more
+
+
+def test_the_published_method_is_shown_at_its_best() -> None:
+    worse = [row(0, 5, 3.0), row(1, 5, 4.0)]
+    better = [row(0, 11, 1.0), row(1, 11, 2.0)]
+    best_where_it_answers = [row(0, 21, 0.1), row(1, 21, None)]
+    (point,) = sweep_points([*worse, *better, *best_where_it_answers])
+    assert (point.window, point.answers, point.runs) == (11, 2, 2)
+    assert point.translation == pytest.approx(math.sqrt((1.0 + 4.0) / 2.0))
+    assert point.worst_translation == 2.0
+    assert point.bound_translation == 2.0
+    assert math.isnan(point.bound_rotation)
+
+
+def test_no_answer_at_all_is_told_and_not_drawn() -> None:
+    (point,) = sweep_points([row(0, 5, None, rotation=None)])
+    assert (point.answers, point.runs) == (0, 1)
+    assert math.isnan(point.translation)
