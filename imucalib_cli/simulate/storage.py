@@ -169,6 +169,8 @@ class _Bag1:
         self._writer = Writer(path)
         if compression != "none":
             self._writer.set_compression(Writer.CompressionFormat[compression.upper()])
+        if compression == "lz4":
+            self._writer.compressor = _ros1_lz4
         self._writer.open()
         self._connections: list[Any] = []
 
@@ -188,6 +190,18 @@ class _Bag1:
 
     def close(self) -> None:
         self._writer.close()
+
+
+def _ros1_lz4(chunk: bytes) -> bytes:
+    """Compress as ROS 1 can read it, and so Kalibr.
+
+    Its reader refuses what lz4 and rosbags write by default: it wants independent blocks, the
+    content's checksum and no content size (ros_comm, utilities/roslz4/src/lz4s.c, processHeader).
+    """
+    from lz4.frame import compress
+
+    made: bytes = compress(chunk, block_linked=False, content_checksum=True, store_size=False)
+    return made
 
 
 def _ros2_types() -> Any:

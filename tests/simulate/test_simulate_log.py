@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import hashlib
+import re
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,8 +27,6 @@ from imucalib_cli.simulate.simulate import simulate
 from imucalib_cli.simulate.write_log import write_log
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from numpy.typing import NDArray
 
 NOISE = NoiseOptions(
@@ -253,3 +253,33 @@ def test_an_existing_log_is_replaced_only_by_a_whole_one(arm: Recording, tmp_pat
     assert path.read_text() == "old"
     write_log(arm, path)
     assert "/imu/data" in read(path)
+
+
+@pytest.mark.parametrize("sample", [False, True])
+def test_ros_1_itself_can_unpack_lz4_chunks(arm: Recording, tmp_path: Path, sample: bool) -> None:
+    """What its reader insists on: ros_comm, utilities/roslz4/src/lz4s.c, processHeader."""
+    path = Path(__file__).parents[2] / "sample_data/barbot.bag" if sample else tmp_path / "log.bag"
+    if not sample:
+        write_log(arm, path, LogOptions(compression="lz4"))
+    data = path.read_bytes()
+    frames = [found.start() for found in re.finditer(re.escape(b"\x04\x22\x4d\x18"), data)]
+    assert frames
+    for at in frames:
+        flags, block = data[at + 4], data[at + 5]
+        assert flags >> 6 == 1  # version
+        assert flags >> 5 & 1  # blocks are independent
+        assert not flags >> 4 & 1  # blocks have no checksum
+        assert not flags >> 3 & 1  # size of the content is not told
+        assert flags >> 2 & 1  # the content has a checksum
+        assert not flags & 3
+        assert 4 <= block >> 4 <= 7
+
+
+def test_ros_1_knows_the_types_by_their_checksums(arm: Recording, tmp_path: Path) -> None:
+    write_log(arm, tmp_path / "log.bag", LogOptions())
+    with AnyReader([tmp_path / "log.bag"]) as reader:
+        sums = {c.msgtype: c.digest for c in reader.connections}
+    assert sums == {  # rosmsg md5 of ROS Noetic's common_msgs
+        "sensor_msgs/msg/Imu": "6a62c6daae103f4ff57a132d6f95cec2",
+        "sensor_msgs/msg/JointState": "3066dcd76a6cfaef579bd0f34173e9fd",
+    }
