@@ -25,7 +25,7 @@ from tests.conftest import LogWriter
 from tests.results.test_results_documents import make_calibration
 
 ROOT = Path(__file__).parents[2]
-HEAVY = ("numpy", "scipy", "rosbags", "yourdfpy", "yaml", "mujoco")
+HEAVY = ("numpy", "scipy", "rosbags", "yourdfpy", "yaml", "mujoco", "cv2", "matplotlib")
 
 
 @pytest.mark.parametrize(
@@ -37,6 +37,7 @@ HEAVY = ("numpy", "scipy", "rosbags", "yourdfpy", "yaml", "mujoco")
         ["apply", "--help"],
         ["verify", "--help"],
         ["diff", "--help"],
+        ["compare", "--help"],
         ["simulate", "--help"],
         ["--version"],
     ],

@@ -96,6 +96,22 @@ def test_pattern_is_in_view_and_upright(images: CameraRecord) -> None:
     assert -up[1] > abs(up[0])  # pixel rows grow downwards
 
 
+def test_the_whole_motion_is_lively_within_limits_and_keeps_the_pattern_in_view() -> None:
+    whole = record(RIHIBOT, PhysicsOptions(imu_rate=50.0, robot_rate=50.0), camera=CAMERA)
+    assert whole.camera is not None
+    tags = np.isfinite(whole.camera.corners[..., 0]).sum(axis=1) / 4
+    assert len(tags) == 1481
+    assert tags.min() == 18
+    assert tags.mean() / 36 == pytest.approx(0.971, abs=5e-4)  # as docs/simulation.md has it
+    assert RIHIBOT.arm is not None
+    limits = np.radians([joint.velocity_deg for joint in RIHIBOT.arm.joints])
+    peak = np.abs(whole.state.velocity).max(axis=0)
+    assert (peak < 0.65 * limits).all()
+    assert (peak > np.radians(40)).all()  # every joint takes part
+    assert (np.sqrt((whole.imu.gyro**2).mean(axis=0)) > 0.2).all()  # rad/s, about every axis
+    assert (whole.imu.accel.std(axis=0) > 0.9).all()  # m/s², along every axis
+
+
 def test_a_tag_is_seen_whole_or_not_at_all() -> None:
     near = replace(CAMERA, target=replace(CAMERA.target, xyz=(-0.976, 0.1, 0.064)))
     seen = record(RIHIBOT, PhysicsOptions(duration=3.0), camera=near).camera
