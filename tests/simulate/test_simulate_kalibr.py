@@ -188,11 +188,15 @@ def test_the_command_says_how_to_call_kalibr(
 ) -> None:
     log = tmp_path / "k.bag"
     arguments = ["--duration", "0.1", "--imu-rate", "50", "--robot-rate", "50", "-o", str(log)]
-    assert main(["simulate", "rihibot", "--camera", *arguments]) == 0
+    assert main(["simulate", "rihibot", "--camera", "--grade", "industrial", *arguments]) == 0
     err = capsys.readouterr().err
     for kind in ("camchain", "imu", "target"):
         assert (tmp_path / f"k.{kind}.yaml").is_file()
         assert f"k.{kind}.yaml" in err
     assert "kalibr_calibrate_imu_camera --bag" in err
+    told = load(tmp_path / "k.imu.yaml")  # of this grade nothing is below what Kalibr takes
+    assert told["accelerometer_random_walk"] == 3e-6
+    assert told["gyroscope_random_walk"] == 2e-7
+    assert told["accelerometer_noise_density"] == pytest.approx(17e-6 * 9.80665 / np.sqrt(2))
     assert main(["simulate", "barbot", "--camera", *arguments]) == 2
     assert "no camera for barbot" in capsys.readouterr().err
