@@ -22,6 +22,7 @@ STUDIES: dict[str, tuple[str, str]] = {
     "methods": ("imucalib_cli.study.methods_study", "Table 1: the methods compared"),
     "noise": ("imucalib_cli.study.noise_study", "Table 2: sensitivity to IMU noise"),
     "window": ("imucalib_cli.study.window_study", "open question: the filters' window"),
+    "optimiser": ("imucalib_cli.study.optimiser_study", "open question: the optimiser"),
     "encoder": ("imucalib_cli.study.encoder_study", "open question: noise of the encoders"),
     "bias": ("imucalib_cli.study.bias_study", "open question: biases of the IMU"),
     "rate": ("imucalib_cli.study.rate_study", "open question: rates of the log"),

@@ -174,7 +174,7 @@ class Sweep(ABC, Generic[Config]):
         )
         rows: list[Row] = []
         for method in self.methods():
-            bound = _bound_columns(system, setup, alone=method != "matched")
+            bound = bound_columns(system, setup.physics, setup.noise, alone=method != "matched")
             if method not in PUBLISHED:
                 untuned: Row = {"window": None, "exclusion": None}
                 rows += [
@@ -222,10 +222,16 @@ def _with(settings: Settings, variant: Variant) -> Settings:
     )
 
 
-def _bound_columns(system: str, setup: Setup, *, alone: bool) -> Row:
-    """Root-mean-square errors below which no unbiased estimator gets; None without IMU noise."""
-    rate = float(setup.physics.imu_rate or 0.0)
-    noise = setup.noise
+def bound_columns(system: str, physics: PhysicsOptions, noise: NoiseOptions, *, alone: bool) -> Row:
+    """Root-mean-square errors below which no unbiased estimator gets; None without IMU noise.
+
+    Args:
+        system: Of the recording.
+        physics: Its options, the IMU's rate among them.
+        noise: Of which the IMU's white noise counts.
+        alone: Whether nothing but the pose is unknown.
+    """
+    rate = float(physics.imu_rate or 0.0)
     accel, gyro = (
         math.hypot(density * math.sqrt(0.5 * rate), white)
         for density, white in (
@@ -235,7 +241,7 @@ def _bound_columns(system: str, setup: Setup, *, alone: bool) -> Row:
     )
     if accel == 0.0 or gyro == 0.0:
         return {"bound_translation": None, "bound_rotation": None}
-    bound = _bound(system, setup.physics, accel, gyro, alone)
+    bound = _bound(system, physics, accel, gyro, alone)
     return {"bound_translation": bound.translation, "bound_rotation": bound.rotation}
 
 

@@ -1,0 +1,141 @@
+"""The least sum of absolute residuals, which the paper's words ask for, over poses.
+
+Two ways. Iteratively reweighted least squares: each residual weighted by one over its size.
+Successive linear programs: with the rotation linear in its tangent, the least sum of absolute
+values is a linear program, exactly; its solution is stepped to, and the program made anew there
+(Osborne and Watson, The Computer Journal 14(2), 1971). A linear program over t and all nine
+entries of R, its orthogonality forgotten, needs no guess to start from.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imucalib_cli.errors import InputError
+from imucalib_cli.study.pose_cost import Pose, PoseCost
+
+Floats = NDArray[np.float64]
+
+_STEPS = 100
+_ARRIVED = 1e-10
+"""Relative decrease of the sum below which no more is to be had."""
+_HALVINGS = 20
+_SHARPEN = 0.5
+"""By which the size below which residuals count as this size shrinks with each reweighting."""
+_SHARPEST = 1e-9
+"""Of the median residual: where it stops to shrink."""
+
+
+@dataclass(frozen=True, eq=False)
+class Descent:
+    """Where an iteration ended."""
+
+    pose: Pose
+    evaluations: int
+    """Of all residuals."""
+
+
+def absolute_sum(cost: PoseCost, pose: Pose) -> float:
+    """The sum of absolute residuals."""
+    return float(np.abs(cost.residuals(pose)).sum())
+
+
+def by_reweighting(cost: PoseCost, start: Pose) -> Descent:
+    """Iteratively reweighted least squares from a guess."""
+    pose, left = start, cost.residuals(start)
+    evaluations = 1
+    floor = float(np.median(np.abs(left)))
+    sharpest = _SHARPEST * floor
+    for _ in range(_STEPS):
+        J = cost.jacobian(pose)
+        weighted = J / np.maximum(np.abs(left), floor)[:, None]
+        step = -_solve(weighted.T @ J, weighted.T @ left)
+        before = _softened(left, floor)
+        for _ in range(_HALVINGS):
+            trial = pose.moved(step)
+            tried = cost.residuals(trial)
+            evaluations += 1
+            if _softened(tried, floor) <= before:
+                pose, left = trial, tried
+                break
+            step = step / 2.0
+        settled = before - _softened(left, floor) <= _ARRIVED * before
+        if settled and floor <= sharpest:
+            break
+        typical = float(np.median(np.abs(left)))
+        floor = max(min(_SHARPEN * floor, typical), sharpest, 1e-300)
+    return Descent(pose, evaluations)
+
+
+def by_linear_programs(cost: PoseCost, start: Pose) -> Descent:
+    """Successive linear programs on the rotation's tangent, from a guess."""
+    pose, left = start, cost.residuals(start)
+    evaluations = 1
+    least = float(np.abs(left).sum())
+    for _ in range(_STEPS):
+        step = least_absolute(cost.jacobian(pose), left)
+        before = least
+        for _ in range(_HALVINGS):
+            trial = pose.moved(step)
+            tried = cost.residuals(trial)
+            evaluations += 1
+            total = float(np.abs(tried).sum())
+            if total < least:
+                pose, left, least = trial, tried, total
+                break
+            step = step / 2.0
+        if before - least <= _ARRIVED * before:
+            break
+    return Descent(pose, evaluations)
+
+
+def by_relaxation(cost: PoseCost) -> Descent:
+    """A linear program over t and nine free entries of R, then successive ones from there."""
+    x = least_absolute(cost.slope, cost.constant)
+    u, _, vt = np.linalg.svd(x[3:].reshape(3, 3))
+    R = u @ np.diag([1.0, 1.0, float(np.sign(np.linalg.det(u @ vt)))]) @ vt
+    return by_linear_programs(cost, Pose(x[:3], R))
+
+
+def least_absolute(J: Floats, r: Floats) -> Floats:
+    """The x that minimises the sum of |J x + r|, by its dual linear program.
+
+    The dual, max r' y over J' y = 0 and |y| <= 1, has as few constraints as x has components, and
+    x is what they cost.
+
+    Args:
+        J: (M, n).
+        r: (M,).
+
+    Raises:
+        InputError: The program is not solved.
+    """
+    from scipy.optimize import linprog
+
+    widths = np.maximum(np.linalg.norm(J, axis=0), 1e-300)
+    size = max(float(np.median(np.abs(r))), 1e-300)
+    solved = linprog(
+        -r / size,
+        A_eq=(J / widths).T,
+        b_eq=np.zeros(J.shape[1]),
+        bounds=(-1.0, 1.0),
+        method="highs-ipm",  # its simplex takes several times as long to the same vertex
+    )
+    if solved.status != 0:
+        raise InputError(f"linear program: {solved.message}")
+    return np.asarray(solved.eqlin.marginals * size / widths)
+
+
+def _softened(left: Floats, floor: float) -> float:
+    """Sum of absolute values, quadratic below a size: what a reweighting step cannot raise."""
+    size = np.abs(left)
+    small = size < floor
+    return float(np.where(small, 0.5 * (size**2 / floor + floor), size).sum())
+
+
+def _solve(A: Floats, b: Floats) -> Floats:
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(A), 1e-300))
+    return np.asarray(np.linalg.lstsq(A * np.outer(scale, scale), b * scale, rcond=None)[0] * scale)

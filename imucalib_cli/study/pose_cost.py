@@ -1,0 +1,104 @@
+"""Residuals that are linear in t and vec R: the published method's, and the matched filters'."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imucalib_cli.estimate import columns
+from imucalib_cli.robot.rotations import matrix_from_rotvec, skew
+from imucalib_cli.signals.spikes import MAD_TO_STD
+
+if TYPE_CHECKING:
+    from imucalib_cli.estimate.paper_filters import Instants
+    from imucalib_cli.estimate.windows import WindowRows
+
+Floats = NDArray[np.float64]
+
+_GENERATORS = skew(np.eye(3))
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """A value of the unknown."""
+
+    t: Floats
+    """(3,), t_parent_imu, m."""
+    R: Floats
+    """(3, 3), R_parent_imu."""
+
+    def moved(self, step: Floats) -> Pose:
+        """After a step (6,) of translation and of rotation on the left."""
+        return Pose(self.t + step[:3], matrix_from_rotvec(step[3:]) @ self.R)
+
+
+@dataclass(frozen=True, eq=False)
+class PoseCost:
+    """Residuals constant + slope @ (t, vec R row by row), six for each instant or window.
+
+    The first three of each six are the accelerometer's, the others the gyroscope's.
+    """
+
+    constant: Floats
+    """(6 N,)."""
+    slope: Floats
+    """(6 N, 12)."""
+
+    def residuals(self, pose: Pose) -> Floats:
+        """(6 N,)."""
+        return np.asarray(self.slope @ np.r_[pose.t, pose.R.ravel()] + self.constant)
+
+    def jacobian(self, pose: Pose) -> Floats:
+        """(6 N, 6), by steps as Pose.moved takes them."""
+        turns = (_GENERATORS @ pose.R).reshape(3, 9).T
+        return np.hstack([self.slope[:, :3], self.slope[:, 3:] @ turns])
+
+    def scaled(self, pose: Pose) -> PoseCost:
+        """Each sensor's residuals over their own robust standard deviation at a pose."""
+        left = np.abs(self.residuals(pose)).reshape(-1, 2, 3)
+        scales = MAD_TO_STD * np.median(left, axis=(0, 2))
+        each = np.tile(np.repeat(1.0 / np.maximum(scales, 1e-300), 3), len(left))
+        return PoseCost(self.constant * each, self.slope * each[:, None])
+
+    @property
+    def normal_matrix(self) -> Floats:
+        """(columns.COUNT, columns.COUNT): all that least squares needs to know of them."""
+        own = np.r_[
+            columns.ONE, np.arange(columns.COUNT)[columns.T], np.arange(columns.COUNT)[columns.R]
+        ]
+        J = np.column_stack([self.constant, self.slope])
+        normal = np.zeros((columns.COUNT, columns.COUNT))
+        normal[np.ix_(own, own)] = J.T @ J
+        return normal
+
+
+def published_cost(instants: Instants, gravity_norm: float) -> PoseCost:
+    """Differences of the published method, m/s² and rad/s, unweighted as it has them.
+
+    Args:
+        instants: Those that are compared.
+        gravity_norm: m/s².
+    """
+    constant, slope = instants.linear
+    with_gravity = constant + np.array([0.0, 0.0, gravity_norm, 0.0, 0.0, 0.0])
+    return PoseCost(with_gravity.ravel(), slope.reshape(-1, 12))
+
+
+def matched_cost(
+    rows: WindowRows, gravity_world: Floats, accel_std: float, gyro_std: float
+) -> PoseCost:
+    """Residuals of the matched filters, nothing but the pose unknown.
+
+    Args:
+        rows: Of the windows.
+        gravity_world: (3,), m/s².
+        accel_std: By which a window's residual is divided, m/s².
+        gyro_std: Likewise, rad/s.
+    """
+    both = np.concatenate([rows.accel / accel_std, rows.gyro / gyro_std], axis=1)
+    constant = both[:, :, columns.ONE] + both[:, :, columns.G] @ gravity_world
+    slope = np.concatenate([both[:, :, columns.T], both[:, :, columns.R]], axis=2)
+    return PoseCost(constant.ravel(), slope.reshape(-1, 12))

@@ -1,0 +1,226 @@
+"""Optimisers against each other on clean data, and the least absolute values against medians."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from imucalib_cli.estimate.options import PaperOptions
+from imucalib_cli.estimate.paper_filters import filtered_instants
+from imucalib_cli.simulate.noise import corrupt
+from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
+from imucalib_cli.study.least_absolute import (
+    absolute_sum,
+    by_linear_programs,
+    by_relaxation,
+    by_reweighting,
+    least_absolute,
+)
+from imucalib_cli.study.optimiser_study import OptimiserStudy, load
+from imucalib_cli.study.optimisers import OPTIMISERS, solve_by, value_of
+from imucalib_cli.study.pose_cost import Pose, PoseCost, published_cost
+from imucalib_cli.study.systems import clean_recording, robot_model
+from imucalib_cli.study.trial import streams_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from imucalib_cli.study.optimisers import Cost
+
+Floats = NDArray[np.float64]
+PHYSICS = PhysicsOptions(duration=12.0, imu_rate=100.0, robot_rate=100.0)
+GRAVITY = 9.80665
+
+
+def near(translation: float, angle: float, seed: int = 0) -> Pose:
+    """A guess off the truth of the system by these."""
+    truth = clean_recording("rihibot", PHYSICS)
+    direction = np.random.default_rng(seed).normal(size=(2, 3))
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    turn = Rotation.from_rotvec(angle * direction[1]).as_matrix()
+    return Pose(truth.t_parent_imu + translation * direction[0], turn @ truth.R_parent_imu)
+
+
+def made(noise: NoiseOptions | None = None) -> PoseCost:
+    clean = clean_recording("rihibot", PHYSICS)
+    recording = clean if noise is None else corrupt(clean, noise, 0)
+    imu, path = streams_of(recording, robot_model("rihibot"))
+    every, _, _ = filtered_instants(imu, path, PaperOptions(), np.eye(3), np.zeros(3))
+    return published_cost(every.compared(), GRAVITY)
+
+
+@pytest.fixture(scope="module")
+def clean() -> PoseCost:
+    return made()
+
+
+@pytest.fixture(scope="module")
+def spiked() -> PoseCost:
+    return made(NoiseOptions(accel_white=2e-3, gyro_white=4e-4, spikes=0.01))
+
+
+def restated(recording_cost: PoseCost) -> Any:
+    """The published differences in scipy's rotations instead of ours."""
+    imu, path = streams_of(clean_recording("rihibot", PHYSICS), robot_model("rihibot"))
+    every, _, _ = filtered_instants(imu, path, PaperOptions(), np.eye(3), np.zeros(3))
+    i = every.compared()
+    assert len(recording_cost.constant) == 6 * len(i.t)
+
+    def differences(x: Floats) -> Floats:
+        R_world_imu = i.R @ Rotation.from_rotvec(x[3:]).as_matrix()
+        spin = i.R_rate @ np.swapaxes(i.R, 1, 2)
+        omega = np.stack([spin[:, 2, 1], spin[:, 0, 2], spin[:, 1, 0]], axis=1)
+        force = i.p_acceleration + i.R_acceleration @ x[:3] + [0.0, 0.0, GRAVITY]
+        measured = np.einsum("nij,nkj->nki", R_world_imu, np.stack([i.accel, i.gyro], axis=1))
+        return np.hstack([force - measured[:, 0], omega - measured[:, 1]])
+
+    return differences
+
+
+def _steps(cost: PoseCost, pose: Pose) -> Callable[[Floats], Floats]:
+    return lambda step: cost.residuals(pose.moved(step))
+
+
+def test_residuals_are_the_published_ones_and_jacobians_their_slopes(clean: PoseCost) -> None:
+    rng = np.random.default_rng(3)
+    expected = restated(clean)
+    for _ in range(3):
+        x = rng.normal(size=6)
+        pose = Pose(x[:3], Rotation.from_rotvec(x[3:]).as_matrix())
+        np.testing.assert_allclose(clean.residuals(pose), expected(x).ravel(), atol=1e-9)
+        for step in 1e-6 * np.eye(6):
+            rise = clean.residuals(pose.moved(step)) - clean.residuals(pose.moved(-step))
+            slope = clean.jacobian(pose) @ step * 2.0
+            np.testing.assert_allclose(rise, slope, atol=1e-10)
+
+
+def test_least_absolute_values_are_medians() -> None:
+    rng = np.random.default_rng(1)
+    r = rng.standard_cauchy(401)
+    groups = np.eye(3)[np.arange(401) % 3]
+    medians = [np.median(r[np.arange(401) % 3 == k]) for k in range(3)]
+    counts = np.bincount(np.arange(401) % 3)
+    found = least_absolute(-groups, r)
+    for k in range(3):
+        if counts[k] % 2:  # between two middle values any is a median
+            assert found[k] == pytest.approx(medians[k], abs=1e-9)
+        mine = r[np.arange(401) % 3 == k]
+        assert np.abs(mine - found[k]).sum() == pytest.approx(np.abs(mine - medians[k]).sum())
+
+
+def test_optimisers_of_one_cost_agree(clean: PoseCost) -> None:
+    """From a guess nearby, on clean data: one minimum of each cost."""
+    guess = near(0.02, 0.05)
+    costs: dict[Cost, PoseCost] = {"published": clean, "matched": clean}
+    poses: dict[str, list[Pose]] = {}
+    for optimiser in OPTIMISERS:
+        solved = solve_by(optimiser, costs, guess)
+        assert solved.evaluations >= 1
+        if optimiser.cost == "published":
+            poses.setdefault(optimiser.kind, []).append(solved.pose)
+    # Sums of absolute values have kinks, in which all but linear programs stop a little short.
+    for kind, most in (("squares", 1e-7), ("squared sums", 2e-5), ("absolute values", 1e-5)):
+        first, *others = poses[kind]
+        assert len(others) >= 2
+        for other in others:
+            np.testing.assert_allclose(other.t, first.t, atol=most)
+            np.testing.assert_allclose(other.R, first.R, atol=most)
+
+
+def test_absolute_sums_are_less_than_at_the_least_squares(
+    clean: PoseCost, spiked: PoseCost
+) -> None:
+    for cost in (clean, spiked):
+        guess = near(0.02, 0.05)
+        step = least_squares(_steps(cost, guess), np.zeros(6), xtol=1e-12).x
+        squares = absolute_sum(cost, guess.moved(step))
+        ends = [by_reweighting(cost, guess), by_linear_programs(cost, guess), by_relaxation(cost)]
+        sums = [absolute_sum(cost, end.pose) for end in ends]
+        assert max(sums) < 0.999 * squares
+        np.testing.assert_allclose(sums, min(sums), rtol=1e-6)
+        # A vertex is a minimum: no small step in any direction goes lower.
+        pose = ends[1].pose
+        for direction in np.vstack([np.eye(6), -np.eye(6)]):
+            assert absolute_sum(cost, pose.moved(1e-5 * direction)) > sums[1]
+
+
+def test_without_a_guess_the_same_minimum_as_from_a_good_one(spiked: PoseCost) -> None:
+    lost = near(1.0, 3.1)
+    for optimiser in OPTIMISERS:
+        if optimiser.needs_guess or optimiser.cost != "published":
+            continue
+        ends = [solve_by(optimiser, {"published": spiked}, at) for at in (lost, near(0, 0))]
+        np.testing.assert_array_equal(ends[0].pose.t, ends[1].pose.t)
+
+
+def test_spikes_move_squares_and_hardly_absolute_values(spiked: PoseCost) -> None:
+    truth, guess = near(0.0, 0.0), near(0.02, 0.05)
+    off = {
+        (o.cost, o.kind): float(np.linalg.norm(pose.t - truth.t))
+        for o in OPTIMISERS
+        if o.cost != "matched" and o.needs_guess
+        for pose in [solve_by(o, {"published": spiked}, guess).pose]
+    }
+    least = off["published", "squares"]
+    assert off["published", "absolute values"] < 0.2 * least
+    assert off["published, scaled", "huber"] < 0.2 * least
+    assert off["published, scaled", "cauchy"] < 0.2 * least
+
+
+def test_robust_values_are_those_scipy_minimises(spiked: PoseCost) -> None:
+    pose = near(0.001, 0.01)
+    scaled = spiked.scaled(pose)
+    losses: tuple[tuple[Literal["huber", "cauchy"], float], ...] = (
+        ("huber", 1.345),
+        ("cauchy", 2.385),
+    )
+    for kind, scale in losses:
+        found = least_squares(
+            _steps(scaled, pose), np.zeros(6), loss=kind, f_scale=scale, max_nfev=1
+        )
+        assert 2.0 * found.cost == pytest.approx(value_of(scaled, pose, kind))
+
+
+def test_a_tiny_study_tells_errors_and_finds(tmp_path: Path) -> None:
+    loaded = load(None, quick=True)
+    assert isinstance(loaded, OptimiserStudy)
+    config = replace(
+        loaded.config,
+        duration=12.0,
+        imu_rate=100.0,
+        robot_rate=100.0,
+        seeds=1,
+        conditions=loaded.config.conditions[1:2],
+    )
+    small = OptimiserStudy(config)
+    rows = [row for cell in small.cells() for row in small.measure(cell)]
+    assert len(rows) == 2 * len(OPTIMISERS)
+    for row in rows:
+        assert np.isfinite(
+            [float(row[key] or 0) for key in ("translation", "rotation", "value")]
+        ).all()
+        assert isinstance(row["bound_translation"], float)
+    near_rows = [row for row in rows if row["guess"] == "0.02 m, 2 deg"]
+    assert all(row["found"] for row in near_rows)
+    tables = small.tables(rows)
+    assert [len(table.rows) for table in tables] == [len(OPTIMISERS)] * 2
+    for figure in small.figures(rows):
+        figure.draw(tmp_path / f"{figure.name}.svg")
+    assert (tmp_path / "optimiser-rihibot.svg").stat().st_size > 1000
+
+
+def test_cells_are_every_guess_under_every_condition() -> None:
+    for quick in (True, False):
+        study = load(None, quick=quick)
+        assert isinstance(study, OptimiserStudy)
+        config = study.config
+        runs = sum(c.seeds or config.seeds for c in config.conditions)
+        assert len(study.cells()) == len(config.systems) * len(config.guesses) * runs
+        assert quick or config.seeds >= 5
