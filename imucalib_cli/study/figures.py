@@ -6,6 +6,7 @@ matplotlib is an optional dependency (extra ``study``) and slow to import: only 
 from __future__ import annotations
 
 import io
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -19,12 +20,16 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
     from matplotlib.figure import Figure as Canvas
 
 SIZE = (7.2, 4.2)
 """Inches: a panel alone."""
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#444444", "#999999")
 """Okabe and Ito's, told apart by colour-blind readers too, then greys."""
+
+_SHORT = 1.8
+"""Decades, up to which a log axis is labelled between them too."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,6 +112,19 @@ def draw_curves(axes: Axes, curves: Sequence[Curve], *, logarithmic: bool = True
     if logarithmic:
         axes.set_xscale("log")
         axes.set_yscale("log")
+        label_logarithmic(axes.xaxis)
+        label_logarithmic(axes.yaxis)
+
+
+def label_logarithmic(axis: Axis) -> None:
+    """Label a log axis by decades, or by 1, 2 and 5 where it spans little more than one."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    low, high = axis.get_view_interval()
+    short = math.log10(high / low) < _SHORT
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if short else (1.0,), numticks=12))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
 
 
 def save_svg(figure: Canvas, path: Path) -> None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from imucalib_cli.study.figures import COLOURS, new_figure, save_svg
+from imucalib_cli.study.figures import COLOURS, label_logarithmic, new_figure, save_svg
 from imucalib_cli.study.summary import DEGREES, MILLIMETRES, chosen, column, digits, mean
 from imucalib_cli.study.table import Table
 
@@ -145,6 +145,7 @@ def draw_optimisers(rows: Sequence[Row], path: Path) -> None:
         ):
             axes.barh(range(len(values)), values, color=colours)
             axes.set_xscale("log")
+            label_logarithmic(axes.xaxis)
             axes.set_yticks(range(len(values)), labels=labels)
             axes.invert_yaxis()
             axes.set_xlabel(words)
