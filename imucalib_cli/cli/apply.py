@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from imucalib_cli.cli.answer_options import Quiet
 from imucalib_cli.cli.answers import see_answer_writable
 from imucalib_cli.cli.output import deliver, exit_code, say, worst
 
@@ -30,7 +31,7 @@ def apply_command(
     force: Annotated[
         bool, typer.Option("--force", help="Use a result that should not be trusted.")
     ] = False,
-    quiet: Annotated[bool, typer.Option("-q", "--quiet", help="Errors only on stderr.")] = False,
+    quiet: Quiet = False,
 ) -> None:
     """Write a URDF with the IMU's joint at the calibrated pose, every other byte as it was."""
     inputs = [urdf] if result == "-" else [urdf, Path(result)]

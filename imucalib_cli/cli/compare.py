@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from imucalib_cli.cli.answer_options import AnswerFile, AnswerFormat, Quiet
 from imucalib_cli.cli.answers import see_answer_writable
 from imucalib_cli.cli.output import EXIT_OK, EXIT_UNTRUSTED, deliver, say
 from imucalib_cli.cli.quantities import parse_choice
@@ -45,14 +46,9 @@ def compare_command(
             "--truth", metavar="FILE", help="truth.yaml of a simulated log: the errors of both."
         ),
     ] = None,
-    fmt: Annotated[
-        str, typer.Option("--format", metavar="yaml|json", help="Form of the answer.")
-    ] = "yaml",
-    output: Annotated[
-        str | None,
-        typer.Option("-o", "--output", metavar="FILE", help="Where to write; default stdout."),
-    ] = None,
-    quiet: Annotated[bool, typer.Option("-q", "--quiet", help="Errors only on stderr.")] = False,
+    fmt: AnswerFormat = "yaml",
+    output: AnswerFile = None,
+    quiet: Quiet = False,
 ) -> None:
     """Put a result beside Kalibr's, through the URDF. Exit 0; 3 if the result is untrusted."""
     parse_choice("--format", fmt, ("yaml", "json"))

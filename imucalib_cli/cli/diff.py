@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from imucalib_cli.cli.answer_options import AnswerFile, AnswerFormat, Quiet
 from imucalib_cli.cli.answers import give_answers, see_answer_writable
 from imucalib_cli.cli.output import say
 from imucalib_cli.cli.quantities import parse_choice, parse_tolerance
@@ -28,14 +29,9 @@ def diff_command(
         Path | None,
         typer.Option("--urdf", help="Relates the frames of the two results by its fixed joints."),
     ] = None,
-    fmt: Annotated[
-        str, typer.Option("--format", metavar="yaml|json", help="Form of the answer.")
-    ] = "yaml",
-    output: Annotated[
-        str | None,
-        typer.Option("-o", "--output", metavar="FILE", help="Where to write; default stdout."),
-    ] = None,
-    quiet: Annotated[bool, typer.Option("-q", "--quiet", help="Errors only on stderr.")] = False,
+    fmt: AnswerFormat = "yaml",
+    output: AnswerFile = None,
+    quiet: Quiet = False,
 ) -> None:
     """Has the mount moved between two results? Exit 0 no, 4 it has, 3 cannot tell."""
     parse_choice("--format", fmt, ("yaml", "json"))

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from imucalib_cli.cli.answer_options import OUTPUT, Quiet
 from imucalib_cli.cli.estimator_options import EstimatorTexts
 from imucalib_cli.cli.option_groups import takes
 from imucalib_cli.cli.output import (
@@ -25,8 +26,6 @@ from imucalib_cli.cli.recording_options import RecordingOptions, calibration_req
 
 if TYPE_CHECKING:
     from imucalib_cli.jobs.calibrate import Outcome
-
-_OUTPUT = "What to write"
 
 
 @takes(recording=RecordingOptions, estimator=EstimatorTexts)
@@ -48,7 +47,7 @@ def run_command(
             "--format",
             metavar="yaml|json|urdf|tf|summary",
             help="urdf: a <joint>; tf: named arguments of ROS 2's static_transform_publisher.",
-            rich_help_panel=_OUTPUT,
+            rich_help_panel=OUTPUT,
         ),
     ] = "yaml",
     output: Annotated[
@@ -59,7 +58,7 @@ def run_command(
             metavar="FILE|FOLDER/",
             help="Where to write; a folder gets <log>.<imu>.yaml.",
             show_default="stdout",
-            rich_help_panel=_OUTPUT,
+            rich_help_panel=OUTPUT,
         ),
     ] = None,
     force: Annotated[
@@ -67,7 +66,7 @@ def run_command(
         typer.Option(
             "--force",
             help="Write urdf and tf of a result that should not be trusted.",
-            rich_help_panel=_OUTPUT,
+            rich_help_panel=OUTPUT,
         ),
     ] = False,
     require: Annotated[
@@ -76,13 +75,10 @@ def run_command(
             metavar="LENGTH,ANGLE",
             help="Largest sigma to trust, such as 1mm,0.1deg; exit 3 if it is exceeded.",
             show_default="none",
-            rich_help_panel=_OUTPUT,
+            rich_help_panel=OUTPUT,
         ),
     ] = None,
-    quiet: Annotated[
-        bool,
-        typer.Option("-q", "--quiet", help="Errors only on stderr.", rich_help_panel=_OUTPUT),
-    ] = False,
+    quiet: Quiet = False,
 ) -> None:
     """Find where every IMU of a recording sits on the robot."""
     parse_choice("--format", fmt, ("yaml", "json", "urdf", "tf", "summary"))

@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from imucalib_cli.cli.answer_options import Quiet
 from imucalib_cli.cli.output import deliver, is_terminal, say
 from imucalib_cli.cli.progress import ProgressBar
 from imucalib_cli.cli.quantities import parse_choice
@@ -40,7 +41,7 @@ def study_command(
     figures: Annotated[
         bool, typer.Option("--figures/--no-figures", help="Draw the figures, if there are any.")
     ] = True,
-    quiet: Annotated[bool, typer.Option("-q", "--quiet", help="Errors only on stderr.")] = False,
+    quiet: Quiet = False,
 ) -> None:
     """Repeat an experiment of the paper, or one it leaves open; interrupted, it goes on later."""
     import sys

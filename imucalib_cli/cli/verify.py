@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from imucalib_cli.cli.answer_options import OUTPUT, AnswerFile, AnswerFormat, Quiet
 from imucalib_cli.cli.answers import give_answers, see_answer_writable
 from imucalib_cli.cli.estimator_options import EstimatorTexts
 from imucalib_cli.cli.option_groups import given_options, takes
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
     from imucalib_cli.jobs.verify import Answers
     from imucalib_cli.results.calibration import Tolerance
 
-_OUTPUT = "What to answer"
+
 _OF_RESULTS = {"--urdf", "--imu-link", "--imu-topic"}
 """Options that mean something for a result too."""
 
@@ -41,33 +42,12 @@ def verify_command(
             metavar="LENGTH,ANGLE",
             help="What is near enough, such as 2mm,0.2deg; what is left out keeps its default.",
             show_default="5mm,0.5deg",
-            rich_help_panel=_OUTPUT,
+            rich_help_panel=OUTPUT,
         ),
     ] = None,
-    fmt: Annotated[
-        str,
-        typer.Option(
-            "--format",
-            metavar="yaml|json",
-            help="Form of the answer.",
-            rich_help_panel=_OUTPUT,
-        ),
-    ] = "yaml",
-    output: Annotated[
-        str | None,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="FILE",
-            help="Where to write.",
-            show_default="stdout",
-            rich_help_panel=_OUTPUT,
-        ),
-    ] = None,
-    quiet: Annotated[
-        bool,
-        typer.Option("-q", "--quiet", help="Errors only on stderr.", rich_help_panel=_OUTPUT),
-    ] = False,
+    fmt: AnswerFormat = "yaml",
+    output: AnswerFile = None,
+    quiet: Quiet = False,
 ) -> None:
     """Is the pose of the IMU in this URDF right? Exit 0 yes, 4 no, 3 cannot tell."""
     parse_choice("--format", fmt, ("yaml", "json"))
