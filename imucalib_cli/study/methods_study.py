@@ -21,7 +21,7 @@ from imucalib_cli.simulate.physics import record
 from imucalib_cli.study.alone import run_alone
 from imucalib_cli.study.bound import Unknown, cramer_rao
 from imucalib_cli.study.load import load_parameters
-from imucalib_cli.study.methods.bspline import BSplineOptions
+from imucalib_cli.study.methods.bspline_problem import BSplineOptions
 from imucalib_cli.study.methods.entrants import ENTRANTS, Given, PaperSetting
 from imucalib_cli.study.methods.gyro_first import GyroFirstOptions
 from imucalib_cli.study.methods.hand_eye import (  # noqa: TC001 - types of fields, checked when read

@@ -9,12 +9,15 @@ import numpy as np
 import pytest
 
 from imucalib_cli.errors import InputError
+from imucalib_cli.estimate.matched import calibrate_matched
+from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.simulate.load import load_system
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
 from imucalib_cli.simulate.physics import record
 from imucalib_cli.study.bound import cramer_rao
-from imucalib_cli.study.methods.bspline import BSplineOptions, calibrate_bspline, prepare
+from imucalib_cli.study.methods.bspline import calibrate_bspline, prepare
+from imucalib_cli.study.methods.bspline_problem import BSplineOptions
 from imucalib_cli.study.methods.bspline_terms import imu_rows, pose_rows
 from imucalib_cli.study.methods.gyro_first import GyroFirstOptions, calibrate_gyro_first
 from imucalib_cli.study.metrics import PoseError, pose_error
@@ -163,6 +166,24 @@ def test_what_is_known_is_held(arm: Recording) -> None:
     np.testing.assert_array_equal(answer.accel_bias, np.zeros(3))
     np.testing.assert_allclose(answer.gravity_world, level.gravity_world, rtol=1e-12)  # type: ignore[arg-type]
     assert error(answer, level).translation < 1e-5
+    # Biases that nobody asks for turn the mount by a degree, far from where the search starts.
+    biased = corrupt(
+        level, NoiseOptions(accel_bias=(0.3, -0.5, 0.4), gyro_bias=(0.05, -0.03, 0.04)), 0
+    )
+    astray = calibrate_bspline(*streams_of(biased), known)
+    ours = calibrate_matched(
+        *streams_of(biased),
+        MatchedOptions(
+            gravity="fixed",
+            time_offset=0.0,
+            accel_bias_std=0.0,
+            gyro_bias_std=0.0,
+            sensor_model="ideal",
+        ),
+    )
+    assert error(astray, level).rotation > np.radians(1.0)
+    off = float(np.linalg.norm(ours.t_parent_imu - level.t_parent_imu))
+    assert 0.5 * off < error(astray, level).translation < 1.5 * off
     given = calibrate_gyro_first(imu, path, GyroFirstOptions(time_offset=0.0))
     assert given.time_offset == 0.0
     assert error(given, level).translation < 3e-5

@@ -9,32 +9,26 @@ parent link.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from itertools import chain
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
-from imucalib_cli.estimate.options import STANDARD_GRAVITY
 from imucalib_cli.signals.stamps import tidy_rows
 from imucalib_cli.signals.trajectory import Trajectory
 from imucalib_cli.study.methods.answer import Answer
-from imucalib_cli.study.methods.bordered import BorderedNormal
+from imucalib_cli.study.methods.bspline_problem import BSplineOptions, Problem, solve
 from imucalib_cli.study.methods.bspline_state import (
-    BIASES,
-    OFFSET,
-    TILT,
     State,
     fitted_controls,
     middle_orientation,
     residual_std,
     unwrapped_rotvecs,
 )
-from imucalib_cli.study.methods.bspline_terms import ImuData, PoseData, imu_rows, pose_rows
+from imucalib_cli.study.methods.bspline_terms import ImuData, PoseData
 from imucalib_cli.study.methods.gyro_first import GyroFirstOptions, calibrate_gyro_first
-from imucalib_cli.study.methods.spline_basis import ORDER, Knots
+from imucalib_cli.study.methods.spline_basis import Knots
 
 if TYPE_CHECKING:
     from imucalib_cli.robot.path import KinematicPath
@@ -44,99 +38,6 @@ Floats = NDArray[np.float64]
 
 _STD_FLOOR = 1e-7
 """m and rad: no encoder is better, and smaller ones cost the solver its digits."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class BSplineOptions:
-    """Options of the B-spline estimator: what its user states, and how it is solved."""
-
-    accel_std: float
-    """Of a sample, m/s²: the density times sqrt(rate / 2)."""
-    gyro_std: float
-    """Of a sample, rad/s."""
-    accel_bias_walk: float = 0.0
-    """m/s²/sqrt(s); zero takes the bias as constant."""
-    gyro_bias_walk: float = 0.0
-    """rad/s/sqrt(s)."""
-    bias_interval: float = 5.0
-    """s between the nodes of biases that walk, piecewise linear."""
-    position_std: float | None = None
-    """Of a pose, per axis, m; None takes the poses' scatter about their own spline."""
-    rotation_std: float | None = None
-    """rad, likewise."""
-    knots_per_second: float = 100.0
-    """Kalibr's default for poses."""
-    time_offset: float | None = None
-    """IMU stamp - robot stamp, s; None estimates it."""
-    max_offset: float = 1.0
-    """Largest offset searched, s."""
-    gravity: Literal["tilt", "fixed", "none"] = "tilt"
-    gravity_norm: float = STANDARD_GRAVITY
-    """m/s²."""
-    biases: bool = True
-    """Whether biases are unknowns."""
-    most_iterations: int = 30
-    tolerance: float = 1e-3
-    """The solution stands when a step promises less than this, in units of chi-squared."""
-
-
-@dataclass(frozen=True, eq=False)
-class Problem:
-    """Data and parameters, ready to be solved."""
-
-    knots: Knots
-    R_middle: Floats
-    poses: PoseData
-    imu: ImuData
-    options: BSplineOptions
-
-    def cost(self, state: State) -> float:
-        """Sum of squared whitened residuals."""
-        rows = chain(
-            pose_rows(self.knots, self.R_middle, self.poses, state, derivatives=False),
-            imu_rows(self.knots, self.R_middle, self.imu, state, derivatives=False),
-        )
-        walk = self._walk(state)[1]
-        return float(sum(np.sum(part.r * part.r) for part in rows) + walk @ walk)
-
-    def normal(self, state: State) -> BorderedNormal:
-        """Normal equations at a state; what is known is held by rows of its own."""
-        borders = BIASES + 6 * len(self.imu.nodes)
-        normal = BorderedNormal(self.knots.controls, 6, ORDER, borders)
-        parts = chain(
-            pose_rows(self.knots, self.R_middle, self.poses, state, derivatives=True),
-            imu_rows(self.knots, self.R_middle, self.imu, state, derivatives=True),
-        )
-        for part in parts:
-            normal.add(part.segment, part.local, part.border, part.columns, part.r)
-        normal.add_border(*self._walk(state))
-        return normal
-
-    def known(self) -> list[int]:
-        """Dense unknowns that are not."""
-        options, held = self.options, []
-        if options.gravity != "tilt":
-            held += [*range(TILT.start, TILT.stop)]
-        if options.time_offset is not None:
-            held.append(OFFSET)
-        if not options.biases:
-            held += [*range(BIASES, BIASES + 6 * len(self.imu.nodes))]
-        return held
-
-    def _walk(self, state: State) -> tuple[Floats, Floats]:
-        """Rows of the biases' random walk between nodes, (rows, borders) and (rows,)."""
-        nodes = self.imu.nodes
-        borders = BIASES + 6 * len(nodes)
-        if len(nodes) == 1:
-            return np.zeros((0, borders)), np.zeros(0)
-        walk = np.repeat([self.options.accel_bias_walk, self.options.gyro_bias_walk], 3)
-        whiten = 1.0 / (np.maximum(walk, 1e-12) * np.sqrt(nodes[1] - nodes[0]))
-        J = np.zeros((len(nodes) - 1, 6, borders))
-        for k in range(len(nodes) - 1):
-            at = BIASES + 6 * k
-            J[k, :, at : at + 6] = -np.diag(whiten)
-            J[k, :, at + 6 : at + 12] = np.diag(whiten)
-        return J.reshape(-1, borders), -(np.diff(state.biases, axis=0) * whiten).ravel()
 
 
 def calibrate_bspline(imu: ImuSamples, path: KinematicPath, options: BSplineOptions) -> Answer:
@@ -248,33 +149,6 @@ def prepare(
         biases=np.tile(start if options.biases else np.zeros(6), (count, 1)),
     )
     return Problem(knots, R_middle, poses, readings, options), state
-
-
-def solve(problem: Problem, state: State) -> tuple[State, int]:
-    """Levenberg-Marquardt from a start; the solution and the evaluations of all residuals.
-
-    Raises:
-        InputError: The motion leaves an unknown open.
-    """
-    cost, damping, evaluations = problem.cost(state), 1e-9, 1
-    while evaluations < problem.options.most_iterations:
-        normal = problem.normal(state)
-        normal.hold(problem.known())
-        while evaluations < problem.options.most_iterations:
-            try:
-                controls, border, promised = normal.step(damping)
-            except np.linalg.LinAlgError as error:
-                raise InputError("the motion leaves unknowns of the spline open") from error
-            moved = state.moved(controls, border)
-            new = problem.cost(moved)
-            evaluations += 1
-            if promised < problem.options.tolerance:
-                return (moved if new < cost else state), evaluations
-            if new < cost:
-                state, cost, damping = moved, new, max(damping / 10.0, 1e-12)
-                break
-            damping *= 10.0
-    return state, evaluations
 
 
 def _or(stated: float | None, found: float) -> float:

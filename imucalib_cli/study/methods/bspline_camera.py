@@ -15,13 +15,14 @@ from numpy.typing import NDArray
 from imucalib_cli.errors import InputError
 from imucalib_cli.robot.path import KinematicPath, PoseStep, Track
 from imucalib_cli.robot.rotations import quaternion_from_matrix
-from imucalib_cli.study.methods.bspline import answer_of, prepare, solve
+from imucalib_cli.study.methods.bspline import answer_of, prepare
+from imucalib_cli.study.methods.bspline_problem import solve
 from imucalib_cli.study.methods.pnp import corner_information, target_pose
 
 if TYPE_CHECKING:
     from imucalib_cli.signals.samples import ImuSamples
     from imucalib_cli.study.methods.answer import Answer
-    from imucalib_cli.study.methods.bspline import BSplineOptions
+    from imucalib_cli.study.methods.bspline_problem import BSplineOptions
     from imucalib_cli.study.methods.pnp import CameraObservations
 
 Floats = NDArray[np.float64]

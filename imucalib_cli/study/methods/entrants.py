@@ -13,7 +13,7 @@ from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions, PaperOptions, WindowChoice
 from imucalib_cli.estimate.paper import calibrate_paper
 from imucalib_cli.study.methods.answer import Answer
-from imucalib_cli.study.methods.bspline import BSplineOptions, calibrate_bspline
+from imucalib_cli.study.methods.bspline import calibrate_bspline
 from imucalib_cli.study.methods.bspline_camera import calibrate_bspline_camera
 from imucalib_cli.study.methods.gyro_first import GyroFirstOptions, calibrate_gyro_first
 from imucalib_cli.study.methods.liang import LiangOptions, calibrate_liang
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.estimate import Estimate
     from imucalib_cli.robot.path import KinematicPath
     from imucalib_cli.signals.samples import ImuSamples
+    from imucalib_cli.study.methods.bspline_problem import BSplineOptions
     from imucalib_cli.study.methods.hand_eye import Ransac
     from imucalib_cli.study.methods.pnp import CameraObservations
 
