@@ -4,45 +4,39 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
-from imucalib_cli.estimate.options import WindowChoice
-from imucalib_cli.simulate.noise import corrupt
-from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
+from imucalib_cli.simulate.options import NoiseOptions
 from imucalib_cli.study.claims import Claim, claims_table
-from imucalib_cli.study.contest import Method, Settings, contest
-from imucalib_cli.study.folds import moves_of, stratified_folds, without
-from imucalib_cli.study.guesses import wrong_guess
+from imucalib_cli.study.folded import (
+    ERROR_HEADER,
+    FoldedParameters,
+    Trial,
+    calibrate_fold,
+    error_cells,
+)
 from imucalib_cli.study.load import load_parameters
-from imucalib_cli.study.summary import DEGREES, MILLIMETRES, chosen, column, digits, spread
-from imucalib_cli.study.systems import clean_recording
+from imucalib_cli.study.summary import DEGREES, MILLIMETRES, chosen, column, digits
 from imucalib_cli.study.table import Table
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
+    from imucalib_cli.study.contest import Method
     from imucalib_cli.study.experiment import Cell, Figure, Row, Study
 
 METHODS: tuple[Method, ...] = ("paper", "paper, components", "matched")
 
 
 @dataclass(frozen=True, kw_only=True)
-class InitialErrorParameters:
+class InitialErrorParameters(FoldedParameters):
     """As configs/studies/initial-error.yaml states them, with units."""
 
-    systems: tuple[str, ...]
-    imu_rate: float
-    robot_rate: float
-    profile: Literal["smooth", "hard"]
-    folds: int
-    seeds: int
     translation: tuple[float, ...]
     rotation_deg: tuple[float, ...]
     accel: float
     gyro: float
-    paper_window: int
-    paper_exclusion: float
     failed_translation: float
     failed_rotation_deg: float
 
@@ -64,43 +58,29 @@ class InitialErrorStudy:
     def cells(self) -> list[Cell]:
         """Every size of error on every fold in several directions."""
         return [
-            {
-                "system": system,
-                "initial_translation": translation,
-                "initial_rotation_deg": rotation_deg,
-                "fold": fold,
-                "seed": seed,
-            }
+            run
             for system in self.config.systems
             for translation, rotation_deg in self.config.sizes()
-            for fold in range(self.config.folds)
-            for seed in range(self.config.seeds)
+            for run in self.config.runs(
+                {
+                    "system": system,
+                    "initial_translation": translation,
+                    "initial_rotation_deg": rotation_deg,
+                }
+            )
         ]
 
     def measure(self, cell: Cell) -> list[Row]:
         """All methods on one fold, from one guess; ours is given none."""
-        config, fold = self.config, int(cell["fold"] or 0)
-        physics = PhysicsOptions(
-            imu_rate=config.imu_rate, robot_rate=config.robot_rate, profile=config.profile
+        config = self.config
+        trial = Trial(
+            noise=NoiseOptions(accel_white=config.accel, gyro_white=config.gyro),
+            # The noise is the fold's: only the guess differs between the seeds.
+            noise_seed=int(cell["fold"] or 0),
+            initial_translation=float(cell["initial_translation"] or 0.0),
+            initial_rotation=math.radians(float(cell["initial_rotation_deg"] or 0.0)),
         )
-        clean = clean_recording(str(cell["system"]), physics)
-        folds = stratified_folds(moves_of(clean.system, clean.system.duration), config.folds)
-        # The noise is the fold's: only the guess differs between the seeds.
-        noise = NoiseOptions(accel_white=config.accel, gyro_white=config.gyro)
-        recording = without(corrupt(clean, noise, fold), folds[fold])
-        guess = wrong_guess(
-            clean,
-            float(cell["initial_translation"] or 0.0),
-            math.radians(float(cell["initial_rotation_deg"] or 0.0)),
-            seed=fold * config.seeds + int(cell["seed"] or 0),
-        )
-        settings = Settings(
-            paper_window=WindowChoice(samples=config.paper_window),
-            paper_exclusion=config.paper_exclusion,
-            R_initial=guess.R_parent_imu,
-            t_initial=guess.t_parent_imu,
-        )
-        return [cell | row for row in contest(recording, METHODS, settings)]
+        return calibrate_fold(config, cell, trial, METHODS)
 
     def tables(self, rows: Sequence[Row]) -> list[Table]:
         """One table a system, and the claims."""
@@ -134,10 +114,7 @@ class InitialErrorStudy:
                         digits(translation),
                         digits(rotation_deg),
                         method,
-                        spread(good, "translation", MILLIMETRES),
-                        spread(good, "rotation", DEGREES),
-                        spread(good, "averaged_translation", MILLIMETRES),
-                        spread(good, "averaged_rotation", DEGREES),
+                        *error_cells(good),
                         f"{len(found) - len(good)} of {len(found)}",
                     )
                 )
@@ -147,10 +124,7 @@ class InitialErrorStudy:
                 "initial m",
                 "initial deg",
                 "method",
-                "translation mm",
-                "rotation deg",
-                "|mean Δxyz| mm",
-                "mean |rpy| deg",
+                *ERROR_HEADER,
                 "failed",
             ),
             rows=tuple(lines),

@@ -9,18 +9,21 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
-from imucalib_cli.estimate.options import WindowChoice
-from imucalib_cli.simulate.noise import corrupt
-from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
-from imucalib_cli.study.contest import METHODS, Settings, contest
-from imucalib_cli.study.folds import moves_of, stratified_folds, without
-from imucalib_cli.study.guesses import wrong_guess
+from imucalib_cli.simulate.options import NoiseOptions
+from imucalib_cli.study.contest import METHODS
+from imucalib_cli.study.folded import (
+    ERROR_HEADER,
+    FoldedParameters,
+    Trial,
+    calibrate_fold,
+    error_cells,
+    seed_of,
+)
 from imucalib_cli.study.load import load_parameters
 from imucalib_cli.study.noise_claims import noise_claims
-from imucalib_cli.study.summary import DEGREES, MILLIMETRES, chosen, digits, spread
-from imucalib_cli.study.systems import clean_recording
+from imucalib_cli.study.summary import chosen, digits
 from imucalib_cli.study.table import Table
 
 if TYPE_CHECKING:
@@ -34,19 +37,11 @@ PARTS = ("accel", "gyro", "both")
 
 
 @dataclass(frozen=True, kw_only=True)
-class NoiseParameters:
+class NoiseParameters(FoldedParameters):
     """As configs/studies/noise.yaml states them, with units and sources."""
 
-    systems: tuple[str, ...]
-    imu_rate: float
-    robot_rate: float
-    profile: Literal["smooth", "hard"]
-    folds: int
-    seeds: int
     accel: tuple[float, ...]
     gyro: tuple[float, ...]
-    paper_window: int
-    paper_exclusion: float
     initial_translation: float
     initial_rotation_deg: float
     offset_system: str
@@ -84,46 +79,27 @@ class NoiseStudy:
             for accel, gyro in self.config.levels("accel")
         ]
         return [
-            {
-                "system": system,
-                "accel": accel,
-                "gyro": gyro,
-                "offset": offset,
-                "fold": fold,
-                "seed": seed,
-            }
+            run
             for system, accel, gyro, offset in dict.fromkeys(conditions)
-            for fold in range(self.config.folds)
-            for seed in range(self.config.seeds)
+            for run in self.config.runs(
+                {"system": system, "accel": accel, "gyro": gyro, "offset": offset}
+            )
         ]
 
     def measure(self, cell: Cell) -> list[Row]:
         """All methods on one fold with one seed."""
-        config, system = self.config, str(cell["system"])
-        physics = PhysicsOptions(
-            imu_rate=config.imu_rate, robot_rate=config.robot_rate, profile=config.profile
+        config = self.config
+        trial = Trial(
+            noise=NoiseOptions(
+                accel_white=float(cell["accel"] or 0.0),
+                gyro_white=float(cell["gyro"] or 0.0),
+                time_offset=float(cell["offset"] or 0.0),
+            ),
+            noise_seed=seed_of(config, cell),
+            initial_translation=config.initial_translation,
+            initial_rotation=math.radians(config.initial_rotation_deg),
         )
-        clean = clean_recording(system, physics)
-        noise = NoiseOptions(
-            accel_white=float(cell["accel"] or 0.0),
-            gyro_white=float(cell["gyro"] or 0.0),
-            time_offset=float(cell["offset"] or 0.0),
-        )
-        fold = int(cell["fold"] or 0)
-        # Folds see other noise too: a seed is a seed of one calibration (section 4.4).
-        seed = fold * config.seeds + int(cell["seed"] or 0)
-        folds = stratified_folds(moves_of(clean.system, clean.system.duration), config.folds)
-        recording = without(corrupt(clean, noise, seed), folds[fold])
-        guess = wrong_guess(
-            clean, config.initial_translation, math.radians(config.initial_rotation_deg), seed
-        )
-        settings = Settings(
-            paper_window=WindowChoice(samples=config.paper_window),
-            paper_exclusion=config.paper_exclusion,
-            R_initial=guess.R_parent_imu,
-            t_initial=guess.t_parent_imu,
-        )
-        return [cell | row for row in contest(recording, METHODS, settings)]
+        return calibrate_fold(config, cell, trial, METHODS)
 
     def tables(self, rows: Sequence[Row]) -> list[Table]:
         """One table a system and part, one for offsets, and the claims."""
@@ -175,10 +151,7 @@ def _table(
                     digits(accel),
                     digits(gyro),
                     method,
-                    spread(found, "translation", MILLIMETRES),
-                    spread(found, "rotation", DEGREES),
-                    spread(found, "averaged_translation", MILLIMETRES),
-                    spread(found, "averaged_rotation", DEGREES),
+                    *error_cells(found),
                     f"{len(found) - failed} of {len(found)}",
                 )
             )
@@ -188,10 +161,7 @@ def _table(
             "σ_a m/s²",
             "σ_ω rad/s",
             "method",
-            "translation mm",
-            "rotation deg",
-            "|mean Δxyz| mm",
-            "mean |rpy| deg",
+            *ERROR_HEADER,
             "answers",
         ),
         rows=tuple(lines),
