@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from imucalib_cli.errors import InputError
 from imucalib_cli.estimate import columns
 from imucalib_cli.estimate.fit import make_unknowns
 from imucalib_cli.estimate.options import MatchedOptions, PaperOptions, WindowChoice
@@ -38,7 +39,7 @@ from imucalib_cli.study.optimiser_tables import (
     guess_name,
     guesses_table,
 )
-from imucalib_cli.study.optimisers import OPTIMISERS, Cost, solve_by
+from imucalib_cli.study.optimisers import OPTIMISERS, Cost, Solved, solve_by
 from imucalib_cli.study.pose_cost import Pose, PoseCost, matched_cost, published_cost
 from imucalib_cli.study.summary import chosen
 from imucalib_cli.study.sweep import Condition, bound_columns
@@ -129,32 +130,37 @@ class OptimiserStudy:
         bound = bound_columns(system, physics, noise, alone=True)
         rows: list[Row] = []
         for optimiser in OPTIMISERS:
-            solved = solve_by(optimiser, costs, guess)
-            pose = solved.pose
-            error = pose_error(pose.R, pose.t, clean.R_parent_imu, clean.t_parent_imu)
-            found = (
-                error.translation <= config.found_translation
-                and error.rotation <= math.radians(config.found_rotation_deg)
-            )
-            rows.append(
-                cell
-                | {
-                    "residuals": optimiser.cost,
-                    "least": optimiser.kind,
-                    "optimiser": optimiser.name,
-                    "translation": error.translation,
-                    "rotation": error.rotation,
-                    "found": found,
-                    "value": solved.value,
-                    "evaluations": solved.evaluations,
-                    "seconds": solved.seconds,
-                    "preparation": prepared[
-                        "matched" if optimiser.cost == "matched" else "published"
-                    ],
-                }
-                | bound
-            )
+            names: Row = {
+                "residuals": optimiser.cost,
+                "least": optimiser.kind,
+                "optimiser": optimiser.name,
+                "preparation": prepared["matched" if optimiser.cost == "matched" else "published"],
+            }
+            try:
+                solved = solve_by(optimiser, costs, guess)
+            except InputError as error:  # a linear program that is not solved
+                rows.append(cell | names | _nothing(str(error)) | bound)
+                continue
+            rows.append(cell | names | self._judged(solved, clean) | bound)
         return rows
+
+    def _judged(self, solved: Solved, clean: Recording) -> Row:
+        """Errors and effort of an answer."""
+        pose = solved.pose
+        error = pose_error(pose.R, pose.t, clean.R_parent_imu, clean.t_parent_imu)
+        found = (
+            error.translation <= self.config.found_translation
+            and error.rotation <= math.radians(self.config.found_rotation_deg)
+        )
+        return {
+            "translation": error.translation,
+            "rotation": error.rotation,
+            "found": found,
+            "value": solved.value,
+            "evaluations": solved.evaluations,
+            "seconds": solved.seconds,
+            "failure": None,
+        }
 
     def _prepare(
         self, recording: Recording, guess: Pose
@@ -205,6 +211,11 @@ class OptimiserStudy:
             return Figure(f"{self.name}-{system}", lambda path: draw_optimisers(mine, path))
 
         return [figure(system) for system in self.config.systems]
+
+
+def _nothing(why: str) -> Row:
+    nothing: Row = dict.fromkeys(("translation", "rotation", "value", "evaluations", "seconds"))
+    return nothing | {"found": False, "failure": why}
 
 
 def _weighted(windowing: Windowing, gravity_world: Floats) -> PoseCost:

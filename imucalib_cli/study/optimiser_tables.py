@@ -93,7 +93,7 @@ def _excess(mine: Sequence[Row], rows: Sequence[Row]) -> float:
     for row in mine:
         same = chosen(rows, residuals=row["residuals"], least=row["least"], seed=row["seed"])
         values = column(same, "value")
-        if len(values) < 2:
+        if len(values) < 2 or row["value"] is None:
             return math.nan
         worst = max(worst, float(row["value"] or 0.0) / max(min(values), 1e-300) - 1.0)
     return worst

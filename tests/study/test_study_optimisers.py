@@ -11,10 +11,12 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
+from imucalib_cli.errors import InputError
 from imucalib_cli.estimate.options import PaperOptions
 from imucalib_cli.estimate.paper_filters import filtered_instants
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
+from imucalib_cli.study import least_absolute as least_absolute_module
 from imucalib_cli.study.least_absolute import (
     absolute_sum,
     by_linear_programs,
@@ -214,6 +216,23 @@ def test_a_tiny_study_tells_errors_and_finds(tmp_path: Path) -> None:
     for figure in small.figures(rows):
         figure.draw(tmp_path / f"{figure.name}.svg")
     assert (tmp_path / "optimiser-rihibot.svg").stat().st_size > 1000
+
+
+def test_a_linear_program_that_fails_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    def unsolved(J: Floats, r: Floats) -> Floats:
+        del J, r
+        raise InputError("linear program: nothing found")
+
+    monkeypatch.setattr(least_absolute_module, "least_absolute", unsolved)
+    loaded = load(None, quick=True)
+    assert isinstance(loaded, OptimiserStudy)
+    config = replace(loaded.config, duration=12.0, imu_rate=100.0, robot_rate=100.0, seeds=1)
+    small = OptimiserStudy(config)
+    rows = small.measure(small.cells()[0])
+    failed = {row["optimiser"] for row in rows if row["failure"] is not None}
+    assert failed == {"linear programs", "relaxed linear program"}
+    lines = small.tables(rows)[0].rows
+    assert sum(line[3] == "-" for line in lines) == 2
 
 
 def test_cells_are_every_guess_under_every_condition() -> None:
