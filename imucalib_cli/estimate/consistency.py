@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.estimate.estimate import Consistency
+from imucalib_cli.estimate.left_out import other_pose
 from imucalib_cli.estimate.sentence import Says, Sentence
 from imucalib_cli.estimate.solve import DBA, DBG, DPHI, DT, DTAU, POSE, TANGENT
 
@@ -58,6 +59,17 @@ def consistency(spread: Uncertainty) -> Consistency | None:
     )
 
 
+def move_in_words(fit: Fit, spread: Uncertainty) -> Sentence | None:
+    """The sentence on a pose that an end of the log tells, and that the fit left out."""
+    other = other_pose(fit, spread.covariance[POSE, POSE])
+    if other is None or other.distance < _CHANGED["pose"]:
+        return None
+    if not _moved(other.translation, other.rotation):
+        return None
+    told = _told_of_pose(other.translation, other.rotation, f"{other.seconds:.0f} s")
+    return Sentence(told, Says.PARTS_DIFFER)
+
+
 def change_in_words(fit: Fit, segments: Segments | None) -> Sentence | None:
     """The sentence on an instant from which the log tells something else, if there is one."""
     if segments is None:
@@ -85,8 +97,22 @@ def change_in_words(fit: Fit, segments: Segments | None) -> Sentence | None:
 def _matters(kind: str, change: Change, segments: Segments) -> bool:
     full = segments.in_tangent(change.difference)
     if kind == "pose":
-        return bool(np.linalg.norm(full[DT]) > _MOVED[0] or np.linalg.norm(full[DPHI]) > _MOVED[1])
+        return _moved(full[DT], full[DPHI])
     return bool(np.abs(full[_KINDS[kind]]).max() > _NEGLIGIBLE[kind])
+
+
+def _moved(translation: Floats, rotation: Floats) -> bool:
+    """Whether a pose that differs so has moved."""
+    return bool(np.linalg.norm(translation) > _MOVED[0] or np.linalg.norm(rotation) > _MOVED[1])
+
+
+def _told_of_pose(translation: Floats, rotation: Floats, when: str) -> str:
+    return (
+        f"before and after about {when} of the log the IMU's pose differs by "
+        f"{np.linalg.norm(translation) * 1e3:.3g} mm and "
+        f"{np.degrees(np.linalg.norm(rotation)):.2g} deg, beyond what noise and model "
+        "explain: the mount moved, or the log joins two set-ups; calibrate each part alone"
+    )
 
 
 def _when(fit: Fit, segments: Segments, index: int) -> str:
@@ -109,12 +135,7 @@ def _told(kind: str, change: Change, segments: Segments, when: str) -> str:
                 "no clock is set while recording"
             )
         case "pose":
-            return (
-                f"before and after about {when} of the log the IMU's pose differs by "
-                f"{np.linalg.norm(full[DT]) * 1e3:.3g} mm and "
-                f"{np.degrees(np.linalg.norm(full[DPHI])):.2g} deg, beyond what noise and model "
-                "explain: the mount moved, or the log joins two set-ups; calibrate each part alone"
-            )
+            return _told_of_pose(full[DT], full[DPHI], when)
         case "gyro bias":
             size = f"gyroscope's bias changes by {np.linalg.norm(full[DBG]):.2g} rad/s"
         case _:

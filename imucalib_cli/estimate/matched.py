@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from imucalib_cli.estimate.consistency import change_in_words, consistency
+from imucalib_cli.estimate.consistency import change_in_words, consistency, move_in_words
 from imucalib_cli.estimate.corrections import corrections_of, in_words, misread
 from imucalib_cli.estimate.estimate import Estimate, Residuals
 from imucalib_cli.estimate.observability import unobservable_directions, widen
@@ -83,7 +83,7 @@ def _estimate(evidence: Evidence) -> Estimate:
     estimated_offset = bool(fit.unknowns.free[DTAU])
     timed = bool(max(P[DTAU, DTAU], spread.excitation[DTAU, DTAU]) < _OFFSET_LIMIT**2)
     contradicted = missed_priors(fit, options)
-    changed = change_in_words(fit, spread.segments)
+    changed = move_in_words(fit, spread) or change_in_words(fit, spread.segments)
     corrections = corrections_of(fit, P)
     seconds, told = float(clean.t[-1] - clean.t[0]), fit.unknowns.gravity_norm
     warnings = [in_words(correction, seconds, told) for correction in corrections]

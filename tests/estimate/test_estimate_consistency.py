@@ -82,6 +82,19 @@ def test_a_mount_that_moved_is_named_with_time_and_size(instant: float, grade: s
         assert nees(estimate, mount) < UNLIKELY
 
 
+@pytest.mark.parametrize("grade", GRADES)
+@pytest.mark.parametrize("instant", [5.0, 28.5])
+def test_a_mount_that_moved_near_an_end_is_no_outlier(instant: float, grade: str) -> None:
+    """Weights let go of the shorter part, which without the sentence nobody would hear of."""
+    log = flawed_log(moves=MOVES, mount_after=(instant, moved_by(1.0))).noisy(1, GRADES[grade])
+    told = calibrated(log).distrust[0]
+    assert "the mount moved" in told
+    match = re.search(r"about (\d+)", told)
+    assert match is not None
+    assert abs(float(match[1]) - instant) <= 2.0
+    assert number_before("mm", told) == pytest.approx(1e3 * np.linalg.norm(STEP), rel=0.5)
+
+
 def test_a_mount_that_moved_by_a_hair_is_covered_and_not_called_a_fault() -> None:
     after = moved_by(0.02)
     log = flawed_log(moves=MOVES, mount_after=(16.0, after)).noisy(1, INDUSTRIAL)
