@@ -14,6 +14,7 @@ import numpy as np
 
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions
+from imucalib_cli.process import prepare_to_compute
 from imucalib_cli.simulate.load import load_grade, load_system
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.physics import record
@@ -88,7 +89,7 @@ def _robot(system: str) -> Robot | None:
 
 def run_trials(case: Case, seeds: int) -> list[Trial]:
     """Seeds 0 to seeds - 1, on all processors."""
-    with ProcessPoolExecutor() as pool:
+    with ProcessPoolExecutor(initializer=prepare_to_compute) as pool:
         return list(pool.map(partial(run_trial, case), range(seeds), chunksize=4))
 
 

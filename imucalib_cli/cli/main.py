@@ -25,6 +25,7 @@ from imucalib_cli.cli.stdio import guard_streams
 from imucalib_cli.cli.study import study_command
 from imucalib_cli.cli.verify import verify_command
 from imucalib_cli.errors import ImucalibError
+from imucalib_cli.process import prepare_to_compute
 
 TRACEBACK = "IMUCALIB_TRACEBACK"
 """Environment variable that lets an unexpected exception through with its traceback."""
@@ -86,11 +87,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _prepare_process() -> None:
     """Set what must be set before numpy is imported."""
-    # small matrices: threads cost more than they give, much more on a busy machine
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    # glibc learns from the first freed large block to keep chunk-sized buffers: no page faults
-    block = bytes(31 << 20)
-    del block
+    prepare_to_compute()
     guard_streams()
     if not sys.warnoptions and TRACEBACK not in os.environ:
         warnings.simplefilter("ignore")  # a user can do nothing about a library's warnings

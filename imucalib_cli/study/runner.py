@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 from imucalib_cli import __version__
 from imucalib_cli.errors import ChoiceError, InputError
+from imucalib_cli.process import prepare_to_compute
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator
@@ -84,7 +85,7 @@ def _measured(study: Study, cells: list[Cell], jobs: int) -> Generator[tuple[Cel
     pool = ProcessPoolExecutor(
         min(jobs, len(cells)),
         mp_context=multiprocessing.get_context(method),
-        initializer=_leave_interruptions_to_the_parent,
+        initializer=_prepare_worker,
     )
     waiting: dict[Future[list[Row]], Cell] = {}
     left = iter(cells)
@@ -109,7 +110,9 @@ def _measured(study: Study, cells: list[Cell], jobs: int) -> Generator[tuple[Cel
         pool.shutdown()
 
 
-def _leave_interruptions_to_the_parent() -> None:
+def _prepare_worker() -> None:
+    prepare_to_compute()
+    # interruptions are the parent's business
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
