@@ -67,12 +67,11 @@ def study_command(
             fresh=fresh,
             report=lambda done, of: bar.report(f"{name}: {done} of {of} runs", done / max(of, 1)),
         )
-        drawn = study.figures(rows) if figures else []
-        for figure in drawn:
-            bar.report(f"{name}: drawing {figure.name}")
-            figure.draw(folder / f"{figure.name}.svg")
     deliver(render_tables(study.tables(rows), next(f for f in FORMATS if f == fmt)), None)
     if not quiet:
         say("rows", file)
-        for figure in drawn:
-            say("figure", folder / f"{figure.name}.svg")
+    for figure in study.figures(rows) if figures else []:
+        path = folder / f"{figure.name}.svg"
+        figure.draw(path)
+        if not quiet:
+            say("figure", path)

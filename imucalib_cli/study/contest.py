@@ -29,6 +29,7 @@ Method = Literal["paper", "paper, components", "matched, pose only", "matched"]
 """The published method with one L1 sum an instant as residual, and with the six components, for it
 is not known to us which its authors square; ours with the same unknowns; ours with all its own."""
 METHODS: tuple[Method, ...] = ("paper", "paper, components", "matched, pose only", "matched")
+PUBLISHED: tuple[Method, ...] = ("paper", "paper, components")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

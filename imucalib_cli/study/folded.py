@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
 from imucalib_cli.estimate.options import WindowChoice
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import PhysicsOptions
-from imucalib_cli.study.contest import Settings, contest
+from imucalib_cli.study.contest import PUBLISHED, Settings, contest
 from imucalib_cli.study.folds import moves_of, stratified_folds, without
 from imucalib_cli.study.guesses import wrong_guess
-from imucalib_cli.study.summary import DEGREES, MILLIMETRES, spread
+from imucalib_cli.study.summary import DEGREES, MILLIMETRES, best_setting, digits, spread
 from imucalib_cli.study.systems import clean_recording
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from imucalib_cli.simulate.options import NoiseOptions
     from imucalib_cli.study.contest import Method
-    from imucalib_cli.study.experiment import Cell, Row
+    from imucalib_cli.study.experiment import Cell, Row, Scalar
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,7 +33,7 @@ class FoldedParameters:
     folds: int
     seeds: int
     paper_window: int
-    paper_exclusion: float
+    paper_exclusions: tuple[float, ...]
 
     def runs(self, condition: Cell) -> list[Cell]:
         """A condition on every fold with every seed."""
@@ -83,14 +83,38 @@ def calibrate_fold(
     guess = wrong_guess(
         clean, trial.initial_translation, trial.initial_rotation, seed_of(parameters, cell)
     )
+    recording = without(corrupt(clean, trial.noise, trial.noise_seed), held_out)
     settings = Settings(
         paper_window=WindowChoice(samples=parameters.paper_window),
-        paper_exclusion=parameters.paper_exclusion,
         R_initial=guess.R_parent_imu,
         t_initial=guess.t_parent_imu,
     )
-    recording = without(corrupt(clean, trial.noise, trial.noise_seed), held_out)
-    return [cell | row for row in contest(recording, methods, settings)]
+    rows = contest(recording, tuple(m for m in methods if m not in PUBLISHED), settings)
+    found = [cell | row | {"setting": None} for row in rows]
+    for exclusion in parameters.paper_exclusions:
+        settings = replace(settings, paper_exclusion=exclusion)
+        rows = contest(recording, tuple(m for m in methods if m in PUBLISHED), settings)
+        found += [cell | row | {"setting": exclusion} for row in rows]
+    return found
+
+
+def in_best_setting(rows: Sequence[Row], *keys: str) -> list[Row]:
+    """Rows with each condition in the setting of least error: the most tuning could do for it.
+
+    Args:
+        rows: Of a study.
+        keys: What makes a condition.
+    """
+    conditions: dict[tuple[Scalar, ...], list[Row]] = {}
+    for row in rows:
+        conditions.setdefault(tuple(row[key] for key in keys), []).append(row)
+    return [row for found in conditions.values() for row in best_setting(found)]
+
+
+def setting_of(rows: Sequence[Row]) -> str:
+    """The published method's exclusion, m/s²; a dash for methods that have none."""
+    setting = rows[0]["setting"] if rows else None
+    return "-" if setting is None else digits(float(setting))
 
 
 ERROR_HEADER = ("translation mm", "rotation deg", "|mean Δxyz| mm", "mean |rpy| deg")

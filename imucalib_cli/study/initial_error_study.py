@@ -14,6 +14,8 @@ from imucalib_cli.study.folded import (
     Trial,
     calibrate_fold,
     error_cells,
+    in_best_setting,
+    setting_of,
 )
 from imucalib_cli.study.load import load_parameters
 from imucalib_cli.study.summary import DEGREES, MILLIMETRES, chosen, column, digits
@@ -84,6 +86,7 @@ class InitialErrorStudy:
 
     def tables(self, rows: Sequence[Row]) -> list[Table]:
         """One table a system, and the claims."""
+        rows = in_best_setting(rows, "system", "method")
         made = [self._table(chosen(rows, system=system), system) for system in self.config.systems]
         return [*made, claims_table("Claims of section 4.5", self._claims(rows))]
 
@@ -114,6 +117,7 @@ class InitialErrorStudy:
                         digits(translation),
                         digits(rotation_deg),
                         method,
+                        setting_of(found),
                         *error_cells(good),
                         f"{len(found) - len(good)} of {len(found)}",
                     )
@@ -124,6 +128,7 @@ class InitialErrorStudy:
                 "initial m",
                 "initial deg",
                 "method",
+                "excluded over m/s²",
                 *ERROR_HEADER,
                 "failed",
             ),

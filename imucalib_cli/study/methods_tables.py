@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -13,6 +12,7 @@ from imucalib_cli.study.methods.entrants import ENTRANTS
 from imucalib_cli.study.summary import (
     DEGREES,
     MILLIMETRES,
+    best_setting,
     chosen,
     column,
     digits,
@@ -70,18 +70,6 @@ def methods_tables(
     first = made[0]
     made[0] = replace(first, note=f"{note} {first.note}".strip())
     return [*made, _claims(rows, conditions)]
-
-
-def best_setting(rows: Sequence[Row]) -> list[Row]:
-    """Rows of the setting with the least mean error of translation; of other methods, all rows."""
-    settings = list(dict.fromkeys(row["setting"] for row in rows))
-
-    def error(setting: object) -> float:
-        found = mean([row for row in rows if row["setting"] == setting], "translation")
-        return math.inf if math.isnan(found) else found
-
-    least = min(settings, key=error)
-    return [row for row in rows if row["setting"] == least]
 
 
 def _table(rows: Sequence[Row], condition: str, quoted: Sequence[Row]) -> Table:

@@ -19,7 +19,9 @@ from imucalib_cli.study.folded import (
     Trial,
     calibrate_fold,
     error_cells,
+    in_best_setting,
     seed_of,
+    setting_of,
 )
 from imucalib_cli.study.load import load_parameters
 from imucalib_cli.study.noise_claims import noise_claims
@@ -103,6 +105,7 @@ class NoiseStudy:
 
     def tables(self, rows: Sequence[Row]) -> list[Table]:
         """One table a system and part, one for offsets, and the claims."""
+        rows = in_best_setting(rows, "system", "accel", "gyro", "offset", "method")
         made = [
             _table(
                 chosen(rows, system=system, offset=0.0),
@@ -151,6 +154,7 @@ def _table(
                     digits(accel),
                     digits(gyro),
                     method,
+                    setting_of(found),
                     *error_cells(found),
                     f"{len(found) - failed} of {len(found)}",
                 )
@@ -161,6 +165,7 @@ def _table(
             "σ_a m/s²",
             "σ_ω rad/s",
             "method",
+            "excluded over m/s²",
             *ERROR_HEADER,
             "answers",
         ),

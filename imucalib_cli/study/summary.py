@@ -33,6 +33,18 @@ def mean(rows: Iterable[Row], key: str) -> float:
     return float(np.mean(values)) if values else math.nan
 
 
+def best_setting(rows: Sequence[Row]) -> list[Row]:
+    """Rows of the setting with the least mean error of translation; of other methods, all rows."""
+    settings = list(dict.fromkeys(row["setting"] for row in rows))
+
+    def error(setting: object) -> float:
+        found = mean([row for row in rows if row["setting"] == setting], "translation")
+        return math.inf if math.isnan(found) else found
+
+    least = min(settings, key=error)
+    return [row for row in rows if row["setting"] == least]
+
+
 def spread(rows: Sequence[Row], key: str, scale: float = 1.0) -> str:
     """Mean ± standard deviation of a number, with three digits."""
     values = scale * np.array(column(rows, key))

@@ -16,7 +16,7 @@ from imucalib_cli.estimate.options import WindowChoice
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
 from imucalib_cli.study.bound import Bound, Unknown, cramer_rao
-from imucalib_cli.study.contest import METHODS, Method, Settings, contest
+from imucalib_cli.study.contest import METHODS, PUBLISHED, Method, Settings, contest
 from imucalib_cli.study.experiment import Figure
 from imucalib_cli.study.guesses import wrong_guess
 from imucalib_cli.study.summary import chosen
@@ -32,10 +32,6 @@ if TYPE_CHECKING:
 
 POSE_ALONE = Unknown(accel_bias=False, gyro_bias=False, tilt=False, time_offset=False)
 """What the published method takes for known."""
-
-
-PUBLISHED: tuple[Method, ...] = ("paper", "paper, components")
-"""Methods that are run in each variant."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -23,7 +23,8 @@ from imucalib_cli.study.methods_study import (
     load,
     seen_recording,
 )
-from imucalib_cli.study.methods_tables import best_setting, methods_tables
+from imucalib_cli.study.methods_tables import methods_tables
+from imucalib_cli.study.summary import best_setting
 
 if TYPE_CHECKING:
     from imucalib_cli.simulate.recording import Recording

@@ -42,7 +42,9 @@ def test_one_run_by_every_method_against_the_engine() -> None:
         if (c["system"], c["accel"], c["gyro"], c["offset"], c["fold"], c["seed"])
         == ("rihibot", 0.0, 0.0, 0.0, 1, 0)
     )
-    rows = {row["method"]: row for row in noise_study().measure(cell)}
+    found = noise_study().measure(cell)
+    assert [row["setting"] for row in found] == [None, None, 0.390625, 0.390625, 6.25, 6.25]
+    rows = {row["method"]: row for row in found}
     errors = {method: float(row["translation"] or math.nan) for method, row in rows.items()}
     # one fold is out; what is left still determines the pose
     assert errors["matched"] < 1e-6
@@ -68,7 +70,7 @@ def noise_rows(**changed: float) -> list[Row]:
         if accel == 0.0 and gyro == config.gyro[-1]:
             sizes |= changed
         key: Row = {"system": system, "accel": accel, "gyro": gyro, "offset": 0.0}
-        rows.append(key | sizes | {"method": "paper", "failure": None})
+        rows.append(key | sizes | {"method": "paper", "failure": None, "setting": 6.25})
     return rows
 
 
@@ -100,7 +102,7 @@ def initial_rows(*, far: float) -> list[Row]:
     rows: list[Row] = []
     for cell, method in product(study.cells(), ("paper", "paper, components", "matched")):
         moved = far if method == "paper" and cell["initial_rotation_deg"] == 180.0 else 0.0
-        row: Row = {"method": method, "translation": 1e-4 + moved, "failure": None}
+        row: Row = {"method": method, "translation": 1e-4 + moved, "failure": None, "setting": 0.0}
         rows.append(cell | found | row)
     return rows
 
@@ -117,7 +119,7 @@ def test_another_minimum_is_counted_and_not_averaged(far: float, failed: int, fo
         paper = [row for row in table.rows if row[2] == "paper"]
         assert sum(int(row[-1].split()[0]) for row in paper) == failed
         if failed:
-            assert {row[3] for row in paper} == {"0.1 ± 0", "-"}
+            assert {row[4] for row in paper} == {"0.1 ± 0", "-"}
     for row in claims.rows:
         mine = row[0].startswith("paper: ")
         assert row[2] == ("not met" if mine and far else "met")
