@@ -105,8 +105,8 @@ def _links(case: Case) -> Iterator[Hypothesis]:
             names=(frame,),
             path=path,
             cause=f"the IMU moves as {frame} does, not as {told}",
-            remedy=f"rerun with --parent {frame}, and correct the frame_id or the URDF's joint "
-            "that holds the IMU",
+            remedy=f"rerun with --parent {frame}; if --parent was not given, correct also the "
+            "frame_id or the URDF's joint that holds the IMU",
         )
 
 

@@ -28,8 +28,8 @@ def of_hypotheses(tied: list[Explained], told: Trial, case: Case) -> Finding:
         names = [e.hypothesis.names[0] for e in tied]
         cause = f"the IMU moves as {' or '.join(names)} does, not as {told.path.parent}"
         remedy = (
-            f"rerun with --parent {' or --parent '.join(names)}, and correct the frame_id or the "
-            "URDF's joint that holds the IMU"
+            f"rerun with --parent {' or --parent '.join(names)}; if --parent was not given, "
+            "correct also the frame_id or the URDF's joint that holds the IMU"
         )
     else:
         cause = "; or ".join(dict.fromkeys(causes))

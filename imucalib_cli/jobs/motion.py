@@ -82,7 +82,8 @@ def find_motion(
         raise InputError(
             f"{motion.parent} never moves in {motion.path.world} according to "
             f"{', '.join(motion.topics) or 'the URDF, whose joints on the way are all fixed'}: "
-            "record a log in which the robot moves, or give what moves it by --pose-topic"
+            "check --parent and --urdf, record a log in which the robot moves, or give what moves "
+            "it by --pose-topic"
         )
     return motion
 

@@ -27,7 +27,12 @@ def see_told(robot: Robot, frame_id: str, parent: str | None, imu_link: str | No
             f"with --imu-link{near_matches(frame, robot.links)}"
         )
     if parent is not None and parent in robot.links:
-        fixed_transform(robot, parent, frame)
+        try:
+            fixed_transform(robot, parent, frame)
+        except ChoiceError as error:
+            raise ChoiceError(
+                f"{error}: leave --parent out, or name a link to which fixed joints alone lead"
+            ) from None
 
 
 def nothing_told(parent: str, child: str) -> str:

@@ -52,7 +52,8 @@ def find_mount(
             said = f"frame '{frame}' is not in {robot.source}" if frame else "frame_id is empty"
             raise ChoiceError(
                 f"the IMU's {said}: name the link the IMU is bolted to with --parent, one of: "
-                f"{', '.join(robot.links)}"
+                f"{', '.join(robot.links)}; or, if the IMU itself is among these, name it with "
+                "--imu-link"
             )
         return Mount(
             parent=parent, child=frame or "imu", R_nominal=None, t_nominal=None, joint_name=None
