@@ -5,7 +5,11 @@ from __future__ import annotations
 import json
 import os
 import signal
+import subprocess
+import sys
+import time
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
@@ -14,8 +18,7 @@ from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.study.runner import run_study
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
+    from collections.abc import Callable, Sequence
 
     from imucalib_cli.study.experiment import Cell, Figure, Row
     from imucalib_cli.study.table import Table
@@ -27,6 +30,9 @@ class Squares:
 
     count: int = 6
     fatal: int = -1
+    slow: float = 0.0
+    told: str = ""
+    """Folder in which each process leaves its number."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +49,9 @@ class Squaring:
         number = int(cell["number"] or 0)
         if number == self.config.fatal:
             os.kill(os.getpid(), signal.SIGKILL)
+        if self.config.told:
+            Path(self.config.told, str(os.getpid())).touch()
+        time.sleep(self.config.slow)
         return [cell | {"square": number**2}, cell | {"process": os.getpid()}]
 
     def tables(self, rows: Sequence[Row]) -> list[Table]:
@@ -98,6 +107,43 @@ def test_a_killed_worker_is_an_error_and_costs_only_its_own_run(tmp_path: Path) 
         run_study(Squaring(Squares(count=40, fatal=39)), file, jobs=2)
     done = [json.loads(line) for line in file.read_text().splitlines()[1:]]
     assert len(done) >= 30
+
+
+def test_workers_end_with_a_parent_that_was_killed(tmp_path: Path) -> None:
+    script = tmp_path / "killed.py"
+    script.write_text(
+        "import pathlib\n"
+        "from imucalib_cli.study.runner import run_study\n"
+        "from tests.study.test_study_runner import Squares, Squaring\n"
+        "if __name__ == '__main__':\n"
+        f"    folder = {str(tmp_path)!r}\n"
+        "    study = Squaring(Squares(count=9, slow=60.0, told=folder))\n"
+        "    run_study(study, pathlib.Path(folder, 'a.jsonl'), jobs=2)\n"
+    )
+    root = Path(__file__).parents[2]
+    parent = subprocess.Popen(
+        [sys.executable, str(script)], cwd=root, env={**os.environ, "PYTHONPATH": str(root)}
+    )
+    workers = _wait_for(lambda: sorted(int(p.name) for p in tmp_path.glob("[0-9]*")), count=2)
+    parent.kill()
+    parent.wait()
+    _wait_for(lambda: [1] * (not any(_runs(worker) for worker in workers)), count=1)
+
+
+def _wait_for(found: Callable[[], list[int]], count: int) -> list[int]:
+    for _ in range(600):
+        if len(found()) >= count:
+            return found()
+        time.sleep(0.05)
+    raise AssertionError("waited half a minute in vain")
+
+
+def _runs(pid: int) -> bool:
+    try:
+        state = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0]
+    except OSError:
+        return False
+    return state != "Z"  # nobody has asked after it yet
 
 
 def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:
