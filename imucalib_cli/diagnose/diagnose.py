@@ -15,7 +15,7 @@ from imucalib_cli.diagnose.ringing import find_ringing
 from imucalib_cli.diagnose.rivals import find_rival_publishers
 from imucalib_cli.diagnose.search import explain_grossly, falls, is_poor
 from imucalib_cli.diagnose.words import of_given_offset, of_hypotheses, of_parameters
-from imucalib_cli.estimate.sentence import Says, without
+from imucalib_cli.estimate.sentence import Says, says_any, without
 
 if TYPE_CHECKING:
     from imucalib_cli.diagnose.bench import Bench, Trial
@@ -102,7 +102,7 @@ def _small(bench: Bench, case: Case, told: Trial) -> tuple[Finding, ...]:
 def explained(estimate: Estimate, findings: tuple[Finding, ...]) -> Estimate:
     """The estimate with its findings said first, and what they explain no longer said."""
     if not findings:
-        return estimate
+        return _without_advice(estimate) if _misfits(estimate) else estimate
     sentences = tuple(finding.sentence for finding in findings)
     warnings = without(estimate.warnings, {Says.POOR})
     aside = all(finding.kind in _ASIDE for finding in findings)
@@ -137,8 +137,16 @@ def _undoes(estimate: Estimate, findings: tuple[Finding, ...]) -> bool:
 
 def stepped_back(estimate: Estimate) -> Estimate:
     """The estimate without advice on motion, which is no use while the fit is wrong otherwise."""
+    return replace(_without_advice(estimate), warnings=without(estimate.warnings, {Says.POOR}))
+
+
+def _misfits(estimate: Estimate) -> bool:
+    """Whether a result is distrusted for what the model leaves over, whatever the cause."""
+    return any(says_any(reason, {Says.POOR}) for reason in estimate.distrust)
+
+
+def _without_advice(estimate: Estimate) -> Estimate:
     return replace(
         estimate,
-        warnings=without(estimate.warnings, {Says.POOR}),
         unobservable=tuple(replace(each, motion=_AFTER) for each in estimate.unobservable),
     )

@@ -198,3 +198,18 @@ def test_a_good_fit_asks_nothing(system: str) -> None:
     assert not needs_diagnosis(plain)
     assert told is plain
     assert found == ()
+
+
+def test_no_motion_is_advised_where_an_unknown_cause_spoils_the_fit() -> None:
+    """Livelier motion would not determine what units that change midway leave open."""
+    noisy = corrupt(clean(ARM), load_grade("industrial"), seed=3)
+    imu, late = noisy.imu, noisy.imu.t > 0.5 * noisy.imu.t[-1]
+    accel = np.where(late[:, None], imu.accel / 9.80665, imu.accel)
+    told = told_wrongly(replace(noisy, imu=replace(imu, accel=accel)), Fault(kind="none"))
+    plain = calibrate_matched(told.imu, told.path, MatchedOptions())
+    assert plain.unobservable
+    assert not diagnose(told.case(plain, MatchedOptions()))
+    estimate = explained(plain, ())
+    assert estimate.distrust == plain.distrust
+    for direction in estimate.unobservable:
+        assert "before the cause of the misfit is mended" in direction.motion
