@@ -22,6 +22,7 @@ from imucalib_cli.signals.spikes import find_glitches
 from imucalib_cli.signals.stamps import near_stamps, tidy_rows
 from imucalib_cli.signals.trajectory import Trajectory
 from imucalib_cli.signals.turning import BIN, compare_turning
+from imucalib_cli.signals.turns import unwrapped
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -208,6 +209,11 @@ def _without_glitches(track: Track, rows: Indices, warnings: list[str]) -> Track
         signs = np.where(np.sum(values[1:, 3:] * values[:-1, 3:], axis=1) < 0.0, -1.0, 1.0)
         values = values.copy()
         values[1:, 3:] *= np.cumprod(signs)[:, None]
+    else:
+        values = unwrapped(values)
+        whole = track.values.copy()  # also for who asks for rival publishers later
+        whole[rows] = values
+        track = replace(track, values=whole)
     leaps = find_glitches(track.t[rows], values, _LEAP)
     if not leaps.any() or np.mean(leaps) > _MOST_LEAPS:
         return track

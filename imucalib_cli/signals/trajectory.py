@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from imucalib_cli.errors import InputError
 from imucalib_cli.signals.interpolate import lagrange
 from imucalib_cli.signals.stamps import Ticks, constant_rate_ticks, gap_breaks, tidy_rows
+from imucalib_cli.signals.turns import unwrapped
 
 if TYPE_CHECKING:
     from imucalib_cli.robot.path import KinematicPath, Track
@@ -42,7 +43,7 @@ class CleanTrack:
 
 
 def clean_track(track: Track) -> CleanTrack:
-    """Order a track, find its gaps, and make its quaternions continuous.
+    """Order a track, find its gaps, and make its quaternions and angles continuous.
 
     Raises:
         InputError: Fewer usable samples than an interpolation needs.
@@ -59,6 +60,8 @@ def clean_track(track: Track) -> CleanTrack:
         q = values[:, 3:]
         flips = np.sum(q[1:] * q[:-1], axis=1) < 0  # q and -q are one rotation
         values[1:, 3:] *= np.where(np.cumsum(flips) % 2, -1.0, 1.0)[:, None]
+    else:
+        values = unwrapped(values)
     changes = _changes(values)
     held = len(changes) < len(t)
     t, values = t[changes], values[changes]
