@@ -13,6 +13,7 @@ from imucalib_cli.estimate.sentence import Says, Sentence
 from imucalib_cli.estimate.solve import POSE
 
 if TYPE_CHECKING:
+    from imucalib_cli.estimate.fit import Fit
     from imucalib_cli.estimate.misfit import Misfit
     from imucalib_cli.estimate.options import MatchedOptions
     from imucalib_cli.estimate.prepare import CleanImu
@@ -31,6 +32,10 @@ _CLEAR_LAG = 0.8
 """Correlation of the two rates at the right time offset: even a bad model keeps it."""
 _DROPPED_MOTION = 0.2
 """Share of the motion in windows left out from which the rest no longer speaks for the log."""
+_MIDDLE = (4.0, 96.0)
+"""Percentiles of the windows left out between which they are looked for."""
+_DENSE = 0.6
+"""Share of a stretch's windows left out from which the stretch is named."""
 _HEAVY = 15.0
 """Root mean square of the residuals over their median from which a few of them rule."""
 _PLAIN_ACCEL = 0.1
@@ -218,7 +223,10 @@ def warnings_of(evidence: Evidence, *, unknown: bool) -> list[str]:
     dropped = int((fit.weights <= 0.0).sum())
     if dropped > 0.05 * len(fit.weights):
         warnings.append(
-            _poor(f"{dropped} of {len(fit.weights)} windows do not fit the rest and were left out")
+            _poor(
+                f"{dropped} of {len(fit.weights)} windows do not fit the rest and were left out"
+                f"{_where(fit)}"
+            )
         )
     state = fit.solution.state
     norm = float(np.linalg.norm(state.gravity))
@@ -243,6 +251,21 @@ def warnings_of(evidence: Evidence, *, unknown: bool) -> list[str]:
             )
         )
     return warnings
+
+
+def _where(fit: Fit) -> str:
+    """Between which instants windows were left out, if nearly all of a stretch were."""
+    lost = np.flatnonzero(fit.weights <= 0.0)
+    first, last = np.percentile(lost, _MIDDLE, method="nearest").astype(int)
+    within = int(((lost >= first) & (lost <= last)).sum())
+    if within < _DENSE * (last - first + 1):
+        return ""
+    grid = fit.windowing.grid
+    begins, ends = grid.t0 + grid.dt * fit.rows.centres[[first, last]]
+    return (
+        f", nearly all between {begins:.0f} and {ends:.0f} s of the log: look what changed there, "
+        "the result is that of the rest"
+    )
 
 
 def _in_words(misfit: Misfit) -> str:

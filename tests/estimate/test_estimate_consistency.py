@@ -95,6 +95,16 @@ def test_a_mount_that_moved_near_an_end_is_no_outlier(instant: float, grade: str
     assert number_before("mm", told) == pytest.approx(1e3 * np.linalg.norm(STEP), rel=0.5)
 
 
+def test_a_stretch_that_was_left_out_is_named() -> None:
+    flaws = Flaws(clock_jump=(28.5, 0.03))
+    estimate = calibrated(flawed_log(flaws, moves=MOVES).noisy(1, INDUSTRIAL))
+    (told,) = (each for each in estimate.warnings if "do not fit the rest" in each)
+    match = re.search(r"nearly all between (\d+) and (\d+) s of the log", told)
+    assert match is not None, told
+    assert abs(float(match[1]) - 28.5) <= 1.5
+    assert abs(float(match[2]) - MOVES.seconds) <= 2.5
+
+
 def test_a_mount_that_moved_by_a_hair_is_covered_and_not_called_a_fault() -> None:
     after = moved_by(0.02)
     log = flawed_log(moves=MOVES, mount_after=(16.0, after)).noisy(1, INDUSTRIAL)
