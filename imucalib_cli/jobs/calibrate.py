@@ -10,6 +10,7 @@ import numpy as np
 from imucalib_cli import __version__
 from imucalib_cli.errors import ChoiceError, ImucalibError, InputError
 from imucalib_cli.estimate.options import MatchedOptions, PaperOptions
+from imucalib_cli.jobs.coverage import missing_words
 from imucalib_cli.jobs.expected import checked, contradicted, free, freed, with_priors
 from imucalib_cli.jobs.explain import explain
 from imucalib_cli.jobs.motion import Motion, find_motion
@@ -94,6 +95,8 @@ def _calibrate_one(
     motion = find_motion(recording.sources, recording.robot, imu.frame_id, request)
     check_joint_topics(recording.joints, _driven(motion.path))
     check_overlap(samples, imu.topic, motion, recording.clock)
+    tracks = {track.name: track.t for track in motion.path.tracks}
+    missing = tuple(missing_words({imu.topic: samples.t, **tracks}))
     mended = repair(imu, samples.t, motion.path, request)
     request = replace(request, estimator=with_priors(request.estimator, request.imu))
     options = _with_initial(request.estimator, motion, verifying=request.needs_nominal)
@@ -110,7 +113,7 @@ def _calibrate_one(
     calibration = Calibration(
         parent=motion.parent,
         child=motion.child,
-        estimate=replace(estimate, warnings=(*recording.warnings, *estimate.warnings)),
+        estimate=replace(estimate, warnings=(*recording.warnings, *missing, *estimate.warnings)),
         nominal=motion.nominal,
         provenance=_provenance(recording, imu, motion, told),
     )

@@ -25,6 +25,8 @@ _MOST_TOLD = 8
 """Losses of one file; a damaged disk makes thousands."""
 _MAX_OVERLAP_S = 0.5
 """Recorders split between messages; a cache written late may cause a little."""
+_MAX_OVERLAP_SHARE = 0.1
+"""Of the shorter of two files that hold the same IMU: no part of one recording overlaps so much."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,7 +98,8 @@ class Log:
             progress: Told the share that is done, 0 to 1, now and then.
 
         Raises:
-            ChoiceError: A topic is not in the recording.
+            ChoiceError: A topic is not in the recording, or two files hold the same IMU at the
+                same time: they are two recordings.
             InputError: A topic's type or encoding cannot be read, or the file went away.
         """
         from imucalib_cli.logs.assemble import imu_stream, joint_streams, pose_streams
@@ -104,6 +107,7 @@ class Log:
 
         wanted = set(topics)
         self._check(wanted)
+        _see_one_recording(self._storages, wanted)
         collector = Collector()
         for number, storage in enumerate(self._storages):
             channels = [
@@ -217,6 +221,33 @@ def _start_ns(storage: Storage) -> int:
 
 def _end_ns(storage: Storage) -> int:
     return max((each.end_ns for each in storage.channels if each.count), default=0)
+
+
+def _see_one_recording(storages: Sequence[Storage], wanted: set[str]) -> None:
+    """Two IMUs cannot be told apart by their topic once their samples are mixed."""
+    heard: dict[str, tuple[Storage, Channel]] = {}
+    for storage in storages:
+        for channel in storage.channels:
+            known = MESSAGE_TYPES.get(channel.type)
+            if channel.topic not in wanted or not channel.count or known is None:
+                continue
+            if known.kind != "imu" or channel.encoding not in ENCODINGS:
+                continue
+            if channel.topic in heard:
+                other, before = heard[channel.topic]
+                if other is not storage:
+                    _see_after(storage, channel, other, before)
+            heard[channel.topic] = storage, channel
+
+
+def _see_after(storage: Storage, channel: Channel, other: Storage, before: Channel) -> None:
+    shorter = min(each.end_ns - each.start_ns for each in (channel, before)) * 1e-9
+    overlap = (min(channel.end_ns, before.end_ns) - max(channel.start_ns, before.start_ns)) * 1e-9
+    if overlap > max(_MAX_OVERLAP_S, _MAX_OVERLAP_SHARE * shorter):
+        raise ChoiceError(
+            f"{other.path} and {storage.path} both hold {channel.topic} over the same "
+            f"{overlap:.3g} s: they are two recordings, run on each alone"
+        )
 
 
 def _overlaps(storages: Sequence[Storage]) -> tuple[str, ...]:

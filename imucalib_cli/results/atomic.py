@@ -85,8 +85,10 @@ def see_folder_writable(folder: Path) -> None:
 
 
 def _see_folder(path: Path, folder: Path) -> None:
+    if not folder.exists():
+        raise FileNotFoundError(errno.ENOENT, "")
     if not folder.is_dir():
-        number = errno.ENOTDIR if folder.exists() else errno.ENOENT
+        number = errno.ENOTDIR
     elif os.access(folder, os.W_OK | os.X_OK):
         return
     else:
@@ -96,6 +98,8 @@ def _see_folder(path: Path, folder: Path) -> None:
 
 def _unwritable(path: Path, error: Exception) -> InputError:
     reason = getattr(error, "strerror", None) or str(error)
+    if isinstance(error, FileNotFoundError):
+        reason = f"there is no folder {path.parent}; make it, or name another file"
     return InputError(f"{path}: cannot be written: {reason}")
 
 

@@ -134,9 +134,12 @@ def _nuisances(calibration: Calibration) -> Iterator[str]:
     else:
         number = f"{with_std(offset * 1e3, estimate.time_offset_std * 1e3)} ms"
     sense = "late" if offset > 0 else "early"
+    if any(each.name == "clock_drift" for each in estimate.corrections):
+        number += " in the middle of the log"
+    stamps = "times of receipt" if calibration.provenance.clock == "log" else "stamps"
     yield (
         f"  time offset     {number}: t_robot = t_imu - ({offset:.6f} s)"
-        + (f", the IMU's stamps are {sense}" if offset else "")
+        + (f", the IMU's {stamps} are {sense}" if offset else "")
     )
     yield f"  accel bias      {_bias(estimate.accel_bias, estimate.accel_bias_std)} m/s²"
     yield f"  gyro bias       {_bias(estimate.gyro_bias, estimate.gyro_bias_std)} rad/s"

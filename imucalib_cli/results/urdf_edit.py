@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from itertools import count
 from typing import TYPE_CHECKING
 from xml.parsers import expat
 from xml.sax.saxutils import quoteattr
@@ -83,9 +84,14 @@ def joint_for(
             said = f"hangs on the {joint.kind} joint '{joint.name}'"
         name = child if child not in robot.links else f"{child}_imu"
         raise MissingJointError(
-            f"{robot.source}: no fixed joint holds '{child}' (it {said}): add one",
+            f"{robot.source}: no fixed joint holds '{child}' (it {said}): add one, or, if "
+            "the IMU's frame has another name there, run again with --imu-link",
             joint_snippet(
-                parent, name, _triple(t_parent_imu), _triple(rpy_from_matrix(R_parent_imu))
+                parent,
+                name,
+                _triple(t_parent_imu),
+                _triple(rpy_from_matrix(R_parent_imu)),
+                taken=[each.name for each in robot.joints],
             ),
         )
     robot.require_link(parent)
@@ -138,7 +144,13 @@ def replace_origin(urdf: bytes, joint: str, xyz: Sequence[float], rpy: Sequence[
     return urdf[:start] + changed.encode(codec, "surrogatepass") + urdf[rest:]
 
 
-def joint_snippet(parent: str, child: str, xyz: Sequence[float], rpy: Sequence[float]) -> str:
+def joint_snippet(
+    parent: str,
+    child: str,
+    xyz: Sequence[float],
+    rpy: Sequence[float],
+    taken: Sequence[str] = (),
+) -> str:
     """Write a fixed joint and its link, ready to paste into a URDF.
 
     Args:
@@ -146,10 +158,16 @@ def joint_snippet(parent: str, child: str, xyz: Sequence[float], rpy: Sequence[f
         child: The IMU's frame.
         xyz: m.
         rpy: rad, URDF convention.
+        taken: Names of joints that are there already.
     """
+    joint = next(
+        name
+        for number in count(1)
+        if (name := f"{child}_joint{number if number > 1 else ''}") not in taken
+    )
     return (
         f"<link name={quoteattr(child)}/>\n"
-        f'<joint name={quoteattr(child + "_joint")} type="fixed">\n'
+        f'<joint name={quoteattr(joint)} type="fixed">\n'
         f"  <parent link={quoteattr(parent)}/>\n"
         f"  <child link={quoteattr(child)}/>\n"
         f'  <origin xyz="{_words(xyz)}" rpy="{_words(rpy)}"/>\n'

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import pytest
+
+from imucalib_cli.errors import ChoiceError
 from imucalib_cli.logs.log import open_log
 from tests.logs.logs_samples import mixed_messages, write_log
 
@@ -31,9 +34,15 @@ def test_parts_of_one_recording_are_not_suspected(tmp_path: Path) -> None:
 
 def test_files_that_overlap_are_told(tmp_path: Path) -> None:
     first, second = _part(tmp_path / "a.mcap", 0.0), _part(tmp_path / "b.mcap", 0.5)
-    (told,) = open_log([second, first]).read(["/imu"]).losses
+    (told,) = open_log([second, first]).read(["/joint_states"]).losses
     assert told == (
         f"{first} and {second} overlap by 0.995 s: if they are two recordings, run on each alone"
     )
     again = _part(tmp_path / "c.mcap", 0.0)
-    assert len(open_log([first, second, again]).read(["/imu"]).losses) == 2
+    assert len(open_log([first, second, again]).read(["/joint_states"]).losses) == 2
+
+
+def test_an_imu_in_two_files_at_once_is_two_imus(tmp_path: Path) -> None:
+    first, second = _part(tmp_path / "a.mcap", 0.0), _part(tmp_path / "b.mcap", 0.5)
+    with pytest.raises(ChoiceError, match=r"b\.mcap both hold /imu over the same 0\.995 s"):
+        open_log([second, first]).read(["/imu"])

@@ -105,10 +105,17 @@ def _(scene: Scene) -> Seen:
     return scene.run(log)
 
 
-@provokes("overlap-of-files")
+@provokes("two-recordings")
 def _(scene: Scene) -> Seen:
     recording = noisy("rihibot")
     return scene.run(scene.log(recording, "a.mcap"), scene.log(recording, "b.mcap"))
+
+
+@provokes("overlap-of-files")
+def _(scene: Scene) -> Seen:
+    recording = noisy("rihibot")
+    other = scene.log(recording, "b.mcap", imu_topic="/imu/other")
+    return scene.run(scene.log(recording, "a.mcap"), other, "--imu-topic", "/imu/data")
 
 
 @provokes("other-encoding")

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from imucalib_cli.simulate.recording import rows_kept
 from tests.troubleshooting.scene import (
     Scene,
     Seen,
@@ -149,3 +151,11 @@ def _(scene: Scene) -> Seen:
 @provokes("offset-given")
 def _(scene: Scene) -> Seen:
     return scene.run_arm(with_stamps(stamps() + 0.03), "--time-offset", "none")
+
+
+@provokes("missing")
+def _(scene: Scene) -> Seen:
+    recording = noisy(ARM)
+    imu = recording.imu
+    kept = np.abs(imu.t - imu.t[len(imu.t) // 2]) > 0.1 * imu.t[-1]
+    return scene.run_arm(replace(recording, imu=rows_kept(imu, kept)))
