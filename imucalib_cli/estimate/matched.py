@@ -31,6 +31,10 @@ Floats = NDArray[np.float64]
 _OFFSET_LIMIT = 0.02
 """s: a time offset known no better than this is not known."""
 
+_EXPLAINED = 100.0
+"""Residuals over the sensor's own noise from which the log is not explained: 10 where a mount moved
+and an industrial IMU heard it, a thousand with wrong axes, joints or links."""
+
 
 def calibrate_matched(imu: ImuSamples, path: KinematicPath, options: MatchedOptions) -> Estimate:
     """Find the IMU's pose in the path's parent link by matched Savitzky-Golay filters.
@@ -83,7 +87,11 @@ def _estimate(evidence: Evidence) -> Estimate:
     estimated_offset = bool(fit.unknowns.free[DTAU])
     timed = bool(max(P[DTAU, DTAU], spread.excitation[DTAU, DTAU]) < _OFFSET_LIMIT**2)
     contradicted = missed_priors(fit, options)
-    changed = move_in_words(fit, spread) or change_in_words(fit, spread.segments)
+    reasons = reasons_for_distrust(evidence, unknown=bool(unobservable))
+    changed = change_in_words(fit, spread.segments)
+    # Where the rest of the log is not explained either, what was left out tells nothing.
+    if changed is None and max(evidence.misfit.over_noise) < _EXPLAINED and not unobservable:
+        changed = move_in_words(fit, spread)
     corrections = corrections_of(fit, P)
     seconds, told = float(clean.t[-1] - clean.t[0]), fit.unknowns.gravity_norm
     warnings = [in_words(correction, seconds, told) for correction in corrections]
@@ -118,7 +126,7 @@ def _estimate(evidence: Evidence) -> Estimate:
             *contradicted,
             *([changed] if changed and not contradicted else []),
             *(reason for correction in corrections if (reason := misread(correction))),
-            *reasons_for_distrust(evidence, unknown=bool(unobservable)),
+            *reasons,
         ),
         warnings=tuple(warnings),
         notes={
