@@ -88,10 +88,10 @@ def _estimate(evidence: Evidence) -> Estimate:
     timed = bool(max(P[DTAU, DTAU], spread.excitation[DTAU, DTAU]) < _OFFSET_LIMIT**2)
     contradicted = missed_priors(fit, options)
     reasons = reasons_for_distrust(evidence, unknown=bool(unobservable))
-    changed = change_in_words(fit, spread.segments)
     # Where the rest of the log is not explained either, what was left out tells nothing.
-    if changed is None and max(evidence.misfit.over_noise) < _EXPLAINED and not unobservable:
-        changed = move_in_words(fit, spread)
+    explained = max(evidence.misfit.over_noise) < _EXPLAINED and not unobservable
+    changed = move_in_words(fit, spread) if explained else None
+    changed = changed or change_in_words(fit, spread.segments)
     corrections = corrections_of(fit, P)
     seconds, told = float(clean.t[-1] - clean.t[0]), fit.unknowns.gravity_norm
     warnings = [in_words(correction, seconds, told) for correction in corrections]

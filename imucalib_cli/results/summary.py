@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 _AXES = "xyz"
+_MANY = 3
+"""Directions that are told one by one."""
 _GREEN, _RED, _RESET = "\x1b[32m", "\x1b[31m", "\x1b[0m"
 
 
@@ -55,8 +57,19 @@ def _lines(calibration: Calibration, *, colour: bool) -> Iterator[str]:
 
 
 def unobservable_lines(calibration: Calibration) -> Iterator[str]:
-    """One line for each direction that the motion did not determine."""
-    for direction in calibration.estimate.unobservable:
+    """What was not determined: a line for each direction, or one where one cause is behind many."""
+    directions = calibration.estimate.unobservable
+    if len(directions) > _MANY and len({each.motion for each in directions}) == 1:
+        # one cause behind them all: which way they point says nothing
+        kinds = dict.fromkeys(each.kind for each in directions)
+        sigmas = (
+            f"{kind} (sigma "
+            f"{', '.join(_direction_std(each) for each in directions if each.kind == kind)})"
+            for kind in kinds
+        )
+        yield f"not determined: {' and '.join(sigmas)}; {directions[0].motion}"
+        directions = ()
+    for direction in directions:
         axis = _numbers(direction.direction_parent, 2)
         how = "along" if direction.kind == "translation" else "about"
         yield (

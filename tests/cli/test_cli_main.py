@@ -266,7 +266,7 @@ def test_a_full_disk_is_one_line_and_leaves_no_half_file(
 @pytest.mark.parametrize(
     ("output", "code", "words"),
     [
-        ("nowhere/x.yaml", 1, "cannot be written: No such file or directory"),
+        ("nowhere/x.yaml", 1, "nowhere; make it, or name another"),
         ("arm.urdf/x.yaml", 1, "cannot be written: Not a directory"),
         ("arm.urdf/x/", 1, "cannot be written: Not a directory"),
         ("arm.urdf", 2, "is an input and would be overwritten"),

@@ -197,7 +197,10 @@ def test_unwritable_output_is_one_line(
     assert run(arm_log, "--urdf", arm_urdf, "-q", "-o", "/nowhere/result.yaml") == 1
     out, err = capsys.readouterr()
     assert out == ""
-    assert err == "error: /nowhere/result.yaml: cannot be written: No such file or directory\n"
+    assert err == (
+        "error: /nowhere/result.yaml: cannot be written: there is no folder /nowhere; make it, or "
+        "name another file\n"
+    )
 
 
 def test_untrusted_result_is_written_and_exits_3(
