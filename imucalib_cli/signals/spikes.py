@@ -97,7 +97,13 @@ def _leaps(t: Floats, values: Floats, floor: float) -> NDArray[np.bool_]:
     )
     scale = MAD_TO_STD * np.median(size, axis=0)
     worst = size >= np.maximum.reduce([np.roll(size, shift, axis=0) for shift in _SIDES])
-    leap = worst & (size > np.maximum(_THRESHOLD * scale, floor)) & (apart > 0.5 * size)
+    # Motion too quick for the rate bends at the neighbours too, without the sample in question.
+    bends = np.maximum(
+        np.roll(_off_polynomial(t, values, (-3, -2, 1, 2)), -1, axis=0),
+        np.roll(_off_polynomial(t, values, (-2, -1, 2, 3)), 1, axis=0),
+    )
+    leap = worst & (size > np.maximum(_THRESHOLD * scale, floor))
+    leap &= (apart > 0.5 * size) & (bends < 0.5 * size)
     # Across a hole polynomials say nothing.
     spread = t[6:] - t[:-6]
     found[3:-3] = leap[3:-3].any(axis=1) & (spread < _MOST_SPREAD * float(np.median(spread)))

@@ -45,3 +45,14 @@ def test_coarse_encoders_and_noise_are_no_leaps() -> None:
     t, values = motion(50.0, noise=0.005)
     assert find_glitches(t, values, 0.01).mean() < 0.002
     assert not find_glitches(t, np.round(values / 0.01) * 0.01, 0.01).any()
+
+
+def test_motion_too_quick_for_its_rate_is_no_leap() -> None:
+    """Quintic moves of half a second seen 15 times a second: lively, and sound."""
+    rng = np.random.default_rng(4)
+    t = np.arange(0.0, 60.0, 1.0 / 15.0)
+    values = np.zeros((len(t), 3))
+    for start in np.arange(1.0, 58.0, 1.1):
+        x = np.clip((t - start) / 0.5, 0.0, 1.0)[:, None]
+        values += rng.uniform(-1.0, 1.0, 3) * x**3 * (10 - x * (15 - 6 * x))
+    assert not find_glitches(t, values, 0.01).any()
