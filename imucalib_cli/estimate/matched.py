@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from imucalib_cli.estimate.consistency import change_in_words, consistency, move_in_words
 from imucalib_cli.estimate.corrections import corrections_of, in_words, misread
 from imucalib_cli.estimate.estimate import Estimate, Residuals
+from imucalib_cli.estimate.motion_bias import motion_bias
 from imucalib_cli.estimate.observability import unobservable_directions, widen
 from imucalib_cli.estimate.prepare import CleanImu, clean_imu
 from imucalib_cli.estimate.priors import missed_priors, resting_on_priors
@@ -58,8 +59,9 @@ def calibrate_matched(imu: ImuSamples, path: KinematicPath, options: MatchedOpti
     trajectory = Trajectory.of(path)
     attempt = best_reading(clean, trajectory, options)
     attempt, misfit = with_sensor_faults(attempt, clean, options)
-    spread = uncertainty(attempt.fit, systematic=misfit.systematic)
-    return _estimate(Evidence(attempt, clean, spread, misfit, options))
+    shifts = motion_bias(attempt.fit)
+    spread = uncertainty(attempt.fit, systematic=misfit.systematic or shifts.found)
+    return _estimate(Evidence(attempt, clean, spread, misfit, shifts, options))
 
 
 def _estimate(evidence: Evidence) -> Estimate:

@@ -15,6 +15,7 @@ from imucalib_cli.estimate.solve import POSE
 if TYPE_CHECKING:
     from imucalib_cli.estimate.fit import Fit
     from imucalib_cli.estimate.misfit import Misfit
+    from imucalib_cli.estimate.motion_bias import MotionBias
     from imucalib_cli.estimate.options import MatchedOptions
     from imucalib_cli.estimate.prepare import CleanImu
     from imucalib_cli.estimate.readings import Attempt
@@ -60,6 +61,7 @@ class Evidence:
     clean: CleanImu
     spread: Uncertainty
     misfit: Misfit
+    shifts: MotionBias
     options: MatchedOptions
 
 
@@ -277,8 +279,22 @@ def _in_words(misfit: Misfit) -> str:
 
 
 def _why_widened(evidence: Evidence) -> str:
-    misfit, spread = evidence.misfit, evidence.spread
+    misfit, spread, shifts = evidence.misfit, evidence.spread, evidence.shifts
     model = "the kinematic model or the mount, not noise, sets the uncertainty"
+    if shifts.found:
+        sizes = [
+            f"the {name} reads {np.linalg.norm(shift):.2g} {unit} otherwise"
+            for name, shift, unit in (
+                ("accelerometer", shifts.accel, "m/s²"),
+                ("gyroscope", shifts.gyro, "rad/s"),
+            )
+            if np.any(shift)
+        ]
+        return (
+            f"while the link turns {' and '.join(sizes)} than at rest, in every move alike: "
+            "vibration that offsets the sensor, for which damp its mount, or the kinematics; "
+            "this, not noise, sets the uncertainty"
+        )
     if misfit.systematic:
         return f"{_in_words(misfit)}: {model}"
     if spread.parts_differ and spread.segment_chi2 < _PLAIN_SCATTER:

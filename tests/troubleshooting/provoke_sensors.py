@@ -120,3 +120,11 @@ def _(scene: Scene) -> Seen:
 @provokes("accel-bias-large")
 def _(scene: Scene) -> Seen:
     return scene.run_arm(with_imu(noisy(ARM), accel=noisy(ARM).imu.accel + BIAS))
+
+
+@provokes("motion-bias")
+def _(scene: Scene) -> Seen:
+    recording = noisy(ARM)
+    turning = np.linalg.norm(recording.imu.gyro, axis=1) > 0.1
+    offset = turning[:, None] * np.array([0.06, -0.05, 0.06])
+    return scene.run_arm(with_imu(recording, accel=recording.imu.accel + offset))
