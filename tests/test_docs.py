@@ -95,7 +95,11 @@ def test_pages_show_no_option_that_is_not_there(page: Path) -> None:
     commands = typer.main.get_command(app).commands  # type: ignore[attr-defined]
     for name, options in _mentions(page):
         if name in commands:
-            known = {option for parameter in commands[name].params for option in parameter.opts}
+            known = {
+                option
+                for parameter in commands[name].params
+                for option in (*parameter.opts, *parameter.secondary_opts)
+            }
             assert set(options) <= known | {"--help"}, f"{page.name}: imucalib {name}"
         else:  # a word of a sentence, not a command
             assert not options, f"{page.name}: imucalib {name}"

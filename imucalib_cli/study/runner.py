@@ -7,7 +7,9 @@ import multiprocessing
 import multiprocessing.connection
 import os
 import signal
+import sys
 import threading
+import warnings
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
@@ -114,6 +116,8 @@ def _measured(study: Study, cells: list[Cell], jobs: int) -> Generator[tuple[Cel
 
 def _prepare_worker() -> None:
     prepare_to_compute()
+    if not sys.warnoptions:
+        warnings.simplefilter("ignore")  # as in the command line itself
     # interruptions are the parent's business
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_the_parent, daemon=True).start()
