@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field, replace
-from functools import cache, partial
+from functools import partial
 from typing import TYPE_CHECKING
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -15,15 +15,13 @@ import numpy as np
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.process import prepare_to_compute
-from imucalib_cli.simulate.load import load_grade, load_system
+from imucalib_cli.simulate.load import load_grade
 from imucalib_cli.simulate.noise import corrupt
-from imucalib_cli.simulate.physics import record
-from imucalib_cli.study.trial import error_of, nees, robot_of, streams_of
+from imucalib_cli.study.systems import clean_recording, robot_model
+from imucalib_cli.study.trial import error_of, nees, streams_of
 
 if TYPE_CHECKING:
-    from imucalib_cli.robot.urdf import Robot
     from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
-    from imucalib_cli.simulate.recording import Recording
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,12 +33,6 @@ class Case:
     noise: NoiseOptions
     options: MatchedOptions = field(default_factory=MatchedOptions)
     system: str = "rihibot"
-
-
-@cache
-def clean_recording(system: str, physics: PhysicsOptions) -> Recording:
-    """Noise-free run of a system, once per process."""
-    return record(load_system(system), physics)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,7 +52,7 @@ def run_trial(case: Case, seed: int) -> Trial:
     """Corrupt the case's recording with a seed and calibrate it."""
     clean = clean_recording(case.system, case.physics)
     noisy = corrupt(clean, case.noise, seed)
-    imu, path = streams_of(noisy, _robot(case.system))
+    imu, path = streams_of(noisy, robot_model(case.system))
     estimate = calibrate_matched(imu, path, case.options)
     error = error_of(estimate, noisy)
     ratios = [
@@ -81,25 +73,10 @@ def run_trial(case: Case, seed: int) -> Trial:
     )
 
 
-@cache
-def _robot(system: str) -> Robot | None:
-    config = load_system(system)
-    return robot_of(config) if config.arm is not None else None
-
-
 def run_trials(case: Case, seeds: int) -> list[Trial]:
     """Seeds 0 to seeds - 1, on all processors."""
     with ProcessPoolExecutor(initializer=prepare_to_compute) as pool:
         return list(pool.map(partial(run_trial, case), range(seeds), chunksize=4))
-
-
-def sample_std(noise: NoiseOptions, rate: float) -> tuple[float, float]:
-    """Standard deviation of a sample's white noise, m/s² and rad/s."""
-    half = np.sqrt(rate / 2)
-    return (
-        float(np.hypot(noise.accel_noise * half, noise.accel_white)),
-        float(np.hypot(noise.gyro_noise * half, noise.gyro_white)),
-    )
 
 
 def grade(name: str, **changes: object) -> NoiseOptions:

@@ -14,9 +14,10 @@ from __future__ import annotations
 import argparse
 
 import numpy as np
-from common import Case, Trial, clean_recording, grade, run_trials, sample_std
+from common import Case, Trial, clean_recording, grade, run_trials
 
 from imucalib_cli.estimate.options import MatchedOptions
+from imucalib_cli.simulate.noise import white_std
 from imucalib_cli.simulate.options import PhysicsOptions
 from imucalib_cli.study.bound import Bound, cramer_rao
 
@@ -113,7 +114,7 @@ def main() -> None:
         if arguments.only not in case.name:
             continue
         clean = clean_recording(case.system, case.physics)
-        bound = cramer_rao(clean, *sample_std(case.noise, case.physics.imu_rate or 0.0))
+        bound = cramer_rao(clean, *white_std(case.noise, clean.imu))
         trials = run_trials(case, arguments.seeds)
         print(row(case.name, trials, bound), flush=True)
 

@@ -66,7 +66,11 @@ def build(kind: type[T], raw: object, where: str) -> T:
     unknown = sorted(set(raw) - set(known), key=str)
     if unknown:
         raise InputError(f"{where}: unknown key {unknown[0]}; known are {', '.join(known)}")
-    missing = [n for n, f in known.items() if n not in raw and f.default is MISSING]
+    missing = [
+        name
+        for name, field in known.items()
+        if name not in raw and field.default is MISSING and field.default_factory is MISSING
+    ]
     if missing:
         raise InputError(f"{where}: key {missing[0]} is missing; see configs/ for an example")
     return kind(**{n: _convert(hints[n], v, f"{where}: {n}") for n, v in raw.items()})

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.estimate import columns
-from imucalib_cli.robot.rotations import matrix_from_rotvec
+from imucalib_cli.robot.rotations import matrix_from_rotvec, nearest_rotation
 
 Floats = NDArray[np.float64]
 
@@ -55,12 +55,6 @@ def least_squares(matrix: Floats, rhs: Floats) -> Floats:
     scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
     inverse = np.linalg.pinv(matrix / np.outer(scale, scale), rcond=1e-10, hermitian=True)
     return np.asarray(-(inverse @ (rhs / scale)) / scale)
-
-
-def nearest_rotation(M: Floats) -> Floats:
-    """Rotation nearest to a 3x3 matrix in the Frobenius norm (Schönemann 1966)."""
-    U, _, Vt = np.linalg.svd(M)
-    return np.asarray(U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt)
 
 
 def cube_rotations() -> list[Floats]:

@@ -12,6 +12,7 @@ from imucalib_cli.estimate.covariance import ScoreSpectrum, inverse_of, kernel_r
 from imucalib_cli.estimate.segments import Segments, beyond_noise, cut
 from imucalib_cli.estimate.solve import DPHI, DT, DTILT, POSE, TANGENT
 from imucalib_cli.estimate.window_choice import kinematic_noise, second_derivative_gain
+from imucalib_cli.robot.rotations import skew
 
 if TYPE_CHECKING:
     from imucalib_cli.estimate.fit import Fit
@@ -172,10 +173,5 @@ def bias_std(fit: Fit, covariance: Floats, which: slice, bias_parent: Floats) ->
     R = fit.solution.state.R
     J = np.zeros((3, TANGENT))
     J[:, which] = R.T
-    J[:, DPHI] = R.T @ _cross(bias_parent)
+    J[:, DPHI] = R.T @ skew(bias_parent)
     return np.asarray(np.sqrt(np.maximum(np.diag(J @ covariance @ J.T), 0.0)))
-
-
-def _cross(v: Floats) -> Floats:
-    x, y, z = v
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])

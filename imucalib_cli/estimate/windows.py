@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from imucalib_cli.estimate import columns
 from imucalib_cli.estimate.sensor_model import Corrections
-from imucalib_cli.robot.rotations import skew
+from imucalib_cli.robot.rotations import skew, vee
 from imucalib_cli.signals.kernels import MARGIN, MatchedFilter, convolve_at, matched_filter
 
 if TYPE_CHECKING:
@@ -177,7 +177,7 @@ class Windowing:
             rate = chunk.gyro @ R_fs.T - x[columns.BG]
             derived = _derive(R.reshape(-1, 9), first, local)
             measured = _average((R @ skew(rate)).reshape(-1, 9), first, local)
-            gyro[part] = _vee(back @ (derived - measured).reshape(-1, 3, 3))
+            gyro[part] = vee(back @ (derived - measured).reshape(-1, 3, 3))
         return accel, gyro
 
     def _chunks(self, time_offset: float, centres: Indices) -> Iterator[_Chunk]:
@@ -260,13 +260,7 @@ def _gyro_rows(chunk: _Chunk, plan: WindowPlan) -> Floats:
     trace = np.trace(turned, axis1=2, axis2=3)
     response = 0.5 * (trace[:, :, None, None] * np.eye(3) - np.swapaxes(turned, 2, 3))
     rows = np.zeros((len(centres), 3, columns.COUNT))
-    rows[:, :, columns.ONE] = _vee(back @ derived)
+    rows[:, :, columns.ONE] = vee(back @ derived)
     rows[:, :, columns.R] = -np.moveaxis(response[:, :3], 1, 3).reshape(-1, 3, 9)
     rows[:, :, columns.BG] = response[:, 3]
     return rows
-
-
-def _vee(A: Floats) -> Floats:
-    """Axial vector of the skew part of (..., 3, 3)."""
-    skew = 0.5 * (A - np.swapaxes(A, -1, -2))
-    return np.stack([skew[..., 2, 1], skew[..., 0, 2], skew[..., 1, 0]], axis=-1)

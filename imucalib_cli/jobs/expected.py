@@ -27,11 +27,7 @@ def with_priors(
     """The sheet's bias figures as priors, where the user has not said anything of that bias."""
     if expected is None or isinstance(options, PaperOptions):
         return options
-    given: dict[str, Any] = {
-        f"{sensor}_bias_std": prior
-        for sensor in expected.priors
-        if (prior := expected.model.bias_prior(sensor)) is not None
-    }
+    given: dict[str, Any] = {f"{s}_bias_std": prior for s, prior in expected.bias_priors.items()}
     return replace(options, **given)
 
 
@@ -46,9 +42,8 @@ def contradicted(estimate: Estimate, expected: ExpectedImu | None) -> tuple[Sens
     found = {"accel": estimate.accel_bias, "gyro": estimate.gyro_bias}
     return tuple(
         sensor
-        for sensor in expected.priors
-        if (prior := expected.model.bias_prior(sensor)) is not None
-        and float(np.linalg.norm(found[sensor])) > MISSED * prior
+        for sensor, prior in expected.bias_priors.items()
+        if float(np.linalg.norm(found[sensor])) > MISSED * prior
     )
 
 
@@ -85,11 +80,7 @@ def checked(
     if expected is None:
         return estimate
     model = expected.model
-    priors = {
-        sensor: prior
-        for sensor in expected.priors
-        if estimate.method == "matched" and (prior := model.bias_prior(sensor)) is not None
-    }
+    priors = expected.bias_priors if estimate.method == "matched" else {}
     check = check_imu(samples, estimate.residuals, model, priors)
     found = {"accel": estimate.accel_bias, "gyro": estimate.gyro_bias}
     sentences = [

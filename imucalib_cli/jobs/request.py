@@ -28,6 +28,12 @@ class ExpectedImu:
     priors: tuple[Sensor, ...] = ("accel", "gyro")
     """Sensors whose bias may take its prior from the data sheet: of others the user has told."""
 
+    @property
+    def bias_priors(self) -> dict[Sensor, float]:
+        """What the sheet tells of these sensors' biases, 1 sigma, m/s² and rad/s."""
+        stated = {sensor: self.model.bias_prior(sensor) for sensor in self.priors}
+        return {sensor: prior for sensor, prior in stated.items() if prior is not None}
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CalibrationRequest:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.results.node import Node
+from imucalib_cli.robot.rotations import nearest_rotation
 
 Floats = NDArray[np.float64]
 
@@ -71,12 +72,11 @@ def read_kalibr(text: str, name: str, camera: str = "cam0") -> KalibrResult:
     off = max(float(np.abs(R.T @ R - np.eye(3)).max()), abs(float(np.linalg.det(R)) - 1.0))
     if off > _ROUNDING or np.abs(T[3] - [0.0, 0.0, 0.0, 1.0]).max() > _ROUNDING:
         chain.fail("should be a rotation and a translation above the row 0 0 0 1", "T_cam_imu")
-    U, _, Vt = np.linalg.svd(R)
     shift = chain.number("timeshift_cam_imu") if "timeshift_cam_imu" in chain.content else None
     return KalibrResult(
         file=name,
         camera=camera,
-        R_camera_imu=np.asarray(U @ Vt),
+        R_camera_imu=nearest_rotation(R),
         t_camera_imu=T[:3, 3],
         timeshift=shift,
     )

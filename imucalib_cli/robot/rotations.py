@@ -36,6 +36,36 @@ def skew(v: ArrayLike) -> Floats:
     return matrix
 
 
+def vee(A: ArrayLike) -> Floats:
+    """Give the axial vector of a matrix's skew part, the inverse of ``skew``.
+
+    Args:
+        A: (..., 3, 3).
+
+    Returns:
+        (..., 3).
+    """
+    A = np.asarray(A, dtype=np.float64)
+    odd = 0.5 * (A - np.swapaxes(A, -1, -2))
+    return np.stack([odd[..., 2, 1], odd[..., 0, 2], odd[..., 1, 0]], axis=-1)
+
+
+def nearest_rotation(M: ArrayLike) -> Floats:
+    """Rotation nearest to a matrix in the Frobenius norm; it also solves Wahba's problem.
+
+    Args:
+        M: (3, 3); the sum of b a' over pairs of vectors gives the R of least sum |b - R a|².
+
+    Returns:
+        (3, 3).
+
+    Source:
+        Schönemann, Psychometrika 31(1), 1966; Markley, J. Astronautical Sciences 36(3), 1988.
+    """
+    U, _, Vt = np.linalg.svd(np.asarray(M, dtype=np.float64))
+    return np.asarray(U @ np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))]) @ Vt)
+
+
 def matrix_from_rotvec(rotvec: ArrayLike) -> Floats:
     """Exponential map of SO(3), exp([rotvec]x), by Rodrigues' formula.
 

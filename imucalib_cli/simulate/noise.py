@@ -95,9 +95,7 @@ def _corrupt_imu(
     shape = imu.accel.shape
     accel_bias = noise.accel_bias + _walk(s[0], noise.accel_bias_walk, imu.t)
     gyro_bias = noise.gyro_bias + _walk(s[1], noise.gyro_bias_walk, imu.t)
-    to_sample = np.sqrt(0.5 / interval)
-    accel_std = np.hypot(noise.accel_noise * to_sample, noise.accel_white)
-    gyro_std = np.hypot(noise.gyro_noise * to_sample, noise.gyro_white)
+    accel_std, gyro_std = white_std(noise, imu)
     accel = imu.accel + accel_bias + accel_std * s[2].standard_normal(shape)
     gyro = imu.gyro + gyro_bias + gyro_std * s[3].standard_normal(shape)
     memory = float(np.exp(-interval / noise.coloured_time))
@@ -121,6 +119,20 @@ def _corrupt_imu(
         gyro_bias=gyro_bias[kept],
     )
     return imu, corruption
+
+
+def white_std(noise: NoiseOptions, imu: ImuRecord) -> tuple[float, float]:
+    """Standard deviation of the white noise of each sample and axis, m/s² and rad/s.
+
+    Args:
+        noise: With one-sided densities: a sample's is density * sqrt(rate / 2).
+        imu: Whose rate it is at.
+    """
+    to_sample = np.sqrt(0.5 / _interval(imu))
+    return (
+        float(np.hypot(noise.accel_noise * to_sample, noise.accel_white)),
+        float(np.hypot(noise.gyro_noise * to_sample, noise.gyro_white)),
+    )
 
 
 def _encoders(position: Floats, noise: NoiseOptions, rng: np.random.Generator) -> Floats:

@@ -7,11 +7,8 @@ before, which is the interpreter, the libraries and the data.
 from __future__ import annotations
 
 import multiprocessing
-import os
 import resource
-import signal
 import sys
-import threading
 import time
 from dataclasses import dataclass
 from importlib import import_module
@@ -19,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 from imucalib_cli.errors import InputError
+from imucalib_cli.process import obey_the_parent
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -87,8 +85,7 @@ def run_alone(
 def _serve(
     answer: Connection, calls: Sequence[Callable[[G], T]], given: G, modules: Sequence[str]
 ) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides what an interruption ends
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    obey_the_parent()
     for module in modules:
         try:
             import_module(module)
@@ -96,13 +93,6 @@ def _serve(
             continue  # what needs it will say so
     answer.send([_timed(call, given) for call in calls])
     answer.close()
-
-
-def _end_with_parent() -> None:
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)
 
 
 def _timed(call: Callable[[G], T], given: G) -> Cost[T]:

@@ -11,6 +11,7 @@ R is R_parent_imu, omega and alpha the parent link's rate and acceleration in it
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,10 +19,13 @@ from numpy.typing import NDArray
 
 from imucalib_cli.robot.rotations import skew
 from imucalib_cli.signals.trajectory import Trajectory
+from imucalib_cli.simulate.noise import white_std
 from imucalib_cli.study.trial import streams_of
 
 if TYPE_CHECKING:
+    from imucalib_cli.simulate.options import NoiseOptions
     from imucalib_cli.simulate.recording import Recording
+    from imucalib_cli.study.experiment import Row
 
 Floats = NDArray[np.float64]
 
@@ -34,6 +38,10 @@ class Unknown:
     gyro_bias: bool = True
     tilt: bool = True
     time_offset: bool = True
+
+
+POSE_ALONE = Unknown(accel_bias=False, gyro_bias=False, tilt=False, time_offset=False)
+"""What the published method takes for known."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -99,3 +107,24 @@ def cramer_rao(
     covariance = np.linalg.inv(information * np.outer(scale, scale)) * np.outer(scale, scale)
     offset = float(np.sqrt(covariance[-1, -1])) if unknown.time_offset else 0.0
     return Bound(pose=covariance[:6, :6], time_offset=offset)
+
+
+def bound_columns(clean: Recording, noise: NoiseOptions, *, alone: bool) -> Row:
+    """Root-mean-square errors below which no unbiased estimator gets; None without IMU noise.
+
+    Args:
+        clean: The recording without noise.
+        noise: Of which the IMU's white noise counts.
+        alone: Whether nothing but the pose is unknown.
+    """
+    accel, gyro = white_std(noise, clean.imu)
+    if accel == 0.0 or gyro == 0.0:
+        return {"bound_translation": None, "bound_rotation": None}
+    bound = _bound(clean, accel, gyro, alone)
+    return {"bound_translation": bound.translation, "bound_rotation": bound.rotation}
+
+
+@cache
+def _bound(clean: Recording, accel: float, gyro: float, alone: bool) -> Bound:
+    """A study asks for the same one at every seed."""
+    return cramer_rao(clean, accel, gyro, POSE_ALONE if alone else Unknown())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -13,8 +13,8 @@ from imucalib_cli.errors import InputError
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions, PaperOptions, WindowChoice
 from imucalib_cli.estimate.paper import calibrate_paper
+from imucalib_cli.results.pose_error import PoseError, pose_error
 from imucalib_cli.robot.rotations import matrix_from_rpy
-from imucalib_cli.study.metrics import pose_error
 from imucalib_cli.study.systems import robot_model
 from imucalib_cli.study.trial import streams_of
 
@@ -30,6 +30,9 @@ Method = Literal["paper", "paper, components", "matched, pose only", "matched"]
 is not known to us which its authors square; ours with the same unknowns; ours with all its own."""
 METHODS: tuple[Method, ...] = ("paper", "paper, components", "matched, pose only", "matched")
 PUBLISHED: tuple[Method, ...] = ("paper", "paper, components")
+
+NO_ERRORS: Row = dict.fromkeys(part.name for part in fields(PoseError))
+"""In place of an error's columns, where a method gave no answer."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -90,19 +93,27 @@ def estimate_by(method: Method, recording: Recording, settings: Settings) -> Est
                 t_initial=np.array(nominal.xyz) if guess[1] is None else guess[1],
             ),
         )
-    options = MatchedOptions(
-        window=settings.window, gravity="tilt" if norm > 0.0 else "none", gravity_norm=norm
-    )
     if method == "matched, pose only":
-        options = replace(
-            options,
-            time_offset=0.0,
-            accel_bias_std=0.0,
-            gyro_bias_std=0.0,
-            gravity="fixed" if norm > 0.0 else "none",
-            sensor_model="ideal",
-        )
-    return calibrate_matched(imu, path, options)
+        options = pose_only(norm)
+    else:
+        options = MatchedOptions(gravity="tilt" if norm > 0.0 else "none", gravity_norm=norm)
+    return calibrate_matched(imu, path, replace(options, window=settings.window))
+
+
+def pose_only(gravity_norm: float) -> MatchedOptions:
+    """The matched method with the unknowns of the published one.
+
+    Args:
+        gravity_norm: m/s²; zero where there is no gravity.
+    """
+    return MatchedOptions(
+        time_offset=0.0,
+        accel_bias_std=0.0,
+        gyro_bias_std=0.0,
+        gravity="fixed" if gravity_norm > 0.0 else "none",
+        gravity_norm=gravity_norm,
+        sensor_model="ideal",
+    )
 
 
 def _row(method: Method, recording: Recording, estimate: Estimate, seconds: float) -> Row:
@@ -115,10 +126,7 @@ def _row(method: Method, recording: Recording, estimate: Estimate, seconds: floa
     noise = recording.corruption.noise if recording.corruption else None
     return {
         "method": method,
-        "translation": error.translation,
-        "rotation": error.rotation,
-        "averaged_translation": error.averaged_translation,
-        "averaged_rotation": error.averaged_rotation,
+        **asdict(error),
         "time_offset": estimate.time_offset - (noise.time_offset if noise else 0.0),
         "trusted": estimate.trusted,
         "seconds": seconds,
@@ -128,11 +136,9 @@ def _row(method: Method, recording: Recording, estimate: Estimate, seconds: floa
 
 
 def _failed(method: Method, why: str) -> Row:
-    nothing: Row = dict.fromkeys(
-        ("translation", "rotation", "averaged_translation", "averaged_rotation", "time_offset")
-    )
-    return nothing | {
+    return NO_ERRORS | {
         "method": method,
+        "time_offset": None,
         "trusted": False,
         "seconds": None,
         "evaluations": None,

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from imucalib_cli.simulate.options import PhysicsOptions
 from imucalib_cli.study.claims import Claim, claims_table
+from imucalib_cli.study.conditions import Recorded
 from imucalib_cli.study.derivation import (
     Comparison,
     compared_by_matched,
@@ -50,12 +50,9 @@ class Zoom:
 
 
 @dataclass(frozen=True, kw_only=True)
-class DerivationParameters:
+class DerivationParameters(Recorded):
     """As configs/studies/derivation.yaml states them, with units."""
 
-    imu_rate: float
-    robot_rate: float
-    profile: Literal["smooth", "hard"]
     windows: tuple[int, ...]
     drawn_window: int
     exclusions: tuple[float, ...]
@@ -164,12 +161,7 @@ class DerivationStudy:
 
     def _case(self, figure: int) -> tuple[Recording, Guess]:
         system, error = PLATES[figure]
-        physics = PhysicsOptions(
-            imu_rate=self.config.imu_rate,
-            robot_rate=self.config.robot_rate,
-            profile=self.config.profile,
-        )
-        recording = clean_recording(system, physics)
+        recording = clean_recording(system, self.config.physics)
         wrong = float(error == "initial error")
         return recording, wrong_guess(
             recording,

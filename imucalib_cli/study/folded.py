@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 from imucalib_cli.estimate.options import WindowChoice
 from imucalib_cli.simulate.noise import corrupt
-from imucalib_cli.simulate.options import PhysicsOptions
+from imucalib_cli.study.conditions import Recorded
 from imucalib_cli.study.contest import PUBLISHED, Settings, contest
 from imucalib_cli.study.folds import moves_of, stratified_folds, without
 from imucalib_cli.study.guesses import wrong_guess
@@ -23,13 +23,10 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class FoldedParameters:
+class FoldedParameters(Recorded):
     """What configs/studies/ states of both, with units."""
 
     systems: tuple[str, ...]
-    imu_rate: float
-    robot_rate: float
-    profile: Literal["smooth", "hard"]
     folds: int
     seeds: int
     paper_window: int
@@ -72,13 +69,9 @@ def calibrate_fold(
         trial: Noise and guess.
         methods: To run.
     """
-    physics = PhysicsOptions(
-        imu_rate=parameters.imu_rate,
-        robot_rate=parameters.robot_rate,
-        profile=parameters.profile,
-    )
-    clean = clean_recording(str(cell["system"]), physics)
-    folds = stratified_folds(moves_of(clean.system, clean.system.duration), parameters.folds)
+    clean = clean_recording(str(cell["system"]), parameters.physics)
+    moves = moves_of(clean.system, parameters.duration or clean.system.duration)
+    folds = stratified_folds(moves, parameters.folds)
     held_out = folds[int(cell["fold"] or 0)]
     guess = wrong_guess(
         clean, trial.initial_translation, trial.initial_rotation, seed_of(parameters, cell)

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
+from imucalib_cli.robot.rotations import nearest_rotation
 from imucalib_cli.study.pose_cost import Pose, PoseCost
 
 Floats = NDArray[np.float64]
@@ -95,9 +96,7 @@ def by_linear_programs(cost: PoseCost, start: Pose) -> Descent:
 def by_relaxation(cost: PoseCost) -> Descent:
     """A linear program over t and nine free entries of R, then successive ones from there."""
     x = least_absolute(cost.slope, cost.constant)
-    u, _, vt = np.linalg.svd(x[3:].reshape(3, 3))
-    R = u @ np.diag([1.0, 1.0, float(np.sign(np.linalg.det(u @ vt)))]) @ vt
-    return by_linear_programs(cost, Pose(x[:3], R))
+    return by_linear_programs(cost, Pose(x[:3], nearest_rotation(x[3:].reshape(3, 3))))
 
 
 def least_absolute(J: Floats, r: Floats) -> Floats:

@@ -5,21 +5,28 @@ Every method runs alone in a fresh process, on the same recording and the same n
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cache
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
+from imucalib_cli.results.pose_error import pose_error
 from imucalib_cli.robot.rotations import matrix_from_rpy
 from imucalib_cli.simulate.camera import camera_mount
 from imucalib_cli.simulate.camera_config import load_camera
-from imucalib_cli.simulate.load import load_system
-from imucalib_cli.simulate.noise import corrupt
-from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
+from imucalib_cli.simulate.load import load_grade, load_system
+from imucalib_cli.simulate.noise import corrupt, white_std
+from imucalib_cli.simulate.options import NoiseOptions
 from imucalib_cli.simulate.physics import record
 from imucalib_cli.study.alone import run_alone
-from imucalib_cli.study.bound import Unknown, cramer_rao
+from imucalib_cli.study.bound import bound_columns
+from imucalib_cli.study.conditions import (
+    Condition,
+    Recorded,
+)
+from imucalib_cli.study.contest import NO_ERRORS
 from imucalib_cli.study.load import load_parameters
 from imucalib_cli.study.methods.bspline_problem import BSplineOptions
 from imucalib_cli.study.methods.entrants import ENTRANTS, Given, PaperSetting
@@ -29,32 +36,23 @@ from imucalib_cli.study.methods.hand_eye import (  # noqa: TC001 - types of fiel
 )
 from imucalib_cli.study.methods.pnp import observations_of
 from imucalib_cli.study.methods_tables import methods_tables
-from imucalib_cli.study.metrics import pose_error
 from imucalib_cli.study.trial import robot_of, streams_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
+    from imucalib_cli.simulate.options import PhysicsOptions
     from imucalib_cli.simulate.recording import Recording
     from imucalib_cli.study.alone import Cost
     from imucalib_cli.study.experiment import Cell, Figure, Row, Study
     from imucalib_cli.study.methods.answer import Answer
     from imucalib_cli.study.table import Table
 
+Floats = NDArray[np.float64]
+
 _LIBRARIES = ("scipy.optimize", "scipy.linalg", "scipy.signal", "cv2")
 """Whose import is not a method's cost."""
-POSE_ALONE = Unknown(accel_bias=False, gyro_bias=False, tilt=False, time_offset=False)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Condition:
-    """Sensors under which methods are compared."""
-
-    name: str
-    noise: NoiseOptions
-    seeds: int | None = None
-    """None takes the study's."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,20 +67,18 @@ class Quoted:
 
 
 @dataclass(frozen=True, kw_only=True)
-class MethodsParameters:
+class MethodsParameters(Recorded):
     """As configs/studies/methods.yaml states them, with units and sources."""
 
     system: str
     camera: str
-    duration: float
-    imu_rate: float
-    robot_rate: float
     conditions: tuple[Condition, ...]
     seeds: int
     paper_windows: tuple[int, ...]
     paper_exclusions: tuple[float, ...]
     paper_residuals: tuple[Literal["l1", "components"], ...]
-    stated_where_none: NoiseOptions
+    stated_where_none: str
+    """A grade."""
     knots_per_second: float
     bias_interval: float
     gyro_first_window: float
@@ -90,13 +86,6 @@ class MethodsParameters:
     published_ransac: Ransac
     tuned_ransac: Ransac
     quoted: tuple[Quoted, ...]
-
-    @property
-    def physics(self) -> PhysicsOptions:
-        """Of the one recording."""
-        return PhysicsOptions(
-            duration=self.duration, imu_rate=self.imu_rate, robot_rate=self.robot_rate
-        )
 
     @property
     def paper_settings(self) -> tuple[PaperSetting, ...]:
@@ -133,32 +122,23 @@ class MethodsStudy:
         """One method on one recording; the published one in all its settings."""
         config = self.config
         clean = seen_recording(config.system, config.camera, config.physics)
-        noise = config.condition(str(cell["condition"])).noise
+        noise = config.condition(str(cell["condition"])).sensors
         entrant = ENTRANTS[str(cell["method"])]
         seed = int(cell["seed"] or 0)
         recording = corrupt(clean, noise, seed)
         costs = run_alone(
             entrant.calls(config.paper_settings), given(recording, config, seed), _LIBRARIES
         )
-        bound = _bound(clean, noise, config.imu_rate, alone=entrant.unknowns == "pose")
+        bound = bound_columns(clean, noise, alone=entrant.unknowns == "pose")
         settings = config.paper_settings if entrant.call is None else (None,)
         return [
-            cell | _setting(setting) | _row(cost, recording, config.camera) | bound
+            cell | _setting(setting) | _row(cost, recording) | bound
             for cost, setting in zip(costs, settings, strict=True)
         ]
 
     def tables(self, rows: Sequence[Row]) -> list[Table]:
         """One a condition, and the claims."""
-        quoted: list[Row] = [
-            {
-                "condition": quote.condition,
-                "method": quote.method,
-                "translation": quote.translation,
-                "rotation": quote.rotation,
-                "seconds": quote.seconds,
-            }
-            for quote in self.config.quoted
-        ]
+        quoted: list[Row] = [asdict(quote) for quote in self.config.quoted]
         return methods_tables(rows, [c.name for c in self.config.conditions], quoted)
 
     def figures(self, rows: Sequence[Row]) -> list[Figure]:
@@ -189,8 +169,8 @@ def given(recording: Recording, config: MethodsParameters, seed: int) -> Given:
         raise ValueError("the recording has no camera")
     imu, path = streams_of(recording, robot_of(recording.system))
     noise = recording.corruption.noise if recording.corruption else NoiseOptions()
-    stated = noise if noise.accel_noise > 0.0 else config.stated_where_none
-    to_sample = float(np.sqrt(0.5 * config.imu_rate))
+    stated = noise if noise.accel_noise > 0.0 else load_grade(config.stated_where_none)
+    accel_std, gyro_std = white_std(stated, recording.imu)
     norm = float(np.linalg.norm(recording.gravity_world))
     nominal = recording.system.imu.nominal
     return Given(
@@ -201,8 +181,8 @@ def given(recording: Recording, config: MethodsParameters, seed: int) -> Given:
         R_nominal=matrix_from_rpy(nominal.rpy),
         t_nominal=np.array(nominal.xyz),
         spline=BSplineOptions(
-            accel_std=stated.accel_noise * to_sample,
-            gyro_std=stated.gyro_noise * to_sample,
+            accel_std=accel_std,
+            gyro_std=gyro_std,
             accel_bias_walk=stated.accel_bias_walk,
             gyro_bias_walk=stated.gyro_bias_walk,
             bias_interval=config.bias_interval,
@@ -219,7 +199,7 @@ def given(recording: Recording, config: MethodsParameters, seed: int) -> Given:
     )
 
 
-def _row(cost: Cost[Answer], recording: Recording, camera: str) -> Row:
+def _row(cost: Cost[Answer], recording: Recording) -> Row:
     """Errors of T_camera_imu, and what they cost."""
     row: Row = {
         "seconds": cost.seconds,
@@ -230,29 +210,29 @@ def _row(cost: Cost[Answer], recording: Recording, camera: str) -> Row:
     }
     answer = cost.value
     if answer is None:
-        nothing = ("translation", "rotation", "averaged_translation", "averaged_rotation")
-        return row | dict.fromkeys((*nothing, "time_offset", "evaluations"))
-    _, config = load_camera(camera, load_system(recording.system.name))
-    link, R, p = camera_mount(recording.system, config.frame.link)
-    if link != recording.system.parent:
-        raise ValueError("the camera is not on the IMU's link")
+        return row | NO_ERRORS | {"time_offset": None, "evaluations": None}
+    R_parent_camera, p_parent_camera = _mount(recording)
 
-    def from_camera(R_imu: np.ndarray, t_imu: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return R.T @ R_imu, R.T @ (t_imu - p)
+    def from_camera(R_imu: Floats, t_imu: Floats) -> tuple[Floats, Floats]:
+        return R_parent_camera.T @ R_imu, R_parent_camera.T @ (t_imu - p_parent_camera)
 
     found = answer.R_frame_imu, answer.t_frame_imu
     if answer.frame == "parent":
         found = from_camera(*found)
     truth = from_camera(recording.R_parent_imu, recording.t_parent_imu)
     error = pose_error(*found, *truth)
-    return row | {
-        "translation": error.translation,
-        "rotation": error.rotation,
-        "averaged_translation": error.averaged_translation,
-        "averaged_rotation": error.averaged_rotation,
-        "time_offset": answer.time_offset,
-        "evaluations": answer.evaluations,
-    }
+    effort: Row = {"time_offset": answer.time_offset, "evaluations": answer.evaluations}
+    return row | asdict(error) | effort
+
+
+def _mount(recording: Recording) -> tuple[Floats, Floats]:
+    """R_parent_camera and p_parent_camera, which the kinematics know."""
+    if recording.camera is None:
+        raise ValueError("the recording has no camera")
+    link, R, p = camera_mount(recording.system, recording.camera.config.frame.link)
+    if link != recording.system.parent:
+        raise ValueError("the camera is not on the IMU's link")
+    return R, p
 
 
 def _setting(setting: PaperSetting | None) -> Row:
@@ -262,20 +242,6 @@ def _setting(setting: PaperSetting | None) -> Row:
         else f"L {setting.window}, exclusion {setting.exclusion:g}, {setting.residual}"
     )
     return {"setting": words}
-
-
-def _bound(clean: Recording, noise: NoiseOptions, rate: float, *, alone: bool) -> Row:
-    """The least errors on exact kinematics, with the method's unknowns."""
-    if noise.accel_noise == 0.0 or noise.gyro_noise == 0.0:
-        return {"bound_translation": None, "bound_rotation": None}
-    to_sample = float(np.sqrt(0.5 * rate))
-    bound = cramer_rao(
-        clean,
-        noise.accel_noise * to_sample,
-        noise.gyro_noise * to_sample,
-        POSE_ALONE if alone else None,
-    )
-    return {"bound_translation": bound.translation, "bound_rotation": bound.rotation}
 
 
 def load(file: Path | None, *, quick: bool) -> Study:

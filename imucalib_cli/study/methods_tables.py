@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from imucalib_cli.study.claims import Claim, claims_table
 from imucalib_cli.study.methods.entrants import ENTRANTS
 from imucalib_cli.study.summary import (
@@ -17,6 +15,7 @@ from imucalib_cli.study.summary import (
     column,
     digits,
     mean,
+    root_mean_square,
     spread,
 )
 from imucalib_cli.study.table import Table
@@ -127,10 +126,9 @@ def _failures(rows: Sequence[Row]) -> str:
 
 
 def _over_bound(rows: Sequence[Row], key: str, data: str) -> str:
-    values, bound = np.array(column(rows, key)), column(rows, f"bound_{key}")
-    if data != "poses" or not bound or not len(values):
+    if data != "poses":
         return "-"
-    return digits(float(np.sqrt(np.mean(values**2))) / bound[0])
+    return digits(root_mean_square(rows, key) / mean(rows, f"bound_{key}"))
 
 
 def _claims(rows: Sequence[Row], conditions: Sequence[str]) -> Table:

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,13 +26,15 @@ from imucalib_cli.estimate.solve import solve_globally
 from imucalib_cli.estimate.statistics import block_statistics
 from imucalib_cli.estimate.window_choice import choose_window
 from imucalib_cli.estimate.windows import Windowing, plan_windows
+from imucalib_cli.results.pose_error import pose_error
 from imucalib_cli.signals.trajectory import Trajectory
 from imucalib_cli.simulate.noise import corrupt
-from imucalib_cli.simulate.options import PhysicsOptions
+from imucalib_cli.study.bound import bound_columns
+from imucalib_cli.study.conditions import Condition, Recorded
+from imucalib_cli.study.contest import NO_ERRORS, pose_only
 from imucalib_cli.study.experiment import Figure
 from imucalib_cli.study.guesses import wrong_guess
 from imucalib_cli.study.load import load_parameters
-from imucalib_cli.study.metrics import pose_error
 from imucalib_cli.study.optimiser_tables import (
     draw_optimisers,
     errors_table,
@@ -42,7 +44,6 @@ from imucalib_cli.study.optimiser_tables import (
 from imucalib_cli.study.optimisers import OPTIMISERS, Cost, Solved, solve_by
 from imucalib_cli.study.pose_cost import Pose, PoseCost, matched_cost, published_cost
 from imucalib_cli.study.summary import chosen
-from imucalib_cli.study.sweep import Condition, bound_columns
 from imucalib_cli.study.systems import clean_recording, robot_model
 from imucalib_cli.study.trial import streams_of
 
@@ -70,14 +71,10 @@ class GuessSize:
 
 
 @dataclass(frozen=True, kw_only=True)
-class OptimiserParameters:
+class OptimiserParameters(Recorded):
     """As configs/studies/optimiser.yaml states them, with units."""
 
     systems: tuple[str, ...]
-    duration: float | None
-    imu_rate: float
-    robot_rate: float
-    profile: Literal["smooth", "hard"]
     conditions: tuple[Condition, ...]
     guesses: tuple[GuessSize, ...]
     seeds: int
@@ -112,22 +109,15 @@ class OptimiserStudy:
     def measure(self, cell: Cell) -> list[Row]:
         """All optimisers on one recording from one guess."""
         config, seed = self.config, int(cell["seed"] or 0)
-        physics = PhysicsOptions(
-            duration=config.duration,
-            imu_rate=config.imu_rate,
-            robot_rate=config.robot_rate,
-            profile=config.profile,
-        )
-        system = str(cell["system"])
-        clean = clean_recording(system, physics)
-        noise = next(c.noise for c in config.conditions if c.name == cell["condition"])
+        clean = clean_recording(str(cell["system"]), config.physics)
+        noise = next(c.sensors for c in config.conditions if c.name == cell["condition"])
         size = next(
             g for g in config.guesses if guess_name(g.translation, g.rotation_deg) == cell["guess"]
         )
         start = wrong_guess(clean, size.translation, math.radians(size.rotation_deg), seed)
         guess = Pose(start.t_parent_imu, start.R_parent_imu)
         costs, prepared = self._prepare(corrupt(clean, noise, seed), guess)
-        bound = bound_columns(system, physics, noise, alone=True)
+        bound = bound_columns(clean, noise, alone=True)
         rows: list[Row] = []
         for optimiser in OPTIMISERS:
             names: Row = {
@@ -153,8 +143,7 @@ class OptimiserStudy:
             and error.rotation <= math.radians(self.config.found_rotation_deg)
         )
         return {
-            "translation": error.translation,
-            "rotation": error.rotation,
+            **asdict(error),
             "found": found,
             "value": solved.value,
             "evaluations": solved.evaluations,
@@ -214,8 +203,8 @@ class OptimiserStudy:
 
 
 def _nothing(why: str) -> Row:
-    nothing: Row = dict.fromkeys(("translation", "rotation", "value", "evaluations", "seconds"))
-    return nothing | {"found": False, "failure": why}
+    nothing: Row = dict.fromkeys(("value", "evaluations", "seconds"))
+    return NO_ERRORS | nothing | {"found": False, "failure": why}
 
 
 def _weighted(windowing: Windowing, gravity_world: Floats) -> PoseCost:
@@ -223,14 +212,7 @@ def _weighted(windowing: Windowing, gravity_world: Floats) -> PoseCost:
     centres = windowing.centres(0.0)
     rows = windowing.rows(0.0, centres)
     gains = windowing.plan.noise_gains
-    norm = float(np.linalg.norm(gravity_world))
-    options = MatchedOptions(
-        time_offset=0.0,
-        accel_bias_std=0.0,
-        gyro_bias_std=0.0,
-        gravity="fixed" if norm > 0.0 else "none",
-        gravity_norm=norm,
-    )
+    options = pose_only(float(np.linalg.norm(gravity_world)))
     statistics = block_statistics(rows, np.ones(len(centres)), np.zeros(len(centres), np.intp))
     normal = statistics.normal_matrix(*(s / g for s, g in zip(_FIRST_SCALES, gains, strict=True)))
     state = solve_globally(normal, make_unknowns(options, offset_free=False)).state

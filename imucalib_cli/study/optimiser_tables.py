@@ -8,7 +8,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from imucalib_cli.study.figures import COLOURS, label_logarithmic, new_figure, save_svg
-from imucalib_cli.study.summary import DEGREES, MILLIMETRES, chosen, column, digits, mean
+from imucalib_cli.study.summary import (
+    DEGREES,
+    MILLIMETRES,
+    chosen,
+    column,
+    digits,
+    mean,
+    root_mean_square,
+)
 from imucalib_cli.study.table import Table
 
 if TYPE_CHECKING:
@@ -53,7 +61,7 @@ def errors_table(rows: Sequence[Row], title: str) -> Table:
     """
     lines = []
     for names, mine in _contestants(rows):
-        translation, rotation = (_root_mean_square(mine, k) for k in ("translation", "rotation"))
+        translation, rotation = (root_mean_square(mine, k) for k in ("translation", "rotation"))
         lines.append(
             (
                 *names,
@@ -137,7 +145,7 @@ def draw_optimisers(rows: Sequence[Row], path: Path) -> None:
         labels = [f"{name}: {least}, {residuals}" for (residuals, least, name), _ in contestants]
         kinds = list(dict.fromkeys(residuals for (residuals, _, _), _ in contestants))
         colours = [COLOURS[kinds.index(residuals)] for (residuals, _, _), _ in contestants]
-        errors = [_root_mean_square(mine, "translation") * MILLIMETRES for _, mine in contestants]
+        errors = [root_mean_square(mine, "translation") * MILLIMETRES for _, mine in contestants]
         times = [_median(mine, "seconds") * 1e3 for _, mine in contestants]
         for axes, values, words in (
             (panels[2 * place], errors, "translation error, mm"),
@@ -152,11 +160,6 @@ def draw_optimisers(rows: Sequence[Row], path: Path) -> None:
             axes.set_title(condition)
         panels[2 * place + 1].set_yticklabels([])
     save_svg(figure, path)
-
-
-def _root_mean_square(rows: Sequence[Row], key: str) -> float:
-    values = np.array(column(rows, key))
-    return float(np.sqrt(np.mean(values**2))) if len(values) else math.nan
 
 
 def _median(rows: Sequence[Row], key: str) -> float:

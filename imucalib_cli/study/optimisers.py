@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.estimate.fit import make_unknowns
-from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.estimate.solve import solve_globally
 from imucalib_cli.robot.rotations import matrix_from_rotvec, rotvec_from_matrix
+from imucalib_cli.study.contest import pose_only
 from imucalib_cli.study.least_absolute import (
     absolute_sum,
     by_linear_programs,
@@ -41,10 +41,6 @@ TOLERANCE = 1e-10
 """ftol, xtol and gtol, the published method's own."""
 HUBER, CAUCHY = 1.345, 2.385
 """In standard deviations: 95 % efficient where the noise is normal (Holland and Welsch 1977)."""
-_POSE_ALONE = MatchedOptions(
-    time_offset=0.0, accel_bias_std=0.0, gyro_bias_std=0.0, gravity="none", sensor_model="ideal"
-)
-"""Gravity is in the residuals' constant part already."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -145,7 +141,8 @@ def _by_scipy(method: Literal["trf", "dogbox", "lm"], kind: Kind) -> Any:
 def _by_statistics(cost: PoseCost, guess: Pose) -> tuple[Pose, int]:
     """Our reduced solve: one pass over the residuals, then all rotations on their statistics."""
     del guess
-    unknowns = make_unknowns(_POSE_ALONE, offset_free=False)
+    # Gravity is in the residuals' constant part already.
+    unknowns = make_unknowns(pose_only(0.0), offset_free=False)
     # Priors, however weak, presume residuals in units of their noise.
     unknowns = replace(unknowns, prior_information=np.zeros_like(unknowns.prior_information))
     state = solve_globally(cost.normal_matrix, unknowns).state

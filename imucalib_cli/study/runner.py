@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import json
 import multiprocessing
-import multiprocessing.connection
 import os
-import signal
 import sys
-import threading
 import warnings
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -19,7 +16,7 @@ from typing import TYPE_CHECKING
 
 from imucalib_cli import __version__
 from imucalib_cli.errors import ChoiceError, InputError
-from imucalib_cli.process import prepare_to_compute
+from imucalib_cli.process import obey_the_parent, prepare_to_compute
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator
@@ -118,17 +115,7 @@ def _prepare_worker() -> None:
     prepare_to_compute()
     if not sys.warnoptions:
         warnings.simplefilter("ignore")  # as in the command line itself
-    # interruptions are the parent's business
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_end_with_the_parent, daemon=True).start()
-
-
-def _end_with_the_parent() -> None:
-    """A worker waits for more to do for ever, also where its parent was killed."""
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        multiprocessing.connection.wait([parent.sentinel])
-        os._exit(1)
+    obey_the_parent()
 
 
 def _header(study: Study) -> dict[str, object]:

@@ -33,6 +33,12 @@ def mean(rows: Iterable[Row], key: str) -> float:
     return float(np.mean(values)) if values else math.nan
 
 
+def root_mean_square(rows: Iterable[Row], key: str) -> float:
+    """Root mean square of a number over rows; NaN where there is none."""
+    values = np.array(column(rows, key))
+    return float(np.sqrt(np.mean(values**2))) if len(values) else math.nan
+
+
 def best_setting(rows: Sequence[Row]) -> list[Row]:
     """Rows of the setting with the least mean error of translation; of other methods, all rows."""
     settings = list(dict.fromkeys(row["setting"] for row in rows))

@@ -9,13 +9,12 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field, replace
-from functools import cache
-from typing import TYPE_CHECKING, ClassVar, Generic, Literal, TypeVar
+from typing import TYPE_CHECKING, ClassVar, Generic, TypeVar
 
 from imucalib_cli.estimate.options import WindowChoice
 from imucalib_cli.simulate.noise import corrupt
-from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
-from imucalib_cli.study.bound import Bound, Unknown, cramer_rao
+from imucalib_cli.study.bound import bound_columns
+from imucalib_cli.study.conditions import Condition, Recorded
 from imucalib_cli.study.contest import METHODS, PUBLISHED, Method, Settings, contest
 from imucalib_cli.study.experiment import Figure
 from imucalib_cli.study.guesses import wrong_guess
@@ -27,21 +26,9 @@ from imucalib_cli.study.systems import clean_recording
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
     from imucalib_cli.study.experiment import Cell, Row
     from imucalib_cli.study.table import Table
-
-POSE_ALONE = Unknown(accel_bias=False, gyro_bias=False, tilt=False, time_offset=False)
-"""What the published method takes for known."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Condition:
-    """Sensors under which the sweep is done."""
-
-    name: str
-    noise: NoiseOptions
-    seeds: int | None = None
-    """Where fewer tell enough; None takes the study's."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,14 +42,10 @@ class Variant:
 
 
 @dataclass(frozen=True, kw_only=True)
-class SweepParameters:
+class SweepParameters(Recorded):
     """What configs/studies/ states of every sweep, with units."""
 
     systems: tuple[str, ...]
-    duration: float | None
-    imu_rate: float
-    robot_rate: float
-    profile: Literal["smooth", "hard"]
     conditions: tuple[Condition, ...]
     seeds: int
     paper_windows: tuple[int, ...]
@@ -139,13 +122,8 @@ class Sweep(ABC, Generic[Config]):
         config = self.config
         condition = next(c for c in config.conditions if c.name == cell["condition"])
         setup = Setup(
-            physics=PhysicsOptions(
-                duration=config.duration,
-                imu_rate=config.imu_rate,
-                robot_rate=config.robot_rate,
-                profile=config.profile,
-            ),
-            noise=condition.noise,
+            physics=config.physics,
+            noise=condition.sensors,
             variants=tuple(
                 Variant(window=window, exclusion=exclusion)
                 for window in config.paper_windows
@@ -159,8 +137,7 @@ class Sweep(ABC, Generic[Config]):
     def measure(self, cell: Cell) -> list[Row]:
         """All methods on one recording, the published one in each of its variants."""
         config, setup, seed = self.config, self.setup(cell), int(cell["seed"] or 0)
-        system = str(cell["system"])
-        clean = clean_recording(system, setup.physics)
+        clean = clean_recording(str(cell["system"]), setup.physics)
         recording = corrupt(clean, setup.noise, seed)
         guess = wrong_guess(
             clean, config.initial_translation, math.radians(config.initial_rotation_deg), seed
@@ -170,7 +147,7 @@ class Sweep(ABC, Generic[Config]):
         )
         rows: list[Row] = []
         for method in self.methods():
-            bound = bound_columns(system, setup.physics, setup.noise, alone=method != "matched")
+            bound = bound_columns(clean, setup.noise, alone=method != "matched")
             if method not in PUBLISHED:
                 untuned: Row = {"window": None, "exclusion": None}
                 rows += [
@@ -216,32 +193,3 @@ def _with(settings: Settings, variant: Variant) -> Settings:
         paper_window=WindowChoice(samples=variant.window),
         paper_exclusion=variant.exclusion,
     )
-
-
-def bound_columns(system: str, physics: PhysicsOptions, noise: NoiseOptions, *, alone: bool) -> Row:
-    """Root-mean-square errors below which no unbiased estimator gets; None without IMU noise.
-
-    Args:
-        system: Of the recording.
-        physics: Its options, the IMU's rate among them.
-        noise: Of which the IMU's white noise counts.
-        alone: Whether nothing but the pose is unknown.
-    """
-    rate = float(physics.imu_rate or 0.0)
-    accel, gyro = (
-        math.hypot(density * math.sqrt(0.5 * rate), white)
-        for density, white in (
-            (noise.accel_noise, noise.accel_white),
-            (noise.gyro_noise, noise.gyro_white),
-        )
-    )
-    if accel == 0.0 or gyro == 0.0:
-        return {"bound_translation": None, "bound_rotation": None}
-    bound = _bound(system, physics, accel, gyro, alone)
-    return {"bound_translation": bound.translation, "bound_rotation": bound.rotation}
-
-
-@cache
-def _bound(system: str, physics: PhysicsOptions, accel: float, gyro: float, alone: bool) -> Bound:
-    unknown = POSE_ALONE if alone else Unknown()
-    return cramer_rao(clean_recording(system, physics), accel, gyro, unknown)

@@ -6,9 +6,15 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from imucalib_cli.study.summary import DEGREES, MILLIMETRES, chosen, column, digits, mean
+from imucalib_cli.study.summary import (
+    DEGREES,
+    MILLIMETRES,
+    chosen,
+    column,
+    digits,
+    mean,
+    root_mean_square,
+)
 from imucalib_cli.study.table import Table
 
 if TYPE_CHECKING:
@@ -89,18 +95,13 @@ def _point(rows: list[Row]) -> Point:
         runs=len(rows),
         answers=sum(row["failure"] is None for row in rows),
         trusted=sum(row["trusted"] is True for row in rows),
-        translation=_root_mean_square(rows, "translation"),
+        translation=root_mean_square(rows, "translation"),
         worst_translation=max(column(rows, "translation"), default=math.nan),
-        rotation=_root_mean_square(rows, "rotation"),
+        rotation=root_mean_square(rows, "rotation"),
         worst_rotation=max(column(rows, "rotation"), default=math.nan),
         bound_translation=mean(rows, "bound_translation"),
         bound_rotation=mean(rows, "bound_rotation"),
     )
-
-
-def _root_mean_square(rows: list[Row], key: str) -> float:
-    values = np.array(column(rows, key))
-    return float(np.sqrt(np.mean(values**2))) if len(values) else math.nan
 
 
 def sweep_table(rows: Sequence[Row], title: str, words: str) -> Table:

@@ -30,10 +30,11 @@ from imucalib_cli.estimate.solve import (
     refine,
     solve_globally,
 )
-from imucalib_cli.estimate.starts import cube_rotations, nearest_rotation
+from imucalib_cli.estimate.starts import cube_rotations
 from imucalib_cli.estimate.statistics import block_statistics
 from imucalib_cli.estimate.uncertainty import bias_std
 from imucalib_cli.estimate.windows import Windowing, WindowRows, plan_windows
+from imucalib_cli.robot.rotations import nearest_rotation
 from imucalib_cli.signals.trajectory import Trajectory
 from tests.estimate.estimate_arm import (
     GRAVITY,

@@ -10,6 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from imucalib_cli.errors import InputError
+from imucalib_cli.results.pose_error import PoseError, pose_error
 from imucalib_cli.simulate.camera import camera_mount
 from imucalib_cli.simulate.camera_config import load_camera
 from imucalib_cli.simulate.load import load_system
@@ -19,7 +20,6 @@ from imucalib_cli.simulate.physics import record
 from imucalib_cli.study.methods.bspline_camera import calibrate_bspline_camera
 from imucalib_cli.study.methods.bspline_problem import BSplineOptions
 from imucalib_cli.study.methods.pnp import corner_information, observations_of, target_pose
-from imucalib_cli.study.metrics import PoseError, pose_error
 from imucalib_cli.study.trial import streams_of
 
 if TYPE_CHECKING:

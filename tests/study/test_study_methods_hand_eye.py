@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from imucalib_cli.errors import InputError
+from imucalib_cli.results.pose_error import PoseError, pose_error
 from imucalib_cli.simulate.camera import camera_mount
 from imucalib_cli.simulate.camera_config import load_camera
 from imucalib_cli.simulate.load import load_system
@@ -34,7 +35,6 @@ from imucalib_cli.study.methods.strapdown import (
     standstills,
     static_accel_bias,
 )
-from imucalib_cli.study.metrics import PoseError, pose_error
 from imucalib_cli.study.trial import streams_of
 
 if TYPE_CHECKING:

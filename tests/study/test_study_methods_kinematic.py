@@ -11,6 +11,7 @@ import pytest
 from imucalib_cli.errors import InputError
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions
+from imucalib_cli.results.pose_error import PoseError, pose_error
 from imucalib_cli.simulate.load import load_system
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
@@ -20,7 +21,6 @@ from imucalib_cli.study.methods.bspline import calibrate_bspline, prepare
 from imucalib_cli.study.methods.bspline_problem import BSplineOptions
 from imucalib_cli.study.methods.bspline_terms import imu_rows, pose_rows
 from imucalib_cli.study.methods.gyro_first import GyroFirstOptions, calibrate_gyro_first
-from imucalib_cli.study.metrics import PoseError, pose_error
 from imucalib_cli.study.trial import streams_of
 
 if TYPE_CHECKING:

@@ -79,12 +79,12 @@ def test_errors_are_those_of_the_camera_imu_transform(clean: Recording) -> None:
         R_frame_imu=R.T @ parent.R_frame_imu,
         t_frame_imu=R.T @ (parent.t_frame_imu - p),
     )
-    by_frame = [_row(cost(answer), clean, "rihibot") for answer in (parent, camera)]
+    by_frame = [_row(cost(answer), clean) for answer in (parent, camera)]
     for row in by_frame:
         assert row["translation"] == pytest.approx(0.005)
         assert row["rotation"] == pytest.approx(0.02)
     assert by_frame[0] == pytest.approx(by_frame[1])
-    failed = _row(cost(None, "why"), clean, "rihibot")
+    failed = _row(cost(None, "why"), clean)
     assert failed["failure"] == "why"
     assert failed["translation"] is None
 
@@ -97,7 +97,7 @@ def test_a_run_is_what_the_method_says_on_the_same_data(
     rows = study.measure({"condition": NOISY, "method": method, "seed": 3})
     calls = ENTRANTS[method].calls(config.paper_settings)
     assert len(rows) == len(calls)
-    recording = corrupt(clean, config.condition(NOISY).noise, 3)
+    recording = corrupt(clean, config.condition(NOISY).sensors, 3)
     data = given(recording, config, 3)
     for row, call in zip(rows, calls, strict=True):
         answer = call(data)
@@ -113,11 +113,11 @@ def test_a_run_is_what_the_method_says_on_the_same_data(
 
 def test_every_entrant_answers(config: MethodsParameters, clean: Recording) -> None:
     pytest.importorskip("cv2")
-    data = given(corrupt(clean, config.condition(NOISY).noise, 0), config, 0)
+    data = given(corrupt(clean, config.condition(NOISY).sensors, 0), config, 0)
     assert data.spline.accel_bias_walk > 0.0
     for name, entrant in ENTRANTS.items():
         answer = entrant.calls(config.paper_settings)[0](data)
-        row = _row(cost(answer), clean, "rihibot")
+        row = _row(cost(answer), clean)
         # Who does not know of biases is off by what they are worth.
         limit = 1e-3 if "biases" in entrant.unknowns else 0.02
         assert float(row["translation"] or 1.0) < limit, name

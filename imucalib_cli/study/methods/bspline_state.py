@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 
 from imucalib_cli.errors import InputError
-from imucalib_cli.robot.rotations import matrix_from_rotvec, rotvec_from_matrix
+from imucalib_cli.robot.rotations import matrix_from_rotvec, nearest_rotation, rotvec_from_matrix
 from imucalib_cli.study.methods.spline_basis import ORDER, Knots, evaluate
 
 Floats = NDArray[np.float64]
@@ -61,8 +61,7 @@ def level_axes(gravity: Floats) -> Floats:
 
 def middle_orientation(R: Floats) -> Floats:
     """The rotation nearest to all of (N, 3, 3): rotation vectors from it are short."""
-    U, _, Vt = np.linalg.svd(R.sum(axis=0))
-    return np.asarray(U @ np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))]) @ Vt)
+    return nearest_rotation(R.sum(axis=0))
 
 
 def unwrapped_rotvecs(R: Floats) -> Floats:

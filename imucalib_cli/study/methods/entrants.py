@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions, PaperOptions, WindowChoice
 from imucalib_cli.estimate.paper import calibrate_paper
+from imucalib_cli.study.contest import pose_only
 from imucalib_cli.study.methods.answer import Answer
 from imucalib_cli.study.methods.bspline import calibrate_bspline
 from imucalib_cli.study.methods.bspline_camera import calibrate_bspline_camera
@@ -84,15 +85,7 @@ def matched(given: Given) -> Answer:
 
 def matched_pose_alone(given: Given) -> Answer:
     """Ours with the unknowns of the published method."""
-    options = MatchedOptions(
-        gravity="fixed",
-        gravity_norm=given.gravity_norm,
-        time_offset=0.0,
-        accel_bias_std=0.0,
-        gyro_bias_std=0.0,
-        sensor_model="ideal",
-    )
-    return _answer(calibrate_matched(given.imu, given.path, options))
+    return _answer(calibrate_matched(given.imu, given.path, pose_only(given.gravity_norm)))
 
 
 def gyro_first(given: Given) -> Answer:

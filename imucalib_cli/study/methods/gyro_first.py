@@ -12,13 +12,14 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from imucalib_cli.estimate.offset import coarse_time_offset
 from imucalib_cli.estimate.options import STANDARD_GRAVITY
+from imucalib_cli.robot.rotations import nearest_rotation
 from imucalib_cli.signals.trajectory import Trajectory
 from imucalib_cli.study.methods.answer import Answer
 from imucalib_cli.study.methods.kinematics import (
     Derived,
     Smoothed,
-    correlated_offset,
     derived,
     gridded,
     smoothed,
@@ -100,7 +101,7 @@ def rate_offset(
         return options.time_offset, 0
     from scipy.optimize import minimize_scalar
 
-    coarse = correlated_offset(smooth.grid, trajectory, options.max_offset)
+    coarse, _ = coarse_time_offset(smooth.grid, trajectory, options.max_offset)
 
     def mean_cost(offset: float) -> float:
         motion = derived(smooth, trajectory, offset)
@@ -125,8 +126,7 @@ def fit_rates(smooth: Smoothed, motion: Derived) -> RateFit:
     """
     target, source = motion.rate, smooth.gyro[motion.rows]
     target_mean, source_mean = target.mean(axis=0), source.mean(axis=0)
-    U, _, Vt = np.linalg.svd((target - target_mean).T @ (source - source_mean))
-    R = U @ np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))]) @ Vt
+    R = nearest_rotation((target - target_mean).T @ (source - source_mean))
     bias = source_mean - R.T @ target_mean
     rest = target - (source - bias) @ R.T
     return RateFit(R, bias, float(np.sum(rest * rest)))

@@ -9,7 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
-from imucalib_cli.robot.rotations import matrix_from_rotvec, rotvec_from_matrix, skew
+from imucalib_cli.robot.rotations import (
+    matrix_from_rotvec,
+    nearest_rotation,
+    rotvec_from_matrix,
+    skew,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -89,10 +94,10 @@ def park_martin(motions: Motions) -> HandEye:
         Park and Martin, IEEE Transactions on Robotics and Automation 10(5), 1994.
     """
     a, b = rotvec_from_matrix(motions.R_a), rotvec_from_matrix(motions.R_b)
-    U, s, Vt = np.linalg.svd(a.T @ b)
+    s = np.linalg.svd(a.T @ b, compute_uv=False)
     if s[1] < _SINGULAR * s[0]:
         raise InputError("the motions turn about one axis only: hand-eye calibration needs two")
-    return _with_translation(motions, U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt)
+    return _with_translation(motions, nearest_rotation(a.T @ b))
 
 
 def _with_translation(motions: Motions, R: Floats) -> HandEye:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
-from imucalib_cli.estimate.offset import coarse_time_offset
+from imucalib_cli.robot.rotations import vee
 from imucalib_cli.signals.grid import ImuGrid, imu_grid
 from imucalib_cli.signals.kernels import convolve_at, savitzky_golay
 from imucalib_cli.signals.stamps import tidy_rows
@@ -59,9 +59,7 @@ class Derived:
     @property
     def rate(self) -> Floats:
         """(M, 3), angular rate in the parent frame, rad/s."""
-        spin = np.swapaxes(self.R, 1, 2) @ self.R_rate
-        spin = 0.5 * (spin - np.swapaxes(spin, 1, 2))
-        return np.stack([spin[:, 2, 1], spin[:, 0, 2], spin[:, 1, 0]], axis=1)
+        return vee(np.swapaxes(self.R, 1, 2) @ self.R_rate)
 
 
 def gridded(imu: ImuSamples) -> ImuGrid:
@@ -127,9 +125,3 @@ def derived(imu: Smoothed, trajectory: Trajectory, time_offset: float) -> Derive
         bent[:, :9].reshape(-1, 3, 3),
         bent[:, 9:],
     )
-
-
-def correlated_offset(grid: ImuGrid, trajectory: Trajectory, most: float) -> float:
-    """IMU stamp - robot stamp, s, at which the angular rates' sizes correlate best."""
-    offset, _ = coarse_time_offset(grid, trajectory, most)
-    return offset

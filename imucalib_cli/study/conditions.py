@@ -1,0 +1,65 @@
+"""What a study runs its methods on: how systems are recorded, and by which sensors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields, replace
+from typing import Literal
+
+from imucalib_cli.simulate.load import load_grade
+from imucalib_cli.simulate.options import ZERO, NoiseOptions, PhysicsOptions
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recorded:
+    """How a study's systems are recorded."""
+
+    imu_rate: float
+    """Hz."""
+    robot_rate: float
+    """Hz."""
+    duration: float | None = None
+    """s; None is the whole plan."""
+    profile: Literal["smooth", "hard"] = "smooth"
+    """How a free body is pushed."""
+
+    @property
+    def physics(self) -> PhysicsOptions:
+        """For the simulation."""
+        return PhysicsOptions(
+            duration=self.duration,
+            imu_rate=self.imu_rate,
+            robot_rate=self.robot_rate,
+            profile=self.profile,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Condition:
+    """Sensors under which methods are compared."""
+
+    name: str
+    grade: str = "ideal"
+    """Of configs/imu_grades.yaml."""
+    biases: bool = False
+    """Whether those of the grade, and their walks, are there."""
+    noise: NoiseOptions = field(default_factory=NoiseOptions)
+    """What is beside the grade; it wins."""
+    seeds: int | None = None
+    """Where fewer tell enough; None takes the study's."""
+
+    def __post_init__(self) -> None:
+        """Refuse what is no grade when the parameters are read, not in the middle of a study."""
+        load_grade(self.grade)
+
+    @property
+    def sensors(self) -> NoiseOptions:
+        """Noise of the grade, and of what is beside it."""
+        graded = load_grade(self.grade)
+        if not self.biases:
+            graded = replace(
+                graded, accel_bias=ZERO, gyro_bias=ZERO, accel_bias_walk=0.0, gyro_bias_walk=0.0
+            )
+        nothing = NoiseOptions()
+        given = {f.name: getattr(self.noise, f.name) for f in fields(NoiseOptions)}
+        stated = {name: v for name, v in given.items() if v != getattr(nothing, name)}
+        return replace(graded, **stated)
