@@ -43,6 +43,10 @@ _FIRST_SCALES = (0.05, 0.005)
 """m/s² and rad/s: how the sensors are weighted before residuals tell."""
 _PASSES = 8
 _REWEIGHTS = 3
+"""At least."""
+_MOST_REWEIGHTS = 20
+_SETTLED_WINDOWS = 0.5
+"""Weights have settled when they change by less than half a window in all."""
 _OFFSET_STEP = 1e-4
 """s, of the offset column's central difference: the kinematics are smooth over it."""
 _CONVERGED = 0.02
@@ -158,10 +162,12 @@ def fit_windows(
         if turn > 0:
             rows = _rows(windowing, time_offset)
         weights = np.ones(len(rows.centres))
-        for reweight in range(_REWEIGHTS):
-            scales = residual_scales(rows, state.vector())
+        for reweight in range(_MOST_REWEIGHTS):
+            before, scales = weights, residual_scales(rows, state.vector())
             state = refine(_normal(rows, weights, windowing, scales), still, state).state
             weights = window_weights(rows, state.vector(), redescend=turn + reweight > 0)
+            if reweight >= _REWEIGHTS - 1 and np.abs(weights - before).sum() < _SETTLED_WINDOWS:
+                break
         _set_late_columns(windowing, time_offset, rows, state)
         if not moving.free[_RELINEARISED].any():
             break

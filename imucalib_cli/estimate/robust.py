@@ -17,6 +17,8 @@ Floats = NDArray[np.float64]
 
 SCALE_FLOOR = (2e-4, 1e-5)
 """m/s² and rad/s: below what any IMU resolves within a window, so no reason for doubt."""
+_LEAST = (2e-7, 1e-8)
+"""m/s² and rad/s: weighted by less, a sensor without noise costs the other one its digits."""
 _CHI2_6_MEDIAN = 5.348
 _FULL = 25.0
 """Squared distance, 6 degrees of freedom, up to which a window counts in full (3e-4 beyond)."""
@@ -29,8 +31,8 @@ def residual_scales(rows: WindowRows, x: Floats) -> tuple[float, float]:
     """Robust standard deviation of accelerometer and gyroscope residuals, m/s² and rad/s."""
     accel, gyro = rows.residuals(x)
     return (
-        max(float(np.median(np.abs(accel))) * MAD_TO_STD, 1e-12),
-        max(float(np.median(np.abs(gyro))) * MAD_TO_STD, 1e-12),
+        max(float(np.median(np.abs(accel))) * MAD_TO_STD, _LEAST[0]),
+        max(float(np.median(np.abs(gyro))) * MAD_TO_STD, _LEAST[1]),
     )
 
 

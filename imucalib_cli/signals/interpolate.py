@@ -17,7 +17,8 @@ def lagrange(
     Args:
         t: (N,), s, strictly increasing.
         values: (N, C).
-        at: (M,), s; instants outside the samples are extrapolated, so mask them.
+        at: (M,), s; instants outside the samples are extrapolated, no farther than the polynomial
+            is long, so mask them.
         points: Samples per polynomial, even; fewer where the series is shorter.
         breaks: Indices at which a new stretch of samples begins, ascending; no polynomial
             reaches over one unless its stretch is shorter than ``points``.
@@ -37,6 +38,10 @@ def lagrange(
         short = high - low < points
         low, high = np.where(short, 0, low), np.where(short, len(t), high)
     first = np.minimum(np.maximum(right - points // 2, low), high - points)
+    # Far out in a gap, where nobody asks for values, a polynomial is nothing but rounding errors.
+    last = first + points - 1
+    beyond = t[last] - t[first]
+    at = np.clip(at, t[first] - beyond, t[last] + beyond)
     # Offsets from the instant keep digits where stamps are large against their spacing.
     x = np.stack([t[first + j] - at for j in range(points)])
     result = np.zeros((len(at), values.shape[1]))

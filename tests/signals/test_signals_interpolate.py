@@ -70,3 +70,12 @@ def test_a_short_series_takes_the_points_it_has() -> None:
     t = np.array([0.0, 1.0, 3.0])
     found = lagrange(t, (t**2)[:, None], np.array([2.0]))
     assert found[0, 0] == pytest.approx(4.0)
+
+
+def test_far_into_a_gap_values_stay_those_of_a_smooth_series() -> None:
+    t, _, breaks = _three_stretches()
+    angle = 0.3 * t
+    quaternion = np.stack([np.sin(angle / 2), 0 * t, 0 * t, np.cos(angle / 2)], axis=1)
+    far = np.array([t[21] + 3e4, t[22] - 1e-9])
+    found = lagrange(np.r_[t[:22], t[22:] + 1e5], quaternion, far, breaks=breaks)
+    np.testing.assert_allclose(np.linalg.norm(found, axis=1), 1.0, atol=1e-6)

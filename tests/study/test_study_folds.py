@@ -8,11 +8,15 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from imucalib_cli.estimate.matched import calibrate_matched
+from imucalib_cli.results.pose_error import pose_error
 from imucalib_cli.simulate.load import load_system
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
+from imucalib_cli.study.contest import pose_only
 from imucalib_cli.study.folds import moves_of, stratified_folds, without
 from imucalib_cli.study.systems import clean_recording
+from imucalib_cli.study.trial import streams_of
 
 
 @pytest.mark.parametrize("name", ["rihibot", "barbot"])
@@ -57,3 +61,27 @@ def test_a_held_out_move_is_in_no_stream() -> None:
         np.testing.assert_array_equal(record.stamp, whole.stamp[~inside])
     assert left.corruption is not None
     assert len(left.corruption.accel_bias) == len(left.imu.t)
+
+
+@pytest.mark.parametrize(
+    ("noise", "fold", "translation", "rotation_deg"),
+    [
+        (NoiseOptions(accel_white=0.00196133), 0, 5e-5, 1e-5),
+        (NoiseOptions(gyro_white=0.0002), 1, 5e-6, 1e-3),
+    ],
+    ids=["noise of the accelerometer alone", "noise of the gyroscope alone"],
+)
+def test_switched_pushes_drop_out_where_only_the_pose_is_unknown(
+    noise: NoiseOptions, fold: int, translation: float, rotation_deg: float
+) -> None:
+    """Weights must settle, and a sensor without noise must leave the other its digits."""
+    physics = PhysicsOptions(imu_rate=250, robot_rate=250, profile="hard")
+    clean = clean_recording("barbot", physics)
+    folds = stratified_folds(moves_of(clean.system, clean.system.duration), 3)
+    imu, path = streams_of(without(corrupt(clean, noise, fold), folds[fold]))
+    estimate = calibrate_matched(imu, path, pose_only(0.0))
+    error = pose_error(
+        estimate.R_parent_imu, estimate.t_parent_imu, clean.R_parent_imu, clean.t_parent_imu
+    )
+    assert error.translation < translation
+    assert np.degrees(error.rotation) < rotation_deg
