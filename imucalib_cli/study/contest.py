@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.estimate import Estimate
     from imucalib_cli.simulate.recording import Recording
     from imucalib_cli.study.experiment import Row
+    from imucalib_cli.study.paper_setting import PaperSetting
 
 Floats = NDArray[np.float64]
 
@@ -48,6 +49,14 @@ class Settings:
     """(3, 3), guess of R_parent_imu for the published method; None takes the URDF's."""
     t_initial: Floats | None = None
     """(3,), m."""
+
+    def published(self, setting: PaperSetting) -> Settings:
+        """With the published method set so."""
+        return replace(
+            self,
+            paper_window=WindowChoice(samples=setting.window),
+            paper_exclusion=setting.exclusion,
+        )
 
 
 def contest(recording: Recording, methods: tuple[Method, ...], settings: Settings) -> list[Row]:

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from imucalib_cli.estimate.options import WindowChoice
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.study.conditions import Recorded
 from imucalib_cli.study.contest import PUBLISHED, Settings, contest
 from imucalib_cli.study.folds import moves_of, stratified_folds, without
 from imucalib_cli.study.guesses import wrong_guess
-from imucalib_cli.study.summary import DEGREES, MILLIMETRES, best_setting, digits, spread
+from imucalib_cli.study.paper_setting import paper_settings
+from imucalib_cli.study.summary import DEGREES, MILLIMETRES, best_setting, spread
 from imucalib_cli.study.systems import clean_recording
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ class FoldedParameters(Recorded):
     systems: tuple[str, ...]
     folds: int
     seeds: int
-    paper_window: int
+    paper_windows: tuple[int, ...]
     paper_exclusions: tuple[float, ...]
 
     def runs(self, condition: Cell) -> list[Cell]:
@@ -77,17 +77,14 @@ def calibrate_fold(
         clean, trial.initial_translation, trial.initial_rotation, seed_of(parameters, cell)
     )
     recording = without(corrupt(clean, trial.noise, trial.noise_seed), held_out)
-    settings = Settings(
-        paper_window=WindowChoice(samples=parameters.paper_window),
-        R_initial=guess.R_parent_imu,
-        t_initial=guess.t_parent_imu,
-    )
+    settings = Settings(R_initial=guess.R_parent_imu, t_initial=guess.t_parent_imu)
     rows = contest(recording, tuple(m for m in methods if m not in PUBLISHED), settings)
     found = [cell | row | {"setting": None} for row in rows]
-    for exclusion in parameters.paper_exclusions:
-        settings = replace(settings, paper_exclusion=exclusion)
-        rows = contest(recording, tuple(m for m in methods if m in PUBLISHED), settings)
-        found += [cell | row | {"setting": exclusion} for row in rows]
+    for setting in paper_settings(parameters.paper_windows, parameters.paper_exclusions):
+        rows = contest(
+            recording, tuple(m for m in methods if m in PUBLISHED), settings.published(setting)
+        )
+        found += [cell | row | {"setting": setting.words} for row in rows]
     return found
 
 
@@ -105,9 +102,8 @@ def in_best_setting(rows: Sequence[Row], *keys: str) -> list[Row]:
 
 
 def setting_of(rows: Sequence[Row]) -> str:
-    """The published method's exclusion, m/s²; a dash for methods that have none."""
-    setting = rows[0]["setting"] if rows else None
-    return "-" if setting is None else digits(float(setting))
+    """The published method's; a dash for methods that have none."""
+    return str(rows[0]["setting"] or "-") if rows else "-"
 
 
 ERROR_HEADER = ("translation mm", "rotation deg", "|mean Δxyz| mm", "mean |rpy| deg")

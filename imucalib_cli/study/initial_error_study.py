@@ -148,7 +148,7 @@ class InitialErrorStudy:
                 "initial m",
                 "initial deg",
                 "method",
-                "excluded over m/s²",
+                "its setting",
                 *ERROR_HEADER,
                 "failed",
             ),

@@ -29,13 +29,14 @@ from imucalib_cli.study.conditions import (
 from imucalib_cli.study.contest import NO_ERRORS
 from imucalib_cli.study.load import load_parameters
 from imucalib_cli.study.methods.bspline_problem import BSplineOptions
-from imucalib_cli.study.methods.entrants import ENTRANTS, Given, PaperSetting
+from imucalib_cli.study.methods.entrants import ENTRANTS, Given, PaperEntry
 from imucalib_cli.study.methods.gyro_first import GyroFirstOptions
 from imucalib_cli.study.methods.hand_eye import (  # noqa: TC001 - types of fields, checked when read
     Ransac,
 )
 from imucalib_cli.study.methods.pnp import observations_of
 from imucalib_cli.study.methods_tables import methods_tables
+from imucalib_cli.study.paper_setting import paper_settings
 from imucalib_cli.study.trial import robot_of, streams_of
 
 if TYPE_CHECKING:
@@ -88,12 +89,11 @@ class MethodsParameters(Recorded):
     quoted: tuple[Quoted, ...]
 
     @property
-    def paper_settings(self) -> tuple[PaperSetting, ...]:
+    def paper_settings(self) -> tuple[PaperEntry, ...]:
         """All that the published method is run with."""
         return tuple(
-            PaperSetting(window=window, exclusion=exclusion, residual=residual)
-            for window in self.paper_windows
-            for exclusion in self.paper_exclusions
+            PaperEntry(window=setting.window, exclusion=setting.exclusion, residual=residual)
+            for setting in paper_settings(self.paper_windows, self.paper_exclusions)
             for residual in self.paper_residuals
         )
 
@@ -132,7 +132,7 @@ class MethodsStudy:
         bound = bound_columns(clean, noise, alone=entrant.unknowns == "pose")
         settings = config.paper_settings if entrant.call is None else (None,)
         return [
-            cell | _setting(setting) | _row(cost, recording) | bound
+            cell | {"setting": setting.words if setting else None} | _row(cost, recording) | bound
             for cost, setting in zip(costs, settings, strict=True)
         ]
 
@@ -233,15 +233,6 @@ def _mount(recording: Recording) -> tuple[Floats, Floats]:
     if link != recording.system.parent:
         raise ValueError("the camera is not on the IMU's link")
     return R, p
-
-
-def _setting(setting: PaperSetting | None) -> Row:
-    words = (
-        None
-        if setting is None
-        else f"L {setting.window}, exclusion {setting.exclusion:g}, {setting.residual}"
-    )
-    return {"setting": words}
 
 
 def load(file: Path | None, *, quick: bool) -> Study:

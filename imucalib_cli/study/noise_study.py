@@ -165,7 +165,7 @@ def _table(
             "σ_a m/s²",
             "σ_ω rad/s",
             "method",
-            "excluded over m/s²",
+            "its setting",
             *ERROR_HEADER,
             "answers",
         ),

@@ -18,6 +18,7 @@ from imucalib_cli.study.conditions import Condition, Recorded
 from imucalib_cli.study.contest import METHODS, PUBLISHED, Method, Settings, contest
 from imucalib_cli.study.experiment import Figure
 from imucalib_cli.study.guesses import wrong_guess
+from imucalib_cli.study.paper_setting import paper_settings
 from imucalib_cli.study.summary import chosen
 from imucalib_cli.study.sweep_figures import draw_sweep
 from imucalib_cli.study.sweep_tables import NOTE, sweep_table
@@ -28,17 +29,8 @@ if TYPE_CHECKING:
 
     from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
     from imucalib_cli.study.experiment import Cell, Row
+    from imucalib_cli.study.paper_setting import PaperSetting
     from imucalib_cli.study.table import Table
-
-
-@dataclass(frozen=True, kw_only=True)
-class Variant:
-    """A setting of the published method that is not known to us."""
-
-    window: int
-    """Samples."""
-    exclusion: float
-    """m/s², second difference over which a sample is dropped; 0 drops none."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,7 +62,7 @@ class Setup:
 
     physics: PhysicsOptions
     noise: NoiseOptions
-    variants: tuple[Variant, ...]
+    variants: tuple[PaperSetting, ...]
     """Of the published method: each is run, tables show the best."""
     window: WindowChoice = field(default_factory=WindowChoice)
     """Of the matched filters."""
@@ -124,11 +116,7 @@ class Sweep(ABC, Generic[Config]):
         setup = Setup(
             physics=config.physics,
             noise=condition.sensors,
-            variants=tuple(
-                Variant(window=window, exclusion=exclusion)
-                for window in config.paper_windows
-                for exclusion in config.paper_exclusions
-            ),
+            variants=paper_settings(config.paper_windows, config.paper_exclusions),
         )
         return self.change(
             setup, str(cell["part"]), float(cell["value"] or 0), int(cell["seed"] or 0)
@@ -156,7 +144,7 @@ class Sweep(ABC, Generic[Config]):
                 continue
             for variant in setup.variants:
                 tuned: Row = {"window": variant.window, "exclusion": variant.exclusion}
-                found = contest(recording, (method,), _with(settings, variant))
+                found = contest(recording, (method,), settings.published(variant))
                 rows += [cell | row | tuned | bound for row in found]
         return rows
 
@@ -185,11 +173,3 @@ class Sweep(ABC, Generic[Config]):
             )
 
         return [figure(system, part) for system in self.config.systems for part in self.parts()]
-
-
-def _with(settings: Settings, variant: Variant) -> Settings:
-    return replace(
-        settings,
-        paper_window=WindowChoice(samples=variant.window),
-        paper_exclusion=variant.exclusion,
-    )

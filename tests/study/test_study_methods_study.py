@@ -108,7 +108,7 @@ def test_a_run_is_what_the_method_says_on_the_same_data(
         assert row["memory"] < 200e6
         assert isinstance(row["bound_translation"], float)
     if method == "paper":
-        assert rows[1]["setting"] == "L 5, exclusion 0, components"
+        assert rows[1]["setting"] == "L 5, drops none, components"
 
 
 def test_every_entrant_answers(config: MethodsParameters, clean: Recording) -> None:

@@ -18,6 +18,7 @@ from imucalib_cli.study.methods.bspline import calibrate_bspline
 from imucalib_cli.study.methods.bspline_camera import calibrate_bspline_camera
 from imucalib_cli.study.methods.gyro_first import GyroFirstOptions, calibrate_gyro_first
 from imucalib_cli.study.methods.liang import LiangOptions, calibrate_liang
+from imucalib_cli.study.paper_setting import PaperSetting
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -53,17 +54,18 @@ class Given:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PaperSetting:
-    """What is not known to us of the published method."""
+class PaperEntry(PaperSetting):
+    """The published method as it takes part."""
 
-    window: int
-    """Samples."""
-    exclusion: float
-    """m/s², second difference over which a sample is dropped; 0 drops none."""
     residual: Literal["l1", "components"]
 
+    @property
+    def words(self) -> str:
+        """For tables."""
+        return f"{super().words}, {self.residual}"
 
-def paper(setting: PaperSetting, given: Given) -> Answer:
+
+def paper(setting: PaperEntry, given: Given) -> Answer:
     """The published method."""
     options = PaperOptions(
         window=WindowChoice(samples=setting.window),
@@ -142,7 +144,7 @@ class Entrant:
     call: Callable[[Given], Answer] | None
     """None for the published method, which is called with each of its settings."""
 
-    def calls(self, settings: tuple[PaperSetting, ...]) -> list[Callable[[Given], Answer]]:
+    def calls(self, settings: tuple[PaperEntry, ...]) -> list[Callable[[Given], Answer]]:
         """What to run."""
         return [partial(paper, s) for s in settings] if self.call is None else [self.call]
 
