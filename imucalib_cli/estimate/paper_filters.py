@@ -227,6 +227,6 @@ def _steady(
     flips = np.cumsum(np.sum(q[1:] * q[:-1], axis=1) < 0) % 2
     q[1:] *= np.where(flips, -1.0, 1.0)[:, None]
     for values, most in ((p_world_imu, limit), (q, limit * _QUATERNION_PER_METRE)):
-        second = np.abs(np.diff(values, n=2, axis=0)).max(axis=1) / dt**2
+        second = np.linalg.norm(np.diff(values, n=2, axis=0), axis=1) / dt**2
         keep[1:-1] &= second <= most
     return keep

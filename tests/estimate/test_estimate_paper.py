@@ -159,7 +159,7 @@ def test_exclusion_is_by_second_differences_of_the_imus_pose(limit: float) -> No
     q[1:] *= np.cumprod(np.sign(np.sum(q[1:] * q[:-1], axis=1)))[:, None]
     p = motion.p + motion.R @ log.mount.t
     dropped = [
-        np.abs(np.diff(values, 2, axis=0)).max(axis=1) > most * 0.005**2
+        np.linalg.norm(np.diff(values, 2, axis=0), axis=1) > most * 0.005**2
         for values, most in ((p, limit), (q, 10 * limit))
     ]
     options = PaperOptions(exclusion_threshold=limit)
