@@ -57,7 +57,8 @@ def build(kind: type[T], raw: object, where: str) -> T:
     """Make a dataclass from what YAML gave, each key and type checked.
 
     Raises:
-        InputError: A key is missing, unknown or of another type; names it.
+        InputError: A key is missing, unknown or of another type, or against the rules of its
+            dataclass, which raises a ValueError; names it.
     """
     if not isinstance(raw, dict):
         raise InputError(f"{where}: expected keys and values, found {raw!r}")
@@ -73,7 +74,11 @@ def build(kind: type[T], raw: object, where: str) -> T:
     ]
     if missing:
         raise InputError(f"{where}: key {missing[0]} is missing; see configs/ for an example")
-    return kind(**{n: _convert(hints[n], v, f"{where}: {n}") for n, v in raw.items()})
+    values = {n: _convert(hints[n], v, f"{where}: {n}") for n, v in raw.items()}
+    try:
+        return kind(**values)
+    except ValueError as error:  # a rule of the dataclass's own
+        raise InputError(f"{where}: {error}") from error
 
 
 def _convert(hint: Any, value: object, where: str) -> Any:

@@ -34,8 +34,12 @@ class PhysicsOptions:
     """rad, true orientation."""
     profile: Literal["smooth", "hard"] = "smooth"
     """How a free body is pushed: with ramps, or switched at once."""
+    inertia: Vector | None = None
+    """kg m², of a free body, about its centre and along its axes."""
     publishers: int = 1
     """Joint publishers, each with part of the joints and with instants of its own."""
+    robot_phase: float = 0.0
+    """Share of a robot's period by which its instants come after those of the IMU."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,6 +8,7 @@ is MuJoCo's own accelerometer and gyroscope, so it owes nothing to this project'
 from __future__ import annotations
 
 import threading
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -60,6 +61,8 @@ def record(
     """
     options = options or PhysicsOptions()
     engine = _import_engine()
+    if options.inertia is not None and system.free_body is not None:
+        system = replace(system, free_body=replace(system.free_body, inertia=options.inertia))
     duration = _positive(options.duration, system.duration, "duration")
     imu_rate = _positive(options.imu_rate, system.rates.imu, "IMU rate")
     robot_rate = _positive(options.robot_rate, system.rates.robot, "robot rate")
@@ -86,7 +89,8 @@ def record(
         data.qpos[:] = np.radians(system.arm.start_deg)
 
     imu_t = instants(imu_rate, duration)
-    robot_t = [instants(robot_rate, duration, k / len(groups)) for k in range(len(groups))]
+    phases = [k / len(groups) + options.robot_phase for k in range(len(groups))]
+    robot_t = [instants(robot_rate, duration, phase) for phase in phases]
     camera_t = np.zeros(0) if camera is None else instants(camera.rate, duration)
     # Instants of several clocks that differ by rounding only are one instant.
     events = np.unique(np.round(np.concatenate([imu_t, *robot_t, camera_t]), 12))

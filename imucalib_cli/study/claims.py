@@ -19,10 +19,14 @@ class Claim:
     """What is claimed, with its section, and by which criterion we judge it."""
     found: str
     """The figures."""
-    met: bool
+    met: bool | None
+    """None where nothing can be judged: an answer is missing, or what is claimed is unknown."""
+
+
+_VERDICTS = {True: "met", False: "not met", None: "not judged"}
 
 
 def claims_table(title: str, claims: Sequence[Claim]) -> Table:
     """A table of claims, met or not."""
-    rows = [(c.words, c.found, "met" if c.met else "not met") for c in claims]
+    rows = [(c.words, c.found, _VERDICTS[c.met]) for c in claims]
     return Table(title=title, header=("claim", "found", "verdict"), rows=tuple(rows))

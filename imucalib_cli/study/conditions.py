@@ -22,6 +22,11 @@ class Recorded:
     profile: Literal["smooth", "hard"] = "smooth"
     """How a free body is pushed."""
 
+    def __post_init__(self) -> None:
+        """Refuse what cannot be recorded."""
+        if min(self.imu_rate, self.robot_rate, self.duration or 1.0) <= 0.0:
+            raise ValueError("imu_rate, robot_rate and duration must be above zero")
+
     @property
     def physics(self) -> PhysicsOptions:
         """For the simulation."""

@@ -24,6 +24,7 @@ from imucalib_cli.study.least_absolute import (
     by_relaxation,
     by_reweighting,
 )
+from imucalib_cli.study.methods.spline_basis import right_jacobian
 from imucalib_cli.study.pose_cost import Pose, PoseCost
 
 if TYPE_CHECKING:
@@ -105,8 +106,8 @@ def value_of(cost: PoseCost, pose: Pose, kind: Kind) -> float:
     return float(z.sum())
 
 
-def _by_scipy(method: Literal["trf", "dogbox", "lm"], kind: Kind) -> Any:
-    """scipy.optimize.least_squares, set as the published method's is."""
+def _by_scipy(method: Literal["trf", "dogbox", "lm"], kind: Kind, *, analytic: bool) -> Any:
+    """scipy.optimize.least_squares, set as the published method's is, or with true derivatives."""
 
     def run(cost: PoseCost, guess: Pose) -> tuple[Pose, int]:
         from scipy.optimize import least_squares
@@ -119,6 +120,11 @@ def _by_scipy(method: Literal["trf", "dogbox", "lm"], kind: Kind) -> Any:
             left = cost.residuals(Pose(x[:3], matrix_from_rotvec(x[3:])))
             return np.abs(left).reshape(-1, 6).sum(axis=1) if kind == "squared sums" else left
 
+        def derivatives(x: Floats) -> Floats:
+            J = cost.jacobian(Pose(x[:3], matrix_from_rotvec(x[3:])))
+            # Pose.moved turns on the left; the rotation vector's own steps become such turns.
+            return np.hstack([J[:, :3], J[:, 3:] @ right_jacobian(-x[None, 3:])[0]])
+
         robust: dict[str, Any] = {}
         if kind in {"huber", "cauchy"}:
             robust = {"loss": kind, "f_scale": HUBER if kind == "huber" else CAUCHY}
@@ -126,7 +132,7 @@ def _by_scipy(method: Literal["trf", "dogbox", "lm"], kind: Kind) -> Any:
             residuals,
             np.r_[guess.t, rotvec_from_matrix(guess.R)],
             method=method,
-            jac="2-point",
+            jac=derivatives if analytic else "2-point",
             x_scale="jac",
             ftol=TOLERANCE,
             xtol=TOLERANCE,
@@ -166,8 +172,15 @@ def _by_relaxation(cost: PoseCost, guess: Pose) -> tuple[Pose, int]:
 
 
 def _catalogue() -> tuple[Optimiser, ...]:
-    def of_scipy(method: Literal["trf", "dogbox", "lm"], cost: Cost, kind: Kind) -> Optimiser:
-        return Optimiser(name=method, cost=cost, kind=kind, run=_by_scipy(method, kind))
+    def of_scipy(
+        method: Literal["trf", "dogbox", "lm"], cost: Cost, kind: Kind, *, analytic: bool = False
+    ) -> Optimiser:
+        return Optimiser(
+            name=f"{method}, analytic" if analytic else method,
+            cost=cost,
+            kind=kind,
+            run=_by_scipy(method, kind, analytic=analytic),
+        )
 
     def reduced(cost: Cost) -> Optimiser:
         return Optimiser(
@@ -181,6 +194,7 @@ def _catalogue() -> tuple[Optimiser, ...]:
 
     return (
         of_scipy("trf", "published", "squares"),
+        of_scipy("trf", "published", "squares", analytic=True),
         of_scipy("lm", "published", "squares"),
         of_scipy("dogbox", "published", "squares"),
         reduced("published"),
@@ -195,6 +209,7 @@ def _catalogue() -> tuple[Optimiser, ...]:
         of_scipy("trf", "published, scaled", "huber"),
         of_scipy("trf", "published, scaled", "cauchy"),
         of_scipy("trf", "matched", "squares"),
+        of_scipy("trf", "matched", "squares", analytic=True),
         of_scipy("lm", "matched", "squares"),
         of_scipy("dogbox", "matched", "squares"),
         reduced("matched"),

@@ -52,11 +52,14 @@ def best_setting(rows: Sequence[Row]) -> list[Row]:
 
 
 def spread(rows: Sequence[Row], key: str, scale: float = 1.0) -> str:
-    """Mean ± standard deviation of a number, with three digits."""
+    """Mean ± standard deviation of a number, with three digits; of one run, the number alone."""
     values = scale * np.array(column(rows, key))
     if not len(values):
         return "-"
-    middle, around = float(values.mean()), float(values.std())
+    middle = float(values.mean())
+    if len(values) == 1:
+        return digits(middle)
+    around = float(values.std(ddof=1))
     return f"{digits(middle)} ± {digits(around if around > 1e-12 * abs(middle) else 0.0)}"
 
 

@@ -243,3 +243,19 @@ def test_cells_are_every_guess_under_every_condition() -> None:
         runs = sum(c.seeds or config.seeds for c in config.conditions)
         assert len(study.cells()) == len(config.systems) * len(config.guesses) * runs
         assert quick or config.seeds >= 5
+
+
+@pytest.mark.parametrize("cost", ["published", "matched"])
+def test_true_derivatives_lead_to_the_same_pose_in_fewer_evaluations(cost: str) -> None:
+    loaded = load(None, quick=True)
+    assert isinstance(loaded, OptimiserStudy)
+    config = replace(loaded.config, duration=12.0, imu_rate=100.0, robot_rate=100.0, seeds=1)
+    rows = OptimiserStudy(config).measure(OptimiserStudy(config).cells()[-1])
+    numeric, analytic = (
+        next(
+            r for r in rows if (r["optimiser"], r["residuals"], r["least"]) == (n, cost, "squares")
+        )
+        for n in ("trf", "trf, analytic")
+    )
+    assert numeric["translation"] == pytest.approx(analytic["translation"], rel=1e-5)
+    assert float(analytic["evaluations"] or 0) * 3 < float(numeric["evaluations"] or 0)
