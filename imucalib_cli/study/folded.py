@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.study.conditions import Recorded
@@ -11,13 +14,13 @@ from imucalib_cli.study.contest import PUBLISHED, Settings, contest
 from imucalib_cli.study.folds import moves_of, stratified_folds, without
 from imucalib_cli.study.guesses import wrong_guess
 from imucalib_cli.study.paper_setting import paper_settings
-from imucalib_cli.study.summary import DEGREES, MILLIMETRES, best_setting, spread
-from imucalib_cli.study.systems import clean_recording
+from imucalib_cli.study.summary import DEGREES, MILLIMETRES, best_setting, chosen, column, spread
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from imucalib_cli.simulate.options import NoiseOptions
+    from imucalib_cli.simulate.recording import Recording
     from imucalib_cli.study.contest import Method
     from imucalib_cli.study.experiment import Cell, Row, Scalar
 
@@ -45,6 +48,7 @@ class FoldedParameters(Recorded):
 class Trial:
     """One calibration of a folded study."""
 
+    clean: Recording
     noise: NoiseOptions
     noise_seed: int
     initial_translation: float
@@ -65,11 +69,11 @@ def calibrate_fold(
 
     Args:
         parameters: Of the study.
-        cell: With ``system``, ``fold`` and ``seed``.
-        trial: Noise and guess.
+        cell: With ``fold`` and ``seed``.
+        trial: Recording, noise and guess.
         methods: To run.
     """
-    clean = clean_recording(str(cell["system"]), parameters.physics)
+    clean = trial.clean
     moves = moves_of(clean.system, parameters.duration or clean.system.duration)
     folds = stratified_folds(moves, parameters.folds)
     held_out = folds[int(cell["fold"] or 0)]
@@ -99,6 +103,31 @@ def in_best_setting(rows: Sequence[Row], *keys: str) -> list[Row]:
     for row in rows:
         conditions.setdefault(tuple(row[key] for key in keys), []).append(row)
     return [row for found in conditions.values() for row in best_setting(found)]
+
+
+def in_steadily_best_setting(rows: Sequence[Row], *keys: str) -> list[Row]:
+    """Rows in one setting a group: the one with the most answers, then the least geometric mean.
+
+    Args:
+        rows: Of a study.
+        keys: What makes a group.
+    """
+    groups: dict[tuple[Scalar, ...], list[Row]] = {}
+    for row in rows:
+        groups.setdefault(tuple(row[key] for key in keys), []).append(row)
+
+    def badness(tried: Sequence[Row]) -> tuple[int, float]:
+        errors = column(tried, "translation")
+        missing = len(tried) - len(errors)
+        return missing, float(np.mean(np.log(errors))) if errors else math.inf
+
+    best: list[Row] = []
+    for group in groups.values():
+        settings = dict.fromkeys(row["setting"] for row in group)
+        tried = [chosen(group, setting=setting) for setting in settings]
+        found: list[Row] = min(tried, key=badness)
+        best += found
+    return best
 
 
 def setting_of(rows: Sequence[Row]) -> str:

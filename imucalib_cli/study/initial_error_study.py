@@ -18,6 +18,7 @@ from imucalib_cli.study.folded import (
 )
 from imucalib_cli.study.load import load_parameters
 from imucalib_cli.study.summary import DEGREES, MILLIMETRES, chosen, column, digits
+from imucalib_cli.study.systems import clean_recording
 from imucalib_cli.study.table import Table
 
 if TYPE_CHECKING:
@@ -40,6 +41,14 @@ class InitialErrorParameters(FoldedParameters):
     gyro: float
     failed_translation: float
     failed_rotation_deg: float
+    same_translation: float
+    realistic_rotation_deg: float
+
+    def __post_init__(self) -> None:
+        """Refuse sizes that cannot be paired."""
+        super().__post_init__()
+        if len(self.translation) != len(self.rotation_deg):
+            raise ValueError("translation and rotation_deg need as many sizes: they are paired")
 
     def sizes(self) -> list[tuple[float, float]]:
         """Translation, m, and rotation, deg: each alone, then both together."""
@@ -75,6 +84,7 @@ class InitialErrorStudy:
         """All methods on one fold, from one guess; ours is given none."""
         config = self.config
         trial = Trial(
+            clean=clean_recording(str(cell["system"]), config.physics),
             noise=NoiseOptions(accel_white=config.accel, gyro_white=config.gyro),
             # The noise is the fold's: only the guess differs between the seeds.
             noise_seed=int(cell["fold"] or 0),
@@ -156,26 +166,38 @@ class InitialErrorStudy:
             note=(
                 f"Failed: no answer, or one farther than {self.config.failed_translation * 1e3:g} "
                 f"mm or {self.config.failed_rotation_deg:g} deg from the truth, another minimum; "
-                "means and spreads are of the others. The matched method is given no guess."
+                "means and spreads are of the others. The published method stands in the setting "
+                "in which its result depends least on the guess, which need not be its most exact. "
+                "The matched method is given no guess."
             ),
         )
 
     def _claims(self, rows: Sequence[Row]) -> list[Claim]:
+        limit = self.config.realistic_rotation_deg
+        parts = {f"initial errors up to {limit:g} deg": False, f"beyond {limit:g} deg": True}
         made = []
         for system in self.config.systems:
             for method in METHODS:
-                found = chosen(rows, system=system, method=method)
-                failed, widest = self._unsteadiness(found)
-                made.append(
-                    Claim(
-                        words=f"{method}: {system}: final errors do not vary with the initial "
-                        "error (no failure; within 0.01 mm of each other on each fold)",
-                        found=f"{failed} of {len(found)} failed; others within "
-                        f"{digits(widest)} mm of each other",
-                        met=not failed and widest < 0.01,
-                    )
-                )
+                for words, beyond in parts.items():
+                    found = [
+                        row
+                        for row in chosen(rows, system=system, method=method)
+                        if (column([row], "initial_rotation_deg")[0] > limit) is beyond
+                    ]
+                    if found:
+                        made.append(self._steady(f"{method}: {system}: {words}", found))
         return made
+
+    def _steady(self, words: str, found: Sequence[Row]) -> Claim:
+        failed, widest = self._unsteadiness(found)
+        most = MILLIMETRES * self.config.same_translation
+        return Claim(
+            words=f"{words}: the result does not vary (no failure; within {most:g} mm of each "
+            "other on each fold)",
+            found=f"{failed} of {len(found)} failed; others within {digits(widest)} mm of each "
+            "other",
+            met=not failed and widest < most,
+        )
 
     def _range(self, rows: Sequence[Row], fold: int) -> float:
         """Largest less smallest translation error on a fold, mm."""

@@ -1,17 +1,21 @@
-"""Table 2: errors over the noise of the IMU, and what a stamp offset does to them.
+"""Table 2: errors over the noise of the IMU, and what gravity, time and inertia have to do with it.
 
 Each pair of noise levels is calibrated on folds of moves with several seeds, as in section 4.4 of
-the paper. Its open question, why errors grow on the arm and not on the bar, is put to the test by
-stamps that are late by less and by more than a sample period.
+the paper. Its open question, why errors grow on the arm and not on the bar, is put to the test:
+by stamps that are late by less and by more than a sample period, with and without gravity, and by
+bars of other inertia.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from imucalib_cli.simulate.options import NoiseOptions
+from imucalib_cli.simulate.options import (
+    NoiseOptions,
+    Vector,
+)
 from imucalib_cli.study.contest import METHODS
 from imucalib_cli.study.folded import (
     ERROR_HEADER,
@@ -24,18 +28,42 @@ from imucalib_cli.study.folded import (
     setting_of,
 )
 from imucalib_cli.study.load import load_parameters
-from imucalib_cli.study.noise_claims import noise_claims
+from imucalib_cli.study.noise_claims import Criteria, noise_claims, question_claims
 from imucalib_cli.study.summary import chosen, digits
+from imucalib_cli.study.systems import clean_recording
 from imucalib_cli.study.table import Table
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
+    from imucalib_cli.simulate.options import PhysicsOptions
     from imucalib_cli.study.experiment import Cell, Figure, Row, Study
 
 PARTS = ("accel", "gyro", "both")
 """Which noise varies."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Case:
+    """A system, perhaps changed."""
+
+    name: str
+    system: str
+    gravity: float | None = None
+    """m/s²; None is the system's own, as below."""
+    inertia: Vector | None = None
+    """kg m²."""
+    robot_phase: float = 0.0
+    """Of a period, by which the robot's instants come after those of the IMU."""
+    offsets: tuple[float, ...] = (0.0,)
+    """s, by which stamps of the IMU are late."""
+
+    def physics(self, common: PhysicsOptions) -> PhysicsOptions:
+        """How it is recorded."""
+        return replace(
+            common, gravity=self.gravity, inertia=self.inertia, robot_phase=self.robot_phase
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,10 +72,29 @@ class NoiseParameters(FoldedParameters):
 
     accel: tuple[float, ...]
     gyro: tuple[float, ...]
+    adis: tuple[float, ...]
     initial_translation: float
     initial_rotation_deg: float
-    offset_system: str
-    offsets: tuple[float, ...]
+    aside_accel: tuple[float, ...]
+    timing: tuple[Case, ...] = ()
+    bodies: tuple[Case, ...] = ()
+    claims: Criteria
+
+    def __post_init__(self) -> None:
+        """Refuse levels that cannot be paired, and cases of one name that differ."""
+        super().__post_init__()
+        if len(self.accel) != len(self.gyro):
+            raise ValueError("accel and gyro need as many levels each: they are paired")
+        if 0.0 not in self.accel or 0.0 not in self.gyro:
+            raise ValueError("accel and gyro need the level 0 among theirs: each varies alone")
+        for case in (*self.timing, *self.bodies):
+            if replace(self.case(case.name), offsets=case.offsets) != case:
+                raise ValueError(f"two cases are named {case.name} and differ")
+
+    def case(self, name: str) -> Case:
+        """By its name; systems are cases too."""
+        cases = [Case(name=system, system=system) for system in self.systems]
+        return next(c for c in (*cases, *self.timing, *self.bodies) if c.name == name)
 
     def levels(self, part: str) -> list[tuple[float, float]]:
         """Pairs of accelerometer's and gyroscope's noise of one part of the table."""
@@ -68,30 +115,32 @@ class NoiseStudy:
     name: str = "noise"
 
     def cells(self) -> list[Cell]:
-        """Every pair of levels on every fold with every seed."""
+        """Every pair of levels on every fold with every seed, then the open question's cases."""
+        config = self.config
         conditions = [
             (system, accel, gyro, 0.0)
-            for system in self.config.systems
+            for system in config.systems
             for part in PARTS
-            for accel, gyro in self.config.levels(part)
+            for accel, gyro in config.levels(part)
         ]
         conditions += [
-            (self.config.offset_system, accel, gyro, offset)
-            for offset in self.config.offsets
-            for accel, gyro in self.config.levels("accel")
+            (case.name, accel, 0.0, offset)
+            for case in (*config.timing, *config.bodies)
+            for offset in case.offsets
+            for accel in config.aside_accel
         ]
         return [
             run
-            for system, accel, gyro, offset in dict.fromkeys(conditions)
-            for run in self.config.runs(
-                {"system": system, "accel": accel, "gyro": gyro, "offset": offset}
-            )
+            for case, accel, gyro, offset in dict.fromkeys(conditions)
+            for run in config.runs({"case": case, "accel": accel, "gyro": gyro, "offset": offset})
         ]
 
     def measure(self, cell: Cell) -> list[Row]:
         """All methods on one fold with one seed."""
         config = self.config
+        case = config.case(str(cell["case"]))
         trial = Trial(
+            clean=clean_recording(case.system, case.physics(config.physics)),
             noise=NoiseOptions(
                 accel_white=float(cell["accel"] or 0.0),
                 gyro_white=float(cell["gyro"] or 0.0),
@@ -104,29 +153,34 @@ class NoiseStudy:
         return calibrate_fold(config, cell, trial, METHODS)
 
     def tables(self, rows: Sequence[Row]) -> list[Table]:
-        """One table a system and part, one for offsets, and the claims."""
-        rows = in_best_setting(rows, "system", "accel", "gyro", "offset", "method")
+        """One table a system and part, those of the open question, and the claims."""
+        config = self.config
+        best = in_best_setting(rows, "case", "accel", "gyro", "offset", "method")
         made = [
             _table(
-                chosen(rows, system=system, offset=0.0),
                 f"{system}: {_PART_WORDS[part]}",
-                self.config.levels(part),
-                METHODS,
+                [(chosen(best, case=system, offset=0.0), pair) for pair in config.levels(part)],
             )
-            for system in self.config.systems
+            for system in config.systems
             for part in PARTS
         ]
         made += [
-            _table(
-                chosen(rows, system=self.config.offset_system, offset=offset),
-                f"{self.config.offset_system}: IMU stamps {offset * 1e3:g} ms late "
-                f"({offset * self.config.imu_rate:.2g} periods)",
-                self.config.levels("accel"),
-                METHODS,
-            )
-            for offset in self.config.offsets
+            self._aside(best, case, "stamps of the IMU that are late") for case in config.timing
         ]
-        return [*made, noise_claims(rows, self.config.accel, self.config.gyro)]
+        made += [self._aside(best, case, "inertia") for case in config.bodies]
+        return [
+            *made,
+            noise_claims(rows, config.accel, config.gyro, config.adis, config.claims),
+            question_claims(rows, config.aside_accel, config.timing, config.bodies, config.claims),
+        ]
+
+    def _aside(self, rows: Sequence[Row], case: Case, words: str) -> Table:
+        levels = [
+            (chosen(rows, case=case.name, offset=offset), (accel, 0.0))
+            for offset in case.offsets
+            for accel in self.config.aside_accel
+        ]
+        return _table(f"{case.name}: {words}", levels)
 
     def figures(self, rows: Sequence[Row]) -> list[Figure]:
         """None: the tables say it."""
@@ -141,16 +195,16 @@ _PART_WORDS = {
 }
 
 
-def _table(
-    rows: Sequence[Row], title: str, levels: list[tuple[float, float]], methods: tuple[str, ...]
-) -> Table:
+def _table(title: str, levels: Sequence[tuple[Sequence[Row], tuple[float, float]]]) -> Table:
+    """Rows of a case and an offset, each with a pair of levels to take of them."""
     lines = []
-    for accel, gyro in levels:
-        for method in methods:
+    for rows, (accel, gyro) in levels:
+        for method in METHODS:
             found = chosen(rows, accel=accel, gyro=gyro, method=method)
             failed = sum(row["failure"] is not None for row in found)
             lines.append(
                 (
+                    digits(1e3 * float(found[0]["offset"] or 0.0)) if found else "-",
                     digits(accel),
                     digits(gyro),
                     method,
@@ -162,6 +216,7 @@ def _table(
     return Table(
         title=title,
         header=(
+            "late ms",
             "σ_a m/s²",
             "σ_ω rad/s",
             "method",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from itertools import product
 from typing import TYPE_CHECKING
 
@@ -27,10 +28,10 @@ def test_noise_runs_every_pair_on_every_fold_with_every_seed() -> None:
     cells = noise_study().cells()
     keys = {tuple(cell.values()) for cell in cells}
     assert len(keys) == len(cells)
-    arm = [c for c in cells if c["system"] == "rihibot" and c["offset"] == 0.0]
+    arm = [c for c in cells if c["case"] == "rihibot" and c["offset"] == 0.0]
     assert {(c["accel"], c["gyro"]) for c in arm} >= {(0.0, 0.0002), (0.00196133, 0.0)}
-    # 7 levels each alone and together share the pair without noise: 19 pairs, 3 folds, 5 seeds
-    assert len(arm) == 19 * 15
+    # 6 levels each alone and together share the pair without noise: 16 pairs, 3 folds, 5 seeds
+    assert len(arm) == 16 * 15
     # the figure that survived of the paper's, read as m/s² and as g
     assert {0.0002, 0.00196133} <= {c["accel"] for c in cells}
 
@@ -39,7 +40,7 @@ def test_one_run_by_every_method_against_the_engine() -> None:
     (cell,) = (
         c
         for c in noise_study().cells()
-        if (c["system"], c["accel"], c["gyro"], c["offset"], c["fold"], c["seed"])
+        if (c["case"], c["accel"], c["gyro"], c["offset"], c["fold"], c["seed"])
         == ("rihibot", 0.0, 0.0, 0.0, 1, 0)
     )
     found = noise_study().measure(cell)
@@ -74,8 +75,9 @@ def noise_rows(**changed: float) -> list[Row]:
         }
         if accel == 0.0 and gyro == config.gyro[-1]:
             sizes |= changed
-        key: Row = {"system": system, "accel": accel, "gyro": gyro, "offset": 0.0}
-        rows.append(key | sizes | {"method": "paper", "failure": None, "setting": 6.25})
+        key: Row = {"case": system, "accel": accel, "gyro": gyro, "offset": 0.0}
+        run: Row = {"fold": 0, "seed": 0, "failure": None, "setting": "L 5"}
+        rows.append(key | sizes | run | {"method": "paper"})
     return rows
 
 
@@ -87,16 +89,15 @@ def verdicts(table: Table) -> dict[str, str]:
     ("changed", "what"),
     [
         ({"rotation": math.radians(0.0067)}, "rotation below 0.0066"),
-        ({"translation": 1.3e-4}, "no effect on translation"),
+        ({"translation": 1.3e-4}, "does not raise the translation error"),
     ],
 )
 def test_a_claim_about_noise_is_met_until_a_row_says_otherwise(
     changed: dict[str, float], what: str
 ) -> None:
-    met = verdicts(noise_study().tables(noise_rows())[-1])
-    assert len(met) == 5
-    assert set(met.values()) == {"met"}
-    now = verdicts(noise_study().tables(noise_rows(**changed))[-1])
+    met = verdicts(noise_study().tables(noise_rows())[-2])
+    assert Counter(met.values()) == {"met": 5, "not judged": 2}
+    now = verdicts(noise_study().tables(noise_rows(**changed))[-2])
     assert {claim for claim in now if now[claim] == "not met"} == {c for c in met if what in c}
 
 
@@ -106,7 +107,8 @@ def initial_rows(*, far: float) -> list[Row]:
     found: Row = {"rotation": 1e-5, "averaged_translation": 1e-5, "averaged_rotation": 1e-5}
     rows: list[Row] = []
     for cell, method in product(study.cells(), ("paper", "paper, components", "matched")):
-        moved = far if method == "paper" and cell["initial_rotation_deg"] == 180.0 else 0.0
+        turned = (cell["initial_translation"], cell["initial_rotation_deg"]) == (0.0, 180.0)
+        moved = far if method == "paper" and turned else 0.0
         row: Row = {"method": method, "translation": 1e-4 + moved, "failure": None, "setting": 0.0}
         rows.append(cell | found | row)
     return rows
@@ -114,7 +116,7 @@ def initial_rows(*, far: float) -> list[Row]:
 
 @pytest.mark.parametrize(
     ("far", "failed", "found"),
-    [(0.0, 0, "within 0 mm"), (5e-5, 0, "within 0.05 mm"), (0.5, 6, "within 0 mm")],
+    [(0.0, 0, "within 0 mm"), (5e-5, 0, "within 0.05 mm"), (0.5, 3, "within 0 mm")],
 )
 def test_another_minimum_is_counted_and_not_averaged(far: float, failed: int, found: str) -> None:
     study = load_study("initial-error", quick=True)
@@ -126,7 +128,7 @@ def test_another_minimum_is_counted_and_not_averaged(far: float, failed: int, fo
         if failed:
             assert {row[4] for row in paper} == {"0.1 ± 0", "-"}
     for row in claims.rows:
-        mine = row[0].startswith("paper: ")
+        mine = row[0].startswith("paper: ") and "beyond 120 deg" in row[0]
         assert row[2] == ("not met" if mine and far else "met")
         if mine:
             assert row[1].endswith(f"{found} of each other")
