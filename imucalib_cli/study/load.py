@@ -51,6 +51,8 @@ def _see_counts(parameters: object, where: str) -> None:
         value = getattr(parameters, part.name)
         if value == () and part.default is MISSING:
             raise InputError(f"{where}: {part.name}: an empty list; there must be one value")
+        if part.name.endswith("seed"):
+            continue
         for item in value if isinstance(value, tuple) else (value,):
             if isinstance(item, int) and not isinstance(item, bool) and item < 1:
                 raise InputError(f"{where}: {part.name}: {item} is no count; 1 or more")

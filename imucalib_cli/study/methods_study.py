@@ -35,7 +35,10 @@ from imucalib_cli.study.methods.hand_eye import (  # noqa: TC001 - types of fiel
     Ransac,
 )
 from imucalib_cli.study.methods.pnp import observations_of
-from imucalib_cli.study.methods_tables import methods_tables
+from imucalib_cli.study.methods.strapdown import (  # noqa: TC001 - likewise
+    StillOptions,
+)
+from imucalib_cli.study.methods_tables import MethodsCriteria, methods_tables
 from imucalib_cli.study.paper_setting import paper_settings
 from imucalib_cli.study.trial import robot_of, streams_of
 
@@ -81,12 +84,22 @@ class MethodsParameters(Recorded):
     stated_where_none: str
     """A grade."""
     knots_per_second: float
+    few_knots_per_second: float
     bias_interval: float
     gyro_first_window: float
     gyro_first_degree: int
+    still: StillOptions
     published_ransac: Ransac
     tuned_ransac: Ransac
-    quoted: tuple[Quoted, ...]
+    claims: MethodsCriteria
+    quoted: tuple[Quoted, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Refuse splines without knots, and claims about what is not run."""
+        super().__post_init__()
+        if min(self.knots_per_second, self.few_knots_per_second, self.bias_interval) <= 0.0:
+            raise ValueError("knots_per_second and bias_interval must be above zero")
+        load_grade(self.stated_where_none)
 
     @property
     def paper_settings(self) -> tuple[PaperEntry, ...]:
@@ -139,7 +152,8 @@ class MethodsStudy:
     def tables(self, rows: Sequence[Row]) -> list[Table]:
         """One a condition, and the claims."""
         quoted: list[Row] = [asdict(quote) for quote in self.config.quoted]
-        return methods_tables(rows, [c.name for c in self.config.conditions], quoted)
+        conditions = [condition.name for condition in self.config.conditions]
+        return methods_tables(rows, conditions, quoted, self.config.claims)
 
     def figures(self, rows: Sequence[Row]) -> list[Figure]:
         """None: the tables say it."""
@@ -169,7 +183,7 @@ def given(recording: Recording, config: MethodsParameters, seed: int) -> Given:
         raise ValueError("the recording has no camera")
     imu, path = streams_of(recording, robot_of(recording.system))
     noise = recording.corruption.noise if recording.corruption else NoiseOptions()
-    stated = noise if noise.accel_noise > 0.0 else load_grade(config.stated_where_none)
+    stated = noise if noise.accel_noise > 0.0 else _densities(config.stated_where_none)
     accel_std, gyro_std = white_std(stated, recording.imu)
     norm = float(np.linalg.norm(recording.gravity_world))
     nominal = recording.system.imu.nominal
@@ -189,6 +203,8 @@ def given(recording: Recording, config: MethodsParameters, seed: int) -> Given:
             knots_per_second=config.knots_per_second,
             gravity_norm=norm,
         ),
+        few_knots_per_second=config.few_knots_per_second,
+        still=config.still,
         gyro_first=GyroFirstOptions(
             window_seconds=config.gyro_first_window,
             degree=config.gyro_first_degree,
@@ -197,6 +213,11 @@ def given(recording: Recording, config: MethodsParameters, seed: int) -> Given:
         published_ransac=replace(config.published_ransac, seed=seed),
         tuned_ransac=replace(config.tuned_ransac, seed=seed),
     )
+
+
+def _densities(grade: str) -> NoiseOptions:
+    stated = load_grade(grade)
+    return NoiseOptions(accel_noise=stated.accel_noise, gyro_noise=stated.gyro_noise)
 
 
 def _row(cost: Cost[Answer], recording: Recording) -> Row:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,6 +19,7 @@ from imucalib_cli.simulate.load import load_system
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
 from imucalib_cli.simulate.physics import record
+from imucalib_cli.study.load import load_parameters
 from imucalib_cli.study.methods.hand_eye import (
     HandEye,
     Motions,
@@ -26,15 +28,15 @@ from imucalib_cli.study.methods.hand_eye import (
     ransac,
     tsai,
 )
-from imucalib_cli.study.methods.liang import as_published, calibrate_liang, tuned
+from imucalib_cli.study.methods.liang import LiangOptions, calibrate_liang
 from imucalib_cli.study.methods.pnp import observations_of, target_pose
 from imucalib_cli.study.methods.strapdown import (
     Still,
-    StillOptions,
     integrate,
     standstills,
     static_accel_bias,
 )
+from imucalib_cli.study.methods_study import MethodsParameters
 from imucalib_cli.study.trial import streams_of
 
 if TYPE_CHECKING:
@@ -44,6 +46,7 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
+PARAMETERS = load_parameters(MethodsParameters, "methods", None, quick=False)
 NOISE = NoiseOptions(
     accel_noise=1.7e-4,
     gyro_noise=3.5e-5,
@@ -104,7 +107,7 @@ def test_turns_about_one_axis_leave_the_transform_open() -> None:
         with pytest.raises(InputError, match="one axis"):
             solve(one_axis)
     with pytest.raises(InputError, match="at least 3"):
-        ransac(one_axis.only(np.array([0, 1])), tsai, as_published().ransac)
+        ransac(one_axis.only(np.array([0, 1])), tsai, PARAMETERS.published_ransac)
 
 
 def test_ransac_leaves_out_what_disagrees() -> None:
@@ -135,7 +138,7 @@ def test_integration_follows_an_analytic_motion() -> None:
 def test_standstills_are_where_the_engine_stands_still(seen: Recording) -> None:
     noisy = corrupt(seen, NOISE, 0)
     imu = noisy.imu
-    found = standstills(imu.stamp, imu.gyro, imu.accel, StillOptions())
+    found = standstills(imu.stamp, imu.gyro, imu.accel, PARAMETERS.still)
     speed = np.abs(seen.state.velocity).max(axis=1)
     assert all(speed[still.rows].max() < 2e-3 for still in found)
     resting = np.concatenate([[False], speed < 1e-4, [False]])
@@ -144,7 +147,7 @@ def test_standstills_are_where_the_engine_stands_still(seen: Recording) -> None:
     bias = static_accel_bias(found, float(np.linalg.norm(seen.gravity_world)))
     np.testing.assert_allclose(bias, NOISE.accel_bias, atol=3e-3)
     turning = imu.gyro + np.where(imu.stamp < 8.0, 0.1, 0.0)[:, None]  # steady, but no standstill
-    later = standstills(imu.stamp, turning, imu.accel, StillOptions())
+    later = standstills(imu.stamp, turning, imu.accel, PARAMETERS.still)
     assert [still.start for still in later] == [s.start for s in found if s.start > 8.0]
 
 
@@ -169,6 +172,11 @@ def test_poses_from_corners_are_the_engines(seen: Recording) -> None:
     assert target_pose(camera, np.full_like(camera.corners[0], np.nan)) is None
 
 
+def as_published(seed: int) -> LiangOptions:
+    ransac = replace(PARAMETERS.published_ransac, seed=seed)
+    return LiangOptions(ransac=ransac, still=PARAMETERS.still)
+
+
 def errors(recording: Recording, seed: int) -> tuple[PoseError, PoseError]:
     imu, _ = streams_of(recording)
     _, R_parent_camera, p = camera_mount(recording.system, "camera_optical_frame")
@@ -176,7 +184,10 @@ def errors(recording: Recording, seed: int) -> tuple[PoseError, PoseError]:
     t_true = R_parent_camera.T @ (recording.t_parent_imu - p)
     camera = observations_of(camera_of(recording))
     found = []
-    for options in (as_published(seed=seed), tuned(seed=seed)):
+    tuned = LiangOptions(
+        tuned=True, ransac=replace(PARAMETERS.tuned_ransac, seed=seed), still=PARAMETERS.still
+    )
+    for options in (as_published(seed), tuned):
         answer = calibrate_liang(imu, camera, options)
         assert answer.frame == "camera"
         found.append(pose_error(answer.R_frame_imu, answer.t_frame_imu, R_true, t_true))
@@ -206,4 +217,4 @@ def test_what_the_method_cannot_do_is_said(
     camera = observations_of(camera_of(seen))
     monkeypatch.setitem(sys.modules, "cv2", None)
     with pytest.raises(InputError, match=r"pip install 'imucalib\[study\]'"):
-        calibrate_liang(imu, camera, as_published())
+        calibrate_liang(imu, camera, as_published(0))

@@ -23,7 +23,7 @@ from imucalib_cli.study.methods_study import (
     load,
     seen_recording,
 )
-from imucalib_cli.study.methods_tables import methods_tables
+from imucalib_cli.study.methods_tables import MethodsCriteria, methods_tables
 from imucalib_cli.study.summary import best_setting
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ def cost(value: Answer | None, failure: str | None = None) -> Cost[Answer]:
 
 def test_every_method_runs_under_every_condition(config: MethodsParameters) -> None:
     cells = load(None, quick=False).cells()
-    assert len(cells) == (1 + 3 * 5) * len(ENTRANTS)
+    assert len(cells) == (3 + 3 * 5) * len(ENTRANTS)
     assert len({tuple(cell.items()) for cell in cells}) == len(cells)
     assert len(config.paper_settings) == 2
 
@@ -160,7 +160,8 @@ def test_tables_show_the_best_setting_and_judge_claims() -> None:
         "rotation": "8",
         "seconds": "7",
     }
-    table, claims = methods_tables(rows, ["c"], [quote])
+    criteria = MethodsCriteria(conditions=("c",), liang_rotation_deg=5.0)
+    table, claims = methods_tables(rows, ["c"], [quote], criteria)
     by_name = {row[0]: dict(zip(table.header, row, strict=True)) for row in table.rows}
     assert by_name["paper (a)"]["translation mm"] == "500 ± 0"
     assert by_name["paper (a)"]["over bound"] == "1"
@@ -169,5 +170,8 @@ def test_tables_show_the_best_setting_and_judge_claims() -> None:
     assert by_name["Q (quoted)"]["translation mm"] == "9"
     assert table.note.endswith("hand-eye + RANSAC, tuned: needs OpenCV.")
     assert table.rows[-2][-1] == "1 of 2"
+    # In translation, then in rotation: splines, Liang et al. as published and tuned, the quote.
     verdicts = [row[2] for row in claims.rows]
-    assert verdicts == ["met", "not met", "met", "met"]
+    assert verdicts == ["met", "not met", "met", "not met"] * 2 + ["met"]
+    _, none = methods_tables(rows, ["c"], [], MethodsCriteria(conditions=(), liang_rotation_deg=5))
+    assert none.rows == ()

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from imucalib_cli.study.methods.bspline_problem import BSplineOptions
     from imucalib_cli.study.methods.hand_eye import Ransac
     from imucalib_cli.study.methods.pnp import CameraObservations
+    from imucalib_cli.study.methods.strapdown import StillOptions
 
 Floats = NDArray[np.float64]
 
@@ -48,7 +49,10 @@ class Given:
     """(3,), m."""
     spline: BSplineOptions
     """With the IMU's noise as its data sheet states it."""
+    few_knots_per_second: float
+    """Of the spline whose user knows that this motion needs no more."""
     gyro_first: GyroFirstOptions
+    still: StillOptions
     published_ransac: Ransac
     tuned_ransac: Ransac
 
@@ -100,6 +104,12 @@ def spline_on_poses(given: Given) -> Answer:
     return calibrate_bspline(given.imu, given.path, given.spline)
 
 
+def spline_with_few_knots(given: Given) -> Answer:
+    """The same with as few knots as this motion needs."""
+    sparse = replace(given.spline, knots_per_second=given.few_knots_per_second)
+    return calibrate_bspline(given.imu, given.path, sparse)
+
+
 def spline_on_poses_alone(given: Given) -> Answer:
     """The same with the unknowns of the published method."""
     known = replace(given.spline, gravity="fixed", time_offset=0.0, biases=False)
@@ -113,13 +123,20 @@ def spline_on_corners(given: Given) -> Answer:
 
 def hand_eye(given: Given) -> Answer:
     """Hand-eye with RANSAC, as published."""
-    options = LiangOptions(ransac=given.published_ransac, gravity_norm=given.gravity_norm)
+    options = LiangOptions(
+        ransac=given.published_ransac, still=given.still, gravity_norm=given.gravity_norm
+    )
     return calibrate_liang(given.imu, given.camera, options)
 
 
 def hand_eye_tuned(given: Given) -> Answer:
     """The same, tuned for start-stop motion."""
-    options = LiangOptions(tuned=True, ransac=given.tuned_ransac, gravity_norm=given.gravity_norm)
+    options = LiangOptions(
+        tuned=True,
+        ransac=given.tuned_ransac,
+        still=given.still,
+        gravity_norm=given.gravity_norm,
+    )
     return calibrate_liang(given.imu, given.camera, options)
 
 
@@ -156,6 +173,7 @@ ENTRANTS: dict[str, Entrant] = {
     "B-spline batch, pose only": Entrant(data="poses", unknowns="pose", call=spline_on_poses_alone),
     "ours": Entrant(data="poses", unknowns=_ALL, call=matched),
     "B-spline batch": Entrant(data="poses", unknowns=_ALL, call=spline_on_poses),
+    "B-spline batch, few knots": Entrant(data="poses", unknowns=_ALL, call=spline_with_few_knots),
     "gyro-first hand-eye": Entrant(data="poses", unknowns=_ALL, call=gyro_first),
     "B-spline batch, corners": Entrant(data="corners", unknowns=_ALL, call=spline_on_corners),
     "hand-eye + RANSAC (Liang)": Entrant(data="corners", unknowns="pose, gyro bias", call=hand_eye),

@@ -7,16 +7,16 @@ tell it: keyframes where the IMU shows that motion turns to stillness, displacem
 by PnP and of the IMU by integration between them, a robot's hand-eye calibration on both, RANSAC
 on their difference.
 
-Two variants, because the text leaves much open. ``as_published`` takes RANSAC's numbers from the
-practice of the authors of the comparison (20 iterations, 10 samples, threshold 0.01) and integrates
-plainly: gyroscope bias from the first standstill, gravity from the reading before each move, rest
-at its start. ``tuned`` uses all that start-stop motion offers: biases and gravity from the
-standstills at both ends, velocity zero at both, all images of a standstill, more samples.
+Two variants, because the text leaves much open; their numbers are in configs/studies/methods.yaml.
+As published, it integrates plainly: gyroscope bias from the first standstill, gravity from the
+reading before each move, rest at its start. ``tuned`` uses all that start-stop motion offers:
+biases and gravity from the standstills at both ends, velocity zero at both, all images of a
+standstill, the optimal rotation.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -54,27 +54,12 @@ class LiangOptions:
     tuned: bool = False
     """Use both ends of each move, all images of a standstill, and the optimal rotation."""
     ransac: Ransac
-    still: StillOptions = field(default_factory=StillOptions)
+    still: StillOptions
     camera_offset: float = 0.0
     """IMU stamp - camera stamp of the same instant, s, as far as known: images need only fall
     into the right standstill."""
     gravity_norm: float = STANDARD_GRAVITY
     """m/s²."""
-
-
-def as_published(*, seed: int = 0) -> LiangOptions:
-    """Known numbers of the published method; what the threshold applies to is an assumption."""
-    return LiangOptions(
-        ransac=Ransac(iterations=20, samples=10, threshold_m=0.01, threshold_rad=0.01, seed=seed)
-    )
-
-
-def tuned(*, seed: int = 0) -> LiangOptions:
-    """The same method, tuned for start-stop motion."""
-    return LiangOptions(
-        tuned=True,
-        ransac=Ransac(iterations=200, samples=5, threshold_m=0.01, threshold_rad=0.01, seed=seed),
-    )
 
 
 def calibrate_liang(imu: ImuSamples, camera: CameraObservations, options: LiangOptions) -> Answer:

@@ -31,15 +31,19 @@ class Still:
 class StillOptions:
     """What counts as standstill: steady readings, as steady as they get in this log."""
 
-    window: float = 0.2
+    window: float
     """s over which steadiness is judged."""
-    over_noise: float = 1.5
+    over_noise: float
     """Scatter of a window over the log's quietest, up to which it is steady."""
-    gyro: float = 0.01
+    least_gyro: float
+    """rad/s, scatter that is steady in any case."""
+    least_accel: float
+    """m/s², likewise."""
+    gyro: float
     """rad/s about the bias: a steady turn is no standstill."""
-    shortest: float = 0.2
+    shortest: float
     """s."""
-    margin: float = 0.05
+    margin: float
     """s left out at both ends, where the arm still settles."""
 
 
@@ -57,7 +61,7 @@ def standstills(t: Floats, gyro: Floats, accel: Floats, options: StillOptions) -
         return []
     steady = np.ones(len(t) - samples + 1, dtype=bool)
     mean_rate = _windowed(gyro, samples)
-    for values, least in ((gyro, 1e-4), (accel, 1e-3)):
+    for values, least in ((gyro, options.least_gyro), (accel, options.least_accel)):
         about = values - values.mean(axis=0)
         squares = _windowed(about * about, samples) - _windowed(about, samples) ** 2
         scatter = np.sqrt(np.maximum(squares, 0.0).sum(axis=1))
