@@ -21,7 +21,7 @@ from imucalib_cli.study.guesses import wrong_guess
 from imucalib_cli.study.paper_setting import paper_settings
 from imucalib_cli.study.summary import chosen
 from imucalib_cli.study.sweep_figures import draw_sweep
-from imucalib_cli.study.sweep_tables import NOTE, sweep_table
+from imucalib_cli.study.sweep_tables import NOTE, summary_table, sweep_table
 from imucalib_cli.study.systems import clean_recording
 
 if TYPE_CHECKING:
@@ -150,17 +150,19 @@ class Sweep(ABC, Generic[Config]):
 
     def tables(self, rows: Sequence[Row]) -> list[Table]:
         """One a system, part and condition; what must be known of all stands with the first."""
-        made = [
-            sweep_table(
-                chosen(rows, system=system, part=part.name, condition=condition.name),
+        sweeps = [
+            (
                 f"{system}: {part.words}, {condition.name}",
                 part.words,
+                chosen(rows, system=system, part=part.name, condition=condition.name),
             )
             for system in self.config.systems
             for part in self.parts()
             for condition in self.config.conditions
         ]
-        return [replace(made[0], note=NOTE + self.note), *made[1:]]
+        first, *others = (sweep_table(mine, title, words) for title, words, mine in sweeps)
+        short = summary_table([(title, mine) for title, _, mine in sweeps])
+        return [replace(first, note=NOTE + self.note), *others, short]
 
     def figures(self, rows: Sequence[Row]) -> list[Figure]:
         """One a system and part, a column of panels a condition."""

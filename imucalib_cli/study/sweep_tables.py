@@ -132,6 +132,36 @@ def sweep_table(rows: Sequence[Row], title: str, words: str) -> Table:
     )
 
 
+def summary_table(sweeps: Sequence[tuple[str, Sequence[Row]]]) -> Table:
+    """Each sweep in a line a method: where it is best, and what the ends of the sweep cost.
+
+    Args:
+        sweeps: Title and rows of each, as for the tables above it.
+    """
+    lines = []
+    for title, rows in sweeps:
+        points = sweep_points(rows)
+        for method in dict.fromkeys(point.method for point in points):
+            mine = [point for point in points if point.method == method]
+            best = min(mine, key=_badness)
+            lines.append(
+                (
+                    title,
+                    method,
+                    digits(best.value),
+                    digits(best.translation * MILLIMETRES),
+                    digits(best.translation / best.bound_translation),
+                    f"{digits(mine[0].translation * MILLIMETRES)} at {digits(mine[0].value)}",
+                    f"{digits(mine[-1].translation * MILLIMETRES)} at {digits(mine[-1].value)}",
+                )
+            )
+    return Table(
+        title="In short: translation errors, root mean square, mm",
+        header=("sweep", "method", "best at", "error there", "over bound", "first", "last"),
+        rows=tuple(lines),
+    )
+
+
 def _cells(point: Point) -> tuple[str, ...]:
     return (
         digits(point.value),

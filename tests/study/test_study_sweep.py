@@ -14,7 +14,7 @@ from imucalib_cli.study.bound import Unknown, cramer_rao
 from imucalib_cli.study.encoder_study import load as load_encoder
 from imucalib_cli.study.rate_study import load as load_rate
 from imucalib_cli.study.sweep import Sweep
-from imucalib_cli.study.sweep_tables import sweep_points
+from imucalib_cli.study.sweep_tables import summary_table, sweep_points
 from imucalib_cli.study.systems import clean_recording
 from imucalib_cli.study.window_study import load as load_window
 
@@ -84,8 +84,10 @@ def test_a_tiny_run_gives_finite_errors_tables_and_a_figure(name: str, tmp_path:
             assert isinstance(value, float)
             assert 0.0 < value < math.inf
     tables = small.tables(rows)
+    *tables, short = tables
     assert len(tables) == len(small.parts())
     assert [len(table.rows) for table in tables] == [4] * len(tables)
+    assert len(short.rows) == 4 * len(tables)
     figures = small.figures(rows)
     for figure in figures:
         figure.draw(tmp_path / f"{figure.name}.svg")
@@ -177,3 +179,9 @@ def test_no_answer_at_all_is_told_and_not_drawn() -> None:
     (point,) = sweep_points([row(0, 5, None, rotation=None)])
     assert (point.answers, point.runs) == (0, 1)
     assert math.isnan(point.translation)
+
+
+def test_in_short_a_sweep_is_its_best_value_and_its_ends() -> None:
+    ends = [row(0, 5, 0.004, value=1.0), row(0, 5, 0.001, value=2.0), row(0, 5, 0.002, value=4.0)]
+    table = summary_table([("swept", [r | {"bound_translation": 5e-4} for r in ends])])
+    assert table.rows == (("swept", "paper", "2", "1", "2", "4 at 1", "2 at 4"),)
