@@ -219,19 +219,19 @@ class DerivationStudy:
                 heavy, light = _share(arm, "elsewhere"), _share(arm, "weightless")
                 made += [
                     Claim(
-                        words=f"{name}, window {window}: figure 5: matches almost perfectly "
+                        words=f"{name}: figure 5, window {window}: matches almost perfectly "
                         f"({criteria.match:.0%} of the signal) but for starts and stops",
                         found=f"{calm:.2%} elsewhere, {near:.2%} near starts and stops",
                         met=calm <= criteria.match,
                     ),
                     Claim(
-                        words=f"{name}, window {window}: figure 6: an initial error is a clear "
+                        words=f"{name}: figure 6, window {window}: an initial error is a clear "
                         f"mismatch (over {criteria.mismatch:.0%} of the signal)",
                         found=f"{off:.2%} of the signal; {true:.2%} without",
                         met=off > criteria.mismatch,
                     ),
                     Claim(
-                        words=f"{name}, window {window}: figure 7: gravity has minimal impact "
+                        words=f"{name}: figure 7, window {window}: gravity has minimal impact "
                         f"(less than {criteria.gravity:.0%} of the signal, away from starts and "
                         "stops)",
                         found=f"{heavy:.2%} elsewhere, {light:.2%} without gravity",
