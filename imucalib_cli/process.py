@@ -5,6 +5,11 @@ from __future__ import annotations
 import os
 import signal
 import threading
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 
 def prepare_to_compute() -> None:
@@ -30,3 +35,19 @@ def obey_the_parent() -> None:
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=end_with_the_parent, daemon=True).start()
+
+
+@contextmanager
+def children_ignore_interruptions() -> Iterator[None]:
+    """Let processes that are started meanwhile ignore Ctrl-C from their first instant on.
+
+    A terminal sends it to all of them, and one that is still importing would show a traceback.
+    """
+    if threading.current_thread() is not threading.main_thread():  # others may set no handlers
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # which alone a new program inherits
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)

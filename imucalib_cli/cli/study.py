@@ -1,14 +1,19 @@
 """``imucalib study``: a named experiment, its rows kept in a file, its tables on stdout."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from imucalib_cli.cli.answer_options import Quiet
 from imucalib_cli.cli.output import deliver, is_terminal, say
-from imucalib_cli.cli.progress import ProgressBar
 from imucalib_cli.cli.quantities import parse_choice
+from imucalib_cli.cli.study_progress import StudyProgress
+from imucalib_cli.errors import ChoiceError
+
+if TYPE_CHECKING:
+    from imucalib_cli.study.experiment import Row, Study
+    from imucalib_cli.study.table import Table
 
 FOLDER = Path("imucalib-study")
 
@@ -36,17 +41,27 @@ def study_command(
         bool, typer.Option("--fresh", help="Forget what an earlier run left in DIR.")
     ] = False,
     fmt: Annotated[
-        str, typer.Option("--format", metavar="markdown|csv|json", help="Form of the tables.")
+        str,
+        typer.Option(
+            "--format",
+            metavar="markdown|csv|json",
+            help="Form of the tables; each prints the same cells.",
+        ),
     ] = "markdown",
     figures: Annotated[
         bool, typer.Option("--figures/--no-figures", help="Draw the figures, if there are any.")
     ] = True,
     quiet: Quiet = False,
 ) -> None:
-    """Repeat an experiment of the paper, or one it leaves open; interrupted, it goes on later."""
+    """Repeat an experiment of the paper, or one it leaves open; interrupted, it goes on later.
+
+    The tables on stdout are rounded for reading, in every --format; all figures of every run in
+    full stand in DIR/NAME.jsonl, a line a run.
+    """
+    import os
     import sys
 
-    from imucalib_cli.study.catalogue import STUDIES, load_study
+    from imucalib_cli.study.catalogue import STUDIES, can_draw, load_study, see_installed
 
     if not name:
         deliver("".join(f"{known:14} {words}\n" for known, (_, words) in STUDIES.items()), None)
@@ -58,20 +73,52 @@ def study_command(
     from imucalib_cli.study.table import FORMATS, render_tables
 
     study = load_study(name, config, quick=quick)
-    file = folder / f"{name}{'-quick' if quick else ''}.jsonl"
-    with ProgressBar(enabled=not quiet and is_terminal(sys.stderr)) as bar:
-        rows = run_study(
-            study,
-            file,
-            jobs=jobs,
-            fresh=fresh,
-            report=lambda done, of: bar.report(f"{name}: {done} of {of} runs", done / max(of, 1)),
-        )
-    deliver(render_tables(study.tables(rows), next(f for f in FORMATS if f == fmt)), None)
+    suffix = "-quick" if quick else ""
+    file = folder / f"{name}{suffix}.jsonl"
+    if figures and study.figures([]) and not can_draw():
+        figures = False
+        if not quiet:
+            say("warning", "no figures without matplotlib: pip install 'imucalib[study]'")
+    progress = StudyProgress(name, file, jobs=jobs or os.cpu_count() or 1, quiet=quiet)
+    try:
+        with progress:
+            rows = run_study(
+                study,
+                file,
+                jobs=jobs,
+                fresh=fresh,
+                prepare=lambda: see_installed(name),
+                report=progress.report,
+            )
+    except KeyboardInterrupt:
+        if not quiet:
+            progress.tell_interrupted(fresh=fresh)
+        raise
+    tables = _tables(study, rows, file, old=progress.before > 0)
+    shown = next(f for f in FORMATS if f == fmt)
+    deliver(render_tables(tables, shown, aligned=is_terminal(sys.stdout)), None)
     if not quiet:
         say("rows", file)
     for figure in study.figures(rows) if figures else []:
-        path = folder / f"{figure.name}.svg"
+        path = folder / f"{figure.name}{suffix}.svg"
         figure.draw(path)
         if not quiet:
             say("figure", path)
+
+
+def _tables(study: "Study", rows: "list[Row]", file: Path, *, old: bool) -> "list[Table]":
+    """Tables of rows, of which some may be from a file that somebody changed.
+
+    Raises:
+        ChoiceError: They are none of this study's.
+    """
+    try:
+        return study.tables(rows)
+    except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
+        if not old:  # nobody's fault but ours
+            raise
+        from imucalib_cli.study.rows import REMEDY
+
+        raise ChoiceError(
+            f"{file}: not the rows of a study ({type(error).__name__}: {error}): {REMEDY}"
+        ) from error

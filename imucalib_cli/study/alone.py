@@ -10,13 +10,15 @@ import multiprocessing
 import resource
 import sys
 import time
+import traceback
+from contextlib import suppress
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 from imucalib_cli.errors import InputError
-from imucalib_cli.process import obey_the_parent
+from imucalib_cli.process import children_ignore_interruptions, obey_the_parent
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -60,39 +62,60 @@ def run_alone(
 
     Raises:
         InputError: The process was killed.
-        RuntimeError: A call failed otherwise than by an InputError.
+        RuntimeError: A call failed otherwise than by an InputError: its exception in words, and
+            the traceback as a note.
     """
     context = multiprocessing.get_context("spawn")
-    ours, theirs = context.Pipe(duplex=False)
-    child = context.Process(
-        target=_serve, args=(theirs, tuple(calls), given, tuple(modules)), daemon=True
-    )
-    child.start()
+    ours, theirs = context.Pipe()
+    child = context.Process(target=_serve, args=(theirs,), daemon=True)
+    with children_ignore_interruptions():
+        child.start()
     theirs.close()
     try:
-        costs: list[Cost[T]] = ours.recv()
-    except EOFError:
+        # Not as the process's arguments: one whose parent ends would complain of half of them.
+        with suppress(BrokenPipeError):
+            ours.send((tuple(modules), tuple(calls), given))
+        costs: list[Cost[T]] | _Accident = ours.recv()
+    except (EOFError, ConnectionResetError):
         child.join()
         if (child.exitcode or 0) < 0:
             raise InputError("a method's process was killed, for want of memory perhaps") from None
-        raise RuntimeError("a method failed; its traceback stands above") from None
+        raise RuntimeError(f"a method ended its process, exit code {child.exitcode}") from None
+    except BaseException:  # interrupted: nobody waits for what is under way
+        child.terminate()
+        raise
     finally:
         ours.close()
     child.join()
+    if isinstance(costs, _Accident):
+        error = RuntimeError(costs.words)
+        error.add_note(f"In the process of its own:\n{costs.trace}")
+        raise error
     return costs
 
 
-def _serve(
-    answer: Connection, calls: Sequence[Callable[[G], T]], given: G, modules: Sequence[str]
-) -> None:
+@dataclass(frozen=True, kw_only=True)
+class _Accident:
+    """An exception as text: not every one can be sent."""
+
+    words: str
+    trace: str
+
+
+def _serve(parent: Connection) -> None:
     obey_the_parent()
-    for module in modules:
-        try:
-            import_module(module)
-        except ImportError:
-            continue  # what needs it will say so
-    answer.send([_timed(call, given) for call in calls])
-    answer.close()
+    try:
+        modules, calls, given = parent.recv()
+        for module in modules:
+            with suppress(ImportError):  # what needs it will say so
+                import_module(module)
+        parent.send([_timed(call, given) for call in calls])
+    except Exception as error:  # noqa: BLE001 - the parent raises it
+        words = f"{type(error).__name__}: {error}"
+        accident = _Accident(words=words, trace=traceback.format_exc())
+        with suppress(OSError):  # nobody waits for it any more
+            parent.send(accident)
+    parent.close()
 
 
 def _timed(call: Callable[[G], T], given: G) -> Cost[T]:

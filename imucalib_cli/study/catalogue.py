@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from importlib import import_module
+from importlib.util import find_spec
 from typing import TYPE_CHECKING
+
+from imucalib_cli.errors import InputError
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -28,6 +31,36 @@ STUDIES: dict[str, tuple[str, str]] = {
     "rate": ("imucalib_cli.study.rate_study", "open question: rates of the log"),
 }
 """Module, which has ``load(file, quick)``, and what it is, by name."""
+
+_PACKAGES = {"mujoco": "MuJoCo", "cv2": "OpenCV"}
+_SIMULATION = ("mujoco",)
+_NEEDED = {"methods": ("mujoco", "cv2")}
+"""Modules of optional dependencies; of a study that is not named the simulation's."""
+
+
+def see_installed(name: str) -> None:
+    """See before any run that a study's optional dependencies are there.
+
+    Raises:
+        InputError: One is not.
+    """
+    missing = [
+        _PACKAGES[module] for module in _NEEDED.get(name, _SIMULATION) if not _is_there(module)
+    ]
+    if missing:
+        raise InputError(
+            f"study {name} needs {' and '.join(missing)}, which "
+            f"{'is' if len(missing) == 1 else 'are'} not installed: pip install 'imucalib[study]'"
+        )
+
+
+def can_draw() -> bool:
+    """Whether matplotlib is there."""
+    return _is_there("matplotlib")
+
+
+def _is_there(module: str) -> bool:
+    return find_spec(module) is not None
 
 
 def load_study(name: str, file: Path | None = None, *, quick: bool = False) -> Study:

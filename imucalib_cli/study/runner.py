@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import multiprocessing
 import os
 import sys
@@ -10,13 +9,16 @@ import warnings
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
-from dataclasses import asdict
 from itertools import islice
 from typing import TYPE_CHECKING
 
-from imucalib_cli import __version__
-from imucalib_cli.errors import ChoiceError, InputError
-from imucalib_cli.process import obey_the_parent, prepare_to_compute
+from imucalib_cli.errors import InputError
+from imucalib_cli.process import (
+    children_ignore_interruptions,
+    obey_the_parent,
+    prepare_to_compute,
+)
+from imucalib_cli.study.rows import RowWriter, cell_key, read_rows
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator
@@ -35,6 +37,7 @@ def run_study(
     *,
     jobs: int | None = None,
     fresh: bool = False,
+    prepare: Callable[[], None] | None = None,
     report: Callable[[int, int], None] | None = None,
 ) -> list[Row]:
     """All rows of a study, those of an earlier, interrupted run included.
@@ -44,36 +47,48 @@ def run_study(
 
     Args:
         study: What to do.
-        file: JSON lines: what was run, then one line a run. Made if it is not there.
+        file: JSON lines: what was run, then one line a run. Made when the first rows come.
         jobs: Processes; default all processors. 1 runs in this process.
         fresh: Forget what the file holds.
+        prepare: Called before the first run, if any is left; what it raises leaves no trace.
         report: Told how many runs are done, of how many.
 
     Raises:
         ChoiceError: The file holds another experiment, or one with other parameters.
-        InputError: The file cannot be written, or a worker was killed.
+        InputError: The file cannot be written, another process writes to it, or a worker was
+            killed.
     """
     cells = study.cells()
+    report = report or (lambda _done, _all: None)
     try:
-        if fresh:
-            file.unlink(missing_ok=True)
-        file.parent.mkdir(parents=True, exist_ok=True)
-        done = _resume(file, _header(study))
-        report = report or (lambda _done, _all: None)
-        left = [cell for cell in cells if _key(cell) not in done]
-        report(len(cells) - len(left), len(cells))
-        with (
-            file.open("a", encoding="utf-8") as lines,
-            closing(_measured(study, left, jobs or os.cpu_count() or 1)) as measured,
-        ):
-            for count, (cell, rows) in enumerate(measured, len(cells) - len(left) + 1):
-                done[_key(cell)] = rows
-                lines.write(json.dumps({"cell": cell, "rows": rows}, allow_nan=False) + "\n")
-                lines.flush()
-                report(count, len(cells))
+        done = {} if fresh else read_rows(study, file)
+        if any(cell_key(cell) not in done for cell in cells):
+            if prepare is not None:
+                prepare()
+            with RowWriter(study, file, fresh=fresh) as writer:
+                _run_what_is_left(study, cells, writer, jobs or os.cpu_count() or 1, report)
+                done = writer.done
+        else:
+            report(len(cells), len(cells))
     except OSError as error:
         raise InputError(f"{file}: cannot be written: {error.strerror}") from error
-    return [row for cell in cells for row in done[_key(cell)]]
+    return [row for cell in cells for row in done[cell_key(cell)]]
+
+
+def _run_what_is_left(
+    study: Study,
+    cells: list[Cell],
+    writer: RowWriter,
+    jobs: int,
+    report: Callable[[int, int], None],
+) -> None:
+    left = [cell for cell in cells if cell_key(cell) not in writer.done]
+    before = len(cells) - len(left)
+    report(before, len(cells))
+    with closing(_measured(study, left, jobs)) as measured:
+        for count, (cell, rows) in enumerate(measured, before + 1):
+            writer.add(cell, rows)
+            report(count, len(cells))
 
 
 def _measured(study: Study, cells: list[Cell], jobs: int) -> Generator[tuple[Cell, list[Row]]]:
@@ -83,6 +98,11 @@ def _measured(study: Study, cells: list[Cell], jobs: int) -> Generator[tuple[Cel
         return
     # Not fork: the progress bar's thread may hold a lock at that moment.
     method = "forkserver" if "forkserver" in multiprocessing.get_all_start_methods() else "spawn"
+    if method == "forkserver":
+        from multiprocessing import forkserver  # not on every system
+
+        with children_ignore_interruptions():
+            forkserver.ensure_running()
     pool = ProcessPoolExecutor(
         min(jobs, len(cells)),
         mp_context=multiprocessing.get_context(method),
@@ -105,10 +125,10 @@ def _measured(study: Study, cells: list[Cell], jobs: int) -> Generator[tuple[Cel
         ) from error
     finally:
         if waiting:  # left early: nobody waits for runs that are under way
-            pool.shutdown(wait=False, cancel_futures=True)
             for child in multiprocessing.active_children():
                 child.terminate()
-        pool.shutdown()
+        # Waits for the pool's thread, which holds semaphores that the system would keep.
+        pool.shutdown(cancel_futures=True)
 
 
 def _prepare_worker() -> None:
@@ -116,38 +136,3 @@ def _prepare_worker() -> None:
     if not sys.warnoptions:
         warnings.simplefilter("ignore")  # as in the command line itself
     obey_the_parent()
-
-
-def _header(study: Study) -> dict[str, object]:
-    """What a file of rows was made with; a change of any of it makes them another experiment."""
-    config = json.loads(json.dumps(asdict(study.config)))  # type: ignore[call-overload]
-    return {"study": study.name, "imucalib": __version__, "config": config}
-
-
-def _resume(file: Path, header: dict[str, object]) -> dict[str, list[Row]]:
-    """What is done already, by cell; the file ends with a whole line afterwards."""
-    text = file.read_bytes() if file.exists() else b""
-    whole = text[: text.rfind(b"\n") + 1]
-    lines = whole.splitlines()
-    if not lines:
-        file.write_text(json.dumps(header) + "\n", encoding="utf-8")
-        return {}
-    try:
-        first, *rest = (json.loads(line) for line in lines)
-        done = {_key(entry["cell"]): entry["rows"] for entry in rest}
-    except (ValueError, KeyError, TypeError) as error:
-        raise ChoiceError(
-            f"{file}: not the rows of a study: name another folder with -o, or give --fresh"
-        ) from error
-    if first != header:
-        raise ChoiceError(
-            f"{file}: holds a study with other parameters or of another version: name another "
-            "folder with -o, or give --fresh to forget it"
-        )
-    if len(whole) < len(text):  # the line that was being written when it was stopped
-        os.truncate(file, len(whole))
-    return done
-
-
-def _key(cell: Cell) -> str:
-    return json.dumps(cell, sort_keys=True)

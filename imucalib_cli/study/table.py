@@ -24,13 +24,19 @@ class Table:
     """What a reader must know to read it rightly."""
 
 
-def render_tables(tables: list[Table], fmt: TableFormat) -> str:
-    """All tables as one text that ends with a line feed."""
+def render_tables(tables: list[Table], fmt: TableFormat, *, aligned: bool = False) -> str:
+    """All tables as one text that ends with a line feed.
+
+    Args:
+        tables: What to print.
+        fmt: For whom.
+        aligned: Whether columns of Markdown are padded to one width, as a terminal wants them.
+    """
     if fmt == "json":
         return json.dumps([asdict(table) for table in tables], indent=2, ensure_ascii=False) + "\n"
     if fmt == "csv":
         return _csv(tables)
-    return "\n".join(_markdown(table) for table in tables)
+    return "\n".join(_markdown(table, aligned=aligned) for table in tables)
 
 
 def _csv(tables: list[Table]) -> str:
@@ -43,13 +49,18 @@ def _csv(tables: list[Table]) -> str:
     return text.getvalue()
 
 
-def _markdown(table: Table) -> str:
+def _markdown(table: Table, *, aligned: bool) -> str:
     lines = [f"### {table.title}", ""]
     lines += [f"{table.note}", ""] if table.note else []
-    lines += [_line(table.header), "|" + "---|" * len(table.header)]
-    lines += [_line(row) for row in table.rows]
-    return "\n".join(lines) + "\n"
+    rows = [[cell.replace("|", "\\|") for cell in row] for row in (table.header, *table.rows)]
+    widths = [0] * len(table.header)
+    if aligned:
+        widths = [max(len(cell) for cell in column) for column in zip(*rows, strict=True)]
+    header, *rest = (_line(row, widths) for row in rows)
+    rule = "|" + "".join("-" * (width + 2 if aligned else 3) + "|" for width in widths)
+    return "\n".join([*lines, header, rule, *rest]) + "\n"
 
 
-def _line(cells: tuple[str, ...]) -> str:
-    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+def _line(cells: list[str], widths: list[int]) -> str:
+    padded = (cell.ljust(width) for cell, width in zip(cells, widths, strict=True))
+    return "| " + " | ".join(padded) + " |"

@@ -5,7 +5,10 @@ from __future__ import annotations
 import csv
 import io
 import json
+import re
+import sys
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import pytest
 import yaml
@@ -13,6 +16,10 @@ import yaml
 from imucalib_cli.cli.main import main
 from imucalib_cli.configuration import builtin_names
 from imucalib_cli.study.catalogue import STUDIES, load_study
+from imucalib_cli.study.derivation_study import DerivationStudy
+
+if TYPE_CHECKING:
+    from imucalib_cli.study.experiment import Cell, Row
 
 CONFIGS = Path(__file__).parents[2] / "configs" / "studies"
 
@@ -99,3 +106,161 @@ def test_a_wrong_parameter_is_named(
     wrong.write_text(small.read_text("utf-8") + "windos: [5]\n", encoding="utf-8")
     assert run("derivation", "--config", wrong, "-o", tmp_path) == 1
     assert "windos" in capsys.readouterr().err
+
+
+@pytest.fixture
+def derivation(small: Path, tmp_path: Path) -> tuple[str, ...]:
+    """Arguments of a study that is soon done, in a folder that is not made yet."""
+    return ("derivation", "--config", str(small), "-o", str(tmp_path / "out"), "--jobs", "1")
+
+
+@pytest.mark.parametrize(
+    ("name", "missing", "words"),
+    [
+        ("noise", "mujoco", "needs MuJoCo, which is not installed: pip install 'imucalib[study]'"),
+        ("methods", "cv2", "needs OpenCV, which is not installed: pip install 'imucalib[study]'"),
+    ],
+)
+def test_what_a_study_needs_is_looked_for_before_any_run(  # noqa: PLR0917 - fixtures
+    name: str,
+    missing: str,
+    words: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setitem(sys.modules, missing, None)
+    assert run(name, "--quick", "-o", tmp_path / "out") == 1
+    assert capsys.readouterr().err == f"error: study {name} {words}\n"
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_rows_that_are_there_need_nothing_and_no_figures_are_no_error(
+    derivation: tuple[str, ...],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    assert run(*derivation) == 0
+    first = capsys.readouterr()
+    assert first.err.startswith("warning: no figures without matplotlib: pip install")
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["derivation.jsonl"]
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    assert run(*derivation, "--no-figures") == 0
+    again = capsys.readouterr()
+    assert again.out == first.out
+    assert "warning" not in again.err
+
+
+def test_figures_of_a_quick_run_have_their_own_names(
+    derivation: tuple[str, ...], tmp_path: Path
+) -> None:
+    (tmp_path / "out").mkdir()
+    quick = yaml.safe_load(Path(derivation[2]).read_text("utf-8")) | {"quick": {"windows": [5]}}
+    (tmp_path / "quick.yaml").write_text(yaml.safe_dump(quick), encoding="utf-8")
+    assert run(*derivation, "--config", tmp_path / "quick.yaml", "--quick", "-q") == 0
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [
+        "derivation-quick.jsonl",
+        *(f"figure-{number}-quick.svg" for number in (5, 6, 7)),
+    ]
+
+
+def test_rows_that_lack_something_are_not_the_rows_of_a_study(
+    derivation: tuple[str, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(*derivation, "--no-figures", "-q") == 0
+    file = tmp_path / "out" / "derivation.jsonl"
+    header, first, *rest = file.read_text("utf-8").splitlines(keepends=True)
+    entry = json.loads(first)
+    lacking = _without(entry, "elsewhere")
+    damaged: Any
+    for damaged in ({"cell": {}}, [], entry | {"rows": [5]}, lacking):
+        file.write_text(header + json.dumps(damaged) + "\n" + "".join(rest), encoding="utf-8")
+        capsys.readouterr()
+        assert run(*derivation, "--no-figures", "-q") == 2
+        shown = capsys.readouterr()
+        assert shown.out == ""
+        assert shown.err.startswith(f"error: {file}: not the rows of a study")
+        assert shown.err.endswith("name another folder with -o, or give --fresh\n")
+
+
+def _without(entry: dict[str, Any], key: str) -> dict[str, Any]:
+    return entry | {"rows": [{k: v for k, v in row.items() if k != key} for row in entry["rows"]]}
+
+
+def test_a_long_run_says_a_line_now_and_then_off_a_terminal(
+    derivation: tuple[str, ...],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr("imucalib_cli.cli.study_progress.PATIENCE", 0.0)
+    assert run(*derivation, "--no-figures") == 0
+    file = tmp_path / "out" / "derivation.jsonl"
+    runs = len(file.read_text("utf-8").splitlines()) - 1
+    said = capsys.readouterr().err.splitlines()
+    assert said[0] == f"derivation: {runs} runs, rows in {file}"
+    assert re.fullmatch(rf"derivation: 1 of {runs} runs, about \d+ s left", said[1])
+    assert said[-2:] == [f"derivation: {runs} of {runs} runs", f"rows: {file}"]
+    assert run(*derivation, "--no-figures", "--fresh", "-q") == 0
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize("done", [0, 1])
+def test_an_interruption_says_what_is_kept(
+    done: int,
+    derivation: tuple[str, ...],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    measure, calls = DerivationStudy.measure, iter(range(9))
+
+    def interrupted(study: DerivationStudy, cell: Cell) -> list[Row]:
+        if next(calls) >= done:
+            raise KeyboardInterrupt
+        return measure(study, cell)
+
+    monkeypatch.setattr(DerivationStudy, "measure", interrupted)
+    assert run(*derivation) == 130
+    runs, file = (
+        len(load_study("derivation", Path(derivation[2])).cells()),
+        tmp_path / "out" / "derivation.jsonl",
+    )
+    said = capsys.readouterr().err
+    if done:
+        words = f"1 of {runs} runs are kept in {file}; the same command goes on"
+        assert len(file.read_text("utf-8").splitlines()) == 1 + done
+    else:
+        words = f"none of {runs} runs was done"
+        assert not file.parent.exists()
+    assert said == f"interrupted: {words}\n"
+    assert run(*derivation, "--fresh", "-q") == 130
+    assert capsys.readouterr().err == ""
+
+
+def test_a_terminal_gets_columns_of_one_width(
+    derivation: tuple[str, ...],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert run(*derivation, "--no-figures", "-q") == 0
+    plain = capsys.readouterr().out
+    monkeypatch.setattr("imucalib_cli.cli.study.is_terminal", lambda _: True)
+    assert run(*derivation, "--no-figures", "-q") == 0
+    shown = capsys.readouterr().out
+    lines = [[line for line in block.splitlines() if line[0] == "|"] for block in _blocks(shown)]
+    assert lines
+    for block in lines:
+        assert len({tuple(_bars(line)) for line in block}) == 1
+    assert re.sub(" +", " ", re.sub("-{3,}", "---", shown)).replace("| --- |", "|---|") == plain
+
+
+def _blocks(text: str) -> list[str]:
+    return [block for block in text.split("\n\n") if block.startswith("|")]
+
+
+def _bars(line: str) -> list[int]:
+    """Where columns end."""
+    return [found.start() for found in re.finditer(r"(?<!\\)\|", line)]

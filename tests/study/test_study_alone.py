@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import pickle
 import signal
 import time
 from functools import partial
@@ -57,6 +58,38 @@ def test_values_time_and_memory_come_back() -> None:
     assert slow.cpu_seconds < 0.1
     assert failed.value is None
     assert failed.failure == "log cannot be used"
+
+
+def invert(given: str) -> str:
+    del given
+    return str(np.linalg.inv(np.zeros((2, 2))))
+
+
+def leave(given: str) -> str:
+    os._exit(len(given))
+
+
+def make_a_function(given: str) -> Callable[[], str]:
+    return lambda: given
+
+
+def test_an_exception_comes_back_in_words_with_its_traceback_as_a_note(
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    with pytest.raises(RuntimeError, match="LinAlgError") as raised:
+        run_alone([sleep, invert], "log")
+    assert str(raised.value) == "LinAlgError: Singular matrix"
+    assert "in invert" in raised.value.__notes__[0]
+    # As a study's worker sends it on.
+    assert pickle.loads(pickle.dumps(raised.value)).__notes__ == raised.value.__notes__  # noqa: S301
+    with pytest.raises(RuntimeError, match="pickle"):
+        run_alone([make_a_function], "log")
+    assert capfd.readouterr().err == ""
+
+
+def test_a_process_that_ends_itself_is_told_by_its_exit_code() -> None:
+    with pytest.raises(RuntimeError, match="exit code 3"):
+        run_alone([leave], "log")
 
 
 def test_a_process_that_is_killed_is_said_to_be() -> None:

@@ -146,7 +146,82 @@ def _runs(pid: int) -> bool:
     return state != "Z"  # nobody has asked after it yet
 
 
-def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:
+def test_a_file_is_no_folder(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
-    with pytest.raises(InputError, match="cannot be written"):
-        run_study(Squaring(), tmp_path / "file" / "a.jsonl", jobs=1)
+    for folder in (tmp_path / "file", tmp_path / "file" / "deeper"):
+        with pytest.raises(InputError, match="file is a file, not a folder"):
+            run_study(Squaring(), folder / "a.jsonl", jobs=1)
+
+
+def test_a_file_that_cannot_be_written_is_named(tmp_path: Path) -> None:
+    (tmp_path / "a.jsonl").mkdir()
+    with pytest.raises(InputError, match=r"a\.jsonl: cannot be written"):
+        run_study(Squaring(), tmp_path / "a.jsonl", jobs=1)
+
+
+def _fail() -> None:
+    raise InputError("something is missing")
+
+
+def test_what_fails_before_the_first_rows_leaves_no_trace(tmp_path: Path) -> None:
+    file = tmp_path / "made" / "a.jsonl"
+    with pytest.raises(InputError, match="missing"):
+        run_study(Squaring(), file, jobs=1, prepare=_fail)
+    with pytest.raises(ValueError, match="negative"):
+        run_study(Squaring(Squares(slow=-1.0)), file, jobs=1)
+    assert list(tmp_path.iterdir()) == []
+    # What is there is not forgotten for a run that cannot begin, nor looked after in vain.
+    run_study(Squaring(), file, jobs=1)
+    before = file.read_bytes()
+    with pytest.raises(InputError, match="missing"):
+        run_study(Squaring(), file, jobs=1, fresh=True, prepare=_fail)
+    assert file.read_bytes() == before
+    run_study(Squaring(), file, jobs=1, prepare=_fail)
+
+
+def test_two_runs_do_not_write_to_one_file(tmp_path: Path) -> None:
+    file = tmp_path / "a.jsonl"
+
+    def second(done: int, of: int) -> None:
+        del of
+        if done in {0, 3}:  # the file is empty, and holds rows
+            with pytest.raises(InputError, match="another run of the same study"):
+                run_study(Squaring(), file, jobs=1)
+
+    run_study(Squaring(), file, jobs=1, report=second)
+    assert len(file.read_text().splitlines()) == 1 + 6
+
+
+def test_an_interruption_leaves_no_worker_and_no_word_of_pythons(tmp_path: Path) -> None:
+    """As the command line does it: all of the terminal's processes are told."""
+    script = tmp_path / "interrupted.py"
+    script.write_text(
+        "import os, pathlib\n"
+        "from imucalib_cli.study.runner import run_study\n"
+        "from tests.study.test_study_runner import Squares, Squaring\n"
+        "def main():\n"
+        f"    folder = {str(tmp_path)!r}\n"
+        "    study = Squaring(Squares(count=9, slow=60.0, told=folder))\n"
+        "    try:\n"
+        "        run_study(study, pathlib.Path(folder, 'a.jsonl'), jobs=2)\n"
+        "    except KeyboardInterrupt:\n"
+        "        return\n"
+        "if __name__ == '__main__':\n"
+        "    main()\n"
+        "    os._exit(130)\n"
+    )
+    root = Path(__file__).parents[2]
+    parent = subprocess.Popen(
+        [sys.executable, str(script)],
+        cwd=root,
+        env={**os.environ, "PYTHONPATH": str(root)},
+        stderr=subprocess.PIPE,
+        start_new_session=True,
+    )
+    workers = _wait_for(lambda: sorted(int(p.name) for p in tmp_path.glob("[0-9]*")), count=2)
+    os.killpg(parent.pid, signal.SIGINT)
+    _, words = parent.communicate(timeout=30)  # of the resource tracker too, which ends last
+    assert parent.returncode == 130
+    assert words == b""
+    _wait_for(lambda: [1] * (not any(_runs(worker) for worker in workers)), count=1)
+    assert not (tmp_path / "a.jsonl").exists()
