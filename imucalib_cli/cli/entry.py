@@ -4,11 +4,13 @@ import contextlib
 import os
 import signal
 import sys
+from collections.abc import Callable, Iterator
 from types import FrameType
 
 EXIT_INTERRUPTED = 130
 _PATIENCE = 2.0
 """s that an interrupted command has for putting its files in order."""
+_last_words: list[Callable[[], None]] = []
 
 
 def main() -> int:
@@ -53,7 +55,24 @@ def _unraisable(unraisable: "sys.UnraisableHookArgs") -> None:
     sys.__unraisablehook__(unraisable)
 
 
+@contextlib.contextmanager
+def last_words(say: Callable[[], None]) -> Iterator[None]:
+    """Let something be said meanwhile where an interruption ends the process at once.
+
+    Args:
+        say: May be called in the middle of anything: it must not wait for a lock.
+    """
+    _last_words.append(say)
+    try:
+        yield
+    finally:
+        _last_words.remove(say)
+
+
 def _leave(_number: int, _frame: FrameType | None) -> None:
+    for say in reversed(_last_words):
+        with contextlib.suppress(Exception):
+            say()
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(Exception):
             stream.flush()

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import sys
 import threading
+from contextlib import ExitStack
 from typing import TYPE_CHECKING, Self
+
+from imucalib_cli.cli.entry import last_words
 
 if TYPE_CHECKING:
     from types import TracebackType
@@ -13,6 +16,8 @@ if TYPE_CHECKING:
 
 PATIENCE = 2.0
 """s before the bar appears."""
+_OFF = "\r\x1b[2K\x1b[?25h"
+"""Clears a terminal's line and shows its cursor again, as ECMA-48 and xterm have it."""
 
 
 class ProgressBar:
@@ -25,11 +30,13 @@ class ProgressBar:
         self._share: float | None = None
         self._bar: Progress | None = None
         self._task: TaskID | None = None
+        self._leaving = ExitStack()
         self._timer = threading.Timer(PATIENCE, self._appear)
         self._timer.daemon = True
 
     def __enter__(self) -> Self:
         if self._enabled:
+            self._leaving.enter_context(last_words(self._break_off))
             self._timer.start()
         return self
 
@@ -44,12 +51,19 @@ class ProgressBar:
             self._enabled = False
             if self._bar is not None:
                 self._bar.stop()
+        self._leaving.close()
 
     def report(self, words: str, share: float | None = None) -> None:
         """Say what is being done and which share of it, 0 to 1, if that is known."""
         with self._lock:
             self._words, self._share = words, share
             self._show()
+
+    def _break_off(self) -> None:
+        if self._bar is not None:
+            sys.stderr = self._bar.console.file  # rich puts its own in front of it
+            self._bar.console.quiet = True
+            sys.stderr.write(_OFF)
 
     def _appear(self) -> None:
         # rich is imported only now: most runs end before

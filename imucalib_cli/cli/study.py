@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from imucalib_cli.cli.answer_options import Quiet
+from imucalib_cli.cli.entry import last_words
 from imucalib_cli.cli.output import deliver, is_terminal, say
 from imucalib_cli.cli.quantities import parse_choice
 from imucalib_cli.cli.study_progress import StudyProgress
@@ -81,7 +82,7 @@ def study_command(
             say("warning", "no figures without matplotlib: pip install 'imucalib[study]'")
     progress = StudyProgress(name, file, jobs=jobs or os.cpu_count() or 1, quiet=quiet)
     try:
-        with progress:
+        with last_words(lambda: progress.tell_interrupted(fresh=fresh)), progress:
             rows = run_study(
                 study,
                 file,
@@ -91,8 +92,7 @@ def study_command(
                 report=progress.report,
             )
     except KeyboardInterrupt:
-        if not quiet:
-            progress.tell_interrupted(fresh=fresh)
+        progress.tell_interrupted(fresh=fresh)
         raise
     tables = _tables(study, rows, file, old=progress.before > 0)
     shown = next(f for f in FORMATS if f == fmt)

@@ -29,6 +29,7 @@ class StudyProgress:
         terminal = is_terminal(sys.stderr)
         self._bar = ProgressBar(enabled=terminal and not quiet)
         self._lines = not terminal and not quiet
+        self._quiet = quiet
         self._lock = threading.Lock()
         self._begun = time.monotonic()
         self._before: int | None = None
@@ -76,8 +77,9 @@ class StudyProgress:
 
     def tell_interrupted(self, *, fresh: bool) -> None:
         """Say what an interruption leaves."""
-        if not self._all:
+        if self._quiet or not self._all:
             return
+        self._quiet = True  # once is enough
         again = f"the same command {'without --fresh ' if fresh else ''}goes on"
         kept = f"{self._done} of {self._all} runs are kept in {self._file}; {again}"
         say("interrupted", kept if self._done else f"none of {self._all} runs was done")

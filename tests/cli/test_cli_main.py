@@ -112,6 +112,19 @@ def test_interruption_exits_130(
     assert "Traceback" not in capsys.readouterr().err
 
 
+def test_last_words_are_said_where_the_process_ends_at_once() -> None:
+    program = (
+        "import sys; from imucalib_cli.cli import entry\n"
+        "for kept in ('first', 'second'):\n"
+        "    with entry.last_words(lambda: sys.stderr.write(kept)):\n"
+        "        if kept == 'second': entry._leave(0, None)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "second")
+
+
 def test_a_closed_pipe_is_quiet() -> None:
     read, write = os.pipe()
     os.close(read)
