@@ -137,6 +137,18 @@ def parse_pose_std(option: str, text: str) -> list[float]:
     return std
 
 
+def parse_imu(text: str) -> str:
+    """Name of an IMU as configs/imus spells it: ICM-20948 is icm20948; what is none stays."""
+    from imucalib_cli.estimate.imu_model import imu_names
+
+    spelled = {_letters(name): name for name in imu_names()}
+    return spelled.get(_letters(text), text)
+
+
+def _letters(name: str) -> str:
+    return re.sub(r"[\s_-]", "", name).lower()
+
+
 def parse_choice(option: str, text: str, allowed: tuple[str, ...]) -> str:
     """One of a few words."""
     if text not in allowed:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from imucalib_cli.cli.estimator_options import EstimatorTexts, estimator_options
-from imucalib_cli.cli.quantities import parse_choice
+from imucalib_cli.cli.quantities import parse_choice, parse_imu
 from imucalib_cli.errors import ChoiceError
 
 if TYPE_CHECKING:
@@ -177,4 +177,4 @@ def _expected_imu(texts: EstimatorTexts) -> ExpectedImu | None:
 
     told = {"accel": texts.accel_bias, "gyro": texts.gyro_bias}
     priors = tuple(sensor for sensor, text in told.items() if text is None)
-    return ExpectedImu(model=load_imu_model(name), priors=priors)  # type: ignore[arg-type]
+    return ExpectedImu(model=load_imu_model(parse_imu(name)), priors=priors)  # type: ignore[arg-type]

@@ -92,6 +92,8 @@ def _tell(truth: "Truth", output: Path, urdf: Path | None) -> None:
         )
         if output.suffix == ".bag":
             say("kalibr", kalibr_command(output))
+        else:
+            say("kalibr", f"reads ROS 1 bags only: for it give -o {output.with_suffix('.bag')}")
     if truth.saturated:
         say(
             "warning",

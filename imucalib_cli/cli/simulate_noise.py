@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from imucalib_cli.cli.quantities import parse_imu
 from imucalib_cli.cli.simulate_motion import seconds, vector
 from imucalib_cli.errors import ChoiceError
 
@@ -188,7 +189,7 @@ def _graded(grade: str | None, imu: str | None) -> NoiseOptions:
         return load_grade(grade or "ideal")
     if grade is not None:
         raise ChoiceError(f"--grade {grade} and --imu {imu} both tell the noise: give one of them")
-    return load_imu(imu)
+    return load_imu(parse_imu(imu))
 
 
 def _density(si: float | None, sheet: float | None, sensor: str, factor: float) -> float | None:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from imucalib_cli.errors import ChoiceError
 from imucalib_cli.results.atomic import write_whole
+from imucalib_cli.simulate.aprilgrid import opencv
 from imucalib_cli.simulate.kalibr import write_kalibr
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.physics import record
@@ -48,18 +49,21 @@ def simulate(
         writing: Called with the share of the log written.
 
     Raises:
-        InputError: MuJoCo is missing, an option is out of range, a file cannot be written.
+        InputError: MuJoCo or, with a camera, OpenCV is missing, an option is out of range, a file
+            cannot be written.
         ChoiceError: The output's suffix or another choice does not exist.
     """
     if urdf is not None and urdf.resolve() == output.resolve():
         raise ChoiceError(f"{output} is to hold both the log and the URDF: name two files")
     for place in (output, *(() if urdf is None else (urdf,))):
         need_folder(place)  # before minutes of physics
+    if camera is not None:
+        opencv()
     clean = record(system, options.physics, progress, camera=camera)
     recording = corrupt(clean, options.noise, options.seed)
+    write_log(recording, output, options.log, writing)
     if camera is not None:
         write_kalibr(recording, camera, output, options.log)
-    write_log(recording, output, options.log, writing)
     truth = truth_of(recording, options.log)
     write_truth(truth, truth_path(output))
     if urdf is not None:

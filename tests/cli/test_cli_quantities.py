@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from imucalib_cli.cli.quantities import (
     parse_choice,
     parse_components,
+    parse_imu,
     parse_pose,
     parse_pose_std,
     parse_prior,
@@ -161,3 +162,18 @@ def test_no_text_is_worse_than_a_choice_error(text: str) -> None:
     ):
         with contextlib.suppress(ChoiceError):
             parse(text)
+
+
+@pytest.mark.parametrize(
+    ("text", "name"),
+    [
+        ("bmi088", "bmi088"),
+        ("BMI088", "bmi088"),
+        ("ICM-20948", "icm20948"),
+        ("Xsens MTi", "xsens_mti"),
+        ("help", "help"),
+        ("My_Imu.yaml", "My_Imu.yaml"),
+    ],
+)
+def test_imus_are_found_however_they_are_written(text: str, name: str) -> None:
+    assert parse_imu(text) == name

@@ -72,7 +72,7 @@ def test_command_takes_a_name_and_single_options_win(
 ) -> None:
     log = tmp_path / "a.mcap"
     words = ["simulate", "rihibot", "-o", str(log), "--duration", "1", "--imu-rate", "50"]
-    assert main([*words, "--imu", "bmi088", "--gyro-noise", "0.1", "--accel-range", "9.5"]) == 0
+    assert main([*words, "--imu", "BMI088", "--gyro-noise", "0.1", "--accel-range", "9.5"]) == 0
     truth = yaml.safe_load(log.with_suffix(".truth.yaml").read_text())
     noise = truth["settings"]["noise"]
     assert noise["accel_noise"] == pytest.approx(190e-6 * G)

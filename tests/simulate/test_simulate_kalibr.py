@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import weakref
 from dataclasses import replace
 from pathlib import Path
@@ -200,3 +201,29 @@ def test_the_command_says_how_to_call_kalibr(
     assert told["accelerometer_noise_density"] == pytest.approx(17e-6 * 9.80665 / np.sqrt(2))
     assert main(["simulate", "barbot", "--camera", *arguments]) == 2
     assert "no camera for barbot" in capsys.readouterr().err
+
+
+def _stop(*_: object) -> None:
+    raise KeyboardInterrupt
+
+
+def test_what_ends_early_leaves_no_files_for_kalibr(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["--duration", "0.1", "--imu-rate", "50", "-o", str(tmp_path / "k.bag")]
+    with monkeypatch.context() as patch:
+        patch.setattr(Images, "__getitem__", _stop)
+        assert main(["simulate", "rihibot", "--camera", *words]) == 130
+        patch.setitem(sys.modules, "cv2", None)
+        assert main(["simulate", "rihibot", "--camera", *words]) == 1
+    assert "pip install 'imucalib[camera]'" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_another_log_than_kalibr_reads_is_said_to_be(
+    made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["--camera-config", str(made / "camera.yaml"), "--duration", "0.1", "--imu-rate", "50"]
+    assert main(["simulate", "rihibot", *words, "-o", str(tmp_path / "k.mcap")]) == 0
+    err = capsys.readouterr().err
+    assert f"kalibr: reads ROS 1 bags only: for it give -o {tmp_path / 'k.bag'}\n" in err
