@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from imucalib_cli.cli.answer_options import AnswerFile, AnswerFormat, Quiet
+from imucalib_cli.cli.answer_options import OUTPUT, AnswerFile, Quiet
 from imucalib_cli.cli.answers import see_answer_writable
 from imucalib_cli.cli.output import EXIT_OK, EXIT_UNTRUSTED, deliver, say
 from imucalib_cli.cli.quantities import parse_choice
@@ -46,18 +46,27 @@ def compare_command(
             "--truth", metavar="FILE", help="truth.yaml of a simulated log: the errors of both."
         ),
     ] = None,
-    fmt: AnswerFormat = "yaml",
+    fmt: Annotated[
+        str,
+        typer.Option(
+            "--format",
+            metavar="yaml|json|summary",
+            help="Form of the answer; summary is words.",
+            rich_help_panel=OUTPUT,
+        ),
+    ] = "yaml",
     output: AnswerFile = None,
     quiet: Quiet = False,
 ) -> None:
     """Put a result beside Kalibr's, through the URDF. Exit 0; 3 if the result is untrusted."""
-    parse_choice("--format", fmt, ("yaml", "json"))
+    parse_choice("--format", fmt, ("yaml", "json", "summary"))
     inputs = [Path(name) for name in (result, kalibr, truth) if name is not None and name != "-"]
     inputs.append(urdf)
     see_answer_writable(output, inputs)
 
     from imucalib_cli.jobs.compare import compare_with_kalibr
     from imucalib_cli.results.side_by_side_document import side_by_side_document
+    from imucalib_cli.results.side_by_side_summary import summarise_side_by_side
     from imucalib_cli.results.text import to_json, to_yaml
 
     sides = compare_with_kalibr(
@@ -69,12 +78,20 @@ def compare_command(
         imu=imu,
         truth=truth,
     )
-    document = side_by_side_document(sides)
-    text = to_json([document]) if fmt == "json" else to_yaml([document])
+    match fmt:
+        case "summary":
+            text = summarise_side_by_side(sides)
+        case "json":
+            text = to_json([side_by_side_document(sides)])
+        case _:
+            text = to_yaml([side_by_side_document(sides)])
     deliver(text, None if output is None else Path(output), inputs=inputs)
     if not quiet:
-        say("compared", document["reason"])
-    trusted = document["status"] == "ok"
+        if fmt != "summary":
+            say("compared", sides.reason)
+        for warning in sides.warnings:
+            say("warning", warning)
+    trusted = sides.side.calibration.status == "ok"
     if not trusted and not quiet:
         say("warning", f"{result}: the result should not be trusted, so neither should this")
     raise typer.Exit(EXIT_OK if trusted else EXIT_UNTRUSTED)

@@ -8,7 +8,7 @@ from imucalib_cli.errors import ChoiceError
 from imucalib_cli.jobs.result_files import display_name, read_results, read_text
 from imucalib_cli.results.kalibr_result import read_kalibr
 from imucalib_cli.results.movement import Side
-from imucalib_cli.results.side_by_side import SideBySide, side_by_side
+from imucalib_cli.results.side_by_side import OPTICAL, SideBySide, side_by_side
 from imucalib_cli.results.true_pose import read_truth
 from imucalib_cli.robot.urdf import load_robot
 
@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from imucalib_cli.results.calibration import Calibration
     from imucalib_cli.robot.urdf import Robot
 
-OPTICAL = "_optical_frame"
-"""REP 103's suffix of frames whose z is forward, which Kalibr's cameras are."""
+_KALIBR = "the -camchain-imucam.yaml that kalibr_calibrate_imu_camera writes"
+_TRUTH = "the truth.yaml that imucalib simulate writes beside a log"
 
 
 def compare_with_kalibr(
@@ -52,8 +52,10 @@ def compare_with_kalibr(
     if [result, kalibr, truth].count("-") > 1:
         raise ChoiceError("standard input can be one of the files, not two: name the others")
     calibration = _chosen(read_results(result), display_name(result), imu)
-    told = read_kalibr(read_text(kalibr), display_name(kalibr), camera)
-    true = None if truth is None else read_truth(read_text(truth), display_name(truth))
+    told = read_kalibr(read_text(kalibr, _KALIBR), display_name(kalibr), camera)
+    true = None
+    if truth is not None:
+        true = read_truth(read_text(truth, _TRUTH), display_name(truth))
     robot = load_robot(urdf)
     link = camera_link or _only_optical(robot)
     ours = Side(name=display_name(result), calibration=calibration)

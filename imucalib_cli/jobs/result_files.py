@@ -65,8 +65,12 @@ def display_name(name: str) -> str:
     return "standard input" if name == "-" else name
 
 
-def read_text(name: str) -> str:
+def read_text(name: str, expected: str = "a result of imucalib run") -> str:
     """Content of a small text file, or of standard input for ``-``.
+
+    Args:
+        name: Of the file.
+        expected: What it should be, for a message.
 
     Raises:
         InputError: It cannot be read, is no text, or is far too large.
@@ -74,19 +78,19 @@ def read_text(name: str) -> str:
     try:
         if name == "-":
             if sys.stdin is None:
-                raise InputError("standard input is closed: name the result's file")
-            return _bounded(sys.stdin.buffer, name)
+                raise InputError("standard input is closed: name the file")
+            return _bounded(sys.stdin.buffer, name, expected)
         with Path(name).open("rb") as file:
-            return _bounded(file, name)
+            return _bounded(file, name, expected)
     except OSError as error:
         raise InputError(f"{name}: cannot be read ({error.strerror}): check the path") from error
     except UnicodeDecodeError as error:
-        raise InputError(f"{name}: is not text: it should be a result of imucalib run") from error
+        raise InputError(f"{name}: is not text: it should be {expected}") from error
 
 
-def _bounded(file: BinaryIO, name: str) -> str:
+def _bounded(file: BinaryIO, name: str, expected: str) -> str:
     """All of a file, unless it is far too much for a result: a log, or an endless device."""
     content = file.read(_LARGEST + 1)
     if len(content) > _LARGEST:
-        raise InputError(f"{name}: more than {_LARGEST >> 20} MB are no result of imucalib run")
+        raise InputError(f"{name}: is larger than {_LARGEST >> 20} MB: it should be {expected}")
     return content.decode("utf-8")

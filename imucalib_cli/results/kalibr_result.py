@@ -66,7 +66,7 @@ def read_kalibr(text: str, name: str, camera: str = "cam0") -> KalibrResult:
             f"{name}: {camera} has no T_cam_imu: give the -camchain-imucam.yaml that "
             "kalibr_calibrate_imu_camera writes, not the camchain it reads"
         )
-    chain = Node(loaded, name, "").child(camera)
+    chain = Node(loaded, name, "", "Kalibr's -camchain-imucam.yaml").child(camera)
     T = chain.array("T_cam_imu", 4, 4)
     R = T[:3, :3]
     off = max(float(np.abs(R.T @ R - np.eye(3)).max()), abs(float(np.linalg.det(R)) - 1.0))

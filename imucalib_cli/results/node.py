@@ -19,10 +19,12 @@ _LONGEST = 300
 class Node:
     """A mapping of the document that knows where it stands, for messages."""
 
-    def __init__(self, content: object, file: str, where: str) -> None:
-        self.file, self.where = file, where
+    def __init__(
+        self, content: object, file: str, where: str, kind: str = "a result of `imucalib run`"
+    ) -> None:
+        self.file, self.where, self.kind = file, where, kind
         if not isinstance(content, dict):
-            self.fail("should be a mapping; is this a result of `imucalib run`?")
+            self.fail(f"should be a mapping; is this {kind}?")
         self.content: dict[Any, Any] = content
 
     def fail(self, complaint: str, key: str = "") -> NoReturn:
@@ -35,12 +37,13 @@ class Node:
     def get(self, key: str) -> Any:
         """Whatever stands under a key."""
         if key not in self.content:
-            self.fail("is missing; is this a result of `imucalib run`?", key)
+            self.fail(f"is missing; is this {self.kind}?", key)
         return self.content[key]
 
     def child(self, key: str) -> Node:
         """The mapping under a key."""
-        return Node(self.get(key), self.file, ".".join(p for p in (self.where, key) if p))
+        where = ".".join(part for part in (self.where, key) if part)
+        return Node(self.get(key), self.file, where, self.kind)
 
     def optional(self, key: str) -> Node | None:
         """The mapping under a key that may be null or not there."""
@@ -48,7 +51,8 @@ class Node:
 
     def children(self, key: str) -> list[Node]:
         """The mappings of a list."""
-        return [Node(item, self.file, f"{self.where}.{key}") for item in self._list(key)]
+        where = f"{self.where}.{key}"
+        return [Node(item, self.file, where, self.kind) for item in self._list(key)]
 
     def of(self, key: str, kind: type[T]) -> T:
         """A value of one type."""

@@ -26,6 +26,11 @@ Floats = NDArray[np.float64]
 Pose = tuple[Floats, Floats]
 """R (3, 3) and t (3,), m."""
 
+OPTICAL = "_optical_frame"
+"""REP 103's suffix of frames whose z is forward, which Kalibr's cameras are."""
+_FAR = {"translation": 0.5, "rotation": math.radians(20.0)}
+"""m and rad: two calibrations of one mount are nearer, the wrong frame of a camera is farther."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Opinion:
@@ -37,6 +42,25 @@ class Opinion:
     """Distance from the URDF's own opinion; None where it has none."""
     error: PoseError | None
     """Distance from the truth, where it was told."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TimeShifts:
+    """Of the IMU's stamps: ours against the robot's, Kalibr's against the camera's."""
+
+    offset: float
+    """s, IMU stamp - robot stamp."""
+    std: float | None
+    """s, 1 sigma of ours."""
+    shift: float
+    """s, IMU stamp - camera stamp."""
+    true_offset: float | None
+    true_shift: float | None
+
+    @property
+    def camera_offset(self) -> float:
+        """Camera stamp - robot stamp of the same instant, s, if both are right."""
+        return self.offset - self.shift
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -55,6 +79,21 @@ class SideBySide:
     """Kalibr's less ours in the parent's frame. Its covariance is ours alone: Kalibr's file has
     none."""
     truth: TruePose | None
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def times(self) -> TimeShifts | None:
+        """None where Kalibr estimated no time shift."""
+        if self.kalibr.timeshift is None:
+            return None
+        estimate = self.side.calibration.estimate
+        return TimeShifts(
+            offset=estimate.time_offset,
+            std=estimate.time_offset_std,
+            shift=self.kalibr.timeshift,
+            true_offset=None if self.truth is None else self.truth.time_offset,
+            true_shift=None if self.truth is None else self.truth.timeshift,
+        )
 
     @property
     def reason(self) -> str:
@@ -69,7 +108,9 @@ class SideBySide:
             said += f", which is {' and '.join(filter(None, surely))} of ours"
         for name, opinion in (("ours", self.ours), ("Kalibr's", self.theirs)):
             if opinion.error is not None:
-                said += f"; {name} is {_words(opinion.error)} off the truth"
+                said += f"; {name} is {error_words(opinion.error)} off the truth"
+        if self.times is not None:
+            said += f"; {camera_clock_words(self.times)}"
         return said
 
 
@@ -121,6 +162,7 @@ def side_by_side(
             error=error,
         )
 
+    apart = difference(found, _exact(found, told))
     return SideBySide(
         side=side,
         kalibr=kalibr,
@@ -129,9 +171,24 @@ def side_by_side(
         ours=opinion((found.R, found.t), our_error),
         theirs=opinion(told, their_error),
         nominal=None if drawn is None else opinion(drawn, None),
-        difference=difference(found, _exact(found, told)),
+        difference=apart,
         truth=truth,
+        warnings=_warnings(apart, camera_link, robot),
     )
+
+
+def _warnings(apart: Difference, camera_link: str, robot: Robot) -> tuple[str, ...]:
+    """What makes it likely that a frame was taken for another."""
+    known = [part for part in apart.parts if not len(part.unknown)]
+    if not any(part.norm > _FAR[part.kind] for part in known):
+        return ()
+    others = [link for link in robot.links if link.endswith(OPTICAL) and link != camera_link]
+    remedy = f" --camera-link takes another: {', '.join(others)}" if others else ""
+    said = (
+        "the poses are farther apart than two calibrations of one mount are: is "
+        f"{camera_link} the camera's optical frame (z forward, x right, y down)?{remedy}"
+    )
+    return (said,)
 
 
 def _exact(found: UncertainPose, pose: Pose) -> UncertainPose:
@@ -147,8 +204,18 @@ def _exact(found: UncertainPose, pose: Pose) -> UncertainPose:
     )
 
 
-def _words(error: PoseError) -> str:
+def error_words(error: PoseError) -> str:
+    """Such as ``0.12 mm and 0.003 deg``."""
     return (
         f"{figures(error.translation * 1e3, 3)} mm and "
         f"{figures(math.degrees(error.rotation), 3)} deg"
+    )
+
+
+def camera_clock_words(times: TimeShifts) -> str:
+    """What both time shifts together say about the camera's clock."""
+    late = times.camera_offset * 1e3
+    return (
+        f"by both time shifts the camera's stamps are {figures(abs(late), 3)} ms "
+        f"{'early' if late < 0.0 else 'late'} against the robot's"
     )

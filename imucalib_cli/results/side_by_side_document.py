@@ -12,7 +12,7 @@ from imucalib_cli.results.document import number, pose_entry
 if TYPE_CHECKING:
     from imucalib_cli.results.document import Document
     from imucalib_cli.results.pose_error import PoseError
-    from imucalib_cli.results.side_by_side import Opinion, SideBySide
+    from imucalib_cli.results.side_by_side import Opinion, SideBySide, TimeShifts
     from imucalib_cli.results.true_pose import TruePose
 
 
@@ -32,6 +32,8 @@ def side_by_side_document(sides: SideBySide) -> Document:
         "translation": part_entry(apart, apart.translation),
         "rotation": part_entry(apart, apart.rotation),
         "test": test_entry(apart.significance()),
+        "time": None if sides.times is None else _times(sides.times),
+        "warnings": list(sides.warnings),
         "imucalib": {
             "file": sides.side.name,
             **_opinion(sides.ours),
@@ -74,6 +76,19 @@ def _distance(error: PoseError | None) -> Document | None:
             "translation_mm": number(error.averaged_translation * 1e3),
             "rotation_deg": number(math.degrees(error.averaged_rotation)),
         },
+    }
+
+
+def _times(times: TimeShifts) -> Document:
+    def milliseconds(value: float | None, true: float | None = 0.0) -> float | None:
+        return None if value is None or true is None else number((value - true) * 1e3)
+
+    return {
+        "difference_ms": milliseconds(times.shift, times.offset),
+        "sigma_ms": milliseconds(times.std),
+        "camera_offset_ms": milliseconds(times.camera_offset),
+        "imucalib_error_ms": milliseconds(times.offset, times.true_offset),
+        "kalibr_error_ms": milliseconds(times.shift, times.true_shift),
     }
 
 

@@ -49,7 +49,12 @@ def read_truth(text: str, name: str) -> TruePose:
             f"{name}: holds no transform and time_offset: it should be the truth.yaml that "
             "imucalib simulate writes beside a log"
         )
-    root = Node(loaded, name, "")
+    if isinstance(loaded["time_offset"], dict):
+        raise InputError(
+            f"{name}: is a result of imucalib run, no truth: it should be the truth.yaml that "
+            "imucalib simulate writes beside a log"
+        )
+    root = Node(loaded, name, "", "the truth.yaml of `imucalib simulate`")
     transform, camera = root.child("transform"), root.optional("camera")
     quaternion = transform.array("rotation_xyzw", 4)
     if abs(float(np.linalg.norm(quaternion)) - 1.0) > 1e-6:

@@ -195,6 +195,95 @@ def test_a_camera_drawn_wrong_does_not_count_against_kalibr(
     assert document["translation"]["difference_mm"] > 5.0  # through the URDF
 
 
+def test_time_shifts_tell_the_cameras_clock(
+    files: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As docs/simulation.md defines them: shift = IMU - camera, offset = IMU - robot.
+
+    An IMU that is 20 ms late and a camera that is 15 ms early are 35 ms apart.
+    """
+    result = to_yaml([to_document(ours(time_offset=0.020, time_offset_std=1e-4))])
+    (files / "result.yaml").write_text(result)
+    (files / "kalibr.yaml").write_text(yaml.safe_dump({"cam0": chain(timeshift_cam_imu=0.035)}))
+    assert compare(files) == 0
+    document = answer(capsys)
+    assert document["time"] == {
+        "difference_ms": pytest.approx(15.0),
+        "sigma_ms": pytest.approx(0.1),
+        "camera_offset_ms": pytest.approx(-15.0),
+        "imucalib_error_ms": None,
+        "kalibr_error_ms": None,
+    }
+    assert "the camera's stamps are 15 ms early against the robot's" in document["reason"]
+    truth = yaml.safe_load((files / "truth.yaml").read_text()) | {"time_offset": 0.0203}
+    (files / "truth.yaml").write_text(yaml.safe_dump(truth))
+    assert compare(files, "--truth", str(files / "truth.yaml")) == 0
+    times = answer(capsys)["time"]
+    assert times["imucalib_error_ms"] == pytest.approx(-0.3)
+    assert times["kalibr_error_ms"] is None  # that truth knows no camera
+    truth["camera"] = {"T_cam_imu": chain()["T_cam_imu"], "timeshift_cam_imu": 0.0348}
+    (files / "truth.yaml").write_text(yaml.safe_dump(truth))
+    assert compare(files, "--truth", str(files / "truth.yaml")) == 0
+    assert answer(capsys)["time"]["kalibr_error_ms"] == pytest.approx(0.2)
+    unshifted = chain()
+    del unshifted["timeshift_cam_imu"]
+    (files / "kalibr.yaml").write_text(yaml.safe_dump({"cam0": unshifted}))
+    assert compare(files) == 0
+    assert answer(capsys)["time"] is None
+
+
+def test_a_frame_that_is_not_optical_is_asked_about(
+    files: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert compare(files, "-o", str(files / "answer.yaml")) == 0
+    assert "warning" not in capsys.readouterr().err
+    assert yaml.safe_load((files / "answer.yaml").read_text())["warnings"] == []
+    assert compare(files, "--camera-link", "camera_link") == 0
+    out, err = capsys.readouterr()
+    (warning,) = yaml.safe_load(out)["warnings"]
+    assert warning.endswith(
+        "is camera_link the camera's optical frame (z forward, x right, y down)? --camera-link "
+        "takes another: camera_optical_frame"
+    )
+    assert f"warning: {warning}\n" in err
+    # 19 degrees and 0.4 m are odd, but no frame's fault; 21 degrees or 0.6 m are.
+    for moved, turned, odd in ((0.4, 19, False), (0.0, 21, True), (0.6, 0, True)):
+        away = fixed([moved, 0, 0], [0, 0, np.radians(turned)])
+        far = RigidTransform.from_components(
+            OURS.translation + away.translation, away.rotation * OURS.rotation
+        )
+        (files / "kalibr.yaml").write_text(yaml.safe_dump({"cam0": chain(far)}))
+        assert compare(files) == 0
+        assert bool(answer(capsys)["warnings"]) == odd
+
+
+def test_the_summary_says_what_the_document_does(
+    files: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert compare(files, "--format", "summary", "--truth", str(files / "truth.yaml")) == 0
+    out, err = capsys.readouterr()
+    assert err == ""
+    lines = {line[2:17].strip(): line[19:] for line in out.splitlines() if line.startswith("  ")}
+    ours, theirs = (lines["xyz"][at : at + 30].split() for at in (0, 32))
+    np.testing.assert_allclose(np.array(ours, float), OURS.translation, atol=5e-7)
+    np.testing.assert_allclose(np.array(theirs, float), THEIRS.translation, atol=5e-7)
+    assert lines["time shift"].split()[:4] == ["-42", "ms", "12.3", "ms"]
+    assert lines["its error"].split()[:2] == ["0", "ms"]
+    distance = 1e3 * np.linalg.norm(TRUE.inv().apply(OURS.translation))
+    assert lines["off the truth"].split()[0] in {f"{distance:.3f}", f"{distance:.2f}"}
+    assert "Kalibr's - ours  0.37 ± 0.10 mm" in out  # the root of 0.3² + 0.2² + 0.1²
+    assert compare(files, "--format", "words") == 2
+
+
+def test_a_log_is_no_file_of_kalibrs(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for content in (b"#ROSBAG V2.0\n\xff", bytes((1 << 24) + 1)):
+        (files / "log.bag").write_bytes(content)
+        assert compare(files, kalibr=str(files / "log.bag")) == 1
+        assert "it should be the -camchain-imucam.yaml that kalibr" in capsys.readouterr().err
+    assert compare(files, "--truth", str(files / "log.bag")) == 1
+    assert "it should be the truth.yaml that imucalib simulate" in capsys.readouterr().err
+
+
 def test_another_camera_of_the_chain(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
     cameras = {"cam0": chain(OURS), "cam1": chain(T_cn_cnm1=np.eye(4).tolist())}
     (files / "kalibr.yaml").write_text(yaml.safe_dump(cameras))
@@ -280,7 +369,8 @@ def test_a_bad_file_of_kalibrs_is_named(
     ("content", "words"),
     [
         ("cam0: {}", "should be the truth.yaml"),
-        ("transform: {}\ntime_offset: 0.0", "rotation_xyzw"),
+        ("transform: {}\ntime_offset: 0.0", "is this the truth.yaml of `imucalib simulate`?"),
+        (to_yaml([to_document(ours())]), "is a result of imucalib run, no truth"),
         (": [", "not YAML"),
     ],
 )
