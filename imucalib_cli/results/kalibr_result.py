@@ -63,7 +63,7 @@ def read_kalibr(text: str, name: str, camera: str = "cam0") -> KalibrResult:
         raise ChoiceError(f"--camera {camera}: {name} has {', '.join(map(str, cameras))}")
     if not isinstance(loaded[camera], dict) or "T_cam_imu" not in loaded[camera]:
         raise InputError(
-            f"{name}: {camera} has no T_cam_imu: give the -camchain-imucam.yaml that "
+            f"{name}: {camera} has no T_cam_imu: it should be the -camchain-imucam.yaml that "
             "kalibr_calibrate_imu_camera writes, not the camchain it reads"
         )
     chain = Node(loaded, name, "", "Kalibr's -camchain-imucam.yaml").child(camera)

@@ -11,7 +11,17 @@ import pytest
 
 from tests.troubleshooting.scene import PROVOCATIONS, Scene
 
-for _group in ("reading", "choices", "stamps", "sensors", "sheets", "robot", "motion", "results"):
+for _group in (
+    "reading",
+    "choices",
+    "stamps",
+    "sensors",
+    "sheets",
+    "robot",
+    "motion",
+    "results",
+    "studies",
+):
     import_module(f"tests.troubleshooting.provoke_{_group}")
 
 PAGE = (Path(__file__).parents[2] / "docs/troubleshooting.md").read_text(encoding="utf-8")
