@@ -39,6 +39,7 @@ HEAVY = ("numpy", "scipy", "rosbags", "yourdfpy", "yaml", "mujoco", "cv2", "matp
         ["diff", "--help"],
         ["compare", "--help"],
         ["simulate", "--help"],
+        ["study", "--help"],
         ["--version"],
     ],
 )
