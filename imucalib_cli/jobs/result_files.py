@@ -92,5 +92,5 @@ def _bounded(file: BinaryIO, name: str, expected: str) -> str:
     """All of a file, unless it is far too much for a result: a log, or an endless device."""
     content = file.read(_LARGEST + 1)
     if len(content) > _LARGEST:
-        raise InputError(f"{name}: is larger than {_LARGEST >> 20} MB: it should be {expected}")
+        raise InputError(f"{name}: more than {_LARGEST >> 20} MB: it should be {expected}")
     return content.decode("utf-8")
