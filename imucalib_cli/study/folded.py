@@ -99,10 +99,7 @@ def in_best_setting(rows: Sequence[Row], *keys: str) -> list[Row]:
         rows: Of a study.
         keys: What makes a condition.
     """
-    conditions: dict[tuple[Scalar, ...], list[Row]] = {}
-    for row in rows:
-        conditions.setdefault(tuple(row[key] for key in keys), []).append(row)
-    return [row for found in conditions.values() for row in best_setting(found)]
+    return [row for group in _groups(rows, keys) for row in best_setting(group)]
 
 
 def in_steadily_best_setting(rows: Sequence[Row], *keys: str) -> list[Row]:
@@ -112,9 +109,6 @@ def in_steadily_best_setting(rows: Sequence[Row], *keys: str) -> list[Row]:
         rows: Of a study.
         keys: What makes a group.
     """
-    groups: dict[tuple[Scalar, ...], list[Row]] = {}
-    for row in rows:
-        groups.setdefault(tuple(row[key] for key in keys), []).append(row)
 
     def badness(tried: Sequence[Row]) -> tuple[int, float]:
         errors = column(tried, "translation")
@@ -122,12 +116,20 @@ def in_steadily_best_setting(rows: Sequence[Row], *keys: str) -> list[Row]:
         return missing, float(np.mean(np.log(errors))) if errors else math.inf
 
     best: list[Row] = []
-    for group in groups.values():
+    for group in _groups(rows, keys):
         settings = dict.fromkeys(row["setting"] for row in group)
         tried = [chosen(group, setting=setting) for setting in settings]
         found: list[Row] = min(tried, key=badness)
         best += found
     return best
+
+
+def _groups(rows: Sequence[Row], keys: Sequence[str]) -> list[list[Row]]:
+    """Rows that are alike in some keys, together."""
+    groups: dict[tuple[Scalar, ...], list[Row]] = {}
+    for row in rows:
+        groups.setdefault(tuple(row[key] for key in keys), []).append(row)
+    return list(groups.values())
 
 
 def setting_of(rows: Sequence[Row]) -> str:
