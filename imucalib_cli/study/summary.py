@@ -39,12 +39,12 @@ def root_mean_square(rows: Iterable[Row], key: str) -> float:
     return float(np.sqrt(np.mean(values**2))) if len(values) else math.nan
 
 
-def best_setting(rows: Sequence[Row]) -> list[Row]:
-    """Rows of the setting with the least mean error of translation; of other methods, all rows."""
+def best_setting(rows: Sequence[Row], key: str = "translation") -> list[Row]:
+    """Rows of the setting with the least mean of an error; of other methods, all rows."""
     settings = list(dict.fromkeys(row["setting"] for row in rows))
 
     def error(setting: object) -> float:
-        found = mean([row for row in rows if row["setting"] == setting], "translation")
+        found = mean([row for row in rows if row["setting"] == setting], key)
         return math.inf if math.isnan(found) else found
 
     least = min(settings, key=error)
