@@ -121,15 +121,15 @@ def _gyro(method: str, arm: list[Row], gyro: Sequence[float], criteria: Criteria
                 strict=True,
             )
         ]
-        error = float(np.std(pairs, ddof=1) / math.sqrt(len(pairs))) if len(pairs) > 1 else math.nan
+        error = float(np.std(pairs, ddof=1) / math.sqrt(len(pairs))) if len(pairs) > 1 else 0.0
         changes.append((float(np.mean(pairs)) if pairs else math.nan, error, level))
-    change, error, level = max(changes[1:])
+    change, error, level = max(changes[1:], key=lambda c: c[0] - 2.0 * c[1])
     return Claim(
         words=f"{method}: RiHIBot, σ_a = 0: gyroscope noise does not raise the translation error "
-        f"at any σ_ω (means by {criteria.same:.0%} at most)",
+        f"at any σ_ω (means by {criteria.same:.0%} at most, but for two standard errors)",
         found=f"{digits(still)} mm without; at worst {'+' * (change > 0)}{digits(change)} mm, "
         f"standard error {digits(error)}, at σ_ω = {level:g}",
-        met=change <= criteria.same * still,
+        met=change - 2.0 * error <= criteria.same * still,
     )
 
 
@@ -208,6 +208,8 @@ def question_claims(
 ) -> Table:
     """What the paper supposes behind the growth of errors, and what estimating the offset does.
 
+    The published method is in one setting throughout, the one that is best over all of it.
+
     Args:
         rows: Of the study.
         accel: Levels of the accelerometer's noise, m/s²; the first and the last are compared.
@@ -215,7 +217,11 @@ def question_claims(
         bodies: Bars.
         criteria: By which they are judged.
     """
-    rows = in_steadily_best_setting(rows, "case", "method", "offset")
+    cases = {case.name for case in (*timing, *bodies)} | {ARM}
+    asides = [
+        row for row in chosen(rows, gyro=0.0) if row["case"] in cases and row["accel"] in accel
+    ]
+    rows = in_steadily_best_setting(asides, "method")
     mine = chosen(rows, method=JUDGED)
 
     def from_to(case: str, offset: float) -> tuple[float, float]:
