@@ -97,6 +97,11 @@ def reasons_for_distrust(evidence: Evidence, *, unknown: bool) -> list[str]:
                 "they are taken for"
             )
         )
+    if not (np.diag(evidence.spread.covariance[POSE, POSE]) >= 0.0).all():
+        reasons.append(
+            "one sensor has so little noise beside the other that the uncertainty cannot be "
+            "computed: give both theirs"
+        )
     reasons += _contradicting(evidence)
     dropped = _dropped_motion(evidence)
     if dropped > _DROPPED_MOTION:

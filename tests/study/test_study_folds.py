@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from imucalib_cli.estimate.matched import calibrate_matched
+from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.results.pose_error import pose_error
 from imucalib_cli.simulate.load import load_system
 from imucalib_cli.simulate.noise import corrupt
@@ -16,7 +17,9 @@ from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
 from imucalib_cli.study.contest import pose_only
 from imucalib_cli.study.folds import moves_of, stratified_folds, without
 from imucalib_cli.study.systems import clean_recording
-from imucalib_cli.study.trial import streams_of
+from imucalib_cli.study.trial import nees, streams_of
+
+HARD = PhysicsOptions(imu_rate=250, robot_rate=250, profile="hard")
 
 
 @pytest.mark.parametrize("name", ["rihibot", "barbot"])
@@ -75,8 +78,7 @@ def test_switched_pushes_drop_out_where_only_the_pose_is_unknown(
     noise: NoiseOptions, fold: int, translation: float, rotation_deg: float
 ) -> None:
     """Weights must settle, and a sensor without noise must leave the other its digits."""
-    physics = PhysicsOptions(imu_rate=250, robot_rate=250, profile="hard")
-    clean = clean_recording("barbot", physics)
+    clean = clean_recording("barbot", HARD)
     folds = stratified_folds(moves_of(clean.system, clean.system.duration), 3)
     imu, path = streams_of(without(corrupt(clean, noise, fold), folds[fold]))
     estimate = calibrate_matched(imu, path, pose_only(0.0))
@@ -85,3 +87,18 @@ def test_switched_pushes_drop_out_where_only_the_pose_is_unknown(
     )
     assert error.translation < translation
     assert np.degrees(error.rotation) < rotation_deg
+
+
+def test_a_covariance_that_lost_its_digits_is_not_to_be_trusted() -> None:
+    """No noise at all in the gyroscope and much in the accelerometer: no log has that."""
+    clean = clean_recording("barbot", HARD)
+    folds = stratified_folds(moves_of(clean.system, clean.system.duration), 3)
+    noisy = corrupt(clean, NoiseOptions(accel_white=0.1), 9)
+    imu, path = streams_of(without(noisy, folds[1]))
+    estimate = calibrate_matched(imu, path, MatchedOptions(gravity="none", gravity_norm=0.0))
+    covariance = np.asarray(estimate.covariance)
+    if (np.diag(covariance) >= 0.0).all():
+        error = estimate.t_parent_imu - clean.t_parent_imu
+        assert nees(error, covariance[:3, :3]) < 30.0
+    else:
+        assert not estimate.trusted
