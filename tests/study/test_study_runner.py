@@ -196,10 +196,12 @@ def test_an_interruption_leaves_no_worker_and_no_word_of_pythons(tmp_path: Path)
     """As the command line does it: all of the terminal's processes are told."""
     script = tmp_path / "interrupted.py"
     script.write_text(
-        "import os, pathlib\n"
+        "import os, pathlib, signal\n"
         "from imucalib_cli.study.runner import run_study\n"
         "from tests.study.test_study_runner import Squares, Squaring\n"
         "def main():\n"
+        # Whoever runs the tests in the background has it ignored.
+        "    signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         f"    folder = {str(tmp_path)!r}\n"
         "    study = Squaring(Squares(count=9, slow=60.0, told=folder))\n"
         "    try:\n"
