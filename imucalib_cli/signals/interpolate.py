@@ -39,11 +39,11 @@ def lagrange(
         low, high = np.where(short, 0, low), np.where(short, len(t), high)
     first = np.minimum(np.maximum(right - points // 2, low), high - points)
     # Far out in a gap, where nobody asks for values, a polynomial is nothing but rounding errors.
-    last = first + points - 1
-    beyond = t[last] - t[first]
-    at = np.clip(at, t[first] - beyond, t[last] + beyond)
+    nodes = np.stack([t[first + j] for j in range(points)])
+    beyond = nodes[-1] - nodes[0]
+    at = np.clip(at, nodes[0] - beyond, nodes[-1] + beyond)
     # Offsets from the instant keep digits where stamps are large against their spacing.
-    x = np.stack([t[first + j] - at for j in range(points)])
+    x = nodes - at
     result = np.zeros((len(at), values.shape[1]))
     for j in range(points):
         weight = np.ones(len(at))

@@ -14,7 +14,14 @@ from imucalib_cli.study.contest import PUBLISHED, Settings, contest
 from imucalib_cli.study.folds import moves_of, stratified_folds, without
 from imucalib_cli.study.guesses import wrong_guess
 from imucalib_cli.study.paper_setting import paper_settings
-from imucalib_cli.study.summary import DEGREES, MILLIMETRES, best_setting, chosen, column, spread
+from imucalib_cli.study.summary import (
+    DEGREES,
+    MILLIMETRES,
+    best_setting,
+    column,
+    least_setting,
+    spread,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -110,18 +117,12 @@ def in_steadily_best_setting(rows: Sequence[Row], *keys: str) -> list[Row]:
         keys: What makes a group.
     """
 
-    def badness(tried: Sequence[Row]) -> tuple[int, float]:
+    def badness(tried: list[Row]) -> tuple[int, float]:
         errors = column(tried, "translation")
         missing = len(tried) - len(errors)
         return missing, float(np.mean(np.log(errors))) if errors else math.inf
 
-    best: list[Row] = []
-    for group in _groups(rows, keys):
-        settings = dict.fromkeys(row["setting"] for row in group)
-        tried = [chosen(group, setting=setting) for setting in settings]
-        found: list[Row] = min(tried, key=badness)
-        best += found
-    return best
+    return [row for group in _groups(rows, keys) for row in least_setting(group, badness)]
 
 
 def _groups(rows: Sequence[Row], keys: Sequence[str]) -> list[list[Row]]:

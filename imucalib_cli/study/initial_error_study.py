@@ -17,7 +17,7 @@ from imucalib_cli.study.folded import (
     setting_of,
 )
 from imucalib_cli.study.load import load_parameters
-from imucalib_cli.study.summary import DEGREES, MILLIMETRES, chosen, column, digits
+from imucalib_cli.study.summary import DEGREES, MILLIMETRES, chosen, column, digits, least_setting
 from imucalib_cli.study.systems import clean_recording
 from imucalib_cli.study.table import Table
 
@@ -109,15 +109,12 @@ class InitialErrorStudy:
 
         The exclusion is by the pose that the guess gives, so that it may depend much.
         """
-        steadiest: list[Row] = []
-        for system in self.config.systems:
-            for method in METHODS:
-                mine = chosen(rows, system=system, method=method)
-                settings = dict.fromkeys(row["setting"] for row in mine)
-                tried = [chosen(mine, setting=setting) for setting in settings]
-                best: list[Row] = min(tried, key=self._unsteadiness)
-                steadiest += best
-        return steadiest
+        return [
+            row
+            for system in self.config.systems
+            for method in METHODS
+            for row in least_setting(chosen(rows, system=system, method=method), self._unsteadiness)
+        ]
 
     def _unsteadiness(self, rows: Sequence[Row]) -> tuple[int, float]:
         """Failures, and how far the other results on a fold are apart, mm."""

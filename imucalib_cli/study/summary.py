@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Callable, Iterable, Sequence
 
     from imucalib_cli.study.experiment import Row, Scalar
 
@@ -39,16 +39,20 @@ def root_mean_square(rows: Iterable[Row], key: str) -> float:
     return float(np.sqrt(np.mean(values**2))) if len(values) else math.nan
 
 
+def least_setting(rows: Sequence[Row], badness: Callable[[list[Row]], Any]) -> list[Row]:
+    """Rows of the setting whose rows are the least bad; of other methods, all rows."""
+    settings = dict.fromkeys(row["setting"] for row in rows)
+    return min((chosen(rows, setting=setting) for setting in settings), key=badness)
+
+
 def best_setting(rows: Sequence[Row], key: str = "translation") -> list[Row]:
     """Rows of the setting with the least mean of an error; of other methods, all rows."""
-    settings = list(dict.fromkeys(row["setting"] for row in rows))
 
-    def error(setting: object) -> float:
-        found = mean([row for row in rows if row["setting"] == setting], key)
+    def error(tried: list[Row]) -> float:
+        found = mean(tried, key)
         return math.inf if math.isnan(found) else found
 
-    least = min(settings, key=error)
-    return [row for row in rows if row["setting"] == least]
+    return least_setting(rows, error)
 
 
 def spread(rows: Sequence[Row], key: str, scale: float = 1.0) -> str:
