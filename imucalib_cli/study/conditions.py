@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields, replace
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from imucalib_cli.simulate.load import load_grade
 from imucalib_cli.simulate.options import ZERO, NoiseOptions, PhysicsOptions
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,3 +71,8 @@ class Condition:
         given = {f.name: getattr(self.noise, f.name) for f in fields(NoiseOptions)}
         stated = {name: v for name, v in given.items() if v != getattr(nothing, name)}
         return replace(graded, **stated)
+
+
+def condition_of(conditions: Sequence[Condition], name: object) -> Condition:
+    """The one of a name."""
+    return next(condition for condition in conditions if condition.name == name)

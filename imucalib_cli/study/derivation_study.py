@@ -29,6 +29,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
+    from numpy.typing import NDArray
+
     from imucalib_cli.simulate.recording import Recording
     from imucalib_cli.study.experiment import Cell, Row, Study
 
@@ -101,7 +103,7 @@ class DerivationStudy:
         limit = column([cell], "exclusion")
         found = self._compared(figure, str(cell["filter"]), window, *limit)
         recording, _ = self._case(figure)
-        brusque = near_changes(found.t, found.measured, self.config.jerk, self.config.margin)
+        brusque = self._brusque(found)
         apart = np.abs(found.mismatch)
         row: Row = {
             "signal": _rms(found.derived),
@@ -111,20 +113,21 @@ class DerivationStudy:
             "largest": float(apart.max()),
             "kept": _rms(found.mismatch[found.kept]),
             "excluded": float(np.mean(~found.kept)),
-            "weightless": self._weightless(figure, str(cell["filter"]), window, *limit),
+            "weightless": self._weightless(figure, str(cell["filter"]), window),
             "system": recording.system.name,
         }
         return [cell | row]
 
-    def _weightless(
-        self, figure: int, name: str, window: int, exclusion: float = 0.0
-    ) -> float | None:
+    def _weightless(self, figure: int, name: str, window: int) -> float | None:
         """Mismatch elsewhere of the same motion without gravity, m/s²; None where there is none."""
         if not self._case(figure)[0].gravity_world.any():
             return None
-        found = self._compared(figure, name, window, exclusion, gravity=0.0)
-        brusque = near_changes(found.t, found.measured, self.config.jerk, self.config.margin)
-        return _rms(found.mismatch[~brusque])
+        found = self._compared(figure, name, window, gravity=0.0)
+        return _rms(found.mismatch[~self._brusque(found)])
+
+    def _brusque(self, found: Comparison) -> NDArray[np.bool_]:
+        """Samples near starts and stops."""
+        return near_changes(found.t, found.measured, self.config.jerk, self.config.margin)
 
     def tables(self, rows: Sequence[Row]) -> list[Table]:
         """The mismatches, and what the paper says about its figures."""

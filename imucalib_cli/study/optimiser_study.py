@@ -30,7 +30,7 @@ from imucalib_cli.results.pose_error import pose_error
 from imucalib_cli.signals.trajectory import Trajectory
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.study.bound import bound_columns
-from imucalib_cli.study.conditions import Condition, Recorded
+from imucalib_cli.study.conditions import Condition, Recorded, condition_of
 from imucalib_cli.study.contest import NO_ERRORS, pose_only
 from imucalib_cli.study.experiment import Figure
 from imucalib_cli.study.guesses import wrong_guess
@@ -110,7 +110,7 @@ class OptimiserStudy:
         """All optimisers on one recording from one guess."""
         config, seed = self.config, int(cell["seed"] or 0)
         clean = clean_recording(str(cell["system"]), config.physics)
-        noise = next(c.sensors for c in config.conditions if c.name == cell["condition"])
+        noise = condition_of(config.conditions, cell["condition"]).sensors
         size = next(
             g for g in config.guesses if guess_name(g.translation, g.rotation_deg) == cell["guess"]
         )

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, ClassVar, Generic, TypeVar
 from imucalib_cli.estimate.options import WindowChoice
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.study.bound import bound_columns
-from imucalib_cli.study.conditions import Condition, Recorded
+from imucalib_cli.study.conditions import Condition, Recorded, condition_of
 from imucalib_cli.study.contest import METHODS, PUBLISHED, Method, Settings, contest
 from imucalib_cli.study.experiment import Figure
 from imucalib_cli.study.guesses import wrong_guess
@@ -112,7 +112,7 @@ class Sweep(ABC, Generic[Config]):
     def setup(self, cell: Cell) -> Setup:
         """What a cell is run with."""
         config = self.config
-        condition = next(c for c in config.conditions if c.name == cell["condition"])
+        condition = condition_of(config.conditions, cell["condition"])
         setup = Setup(
             physics=config.physics,
             noise=condition.sensors,
