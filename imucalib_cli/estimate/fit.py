@@ -1,257 +1,406 @@
-"""Passes over the windows and solves in turn, until the time offset stands still."""
+"""From windows to the posterior of every unknown: a lean solve, then the whole table."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
-from imucalib_cli.estimate import columns
+from imucalib_cli.estimate.design import Model, State, plan_nodes
+from imucalib_cli.estimate.layout import Layout, lay_out
 from imucalib_cli.estimate.robust import residual_scales, window_weights
+from imucalib_cli.estimate.scales import Mixture, Problem, integrate, most_likely
 from imucalib_cli.estimate.solve import (
-    DBA,
-    DBG,
-    DNORM,
-    DT,
-    DTAU,
-    DTILT,
-    OPTIONAL,
-    POSE,
     SAME_ROTATION,
-    TANGENT,
-    WEAKEST_STD,
-    Solution,
-    State,
-    Unknowns,
+    LeanState,
+    LeanUnknowns,
     refine,
     solve_globally,
+    tilt_from_down,
 )
-from imucalib_cli.estimate.statistics import BLOCK_SECONDS, block_statistics
-from imucalib_cli.robot.rotations import rotation_angle, skew
+from imucalib_cli.estimate.spectrum import Statistics, inverse_of, statistics
+from imucalib_cli.estimate.unknowns import LEAN, Clock, Gravity, Mount, Reading
+from imucalib_cli.robot.rotations import rotation_angle, rotvec_from_matrix
 
 if TYPE_CHECKING:
     from imucalib_cli.estimate.options import MatchedOptions
-    from imucalib_cli.estimate.sensor_model import Corrections
     from imucalib_cli.estimate.windows import Windowing, WindowRows
 
 Floats = NDArray[np.float64]
+Indices = NDArray[np.intp]
 
-_FIRST_SCALES = (0.05, 0.005)
+_FIRST_SCALES: Final = (0.05, 0.005)
 """m/s² and rad/s: how the sensors are weighted before residuals tell."""
-_PASSES = 8
-_REWEIGHTS = 3
-"""At least."""
-_MOST_REWEIGHTS = 20
-_SETTLED_WINDOWS = 0.5
-"""Weights have settled when they change by less than half a window in all."""
-_OFFSET_STEP = 1e-4
-"""s, of the offset column's central difference: the kinematics are smooth over it."""
-_CONVERGED = 0.02
-"""In standard deviations by the information matrix."""
-_RESOLUTION = 1e-7
-"""s, s/s, 1: an error this small ends the passes in any case."""
-_RELINEARISED = slice(DTAU, DNORM)
-"""Unknowns whose columns are made anew at each solution."""
-MIN_WINDOWS = 24
+_REWEIGHTS: Final = 3
+_THIN: Final = 4
+"""Of the windows, which overlap eightfold, every so many is enough for a first solution."""
+_LEAN_PASSES: Final = 8
+_FULL_PASSES: Final = 5
+_SETTLED: Final = 0.3
+"""Largest step, in sigmas, after which what is left of it is of second order."""
+_TIME_RESOLUTION: Final = 2e-5
+"""s: an offset found so well is good enough to begin the whole table with."""
+MIN_WINDOWS: Final = 24
+"""Three lengths of the window, eight windows each."""
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A solution together with the rows it rests on."""
+    """The posterior and the windows it rests on."""
 
-    windowing: Windowing
-    rows: WindowRows
+    model: Model
+    options: MatchedOptions
+    state: State
+    """The posterior mean."""
+    covariance: Floats
+    """(n, n), of the layout's components: of mount and gravity about ``state``."""
+    scales_found: Mixture
+    """Of the learnt standard deviations, logarithms."""
+    statistics: Statistics
+    step: Floats
+    """(n,), from the point of linearisation of ``statistics`` to the posterior mean."""
+    levels: Floats
+    """(2, bands), of the noise."""
+    centres: Indices
+    residuals: Floats
+    """(W, 6), m/s² and rad/s, parent frame."""
     weights: Floats
-    """(W,), robust weight of each window."""
-    scales: tuple[float, float]
-    """Residual scale of the accelerometer, m/s², and the gyroscope, rad/s, of a window."""
-    unknowns: Unknowns
-    solution: Solution
+    motion: Floats
+    """(W,), (1/s²)²: how much each window turns and shakes."""
+    residual_scales: tuple[float, float]
     runner_up_rise: float
     """How much worse the best other rotation fits, in chi-squared; inf where there is none."""
-    time_offset: float
 
     @property
-    def corrections(self) -> Corrections:
-        """Drift, delay and scales that were found."""
-        return self.windowing.corrections.moved(self.solution.state.extras)
+    def layout(self) -> Layout:
+        """Of the components."""
+        return self.model.layout
+
+    @property
+    def deviance(self) -> float:
+        """Twice the negative Whittle log-likelihood: what alternatives are compared by."""
+        return self.statistics.deviance(self.levels)
+
+    def of(self, name: str) -> tuple[Floats, Floats]:
+        """Value and standard deviation of an entry of the table; empty where it is not free."""
+        part = self.layout.part(name)
+        return self.state.x[part], np.sqrt(np.maximum(np.diag(self.covariance)[part], 0.0))
 
 
-def make_unknowns(
-    options: MatchedOptions, *, offset_free: bool, extras: NDArray[np.bool_] | None = None
-) -> Unknowns:
-    """Translate the options into what may move and what is known beforehand.
-
-    Args:
-        options: The user's.
-        offset_free: Whether the time offset moves.
-        extras: (12,), which of solve.OPTIONAL move; none by default.
-    """
-    free = np.ones(TANGENT, dtype=bool)
-    prior = np.zeros(TANGENT)
-    prior[DT] = 1.0 / WEAKEST_STD["t"] ** 2
-    for part, std, weakest in (
-        (DBA, options.accel_bias_std, WEAKEST_STD["accel_bias"]),
-        (DBG, options.gyro_bias_std, WEAKEST_STD["gyro_bias"]),
-    ):
-        free[part] = std > 0.0
-        prior[part] = 1.0 / min(std, weakest) ** 2 if std > 0.0 else 0.0
-    norm = 0.0 if options.gravity == "none" else options.gravity_norm
-    free[DTILT] = options.gravity == "tilt" and norm > 0.0 and options.tilt_std > 0.0
-    if free[DTILT].all():
-        prior[DTILT] = 1.0 / options.tilt_std**2
-    free[DTAU] = offset_free
-    prior[DTAU] = 1.0 / WEAKEST_STD["time_offset"] ** 2
-    free[OPTIONAL] = False if extras is None else extras
-    prior[OPTIONAL] = (
-        1.0
-        / np.repeat(
-            [WEAKEST_STD[name] for name in ("drift", "delay", "scale", "turn", "gravity")],
-            [1, 1, 6, 3, 1],
-        )
-        ** 2
-    )
-    known = options.pose
-    if known is None or known.R_parent_imu is None or known.t_parent_imu is None:
-        return Unknowns(gravity_norm=norm, free=free, prior_information=prior)
-    pose_std = np.array(known.std)
-    free[POSE] = pose_std > 0.0
-    told = free[POSE] & np.isfinite(pose_std)
-    prior[POSE][told] = 1.0 / pose_std[told] ** 2
-    return Unknowns(
-        gravity_norm=norm,
-        free=free,
-        prior_information=prior,
-        R_prior=known.R_parent_imu,
-        t_prior=known.t_parent_imu,
-    )
-
-
-def fit_windows(
+def fit(
     windowing: Windowing,
     options: MatchedOptions,
     time_offset: float,
     start: State | None = None,
-    extras: NDArray[np.bool_] | None = None,
 ) -> Fit:
-    """Least squares over all windows, robust, with the time offset if it is to be found.
+    """Find every unknown of the table.
 
     Args:
         windowing: The two streams and their windows.
-        options: What is free and what is known.
+        options: What is known beforehand.
         time_offset: IMU stamp - robot stamp to begin with, s.
-        start: A solution nearby, from which to go on; None searches all rotations.
-        extras: (12,), which of solve.OPTIONAL are found too; none by default.
+        start: A lean solution nearby; None searches all rotations.
 
     Raises:
         InputError: The streams overlap for too few windows.
     """
-    still = make_unknowns(options, offset_free=False)
-    moving = make_unknowns(options, offset_free=options.time_offset is None, extras=extras)
-    rows = _rows(windowing, time_offset)
-    scales, runner_up = _FIRST_SCALES, None
+    lean, state, rise = lean_fit(windowing, options, time_offset, start)
+    layout = lay_out(windowing.trajectory, options)
+    state = _transfer(state, lean.layout, layout)
+    return _whole(Model(windowing, layout), options, state, rise)
+
+
+def lean_fit(
+    windowing: Windowing,
+    options: MatchedOptions,
+    time_offset: float,
+    start: State | None = None,
+) -> tuple[Model, State, float]:
+    """Pose, biases, gravity's direction and time offset, on every fourth window.
+
+    Returns:
+        The lean model, its state, and how much worse the best other rotation fits, in chi-squared.
+    """
+    layout = lay_out(windowing.trajectory, options, LEAN)
+    model = Model(windowing, layout)
+    rise = np.inf
     if start is None:
-        normal = _normal(rows, np.ones(len(rows.centres)), windowing, scales)
-        found = solve_globally(normal, still)
-        start, runner_up = found.state, found.runner_up
+        start, rise = _globally(windowing, options, time_offset, layout)
     state = start
-    for turn in range(_PASSES):
-        if turn > 0:
-            rows = _rows(windowing, time_offset)
-        weights = np.ones(len(rows.centres))
-        for reweight in range(_MOST_REWEIGHTS):
-            before, scales = weights, residual_scales(rows, state.vector())
-            state = refine(_normal(rows, weights, windowing, scales), still, state).state
-            weights = window_weights(rows, state.vector(), redescend=turn + reweight > 0)
-            if reweight >= _REWEIGHTS - 1 and np.abs(weights - before).sum() < _SETTLED_WINDOWS:
-                break
-        _set_late_columns(windowing, time_offset, rows, state)
-        if not moving.free[_RELINEARISED].any():
-            break
-        joint = refine(_normal(rows, weights, windowing, scales), moving, state)
+    for turn in range(_LEAN_PASSES):
+        centres = _enough(windowing, model, state)[:: _thinning(windowing, model, state)]
+        residuals = model.residuals(state, centres)
+        stats, _, _ = _linearised(model, state, centres, residuals, redescend=turn > 1)
+        problem = _problem(stats, layout, options, state, 1.0, windowing)
+        step, inverse, _ = problem.solve(np.zeros(0))
+        step = _embedded(step, layout)
+        part = layout.part("time_offset")
         reach = 0.5 * windowing.plan.length * windowing.grid.dt
-        # What the first turn finds beside the pose changes the scales and weights it began with.
-        first = turn == 0 and moving.free[OPTIONAL].any()
-        if turn == _PASSES - 1 or (not first and _settled(joint, moving, reach)):
+        step[part] = np.clip(step[part], -reach, reach)
+        state = state.moved(layout, step)
+        moved = np.abs(step[layout.free]) / np.sqrt(np.diag(inverse))
+        if moved.max(initial=0.0) < _SETTLED or (
+            turn > 1 and np.abs(step[part]).max(initial=0.0) < _TIME_RESOLUTION
+        ):
             break
-        time_offset += float(np.clip(joint.state.tau, -reach, reach))
-        windowing = windowing.corrected(windowing.corrections.moved(joint.state.extras))
-        state = joint.state.here()
-    normal = _normal(rows, weights, windowing, scales)
-    solution = refine(normal, moving, state)
+    return model, state, rise
+
+
+def _globally(
+    windowing: Windowing, options: MatchedOptions, time_offset: float, layout: Layout
+) -> tuple[State, float]:
+    centres = windowing.centres(time_offset)
+    _see_enough(windowing, centres, time_offset)
+    rows = windowing.rows(time_offset, centres[:: _THIN if len(centres) > _THIN * 60 else 1])
+    unknowns = LeanUnknowns.of(options)
+    weights = np.ones(len(rows.centres))
+    found = solve_globally(_normal(windowing, rows, weights, _FIRST_SCALES), unknowns)
+    lean, runner_up = found.state, found.runner_up
+    scales = _FIRST_SCALES
+    for turn in range(_REWEIGHTS):
+        residuals = np.concatenate(rows.residuals(lean.vector()), axis=1)
+        scales = residual_scales(residuals)
+        motion = (rows.accel[:, :, 1:4] ** 2).sum(axis=(1, 2))
+        weights = window_weights(residuals, motion, redescend=turn > 0)
+        lean = refine(_normal(windowing, rows, weights, scales), unknowns, lean).state
     rise = np.inf
     if runner_up is not None:
-        other = refine(normal, moving, runner_up)
-        if rotation_angle(other.state.R.T @ solution.state.R) > SAME_ROTATION:
-            rise = other.cost - solution.cost
-    return Fit(
-        windowing=windowing,
-        rows=rows,
-        weights=weights,
-        scales=scales,
-        unknowns=moving,
-        solution=solution,
-        runner_up_rise=float(rise),
-        time_offset=time_offset + solution.state.tau,
-    )
+        normal = _normal(windowing, rows, weights, scales)
+        # Every fourth window stands for itself and the three left out.
+        share = len(centres) / len(rows.centres)
+        first, other = (refine(normal, unknowns, each) for each in (lean, runner_up))
+        if rotation_angle(other.state.R.T @ first.state.R) > SAME_ROTATION:
+            rise = share * (other.cost - first.cost)
+    return _state_of(lean, layout, time_offset), float(rise)
 
 
-def _settled(joint: Solution, moving: Unknowns, reach: float) -> bool:
-    """Whether what a step leaves of offset, drift, delay and scales is small.
+def _state_of(lean: LeanState, layout: Layout, time_offset: float) -> State:
+    x = np.zeros(layout.size)
+    for name, value in (
+        ("accel_bias", lean.R.T @ lean.accel_bias),
+        ("gyro_bias", lean.R.T @ lean.gyro_bias),
+        ("time_offset", np.array([time_offset])),
+    ):
+        part = layout.part(name)
+        x[part] = value[: part.stop - part.start]
+    held = 0.0 if layout.part("time_offset") != slice(0, 0) else time_offset
+    return State(lean.R, lean.t, lean.gravity, x, held)
 
-    The columns are linear only nearby: what a step leaves is quadratic in it.
-    """
-    free = moving.free[_RELINEARISED]
-    step = np.r_[joint.state.tau, joint.state.extras][free]
-    left = step**2 / np.array([reach, reach, reach, *[1.0] * 9])[free]
-    information = np.diag(joint.information)[_RELINEARISED][free]
-    return bool((left < np.maximum(_RESOLUTION, _CONVERGED / np.sqrt(information))).all())
+
+def _transfer(state: State, old: Layout, new: Layout) -> State:
+    """The same values in another layout."""
+    x = np.zeros(new.size)
+    for each in old.placed:
+        part = new.part(each.unknown.name)
+        if part != slice(0, 0):
+            x[part] = state.x[each.part]
+    return replace(state, x=x)
 
 
-def _rows(windowing: Windowing, time_offset: float) -> WindowRows:
-    centres = windowing.centres(time_offset)
+def _thinning(windowing: Windowing, model: Model, state: State) -> int:
+    return _THIN if len(model.centres(state)) > _THIN * 60 else 1
+
+
+def _enough(windowing: Windowing, model: Model, state: State) -> Indices:
+    centres = model.centres(state)
+    _see_enough(windowing, centres, model.shifts(state)[1][0])
+    return centres
+
+
+def _see_enough(windowing: Windowing, centres: Indices, offset: float) -> None:
     if len(centres) < MIN_WINDOWS:
         grid, (first, last) = windowing.grid, windowing.trajectory.span
         raise InputError(
             f"only {len(centres)} filter windows of {windowing.plan.length * grid.dt:.3g} s fit "
             f"where IMU ({grid.t0:.2f} to {grid.t[-1]:.2f} s) and robot "
-            f"({first + time_offset:.2f} to {last + time_offset:.2f} s) overlap between gaps "
+            f"({first + offset:.2f} to {last + offset:.2f} s) overlap between gaps "
             f"({grid.gaps} in the IMU's stamps, {windowing.trajectory.gaps} in the robot's), need "
             f"{MIN_WINDOWS}: record a longer log, choose a shorter --window or another --clock"
         )
-    return windowing.rows(time_offset, centres)
 
 
 def _normal(
-    rows: WindowRows, weights: Floats, windowing: Windowing, scales: tuple[float, float]
+    windowing: Windowing, rows: WindowRows, weights: Floats, scales: tuple[float, float]
 ) -> Floats:
-    seconds = (rows.centres - rows.centres[0]) * windowing.grid.dt
-    statistics = block_statistics(rows, weights, (seconds // BLOCK_SECONDS).astype(np.intp))
     accel, gyro = windowing.plan.noise_gains
-    return statistics.normal_matrix(scales[0] / accel, scales[1] / gyro)
+    return rows.normal_matrix(scales[0] / accel, scales[1] / gyro, weights)
 
 
-def _set_late_columns(
-    windowing: Windowing, time_offset: float, rows: WindowRows, state: State
-) -> None:
-    """Fill the columns that depend on the solution: the offset's by central difference.
+def _linearised(
+    model: Model, state: State, centres: Indices, residuals: Floats, *, redescend: bool
+) -> tuple[Statistics, Floats, Floats]:
+    """Statistics about a state, the windows' weights, and how much each moves."""
+    parts = []
+    translation = model.layout.part("translation")
+    motion = np.zeros(len(centres))
+    for part, J in model.columns(state, centres):
+        if translation != slice(0, 0):
+            motion[part] = (J[:, :3, translation] ** 2).sum(axis=(1, 2))
+        parts.append((part, J))
+    weights = window_weights(residuals, motion, redescend=redescend)
+    scales = residual_scales(residuals)
+    stats = statistics(
+        model.windowing.plan, centres, residuals, iter(parts), model.layout.size, weights, scales
+    )
+    return stats, weights, motion
 
-    The others follow: a drift is an offset that grows, a delay one of the gyroscope alone, a scale
-    is the rotation's own part of an axis, and a misalignment turns the rotation for the gyroscope.
-    """
-    x = state.here().vector()
-    h = _OFFSET_STEP
-    later = windowing.residuals(time_offset + h, rows.centres, x)
-    earlier = windowing.residuals(time_offset - h, rows.centres, x)
-    age = windowing.grid.t0 + windowing.grid.dt * rows.centres - windowing.middle
-    for sensor, scale, part in ((0, columns.SA, rows.accel), (1, columns.SG, rows.gyro)):
-        part[:, :, columns.TAU] = (later[sensor] - earlier[sensor]) / (2 * h)
-        part[:, :, columns.DRIFT] = part[:, :, columns.TAU] * age[:, None]
-        part[:, :, columns.DELAY] = part[:, :, columns.TAU] * sensor
-        by_axis = part[:, :, columns.R].reshape(-1, 3, 3, 3) * state.R
-        part[:, :, scale] = -by_axis.sum(axis=2)
-    turned = np.stack([state.R @ generator for generator in skew(np.eye(3))])
-    rows.gyro[:, :, columns.MG] = rows.gyro[:, :, columns.R] @ turned.reshape(3, 9).T
+
+def _whole(model: Model, options: MatchedOptions, state: State, rise: float) -> Fit:
+    layout, windowing = model.layout, model.windowing
+    u = layout.bounds.mean(axis=1)
+    for turn in range(_FULL_PASSES):
+        centres = _enough(windowing, model, state)
+        residuals = model.residuals(state, centres)
+        stats, weights, motion = _linearised(model, state, centres, residuals, redescend=True)
+        level, levels = 1.0, np.ones_like(stats.freedom)
+        for _ in range(3):
+            problem = _problem(stats, layout, options, state, level, windowing, residuals)
+            u = most_likely(problem, u)
+            step, inverse, _ = problem.solve(u)
+            levels = stats.levels(_embedded(step, layout), _embedded_matrix(inverse, layout) / level)
+            level = _level(stats, layout, levels, inverse)
+        moved = np.abs(step) / np.sqrt(np.diag(inverse))
+        if turn == _FULL_PASSES - 1 or moved.max() < _SETTLED:
+            break
+        state = state.moved(layout, _embedded(step, layout))
+    mixture = integrate(problem, u)
+    B = stats.score_covariance(levels)[np.ix_(layout.free, layout.free)] / level**2
+    mean = np.zeros_like(step)
+    steps, covariances = [], []
+    for point in mixture.points:
+        one, inverse, _ = problem.solve(point)
+        steps.append(one)
+        covariances.append(inverse @ (B + np.diag(problem.precision(point))) @ inverse)
+    mean = mixture.weights @ np.array(steps)
+    apart = np.array(steps) - mean
+    covariance = np.einsum("m,mij->ij", mixture.weights, np.array(covariances))
+    covariance += np.einsum("m,mi,mj->ij", mixture.weights, apart, apart)
+    step = _embedded(mean, layout)
+    return Fit(
+        model=model,
+        options=options,
+        state=state.moved(layout, step),
+        covariance=_embedded_matrix(covariance, layout),
+        scales_found=mixture,
+        statistics=stats,
+        step=step,
+        levels=levels,
+        centres=centres,
+        residuals=residuals,
+        weights=weights,
+        motion=motion,
+        residual_scales=residual_scales(residuals),
+        runner_up_rise=rise,
+    )
+
+
+def _level(stats: Statistics, layout: Layout, levels: Floats, inverse: Floats) -> float:
+    """Level of the noise as the unknowns meet it: one number for its colour."""
+    free = np.ix_(layout.free, layout.free)
+    B, A = stats.score_covariance(levels)[free], stats.information[free]
+    return float(np.sum(inverse * B) / max(np.sum(inverse * A), 1e-300))
+
+
+def _problem(
+    stats: Statistics,
+    layout: Layout,
+    options: MatchedOptions,
+    state: State,
+    level: float,
+    windowing: Windowing,
+    residuals: Floats | None = None,
+) -> Problem:
+    """The free components' normal equations with their priors."""
+    A, b = stats.information, stats.score
+    if residuals is not None:
+        A, b = _without_noise(A, b, stats, layout, windowing, residuals, state)
+    free = layout.free
+    return Problem(
+        information=A[np.ix_(free, free)] / level,
+        score=b[free] / level,
+        offset=_offset(layout, options, state)[free],
+        std=layout.std[free],
+        scale=layout.scale[free],
+        bounds=layout.bounds,
+    )
+
+
+def _offset(layout: Layout, options: MatchedOptions, state: State) -> Floats:
+    """Distance of each component from what its prior expects."""
+    offset = state.x.copy()
+    offset[layout.part("time_offset")] = 0.0
+    known = options.pose
+    for each in layout.of(Mount, Gravity):
+        effect, part = each.unknown.effect, each.part
+        if isinstance(effect, Gravity):
+            if effect.what == "magnitude":
+                offset[part] = np.linalg.norm(state.gravity) - options.gravity_norm
+            elif np.isfinite(options.tilt_std):
+                offset[part] = tilt_from_down(state.gravity)
+        elif known is not None and known.R_parent_imu is not None:
+            if effect.what == "rotation":
+                offset[part] = rotvec_from_matrix(state.R @ known.R_parent_imu.T)
+            elif known.t_parent_imu is not None:
+                offset[part] = state.t - known.t_parent_imu
+    return offset
+
+
+def _without_noise(
+    A: Floats,
+    b: Floats,
+    stats: Statistics,
+    layout: Layout,
+    windowing: Windowing,
+    residuals: Floats,
+    state: State,
+) -> tuple[Floats, Floats]:
+    """Take off what the sensor's noise adds to columns made of second differences of readings."""
+    A, b = A.copy(), b.copy()
+    plan, nodes = windowing.plan, plan_nodes(windowing)
+    for each in layout.of(Reading):
+        effect = each.unknown.effect
+        if not isinstance(effect, Reading) or not effect.differences:
+            continue
+        accel = effect.sensor == "accel"
+        pair = plan.second_derivative if accel else plan.first_derivative
+        own = nodes.second if accel else nodes.first
+        kernel = nodes.kernel(own, effect.differences) / (nodes.every * windowing.grid.dt) ** (
+            2 * effect.differences
+        )
+        plain = pair.average
+        longer, shorter = (kernel, plain) if len(kernel) >= len(plain) else (plain, kernel)
+        begin = (len(longer) - len(shorter)) // 2
+        both = float(longer[begin : begin + len(shorter)] @ shorter)
+        # The share of the residual that is this sensor's own white noise, in whitened units.
+        noise = windowing.grid.noise[0 if accel else 1] * np.sqrt(windowing.grid.refine)
+        part = residuals[:, :3] if accel else residuals[:, 3:]
+        scale = residual_scales(residuals)[0 if accel else 1]
+        left = min(noise * float(np.linalg.norm(plain)), scale)
+        gain = plan.noise_gains[0 if accel else 1] / scale
+        count = 3.0 * stats.windows
+        variance = (left * gain / float(np.linalg.norm(plain))) ** 2
+        place = each.part.start
+        b[place] += count * variance * both
+        A[place, place] = max(
+            A[place, place] - count * variance * float(kernel @ kernel), 0.01 * A[place, place]
+        )
+        del part
+    return A, b
+
+
+def _embedded(step: Floats, layout: Layout) -> Floats:
+    full = np.zeros(layout.size)
+    full[layout.free] = step
+    return full
+
+
+def _embedded_matrix(matrix: Floats, layout: Layout) -> Floats:
+    full = np.zeros((layout.size, layout.size))
+    full[np.ix_(layout.free, layout.free)] = matrix
+    return full
+
+
+__all__ = ["Clock", "Fit", "fit", "inverse_of", "lean_fit"]

@@ -3,15 +3,29 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from dataclasses import dataclass, field
+from typing import Literal
 
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
+import numpy as np
+from numpy.typing import NDArray
+
+from imucalib_cli.estimate.unknowns import (
+    Clock,
+    Gravity,
+    JointCurve,
+    Mount,
+    Origin,
+    PoseScale,
+    Reading,
+    Unknown,
+)
+
+Floats = NDArray[np.float64]
 
 STANDARD_GRAVITY = 9.80665
 """m/s², CGPM 1901."""
+GRAVITY_STD = 0.02
+"""m/s²: on the Earth's surface gravity runs from 9.764 to 9.834."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,13 +69,55 @@ class MatchedOptions:
     gravity: Literal["tilt", "fixed", "none"] = "tilt"
     """Norm known and direction estimated; along -z of the world; absent."""
     gravity_norm: float = STANDARD_GRAVITY
+    gravity_std: float = GRAVITY_STD
+    """Prior of gravity's magnitude, m/s²; 0 where it is told exactly."""
     tilt_std: float = math.inf
     """Prior of gravity's direction about -z of the world, rad, with gravity 'tilt'."""
     pose: PosePrior | None = None
     """What is known of the pose itself."""
     sensor_model: Literal["auto", "ideal"] = "auto"
-    """Whether clock drift, a delay between the sensors, scale errors and another norm of gravity
-    are looked for and corrected, or taken not to exist."""
+    """'ideal': the sensor has nothing but noise and constant biases, the clocks only an offset."""
+    robot: Literal["learnt", "exact"] | tuple[float, float] = "learnt"
+    """How good the robot's constants are: learnt from the log, exact, or the standard deviations
+    of joint zeros, rad, and of origins, m."""
+    sensor_std: dict[str, float] = field(default_factory=dict)
+    """Standard deviations of the sensor's own errors by the name of their scale, where a data sheet
+    tells them; learnt from the log else."""
+
+    def prior_std(self, unknown: Unknown) -> Floats | None:
+        """Prior of an entry of the table, 1 sigma, as far as it is told; None: learn it.
+
+        0 holds a component at its nominal value.
+        """
+        effect, name = unknown.effect, unknown.name
+        weakest = np.array(unknown.std)
+        if isinstance(effect, Mount) and self.pose is not None:
+            std = np.array(self.pose.std)[3 * (effect.what == "rotation") :][:3]
+            return np.minimum(std, weakest)
+        if isinstance(effect, Gravity):
+            if self.gravity == "none" or self.gravity_norm == 0.0:
+                return np.zeros(1)
+            if effect.what == "magnitude":
+                return np.array(0.0 if self.sensor_model == "ideal" else self.gravity_std)
+            return np.array(0.0 if self.gravity == "fixed" else min(self.tilt_std, np.pi))
+        if name in {"accel_bias", "gyro_bias"}:
+            std = self.accel_bias_std if name == "accel_bias" else self.gyro_bias_std
+            return np.minimum(std, weakest)
+        if isinstance(effect, Clock) and self.time_offset is not None and name != "gyro_delay":
+            return np.zeros(1)
+        if name == "time_offset":
+            return weakest
+        if isinstance(effect, (Reading, Clock)) and self.sensor_model == "ideal":
+            return np.zeros(1)
+        if isinstance(effect, (JointCurve, Origin, PoseScale)):
+            if self.robot == "exact":
+                return np.zeros(1)
+            if isinstance(self.robot, tuple) and unknown.scale in {"joint_zero", "length"}:
+                return np.array(self.robot[unknown.scale == "length"])
+        if unknown.scale is None:
+            return weakest
+        told = self.sensor_std.get(unknown.scale)
+        return None if told is None else np.array(told)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,6 +13,7 @@ from imucalib_cli.errors import InputError
 from imucalib_cli.signals.grid import ImuGrid, imu_grid
 from imucalib_cli.signals.interpolate import lagrange
 from imucalib_cli.signals.spikes import find_spikes
+from imucalib_cli.signals.stuck import noise as white_noise
 from imucalib_cli.signals.stamps import Ticks, constant_rate_ticks, tidy_rows
 
 if TYPE_CHECKING:
@@ -50,7 +52,16 @@ class CleanImu:
         t = self.ticks.t if use_ticks and self.ticks is not None else self.t
         interval = float(np.median(np.diff(t)))
         refine = round(interval / robot_interval) if robot_interval > 0.0 else 1
-        return imu_grid(t, self.gyro, self.accel, min(max(refine, 1), _MOST_REFINE))
+        grid = imu_grid(t, self.gyro, self.accel, min(max(refine, 1), _MOST_REFINE))
+        return replace(grid, noise=self.noise)
+
+    @cached_property
+    def noise(self) -> tuple[float, float]:
+        """White noise of a sample, m/s² and rad/s, root mean square of the axes."""
+        accel, gyro = (
+            float(np.sqrt(np.mean(white_noise(values) ** 2))) for values in (self.accel, self.gyro)
+        )
+        return accel, gyro
 
 
 def clean_imu(imu: ImuSamples) -> CleanImu:

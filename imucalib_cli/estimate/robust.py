@@ -2,16 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numpy.typing import NDArray
 
-from imucalib_cli.estimate import columns
 from imucalib_cli.signals.spikes import MAD_TO_STD
-
-if TYPE_CHECKING:
-    from imucalib_cli.estimate.windows import WindowRows
 
 Floats = NDArray[np.float64]
 
@@ -27,35 +21,39 @@ _NONE = 100.0
 _BINS = 8
 
 
-def residual_scales(rows: WindowRows, x: Floats) -> tuple[float, float]:
-    """Robust standard deviation of accelerometer and gyroscope residuals, m/s² and rad/s."""
-    accel, gyro = rows.residuals(x)
-    return (
-        max(float(np.median(np.abs(accel))) * MAD_TO_STD, _LEAST[0]),
-        max(float(np.median(np.abs(gyro))) * MAD_TO_STD, _LEAST[1]),
+def residual_scales(residuals: Floats) -> tuple[float, float]:
+    """Robust standard deviation of accelerometer and gyroscope residuals, m/s² and rad/s.
+
+    Args:
+        residuals: (W, 6).
+    """
+    accel, gyro = (
+        max(float(np.median(np.abs(part))) * MAD_TO_STD, least)
+        for part, least in ((residuals[:, :3], _LEAST[0]), (residuals[:, 3:], _LEAST[1]))
     )
+    return accel, gyro
 
 
-def window_weights(rows: WindowRows, x: Floats, *, redescend: bool) -> Floats:
+def window_weights(residuals: Floats, motion: Floats, *, redescend: bool) -> Floats:
     """Weight of each window, from its residual against windows that move alike.
 
     Vibration, encoder noise and model errors grow with motion. A window is an outlier among
     those of like motion, never merely because it moves: it is the moving ones that inform.
 
     Args:
-        rows: Of W windows.
-        x: The solution's coefficients.
+        residuals: (W, 6).
+        motion: (W,), how much each window moves, in any unit.
         redescend: Whether far windows lose all weight (Tukey) or only influence (Huber): the
             latter first, while the solution may still be off.
 
     Returns:
         (W,), in [0, 1].
     """
-    scales = residual_scales(rows, x)
-    accel, gyro = rows.residuals(x)
-    scale_a, scale_g = (max(s, floor) for s, floor in zip(scales, SCALE_FLOOR, strict=True))
-    distance = (accel**2).sum(axis=1) / scale_a**2 + (gyro**2).sum(axis=1) / scale_g**2
-    motion = (rows.accel[:, :, columns.T] ** 2).sum(axis=(1, 2))
+    scale_a, scale_g = (
+        max(s, floor) for s, floor in zip(residual_scales(residuals), SCALE_FLOOR, strict=True)
+    )
+    squares = residuals**2
+    distance = squares[:, :3].sum(axis=1) / scale_a**2 + squares[:, 3:].sum(axis=1) / scale_g**2
     order = np.argsort(motion)
     relative = np.empty(len(distance))
     for part in np.array_split(order, min(_BINS, max(len(order) // 32, 1))):

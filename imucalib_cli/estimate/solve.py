@@ -1,8 +1,10 @@
-"""The pose from the statistics: a global solve on SO(3), with no guess to start from."""
+"""The rotation with no guess to start from: a global solve on SO(3) of the lean linear system."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,16 +12,21 @@ from numpy.typing import NDArray
 from imucalib_cli.estimate import columns
 from imucalib_cli.estimate.starts import least_squares, start_rotations
 from imucalib_cli.robot.rotations import (
+    cross,
+    left_jacobian_inverse,
     matrix_from_rotvec,
     rotation_angle,
     rotvec_from_matrix,
     skew,
 )
 
+if TYPE_CHECKING:
+    from imucalib_cli.estimate.options import MatchedOptions
+
 Floats = NDArray[np.float64]
 
 SAME_ROTATION = 0.02
-"""rad: rotations closer than this are one minimum."""
+"""rad: rotations closer than this are one minimum; ten times what noise leaves open."""
 _STEPS = 60
 _ROUGH_STEPS = 8
 """Steps from each start before the best are carried to their minimum."""
@@ -27,11 +34,26 @@ _RUNNERS = 4
 """Starts that ended elsewhere and are tried as the second minimum."""
 _CONVERGED = 1e-12
 """Step, in the mixed units of the tangent, below which the solve has arrived."""
+_WEAKEST_STD = (10.0, 10.0, 1.0)
+"""m, m/s², rad/s: wider than any robot's translation and any sensor's biases. They keep what the
+motion does not tell from running away."""
+
+# Tangent components of the lean system.
+DT = slice(0, 3)
+DPHI = slice(3, 6)
+POSE = slice(0, 6)
+DBA = slice(6, 9)
+DBG = slice(9, 12)
+DTILT = slice(12, 14)
+TANGENT = 14
+
+_GENERATORS = skew(np.eye(3))
+"""[e_x]x, [e_y]x, [e_z]x: d(exp([phi]x) R) = [e]x R."""
 
 
 @dataclass(frozen=True, eq=False)
-class Unknowns:
-    """Which unknowns the solve may move, and what is known of them beforehand."""
+class LeanUnknowns:
+    """What of the lean system may move, and what is known of it beforehand."""
 
     gravity_norm: float
     """m/s²; zero for none."""
@@ -44,62 +66,75 @@ class Unknowns:
     t_prior: Floats = field(default_factory=lambda: np.zeros(3))
     """(3,), t_parent_imu likewise, m."""
 
+    @classmethod
+    def of(cls, options: MatchedOptions) -> LeanUnknowns:
+        """Translate the options."""
+        free = np.ones(TANGENT, dtype=bool)
+        prior = np.zeros(TANGENT)
+        stds = (np.inf, options.accel_bias_std, options.gyro_bias_std)
+        for part, std, weakest in zip((DT, DBA, DBG), stds, _WEAKEST_STD, strict=True):
+            free[part] = std > 0.0
+            prior[part] = 1.0 / min(std, weakest) ** 2 if std > 0.0 else 0.0
+        norm = 0.0 if options.gravity == "none" else options.gravity_norm
+        free[DTILT] = options.gravity == "tilt" and norm > 0.0 and options.tilt_std > 0.0
+        if free[DTILT].all():
+            prior[DTILT] = 1.0 / options.tilt_std**2
+        known = options.pose
+        if known is None or known.R_parent_imu is None or known.t_parent_imu is None:
+            return cls(norm, free, prior)
+        std = np.array(known.std)
+        free[POSE] = std > 0.0
+        given = free[POSE] & np.isfinite(std)
+        prior[POSE][given] = 1.0 / std[given] ** 2
+        return cls(norm, free, prior, known.R_parent_imu, known.t_parent_imu)
+
     @property
     def turns(self) -> NDArray[np.bool_]:
         """(3,), about which of the parent's axes the rotation may leave R_prior."""
         return self.free[DPHI]
 
-    def admitted(self, state: State) -> State:
+    def admitted(self, state: LeanState) -> LeanState:
         """The state with its rotation brought back to what the fixed components allow."""
         if self.turns.all():
             return state
         phi = rotvec_from_matrix(state.R @ self.R_prior.T)
         return replace(state, R=matrix_from_rotvec(np.where(self.turns, phi, 0.0)) @ self.R_prior)
 
-
-WEAKEST_STD = {
-    "t": 10.0,
-    "accel_bias": 10.0,
-    "gyro_bias": 1.0,
-    "time_offset": 0.1,
-    "drift": 0.1,
-    "delay": 0.1,
-    "scale": 1.0,
-    "turn": 0.5,
-    "gravity": 1.0,
-}
-"""m, m/s², rad/s, s, s/s, s, 1, rad, 1: priors wider than any robot. They matter only where the
-motion says nothing, and keep an undetermined component from running away with the determined. From
-the offset's on they are about the point of linearisation, which moves with the solution."""
-
-# Tangent components: the pose in the parent frame, then the nuisances.
-POSE = slice(0, 6)
-DT = slice(0, 3)
-DPHI = slice(3, 6)
-DBA = slice(6, 9)
-DBG = slice(9, 12)
-DTILT = slice(12, 14)
-DTAU = 14
-DDRIFT = 15
-DDELAY = 16
-DSA = slice(17, 20)
-DSG = slice(20, 23)
-DMG = slice(23, 26)
-DEXTRAS = slice(15, 26)
-DNORM = 26
-OPTIONAL = slice(15, 27)
-"""Unknowns that are looked for only where the data ask for them."""
-TANGENT = 27
-_EXTRAS = DEXTRAS.stop - DEXTRAS.start
+    def offset(self, state: LeanState) -> Floats:
+        """Distance of each tangent component from what its prior expects."""
+        offset = np.zeros(TANGENT)
+        offset[DT] = state.t - self.t_prior
+        offset[DBA], offset[DBG] = state.accel_bias, state.gyro_bias
+        if self.prior_information[DPHI].any():
+            offset[DPHI] = rotvec_from_matrix(state.R @ self.R_prior.T)
+        if self.gravity_norm > 0.0:
+            offset[DTILT] = tilt_from_down(state.gravity)
+        return np.where(self.prior_information > 0.0, offset, 0.0)
 
 
-_GENERATORS = skew(np.eye(3))
-"""[e_x]x, [e_y]x, [e_z]x: d(exp([phi]x) R) = [e]x R."""
+def gravity_axes(gravity: Floats) -> Floats:
+    """(2, 3), the two axes about which gravity's direction may turn: x and y where it is -z."""
+    x, y, z = (-gravity / math.sqrt(float(gravity @ gravity))).tolist()
+    # Across the one of the world's axes y and x that is farther from gravity.
+    first = (z, 0.0, -x) if abs(y) < 0.9 else (0.0, -z, y)
+    size = math.sqrt(sum(each * each for each in first))
+    a, b, c = (each / size for each in first)
+    return np.array([[a, b, c], [y * c - z * b, z * a - x * c, x * b - y * a]])
+
+
+def tilt_from_down(gravity: Floats) -> Floats:
+    """(2,), rotation vector from -z of the world to gravity, along :func:`gravity_axes`, rad."""
+    down = gravity / np.linalg.norm(gravity)
+    axis = np.array([down[1], -down[0], 0.0])
+    sine = float(np.linalg.norm(axis))
+    angle = float(np.arctan2(sine, -down[2]))
+    axis = axis / sine if sine > 0.0 else np.array([1.0, 0.0, 0.0])
+    return np.asarray(gravity_axes(gravity) @ axis * angle)
 
 
 @dataclass(frozen=True, eq=False)
-class State:
-    """One value of every unknown."""
+class LeanState:
+    """One value of every unknown of the lean system."""
 
     t: Floats
     R: Floats
@@ -108,14 +143,6 @@ class State:
     gyro_bias: Floats
     """Seen in the parent frame."""
     gravity: Floats
-    tau: float = 0.0
-    """Change of the time offset since the rows were made, s."""
-    extras: Floats = field(default_factory=lambda: np.zeros(_EXTRAS))
-    """(11,), changes of drift, delay, scales and misalignment since the rows were made."""
-
-    def here(self) -> State:
-        """The same values as a point of linearisation: no change of offset or extras."""
-        return replace(self, tau=0.0, extras=np.zeros(_EXTRAS))
 
     def vector(self) -> Floats:
         """The columns' coefficients x."""
@@ -126,8 +153,6 @@ class State:
         x[columns.BA] = self.accel_bias
         x[columns.BG] = self.gyro_bias
         x[columns.G] = self.gravity
-        x[columns.TAU] = self.tau
-        x[columns.EXTRAS] = self.extras
         return x
 
     def jacobian(self) -> Floats:
@@ -137,32 +162,21 @@ class State:
         J[columns.R, DPHI] = (_GENERATORS @ self.R).reshape(3, 9).T
         J[columns.BA, DBA] = np.eye(3)
         J[columns.BG, DBG] = np.eye(3)
-        # Tilt is a rotation of gravity about the world's x and y, at constant norm.
-        turned = (_GENERATORS @ self.gravity).T
-        J[columns.G, DTILT] = turned[:, :2]
-        if self.gravity[2] ** 2 < 0.25 * (self.gravity @ self.gravity):
-            # Near the horizon x and y no longer span gravity's sphere.
-            J[columns.G, DTILT] = turned @ np.linalg.svd(self.gravity[None])[2][1:].T
-        J[columns.TAU, DTAU] = 1.0
-        J[columns.EXTRAS, DEXTRAS] = np.eye(_EXTRAS)
-        J[columns.G, DNORM] = self.gravity
+        if self.gravity.any():
+            J[columns.G, DTILT] = cross(gravity_axes(self.gravity), self.gravity).T
         return J
 
-    def moved(self, step: Floats) -> State:
+    def moved(self, step: Floats) -> LeanState:
         """State after a tangent step."""
-        J = self.jacobian()
-        gravity = self.gravity + J[columns.G, DTILT] @ step[DTILT]
-        norm = np.linalg.norm(self.gravity)
-        if norm > 0.0:
-            gravity *= norm * (1.0 + step[DNORM]) / np.linalg.norm(gravity)
-        return State(
+        gravity = self.gravity
+        if gravity.any():
+            gravity = matrix_from_rotvec(step[DTILT] @ gravity_axes(gravity)) @ gravity
+        return LeanState(
             self.t + step[DT],
             matrix_from_rotvec(step[DPHI]) @ self.R,
             self.accel_bias + step[DBA],
             self.gyro_bias + step[DBG],
             gravity,
-            self.tau + float(step[DTAU]),
-            self.extras + step[DEXTRAS],
         )
 
 
@@ -170,15 +184,13 @@ class State:
 class Solution:
     """Where the cost is least."""
 
-    state: State
+    state: LeanState
     cost: float
-    information: Floats
-    """(TANGENT, TANGENT), Gauss-Newton Hessian with the priors, zero where not free."""
-    runner_up: State | None = None
+    runner_up: LeanState | None = None
     """The best minimum at another rotation, if there is one."""
 
 
-def solve_globally(normal: Floats, unknowns: Unknowns) -> Solution:
+def solve_globally(normal: Floats, unknowns: LeanUnknowns) -> Solution:
     """Least cost over all rotations: start from the relaxed solution and the cube's rotations.
 
     Args:
@@ -208,17 +220,19 @@ def _same_rotation(one: Solution, other: Solution) -> bool:
     return bool(rotation_angle(one.state.R.T @ other.state.R) < SAME_ROTATION)
 
 
-def refine(normal: Floats, unknowns: Unknowns, state: State, steps: int = _STEPS) -> Solution:
+def refine(
+    normal: Floats, unknowns: LeanUnknowns, state: LeanState, steps: int = _STEPS
+) -> Solution:
     """Levenberg-Marquardt from a state to the minimum of its basin."""
     free = unknowns.free
     damping = 1e-9
-    nominal = state_prior_offset(state, unknowns)
+    nominal = unknowns.offset(state)
     cost = _cost(normal, state, unknowns, nominal)
-    information = np.zeros((TANGENT, TANGENT))
     for _ in range(steps):
         J = state.jacobian()
         NJ = normal @ J
-        D = _prior_jacobian(nominal)
+        D = np.eye(TANGENT)
+        D[DPHI, DPHI] = left_jacobian_inverse(nominal[DPHI])
         H = J.T @ NJ + D.T @ (unknowns.prior_information[:, None] * D)
         gradient = NJ.T @ state.vector() + D.T @ (unknowns.prior_information * nominal)
         information = np.where(np.outer(free, free), H, 0.0)
@@ -226,7 +240,7 @@ def refine(normal: Floats, unknowns: Unknowns, state: State, steps: int = _STEPS
         unit = information / np.outer(scale, scale) + np.diag(np.where(free, damping, 1.0))
         step = np.where(free, -np.linalg.solve(unit, gradient / scale * free) / scale, 0.0)
         trial = unknowns.admitted(state.moved(step))
-        trial_nominal = state_prior_offset(trial, unknowns)
+        trial_nominal = unknowns.offset(trial)
         trial_cost = _cost(normal, trial, unknowns, trial_nominal)
         small = float(np.abs(step).max()) < _CONVERGED
         if trial_cost <= cost * (1 + 1e-15):
@@ -239,44 +253,15 @@ def refine(normal: Floats, unknowns: Unknowns, state: State, steps: int = _STEPS
             damping = max(damping * 10, 1e-6)
             if damping > 1e6 or small:
                 break
-    return Solution(state, cost, information)
+    return Solution(state, cost)
 
 
-def state_prior_offset(state: State, unknowns: Unknowns) -> Floats:
-    """Distance of each tangent component from what its prior expects."""
-    offset = np.zeros(TANGENT)
-    offset[DT] = state.t - unknowns.t_prior
-    offset[DBA], offset[DBG] = state.accel_bias, state.gyro_bias
-    if unknowns.prior_information[DPHI].any():
-        offset[DPHI] = rotvec_from_matrix(state.R @ unknowns.R_prior.T)
-    if unknowns.gravity_norm > 0.0:
-        # Small rotation that takes -z to gravity: about x and y.
-        norm = float(np.linalg.norm(state.gravity))
-        offset[DNORM] = norm / unknowns.gravity_norm - 1.0
-        direction = state.gravity / norm
-        offset[12], offset[13] = direction[1], -direction[0]
-    offset[DTAU] = state.tau
-    offset[DEXTRAS] = state.extras
-    return np.where(unknowns.prior_information > 0.0, offset, 0.0)
-
-
-def _prior_jacobian(nominal: Floats) -> Floats:
-    """D(prior offset) / d(tangent), (TANGENT, TANGENT): the inverse left Jacobian of SO(3)."""
-    D = np.eye(TANGENT)
-    phi = nominal[DPHI]
-    angle = float(np.linalg.norm(phi))
-    if angle > 0.0:
-        half, K = 0.5 * angle, skew(phi / angle)
-        D[DPHI, DPHI] = np.eye(3) - half * K + (1.0 - half / np.tan(half)) * K @ K
-    return D
-
-
-def _cost(normal: Floats, state: State, unknowns: Unknowns, nominal: Floats) -> float:
+def _cost(normal: Floats, state: LeanState, unknowns: LeanUnknowns, nominal: Floats) -> float:
     x = state.vector()
     return float(x @ normal @ x + unknowns.prior_information @ nominal**2)
 
 
-def _start(normal: Floats, R: Floats, unknowns: Unknowns) -> State:
+def _start(normal: Floats, R: Floats, unknowns: LeanUnknowns) -> LeanState:
     """For a rotation, all other unknowns by linear least squares, gravity scaled to its norm."""
     held = ~unknowns.free[DT]
     moving = np.r_[np.arange(22)[columns.T][~held], columns.BA, columns.BG, columns.G]
@@ -291,4 +276,4 @@ def _start(normal: Floats, R: Floats, unknowns: Unknowns) -> State:
         gravity = found * unknowns.gravity_norm / np.linalg.norm(found)
     accel_bias = np.where(unknowns.free[DBA], x[columns.BA], 0.0)
     gyro_bias = np.where(unknowns.free[DBG], x[columns.BG], 0.0)
-    return State(x[columns.T], R, accel_bias, gyro_bias, gravity)
+    return LeanState(x[columns.T], R, accel_bias, gyro_bias, gravity)

@@ -1,4 +1,4 @@
-"""From a trajectory and an IMU to rows of the linear system, one triple per window and sensor.
+"""From a trajectory and an IMU to rows of the lean linear system, one triple per window and sensor.
 
 Per window, with D the Savitzky-Golay derivative and K its Peano kernel (docs/method.md):
 
@@ -11,16 +11,14 @@ R_c' as well, so that all residuals read in the parent frame.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
-from itertools import pairwise
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.estimate import columns
-from imucalib_cli.estimate.sensor_model import Corrections
-from imucalib_cli.robot.rotations import skew, vee
+from imucalib_cli.robot.rotations import vee
 from imucalib_cli.signals.kernels import MARGIN, MatchedFilter, convolve_at, matched_filter
 
 if TYPE_CHECKING:
@@ -34,8 +32,13 @@ Indices = NDArray[np.intp]
 
 WINDOWS_PER_LENGTH = 8
 """Windows overlap so that the filtered signal, band-limited by the window, is oversampled."""
-_CHUNK = 4096
-"""Grid samples handled at once: the products of one chunk stay in the processor's cache."""
+NODES = 32
+"""Node intervals to a window (design.py): a second derivative on them is within a per cent of the
+exact one."""
+_CHUNK = 128
+"""Windows made at once: their columns stay in the processor's cache."""
+_DIFFERENCE = 2
+"""Samples beyond a window that second differences of readings touch."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,10 +47,27 @@ class WindowPlan:
 
     length: int
     """Grid samples per window, odd."""
+    degree: int
+    """Of the fitted polynomial."""
+    node: int
+    """Grid samples between nodes."""
     hop: int
-    """Grid samples between neighbouring windows."""
+    """Grid samples between neighbouring windows, a multiple of ``node``."""
     first_derivative: MatchedFilter
     second_derivative: MatchedFilter
+
+    @property
+    def node_length(self) -> int:
+        """Nodes per window, odd."""
+        shortest = self.degree + 2 + (self.degree + 1) % 2
+        return max(2 * round((self.length - 1) / self.node / 2) + 1, shortest)
+
+    @property
+    def reach(self) -> int:
+        """Grid samples on each side of a centre that anything of a window touches."""
+        return max(self.length // 2 + MARGIN, (self.node_length // 2 + MARGIN) * self.node) + (
+            _DIFFERENCE * self.node
+        )
 
     @property
     def noise_gains(self) -> tuple[float, float]:
@@ -63,21 +83,15 @@ class WindowPlan:
         )
         return accel, gyro
 
-    def stretched(self, factor: float) -> WindowPlan:
-        """The same windows, an interval of the grid being that many times as long."""
-        first, second = self.first_derivative, self.second_derivative
-        return replace(
-            self,
-            first_derivative=replace(first, derivative=first.derivative / factor),
-            second_derivative=replace(second, derivative=second.derivative / factor**2),
-        )
-
 
 def plan_windows(length: int, degree: int, dt: float) -> WindowPlan:
     """Filters for windows of ``length`` samples spaced ``dt`` seconds."""
+    node = max((length - 1) // NODES, 1)
     return WindowPlan(
         length=length,
-        hop=max(length // WINDOWS_PER_LENGTH, 1),
+        degree=degree,
+        node=node,
+        hop=node * max(length // node // WINDOWS_PER_LENGTH, 1),
         first_derivative=matched_filter(length, degree, 1, dt),
         second_derivative=matched_filter(length, degree, 2, dt),
     )
@@ -85,7 +99,7 @@ def plan_windows(length: int, degree: int, dt: float) -> WindowPlan:
 
 def window_centres(plan: WindowPlan, usable: NDArray[np.bool_]) -> Indices:
     """Centres, multiples of the hop, of the windows all of whose samples are usable."""
-    reach = plan.length // 2 + MARGIN
+    reach = plan.reach
     if len(usable) < 2 * reach + 1:
         return np.zeros(0, np.intp)
     holes = np.concatenate([[0], np.cumsum(~usable)])
@@ -109,6 +123,15 @@ class WindowRows:
         """Accelerometer and gyroscope residuals (W, 3), in the parent frame."""
         return self.accel @ x, self.gyro @ x
 
+    def normal_matrix(self, accel_std: float, gyro_std: float, weights: Floats) -> Floats:
+        """(COUNT, COUNT), the sensors weighted by their residuals' scale."""
+        root = np.sqrt(weights)[:, None, None]
+        total = np.zeros((columns.COUNT, columns.COUNT))
+        for rows, std in ((self.accel, accel_std), (self.gyro, gyro_std)):
+            flat = (rows * (root / std)).reshape(-1, columns.COUNT)
+            total += flat.T @ flat
+        return total
+
 
 @dataclass(frozen=True, eq=False)
 class Windowing:
@@ -117,37 +140,14 @@ class Windowing:
     grid: ImuGrid
     trajectory: Trajectory
     plan: WindowPlan
-    corrections: Corrections = field(default_factory=Corrections)
-
-    @property
-    def middle(self) -> float:
-        """Instant about which the clocks' drift is reckoned, s."""
-        return self.grid.t0 + 0.5 * self.grid.dt * (len(self.grid.usable) - 1)
-
-    def robot_times(self, t: Floats, time_offset: float) -> Floats:
-        """Robot stamps of the instants that the accelerometer stamps ``t``, s."""
-        return np.asarray(t - time_offset - self.corrections.drift * (t - self.middle))
-
-    def corrected(self, corrections: Corrections) -> Windowing:
-        """The same streams with other corrections.
-
-        The IMU's clock is taken to be the one that drifts: derivatives are with respect to the
-        robot's time.
-        """
-        stretch = (1.0 - corrections.drift) / (1.0 - self.corrections.drift)
-        plan = self.plan if stretch == 1.0 else self.plan.stretched(stretch)
-        return replace(self, plan=plan, corrections=corrections)
 
     def centres(self, time_offset: float) -> Indices:
         """Windows with every sample of both streams, for an offset (IMU - robot stamp), s."""
-        t = self.robot_times(self.grid.t, time_offset)
-        covered = self.trajectory.covered(t)
-        if self.corrections.gyro_delay != 0.0:
-            covered &= self.trajectory.covered(t - self.corrections.gyro_delay)
+        covered = self.trajectory.covered(self.grid.t - time_offset)
         return window_centres(self.plan, self.grid.usable & covered)
 
     def rows(self, time_offset: float, centres: Indices) -> WindowRows:
-        """Fill every column but TAU and the extras, which depend on the solution.
+        """Fill the columns of the lean system.
 
         Args:
             time_offset: IMU stamp - robot stamp, s: the pose is taken that much earlier.
@@ -155,90 +155,44 @@ class Windowing:
         """
         accel = np.zeros((len(centres), 3, columns.COUNT))
         gyro = np.zeros((len(centres), 3, columns.COUNT))
-        for chunk in self._chunks(time_offset, centres):
-            accel[chunk.part] = _accel_rows(chunk, self.plan)
-            gyro[chunk.part] = _gyro_rows(chunk, self.plan)
-        return WindowRows(centres, accel, gyro)
-
-    def residuals(self, time_offset: float, centres: Indices, x: Floats) -> tuple[Floats, Floats]:
-        """Residuals of a known solution: what rows @ x would give, a tenth of the work."""
-        t, R_fs = x[columns.T], x[columns.R].reshape(3, 3)
-        first, second = self.plan.first_derivative, self.plan.second_derivative
-        accel, gyro = np.zeros((len(centres), 3)), np.zeros((len(centres), 3))
-        for chunk in self._chunks(time_offset, centres):
-            part, local, R = chunk.part, chunk.centres, chunk.R
-            back = np.swapaxes(R[local], 1, 2)
-            force = chunk.accel @ R_fs.T - x[columns.BA]
-            derived = _derive(chunk.p + R @ t, second, local)
-            measured = _average(np.einsum("nij,nj->ni", R, force), second, local)
-            accel[part] = np.einsum("wij,wj->wi", back, derived - measured - x[columns.G])
-            R = chunk.R_gyro
-            back = np.swapaxes(R[local], 1, 2)
-            rate = chunk.gyro @ R_fs.T - x[columns.BG]
-            derived = _derive(R.reshape(-1, 9), first, local)
-            measured = _average((R @ skew(rate)).reshape(-1, 9), first, local)
-            gyro[part] = vee(back @ (derived - measured).reshape(-1, 3, 3))
-        return accel, gyro
-
-    def _chunks(self, time_offset: float, centres: Indices) -> Iterator[_Chunk]:
-        """Yield parts of the windows with the poses of the grid samples they cover."""
         reach = self.plan.length // 2 + MARGIN
-        per_chunk = max(_CHUNK // self.plan.hop, 1)
-        # A chunk ends where a long gap begins: nobody needs the poses in it.
-        far = np.flatnonzero(np.diff(centres) > _CHUNK) + 1
-        starts = np.union1d(np.arange(0, len(centres), per_chunk), far)
-        for start, stop in pairwise([*starts, len(centres)]):
-            part = slice(int(start), int(stop))
+        for part in blocks(centres, self.plan.hop, _CHUNK):
             span = slice(int(centres[part][0]) - reach, int(centres[part][-1]) + reach + 1)
             stamps = np.asarray(self.grid.t0 + self.grid.dt * np.arange(span.start, span.stop))
-            t = self.robot_times(stamps, time_offset)
-            R, p = self.trajectory.poses(t)
-            delay = self.corrections.gyro_delay
-            gyro, accel = self.corrections.imu(self.grid.gyro[span], self.grid.accel[span])
-            yield _Chunk(
-                part=part,
-                centres=centres[part] - span.start,
-                R=R,
-                # Derivatives do not see a constant; taking it off keeps digits.
-                p=p - p[0],
-                R_gyro=R if delay == 0.0 else self.trajectory.poses(t - delay)[0],
-                gyro=gyro,
-                accel=accel,
-            )
+            R, p = self.trajectory.poses(stamps - time_offset)
+            local = centres[part] - span.start
+            # Derivatives do not see a constant; taking it off keeps digits.
+            accel[part] = _accel_rows(R, p - p[0], self.grid.accel[span], local, self.plan)
+            gyro[part] = _gyro_rows(R, self.grid.gyro[span], local, self.plan)
+        return WindowRows(centres, accel, gyro)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Chunk:
-    """A stretch of the grid, small enough for the processor's cache."""
-
-    part: slice
-    """Of the windows."""
-    centres: Indices
-    """Of the windows, within the stretch."""
-    R: Floats
-    """R_world_parent at the accelerometer's samples."""
-    p: Floats
-    R_gyro: Floats
-    """R_world_parent at the gyroscope's samples."""
-    accel: Floats
-    gyro: Floats
+def blocks(centres: Indices, hop: int, most: int) -> Iterator[slice]:
+    """Parts of the windows, none spanning more than so many hops: nobody needs what is in gaps."""
+    if not len(centres):
+        return
+    number = (centres - centres[0]) // (hop * most)
+    edges = np.flatnonzero(np.diff(number)) + 1
+    for start, stop in zip([0, *edges], [*edges, len(centres)], strict=True):
+        yield slice(int(start), int(stop))
 
 
-def _derive(values: Floats, pair: MatchedFilter, centres: Indices) -> Floats:
+def derive(values: Floats, pair: MatchedFilter, centres: Indices) -> Floats:
+    """Derivative at centres, (W, C)."""
     return convolve_at(values, pair.derivative, centres - len(pair.derivative) // 2)
 
 
-def _average(values: Floats, pair: MatchedFilter, centres: Indices) -> Floats:
+def average(values: Floats, pair: MatchedFilter, centres: Indices) -> Floats:
+    """Average of a measurement as the derivative sees it, (W, C)."""
     return convolve_at(values, pair.average, centres - len(pair.average) // 2)
 
 
-def _accel_rows(chunk: _Chunk, plan: WindowPlan) -> Floats:
-    R, centres = chunk.R, chunk.centres
+def _accel_rows(R: Floats, p: Floats, accel: Floats, centres: Indices, plan: WindowPlan) -> Floats:
     pair, flat = plan.second_derivative, R.reshape(-1, 9)
-    derived = _derive(np.hstack([chunk.p, flat]), pair, centres)
+    derived = derive(np.hstack([p, flat]), pair, centres)
     # R_rj a_k for every row r, then every entry (j, k) of R_fs.
-    products = (flat[:, :, None] * chunk.accel[:, None, :]).reshape(-1, 27)
-    averaged = _average(np.hstack([products, flat]), pair, centres)
+    products = (flat[:, :, None] * accel[:, None, :]).reshape(-1, 27)
+    averaged = average(np.hstack([products, flat]), pair, centres)
     rows = np.zeros((len(centres), 3, columns.COUNT))
     rows[:, :, columns.ONE] = derived[:, :3]
     rows[:, :, columns.T] = derived[:, 3:].reshape(-1, 3, 3)
@@ -248,13 +202,12 @@ def _accel_rows(chunk: _Chunk, plan: WindowPlan) -> Floats:
     return np.asarray(np.swapaxes(R[centres], 1, 2) @ rows)
 
 
-def _gyro_rows(chunk: _Chunk, plan: WindowPlan) -> Floats:
-    R, centres = chunk.R_gyro, chunk.centres
+def _gyro_rows(R: Floats, gyro: Floats, centres: Indices, plan: WindowPlan) -> Floats:
     pair, flat = plan.first_derivative, R.reshape(-1, 9)
     back = np.swapaxes(R[centres], 1, 2)
-    derived = _derive(flat, pair, centres).reshape(-1, 3, 3)
-    products = (flat[:, None, :] * chunk.gyro[:, :, None]).reshape(-1, 27)
-    averaged = _average(np.hstack([products, flat]), pair, centres).reshape(-1, 4, 3, 3)
+    derived = derive(flat, pair, centres).reshape(-1, 3, 3)
+    products = (flat[:, None, :] * gyro[:, :, None]).reshape(-1, 27)
+    averaged = average(np.hstack([products, flat]), pair, centres).reshape(-1, 4, 3, 3)
     turned = back[:, None] @ averaged
     # vee(B [e_j]x) = (tr B e_j - B' e_j) / 2: how rate j, seen through B, turns the window.
     trace = np.trace(turned, axis1=2, axis2=3)

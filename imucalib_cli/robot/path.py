@@ -116,6 +116,21 @@ class KinematicPath:
             p_world_parent[block] = p.T
         return R_world_parent, p_world_parent
 
+    def frames(self, values: tuple[Floats, ...]) -> tuple[tuple[Floats, Floats], ...]:
+        """Pose in the world of the frame in which each step begins, and last of the parent link.
+
+        Args:
+            values: As for :meth:`poses`.
+
+        Returns:
+            One pair (R (M, 3, 3), p (M, 3), m) more than there are steps.
+        """
+        count = len(values[0]) if values else 1
+        found: list[tuple[Floats, Floats]] = []
+        R, p = _multiply(self.steps, values, count, found)
+        found.append((R, p))
+        return tuple((R.transpose(2, 0, 1), p.T) for R, p in found)
+
 
 def fixed_inverse(step: FixedStep) -> FixedStep:
     """Give the step that undoes a fixed one."""
@@ -135,12 +150,20 @@ def merge_fixed(steps: Sequence[Step]) -> tuple[Step, ...]:
 
 
 def _multiply(
-    steps: tuple[Step, ...], values: tuple[Floats, ...], count: int
+    steps: tuple[Step, ...],
+    values: tuple[Floats, ...],
+    count: int,
+    before: list[tuple[Floats, Floats]] | None = None,
 ) -> tuple[Floats, Floats]:
-    """Product of the steps; samples are the last axis, (3, 3, M) and (3, M), so rows are long."""
+    """Product of the steps; samples are the last axis, (3, 3, M) and (3, M), so rows are long.
+
+    The products before each step are appended to ``before``.
+    """
     R = np.repeat(np.eye(3)[:, :, None], count, axis=2)
     p = np.zeros((3, count))
     for step in steps:
+        if before is not None:
+            before.append((R, p.copy()))
         if isinstance(step, FixedStep):
             p += np.matmul(step.p, R)
             R = np.matmul(step.R.T, R)

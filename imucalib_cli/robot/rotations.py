@@ -36,6 +36,23 @@ def skew(v: ArrayLike) -> Floats:
     return matrix
 
 
+def cross(a: Floats, b: Floats) -> Floats:
+    """Give the cross product a x b of stacks that broadcast; several times numpy's own speed.
+
+    Args:
+        a: (..., 3).
+        b: (..., 3).
+
+    Returns:
+        (..., 3).
+    """
+    product = np.empty(np.broadcast_shapes(a.shape, b.shape))
+    product[..., 0] = a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1]
+    product[..., 1] = a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2]
+    product[..., 2] = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+    return product
+
+
 def vee(A: ArrayLike) -> Floats:
     """Give the axial vector of a matrix's skew part, the inverse of ``skew``.
 
@@ -101,6 +118,26 @@ def rotvec_from_matrix(R: ArrayLike) -> Floats:
     # angle / sin(angle / 2), which tends to 2 at the identity; cubic terms are below rounding.
     factor = 2.0 * np.arctan2(sine, w) / np.where(small, 1.0, sine)
     return v * np.where(small, 2.0, factor)
+
+
+def left_jacobian_inverse(rotvec: ArrayLike) -> Floats:
+    """Change of a rotation vector by a small rotation put before it: log(exp(d) exp(v)) = v + J d.
+
+    Args:
+        rotvec: (3,), rad, of an angle below 2 pi.
+
+    Returns:
+        (3, 3).
+
+    Source:
+        Sola, Deray, Atchuthan, A micro Lie theory for state estimation in robotics, 2018, eq. 146.
+    """
+    rotvec = np.asarray(rotvec, dtype=np.float64)
+    angle = float(np.linalg.norm(rotvec))
+    if angle < 1e-9:
+        return np.eye(3) - 0.5 * skew(rotvec)
+    half, K = 0.5 * angle, skew(rotvec / angle)
+    return np.asarray(np.eye(3) - half * K + (1.0 - half / np.tan(half)) * K @ K)
 
 
 def rotation_angle(R: ArrayLike) -> Floats:

@@ -35,6 +35,8 @@ class ImuGrid:
     gaps: int
     refine: int
     """Grid points per IMU interval."""
+    noise: tuple[float, float] = (0.0, 0.0)
+    """White noise of a sample by how far it stands off its neighbours, m/s² and rad/s."""
 
     @property
     def t(self) -> Floats:

@@ -151,13 +151,16 @@ class Trajectory:
                 result &= (t <= stamps[index - 1]) | (t >= stamps[index])
         return result
 
-    def poses(self, t: Floats) -> tuple[Floats, Floats]:
-        """R_world_parent (M, 3, 3) and p_world_parent (M, 3), m, at instants (M,), s."""
-        values = tuple(
+    def values(self, t: Floats) -> tuple[Floats, ...]:
+        """Values of each track at instants (M,), s: (M, J) or (M, 7)."""
+        return tuple(
             lagrange(self._stamps(track), track.values, t, breaks=breaks)
             for track, breaks in zip(self.tracks, self._breaks, strict=True)
         )
-        return self.path.poses(values)
+
+    def poses(self, t: Floats) -> tuple[Floats, Floats]:
+        """R_world_parent (M, 3, 3) and p_world_parent (M, 3), m, at instants (M,), s."""
+        return self.path.poses(self.values(t))
 
     @property
     def gaps(self) -> int:

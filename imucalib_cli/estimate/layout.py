@@ -1,0 +1,237 @@
+"""The table of unknowns laid out for one robot and one request: which components, where, how free."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imucalib_cli.estimate.unknowns import (
+    SCALES,
+    TABLE,
+    Clock,
+    Gravity,
+    JointCurve,
+    Mount,
+    Origin,
+    PoseScale,
+    Reading,
+    Unknown,
+)
+from imucalib_cli.robot.path import FixedStep, JointStep, PoseStep
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from imucalib_cli.estimate.options import MatchedOptions
+    from imucalib_cli.robot.path import KinematicPath
+    from imucalib_cli.signals.trajectory import Trajectory
+
+Floats = NDArray[np.float64]
+
+STILL_JOINT: Final = 5e-3
+"""rad or m: a joint that moves less is a part of the link that carries it, as far as a log tells;
+encoder noise, sag and a controller's dither stay below it."""
+_INSTANTS = 200
+"""At which the chain is looked at, to see what moves."""
+_CONSTANT = 1e-8
+"""Variance of a direction cosine below which a direction does not turn: rounding."""
+
+
+@dataclass(frozen=True, eq=False)
+class Joint:
+    """One reported joint position, and the steps that it drives (several with <mimic>)."""
+
+    name: str
+    track: int
+    column: int
+    steps: tuple[int, ...]
+    sliding: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Placed:
+    """An entry of the table in this layout."""
+
+    unknown: Unknown
+    part: slice
+    labels: tuple[str, ...]
+    where: Joint | int | None = None
+    """The joint; or the step of an origin; or the track of a pose stream."""
+    directions: Floats | None = None
+    """(k, 3), of an origin: those that are no part of the mount."""
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """All components in one vector."""
+
+    placed: tuple[Placed, ...]
+    std: Floats
+    """(n,), prior, 1 sigma; 0 holds a component; nan where a learnt scale tells."""
+    scale: NDArray[np.intp]
+    """(n,), index into ``scales``; -1 where the prior is given."""
+    scales: tuple[str, ...]
+
+    @property
+    def size(self) -> int:
+        """Number of components."""
+        return len(self.std)
+
+    @property
+    def free(self) -> NDArray[np.bool_]:
+        """(n,), which components may move."""
+        return np.asarray((self.std != 0.0) | (self.scale >= 0))
+
+    def part(self, name: str) -> slice:
+        """Components of the entry of a name (the first, where a robot has several)."""
+        for each in self.placed:
+            if each.unknown.name == name:
+                return each.part
+        return slice(0, 0)
+
+    def of(self, *kinds: type) -> Iterator[Placed]:
+        """Entries whose effect is of some kinds."""
+        return (each for each in self.placed if isinstance(each.unknown.effect, kinds))
+
+    def std_at(self, log_scales: Floats) -> Floats:
+        """(n,), prior with learnt scales put in."""
+        learnt = np.exp(log_scales)[self.scale] if len(self.scales) else self.std
+        return np.where(self.scale >= 0, learnt, self.std)
+
+    @property
+    def bounds(self) -> Floats:
+        """(k, 2), limits of the learnt scales, logarithms."""
+        return np.log(
+            np.array([(SCALES[name].low, SCALES[name].high) for name in self.scales]).reshape(-1, 2)
+        )
+
+
+def lay_out(trajectory: Trajectory, options: MatchedOptions, table: tuple[Unknown, ...] = TABLE) -> Layout:
+    """Place every entry of the table that this robot and this request have.
+
+    Args:
+        trajectory: The robot's motion.
+        options: What is known beforehand.
+        table: Of unknowns.
+    """
+    placed: list[Placed] = []
+    stds: list[Floats] = []
+    scales: list[str] = []
+    scale: list[int] = []
+    at = 0
+    joints = _Chain(trajectory)
+    for unknown in table:
+        given = options.prior_std(unknown)
+        if given is not None and not np.any(given):
+            continue
+        for where, labels, directions in joints.places(unknown):
+            size = len(labels) if directions is None else len(directions)
+            part = slice(at, at + size)
+            placed.append(Placed(unknown, part, labels, where, directions))
+            if given is None:
+                name = unknown.scale or unknown.name
+                if name not in scales:
+                    scales.append(name)
+                stds.append(np.full(size, np.nan))
+                scale += [scales.index(name)] * size
+            else:
+                stds.append(np.broadcast_to(given, (size,)).astype(np.float64))
+                scale += [-1] * size
+            at += size
+    std = np.concatenate(stds) if stds else np.zeros(0)
+    return Layout(tuple(placed), std, np.array(scale, dtype=np.intp), tuple(scales))
+
+
+Place = tuple[Joint | int | None, tuple[str, ...], Floats | None]
+
+
+class _Chain:
+    """What of a kinematic chain moves in a log, and what is therefore told by it."""
+
+    def __init__(self, trajectory: Trajectory) -> None:
+        path = trajectory.path
+        start, end = trajectory.span
+        values = trajectory.values(np.linspace(start, end, _INSTANTS))
+        self._path = path
+        self._joints = _joints_of(path)
+        moving = [i for i, step in enumerate(path.steps) if isinstance(step, PoseStep)]
+        self._moving = set()
+        for joint in self._joints:
+            if float(np.ptp(values[joint.track][:, joint.column])) > STILL_JOINT:
+                self._moving.add(joint.name)
+                moving += joint.steps
+        self._first, self._last = (min(moving), max(moving)) if moving else (0, 0)
+        self._frames = path.frames(values)
+
+    def _inside(self, step: int) -> bool:
+        return self._first < step < self._last
+
+    def places(self, unknown: Unknown) -> Iterator[Place]:
+        """Where the robot has an unknown: owner, labels, directions."""
+        effect = unknown.effect
+        if isinstance(effect, JointCurve):
+            for joint in self._joints:
+                if joint.sliding and not effect.sliding:
+                    continue
+                between = any(self._inside(step) for step in joint.steps)
+                if (effect.every and joint.name in self._moving) or (not effect.every and between):
+                    yield joint, _named(joint.name, unknown.labels), None
+        elif isinstance(effect, Origin):
+            for index, step in enumerate(self._path.steps):
+                if isinstance(step, FixedStep) and self._inside(index):
+                    directions = self._turning(index)
+                    if len(directions):
+                        following = self._path.steps[index + 1]
+                        name = following.name if isinstance(following, JointStep) else f"step {index}"
+                        labels = unknown.labels if len(directions) == 3 else _axis_names(directions)
+                        yield index, _named(name, labels), directions
+        elif isinstance(effect, PoseScale):
+            used = (step.track for step in self._path.steps if isinstance(step, PoseStep))
+            for track in dict.fromkeys(used):
+                yield track, (self._path.tracks[track].name,), None
+        else:
+            yield None, unknown.labels, None
+
+    def _turning(self, step: int) -> Floats:
+        """(k, 3), directions at a step that turn in the parent link: others are the mount's."""
+        R_parent = self._frames[-1][0]
+        seen = np.swapaxes(R_parent, 1, 2) @ self._frames[step][0]
+        seen = seen - seen.mean(axis=0)
+        values, vectors = np.linalg.eigh(np.einsum("mij,mik->jk", seen, seen) / len(seen))
+        kept = values > _CONSTANT
+        return np.eye(3) if kept.all() else np.asarray(vectors.T[kept])
+
+
+def _joints_of(path: KinematicPath) -> list[Joint]:
+    found: dict[tuple[int, int], list[int]] = {}
+    for index, step in enumerate(path.steps):
+        if isinstance(step, JointStep):
+            found.setdefault((step.track, step.column), []).append(index)
+    joints = []
+    for (track, column), steps in found.items():
+        first = path.steps[steps[0]]
+        assert isinstance(first, JointStep)
+        sliding = first.kind == "prismatic"
+        name = path.tracks[track].names[column] if path.tracks[track].names else first.name
+        joints.append(Joint(name, track, column, tuple(steps), sliding))
+    return joints
+
+
+def _named(owner: str, labels: tuple[str, ...]) -> tuple[str, ...]:
+    return tuple(f"{owner} {label}".strip() for label in labels)
+
+
+def _axis_names(directions: Floats) -> tuple[str, ...]:
+    """Axis that each direction is nearest to; with a tilde where it is none."""
+    largest = np.argmax(np.abs(directions), axis=1)
+    exact = np.abs(directions[np.arange(len(directions)), largest]) > 1.0 - 1e-6
+    return tuple(
+        "xyz"[axis] if sure else f"~{'xyz'[axis]}{number}"
+        for number, (axis, sure) in enumerate(zip(largest, exact, strict=True))
+    )
+
+
+__all__ = ["Clock", "Gravity", "Layout", "Mount", "Placed", "Reading", "lay_out"]

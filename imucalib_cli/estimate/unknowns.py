@@ -1,0 +1,395 @@
+"""The table of unknowns: every quantity that the estimate finds beside nothing, one entry each.
+
+Each entry has a prior that physics or data sheets give. No entry is switched on or off by a test of
+its own: it is always there, and its prior decides how far it may go. Entries that share a ``scale``
+share one standard deviation that no data sheet tells (how good this robot and this sensor are); it
+is learnt from the log (scales.py).
+
+To add an unknown, add one entry to TABLE. What an entry does is one of a few kinds:
+
+- ``Reading``: the sensor's reading is the ideal one plus value times basis(samples).
+- ``JointCurve``: a joint's position is the reported one plus value times basis(q, dq/dt).
+- ``Origin``: a constant translation of the chain, between the first and the last step that move.
+- ``PoseScale``: positions of a pose stream, relative.
+- ``Clock``: stamps of a sensor are later by value times basis(age).
+- ``Gravity``, ``Mount``: gravity in the world, and the pose that is wanted.
+
+Never in the table, because no log can tell them: the zero of the first joint (it turns the base),
+the zero of the last joint and all that follows it (they are part of the mount), and where the base
+stands. A URDF whose last link is wrong gives the pose that this URDF needs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imucalib_cli.robot.rotations import cross
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+Floats = NDArray[np.float64]
+Sensor = Literal["accel", "gyro"]
+
+PLAY_RATE: Final = 0.01
+"""rad/s or m/s: below it play does not yet lie on one side of the teeth."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Samples:
+    """Readings of an IMU at instants evenly apart, for the basis of a Reading."""
+
+    accel: Floats
+    """(M, 3), m/s², IMU axes."""
+    gyro: Floats
+    """(M, 3), rad/s, IMU axes."""
+    age: Floats
+    """(M,), time since the middle of the log over the log's duration, -0.5 to 0.5."""
+    dt: float
+    """s."""
+
+
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """Error of a sensor's reading: measured = ideal + value * basis(measured)."""
+
+    sensor: Sensor
+    basis: Callable[[Samples], Floats]
+    """Gives (size, M, 3), in the IMU's axes."""
+    differences: int = 0
+    """Second differences of the same reading in the basis: its noise is then loud in it, and is
+    taken off the normal matrix."""
+
+
+@dataclass(frozen=True, eq=False)
+class JointCurve:
+    """Error of a joint's position: true = reported + value * basis(reported, rate)."""
+
+    basis: Callable[[Floats, Floats], Floats]
+    """Of (M,) positions, rad or m, and (M,) rates; gives (size, M)."""
+    every: bool = True
+    """For every joint that moves; else only for those between the first and the last that do."""
+    sliding: bool = True
+    """For sliding joints too."""
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Translation of a constant step of the chain, in the frame before it."""
+
+
+@dataclass(frozen=True)
+class PoseScale:
+    """Scale of the positions of a pose stream: true = reported * (1 + value)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Clock:
+    """Stamps: IMU stamp - robot stamp of the same instant = value * (accel, gyro)."""
+
+    accel: Callable[[Floats], Floats]
+    """Of (M,) seconds since the middle of the log; gives (M,)."""
+    gyro: Callable[[Floats], Floats]
+
+
+@dataclass(frozen=True)
+class Gravity:
+    """Gravity in the world: its direction (rotation vector) or its magnitude."""
+
+    what: Literal["direction", "magnitude"]
+
+
+@dataclass(frozen=True)
+class Mount:
+    """T_parent_imu: its translation or its rotation, in the parent frame."""
+
+    what: Literal["translation", "rotation"]
+
+
+Effect = Reading | JointCurve | Origin | PoseScale | Clock | Gravity | Mount
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Unknown:
+    """One entry of the table."""
+
+    name: str
+    labels: tuple[str, ...] = ("",)
+    """Of its components; joints and origins are named by the robot instead."""
+    unit: str
+    std: float = np.inf
+    """Prior, 1 sigma; inf where nothing is known beforehand. With a scale: not used."""
+    scale: str | None = None
+    """Which learnt standard deviation its components share."""
+    effect: Effect
+    healthy: float | None = None
+    """Largest value, in the unit, that a sound robot and a sound sensor have; None: no limit."""
+    words: str
+    """What it is, for people."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scale:
+    """A standard deviation that the log teaches, between two limits."""
+
+    low: float
+    high: float
+    words: str
+
+
+def _axes(samples: Samples) -> Floats:
+    """One unit along each of the sensor's axes."""
+    return np.repeat(np.eye(3)[:, None], len(samples.age), axis=1)
+
+
+def _ramp(samples: Samples) -> Floats:
+    return _axes(samples) * samples.age[:, None]
+
+
+def _each_axis(values: Floats) -> Floats:
+    """Axis by axis of what is read."""
+    return np.asarray(np.eye(3)[:, None] * values)
+
+
+def _turned(values: Floats) -> Floats:
+    """What a small turn about each axis does to what is read."""
+    return cross(np.eye(3)[:, None], values[None])
+
+
+def _of_the_other(values: Floats) -> Floats:
+    """Each axis of one sensor fed by each of the other: (9, M, 3), row by row."""
+    basis = np.zeros((3, 3, len(values), 3))
+    for axis in range(3):
+        basis[axis, :, :, axis] = values.T
+    return basis.reshape(9, len(values), 3)
+
+
+def _second_derivative(values: Floats, dt: float) -> Floats:
+    inner = (values[2:] - 2.0 * values[1:-1] + values[:-2]) / dt**2
+    return np.concatenate([inner[:1], inner, inner[-1:]])[None]
+
+
+_XYZ: Final = ("x", "y", "z")
+_PAIRS: Final = tuple(f"{gyro} by {accel}" for gyro in "xyz" for accel in "xyz")
+
+SCALES: Final[dict[str, Scale]] = {
+    "sensor_scale": Scale(low=1e-4, high=2e-2, words="scale errors of the sensors' axes"),
+    "sensor_axes": Scale(low=1e-4, high=2e-2, words="turn of gyroscope against accelerometer"),
+    "g_sensitivity": Scale(low=2e-7, high=3e-4, words="g-sensitivity of the gyroscope"),
+    "joint_zero": Scale(low=3e-5, high=5e-3, words="errors of the joint zeros"),
+    "length": Scale(low=2e-5, high=3e-3, words="errors of the origins between joints"),
+    "joint_harmonic": Scale(low=2e-5, high=2e-3, words="joint error once a turn"),
+    "joint_lag": Scale(low=2e-5, high=4e-3, words="delays of single joints"),
+    "joint_play": Scale(low=1e-5, high=1e-3, words="play of the joints"),
+}
+"""From the best that is made to the worst that is sold, in the unit of their entries: sensors
+factory-calibrated over temperature to consumer parts; arms calibrated one by one to hobby arms;
+encoders on the output to those behind a worn gear; delays of a field bus cycle or less."""
+
+TABLE: Final[tuple[Unknown, ...]] = (
+    Unknown(
+        name="translation",
+        labels=_XYZ,
+        unit="m",
+        std=10.0,
+        effect=Mount("translation"),
+        words="place of the IMU in its parent link",
+    ),
+    Unknown(
+        name="rotation",
+        labels=_XYZ,
+        unit="rad",
+        std=np.pi,
+        effect=Mount("rotation"),
+        words="rotation of the IMU in its parent link",
+    ),
+    Unknown(
+        name="accel_bias",
+        labels=_XYZ,
+        unit="m/s²",
+        std=10.0,
+        healthy=0.5,
+        effect=Reading("accel", _axes),
+        words="bias of the accelerometer",
+    ),
+    Unknown(
+        name="gyro_bias",
+        labels=_XYZ,
+        unit="rad/s",
+        std=1.0,
+        healthy=0.2,
+        effect=Reading("gyro", _axes),
+        words="bias of the gyroscope",
+    ),
+    Unknown(
+        name="accel_bias_ramp",
+        labels=_XYZ,
+        unit="m/s²",
+        std=0.03,
+        healthy=0.3,
+        effect=Reading("accel", _ramp),
+        words="change of the accelerometer's bias over the log",
+    ),
+    Unknown(
+        name="gyro_bias_ramp",
+        labels=_XYZ,
+        unit="rad/s",
+        std=0.003,
+        healthy=0.03,
+        effect=Reading("gyro", _ramp),
+        words="change of the gyroscope's bias over the log",
+    ),
+    Unknown(
+        name="gravity_direction",
+        labels=("x", "y"),
+        unit="rad",
+        std=np.pi,
+        effect=Gravity("direction"),
+        words="direction of gravity in the world",
+    ),
+    Unknown(
+        name="gravity_norm",
+        unit="m/s²",
+        std=0.02,
+        healthy=0.06,
+        effect=Gravity("magnitude"),
+        words="magnitude of gravity less the nominal one",
+    ),
+    Unknown(
+        name="time_offset",
+        unit="s",
+        std=0.1,
+        effect=Clock(accel=np.ones_like, gyro=np.ones_like),
+        words="IMU stamp less robot stamp, gyroscope",
+    ),
+    Unknown(
+        name="clock_drift",
+        unit="s/s",
+        std=50e-6,
+        healthy=500e-6,
+        effect=Clock(accel=np.positive, gyro=np.positive),
+        words="gain of the IMU's clock on the robot's",
+    ),
+    Unknown(
+        name="gyro_delay",
+        unit="s",
+        std=2e-3,
+        healthy=0.02,
+        effect=Clock(accel=lambda age: -np.ones_like(age), gyro=np.zeros_like),
+        words="delay of the gyroscope behind the accelerometer",
+    ),
+    Unknown(
+        name="accel_filter",
+        unit="s²",
+        std=1e-4,
+        healthy=1e-3,
+        effect=Reading("accel", lambda s: _second_derivative(s.accel, s.dt), differences=1),
+        words="low-pass filter of the accelerometer beside its delay",
+    ),
+    Unknown(
+        name="gyro_filter",
+        unit="s²",
+        std=1e-4,
+        healthy=1e-3,
+        effect=Reading("gyro", lambda s: _second_derivative(s.gyro, s.dt), differences=1),
+        words="low-pass filter of the gyroscope beside its delay",
+    ),
+    Unknown(
+        name="accel_scale",
+        labels=_XYZ,
+        unit="1",
+        scale="sensor_scale",
+        healthy=0.05,
+        effect=Reading("accel", lambda s: _each_axis(s.accel)),
+        words="scale error of the accelerometer",
+    ),
+    Unknown(
+        name="gyro_scale",
+        labels=_XYZ,
+        unit="1",
+        scale="sensor_scale",
+        healthy=0.05,
+        effect=Reading("gyro", lambda s: _each_axis(s.gyro)),
+        words="scale error of the gyroscope",
+    ),
+    Unknown(
+        name="gyro_misalignment",
+        labels=_XYZ,
+        unit="rad",
+        scale="sensor_axes",
+        healthy=0.05,
+        effect=Reading("gyro", lambda s: _turned(s.gyro)),
+        words="turn of the gyroscope's axes against the accelerometer's",
+    ),
+    Unknown(
+        name="gyro_g_sensitivity",
+        labels=_PAIRS,
+        unit="rad s/m",
+        scale="g_sensitivity",
+        healthy=1e-3,
+        effect=Reading("gyro", lambda s: _of_the_other(s.accel)),
+        words="response of the gyroscope to acceleration",
+    ),
+    Unknown(
+        name="joint_zero",
+        unit="rad",
+        scale="joint_zero",
+        healthy=0.02,
+        effect=JointCurve(lambda q, _: np.ones((1, len(q))), every=False, sliding=False),
+        words="zero of a joint: true less reported position",
+    ),
+    Unknown(
+        name="joint_harmonic",
+        labels=("sin", "cos"),
+        unit="rad",
+        scale="joint_harmonic",
+        healthy=0.01,
+        effect=JointCurve(lambda q, _: np.stack([np.sin(q), np.cos(q)]), sliding=False),
+        words="joint error once a turn (eccentric encoder)",
+    ),
+    Unknown(
+        name="joint_lag",
+        unit="s",
+        scale="joint_lag",
+        healthy=0.02,
+        effect=JointCurve(lambda _, rate: rate[None]),
+        words="delay of a joint's position",
+    ),
+    Unknown(
+        name="joint_play",
+        unit="rad",
+        scale="joint_play",
+        healthy=0.005,
+        effect=JointCurve(lambda _, rate: np.tanh(rate / PLAY_RATE)[None]),
+        words="play of a joint, to either side with its motion",
+    ),
+    Unknown(
+        name="origin",
+        labels=_XYZ,
+        unit="m",
+        scale="length",
+        healthy=0.02,
+        effect=Origin(),
+        words="origin between two joints: true less URDF",
+    ),
+    Unknown(
+        name="pose_scale",
+        unit="1",
+        std=2e-3,
+        healthy=0.02,
+        effect=PoseScale(),
+        words="scale of a pose stream's positions",
+    ),
+)
+
+LEAN: Final = tuple(
+    each
+    for each in TABLE
+    if each.name
+    in {"translation", "rotation", "accel_bias", "gyro_bias", "gravity_direction", "time_offset"}
+)
+"""What is found first, before the rest of the table is linearised about it."""
