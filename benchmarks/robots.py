@@ -1,0 +1,597 @@
+"""Imperfect robots and sensors with a known truth: logs in memory for sweeps.py.
+
+Motions are analytic (quintic moves, pauses, a wobbling base) and accelerations are pinocchio's, so
+the truth owes nothing to the package. Errors are in what the estimator is told; the truth stays.
+Every kind of error is drawn for every seed and multiplied by the row's size, so that the rows of a
+seed share their motion, their mount and their draws.
+
+Not everything that is wrong can be found by anyone, and what cannot is told correctly:
+
+- the zero of the last joint, the flange after it and the part of its origin along its axis are the
+  same as another mount;
+- the zero of the first joint is the same as another heading of the world (on a moving base it
+  could be found; it is told correctly there too, so that the robots compare);
+- an error of the last joint's angle that is constant over the log is the same as another zero:
+  the mean of its eccentricity is taken off.
+"""
+
+from __future__ import annotations
+
+import zlib
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+from scipy.signal import butter, lfilter, lfilter_zi
+from scipy.spatial.transform import Rotation
+
+from imucalib_cli.robot.path import FixedStep, JointStep, KinematicPath, PoseStep, Track
+from imucalib_cli.signals.samples import ImuSamples
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+Floats = NDArray[np.float64]
+
+GRAVITY = 9.80665
+"""m/s², CGPM 1901: what the estimator takes it to be."""
+MEMS = (300e-6 * GRAVITY, float(np.radians(0.014)))
+INDUSTRIAL = (17e-6 * GRAVITY, float(np.radians(0.002)))
+"""One-sided densities of accelerometer and gyroscope, m/s²/sqrt(Hz), rad/s/sqrt(Hz): a consumer's
+MEMS IMU and an ADIS1649x, by their data sheets."""
+ACCEL_BIAS, GYRO_BIAS = 0.1, 0.01
+"""1 sigma of the constant biases, m/s² and rad/s: ten milli-g, half a degree per second."""
+MOUNT_RADIUS = 0.15
+"""m: the IMU sits within this of the parent's origin."""
+MAX_OFFSET = 0.03
+"""s: the time offset is uniform between this and its negative."""
+LEAD = 0.5
+"""s the sensors run before the log starts, so that a driver's filter has settled."""
+TRACK_RATE = 100.0
+"""Hz, of the tracked base."""
+EDGE = 0.5
+"""s of rest of the arm at both ends of a log."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Origin:
+    """Where a joint, or the flange, sits in the link before it."""
+
+    p: Floats
+    """(3,), m."""
+    R: Floats
+    """(3, 3)."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Robot:
+    """A chain of joints that turn about their z, perhaps on a tracked base."""
+
+    origins: tuple[Origin, ...]
+    """Of each joint."""
+    flange: Origin
+    home: tuple[float, ...]
+    """rad, one for each joint."""
+    amplitude: tuple[float, ...]
+    """Of the postures about home, rad; with `moves` within the maker's joint speeds."""
+    moves: tuple[float, float] = (1.5, 3.0)
+    """Shortest and longest move, s."""
+    moving_base: bool = False
+
+
+def _origin(xyz: tuple[float, float, float], roll: float, yaw: float = 0.0) -> Origin:
+    R = Rotation.from_euler("xyz", [roll, 0.0, yaw]).as_matrix()
+    return Origin(p=np.array(xyz), R=R)
+
+
+_RIGHT = np.pi / 2
+
+_UR10E = (
+    _origin((0.0, 0.0, 0.0), 0.0),
+    _origin((0.0, 0.0, 0.1807), _RIGHT),
+    _origin((-0.6127, 0.0, 0.0), 0.0),
+    _origin((-0.57155, 0.0, 0.0), 0.0),
+    _origin((0.0, 0.0, 0.17415), _RIGHT),
+    _origin((0.0, 0.0, 0.11985), -_RIGHT),
+)
+_PANDA = (
+    _origin((0.0, 0.0, 0.333), 0.0),
+    _origin((0.0, 0.0, 0.0), -_RIGHT),
+    _origin((0.0, -0.316, 0.0), _RIGHT),
+    _origin((0.0825, 0.0, 0.0), _RIGHT),
+    _origin((-0.0825, 0.384, 0.0), -_RIGHT),
+    _origin((0.0, 0.0, 0.0), _RIGHT),
+    _origin((0.088, 0.0, 0.0), _RIGHT),
+)
+# The first four joints of a Kinova Gen3, turned by 0.3 rad on top of a cart; its first frame hangs
+# upside down, as the maker has it.
+_MOBILE = (
+    _origin((0.2, 0.05, 0.4 + 0.15643), np.pi, 0.3),
+    _origin((0.0, 0.005375, -0.12838), _RIGHT),
+    _origin((0.0, -0.21038, -0.006375), -_RIGHT),
+    _origin((0.0, 0.006375, -0.21038), _RIGHT),
+)
+
+ROBOTS = {
+    "ur10e": Robot(
+        origins=_UR10E,
+        flange=_origin((0.0, 0.0, 0.11655), 0.0),
+        home=(0.0, -1.4, 1.6, -1.5, -1.57, 0.3),
+        amplitude=(0.5, 0.4, 0.5, 0.9, 0.9, 1.2),
+    ),
+    "panda": Robot(
+        origins=_PANDA,
+        flange=_origin((0.0, 0.0, 0.107), 0.0),
+        home=(0.0, -0.4, 0.0, -2.0, 0.0, 1.8, 0.7),
+        amplitude=(0.5, 0.4, 0.5, 0.5, 0.8, 0.8, 0.9),
+    ),
+    "mobile": Robot(
+        origins=_MOBILE,
+        flange=_origin((0.0, -0.20843, -0.006375), -_RIGHT),
+        home=(0.0, 0.5, 0.0, 1.3),
+        amplitude=(0.5, 0.5, 0.5, 0.5),
+        moving_base=True,
+    ),
+}
+"""UR10e by its DH parameters, Franka Panda by its modified ones, Kinova Gen3 on a cart."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """How large the errors are: 1 sigma, unless it says otherwise; an exact robot by default."""
+
+    noise: tuple[float, float] = (0.0, 0.0)
+    """Densities of accelerometer and gyroscope."""
+    scale: float = 0.0
+    """Of each axis of both sensors, measured over true less one."""
+    gyro_delay: float = 0.0
+    """The gyroscope's stamps are later than the accelerometer's by so much, s."""
+    zero: float = 0.0
+    """Of each joint, rad."""
+    origin: float = 0.0
+    """Of each component of each joint's origin, m."""
+    gravity: float = 0.0
+    """Of the local norm about the standard one, m/s²."""
+    gravity_between: tuple[float, float] | None = None
+    """The local norm is uniform between these instead, m/s²."""
+    encoder: float = 0.0
+    """White noise of each joint sample, rad."""
+    eccentricity: float = 0.0
+    """Of the reading's error that goes as sin q, and of that as cos q, rad."""
+    lag: float = 0.0
+    """Of each joint's reading behind the joint, s."""
+    play: float = 0.0
+    """Of the reading's error that changes sign with the direction of motion, rad."""
+    track_noise: tuple[float, float] = (0.0, 0.0)
+    """White, of each component of a tracked base's position, m, and orientation, rad."""
+    track_scale: float = 0.0
+    """Of the tracker's lengths."""
+    long_link: float = 0.0
+    """One joint's origin is longer by exactly this share."""
+    gross_zero: float = 0.0
+    """One joint's zero is off by exactly this, rad, either way."""
+    driver: Callable[[float], tuple[Floats, Floats]] | None = None
+    """Filter of the IMU's driver: from its rate to numerator and denominator."""
+    ramp: tuple[float, float] = (0.0, 0.0)
+    """How far the biases drift over the log in a random direction, m/s² and rad/s, exactly."""
+    walk: tuple[float, float] = (0.0, 0.0)
+    """Of the biases' random walks, m/s²/sqrt(s) and rad/s/sqrt(s)."""
+
+
+def _exponential(alpha: float) -> Callable[[float], tuple[Floats, Floats]]:
+    return lambda _rate: (np.array([alpha]), np.array([1.0, alpha - 1.0]))
+
+
+def _moving_average(samples: int) -> Callable[[float], tuple[Floats, Floats]]:
+    return lambda _rate: (np.full(samples, 1.0 / samples), np.array([1.0]))
+
+
+def _butterworth(rate: float) -> tuple[Floats, Floats]:
+    b, a = butter(2, 40.0, fs=rate)
+    return np.asarray(b), np.asarray(a)
+
+
+_QUIET = Row(
+    noise=INDUSTRIAL,
+    scale=0.0005,
+    gyro_delay=1e-4,
+    zero=1e-4,
+    origin=5e-5,
+    gravity=0.015,
+    track_noise=(5e-5, 5e-5),
+    track_scale=0.002,
+)
+_EVERYDAY = Row(
+    noise=MEMS,
+    scale=0.005,
+    gyro_delay=1e-3,
+    zero=1e-3,
+    origin=5e-4,
+    gravity=0.015,
+    encoder=3e-5,
+    track_noise=(5e-5, 5e-5),
+    track_scale=0.002,
+)
+
+ROWS = {
+    "exact-mems": Row(noise=MEMS),
+    "exact-industrial": Row(noise=INDUSTRIAL),
+    "quiet": _QUIET,
+    "everyday": _EVERYDAY,
+    "worn": replace(_EVERYDAY, eccentricity=4e-4, lag=1e-3, play=2e-4),
+    "gross-link": Row(noise=MEMS, long_link=0.01),
+    "gross-zero": Row(noise=MEMS, gross_zero=0.01),
+    "gross-scale": Row(noise=MEMS, scale=0.03),
+    "earth": Row(noise=MEMS, gravity_between=(9.764, 9.834)),
+    "average-0.5": replace(_QUIET, driver=_exponential(0.5)),
+    "average-0.2": replace(_QUIET, driver=_exponential(0.2)),
+    "moving-5": replace(_QUIET, driver=_moving_average(5)),
+    "moving-9": replace(_QUIET, driver=_moving_average(9)),
+    "butterworth-40": replace(_QUIET, driver=_butterworth),
+    "bias-ramp": Row(noise=MEMS, ramp=(0.03, 1e-3)),
+    "bias-walk": Row(noise=MEMS, walk=(2e-3, 5e-5)),
+}
+"""Each sweep by its name, in the order of the table."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Moves:
+    """Quintic moves from posture to posture, at rest in between."""
+
+    start: Floats
+    """(M,), s."""
+    duration: Floats
+    """(M,), s."""
+    postures: Floats
+    """(M + 1, J)."""
+
+    @classmethod
+    def drawn(
+        cls,
+        rng: np.random.Generator,
+        *,
+        seconds: float,
+        home: Floats,
+        amplitude: Floats,
+        moves: tuple[float, float],
+    ) -> Moves:
+        """Random postures about home, durations and pauses until the log ends."""
+        start, duration, postures = [], [], [home]
+        now = EDGE
+        longest_pause = rng.uniform(0.2, 1.0)
+        while now + (length := rng.uniform(*moves)) < seconds - EDGE:
+            start.append(now)
+            duration.append(length)
+            postures.append(home + rng.uniform(-1, 1, len(home)) * amplitude)
+            now += length + rng.uniform(0.1, longest_pause)
+        return cls(start=np.array(start), duration=np.array(duration), postures=np.array(postures))
+
+    def at(self, t: Floats) -> tuple[Floats, Floats, Floats]:
+        """Positions, rates and accelerations, (N, J) each."""
+        move = np.clip(np.searchsorted(self.start, t, side="right") - 1, 0, None)
+        T = self.duration[move][:, None]
+        s = np.clip((t - self.start[move])[:, None] / T, 0.0, 1.0)
+        step = self.postures[move + 1] - self.postures[move]
+        q = self.postures[move] + step * s**3 * (10 - 15 * s + 6 * s**2)
+        v = step * 30 * s**2 * (1 - s) ** 2 / T
+        a = step * 60 * s * (1 - s) * (1 - 2 * s) / T**2
+        return q, v, a
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Wobble:
+    """Sums of sines that never rest."""
+
+    amplitude: Floats
+    """(K, J), rad."""
+    rate: Floats
+    """(K, J), rad/s."""
+    phase: Floats
+    """(K, J), rad."""
+
+    @classmethod
+    def drawn(cls, rng: np.random.Generator, coordinates: int) -> Wobble:
+        """Two sines a coordinate: a cart on soft wheels."""
+        shape = (2, coordinates)
+        return cls(
+            amplitude=rng.uniform(0.005, 0.02, shape),
+            rate=2 * np.pi * rng.uniform(0.3, 1.5, shape),
+            phase=rng.uniform(0.0, 2 * np.pi, shape),
+        )
+
+    def at(self, t: Floats) -> tuple[Floats, Floats, Floats]:
+        """Positions, rates and accelerations, (N, J) each."""
+        angle = self.rate * t[:, None, None] + self.phase
+        sine, cosine = self.amplitude * np.sin(angle), self.amplitude * np.cos(angle)
+        q, v, a = sine, self.rate * cosine, -(self.rate**2) * sine
+        return q.sum(axis=1), v.sum(axis=1), a.sum(axis=1)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Motion:
+    """Of all coordinates: x, y, yaw, pitch and roll of a moving base, then the joints."""
+
+    parts: tuple[Moves | Wobble, ...]
+
+    @classmethod
+    def drawn(cls, robot: Robot, seed: list[int], seconds: float) -> Motion:
+        """Of a robot, by a seed."""
+        rng = np.random.default_rng(seed)
+        arm = Moves.drawn(
+            rng,
+            seconds=seconds,
+            home=np.array(robot.home),
+            amplitude=np.array(robot.amplitude),
+            moves=robot.moves,
+        )
+        if not robot.moving_base:
+            return cls(parts=(arm,))
+        drive = Moves.drawn(
+            rng,
+            seconds=seconds,
+            home=np.zeros(3),
+            amplitude=np.array([0.6, 0.6, 1.0]),
+            moves=(2.0, 4.0),
+        )
+        return cls(parts=(drive, Wobble.drawn(rng, 2), arm))
+
+    def at(self, t: Floats) -> tuple[Floats, Floats, Floats]:
+        """Positions, rates and accelerations, (N, coordinates) each."""
+        q, v, a = zip(*(part.at(t) for part in self.parts), strict=True)
+        return np.hstack(q), np.hstack(v), np.hstack(a)
+
+
+class Truth:
+    """The true robot in pinocchio, with the IMU in its true place."""
+
+    def __init__(self, robot: Robot, R: Floats, t: Floats) -> None:
+        self._model, joint, still = pin.Model(), 0, pin.SE3.Identity()
+        self.base = 0
+        if robot.moving_base:
+            kinds = (pin.JointModelPX, pin.JointModelPY, pin.JointModelRZ)
+            for kind in (*kinds, pin.JointModelRY, pin.JointModelRX):
+                joint = self._model.addJoint(joint, kind(), still, f"base{joint}")
+            self.base = joint
+        for index, origin in enumerate(robot.origins):
+            place = pin.SE3(origin.R, origin.p)
+            joint = self._model.addJoint(joint, pin.JointModelRZ(), place, f"j{index}")
+        place = pin.SE3(robot.flange.R, robot.flange.p) * pin.SE3(R, t)
+        self._imu = self._model.addFrame(pin.Frame("imu", joint, 0, place, pin.FrameType.OP_FRAME))
+        self._data = self._model.createData()
+
+    def gyro(self, motion: Motion, t: Floats) -> Floats:
+        """(N, 3), rad/s, IMU frame."""
+        q, v, _ = motion.at(t)
+        gyro = np.empty((len(t), 3))
+        for k in range(len(t)):
+            pin.forwardKinematics(self._model, self._data, q[k], v[k])
+            rates = pin.getFrameVelocity(self._model, self._data, self._imu, pin.LOCAL)
+            gyro[k] = rates.angular
+        return gyro
+
+    def accel(self, motion: Motion, t: Floats, gravity: float) -> Floats:
+        """(N, 3), specific force, m/s², IMU frame."""
+        q, v, a = motion.at(t)
+        accel = np.empty((len(t), 3))
+        for k in range(len(t)):
+            pin.forwardKinematics(self._model, self._data, q[k], v[k], a[k])
+            place = pin.updateFramePlacement(self._model, self._data, self._imu)
+            own = pin.getFrameClassicalAcceleration(self._model, self._data, self._imu, pin.LOCAL)
+            accel[k] = own.linear + gravity * place.rotation[2]
+        return accel
+
+    def base_poses(self, motion: Motion, t: Floats) -> tuple[Floats, Floats]:
+        """Of a moving base: (N, 3, 3) and (N, 3), m, in the world."""
+        q, _, _ = motion.at(t)
+        R, p = np.empty((len(t), 3, 3)), np.empty((len(t), 3))
+        for k in range(len(t)):
+            pin.forwardKinematics(self._model, self._data, q[k])
+            R[k] = self._data.oMi[self.base].rotation
+            p[k] = self._data.oMi[self.base].translation
+        return R, p
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Case:
+    """What an estimator is given, and what is true."""
+
+    imu: ImuSamples
+    path: KinematicPath
+    """As told: wrong constants, read tracks."""
+    true_path: KinematicPath
+    """The right constants and the tracks as they were, at the same stamps."""
+    R: Floats
+    """(3, 3), R_parent_imu."""
+    t: Floats
+    """(3,), t_parent_imu, m."""
+    time_offset: float
+    """Of the accelerometer, s; without the delay of a driver's filter."""
+    drawn: dict[str, Any] = field(default_factory=dict)
+    """The errors by name, in SI units: lists and numbers, as JSON has them."""
+
+
+def make_case(
+    robot: str,
+    row: str | Row,
+    seed: int,
+    *,
+    seconds: float = 40.0,
+    imu_rate: float = 200.0,
+    joint_rate: float = 125.0,
+) -> Case:
+    """One log of a robot with errors of a row's sizes.
+
+    Args:
+        robot: One of ROBOTS.
+        row: One of ROWS, or a row of one's own.
+        seed: Of motion, mount and all errors; the same draws in every row.
+        seconds: Length of the log.
+        imu_rate: Hz.
+        joint_rate: Hz.
+    """
+    true, sizes = ROBOTS[robot], ROWS[row] if isinstance(row, str) else row
+    key = [zlib.crc32(robot.encode()), seed]
+    motion = Motion.drawn(true, [*key, 0], seconds)
+    rng = np.random.default_rng([*key, 1])
+    R = np.asarray(Rotation.random(rng=rng).as_matrix())
+    direction = rng.normal(size=3)
+    t = MOUNT_RADIUS * np.cbrt(rng.uniform()) * direction / np.linalg.norm(direction)
+    time_offset = float(rng.uniform(-MAX_OFFSET, MAX_OFFSET))
+    phase = float(rng.uniform(0.0, 1.0 / imu_rate))
+
+    truth = Truth(true, R, t)
+    imu, sensor = _imu(
+        truth, motion, sizes, [*key, 2], np.arange(-LEAD + phase, seconds, 1 / imu_rate)
+    )
+    told, joints = _told(true, sizes, [*key, 3])
+    tracks, exact, reading = _tracks(
+        truth, motion, sizes, [*key, 4], seconds=seconds, rate=joint_rate, zeros=joints["zero"]
+    )
+    return Case(
+        imu=replace(imu, t=imu.t + time_offset),
+        path=_path(told, tracks),
+        true_path=_path(true, exact),
+        R=R,
+        t=t,
+        time_offset=time_offset,
+        drawn={
+            name: np.asarray(value).tolist()
+            for name, value in {**sensor, **joints, **reading}.items()
+        },
+    )
+
+
+def _imu(
+    truth: Truth, motion: Motion, row: Row, key: list[int], t: Floats
+) -> tuple[ImuSamples, dict[str, Any]]:
+    """Samples at the robot's time, the lead cut off, and what was drawn."""
+    rng, noise_rng = np.random.default_rng([*key, 0]), np.random.default_rng([*key, 1])
+    rate = 1.0 / (t[1] - t[0])
+    drawn: dict[str, Any] = {
+        "accel_scale": 1.0 + row.scale * rng.normal(size=3),
+        "gyro_scale": 1.0 + row.scale * rng.normal(size=3),
+        "gyro_delay": row.gyro_delay * rng.normal(),
+        "gravity": GRAVITY + row.gravity * rng.normal(),
+        "accel_bias": ACCEL_BIAS * rng.normal(size=3),
+        "gyro_bias": GYRO_BIAS * rng.normal(size=3),
+        "accel_ramp": row.ramp[0] * _direction(rng),
+        "gyro_ramp": row.ramp[1] * _direction(rng),
+    }
+    share = rng.uniform()
+    if row.gravity_between is not None:
+        low, high = row.gravity_between
+        drawn["gravity"] = low + share * (high - low)
+    samples = []
+    for index, (sensor, values) in enumerate(
+        (
+            ("accel", truth.accel(motion, t, drawn["gravity"])),
+            ("gyro", truth.gyro(motion, t - drawn["gyro_delay"])),
+        )
+    ):
+        white, walk = noise_rng.normal(size=(2, len(t), 3))
+        # The bias is as drawn in the middle of the log, where the ramp passes through zero.
+        drift = np.outer((t - t[-1] / 2) / t[-1], drawn[f"{sensor}_ramp"])
+        steps = row.walk[index] / np.sqrt(rate) * walk
+        measured = values * drawn[f"{sensor}_scale"] + drawn[f"{sensor}_bias"] + drift
+        measured += np.cumsum(steps, axis=0) + row.noise[index] * np.sqrt(rate / 2) * white
+        if row.driver is not None:
+            b, a = row.driver(rate)
+            settled = lfilter_zi(b, a)[:, None] * measured[0]
+            measured, _ = lfilter(b, a, measured, axis=0, zi=settled)
+        samples.append(measured[t >= 0.0])
+    return ImuSamples(t=t[t >= 0.0], accel=samples[0], gyro=samples[1]), drawn
+
+
+def _direction(rng: np.random.Generator) -> Floats:
+    vector = rng.normal(size=3)
+    return np.asarray(vector / np.linalg.norm(vector))
+
+
+def _told(true: Robot, row: Row, key: list[int]) -> tuple[Robot, dict[str, Any]]:
+    """The robot with wrong constants, and what was drawn; zeros are told by the joints' tracks."""
+    rng, count = np.random.default_rng(key), len(true.origins)
+    errors = row.origin * rng.normal(size=(count, 3))
+    zeros = row.zero * rng.normal(size=count)
+    lengthened = np.array([origin.p for origin in true.origins])
+    # In the parent's axes: along the last joint's axis is the mount's business, see above.
+    along = true.origins[-1].R[:, 2]
+    for values in (errors, lengthened):
+        values[-1] -= along * (along @ values[-1])
+    # Of a fixed robot the first origin, and the second's part along the first axis, move the whole
+    # robot and matter to nobody; they are no candidates for the one that is too long.
+    if not true.moving_base:
+        lengthened[0] = 0.0
+        lengthened[1, 2] = 0.0
+    long = rng.choice(np.flatnonzero(np.linalg.norm(lengthened, axis=1) > 0.0))
+    errors[long] += row.long_link * lengthened[long]
+    off = rng.integers(1, count - 1)
+    zeros[off] += row.gross_zero * rng.choice([-1.0, 1.0])
+    zeros[[0, -1]] = 0.0
+    origins = tuple(
+        replace(origin, p=origin.p + error)
+        for origin, error in zip(true.origins, errors, strict=True)
+    )
+    drawn: dict[str, Any] = {"zero": zeros, "origin": errors}
+    if row.long_link:
+        drawn["long_link"] = long
+    if row.gross_zero:
+        drawn["gross_zero"] = off
+    return replace(true, origins=origins), drawn
+
+
+def _tracks(
+    truth: Truth,
+    motion: Motion,
+    row: Row,
+    key: list[int],
+    *,
+    seconds: float,
+    rate: float,
+    zeros: Floats,
+) -> tuple[tuple[Track, ...], tuple[Track, ...], dict[str, Any]]:
+    """Tracks as read, as they were, and what was drawn."""
+    rng, noise_rng = np.random.default_rng([*key, 0]), np.random.default_rng([*key, 1])
+    t = np.arange(0.0, seconds, 1 / rate)
+    q, v, _ = (values[:, truth.base :] for values in motion.at(t))
+    count = q.shape[1]
+    drawn: dict[str, Any] = {
+        "eccentricity": row.eccentricity * rng.normal(size=(2, count)),
+        "lag": row.lag * rng.normal(size=count),
+        "play": row.play * rng.normal(size=count),
+        "track_scale": row.track_scale * rng.normal() if truth.base else 0.0,
+    }
+    eccentric = drawn["eccentricity"][0] * np.sin(q) + drawn["eccentricity"][1] * np.cos(q)
+    eccentric[:, -1] -= eccentric[:, -1].mean()
+    # Play changes sides smoothly, within about a hundredth of a radian per second.
+    read = q + zeros + eccentric - drawn["lag"] * v + drawn["play"] * np.tanh(v / 0.01)
+    read += row.encoder * noise_rng.normal(size=q.shape)
+    names = tuple(f"j{index}" for index in range(count))
+    joints = Track(name="/joint_states", kind="joints", t=t, values=read, names=names)
+    told, exact = (joints,), (replace(joints, values=q),)
+    if not truth.base:
+        return told, exact, drawn
+    t = np.arange(0.0, seconds, 1 / TRACK_RATE)
+    R, p = truth.base_poses(motion, t)
+    true = Track(name="/base", kind="pose", t=t, values=_pose_values(R, p))
+    shift, turn = noise_rng.normal(size=(2, len(t), 3)) * np.array(row.track_noise)[:, None, None]
+    R = Rotation.from_rotvec(turn).as_matrix() @ R
+    p = p * (1.0 + drawn["track_scale"]) + shift
+    return (*told, replace(true, values=_pose_values(R, p))), (*exact, true), drawn
+
+
+def _pose_values(R: Floats, p: Floats) -> Floats:
+    return np.hstack([p, Rotation.from_matrix(R).as_quat()])
+
+
+def _path(robot: Robot, tracks: tuple[Track, ...]) -> KinematicPath:
+    """A robot in the package's own kinematics."""
+    steps: list[FixedStep | JointStep | PoseStep] = [PoseStep(track=1)] * robot.moving_base
+    for index, origin in enumerate(robot.origins):
+        joint = JointStep(
+            name=f"j{index}", kind="revolute", axis=np.array([0.0, 0.0, 1.0]), track=0, column=index
+        )
+        steps += [FixedStep(R=origin.R, p=origin.p), joint]
+    steps.append(FixedStep(R=robot.flange.R, p=robot.flange.p))
+    return KinematicPath(world="world", parent="flange", steps=tuple(steps), tracks=tracks)

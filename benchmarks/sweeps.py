@@ -1,0 +1,248 @@
+"""How the estimator does on imperfect robots and sensors, whose truth is analytic (robots.py).
+
+    python benchmarks/sweeps.py --robots ur10e panda mobile --rows quiet everyday --seeds 200 \
+        -o sweeps.jsonl --workers 2
+    python benchmarks/sweeps.py --compare before.jsonl after.jsonl
+
+One line of JSON for each log; logs whose line is already there are skipped. Without --robots or
+--rows it takes all of them. Another version of the package sees the same logs if PYTHONPATH leads
+to its checkout: of the package only samples, paths, options and the estimator are used here.
+
+Errors are root mean squares of the norms. NEES is the squared pose error in units of the stated
+covariance, 6 where that is true. A log is *wrong* where that is as improbable as 5 sigma and the
+result is trusted all the same.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import time
+from collections import defaultdict
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+# Before numpy: as many processes as workers, each on one core.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import numpy as np
+from robots import ROBOTS, ROWS, Case, make_case
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
+
+import imucalib_cli
+from imucalib_cli.estimate.matched import calibrate_matched
+from imucalib_cli.estimate.options import MatchedOptions
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from imucalib_cli.estimate.estimate import Estimate
+
+FIVE_SIGMA = 5.7e-7
+"""Probability of a normal deviate beyond five sigma, either way."""
+
+Line = dict[str, Any]
+"""What is kept of one log, as JSON has it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Job:
+    """One log to be made and calibrated."""
+
+    robot: str
+    row: str
+    seed: int
+    seconds: float
+    imu_rate: float
+    joint_rate: float
+
+    @property
+    def key(self) -> str:
+        """Tells this log from all others."""
+        return json.dumps(asdict(self), sort_keys=True)
+
+
+def run(job: Job) -> Line:
+    """Make the log, calibrate it and hold the result against the truth."""
+    case = make_case(
+        job.robot,
+        job.row,
+        job.seed,
+        seconds=job.seconds,
+        imu_rate=job.imu_rate,
+        joint_rate=job.joint_rate,
+    )
+    start = time.process_time()
+    try:
+        outcome = _outcome(calibrate_matched(case.imu, case.path, MatchedOptions()), case)
+    except Exception as error:  # noqa: BLE001 - a log that fails is a result of the sweep
+        outcome = {"failed": f"{type(error).__name__}: {error}"}
+    cpu = time.process_time() - start
+    return {**asdict(job), **outcome, "cpu_seconds": cpu, "drawn": case.drawn}
+
+
+def _outcome(estimate: Estimate, case: Case) -> Line:
+    turned = Rotation.from_matrix(estimate.R_parent_imu @ case.R.T).as_rotvec()
+    error = np.concatenate([estimate.t_parent_imu - case.t, turned])
+    covariance = np.asarray(estimate.covariance)
+    return {
+        "error": error.tolist(),
+        "std": np.sqrt(np.diag(covariance)).tolist(),
+        "nees": float(error @ np.linalg.solve(covariance, error)),
+        "trusted": estimate.trusted,
+        "time_offset_error": estimate.time_offset - case.time_offset,
+        "corrections": [correction.name for correction in estimate.corrections],
+        "distrust": [str(sentence) for sentence in estimate.distrust],
+        "warnings": [str(sentence) for sentence in estimate.warnings],
+    }
+
+
+def _rms(values: list[float]) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Logs:
+    """The logs of one robot and row that gave a result."""
+
+    lines: list[Line]
+
+    def errors(self, part: slice) -> list[float]:
+        """Norms of the translation's or the rotation's error, m or rad."""
+        return [float(np.linalg.norm(line["error"][part])) for line in self.lines]
+
+    def values(self, name: str) -> list[float]:
+        """One number of each."""
+        return [float(line[name]) for line in self.lines]
+
+    def wrong(self) -> int:
+        """Trusted although beyond five sigma."""
+        return sum(
+            bool(line["trusted"]) and not chi2.sf(line["nees"], 6) >= FIVE_SIGMA
+            for line in self.lines
+        )
+
+
+_TRANSLATION, _ROTATION = slice(0, 3), slice(3, 6)
+
+COLUMNS: dict[str, Callable[[Logs], str]] = {
+    "RMS mm": lambda logs: f"{1e3 * _rms(logs.errors(_TRANSLATION)):.3f}",
+    "worst mm": lambda logs: f"{1e3 * max(logs.errors(_TRANSLATION)):.3f}",
+    "RMS deg": lambda logs: f"{np.degrees(_rms(logs.errors(_ROTATION))):.4f}",
+    "NEES mean": lambda logs: f"{np.mean(logs.values('nees')):.3g}",
+    "median": lambda logs: f"{np.median(logs.values('nees')):.3g}",
+    "max": lambda logs: f"{max(logs.values('nees')):.3g}",
+    "trusted": lambda logs: f"{np.mean(logs.values('trusted')):.0%}",
+    "wrong": lambda logs: str(logs.wrong()),
+    "CPU s": lambda logs: f"{np.mean(logs.values('cpu_seconds')):.2f}",
+}
+"""Of the table, after robot, row and logs."""
+
+
+def read(file: Path) -> dict[str, Line]:
+    """Lines by their key; the last line may have been cut off while it was written."""
+    lines: dict[str, Line] = {}
+    if file.exists():
+        for text in file.read_text(encoding="utf-8").splitlines():
+            try:
+                line = json.loads(text)
+            except json.JSONDecodeError:
+                continue
+            lines[Job(**{name: line[name] for name in Job.__annotations__}).key] = line
+    return lines
+
+
+def table(*runs: dict[str, Line]) -> str:
+    """Markdown, a line for each robot and row, of the logs that all runs have.
+
+    Args:
+        runs: Lines by their key; the values of several stand side by side.
+    """
+    shared = set.intersection(*(set(run_lines) for run_lines in runs))
+    groups: dict[tuple[str, str], list[str]] = defaultdict(list)
+    for key in sorted(shared):
+        groups[runs[0][key]["robot"], runs[0][key]["row"]].append(key)
+    text = [
+        f"| {' | '.join(('robot', 'row', 'logs', 'failed', *COLUMNS))} |",
+        "|---" * (4 + len(COLUMNS)) + "|",
+    ]
+    for robot, row in ((robot, row) for robot in ROBOTS for row in ROWS):
+        if keys := groups.get((robot, row)):
+            lines = [[run_lines[key] for key in keys] for run_lines in runs]
+            kept = [Logs(lines=[line for line in one if "failed" not in line]) for one in lines]
+            failed = [str(len(keys) - len(logs.lines)) for logs in kept]
+            cells = [robot, row, str(len(keys)), _beside(failed)]
+            cells += [
+                _beside([column(logs) if logs.lines else "-" for logs in kept])
+                for column in COLUMNS.values()
+            ]
+            text.append(f"| {' | '.join(cells)} |")
+    return "\n".join(text)
+
+
+def _beside(cells: list[str]) -> str:
+    """The runs' values of one cell; once where they are the same."""
+    return cells[0] if len(set(cells)) == 1 else " → ".join(cells)
+
+
+def sweep(jobs: list[Job], file: Path | None, workers: int) -> dict[str, Line]:
+    """Run what the file does not have yet, append it there and return the lines of all jobs."""
+    known = read(file) if file else {}
+    if file and file.exists() and not file.read_bytes().endswith(b"\n"):
+        file.write_text("".join(json.dumps(line) + "\n" for line in known.values()), "utf-8")
+    missing = [job for job in jobs if job.key not in known]
+    with ProcessPoolExecutor(workers) as pool:
+        for done in as_completed([pool.submit(run, job) for job in missing]):
+            line = done.result()
+            known[Job(**{name: line[name] for name in Job.__annotations__}).key] = line
+            if file:
+                with file.open("a", encoding="utf-8") as stream:
+                    stream.write(json.dumps(line) + "\n")
+    return {job.key: known[job.key] for job in jobs}
+
+
+def main() -> None:
+    """Run the sweeps that are asked for, or compare two that were run, and print the table."""
+    parser = argparse.ArgumentParser(description="How the estimator does on imperfect robots.")
+    parser.add_argument("--robots", nargs="+", choices=ROBOTS, default=list(ROBOTS))
+    parser.add_argument("--rows", nargs="+", choices=ROWS, default=list(ROWS))
+    parser.add_argument("--seeds", type=int, default=20, help="logs a row")
+    parser.add_argument("--first-seed", type=int, default=0)
+    parser.add_argument("--seconds", type=float, default=40.0, help="length of a log, at least 10")
+    parser.add_argument("--imu-rate", type=float, default=200.0, help="Hz")
+    parser.add_argument("--joint-rate", type=float, default=125.0, help="Hz")
+    parser.add_argument("-o", "--output", type=Path, help="JSON lines, continued if it exists")
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--compare", nargs="+", type=Path, metavar="FILE", help="run nothing")
+    asked = parser.parse_args()
+    if asked.compare:
+        for file in asked.compare:
+            if not file.exists():
+                parser.error(f"{file} does not exist")
+        print(table(*(read(file) for file in asked.compare)))
+        return
+    jobs = [
+        Job(
+            robot=robot,
+            row=row,
+            seed=seed,
+            seconds=asked.seconds,
+            imu_rate=asked.imu_rate,
+            joint_rate=asked.joint_rate,
+        )
+        for seed in range(asked.first_seed, asked.first_seed + asked.seeds)
+        for robot in asked.robots
+        for row in asked.rows
+    ]
+    # An editable install and PYTHONPATH may both offer one: say which it is.
+    print(f"package: {imucalib_cli.__file__}", file=sys.stderr)
+    print(table(sweep(jobs, asked.output, asked.workers)))
+
+
+if __name__ == "__main__":
+    main()

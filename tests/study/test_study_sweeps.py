@@ -1,0 +1,56 @@
+"""The imperfect robots of benchmarks/sweeps.py: without errors the truth must come back."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from benchmarks.robots import MEMS, ROBOTS, ROWS, Row, make_case
+from imucalib_cli.estimate.matched import calibrate_matched
+from imucalib_cli.estimate.options import MatchedOptions
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_without_errors_the_estimate_is_the_truth(robot: str) -> None:
+    case = make_case(robot, Row(), seed=1)
+    estimate = calibrate_matched(case.imu, case.path, MatchedOptions())
+    turned = Rotation.from_matrix(estimate.R_parent_imu @ case.R.T).magnitude()
+    assert estimate.trusted
+    assert np.linalg.norm(estimate.t_parent_imu - case.t) < 2e-6
+    assert turned < 1e-6
+    assert estimate.time_offset == pytest.approx(case.time_offset, abs=1e-7)
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_what_nobody_can_find_is_told_correctly(robot: str) -> None:
+    sizes = Row(zero=1e-3, origin=5e-4, long_link=0.01, gross_zero=0.01, eccentricity=4e-4)
+    for seed in range(3):
+        case = make_case(robot, sizes, seed, seconds=10.0)
+        zeros, origins = np.array(case.drawn["zero"]), np.array(case.drawn["origin"])
+        assert zeros[0] == zeros[-1] == 0.0
+        assert np.all(zeros[1:-1] != 0.0)
+        along = ROBOTS[robot].origins[-1].R[:, 2]
+        assert along @ origins[-1] == pytest.approx(0.0, abs=1e-12)
+        told, true = (path.tracks[0].values for path in (case.path, case.true_path))
+        assert np.mean(told - true, axis=0)[-1] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_seed_has_the_same_draws_in_every_row() -> None:
+    small, large = (
+        make_case("mobile", Row(noise=MEMS, scale=size, zero=size), 4, seconds=10.0)
+        for size in (1e-3, 2e-3)
+    )
+    assert np.array_equal(small.R, large.R)
+    assert small.time_offset == large.time_offset
+    assert np.array(large.drawn["zero"]) == pytest.approx(2 * np.array(small.drawn["zero"]))
+    scales = [np.array(case.drawn["accel_scale"]) - 1.0 for case in (small, large)]
+    assert scales[1] == pytest.approx(2 * scales[0])
+
+
+@pytest.mark.parametrize("name", [name for name, row in ROWS.items() if row.driver is not None])
+def test_a_drivers_filter_passes_rest_unchanged(name: str) -> None:
+    driver = ROWS[name].driver
+    assert driver is not None
+    b, a = driver(200.0)
+    assert np.sum(b) / np.sum(a) == pytest.approx(1.0)
