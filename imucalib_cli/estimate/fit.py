@@ -21,8 +21,8 @@ from imucalib_cli.estimate.solve import (
     solve_globally,
     tilt_from_down,
 )
-from imucalib_cli.estimate.spectrum import Statistics, inverse_of, statistics
-from imucalib_cli.estimate.unknowns import LEAN, Clock, Gravity, Mount, Reading
+from imucalib_cli.estimate.spectrum import Statistics, statistics
+from imucalib_cli.estimate.unknowns import LEAN, Gravity, Mount, Reading
 from imucalib_cli.robot.rotations import rotation_angle, rotvec_from_matrix
 
 if TYPE_CHECKING:
@@ -37,6 +37,10 @@ _FIRST_SCALES: Final = (0.05, 0.005)
 _REWEIGHTS: Final = 3
 _THIN: Final = 4
 """Of the windows, which overlap eightfold, every so many is enough for a first solution."""
+_ENOUGH_THIN: Final = 240
+"""Windows from which they are thinned."""
+_LEAST_LEFT: Final = 0.01
+"""Share of a column's square that is taken to be signal, however noisy its readings are."""
 _LEAN_PASSES: Final = 8
 _FULL_PASSES: Final = 5
 _SETTLED: Final = 0.3
@@ -90,63 +94,69 @@ class Fit:
         return self.state.x[part], np.sqrt(np.maximum(np.diag(self.covariance)[part], 0.0))
 
 
-def fit(
-    windowing: Windowing,
-    options: MatchedOptions,
-    time_offset: float,
-    start: State | None = None,
-) -> Fit:
-    """Find every unknown of the table.
+@dataclass(frozen=True, eq=False)
+class Lean:
+    """Pose, biases, gravity's direction and time offset: where the whole table begins."""
+
+    model: Model
+    state: State
+    scales: tuple[float, float]
+    """Residual scale of accelerometer, m/s², and gyroscope, rad/s, in a window."""
+    runner_up_rise: float
+    """How much worse the best other rotation fits, in chi-squared; inf where there is none."""
+
+
+def lean_fit(
+    windowing: Windowing, options: MatchedOptions, time_offset: float, near: Lean | None = None
+) -> Lean:
+    """Find the lean unknowns, on every fourth window.
 
     Args:
         windowing: The two streams and their windows.
         options: What is known beforehand.
         time_offset: IMU stamp - robot stamp to begin with, s.
-        start: A lean solution nearby; None searches all rotations.
+        near: A solution nearby, from which to go on; None searches all rotations.
 
     Raises:
         InputError: The streams overlap for too few windows.
     """
-    lean, state, rise = lean_fit(windowing, options, time_offset, start)
-    layout = lay_out(windowing.trajectory, options)
-    state = _transfer(state, lean.layout, layout)
-    return _whole(Model(windowing, layout), options, state, rise)
-
-
-def lean_fit(
-    windowing: Windowing,
-    options: MatchedOptions,
-    time_offset: float,
-    start: State | None = None,
-) -> tuple[Model, State, float]:
-    """Pose, biases, gravity's direction and time offset, on every fourth window.
-
-    Returns:
-        The lean model, its state, and how much worse the best other rotation fits, in chi-squared.
-    """
     layout = lay_out(windowing.trajectory, options, LEAN)
     model = Model(windowing, layout)
-    rise = np.inf
-    if start is None:
-        start, rise = _globally(windowing, options, time_offset, layout)
-    state = start
+    if near is None:
+        state, rise = _globally(windowing, options, time_offset, layout)
+    else:
+        state, rise = near.state, near.runner_up_rise
+    scales = _FIRST_SCALES
+    offset = layout.part("time_offset")
+    reach = 0.5 * windowing.plan.length * windowing.grid.dt
     for turn in range(_LEAN_PASSES):
-        centres = _enough(windowing, model, state)[:: _thinning(windowing, model, state)]
+        centres = _enough(model, state)
+        centres = centres[:: _THIN if len(centres) > _ENOUGH_THIN else 1]
         residuals = model.residuals(state, centres)
+        scales = residual_scales(residuals)
         stats, _, _ = _linearised(model, state, centres, residuals, redescend=turn > 1)
-        problem = _problem(stats, layout, options, state, 1.0, windowing)
+        problem = _problem(stats, model, options, state, 1.0)
         step, inverse, _ = problem.solve(np.zeros(0))
+        sigmas = np.abs(step) / np.sqrt(np.diag(inverse))
         step = _embedded(step, layout)
-        part = layout.part("time_offset")
-        reach = 0.5 * windowing.plan.length * windowing.grid.dt
-        step[part] = np.clip(step[part], -reach, reach)
+        step[offset] = np.clip(step[offset], -reach, reach)
         state = state.moved(layout, step)
-        moved = np.abs(step[layout.free]) / np.sqrt(np.diag(inverse))
-        if moved.max(initial=0.0) < _SETTLED or (
-            turn > 1 and np.abs(step[part]).max(initial=0.0) < _TIME_RESOLUTION
-        ):
+        fine = turn > 1 and np.abs(step[offset]).max(initial=0.0) < _TIME_RESOLUTION
+        if fine or sigmas.max(initial=0.0) < _SETTLED:
             break
-    return model, state, rise
+    return Lean(model, state, scales, rise)
+
+
+def whole_fit(lean: Lean, options: MatchedOptions) -> Fit:
+    """Find every unknown of the table, from a lean solution on.
+
+    Raises:
+        InputError: The streams overlap for too few windows.
+    """
+    windowing = lean.model.windowing
+    layout = lay_out(windowing.trajectory, options)
+    state = _transfer(lean.state, lean.model.layout, layout)
+    return _whole(Model(windowing, layout), options, state, lean.runner_up_rise)
 
 
 def _globally(
@@ -154,7 +164,7 @@ def _globally(
 ) -> tuple[State, float]:
     centres = windowing.centres(time_offset)
     _see_enough(windowing, centres, time_offset)
-    rows = windowing.rows(time_offset, centres[:: _THIN if len(centres) > _THIN * 60 else 1])
+    rows = windowing.rows(time_offset, centres[:: _THIN if len(centres) > _ENOUGH_THIN else 1])
     unknowns = LeanUnknowns.of(options)
     weights = np.ones(len(rows.centres))
     found = solve_globally(_normal(windowing, rows, weights, _FIRST_SCALES), unknowns)
@@ -200,13 +210,9 @@ def _transfer(state: State, old: Layout, new: Layout) -> State:
     return replace(state, x=x)
 
 
-def _thinning(windowing: Windowing, model: Model, state: State) -> int:
-    return _THIN if len(model.centres(state)) > _THIN * 60 else 1
-
-
-def _enough(windowing: Windowing, model: Model, state: State) -> Indices:
+def _enough(model: Model, state: State) -> Indices:
     centres = model.centres(state)
-    _see_enough(windowing, centres, model.shifts(state)[1][0])
+    _see_enough(model.windowing, centres, model.shifts(state)[1][0])
     return centres
 
 
@@ -252,12 +258,12 @@ def _whole(model: Model, options: MatchedOptions, state: State, rise: float) -> 
     layout, windowing = model.layout, model.windowing
     u = layout.bounds.mean(axis=1)
     for turn in range(_FULL_PASSES):
-        centres = _enough(windowing, model, state)
+        centres = _enough(model, state)
         residuals = model.residuals(state, centres)
         stats, weights, motion = _linearised(model, state, centres, residuals, redescend=True)
         level, levels = 1.0, np.ones_like(stats.freedom)
         for _ in range(3):
-            problem = _problem(stats, layout, options, state, level, windowing, residuals)
+            problem = _problem(stats, model, options, state, level, residuals)
             u = most_likely(problem, u)
             step, inverse, _ = problem.solve(u)
             levels = stats.levels(_embedded(step, layout), _embedded_matrix(inverse, layout) / level)
@@ -306,17 +312,17 @@ def _level(stats: Statistics, layout: Layout, levels: Floats, inverse: Floats) -
 
 def _problem(
     stats: Statistics,
-    layout: Layout,
+    model: Model,
     options: MatchedOptions,
     state: State,
     level: float,
-    windowing: Windowing,
     residuals: Floats | None = None,
 ) -> Problem:
     """The free components' normal equations with their priors."""
+    layout = model.layout
     A, b = stats.information, stats.score
     if residuals is not None:
-        A, b = _without_noise(A, b, stats, layout, windowing, residuals, state)
+        A, b = _without_noise(A, b, stats, model, residuals)
     free = layout.free
     return Problem(
         information=A[np.ix_(free, free)] / level,
@@ -349,46 +355,38 @@ def _offset(layout: Layout, options: MatchedOptions, state: State) -> Floats:
 
 
 def _without_noise(
-    A: Floats,
-    b: Floats,
-    stats: Statistics,
-    layout: Layout,
-    windowing: Windowing,
-    residuals: Floats,
-    state: State,
+    A: Floats, b: Floats, stats: Statistics, model: Model, residuals: Floats
 ) -> tuple[Floats, Floats]:
     """Take off what the sensor's noise adds to columns made of second differences of readings."""
     A, b = A.copy(), b.copy()
-    plan, nodes = windowing.plan, plan_nodes(windowing)
-    for each in layout.of(Reading):
+    windowing = model.windowing
+    plan, nodes, grid = windowing.plan, plan_nodes(windowing), windowing.grid
+    scales = residual_scales(residuals)
+    for each in model.layout.of(Reading):
         effect = each.unknown.effect
         if not isinstance(effect, Reading) or not effect.differences:
             continue
-        accel = effect.sensor == "accel"
-        pair = plan.second_derivative if accel else plan.first_derivative
-        own = nodes.second if accel else nodes.first
-        kernel = nodes.kernel(own, effect.differences) / (nodes.every * windowing.grid.dt) ** (
-            2 * effect.differences
+        sensor = 0 if effect.sensor == "accel" else 1
+        plain = (plan.second_derivative, plan.first_derivative)[sensor].average
+        kernel = nodes.kernel((nodes.second, nodes.first)[sensor], effect.differences)
+        kernel = kernel / (nodes.every * grid.dt) ** (2 * effect.differences)
+        # Of the residual, what is this sensor's own white noise; whitened as the columns are.
+        left = min(
+            grid.noise[sensor] * float(np.sqrt(grid.refine)),
+            scales[sensor] / float(np.linalg.norm(plain)),
         )
-        plain = pair.average
-        longer, shorter = (kernel, plain) if len(kernel) >= len(plain) else (plain, kernel)
-        begin = (len(longer) - len(shorter)) // 2
-        both = float(longer[begin : begin + len(shorter)] @ shorter)
-        # The share of the residual that is this sensor's own white noise, in whitened units.
-        noise = windowing.grid.noise[0 if accel else 1] * np.sqrt(windowing.grid.refine)
-        part = residuals[:, :3] if accel else residuals[:, 3:]
-        scale = residual_scales(residuals)[0 if accel else 1]
-        left = min(noise * float(np.linalg.norm(plain)), scale)
-        gain = plan.noise_gains[0 if accel else 1] / scale
-        count = 3.0 * stats.windows
-        variance = (left * gain / float(np.linalg.norm(plain))) ** 2
-        place = each.part.start
-        b[place] += count * variance * both
-        A[place, place] = max(
-            A[place, place] - count * variance * float(kernel @ kernel), 0.01 * A[place, place]
-        )
-        del part
+        power = 3.0 * stats.windows * (left * plan.noise_gains[sensor] / scales[sensor]) ** 2
+        at = each.part.start
+        b[at] += power * _product(kernel, plain)
+        A[at, at] = max(A[at, at] - power * float(kernel @ kernel), _LEAST_LEFT * A[at, at])
     return A, b
+
+
+def _product(one: Floats, other: Floats) -> float:
+    """Product of two sets of weights about one centre."""
+    longer, shorter = (one, other) if len(one) >= len(other) else (other, one)
+    begin = (len(longer) - len(shorter)) // 2
+    return float(longer[begin : begin + len(shorter)] @ shorter)
 
 
 def _embedded(step: Floats, layout: Layout) -> Floats:
@@ -402,5 +400,3 @@ def _embedded_matrix(matrix: Floats, layout: Layout) -> Floats:
     full[np.ix_(layout.free, layout.free)] = matrix
     return full
 
-
-__all__ = ["Clock", "Fit", "fit", "inverse_of", "lean_fit"]

@@ -1,13 +1,13 @@
-"""Jittered stamps read one way or the other, and the fit each reading leads to."""
+"""Fit with the recorded stamps and with constant-rate stamps; keep the better."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from imucalib_cli.estimate.fit import Fit, fit_windows
+from imucalib_cli.estimate.fit import Fit, Lean, lean_fit, whole_fit
 from imucalib_cli.estimate.offset import coarse_time_offset
 from imucalib_cli.estimate.options import WindowChoice
 from imucalib_cli.estimate.window_choice import choose_window
@@ -20,20 +20,20 @@ if TYPE_CHECKING:
     from imucalib_cli.signals.lag import Lag
     from imucalib_cli.signals.trajectory import Trajectory
 
-_CLEARLY_BETTER = 0.3
+_CLEARLY_BETTER: Final = 0.3
 """Least fall of the logarithm of both residual scales from which jittered stamps are believed:
 read wrongly they seem to fit better by up to 0.2 in noise, and ticks time the log better."""
-_ENOUGH_WINDOWS = 100
+_ENOUGH_WINDOWS: Final = 100
 """Windows, overlapping eightfold, from which a dozen independent ones speak."""
-_SHORTEST = 0.1
+_SHORTEST: Final = 0.1
 """s: shorter windows drown in the noise of the kinematics' derivatives."""
 
 
 @dataclass(frozen=True, eq=False)
 class Attempt:
-    """One reading of the stamps and the fit it leads to."""
+    """One way to take the stamps, and the lean solution it leads to."""
 
-    fit: Fit
+    lean: Lean
     window: Window
     lag: Lag | None
     imu_ticks: bool
@@ -41,12 +41,12 @@ class Attempt:
 
     @property
     def misfit(self) -> float:
-        """Residual scale of both sensors: lower means the stamps were read better."""
-        return float(np.log(self.fit.scales[0]) + np.log(self.fit.scales[1]))
+        """Residual scale of both sensors: lower means the stamps were taken better."""
+        return float(np.log(self.lean.scales).sum())
 
 
-def best_reading(clean: CleanImu, trajectory: Trajectory, options: MatchedOptions) -> Attempt:
-    """Stamps that jitter are read as ticks of a constant rate, or as they are: whichever fits.
+def best_attempt(clean: CleanImu, trajectory: Trajectory, options: MatchedOptions) -> Attempt:
+    """Take stamps that jitter as ticks of a constant rate, or as they are: whichever fits.
 
     Arrival jitter on a device that keeps its rate is an error of the stamps; a sample taken late
     is not. The stamps alone do not tell which, the residuals do.
@@ -73,8 +73,9 @@ def _first_attempt(clean: CleanImu, trajectory: Trajectory, options: MatchedOpti
     windowing = Windowing(grid, trajectory, plan_windows(length, options.degree, grid.dt))
     if options.window == WindowChoice():
         windowing, window = _between_gaps(windowing, window, options, offset)
-    fit = fit_windows(windowing, options, offset)
-    return Attempt(fit, window, lag, imu_ticks, trajectory.use_ticks)
+    return Attempt(
+        lean_fit(windowing, options, offset), window, lag, imu_ticks, trajectory.use_ticks
+    )
 
 
 def _between_gaps(
@@ -94,10 +95,15 @@ def _between_gaps(
 def _next_attempt(
     clean: CleanImu, near: Attempt, options: MatchedOptions, ticks: tuple[bool, bool]
 ) -> Attempt:
-    """Read the stamps of IMU and robot otherwise, and go on from the fit at hand."""
-    trajectory = near.fit.windowing.trajectory.with_ticks(ticks[1])
+    """Take the stamps of IMU and robot the other way, and go on from the fit at hand."""
+    windowing = near.lean.model.windowing
+    trajectory = windowing.trajectory.with_ticks(ticks[1])
     grid = clean.grid(trajectory.interval, use_ticks=ticks[0])
-    plan = plan_windows(near.fit.windowing.plan.length, options.degree, grid.dt)
-    windowing = Windowing(grid, trajectory, plan)
-    fit = fit_windows(windowing, options, near.fit.time_offset, near.fit.solution.state)
-    return replace(near, fit=fit, imu_ticks=ticks[0], robot_ticks=ticks[1])
+    plan = plan_windows(windowing.plan.length, options.degree, grid.dt)
+    lean = lean_fit(Windowing(grid, trajectory, plan), options, 0.0, near.lean)
+    return replace(near, lean=lean, imu_ticks=ticks[0], robot_ticks=ticks[1])
+
+
+def complete(attempt: Attempt, options: MatchedOptions) -> Fit:
+    """The whole table of unknowns, from an attempt's lean solution on."""
+    return whole_fit(attempt.lean, options)
