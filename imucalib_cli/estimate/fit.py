@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from imucalib_cli.errors import InputError
 from imucalib_cli.estimate.design import Model, State, plan_nodes
 from imucalib_cli.estimate.layout import Layout, lay_out
-from imucalib_cli.estimate.robust import residual_scales, window_weights
+from imucalib_cli.estimate.robust import SCALE_FLOOR, residual_scales, window_weights
 from imucalib_cli.estimate.scales import Mixture, Problem, integrate, most_likely
 from imucalib_cli.estimate.solve import (
     SAME_ROTATION,
@@ -21,13 +21,13 @@ from imucalib_cli.estimate.solve import (
     solve_globally,
     tilt_from_down,
 )
-from imucalib_cli.estimate.spectrum import Statistics, statistics
+from imucalib_cli.estimate.spectrum import Statistics, segment_matrices, statistics, whitening
 from imucalib_cli.estimate.unknowns import LEAN, Gravity, Mount, Reading
 from imucalib_cli.robot.rotations import rotation_angle, rotvec_from_matrix
 
 if TYPE_CHECKING:
     from imucalib_cli.estimate.options import MatchedOptions
-    from imucalib_cli.estimate.windows import Windowing, WindowRows
+    from imucalib_cli.estimate.windows import Windowing, WindowPlan, WindowRows
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -64,8 +64,14 @@ class Fit:
     scales_found: Mixture
     """Of the learnt standard deviations, logarithms."""
     statistics: Statistics
+    linearised: State
+    """The point of linearisation of ``statistics``."""
     step: Floats
-    """(n,), from the point of linearisation of ``statistics`` to the posterior mean."""
+    """(n,), from there to the posterior mean."""
+    prior_offset: Floats
+    """(n,), of the point of linearisation from what the priors expect."""
+    level: float
+    """Of the noise as the unknowns meet it; 1 is white noise of the residual scales."""
     levels: Floats
     """(2, bands), of the noise."""
     centres: Indices
@@ -87,6 +93,39 @@ class Fit:
     def deviance(self) -> float:
         """Twice the negative Whittle log-likelihood: what alternatives are compared by."""
         return self.statistics.deviance(self.levels)
+
+    def segment_matrices(self, count: int) -> Floats:
+        """Normal matrices of [e J] of parts of the log.
+
+        A part most of which was left out is not full of shocks: it tells something else, and is
+        heard, its outliers held back.
+        """
+        weights = self.weights.copy()
+        number = np.arange(len(weights)) * count // len(weights)
+        lost = np.bincount(number, weights <= 0.0, count) > 0.5 * np.bincount(number)
+        heard = window_weights(self.residuals, self.motion, redescend=False)
+        weights[lost[number]] = heard[lost[number]]
+        return segment_matrices(
+            self.residuals,
+            self.model.columns(self.linearised, self.centres),
+            self.layout.size,
+            whitening(self.model.windowing.plan, weights, self.residual_scales),
+            count,
+        )
+
+    def scales_at(self, plan: WindowPlan) -> tuple[float, float]:
+        """Residual scales that the same noise leaves in other windows, m/s² and rad/s."""
+        own = self.model.windowing.plan
+        accel, gyro = (
+            scale * float(np.linalg.norm(other.average) / np.linalg.norm(mine.average))
+            for scale, other, mine in zip(
+                self.residual_scales,
+                (plan.second_derivative, plan.first_derivative),
+                (own.second_derivative, own.first_derivative),
+                strict=True,
+            )
+        )
+        return accel, gyro
 
     def of(self, name: str) -> tuple[Floats, Floats]:
         """Value and standard deviation of an entry of the table; empty where it is not free."""
@@ -247,11 +286,16 @@ def _linearised(
             motion[part] = (J[:, :3, translation] ** 2).sum(axis=(1, 2))
         parts.append((part, J))
     weights = window_weights(residuals, motion, redescend=redescend)
-    scales = residual_scales(residuals)
+    scales = _floored(residual_scales(residuals))
     stats = statistics(
         model.windowing.plan, centres, residuals, iter(parts), model.layout.size, weights, scales
     )
     return stats, weights, motion
+
+
+def _floored(scales: tuple[float, float]) -> tuple[float, float]:
+    """Scales no smaller than any IMU's: a log without noise is no reason to doubt the priors."""
+    return max(scales[0], SCALE_FLOOR[0]), max(scales[1], SCALE_FLOOR[1])
 
 
 def _whole(model: Model, options: MatchedOptions, state: State, rise: float) -> Fit:
@@ -267,7 +311,7 @@ def _whole(model: Model, options: MatchedOptions, state: State, rise: float) -> 
             u = most_likely(problem, u)
             step, inverse, _ = problem.solve(u)
             levels = stats.levels(_embedded(step, layout), _embedded_matrix(inverse, layout) / level)
-            level = _level(stats, layout, levels, inverse)
+            level = max(_level(stats, layout, levels, inverse), _least_level(residuals))
         moved = np.abs(step) / np.sqrt(np.diag(inverse))
         if turn == _FULL_PASSES - 1 or moved.max() < _SETTLED:
             break
@@ -292,13 +336,16 @@ def _whole(model: Model, options: MatchedOptions, state: State, rise: float) -> 
         covariance=_embedded_matrix(covariance, layout),
         scales_found=mixture,
         statistics=stats,
+        linearised=state,
         step=step,
+        prior_offset=_offset(layout, options, state),
+        level=level,
         levels=levels,
         centres=centres,
         residuals=residuals,
         weights=weights,
         motion=motion,
-        residual_scales=residual_scales(residuals),
+        residual_scales=_floored(residual_scales(residuals)),
         runner_up_rise=rise,
     )
 
@@ -308,6 +355,14 @@ def _level(stats: Statistics, layout: Layout, levels: Floats, inverse: Floats) -
     free = np.ix_(layout.free, layout.free)
     B, A = stats.score_covariance(levels)[free], stats.information[free]
     return float(np.sum(inverse * B) / max(np.sum(inverse * A), 1e-300))
+
+
+def _least_level(residuals: Floats) -> float:
+    """Level below which the noise is less than any IMU's."""
+    return min(
+        1.0,
+        *((floor / scale) ** 2 for floor, scale in zip(SCALE_FLOOR, residual_scales(residuals), strict=True)),
+    )
 
 
 def _problem(

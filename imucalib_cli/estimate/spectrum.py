@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable
 
     from imucalib_cli.estimate.windows import WindowPlan
 
@@ -33,6 +33,67 @@ _RESPONSE_FLOOR: Final = 1e-3
 """Kernel response below which frequencies carry no information and no weight."""
 _LEAST_FREEDOM: Final = 0.25
 """Share of a band's freedom that is taken to remain, however many unknowns it determines."""
+_HEARD: Final = 0.03
+"""Share of the largest response from which a band counts: below, it is rounding and aliases."""
+
+
+class BandSums:
+    """Sums of X^H X over the frequencies of each band, sensor by sensor, for rows X in windows."""
+
+    def __init__(self, slots: Indices, size: int) -> None:
+        """Prepare.
+
+        Args:
+            slots: (W,), place of each window on the even grid of windows, from 0, ascending.
+            size: Channels.
+        """
+        self._slots = slots
+        self.length = min(PIECE, 1 << max(int(slots[-1]), 1).bit_length())
+        self._bands = _bands(self.length)
+        self.sums = np.zeros((2, len(self._bands), size, size))
+        self._buffer = np.zeros((6, size, self.length))
+        self._filled: int | None = None
+
+    def add(self, part: slice, rows: Floats) -> None:
+        """Take the rows (w, 6, size) of some windows; parts come in order."""
+        for piece in np.unique(self._slots[part] // self.length).tolist():
+            if piece != self._filled:
+                self._transform()
+                self._filled = piece
+            inside = self._slots[part] // self.length == piece
+            at = self._slots[part][inside] - piece * self.length
+            self._buffer[:, :, at] = np.moveaxis(rows[inside], 0, 2)
+
+    def finished(self) -> Floats:
+        """(2, bands, size, size)."""
+        self._transform()
+        self._filled = None
+        return self.sums
+
+    def _transform(self) -> None:
+        if self._filled is None:
+            return
+        root = np.sqrt(_one_sided(self.length) / self.length)
+        for row, values in enumerate(self._buffer):
+            found = np.fft.rfft(values) * root
+            for index, band in enumerate(self._bands):
+                flat = np.ascontiguousarray(found[:, band]).view(np.float64)
+                self.sums[row // 3, index] += flat @ flat.T
+        self._buffer[:] = 0.0
+
+    def mean_response(self, one: Floats, other: Floats, hop: int) -> Floats:
+        """(bands,), mean of K(f) L(f) of two symmetric kernels that are sampled every ``hop``."""
+        correlation = np.correlate(one, other, mode="full")
+        middle = len(correlation) // 2
+        lags = np.arange(-(middle // hop), middle // hop + 1)
+        f = np.fft.rfftfreq(self.length)
+        folded = np.cos(2 * np.pi * np.outer(f, lags)) @ correlation[middle + lags * hop]
+        return np.array([folded[band].mean() for band in self._bands])
+
+    def freedom(self, windows: float) -> Floats:
+        """(bands,), residual components of a sensor in each band."""
+        per_bin = 3.0 * windows / self.length * _one_sided(self.length)
+        return np.array([per_bin[band].sum() for band in self._bands])
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,22 +136,35 @@ class Statistics:
         """B, (n, n), of the score J' e for noise of these levels."""
         return np.einsum("sb,sbpq->pq", levels * self.response, self.normal[:, :, 1:, 1:])
 
+    @property
+    def heard(self) -> NDArray[np.bool_]:
+        """(2, bands), whether the window's kernel lets a band through."""
+        return np.asarray(self.response > _HEARD * self.response.max(axis=1, keepdims=True))
+
     def deviance(self, levels: Floats) -> float:
         """Twice the negative Whittle log-likelihood with each band's level profiled out."""
-        heard = self.response > 0.03 * self.response.max(axis=1, keepdims=True)
-        return float(np.sum(self.freedom[heard] * np.log(np.maximum(levels[heard], 1e-300))))
+        log_levels = np.log(np.maximum(levels, 1e-300))
+        return float(np.sum((self.freedom * log_levels)[self.heard]))
+
+    def whiteness(self, levels: Floats) -> tuple[float, float]:
+        """Loudest band over the median one, accelerometer and gyroscope; 1 is white."""
+        accel, gyro = (
+            float(each[heard].max() / max(float(np.median(each[heard])), 1e-300))
+            for each, heard in zip(levels, self.heard, strict=True)
+        )
+        return accel, gyro
 
 
 def statistics(
     plan: WindowPlan,
     centres: Indices,
     residuals: Floats,
-    columns: Iterator[tuple[slice, Floats]],
+    columns: Iterable[tuple[slice, Floats]],
     size: int,
     weights: Floats,
     scales: tuple[float, float],
 ) -> Statistics:
-    """Accumulate the normal matrices over pieces of the log.
+    """Accumulate the normal matrices over the log.
 
     Args:
         plan: Of the windows.
@@ -101,61 +175,52 @@ def statistics(
         weights: (W,), robust weights in [0, 1].
         scales: Residual scale of a window, accelerometer m/s², gyroscope rad/s.
     """
-    slots = (centres - centres[0]) // plan.hop
-    length = min(PIECE, 1 << max(int(slots[-1]), 1).bit_length())
-    bands = _bands(length)
-    root = np.sqrt(weights)[:, None] * _whitening(plan, scales)
-    normal = np.zeros((2, len(bands), size + 1, size + 1))
-    buffer = np.zeros((6, size + 1, length))
-    filled = -1
+    sums = BandSums((centres - centres[0]) // plan.hop, size + 1)
+    root = whitening(plan, weights, scales)
+    for part, J in columns:
+        both = np.concatenate([residuals[part, :, None], J], axis=2)
+        sums.add(part, both * root[part, :, None])
+    response = np.stack(
+        [
+            sums.mean_response(pair.average, pair.average, plan.hop)
+            for pair in (plan.second_derivative, plan.first_derivative)
+        ]
+    )
+    freedom = sums.freedom(float(weights.sum()))
+    return Statistics(
+        normal=sums.finished(),
+        response=np.maximum(response, _RESPONSE_FLOOR * response.max(axis=1, keepdims=True)),
+        freedom=np.stack([freedom, freedom]),
+        windows=int(np.count_nonzero(weights)),
+    )
+
+
+def segment_matrices(
+    residuals: Floats, columns: Iterable[tuple[slice, Floats]], size: int, root: Floats, count: int
+) -> Floats:
+    """Normal matrices (count, n + 1, n + 1) of parts of equal number of windows, no bands.
+
+    Args:
+        residuals: (W, 6).
+        columns: Of parts of the windows, (w, 6, n), in order.
+        size: n.
+        root: (W, 6), of :func:`whitening`.
+        count: Parts.
+    """
+    number = np.arange(len(residuals)) * count // len(residuals)
+    normal = np.zeros((count, size + 1, size + 1))
     for part, J in columns:
         both = np.concatenate([residuals[part, :, None], J], axis=2) * root[part, :, None]
-        for piece in np.unique(slots[part] // length):
-            if piece != filled:
-                _add_piece(normal, buffer, bands, size)
-                buffer[:] = 0.0
-                filled = int(piece)
-            inside = slots[part] // length == piece
-            buffer[:, :, slots[part][inside] - piece * length] = np.moveaxis(both[inside], 0, 2)
-    _add_piece(normal, buffer, bands, size)
-    count = int(np.count_nonzero(weights))
-    share = weights.sum() / length
-    per_bin = _one_sided(length)
-    freedom = np.array([3.0 * share * per_bin[band].sum() for band in bands])
-    response = np.stack([_kernel_response(pair.average, plan.hop, length) for pair in _pairs(plan)])
-    mean = np.stack([response[:, band].mean(axis=1) for band in bands], axis=1)
-    return Statistics(normal, mean, np.stack([freedom, freedom]), count)
+        for segment in np.unique(number[part]):
+            flat = both[number[part] == segment].reshape(-1, size + 1)
+            normal[segment] += flat.T @ flat
+    return normal
 
 
-def _pairs(plan: WindowPlan):  # type: ignore[no-untyped-def]
-    return plan.second_derivative, plan.first_derivative
-
-
-def _whitening(plan: WindowPlan, scales: tuple[float, float]) -> Floats:
+def whitening(plan: WindowPlan, weights: Floats, scales: tuple[float, float]) -> Floats:
+    """(W, 6), what rows are multiplied by: overlapping windows then count every sample once."""
     gains = np.array(plan.noise_gains) / np.array(scales)
-    return np.repeat(gains, 3)
-
-
-def _add_piece(normal: Floats, buffer: Floats, bands: list[slice], size: int) -> None:
-    if not buffer.any():
-        return
-    length = buffer.shape[2]
-    for sensor in range(2):
-        for axis in range(3):
-            found = np.fft.rfft(buffer[3 * sensor + axis]) * np.sqrt(_one_sided(length) / length)
-            for index, band in enumerate(bands):
-                real = np.ascontiguousarray(found[:, band]).view(np.float64)
-                normal[sensor, index] += real @ real.T
-
-
-def _kernel_response(average: Floats, hop: int, length: int) -> Floats:
-    """|K(f)|² of a kernel's weights, sampled every ``hop``: folded, on rfftfreq(length)."""
-    correlation = np.correlate(average, average, mode="full")
-    middle = len(average) - 1
-    lags = np.arange(-(middle // hop), middle // hop + 1)
-    f = np.fft.rfftfreq(length)
-    folded = np.cos(2 * np.pi * np.outer(f, lags)) @ correlation[middle + lags * hop]
-    return np.asarray(np.maximum(folded, _RESPONSE_FLOOR * folded.max()))
+    return np.asarray(np.sqrt(weights)[:, None] * np.repeat(gains, 3))
 
 
 def _one_sided(length: int) -> Floats:

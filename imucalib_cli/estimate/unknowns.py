@@ -177,14 +177,15 @@ _XYZ: Final = ("x", "y", "z")
 _PAIRS: Final = tuple(f"{gyro} by {accel}" for gyro in "xyz" for accel in "xyz")
 
 SCALES: Final[dict[str, Scale]] = {
-    "sensor_scale": Scale(low=1e-4, high=2e-2, words="scale errors of the sensors' axes"),
-    "sensor_axes": Scale(low=1e-4, high=2e-2, words="turn of gyroscope against accelerometer"),
-    "g_sensitivity": Scale(low=2e-7, high=3e-4, words="g-sensitivity of the gyroscope"),
-    "joint_zero": Scale(low=3e-5, high=5e-3, words="errors of the joint zeros"),
-    "length": Scale(low=2e-5, high=3e-3, words="errors of the origins between joints"),
-    "joint_harmonic": Scale(low=2e-5, high=2e-3, words="joint error once a turn"),
-    "joint_lag": Scale(low=2e-5, high=4e-3, words="delays of single joints"),
-    "joint_play": Scale(low=1e-5, high=1e-3, words="play of the joints"),
+    "sensor_scale": Scale(low=1e-5, high=2e-2, words="scale errors of the sensors' axes"),
+    "sensor_axes": Scale(low=1e-5, high=2e-2, words="turn of gyroscope against accelerometer"),
+    "g_sensitivity": Scale(low=1e-7, high=3e-4, words="g-sensitivity of the gyroscope"),
+    "driver_filter": Scale(low=3e-7, high=3e-4, words="low-pass filters of the driver"),
+    "joint_zero": Scale(low=1e-5, high=5e-3, words="errors of the joint zeros"),
+    "length": Scale(low=5e-6, high=3e-3, words="errors of the origins between joints"),
+    "joint_harmonic": Scale(low=5e-6, high=2e-3, words="joint error once a turn"),
+    "joint_lag": Scale(low=5e-6, high=4e-3, words="delays of single joints"),
+    "joint_play": Scale(low=3e-6, high=1e-3, words="play of the joints"),
 }
 """From the best that is made to the worst that is sold, in the unit of their entries: sensors
 factory-calibrated over temperature to consumer parts; arms calibrated one by one to hobby arms;
@@ -285,7 +286,7 @@ TABLE: Final[tuple[Unknown, ...]] = (
     Unknown(
         name="accel_filter",
         unit="s²",
-        std=1e-4,
+        scale="driver_filter",
         healthy=1e-3,
         effect=Reading("accel", lambda s: _second_derivative(s.accel, s.dt), differences=1),
         words="low-pass filter of the accelerometer beside its delay",
@@ -293,7 +294,7 @@ TABLE: Final[tuple[Unknown, ...]] = (
     Unknown(
         name="gyro_filter",
         unit="s²",
-        std=1e-4,
+        scale="driver_filter",
         healthy=1e-3,
         effect=Reading("gyro", lambda s: _second_derivative(s.gyro, s.dt), differences=1),
         words="low-pass filter of the gyroscope beside its delay",

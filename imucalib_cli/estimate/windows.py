@@ -84,14 +84,25 @@ class WindowPlan:
         return accel, gyro
 
 
-def plan_windows(length: int, degree: int, dt: float) -> WindowPlan:
-    """Filters for windows of ``length`` samples spaced ``dt`` seconds."""
+def plan_windows(length: int, degree: int, dt: float, hop: int | None = None) -> WindowPlan:
+    """Filters for windows of ``length`` samples spaced ``dt`` seconds.
+
+    Args:
+        length: Grid samples, odd.
+        degree: Of the fitted polynomial.
+        dt: s.
+        hop: Grid samples between windows; an eighth of a window by default.
+    """
     node = max((length - 1) // NODES, 1)
+    if hop is None:
+        hop = node * max(length // node // WINDOWS_PER_LENGTH, 1)
+    while hop % node:
+        node -= 1
     return WindowPlan(
         length=length,
         degree=degree,
         node=node,
-        hop=node * max(length // node // WINDOWS_PER_LENGTH, 1),
+        hop=hop,
         first_derivative=matched_filter(length, degree, 1, dt),
         second_derivative=matched_filter(length, degree, 2, dt),
     )
