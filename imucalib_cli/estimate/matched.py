@@ -20,6 +20,7 @@ from imucalib_cli.estimate.sentence import Says, Sentence
 from imucalib_cli.estimate.solve import DBA, DBG, DTAU, POSE
 from imucalib_cli.estimate.uncertainty import bias_std, uncertainty
 from imucalib_cli.estimate.verdict import Evidence, reasons_for_distrust, warnings_of
+from imucalib_cli.findings import Severity, texts
 from imucalib_cli.signals.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -124,13 +125,13 @@ def _estimate(evidence: Evidence) -> Estimate:
         consistency=consistency(spread),
         unobservable=tuple(unobservable),
         sigma_source="segments" if spread.from_segments else "noise",
-        distrust=(
-            *contradicted,
-            *([changed] if changed and not contradicted else []),
-            *(reason for correction in corrections if (reason := misread(correction))),
-            *reasons,
+        findings=(
+            *texts(Severity.UNTRUSTED, contradicted),
+            *texts(Severity.UNTRUSTED, [changed] if changed and not contradicted else []),
+            *texts(Severity.UNTRUSTED, filter(None, map(misread, corrections))),
+            *texts(Severity.UNTRUSTED, reasons),
+            *texts(Severity.WARNING, warnings),
         ),
-        warnings=tuple(warnings),
         notes={
             "residual_over_sensor_noise": max(evidence.misfit.over_noise),
             "residual_growth_with_motion": max(evidence.misfit.growth),
