@@ -1,8 +1,42 @@
 """What can go wrong in a way a user can mend: one class for each exit code."""
 
+from __future__ import annotations
+
+from copy import copy
+from typing import Self
+
+from imucalib_cli.findings import Finding
+
 
 class ImucalibError(Exception):
-    """Base of every error a user may see; its text is one line that names the remedy."""
+    """Base of every error a user may see; its text is one line that names the remedy.
+
+    Attributes:
+        finding: What was found, where the error rests on a finding.
+        topic: That the text names already; None where it names none.
+        option: That would solve it, such as ``--parent``; None where no single one does.
+    """
+
+    def __init__(
+        self,
+        message: str | Finding = "",
+        *,
+        topic: str | None = None,
+        option: str | None = None,
+    ) -> None:
+        self.finding = message if isinstance(message, Finding) else None
+        if isinstance(message, Finding):
+            named = message.values.get("topic")
+            topic = topic or (named if isinstance(named, str) else None)
+            message = message.message
+        super().__init__(message)
+        self.topic, self.option = topic, option
+
+    def about(self, name: str) -> Self:
+        """The same error, its text beginning with what it is about: a file or a topic."""
+        error = copy(self)
+        error.args = (f"{name}: {self}",)
+        return error
 
 
 class InputError(ImucalibError):
@@ -14,4 +48,4 @@ class ChoiceError(ImucalibError):
 
 
 class UntrustedError(ImucalibError):
-    """A result exists but must not be used for this without ``--force`` (exit code 3)."""
+    """A result cannot be given, or must not be used for this without ``--force`` (exit code 3)."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 from imucalib_cli.estimate.sentence import Says, says_any
+from imucalib_cli.findings import status
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
 
     from imucalib_cli.estimate.estimate import Estimate
     from imucalib_cli.estimate.options import MatchedOptions
+    from imucalib_cli.findings import Finding as Seen
     from imucalib_cli.robot.path import KinematicPath
     from imucalib_cli.signals.samples import ImuSamples
 
@@ -58,6 +60,8 @@ class Finding:
     """For each name how much: rad, m or s; empty where it is no matter of size."""
     moves: tuple[float, float] | None = None
     """m and rad by which the IMU's pose changes once it is mended; None where that is not known."""
+    seen: Seen | None = None
+    """That says the same with a code, where there is one."""
 
 
 def needs_diagnosis(estimate: Estimate) -> bool:
@@ -66,7 +70,7 @@ def needs_diagnosis(estimate: Estimate) -> bool:
         return False
     if names_sensor(estimate):
         return False
-    return bool(estimate.distrust) or estimate.sigma_source == "segments"
+    return status(estimate.findings) != "ok" or estimate.sigma_source == "segments"
 
 
 def names_sensor(estimate: Estimate) -> bool:

@@ -16,11 +16,13 @@ from imucalib_cli.diagnose.rivals import find_rival_publishers
 from imucalib_cli.diagnose.search import explain_grossly, falls, is_poor
 from imucalib_cli.diagnose.words import of_given_offset, of_hypotheses, of_parameters
 from imucalib_cli.estimate.sentence import Says, says_any, without
+from imucalib_cli.findings import Severity, texts
 
 if TYPE_CHECKING:
     from imucalib_cli.diagnose.bench import Bench, Trial
     from imucalib_cli.diagnose.case import Case, Finding, FindingKind
     from imucalib_cli.estimate.estimate import Estimate
+    from imucalib_cli.findings import Finding as Told
 
 _OFFSET_FALL = 2.0
 """Fall of a residual for which a time offset that was given is contradicted."""
@@ -103,22 +105,35 @@ def explained(estimate: Estimate, findings: tuple[Finding, ...]) -> Estimate:
     """The estimate with its findings said first, and what they explain no longer said."""
     if not findings:
         return _without_advice(estimate) if _misfits(estimate) else estimate
-    sentences = tuple(finding.sentence for finding in findings)
-    warnings = without(estimate.warnings, {Says.POOR})
     aside = all(finding.kind in _ASIDE for finding in findings)
-    if _stands(estimate, findings, aside=aside):
-        return replace(estimate, distrust=(), warnings=(*sentences, *warnings))
-    return replace(
-        stepped_back(estimate),
-        distrust=(*sentences, *without(estimate.distrust, () if aside else _GENERIC)),
+    stands = _stands(estimate, findings, aside=aside)
+    severity = Severity.WARNING if stands else Severity.UNTRUSTED
+    told = tuple(
+        replace(finding.seen, severity=severity)
+        if finding.seen is not None
+        else texts(severity, [finding.sentence])[0]
+        for finding in findings
     )
+    reasons, warnings = _parted(estimate)
+    warnings = without(warnings, {Says.POOR})
+    if stands:
+        return replace(estimate, findings=(*told, *warnings))
+    reasons = without(reasons, () if aside else _GENERIC)
+    return replace(_without_advice(estimate), findings=(*told, *reasons, *warnings))
+
+
+def _parted(estimate: Estimate) -> tuple[tuple[Told, ...], tuple[Told, ...]]:
+    """Findings that forbid to use the result, and the others."""
+    reasons = tuple(each for each in estimate.findings if each.severity is Severity.UNTRUSTED)
+    others = tuple(each for each in estimate.findings if each.severity is not Severity.UNTRUSTED)
+    return reasons, others
 
 
 def _stands(estimate: Estimate, findings: tuple[Finding, ...], *, aside: bool) -> bool:
     """Whether the result may be used as it is, with the findings as warnings."""
     if aside:
         return estimate.trusted
-    left = without(estimate.distrust, {Says.PARTS_DIFFER})
+    left = without(_parted(estimate)[0], {Says.PARTS_DIFFER})
     return not left and not estimate.unobservable and not _undoes(estimate, findings)
 
 
@@ -137,7 +152,9 @@ def _undoes(estimate: Estimate, findings: tuple[Finding, ...]) -> bool:
 
 def stepped_back(estimate: Estimate) -> Estimate:
     """The estimate without advice on motion, which is no use while the fit is wrong otherwise."""
-    return replace(_without_advice(estimate), warnings=without(estimate.warnings, {Says.POOR}))
+    reasons, warnings = _parted(estimate)
+    findings = (*reasons, *without(warnings, {Says.POOR}))
+    return replace(_without_advice(estimate), findings=findings)
 
 
 def _misfits(estimate: Estimate) -> bool:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from imucalib_cli.findings import Finding, warning
 from imucalib_cli.robot.rotations import rotation_angle
 
 if TYPE_CHECKING:
@@ -23,7 +24,7 @@ _FAR = 4.0
 
 def inverted_nominal(
     estimate: Estimate, R_nominal: Floats, t_nominal: Floats, joint: str
-) -> str | None:
+) -> Finding | None:
     """Say so if the nominal pose is T_imu_parent instead of T_parent_imu.
 
     Args:
@@ -33,7 +34,7 @@ def inverted_nominal(
         joint: The joint that says so; empty where no single one does.
 
     Returns:
-        The sentence, or None.
+        The finding, or None.
     """
     R, t = estimate.R_parent_imu, estimate.t_parent_imu
     std = np.zeros(6) if estimate.covariance is None else np.sqrt(np.diag(estimate.covariance))
@@ -49,12 +50,13 @@ def inverted_nominal(
         d > _FAR * max(limit, other) for d, limit, other in zip(told, near, inverse, strict=True)
     ):
         return None
-    where = f"joint {joint}" if joint else "the nominal pose"
-    return (
-        f"{where} seems to hold the pose of the parent in the IMU, where the pose of the IMU in "
-        f"the parent belongs: inverted it is {inverse[0] * 1e3:.2g} mm and "
-        f"{math.degrees(inverse[1]):.2g} deg off the pose found, as it stands "
-        f"{told[0] * 1e3:.3g} mm and {math.degrees(told[1]):.3g} deg"
+    return warning(
+        "nominal.inverted",
+        joint=joint,
+        inverse_distance=inverse[0],
+        inverse_angle=inverse[1],
+        distance=told[0],
+        angle=told[1],
     )
 
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from imucalib_cli.estimate import matched
+from imucalib_cli.findings import Severity, status, texts
 
 if TYPE_CHECKING:
     from imucalib_cli.estimate.estimate import Estimate
@@ -53,7 +54,7 @@ def calibrate_either_sign(
         return given
     turned = matched.calibrate_matched(replace(imu, accel=-imu.accel), path, options)
     gain = _misfit(given) - _misfit(turned)
-    if gain > _CLEARLY_BETTER and not turned.distrust:
+    if gain > _CLEARLY_BETTER and status(turned.findings) == "ok":
         told = (
             "the accelerometer points down at rest: its values fit the motion "
             f"{np.exp(gain):.1f} times better with their sign reversed, which was done "
@@ -61,16 +62,16 @@ def calibrate_either_sign(
         )
         return replace(
             turned,
-            warnings=(told, *turned.warnings),
+            findings=(*texts(Severity.WARNING, [told]), *turned.findings),
             notes={**turned.notes, "accel_sign": "down"},
         )
-    if off_down and gain > -_CLEARLY_BETTER and not (given.distrust or given.unobservable):
+    if off_down and gain > -_CLEARLY_BETTER and given.trusted:
         reason = (
             "gravity comes out far from down, and the motion does not tell whether world is "
             "mounted so or the accelerometer points down at rest: say --accel-sign up or down, or "
             "move the parent link along as well"
         )
-        return replace(given, distrust=(*given.distrust, reason))
+        return replace(given, findings=(*given.findings, *texts(Severity.UNTRUSTED, [reason])))
     return given
 
 

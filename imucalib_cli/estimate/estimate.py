@@ -8,8 +8,11 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from imucalib_cli.findings import reasons, status, warnings
+
 if TYPE_CHECKING:
     from imucalib_cli.estimate.imu_check import ImuCheck
+    from imucalib_cli.findings import Finding
 
 Floats = NDArray[np.float64]
 CorrectionName = Literal[
@@ -132,15 +135,24 @@ class Estimate:
     unobservable: tuple[UnobservableDirection, ...] = ()
     sigma_source: Literal["noise", "segments"] = "noise"
     """What set the covariance: noise, or the scatter of segments (model error)."""
-    distrust: tuple[str, ...] = ()
-    """Why the result must not be trusted, one sentence each; empty if it may be."""
-    warnings: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
+    """What was found out on the way, the most telling first."""
     imu_check: ImuCheck | None = None
     """The log against the data sheet of the IMU it is said to be of; None where none is named."""
     notes: dict[str, float | str | bool | None] = field(default_factory=dict)
     """Further diagnostics by name, scalar, for the record."""
 
     @property
+    def distrust(self) -> tuple[str, ...]:
+        """Why the result must not be used, in words; empty if nothing contradicts it."""
+        return reasons(self.findings)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What else is to be told, in words."""
+        return warnings(self.findings)
+
+    @property
     def trusted(self) -> bool:
         """Whether every direction was determined and nothing contradicts the result."""
-        return not self.unobservable and not self.distrust
+        return not self.unobservable and status(self.findings) == "ok"

@@ -15,25 +15,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from imucalib_cli.estimate.imu_model import Sensor, imu_assumptions
 from imucalib_cli.signals.stamps import tidy_rows
 from imucalib_cli.signals.stuck import noise
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from imucalib_cli.estimate.estimate import Residuals
-    from imucalib_cli.estimate.imu_model import ImuModel
+    from imucalib_cli.estimate.imu_model import ImuModel, Sensor
     from imucalib_cli.signals.samples import ImuSamples
 
 Floats = NDArray[np.float64]
 
-FIRST_ORDER = np.pi / 2.0
-"""Noise bandwidth over -3 dB bandwidth of a first-order filter, the widest skirt there is."""
-_BEYOND = 1.05
-"""Reading over full scale from which the sensor is another: converters reach a little farther."""
 _SENSORS: tuple[Sensor, Sensor] = ("accel", "gyro")
-_NAMES = {"accel": ("accelerometer", "m/s²"), "gyro": ("gyroscope", "rad/s")}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,52 +82,3 @@ def check_imu(
         for place, sensor in enumerate(_SENSORS)
     )
     return ImuCheck(name=model.name, rate=rate, accel=accel, gyro=gyro)
-
-
-def noise_in_words(check: ImuCheck, model: ImuModel) -> Iterator[str]:
-    """A sentence for each sensor whose noise is not its sheet's."""
-    factor = imu_assumptions().noise_factor
-    for sensor in _SENSORS:
-        found: SensorCheck = getattr(check, sensor)
-        name, unit = _NAMES[sensor]
-        told = f"the {name}'s noise is {found.measured:.2g} {unit} in a sample"
-        ratio = found.measured / found.expected
-        sheet = f"{found.expected:.2g} by the data sheet of {check.name} at {check.rate:.4g} Hz"
-        if ratio > factor:
-            yield (
-                f"{told}, {ratio:.2g} times the {sheet}: the mount is loose or shakes, or this is "
-                "another IMU; fasten or damp it, or correct --imu-model (the result goes by the "
-                "noise found)"
-            )
-        elif found.measured < _least(found.expected, check.rate, model.bandwidth(sensor)) / factor:
-            why = "a filter in the driver, a simulated log, or another IMU"
-            if found.in_windows is not None and found.in_windows > found.expected / factor:
-                why = (
-                    "a filter in the driver, for below its cut-off the noise is the sheet's; its "
-                    "delay is part of the time offset"
-                )
-            yield f"{told}, and should be {sheet}: {why}; if it is another, correct --imu-model"
-
-
-def _least(expected: float, rate: float, bandwidth: float | None) -> float:
-    """What is left of a sample's noise where the sensor itself ends below half the rate."""
-    if bandwidth is None:
-        return expected
-    return expected * float(np.sqrt(min(1.0, FIRST_ORDER * bandwidth / (rate / 2.0))))
-
-
-def beyond_range(imu: ImuSamples, model: ImuModel) -> Iterator[str]:
-    """A sentence for each sensor that reads what the IMU named cannot."""
-    for sensor, values in (("accel", imu.accel), ("gyro", imu.gyro)):
-        ranges = model.ranges("accel" if sensor == "accel" else "gyro")
-        if not ranges:
-            continue
-        largest = np.nanmax(np.abs(np.where(np.isfinite(values), values, np.nan)), axis=1)
-        beyond = int(np.count_nonzero(largest > _BEYOND * max(ranges)))
-        if beyond:
-            name, unit = _NAMES[sensor]
-            yield (
-                f"{beyond} samples of the {name} are beyond the {max(ranges):.4g} {unit} where "
-                f"{model.name} ends by its data sheet: glitches, another unit, or another IMU than "
-                "--imu-model says"
-            )

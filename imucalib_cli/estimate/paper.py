@@ -17,6 +17,7 @@ from imucalib_cli.errors import InputError
 from imucalib_cli.estimate.estimate import Estimate, Residuals
 from imucalib_cli.estimate.paper_filters import filtered_instants
 from imucalib_cli.estimate.verdict import STANDSTILL_GYRO, UNEXPLAINED_ACCEL, UNEXPLAINED_GYRO
+from imucalib_cli.findings import Severity, texts
 from imucalib_cli.robot.rotations import matrix_from_rotvec, rotvec_from_matrix
 
 if TYPE_CHECKING:
@@ -121,7 +122,6 @@ def calibrate_paper(imu: ImuSamples, path: KinematicPath, options: PaperOptions)
             samples_replaced=0,
             gaps=gaps,
         ),
-        distrust=tuple(distrust),
-        warnings=tuple(warnings),
+        findings=(*texts(Severity.UNTRUSTED, distrust), *texts(Severity.WARNING, warnings)),
         notes={"evaluations": float(found.nfev), "cost": float(found.cost)},
     )

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Self
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
+    from imucalib_cli.findings import Finding
+
 
 class Says(Enum):
     """What a sentence says of a fit, for whoever knows more and can say it better."""
@@ -40,7 +42,7 @@ def says_any(sentence: str, what: Iterable[Says]) -> bool:
     return isinstance(sentence, Sentence) and sentence.says in what
 
 
-def without(sentences: Iterable[str], what: Iterable[Says]) -> tuple[str, ...]:
-    """The sentences that say none of these."""
+def without(findings: Iterable[Finding], what: Iterable[Says]) -> tuple[Finding, ...]:
+    """The findings whose sentences say none of these."""
     what = tuple(what)
-    return tuple(sentence for sentence in sentences if not says_any(sentence, what))
+    return tuple(each for each in findings if not says_any(each.message, what))

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from imucalib_cli.digits import figures
 from imucalib_cli.errors import ChoiceError, ImucalibError
 from imucalib_cli.jobs.result_files import display_name, read_results
-from imucalib_cli.results.digits import figures
 from imucalib_cli.results.formats import refuse_untrusted
 from imucalib_cli.results.urdf_edit import JointOrigin, joint_for, replace_origin
 from imucalib_cli.robot.rotations import matrix_from_rpy, rotation_angle

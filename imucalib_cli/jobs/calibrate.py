@@ -10,7 +10,7 @@ import numpy as np
 from imucalib_cli import __version__
 from imucalib_cli.errors import ChoiceError, ImucalibError, InputError
 from imucalib_cli.estimate.options import MatchedOptions, PaperOptions
-from imucalib_cli.jobs.coverage import missing_words
+from imucalib_cli.jobs.coverage import missing_parts
 from imucalib_cli.jobs.expected import checked, contradicted, free, freed, with_priors
 from imucalib_cli.jobs.explain import explain
 from imucalib_cli.jobs.motion import Motion, find_motion
@@ -83,9 +83,7 @@ def calibrate(request: CalibrationRequest, progress: Progress | None = None) -> 
 
 def _about(error: ImucalibError, imu: ImuStream, *, several: bool) -> ImucalibError:
     """Name the IMU in its error where there are several."""
-    if not several or imu.topic in str(error):
-        return error
-    return type(error)(f"{imu.topic}: {error}")
+    return error.about(imu.topic) if several and error.topic != imu.topic else error
 
 
 def _calibrate_one(
@@ -96,7 +94,7 @@ def _calibrate_one(
     check_joint_topics(recording.joints, _driven(motion.path))
     check_overlap(samples, imu.topic, motion, recording.clock)
     tracks = {track.name: track.t for track in motion.path.tracks}
-    missing = tuple(missing_words({imu.topic: samples.t, **tracks}))
+    missing = tuple(missing_parts({imu.topic: samples.t, **tracks}))
     mended = repair(imu, samples.t, motion.path, request)
     request = replace(request, estimator=with_priors(request.estimator, request.imu))
     options = _with_initial(request.estimator, motion, verifying=request.needs_nominal)
@@ -113,7 +111,7 @@ def _calibrate_one(
     calibration = Calibration(
         parent=motion.parent,
         child=motion.child,
-        estimate=replace(estimate, warnings=(*recording.warnings, *missing, *estimate.warnings)),
+        estimate=replace(estimate, findings=(*recording.findings, *missing, *estimate.findings)),
         nominal=motion.nominal,
         provenance=_provenance(recording, imu, motion, told),
     )
@@ -191,7 +189,8 @@ def check_overlap(samples: ImuSamples, topic: str, motion: Motion, clock: Clock)
         if first > end or last < start:
             raise InputError(
                 f"{topic} is stamped from {start:.3f} to {end:.3f} s of the log, {track.name} "
-                f"from {first:.3f} to {last:.3f} s: they never meet; {_other_clock(clock)}"
+                f"from {first:.3f} to {last:.3f} s: they never meet; {_other_clock(clock)}",
+                topic=topic,
             )
 
 

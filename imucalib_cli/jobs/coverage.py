@@ -1,4 +1,4 @@
-"""How much of a log its streams fill together, said where much of it is missing."""
+"""How much of a log its streams fill together, told where much of it is missing."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+
+from imucalib_cli.findings import Finding, warning
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -18,11 +20,11 @@ _HOLE_INTERVALS = 10.0
 _STRAY = 0.001
 """Share of a stream's stamps that may be anywhere."""
 _MISSED = 0.1
-"""Share of the log, missing from a stream, that is worth a sentence."""
+"""Share of the log, missing from a stream, that is worth telling."""
 
 
-def missing_words(streams: Mapping[str, Floats]) -> Iterator[str]:
-    """A sentence for each stream that much of the log is without.
+def missing_parts(streams: Mapping[str, Floats]) -> Iterator[Finding]:
+    """A finding for each stream that much of the log is without.
 
     Args:
         streams: Stamps, s, in any order, by what they are called.
@@ -40,10 +42,13 @@ def missing_words(streams: Mapping[str, Floats]) -> Iterator[str]:
         if total > _MISSED * whole:
             longest = int(missing[np.argmax(steps[missing])])
             begins = float(t[longest - 1]) - first if longest else 0.0
-            yield (
-                f"{name} is missing for {total:.3g} of the {whole:.3g} s of the log, the longest "
-                f"time from {begins:.1f} to {begins + steps[longest]:.1f} s: what is there is "
-                "used, and sigma is that of it"
+            yield warning(
+                "stream.missing",
+                stream=name,
+                missing=total,
+                whole=whole,
+                start=begins,
+                end=begins + steps[longest],
             )
 
 

@@ -8,17 +8,26 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from imucalib_cli.estimate.imu_check import beyond_range, check_imu, noise_in_words
+from imucalib_cli.estimate.imu_check import check_imu
+from imucalib_cli.estimate.imu_model import imu_assumptions
 from imucalib_cli.estimate.options import MatchedOptions, PaperOptions
 from imucalib_cli.estimate.priors import MISSED
+from imucalib_cli.findings import Finding, warning
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from imucalib_cli.estimate.estimate import Estimate
-    from imucalib_cli.estimate.imu_model import Sensor
+    from imucalib_cli.estimate.imu_check import ImuCheck
+    from imucalib_cli.estimate.imu_model import ImuModel, Sensor
     from imucalib_cli.jobs.request import CalibrationRequest, ExpectedImu
     from imucalib_cli.signals.samples import ImuSamples
 
-_UNITS: dict[Sensor, str] = {"accel": "m/s²", "gyro": "rad/s"}
+FIRST_ORDER = math.pi / 2.0
+"""Noise bandwidth over -3 dB bandwidth of a first-order filter, the widest skirt there is."""
+_BEYOND = 1.05
+"""Reading over full scale from which the sensor is another: converters reach a little farther."""
+_SENSORS: tuple[Sensor, Sensor] = ("accel", "gyro")
 
 
 def with_priors(
@@ -83,11 +92,64 @@ def checked(
     priors = expected.bias_priors if estimate.method == "matched" else {}
     check = check_imu(samples, estimate.residuals, model, priors)
     found = {"accel": estimate.accel_bias, "gyro": estimate.gyro_bias}
-    sentences = [
-        f"a {sensor} bias of {np.linalg.norm(found[sensor]):.2g} {_UNITS[sensor]} is far beyond "
-        f"what the data sheet of {model.name} allows ({model.bias_sigma(sensor):.2g}, 1 sigma): "
-        "it was left free; another IMU than --imu-model says, another unit, or a damaged one"
+    beyond = [
+        warning(
+            "imu.bias_beyond_sheet",
+            sensor=sensor,
+            bias=float(np.linalg.norm(found[sensor])),
+            model=model.name,
+            sigma=model.bias_sigma(sensor),
+        )
         for sensor in dropped
     ]
-    sentences += [*noise_in_words(check, model), *beyond_range(samples, model)]
-    return replace(estimate, imu_check=check, warnings=(*estimate.warnings, *sentences))
+    told = (*beyond, *_noise(check, model), *_beyond_range(samples, model))
+    return replace(estimate, imu_check=check, findings=(*estimate.findings, *told))
+
+
+def _noise(check: ImuCheck, model: ImuModel) -> Iterator[Finding]:
+    """A finding for each sensor whose noise is not its sheet's."""
+    factor = imu_assumptions().noise_factor
+    for sensor in _SENSORS:
+        found = check.accel if sensor == "accel" else check.gyro
+        values = {
+            "sensor": sensor,
+            "measured": found.measured,
+            "expected": found.expected,
+            "model": check.name,
+            "rate": check.rate,
+        }
+        if found.measured > factor * found.expected:
+            yield warning("imu.noise_above_sheet", **values)
+        elif found.measured < _least(found.expected, check.rate, model.bandwidth(sensor)) / factor:
+            # A low-pass filter leaves the noise below its cut-off, which is that of windows.
+            if found.in_windows is not None and found.in_windows > found.expected / factor:
+                yield warning("imu.noise_filtered", **values)
+            else:
+                yield warning("imu.noise_below_sheet", **values)
+
+
+def _least(expected: float, rate: float, bandwidth: float | None) -> float:
+    """What is left of a sample's noise where the sensor itself ends below half the rate."""
+    if bandwidth is None:
+        return expected
+    return expected * math.sqrt(min(1.0, FIRST_ORDER * bandwidth / (rate / 2.0)))
+
+
+def _beyond_range(imu: ImuSamples, model: ImuModel) -> Iterator[Finding]:
+    """A finding for each sensor that reads what the IMU named cannot."""
+    for sensor in _SENSORS:
+        ranges = model.ranges(sensor)
+        if not ranges:
+            continue
+        values = imu.accel if sensor == "accel" else imu.gyro
+        largest = np.nanmax(np.abs(np.where(np.isfinite(values), values, np.nan)), axis=1)
+        full_scale = max(ranges)
+        beyond = int(np.count_nonzero(largest > _BEYOND * full_scale))
+        if beyond:
+            yield warning(
+                "imu.beyond_range",
+                sensor=sensor,
+                samples=beyond,
+                full_scale=full_scale,
+                model=model.name,
+            )

@@ -62,7 +62,10 @@ def explain(
 
 def _suspected(mended: Repaired) -> tuple[Finding, ...]:
     """What was seen of the sensor before the fit, where nothing else explains that it is poor."""
-    return tuple(Finding(kind="sensor", names=(), sentence=each) for each in mended.suspects)
+    return tuple(
+        Finding(kind="sensor", names=(), sentence=each.message, seen=each)
+        for each in mended.suspects
+    )
 
 
 def _stamped_as(path: KinematicPath, mended: KinematicPath) -> KinematicPath:
@@ -84,4 +87,4 @@ def _with_nominal(estimate: Estimate, motion: Motion) -> Estimate:
     inverted = inverted_nominal(estimate, nominal.R_parent_imu, nominal.t_parent_imu, nominal.joint)
     if inverted is None:
         return estimate
-    return replace(estimate, warnings=(inverted, *estimate.warnings))
+    return replace(estimate, findings=(inverted, *estimate.findings))

@@ -31,6 +31,7 @@ from imucalib_cli.signals.samples import ImuSamples
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from imucalib_cli.findings import Finding
     from imucalib_cli.jobs.motion import Motion, Sources
     from imucalib_cli.jobs.request import Progress
     from imucalib_cli.logs.clock import Clock
@@ -73,7 +74,7 @@ def inspect(
         joints=_joints(data, robot),
         poses=_poses(data),
         urdf=None if urdf is None else str(urdf),
-        warnings=(*data.losses, *clock.warnings, *hints),
+        findings=(*data.findings, *clock.findings, *hints),
         command=commands[0] if commands else None,
         more_commands=commands[1:],
         placeholders=placeholders,
@@ -104,13 +105,13 @@ def _imus(
     clock: Clock,
     request: CalibrationRequest,
     problem: ImucalibError | None,
-) -> tuple[tuple[ImuFinding, ...], tuple[str, ...], tuple[str, ...]]:
-    """Findings on each IMU, warnings, and options that the command needs."""
+) -> tuple[tuple[ImuFinding, ...], tuple[Finding, ...], tuple[str, ...]]:
+    """What is said of each IMU, findings, and options that the command needs."""
     # what run reads beside joint states without being asked
     unasked = () if request.pose_topics or not data.joints else _odometry(data)
-    sources, warnings = gather_sources(_chosen(data, request, unasked), clock, unasked)
+    sources, doubles = gather_sources(_chosen(data, request, unasked), clock, unasked)
     findings, options = [], []
-    hints = list(warnings)
+    hints = list(doubles)
     for imu in data.imus.values():
         finding = ImuFinding(
             topic=imu.topic,
@@ -158,7 +159,7 @@ def _chosen(data: LogData, request: CalibrationRequest, unasked: tuple[str, ...]
             for topic, streams in poses.items()
             if topic in unasked or _is_tf(topic, streams)
         }
-    return LogData(imus=data.imus, joints=data.joints, poses=poses, losses=data.losses)
+    return LogData(imus=data.imus, joints=data.joints, poses=poses, findings=data.findings)
 
 
 def _is_tf(topic: str, streams: tuple[PoseStream, ...]) -> bool:
@@ -181,7 +182,7 @@ def _with_motion(
         check_overlap(samples, finding.topic, motion, clock)
     except ImucalibError as error:
         asks = isinstance(error, ChoiceError)
-        return replace(finding, problem=str(error), needs_choice=asks), None
+        return replace(finding, problem=str(error), needs_choice=asks, solved_by=error.option), None
     unnamed = any(
         not edge.child and sources.topics[edge.track.name] == motion.parent
         for edge in sources.edges
@@ -203,11 +204,11 @@ def _with_repairs(
     *,
     request: CalibrationRequest,
     clock: Clock,
-) -> tuple[ImuFinding, tuple[str, ...]]:
+) -> tuple[ImuFinding, tuple[Finding, ...]]:
     """What a run would mend or refuse in the IMU's values and in what moves it."""
     units = finding.units
     if motion is None:
-        return finding, (*units.warnings, *look(imu, clock.seconds(imu)))
+        return finding, (*units.findings, *look(imu, clock.seconds(imu)))
     floats = units.accel_unit == "m/s², no gravity"
     if floats:
         request = replace(request, estimator=MatchedOptions(gravity="none"))
@@ -215,10 +216,10 @@ def _with_repairs(
         mended = repair(imu, clock.seconds(imu), motion.path, request)
     except ImucalibError as error:
         return replace(finding, problem=str(error)), ()
-    if mended.notes.get("gyro_unit") == "deg/s":
+    if mended.gyro_unit == "deg/s":
         finding = replace(finding, units=replace(units, gyro_unit="deg/s"))
     # of the units a run that has the kinematics says all there is to say, but for this
-    return finding, (*(units.warnings if floats else ()), *mended.warnings, *mended.distrust)
+    return finding, (*(units.findings if floats else ()), *mended.findings)
 
 
 def _command(
@@ -256,7 +257,7 @@ def _command(
         commands += [
             " ".join([*words, f"--imu-topic {shlex.quote(each.topic)}", "--parent FRAME", *options])
             for each in asked
-            if "--parent" in str(each.problem)
+            if each.solved_by == "--parent"
         ]
         if len(commands) > 1:
             placeholders.append("FRAME by the link or frame that carries that IMU")

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING
+
+from imucalib_cli.results.document import finding_entry
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
+    from imucalib_cli.findings import Finding
     from imucalib_cli.logs.health import StampHealth, UnitGuess
     from imucalib_cli.logs.log import Topic
 
@@ -41,6 +44,8 @@ class ImuFinding:
     """Why it cannot be calibrated as the log and the options stand."""
     needs_choice: bool = False
     """The problem is one that an option solves."""
+    solved_by: str | None = None
+    """That option, where there is just one, such as ``--parent``."""
     parent_unnamed: bool = False
     """The parent's poses name no frame, so that it goes by their topic."""
 
@@ -77,7 +82,7 @@ class Inspection:
     joints: tuple[JointFinding, ...]
     poses: tuple[PoseFinding, ...]
     urdf: str | None
-    warnings: tuple[str, ...]
+    findings: tuple[Finding, ...]
     command: str | None
     """To run next; None if no command would work."""
     placeholders: str
@@ -85,9 +90,25 @@ class Inspection:
     more_commands: tuple[str, ...] = ()
     """For further IMUs, of which the user must say more."""
 
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The findings in words."""
+        return tuple(finding.message for finding in self.findings)
+
     def as_json(self) -> str:
         """Everything, for programs."""
-        return json.dumps(asdict(self), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+        imus = tuple(replace(imu, units=replace(imu.units, findings=())) for imu in self.imus)
+        content = asdict(replace(self, findings=(), imus=imus))
+        content |= {
+            "findings": [finding_entry(finding) for finding in self.findings],
+            "warnings": self.warnings,
+        }
+        for imu, entry in zip(self.imus, content["imus"], strict=True):
+            entry["units"] |= {
+                "findings": [finding_entry(finding) for finding in imu.units.findings],
+                "warnings": imu.units.warnings,
+            }
+        return json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
     def as_text(self) -> str:
         """Everything, for people."""

@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from imucalib_cli.errors import ChoiceError, InputError
+from imucalib_cli.errors import ChoiceError, InputError, UntrustedError
+from imucalib_cli.findings import untrusted
+from imucalib_cli.jobs.static import is_static
 from imucalib_cli.jobs.told import nothing_told, see_told
 from imucalib_cli.results.calibration import Nominal
 from imucalib_cli.robot.build import find_base, is_still, joint_path, moving_base_path
@@ -69,6 +71,7 @@ def find_motion(
     Raises:
         ChoiceError: The user must name the parent, the world or a topic; lists candidates.
         InputError: The log does not tell how the parent moves.
+        UntrustedError: Nothing that the log tells of moves, so that no pose can be determined.
     """
     if robot is not None:
         if request.needs_nominal:
@@ -78,6 +81,8 @@ def find_motion(
         motion = _from_frames(sources, frame_id, request)
     if request.needs_nominal and motion.nominal is None:
         raise ChoiceError(nothing_told(motion.parent, motion.child))
+    if is_static(motion.path, sources):
+        raise UntrustedError(untrusted("robot.static"))
     if is_still(motion.path):
         raise InputError(
             f"{motion.parent} never moves in {motion.path.world} according to "
@@ -236,7 +241,8 @@ def _guess_parent(edges: tuple[Edge, ...], frame_id: str) -> tuple[str, Nominal 
         return candidates[0], None
     frames = ", ".join(candidates or dict.fromkeys(edge.child for edge in edges))
     raise ChoiceError(
-        f"which frame carries the IMU '{frame_id}'? name it with --parent, one of: {frames}"
+        f"which frame carries the IMU '{frame_id}'? name it with --parent, one of: {frames}",
+        option="--parent",
     )
 
 

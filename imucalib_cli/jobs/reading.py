@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from imucalib_cli.errors import InputError
+from imucalib_cli.findings import Finding, note, warnings
 from imucalib_cli.jobs.motion import Sources
 from imucalib_cli.jobs.provenance import Fingerprints
 from imucalib_cli.logs.clock import choose_clock
@@ -45,8 +46,13 @@ class Recording:
     robot: Robot | None
     paths: tuple[Path, ...]
     files: Fingerprints
-    warnings: tuple[str, ...]
+    findings: tuple[Finding, ...]
     """About the whole log."""
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The findings in words."""
+        return warnings(self.findings)
 
     def samples(self, imu: ImuStream) -> ImuSamples:
         """One IMU on the log's clock."""
@@ -85,7 +91,7 @@ def read_recording(request: CalibrationRequest, progress: Progress | None = None
             robot=None if robot is None else robot.result(),
             paths=log.paths,
             files=files,
-            warnings=(*data.losses, *clock.warnings, *doubles),
+            findings=(*data.findings, *clock.findings, *doubles),
         )
 
 
@@ -111,16 +117,17 @@ def _see_stamps_advance(imus: tuple[ImuStream, ...], clock: Clock) -> None:
             remedy = "no other stamps in the log are sound, so record again"
             if clock.alternative is not None:
                 remedy = f"rerun with --clock {clock.alternative}"
-            raise InputError(f"{imu.topic}: {name} are all the same: {remedy}")
+            raise InputError(f"{imu.topic}: {name} are all the same: {remedy}", topic=imu.topic)
 
 
 def _why_unused(topic: str, data: LogData) -> str:
     """One sentence on a topic of which nothing is left, with what was lost of it."""
-    topics = (*data.imus, *data.joints, *data.poses, topic)
-    own = [loss.removeprefix(f"{topic}: ") for loss in data.losses if loss.startswith(f"{topic}: ")]
-    of_files = [
-        loss for loss in data.losses if not any(loss.startswith(f"{other}: ") for other in topics)
+    own = [
+        loss.message.removeprefix(f"{topic}: ")
+        for loss in data.findings
+        if loss.values.get("topic") == topic
     ]
+    of_files = [loss.message for loss in data.findings if "topic" not in loss.values]
     reasons = [*own, *of_files] or ["they hold no values"]
     if len(reasons) > _SHOWN:
         reasons = [*reasons[:_SHOWN], f"and {len(reasons) - _SHOWN} more"]
@@ -129,8 +136,8 @@ def _why_unused(topic: str, data: LogData) -> str:
 
 def gather_sources(
     data: LogData, clock: Clock, unasked: Collection[str] = ()
-) -> tuple[Sources, tuple[str, ...]]:
-    """Tracks and edges of a log on its clock, and warnings about poses told twice.
+) -> tuple[Sources, tuple[Finding, ...]]:
+    """Tracks and edges of a log on its clock, and findings of poses told twice.
 
     Args:
         data: As read.
@@ -155,7 +162,7 @@ def gather_sources(
     poses = [pose for streams in data.poses.values() for pose in streams]
     told = {(pose.parent, pose.child) for pose in poses if pose.topic not in unasked}
     poses = [p for p in poses if p.topic not in unasked or (p.parent, p.child) not in told]
-    kept, warnings = _one_for_each_edge(poses)
+    kept, doubles = _one_for_each_edge(poses)
     edges = []
     for pose in kept:
         name = f"{pose.topic} ({pose.parent} -> {pose.child or '?'})"
@@ -179,13 +186,13 @@ def gather_sources(
         unused=unused,
         unasked=frozenset(unasked),
     )
-    return sources, warnings
+    return sources, doubles
 
 
-def _one_for_each_edge(poses: list[PoseStream]) -> tuple[list[PoseStream], tuple[str, ...]]:
+def _one_for_each_edge(poses: list[PoseStream]) -> tuple[list[PoseStream], tuple[Finding, ...]]:
     """Of several topics that tell the same pose, such as /odom and /tf, the one with most rows."""
     best: dict[tuple[str, str, str], PoseStream] = {}
-    warnings = []
+    doubles = []
     for pose in poses:
         # poses without a child are of different things until told otherwise
         key = (pose.parent, pose.child, "" if pose.child else pose.topic)
@@ -195,11 +202,16 @@ def _one_for_each_edge(poses: list[PoseStream]) -> tuple[list[PoseStream], tuple
             continue
         keep, drop = (pose, known) if len(pose) > len(known) else (known, pose)
         best[key] = keep
-        warnings.append(
-            f"{drop.topic} tells the pose of {pose.child} in {pose.parent} too; "
-            f"{keep.topic} is used, having more messages"
+        doubles.append(
+            note(
+                "pose.told_twice",
+                topic=drop.topic,
+                child=pose.child,
+                parent=pose.parent,
+                used=keep.topic,
+            )
         )
-    return list(best.values()), tuple(warnings)
+    return list(best.values()), tuple(doubles)
 
 
 def moving_streams(data: LogData) -> list[Stream]:

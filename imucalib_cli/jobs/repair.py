@@ -13,9 +13,11 @@ import numpy as np
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.estimate.options import MatchedOptions
+from imucalib_cli.findings import Finding, Severity, reasons, untrusted, warning, warnings
 from imucalib_cli.jobs.rest import refuse_dead, refuse_impossible, see_dead_in_motion
 from imucalib_cli.jobs.units import accel_factor, gyro_factor, largest_rate
-from imucalib_cli.signals.bursts import bunched_share, spread_bursts
+from imucalib_cli.robot.path import JointStep
+from imucalib_cli.signals.bursts import bunched_share, rate_stretches, spread_bursts
 from imucalib_cli.signals.faults import clear_of, held_robot, sensor_faults
 from imucalib_cli.signals.samples import ImuSamples
 from imucalib_cli.signals.spikes import find_glitches
@@ -31,7 +33,6 @@ if TYPE_CHECKING:
     from imucalib_cli.jobs.request import CalibrationRequest
     from imucalib_cli.logs.streams import ImuStream
     from imucalib_cli.robot.path import KinematicPath, Track
-    from imucalib_cli.signals.bursts import Spread
     from imucalib_cli.signals.stamps import Indices
     from imucalib_cli.signals.stuck import Fault
     from imucalib_cli.signals.turning import Turning
@@ -43,7 +44,6 @@ _MOST_LOST = 0.5
 _SEARCH = 1.0
 """s, where the method itself looks for no time offset."""
 _LEAST_IMU = 50
-_SHOWN = 3
 _SAME = 1e-6
 _LEAP = 0.01
 """rad or m by which a single message may leap and come back: faster than any robot shakes."""
@@ -57,25 +57,39 @@ class Repaired:
 
     samples: ImuSamples
     path: KinematicPath
-    warnings: tuple[str, ...]
-    distrust: tuple[str, ...]
-    """Why what is left says too little, a sentence each."""
-    notes: dict[str, float | str | bool | None]
-    """For the record."""
-    suspects: tuple[str, ...] = ()
+    findings: tuple[Finding, ...]
+    """What was mended or left out, and why what is left says too little."""
+    gyro_unit: str = "rad/s"
+    """That the gyroscope was read in."""
+    accel_unit: str = "m/s2"
+    samples_at_fault: int = 0
+    """IMU samples that were left out as frozen or saturated."""
+    suspects: tuple[Finding, ...] = ()
     """What does no harm to a good fit, and is the likely cause of a poor one."""
 
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What was mended or left out, in words."""
+        return warnings(self.findings)
+
+    @property
+    def distrust(self) -> tuple[str, ...]:
+        """Why what is left says too little, in words."""
+        return reasons(self.findings)
+
     def told(self, estimate: Estimate) -> Estimate:
-        """An estimate made of these, with what was done to them said in it."""
+        """An estimate made of these, with what was done to them told in it."""
+        blamed = {each.code for each in estimate.findings if each.severity is Severity.UNTRUSTED}
+        suspects = (each for each in self.suspects if each.code not in blamed)
+        record: dict[str, float | str | bool | None] = {
+            "gyro_unit": self.gyro_unit,
+            "accel_unit": self.accel_unit,
+            "imu_samples_at_fault": self.samples_at_fault,
+        }
         return replace(
             estimate,
-            distrust=(*self.distrust, *estimate.distrust),
-            warnings=(
-                *self.warnings,
-                *(each for each in self.suspects if each not in estimate.distrust),
-                *estimate.warnings,
-            ),
-            notes={**self.notes, **estimate.notes},
+            findings=(*self.findings, *suspects, *estimate.findings),
+            notes={**record, **estimate.notes},
         )
 
 
@@ -93,24 +107,25 @@ def repair(imu: ImuStream, t: Floats, path: KinematicPath, request: CalibrationR
     """
     refuse_impossible(imu)
     refuse_dead(imu)
-    warnings: list[str] = []
+    told: list[Finding] = []
     values = np.hstack([imu.gyro, imu.accel])
-    t = _even(imu.topic, t, values, warnings)
-    path = replace(path, tracks=tuple(_even_track(track, warnings) for track in path.tracks))
+    t = _even(imu.topic, t, values, told)
+    path = replace(path, tracks=tuple(_even_track(track, told) for track in path.tracks))
     trajectory = Trajectory.of(path)
     rows = tidy_rows(t, values).rows
     if len(rows) < _LEAST_IMU:
         # too few for any of this, as the estimator will say
         samples = ImuSamples(t=t, gyro=imu.gyro, accel=imu.accel)
-        return Repaired(samples=samples, path=path, warnings=tuple(warnings), distrust=(), notes={})
+        return Repaired(samples=samples, path=path, findings=tuple(told))
     turning = compare_turning(t[rows], imu.gyro[rows], trajectory, _search(request))
     suspects = list(see_dead_in_motion(imu, turning))
-    turns = gyro_factor(imu.topic, largest_rate(imu.gyro[rows]), turning, request.units.gyro)
+    largest, wanted = largest_rate(imu.gyro[rows]), request.units.gyro
+    turns = gyro_factor(imu.topic, largest, turning, wanted, most_angle=_most_angle(path))
     gravity = request.estimator.gravity_norm if request.wants_gravity else 0.0
     pulls = accel_factor(imu, request.units.accel, gravity=gravity)
     for each in (turns, pulls):
-        if each.warning is not None:
-            (warnings if each.is_mended else suspects).append(each.warning)
+        if each.finding is not None:
+            (told if each.is_mended else suspects).append(each.finding)
     gyro, accel = imu.gyro * turns.value, imu.accel * pulls.value
     turning = turning.scaled(turns.value)
     if request.units.sign == "down":
@@ -119,11 +134,13 @@ def repair(imu: ImuStream, t: Floats, path: KinematicPath, request: CalibrationR
     out = np.zeros(len(rows), dtype=bool)
     ends = () if request.imu is None else request.imu.model.ranges("accel")
     for fault in sensor_faults(t[rows], gyro[rows], accel[rows], turning, ends):
-        warnings.append(_fault_words(imu.topic, fault, t[rows]))
+        told.append(_fault_of(imu.topic, fault, t[rows]))
         out |= fault.rows
     out = clear_of(t[rows], out)
     if len(rows) - out.sum() < _LEAST_IMU:
-        raise InputError(f"{warnings[-1]}: nothing else is left, so record again")
+        raise InputError(
+            f"{told[-1].message}: nothing else is left, so record again", topic=imu.topic
+        )
     keep = np.ones(len(t), dtype=bool)
     keep[rows[out]] = False
     sound = turning
@@ -137,36 +154,36 @@ def repair(imu: ImuStream, t: Floats, path: KinematicPath, request: CalibrationR
         if all(_repeats(track, *stretch) for track in path.tracks)
     ]
     if held:
-        warnings.append(_held_words(path, held))
+        names = [track.name for track in path.tracks]
+        told.append(warning("robot.held", streams=names, stretches=held))
         path = replace(path, tracks=tuple(_without(track, held) for track in path.tracks))
     return Repaired(
         samples=ImuSamples(t=t[keep], gyro=gyro[keep], accel=accel[keep]),
         path=path,
-        warnings=tuple(warnings),
-        distrust=_too_much(sound, t[rows][out], held),
-        notes={
-            "gyro_unit": turns.unit,
-            "accel_unit": pulls.unit,
-            "imu_samples_at_fault": int(out.sum()),
-        },
+        findings=(*_too_much(sound, t[rows][out], held), *told),
+        gyro_unit=turns.unit,
+        accel_unit=pulls.unit,
+        samples_at_fault=int(out.sum()),
         suspects=tuple(suspects),
     )
 
 
-def look(imu: ImuStream, t: Floats) -> tuple[str, ...]:
+def look(imu: ImuStream, t: Floats) -> tuple[Finding, ...]:
     """What is wrong with an IMU's stamps and values, as far as it shows without kinematics."""
-    said: list[str] = []
+    said: list[Finding] = []
     for refuse in (refuse_impossible, refuse_dead):
         try:
             refuse(imu)
         except InputError as error:
-            return (str(error),)
+            if error.finding is None:
+                raise
+            return (error.finding,)
     values = np.hstack([imu.gyro, imu.accel])
     t = _even(imu.topic, t, values, said)
     rows = tidy_rows(t, values).rows
     if len(rows) >= _LEAST_IMU:
         faults = sensor_faults(t[rows], imu.gyro[rows], imu.accel[rows], None)
-        said += [_fault_words(imu.topic, fault, t[rows]) for fault in faults]
+        said += [_fault_of(imu.topic, fault, t[rows]) for fault in faults]
     return tuple(said)
 
 
@@ -175,34 +192,59 @@ def _search(request: CalibrationRequest) -> float:
     return options.max_offset if isinstance(options, MatchedOptions) else _SEARCH
 
 
-def _even(name: str, t: Floats, values: Floats, warnings: list[str]) -> Floats:
+def _even(name: str, t: Floats, values: Floats, told: list[Finding]) -> Floats:
     """Stamps without their bursts, if they come in bursts."""
     finite = np.isfinite(t) & np.isfinite(values).all(axis=1)
     near = finite.copy()
     near[finite] = near_stamps(t[finite])
+    stretches = rate_stretches(t[near])
+    if stretches:
+        told.append(
+            warning(
+                "stamps.rate_changes",
+                stream=name,
+                rates=[stretch.rate for stretch in stretches],
+                starts=[stretch.start for stretch in stretches],
+            )
+        )
+        return t
     spread = spread_bursts(t[near], values[near])
     if spread is None:
         return t
-    warnings.append(_burst_words(name, t[near], spread))
+    told.append(
+        warning(
+            "stamps.bunched",
+            stream=name,
+            share=bunched_share(t[near]),
+            period=spread.period,
+            batch=spread.batch,
+            lost=spread.lost,
+        )
+    )
     even = t.copy()
     even[near] = spread.t
     return even
 
 
-def _even_track(track: Track, warnings: list[str]) -> Track:
-    t = _even(track.name, track.t, track.values, warnings)
+def _even_track(track: Track, told: list[Finding]) -> Track:
+    t = _even(track.name, track.t, track.values, told)
     tidy = tidy_rows(t, track.values)
     if tidy.not_finite or tidy.backward or tidy.astray:
-        warnings.append(
-            f"{track.name}: left out {tidy.not_finite} messages that are not finite, "
-            f"{tidy.astray} with stamps far from the log and {tidy.repeated} with repeated stamps; "
-            f"stamps that went backwards: {tidy.backward}"
+        told.append(
+            warning(
+                "stream.rows_left_out",
+                stream=track.name,
+                not_finite=tidy.not_finite,
+                astray=tidy.astray,
+                repeated=tidy.repeated,
+                backward=tidy.backward,
+            )
         )
     even = track if t is track.t else replace(track, t=t)
-    return _without_glitches(even, tidy.rows, warnings)
+    return _without_glitches(even, tidy.rows, told)
 
 
-def _without_glitches(track: Track, rows: Indices, warnings: list[str]) -> Track:
+def _without_glitches(track: Track, rows: Indices, told: list[Finding]) -> Track:
     """Leave out single messages in which a joint or pose leaps away and back."""
     values = track.values[rows]
     if track.kind == "pose":  # q and -q are one rotation
@@ -217,10 +259,8 @@ def _without_glitches(track: Track, rows: Indices, warnings: list[str]) -> Track
     leaps = find_glitches(track.t[rows], values, _LEAP)
     if not leaps.any() or np.mean(leaps) > _MOST_LEAPS:
         return track
-    warnings.append(
-        f"{track.name}: {np.count_nonzero(leaps)} messages in which a value leaps away and back "
-        f"by more than {_LEAP:g} (rad or m) are left out: look after the encoder or its driver"
-    )
+    count = np.count_nonzero(leaps)
+    told.append(warning("stream.leaps", stream=track.name, count=count, least=_LEAP))
     keep = np.ones(len(track.t), dtype=bool)
     keep[rows[leaps]] = False
     return replace(track, t=track.t[keep], values=track.values[keep])
@@ -239,57 +279,46 @@ def _without(track: Track, stretches: list[tuple[float, float]]) -> Track:
     return replace(track, t=track.t[keep], values=track.values[keep])
 
 
-def _too_much(turning: Turning, out: Floats, held: list[tuple[float, float]]) -> tuple[str, ...]:
+def _too_much(
+    turning: Turning, out: Floats, held: list[tuple[float, float]]
+) -> tuple[Finding, ...]:
     """Whether what was left out, at some instants of the IMU's clock, is most of the motion."""
-    reasons = []
+    found = []
     moved = np.nan_to_num(turning.derived)
     total = float(moved.sum())
     lost = float(moved[np.unique(turning.bins_of(out))].sum()) / max(total, 1e-12)
     if lost > _MOST_LOST:
-        reasons.append(
-            f"{lost:.0%} of the rotation is in samples that were left out as frozen or saturated: "
-            "record again with a sound sensor of larger range"
-        )
+        found.append(untrusted("imu.motion_left_out", share=lost))
     turned = np.nan_to_num(turning.measured)
     alone = sum(float(turned[turning.between(*each)].sum()) for each in held)
     if alone > _MOST_LOST * float(turned.sum()):
-        reasons.append(
-            f"{alone / float(turned.sum()):.0%} of the IMU's rotation happened while the robot's "
-            "stream stood still: record again with a publisher that runs throughout"
-        )
-    return tuple(reasons)
+        found.append(untrusted("robot.held_in_motion", share=alone / float(turned.sum())))
+    return tuple(found)
 
 
-def _burst_words(name: str, t: Floats, spread: Spread) -> str:
-    batch = f" of {spread.batch}" if spread.batch > 1 else ""
-    lost = f", {spread.lost} messages seem to be missing" if spread.lost else ""
-    return (
-        f"{name}: stamps come in bursts{batch} ({bunched_share(t):.0%} of the intervals are far "
-        f"shorter than the {spread.period * 1e3:.4g} ms between samples{lost}): they are times of "
-        "arrival, and were replaced by even ticks; the time offset contains the unknown delay"
-    )
+def _most_angle(path: KinematicPath) -> float:
+    """Largest range of a revolute joint's positions on a path, rad."""
+    most = 0.0
+    for step in path.steps:
+        if isinstance(step, JointStep) and step.kind == "revolute":
+            values = path.tracks[step.track].values[:, step.column]
+            values = values[np.isfinite(values)]
+            most = max(most, float(np.ptp(values)) if len(values) else 0.0)
+    return most
 
 
-def _fault_words(topic: str, fault: Fault, t: Floats) -> str:
+def _fault_of(topic: str, fault: Fault, t: Floats) -> Finding:
     start, end = fault.seconds(t)
-    unit = "rad/s" if fault.sensor == "gyro" else "m/s²"
-    value = ", ".join(f"{x + 0.0:.5g}" for x in fault.value)
-    times = f" in {fault.stretches} stretches" if fault.stretches > 1 else ""
-    where = (
-        f"{topic}: {fault.sensor} {' '.join(fault.axes)} is {fault.kind} at {value} {unit} in "
-        f"{int(fault.rows.sum())} samples{times} between {start:.2f} and {end:.2f} s of the log: "
-        "they were left out"
-    )
+    values = {
+        "topic": topic,
+        "sensor": fault.sensor,
+        "axes": "".join(fault.axes),
+        "held": [float(x) for x in fault.value],
+        "samples": int(fault.rows.sum()),
+        "stretches": fault.stretches,
+        "start": start,
+        "end": end,
+    }
     if fault.kind == "frozen":
-        return f"{where}; look for a driver that repeats its last message"
-    return f"{where}; set a larger range or move more slowly"
-
-
-def _held_words(path: KinematicPath, held: list[tuple[float, float]]) -> str:
-    names = ", ".join(track.name for track in path.tracks)
-    shown = ", ".join(f"{start:.1f} to {end:.1f} s" for start, end in held[:_SHOWN])
-    more = f" and {len(held) - _SHOWN} more" if len(held) > _SHOWN else ""
-    return (
-        f"{names}: stands still from {shown}{more} while the IMU turns: frozen, or something else "
-        "moves the robot; these stretches were left out"
-    )
+        return warning("imu.frozen", **values)
+    return warning("imu.saturated", **values)

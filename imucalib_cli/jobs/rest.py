@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from imucalib_cli.errors import InputError
+from imucalib_cli.findings import Finding, untrusted, warning
 from imucalib_cli.signals.stuck import AXES, constant_axes, dead_axes
 
 if TYPE_CHECKING:
@@ -38,9 +39,15 @@ def refuse_impossible(imu: ImuStream) -> None:
         beyond = int(np.count_nonzero(np.abs(values).max(axis=1) > limit))
         if 2 * beyond > len(values):
             raise InputError(
-                f"{imu.topic}: {name} is beyond {limit:g} {unit} in {beyond} of {len(values)} "
-                "messages, which no IMU measures: mend the driver or the log's layout and record "
-                "again"
+                untrusted(
+                    "imu.impossible",
+                    topic=imu.topic,
+                    sensor=name,
+                    limit=limit,
+                    unit=unit,
+                    count=beyond,
+                    total=len(values),
+                )
             )
 
 
@@ -54,23 +61,15 @@ def refuse_dead(imu: ImuStream) -> None:
         if not len(values):
             continue
         if not values.any():
-            other = "accel" if name == "gyro" else "gyro"
             both = not (imu.accel if name == "gyro" else imu.gyro).any()
-            what = "gyro and accel are" if both else f"{name} is"
+            sensor = "both" if both else name
             raise InputError(
-                f"{imu.topic}: {what} zero in all {len(values)} messages: the driver does not "
-                f"fill {'them' if both else 'it'} in, and "
-                + (
-                    "nothing can be calibrated from it"
-                    if both
-                    else f"{other} alone does not tell the pose"
-                )
-                + "; turn it on in the driver, or choose another --imu-topic"
+                untrusted("imu.zero", topic=imu.topic, sensor=sensor, count=len(values))
             )
         _refuse_axes(imu, name, dead_axes(values))
 
 
-def see_dead_in_motion(imu: ImuStream, turning: Turning) -> tuple[str, ...]:
+def see_dead_in_motion(imu: ImuStream, turning: Turning) -> tuple[Finding, ...]:
     """Axes that never change though the motion says they should.
 
     A sensor as quiet as its quantum shows no noise on an axis that nothing moves, so that noise
@@ -97,9 +96,7 @@ def see_dead_in_motion(imu: ImuStream, turning: Turning) -> tuple[str, ...]:
     left = turning.measured[both] / ratio - derived
     if float(np.mean(left**2)) < _LEFT**2 * float(np.mean(derived**2)):
         return ()
-    says = _axes_words(imu, "gyro", dead)
-    cause = "the sensor or its driver is broken there, or the IMU rides on another link"
-    return (f"{says}, and the robot turns otherwise: {cause}",)
+    return (warning("imu.axes_dead_in_motion", **_dead(imu, "gyro", dead)),)
 
 
 def _letters(which: NDArray[np.bool_]) -> str:
@@ -107,17 +104,12 @@ def _letters(which: NDArray[np.bool_]) -> str:
 
 
 def _refuse_axes(imu: ImuStream, name: str, dead: str) -> None:
-    if not dead:
-        return
-    raise InputError(
-        f"{_axes_words(imu, name, dead)} while the others vary: the sensor or its driver is "
-        "broken there, and the pose cannot be found with it"
-    )
+    if dead:
+        raise InputError(untrusted("imu.axes_dead", **_dead(imu, name, dead)))
 
 
-def _axes_words(imu: ImuStream, name: str, dead: str) -> str:
+def _dead(imu: ImuStream, name: str, axes: str) -> dict[str, Any]:
+    """Values of a finding about axes that never change."""
     values = imu.gyro if name == "gyro" else imu.accel
-    axes, says = ("axis", "says") if len(dead) == 1 else ("axes", "say")
-    held = ", ".join(f"{np.median(values[:, AXES.index(axis)]) + 0.0:.4g}" for axis in dead)
-    letters = " ".join(dead)
-    return f"{imu.topic}: {name} {axes} {letters} {says} {held} from first message to last"
+    held = [float(np.median(values[:, AXES.index(axis)])) for axis in axes]
+    return {"topic": imu.topic, "sensor": name, "axes": axes, "held": held}

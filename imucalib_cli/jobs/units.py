@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from imucalib_cli.errors import InputError
+from imucalib_cli.findings import Finding, untrusted, warning
 from imucalib_cli.logs.health import guess_units
+from imucalib_cli.signals.turning import AGREE
 
 if TYPE_CHECKING:
     from imucalib_cli.logs.streams import ImuStream
@@ -19,10 +21,41 @@ _G = 9.80665
 _DEG = 180.0 / math.pi
 ACCEL_FACTORS = {"m/s2": 1.0, "g": _G, "mg": _G / 1000.0}
 GYRO_FACTORS = {"rad/s": 1.0, "deg/s": 1.0 / _DEG}
+"""What a unit that the user may state is multiplied by."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class KnownRatio:
+    """A factor by which gyroscopes are known to misread the robot's rate of turning."""
+
+    unit: str
+    ratio: float
+    """Read over true."""
+    factor: str
+    """What mends it, as one writes it."""
+    least_correlation: float
+    """Of the two rates, for the ratio to mean this."""
+
+
+KNOWN_RATIOS = (
+    KnownRatio(unit="rad/s", ratio=1.0, factor="1", least_correlation=0.0),
+    KnownRatio(unit="deg/s", ratio=_DEG, factor="pi/180", least_correlation=0.5),
+    # An IMU that hardly turns reads a small share of the robot's rate too: the rates must agree.
+    KnownRatio(
+        unit="rad/s converted twice", ratio=1.0 / _DEG, factor="180/pi", least_correlation=AGREE
+    ),
+)
+"""What the ratio of two rates of turning may be; any other constant factor is told, not mended."""
 _NEAR = 0.15
 """Share by which a ratio may miss that of two units: scale errors, motion at rest."""
 _CLEAR = 0.5
 """Correlation of the two rates of turning from which their ratio means something."""
+_FAR = 5.0
+"""Factor by which a ratio must miss 1 to be one of units: scale errors and other links are less."""
+_CONSTANT = 0.2
+"""Relative scatter of a bin's ratio up to which it is one constant factor, not another motion."""
+_MOST_ANGLE = 4.0 * math.pi
+"""rad by which a joint may turn in a log: beyond, its positions are rather in degrees."""
 _MOST_RATE = 40.0
 """rad/s; gyroscopes for robots end at 2000 °/s, 34.9 rad/s."""
 
@@ -47,7 +80,7 @@ class Factor:
 
     unit: str
     value: float
-    warning: str | None = None
+    finding: Finding | None = None
 
     @property
     def is_mended(self) -> bool:
@@ -55,7 +88,14 @@ class Factor:
         return self.value != 1.0
 
 
-def gyro_factor(topic: str, gyro_largest: float, turning: Turning, wanted: GyroUnit) -> Factor:
+def gyro_factor(
+    topic: str,
+    gyro_largest: float,
+    turning: Turning,
+    wanted: GyroUnit,
+    *,
+    most_angle: float = 0.0,
+) -> Factor:
     """Unit of a gyroscope, from how fast the robot turns at the same time.
 
     Args:
@@ -63,29 +103,57 @@ def gyro_factor(topic: str, gyro_largest: float, turning: Turning, wanted: GyroU
         gyro_largest: 99.9th percentile of |gyro| as read.
         turning: Rates of the robot and of the IMU as read.
         wanted: What the user says.
+        most_angle: rad by which a joint turns in the log, the largest of all: joint positions in
+            degrees look like a gyroscope that was converted twice.
 
     Raises:
-        InputError: It speaks in neither unit.
+        InputError: It speaks in no known unit.
     """
     if wanted != "auto":
         return Factor(unit=wanted, value=GYRO_FACTORS[wanted])
     ratio = turning.ratio if turning.correlation > _CLEAR else None
-    if ratio is not None and abs(ratio / _DEG - 1.0) < _NEAR:
-        return Factor(
-            unit="deg/s",
-            value=GYRO_FACTORS["deg/s"],
-            warning=f"{topic}: gyro reads {ratio:.3g} times the rate at which the robot turns: "
-            "taken as deg/s and multiplied by pi/180 (--gyro-unit rad/s keeps it)",
+    kept = Factor(unit="rad/s", value=1.0)
+    known = None if ratio is None else _known(ratio, turning)
+    if ratio is not None and known is not None and known.ratio != 1.0:
+        if known.ratio < 1.0 and most_angle > _MOST_ANGLE:
+            return kept
+        told = warning(
+            "imu.gyro_unit_converted",
+            topic=topic,
+            ratio=ratio,
+            unit=known.unit,
+            factor=known.factor,
+            keep="rad/s",
+        )
+        return Factor(unit=known.unit, value=1.0 / known.ratio, finding=told)
+    if ratio is not None and known is None and _is_constant(ratio, turning):
+        raise InputError(
+            untrusted(
+                "imu.gyro_factor_unknown",
+                topic=topic,
+                factor=ratio,
+                std=turning.ratio_std,
+                known=[f"{each.ratio:.3g} for {each.unit}" for each in KNOWN_RATIOS],
+            )
         )
     if gyro_largest > _MOST_RATE:
-        told = "the robot's own motion cannot tell its unit"
-        if ratio is not None:
-            told = f"it is {ratio:.3g} times the robot's rate, where deg/s would be 57.3 times"
         raise InputError(
-            f"{topic}: gyro reaches {gyro_largest:.3g}, more than any in rad/s, and {told}: if it "
-            "is in deg/s rerun with --gyro-unit deg/s, else mend the driver and record again"
+            untrusted("imu.gyro_too_fast", topic=topic, largest=gyro_largest, ratio=ratio)
         )
-    return Factor(unit="rad/s", value=1.0)
+    return kept
+
+
+def _known(ratio: float, turning: Turning) -> KnownRatio | None:
+    for each in KNOWN_RATIOS:
+        if abs(ratio / each.ratio - 1.0) < _NEAR and turning.correlation > each.least_correlation:
+            return each
+    return None
+
+
+def _is_constant(ratio: float, turning: Turning) -> bool:
+    """Whether a ratio far from 1 is the same throughout, as that of a wrong unit is."""
+    far = max(ratio, 1.0 / max(ratio, 1e-300)) > _FAR
+    return far and turning.correlation > AGREE and turning.ratio_scatter < _CONSTANT
 
 
 def accel_factor(imu: ImuStream, wanted: AccelUnit, *, gravity: float) -> Factor:
@@ -102,15 +170,14 @@ def accel_factor(imu: ImuStream, wanted: AccelUnit, *, gravity: float) -> Factor
     if wanted != "auto":
         return Factor(unit=wanted, value=ACCEL_FACTORS[wanted])
     guess = guess_units(imu, gravity or _G)
-    rest = f"{imu.topic}: accel at rest is {guess.accel_at_rest:.4g}"
+    rest = {"topic": imu.topic, "norm": guess.accel_at_rest}
     kept = Factor(unit="m/s2", value=1.0)
     if gravity == 0.0:
         if guess.accel_unit in {"m/s²", "g", "mg"}:
             return Factor(
                 unit="m/s2",
                 value=1.0,
-                warning=f"{rest}, which is gravity in {guess.accel_unit}, yet --gravity none was "
-                "given",
+                finding=warning("imu.gravity_unasked", **rest, unit=guess.accel_unit),
             )
         return kept
     if guess.accel_unit in {"g", "mg"}:
@@ -118,20 +185,17 @@ def accel_factor(imu: ImuStream, wanted: AccelUnit, *, gravity: float) -> Factor
         return Factor(
             unit=guess.accel_unit,
             value=factor,
-            warning=f"{rest}: taken as {guess.accel_unit} and multiplied by {factor:.6g} "
-            "(--accel-unit m/s2 keeps it)",
+            finding=warning(
+                "imu.accel_unit_converted", **rest, unit=guess.accel_unit, factor=factor
+            ),
         )
     if guess.accel_unit == "m/s², no gravity":
-        raise InputError(
-            f"{rest} m/s², so gravity is not in it: if the robot floats without gravity or the "
-            "driver took gravity off, rerun with --gravity none"
-        )
+        raise InputError(untrusted("imu.gravity_removed", **rest))
     if guess.accel_unit == "unknown":
         return Factor(
             unit="m/s2",
             value=1.0,
-            warning=f"{rest}, neither gravity nor a unit that is known: mend its scale, "
-            "or say --accel-unit or --gravity",
+            finding=warning("imu.accel_unit_unknown", **rest),
         )
     return kept
 

@@ -93,7 +93,7 @@ def verify_results(
         try:
             told = told_by(robot, calibration.parent, imu_link or calibration.child)
         except ImucalibError as error:
-            failures.append(type(error)(f"{display_name(name)}: {error}"))
+            failures.append(error.about(display_name(name)))
         else:
             answers.append(verify(calibration, told, within, source))
     return Answers(verifications=tuple(answers), failures=tuple(failures))

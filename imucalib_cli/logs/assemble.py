@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
+from imucalib_cli.findings import Finding, warning
 from imucalib_cli.logs.messages import TF_TYPES
 from imucalib_cli.logs.streams import ImuStream, JointStream, PoseStream
 
@@ -24,9 +25,9 @@ _TOLD = 0.5
 """Share of messages in which a joint has a position, if it has an encoder."""
 
 
-def imu_stream(data: TopicData) -> tuple[ImuStream | None, list[str]]:
+def imu_stream(data: TopicData) -> tuple[ImuStream | None, list[Finding]]:
     """The IMU of a topic, and what had to be left out of it."""
-    losses: list[str] = []
+    losses: list[Finding] = []
     frames: Counter[str] = Counter()
     for piece in data.pieces:
         frames[_frame(piece)] += len(piece.stamp_ns)
@@ -34,19 +35,21 @@ def imu_stream(data: TopicData) -> tuple[ImuStream | None, list[str]]:
         return None, losses
     frame, kept = frames.most_common(1)[0]
     if len(frames) > 1:
-        others = ", ".join(repr(each) for each in frames if each != frame)
         losses.append(
-            f"{data.topic}: {frames.total() - kept} messages in other frames ({others}) than "
-            f"{frame!r} are left out"
+            warning(
+                "imu.frames_mixed",
+                topic=data.topic,
+                count=frames.total() - kept,
+                frame=frame,
+                others=[each for each in frames if each != frame],
+            )
         )
     joined = _Joined([piece for piece in data.pieces if _frame(piece) == frame])
     gyro, accel = joined.numbers("gyro"), joined.numbers("accel")
     sound = _is_number(gyro) & _is_number(accel)
     if not sound.all():
-        losses.append(
-            f"{data.topic}: {np.count_nonzero(~sound)} messages whose values are not finite "
-            f"or beyond {_ABSURD:g} are left out"
-        )
+        count = np.count_nonzero(~sound)
+        losses.append(warning("imu.not_finite", topic=data.topic, count=count, limit=_ABSURD))
     stream = ImuStream(
         topic=data.topic,
         header_ns=joined.stamp_ns[sound],
@@ -64,7 +67,7 @@ def _is_number(values: Floats) -> NDArray[np.bool_]:
     return sound
 
 
-def joint_streams(data: TopicData) -> tuple[tuple[JointStream, ...], list[str]]:
+def joint_streams(data: TopicData) -> tuple[tuple[JointStream, ...], list[Finding]]:
     """One stream per set of joint names; rows in another order are put into the first one's."""
     sets: dict[tuple[str, ...], tuple[tuple[str, ...], list[Piece]]] = {}
     repeated = short = 0
@@ -80,11 +83,9 @@ def joint_streams(data: TopicData) -> tuple[tuple[JointStream, ...], list[str]]:
             sets.setdefault(tuple(sorted(names)), (names, []))[1].append(piece)
     losses = []
     if repeated:
-        losses.append(f"{data.topic}: {repeated} messages that name a joint twice are left out")
+        losses.append(warning("joints.named_twice", topic=data.topic, count=repeated))
     if short:
-        losses.append(
-            f"{data.topic}: {short} messages without one position for each joint are left out"
-        )
+        losses.append(warning("joints.incomplete", topic=data.topic, count=short))
     streams = []
     unsound = 0
     for names, pieces in sets.values():
@@ -111,10 +112,7 @@ def joint_streams(data: TopicData) -> tuple[tuple[JointStream, ...], list[str]]:
             )
         )
     if unsound:
-        losses.append(
-            f"{data.topic}: {unsound} messages whose positions are not finite or beyond "
-            f"{_ABSURD:g} are left out"
-        )
+        losses.append(warning("joints.not_finite", topic=data.topic, count=unsound, limit=_ABSURD))
     return tuple(streams), losses
 
 
@@ -131,7 +129,7 @@ def _sound_rows(position: Floats) -> tuple[NDArray[np.bool_] | slice, Floats]:
     return sound, position if told.all() else np.where(good, position, np.nan)
 
 
-def pose_streams(data: TopicData) -> tuple[tuple[PoseStream, ...], list[str]]:
+def pose_streams(data: TopicData) -> tuple[tuple[PoseStream, ...], list[Finding]]:
     """One stream per (parent, child)."""
     edges: dict[tuple[str, str], list[Piece]] = {}
     for piece in data.pieces:
@@ -162,10 +160,7 @@ def pose_streams(data: TopicData) -> tuple[tuple[PoseStream, ...], list[str]]:
             )
     losses = []
     if unusable:
-        losses.append(
-            f"{data.topic}: {unusable} poses that are not finite or whose quaternion is not of "
-            "unit norm are left out"
-        )
+        losses.append(warning("pose.unusable", topic=data.topic, count=unusable))
     return tuple(streams), losses
 
 

@@ -16,13 +16,14 @@ from imucalib_cli.logs.storage import Bytes, Channel, Located, Sink, add_by_leng
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from imucalib_cli.findings import Finding
     from imucalib_cli.logs.inflate import Inflated
 
 
 class BagFile(ChunkedFile[BagChunk]):
     """One ROS 1 bag."""
 
-    def _open(self, file: BinaryIO) -> tuple[list[BagChunk], tuple[Channel, ...], list[str]]:
+    def _open(self, file: BinaryIO) -> tuple[list[BagChunk], tuple[Channel, ...], list[Finding]]:
         self._records = Records(self._size)
         try:
             found = read_index(file, self._records)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
 
+from imucalib_cli.findings import Finding, note, warning
 from imucalib_cli.logs.bag_records import (
     CHUNK,
     CHUNK_INFO,
@@ -57,7 +58,7 @@ class BagScan:
     records: Records
     chunks: list[BagChunk] = field(default_factory=list)
     catalogue: Catalogue = field(default_factory=Catalogue)
-    losses: list[str] = field(default_factory=list)
+    losses: list[Finding] = field(default_factory=list)
     _run: dict[int, list[tuple[int, int]]] = field(default_factory=dict)
     _run_start: int = 0
     _unsure: int = len(MAGIC)
@@ -77,17 +78,14 @@ class BagScan:
                 self._end_run(at)
                 found = self._next_record(self._unsure)
                 if found is None:
-                    self.losses.append(
-                        f"the bag is cut short or damaged at byte {at} of {size}: "
-                        "what stands before is used"
-                    )
+                    self.losses.append(warning("log.cut_short", what="bag", byte=at, size=size))
                     return self
                 if found > at:
-                    self.losses.append(f"bytes {at} to {found} are damaged and left out")
+                    self.losses.append(warning("log.bytes_damaged", start=at, end=found))
                 at, self._unsure = found, found + 1
         self._end_run(size)
         if not self.losses:
-            self.losses.append("the bag has no usable index and was scanned; nothing is lost")
+            self.losses.append(note("log.unindexed"))
         return self
 
     def _record(self, at: int) -> int:
@@ -97,7 +95,7 @@ class BagScan:
         whole = size <= self.records.size - start
         self._unsure = start + size if op == CHUNK and whole else at + 1
         if op == CHUNK and not whole and head.get("compression") == b"none":
-            self.losses.append(f"a chunk at byte {at} is damaged or cut short")
+            self.losses.append(warning("log.chunk_unchecked", byte=at))
             return start  # its messages stand in the file as they are
         if op == CHUNK:
             self._end_run(at)
@@ -127,17 +125,15 @@ class BagScan:
         try:
             inflated, _ = self.records.unpack(self.file, chunk)
         except (DamageError, ValueError) as error:
-            self.losses.append(f"a chunk at byte {at} is left out: {error}")
+            self.losses.append(warning("log.chunk_unreadable", byte=at, reason=str(error)))
             return
         data = inflated.upto()
         chunk.index, sound = walk(data.data, self.catalogue)
         if not inflated.complete:
-            self.losses.append(f"a chunk at byte {at} is used as far as it can be unpacked")
+            self.losses.append(warning("log.chunk_partly_unpacked", byte=at))
         elif sound < len(data):
-            self.losses.append(
-                f"a chunk at byte {at} is damaged inside: {len(data) - sound} of its {len(data)} "
-                "bytes are left out"
-            )
+            lost = len(data) - sound
+            self.losses.append(warning("log.chunk_damaged", byte=at, lost=lost, size=len(data)))
         self._add(chunk)
 
     def _add(self, chunk: BagChunk) -> None:

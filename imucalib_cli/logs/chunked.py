@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, BinaryIO, Generic, Protocol, TypeVar
 
+from imucalib_cli.findings import Finding, warning
 from imucalib_cli.logs.damage import DamageError
 
 if TYPE_CHECKING:
@@ -44,7 +45,7 @@ class ChunkedFile(ABC, Generic[C]):
             self._chunks, self.channels, self.losses = self._open(file)
 
     @abstractmethod
-    def _open(self, file: BinaryIO) -> tuple[list[C], tuple[Channel, ...], list[str]]:
+    def _open(self, file: BinaryIO) -> tuple[list[C], tuple[Channel, ...], list[Finding]]:
         """Find the chunks and channels, and what is lost already."""
 
     @abstractmethod
@@ -71,16 +72,13 @@ class ChunkedFile(ABC, Generic[C]):
                 try:
                     base += self._read_chunk(file, chunk, channels, sink, base)
                 except (DamageError, ValueError) as error:
-                    self._lose(f"a chunk at byte {chunk.start} is left out: {error}")
+                    self._lose(warning("log.chunk_unreadable", byte=chunk.start, reason=str(error)))
         progress(1.0)
 
-    def _lose(self, what: str) -> None:
+    def _lose(self, what: Finding) -> None:
         if what not in self.losses:
             self.losses.append(what)
 
     def _lose_messages(self, count: int, chunk: C) -> None:
         if count:
-            self._lose(
-                f"{count} messages of the chunk at byte {chunk.start} are damaged or cut short "
-                "and left out"
-            )
+            self._lose(warning("log.chunk_messages_damaged", count=count, byte=chunk.start))

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from imucalib_cli.findings import Finding, warning, warnings
 from imucalib_cli.logs.streams import Floats, Nanoseconds, PoseStream, Stream
 
 if TYPE_CHECKING:
@@ -48,9 +49,15 @@ class Clock:
     kind: Kind
     origin_ns: int
     """First plausible stamp of any stream that moves, ns."""
-    warnings: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
+    """What is wrong with the stamps of single topics, and what became of it."""
     alternative: Kind | None = None
     """Of the kind that does not count, if its stamps look sound."""
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The findings in words."""
+        return warnings(self.findings)
 
     def stamps_ns(self, stream: Stream) -> Nanoseconds:
         """The stamps that count, (N,), ns."""
@@ -77,33 +84,36 @@ def choose_clock(
     header_faults = _faults(moving, "header")
     log_faults = _faults(moving, "log")
     kind: Kind = "header"
-    warnings: list[str] = []
     if wanted == "auto":
         if not header_faults and len(moving) > 1 and not log_faults:
             header_faults = _different_clocks(moving)
         if header_faults and not log_faults:
             kind = "log"
-            warnings = [
-                f"{fault}: receive times are used for all topics (--clock log)"
-                for fault in header_faults
-            ]
+            findings = [_told(fault, "receive times") for fault in header_faults]
         else:
-            warnings = [
-                f"{fault}, and receive times are no better: {log_faults[0]}"
-                for fault in header_faults
-            ]
+            findings = [_told(fault, "no better", log_faults) for fault in header_faults]
     else:
         kind = wanted
-        other = "log" if kind == "header" else "header"
         faults = header_faults if kind == "header" else log_faults
-        others = log_faults if kind == "header" else header_faults
         # no advice to run into the same wall
-        advice = f"and {others[0]}" if others else f"try --clock {other}"
-        warnings = [f"{fault}, yet --clock {kind} was asked for: {advice}" for fault in faults]
+        others = log_faults if kind == "header" else header_faults
+        findings = [_told(fault, "asked", others, clock=kind) for fault in faults]
     origin = min((_first_plausible(_stamps(each, kind)) for each in moving), default=0)
     other_faults = log_faults if kind == "header" else header_faults
     sound: Kind | None = None if other_faults else "log" if kind == "header" else "header"
-    return Clock(kind=kind, origin_ns=origin, warnings=tuple(warnings), alternative=sound)
+    return Clock(kind=kind, origin_ns=origin, findings=tuple(findings), alternative=sound)
+
+
+def _told(
+    fault: Finding, then: str, others: Sequence[Finding] = (), clock: Kind | None = None
+) -> Finding:
+    """A fault of some stamps with what becomes of it, and a fault of the other kind of stamps."""
+    values = {**fault.values, "then": then}
+    if clock is not None:
+        values["clock"] = clock
+    if others:
+        values["other"] = others[0].message
+    return replace(fault, values=values)
 
 
 def _is_static(stream: Stream) -> bool:
@@ -114,20 +124,20 @@ def _stamps(stream: Stream, kind: Kind) -> Nanoseconds:
     return stream.header_ns if kind == "header" else stream.log_ns
 
 
-def _faults(streams: Sequence[Stream], kind: Kind) -> list[str]:
-    """What is wrong with the stamps of each topic, one sentence each."""
-    name = "header stamps" if kind == "header" else "receive times"
+def _faults(streams: Sequence[Stream], kind: Kind) -> list[Finding]:
+    """What is wrong with the stamps of each topic, one finding each."""
     found = {}
     for stream in streams:
         fault = _fault(_stamps(stream, kind))
-        if not fault and kind == "header":
+        if fault is None and kind == "header":
             fault = _step(stream)
-        if fault:
-            found[stream.topic] = f"{name} of {stream.topic} {fault}"
+        if fault is not None:
+            values = {"topic": stream.topic, "stamps": kind, **fault.values}
+            found[stream.topic] = replace(fault, values=values)
     return list(found.values())
 
 
-def _fault(stamps: Nanoseconds) -> str:
+def _fault(stamps: Nanoseconds) -> Finding | None:
     count = len(stamps)
     zeros = int(np.count_nonzero(stamps <= 0))
     steps = np.diff(stamps)
@@ -135,44 +145,47 @@ def _fault(stamps: Nanoseconds) -> str:
     backward = int(np.count_nonzero(steps < 0))
     enough = len(steps) > 1
     faults = (
-        (zeros == count, "are all zero"),
-        (zeros > max(1, _FEW * count), f"are zero in {zeros} of {count} messages"),
-        (enough and not steps.any(), "are all the same"),
+        (zeros == count, warning("stamps.all_zero")),
+        (
+            zeros > max(1, _FEW * count),
+            warning("stamps.some_zero", count=zeros, total=count),
+        ),
+        (enough and not steps.any(), warning("stamps.all_same")),
         (
             enough and forward < _FORWARD * len(steps),
-            f"advance in only {forward} of {len(steps)} steps",
+            warning("stamps.stand_still", count=forward, total=len(steps)),
         ),
         (
             enough and backward > _BACKWARD * len(steps),
-            f"run backwards in {backward} of {len(steps)} steps",
+            warning("stamps.backwards", count=backward, total=len(steps)),
         ),
     )
-    return next((says for is_so, says in faults if is_so), "") or _set_back(stamps)
+    return next((fault for is_so, fault in faults if is_so), None) or _set_back(stamps)
 
 
-def _set_back(stamps: Nanoseconds) -> str:
+def _set_back(stamps: Nanoseconds) -> Finding | None:
     """Whether a clock was set back and went on from there; a single stamp astray is no such."""
     far = -int(_FAR_BACK_S * _NS)
     if len(stamps) < 5 or not (np.diff(stamps) < far).any():
-        return ""
+        return None
     middle = np.median(np.lib.stride_tricks.sliding_window_view(stamps, 5), axis=1)
     steps = np.diff(middle)
     back = np.flatnonzero(steps < far)
     if not len(back):
-        return ""
+        return None
     first = int(back[0])
     raw = np.diff(stamps)[first : first + 5]
     size = -float(raw.min()) / _NS
     number = first + int(np.argmin(raw)) + 2
-    return f"are set back by {size:.3g} s at message {number} and run through it again"
+    return warning("stamps.set_back", seconds=size, number=number)
 
 
-def _step(stream: Stream) -> str:
+def _step(stream: Stream) -> Finding | None:
     """Whether header stamps step against the receive times and stay there."""
     size = max(len(stream) // _STEP_CHUNKS, _STEP_ROWS)
     chunks = len(stream) // size
     if chunks < 4 or (stream.log_ns <= 0).any():
-        return ""
+        return None
     apart = (stream.header_ns - stream.log_ns)[: chunks * size].reshape(chunks, size) / _NS
     level = np.median(apart, axis=1)
     splits = np.arange(2, chunks - 1)
@@ -182,12 +195,12 @@ def _step(stream: Stream) -> str:
     sides = (level[:k] - np.median(level[:k]), level[k:] - np.median(level[k:]))
     scatter = max(float(np.mean(np.abs(side))) for side in sides)
     if abs(by) < _STEP_S + _STEP_SCATTERS * scatter:
-        return ""
+        return None
     when = float(stream.log_ns[k * size] - stream.log_ns[0]) / _NS
-    return f"step by {by * 1e3:+.0f} ms against the receive times near {when:.0f} s"
+    return warning("stamps.step", milliseconds=by * 1e3, when=when)
 
 
-def _different_clocks(streams: Sequence[Stream]) -> list[str]:
+def _different_clocks(streams: Sequence[Stream]) -> list[Finding]:
     """Streams whose header stamps are on another clock than the rest.
 
     Receive times, all by one recorder, tell: header - receive is a delay, alike for all; and
@@ -202,22 +215,16 @@ def _different_clocks(streams: Sequence[Stream]) -> list[str]:
         usual = 1.0 if len(known) == 2 else float(np.median(known))
         odd = int(np.nanargmax(np.abs(np.log(rates / usual))))
         rest = float(np.nanmedian(np.delete(rates, odd)))
-        says = (
-            f"header stamps of {streams[odd].topic} advance at {rates[odd]:.3g} times the "
-            f"receive times, those of other topics at {rest:.3g} times"
-        )
-        return [says]
+        where = {"topic": streams[odd].topic, "stamps": "header"}
+        return [warning("stamps.other_pace", **where, rate=rates[odd], others=rest)]
     # Where simulated time is slow, offsets drift alike and say nothing about a difference.
     same_pace = not len(known) or abs(float(np.median(known)) - 1) < _MAX_RATE_SPREAD
     if spread > _MAX_OFFSET_S and same_pace:
         odd = int(np.argmax(np.abs(offsets - np.median(offsets))))
         if len(streams) == 2:
             odd = int(np.argmax(np.abs(offsets)))
-        says = (
-            f"header stamps of {streams[odd].topic} lie {spread:.4g} s apart from those of "
-            "other topics"
-        )
-        return [says]
+        where = {"topic": streams[odd].topic, "stamps": "header"}
+        return [warning("stamps.other_epoch", **where, seconds=spread)]
     return []
 
 

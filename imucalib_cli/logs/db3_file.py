@@ -11,6 +11,7 @@ from urllib.parse import quote
 import numpy as np
 
 from imucalib_cli.errors import InputError
+from imucalib_cli.findings import Finding, warning
 from imucalib_cli.logs.damage import DamageError, Tally
 from imucalib_cli.logs.db3_pages import Leaves, Rows, batches, find_leaves, read_leaves
 from imucalib_cli.logs.db3_salvage import salvage
@@ -48,7 +49,7 @@ class Db3File:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._file = path
-        self.losses: list[str] = []
+        self.losses: list[Finding] = []
         # mode=ro rather than immutable: a -wal left by a crash still counts.
         self._mode = "mode=ro"
         try:
@@ -74,10 +75,10 @@ class Db3File:
         # is read up to the first missing page.
         self._file = copy_with_page_count(self.path)
         self._mode = "mode=ro"
-        self.losses.append("the database is cut short or damaged: what can be read is used")
+        self.losses.append(warning("log.database_cut_short"))
         left = [each.name for each in beside if each.exists()]
         if left:
-            self.losses.append(f"{left[0]} does not fit what is left of it and is left out")
+            self.losses.append(warning("log.database_companion", name=left[0]))
         return self._channels()
 
     @contextlib.contextmanager
@@ -102,10 +103,7 @@ class Db3File:
             )
             left, total = pages_left_out(self._file)
             if left:
-                self.losses.append(
-                    f"its -wal is damaged or was cut off while it was written: {left} of its "
-                    f"{total} pages are left out"
-                )
+                self.losses.append(warning("log.database_wal", left=left, total=total))
         return channels
 
     def _listed(
@@ -117,7 +115,7 @@ class Db3File:
             "SELECT id, name, type, serialization_format FROM topics WHERE typeof(id) = 'integer'"
         ):
             if not all(isinstance(each, str) for each in (topic, type_name, encoding)):
-                self.losses.append(f"topic {number} is left out: its name or type is no text")
+                self.losses.append(warning("log.database_topic", number=number))
                 continue
             tally = tallies.get(number, Tally(start_ns=0))
             found.append(
@@ -176,13 +174,13 @@ class Db3File:
                         last = fetched[-1][0] if isinstance(fetched[-1][0], int) else last
                         yield len(fetched)
                 except BROKEN as error:
-                    self._lose(f"the database is damaged ({error}): what its pages hold is used")
+                    self._lose(warning("log.database_damaged", reason=str(error)))
                     within = None if leaves is None else leaves.only(start, stop)
                     for rows in salvage(file, within, (last, ids[1]), scratch):
                         yield _add_rows(rows, arrival, channels, sink)
                         arrival += len(rows.topic_ids)
 
-    def _lose(self, what: str) -> None:
+    def _lose(self, what: Finding) -> None:
         if what not in self.losses:
             self.losses.append(what)
 

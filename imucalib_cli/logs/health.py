@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from imucalib_cli.findings import Finding, warning, warnings
+
 if TYPE_CHECKING:
     from imucalib_cli.logs.streams import Floats, ImuStream, Nanoseconds
 
@@ -115,7 +117,12 @@ class UnitGuess:
     """99.9th percentile of the norm, in the unit of the log."""
     gyro_unit: Literal["rad/s", "deg/s"]
     """rad/s unless that would be beyond what gyroscopes measure."""
-    warnings: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The findings in words."""
+        return warnings(self.findings)
 
 
 def guess_units(stream: ImuStream, gravity: float = _G) -> UnitGuess:
@@ -149,23 +156,17 @@ def guess_units(stream: ImuStream, gravity: float = _G) -> UnitGuess:
     largest = float(np.percentile(np.linalg.norm(stream.gyro, axis=1), 99.9))
     accel_unit = _accel_unit(accel_norm, gravity)
     gyro_unit: Literal["rad/s", "deg/s"] = "deg/s" if largest > _MAX_RATE else "rad/s"
-    warnings = []
+    findings = []
+    rest = {"topic": stream.topic, "norm": accel_norm}
     if accel_unit in {"g", "mg"}:
-        warnings.append(
-            f"{stream.topic}: |accel| at rest is {accel_norm:.4g}, which looks like {accel_unit}; "
-            "sensor_msgs/Imu is in m/s²"
-        )
+        findings.append(warning("imu.accel_looks_like", **rest, unit=accel_unit))
     elif accel_unit == "m/s², no gravity":
-        warnings.append(
-            f"{stream.topic}: |accel| at rest is {accel_norm:.3g}: gravity is absent or was "
-            "removed (--gravity none)"
-        )
+        findings.append(warning("imu.accel_without_gravity", **rest))
     elif accel_unit == "unknown":
-        warnings.append(f"{stream.topic}: |accel| at rest is {accel_norm:.4g}, of no known unit")
+        findings.append(warning("imu.accel_of_no_unit", **rest))
     if gyro_unit == "deg/s":
-        warnings.append(
-            f"{stream.topic}: the gyroscope reaches {largest:.4g}, which looks like deg/s; "
-            "sensor_msgs/Imu is in rad/s"
+        findings.append(
+            warning("imu.gyro_looks_like", topic=stream.topic, largest=largest, unit=gyro_unit)
         )
     return UnitGuess(
         accel_at_rest=accel_norm,
@@ -173,7 +174,7 @@ def guess_units(stream: ImuStream, gravity: float = _G) -> UnitGuess:
         gyro_at_rest=gyro_norm,
         gyro_largest=largest,
         gyro_unit=gyro_unit,
-        warnings=tuple(warnings),
+        findings=tuple(findings),
     )
 
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from imucalib_cli.errors import ChoiceError, InputError
+from imucalib_cli.findings import Finding, warning, warnings
 from imucalib_cli.logs.messages import MESSAGE_TYPES
 from imucalib_cli.logs.recording import open_storages
 
@@ -59,8 +60,13 @@ class LogData:
     """One per set of joint names; none where no message could be used."""
     poses: dict[str, tuple[PoseStream, ...]] = field(default_factory=dict)
     """One per (parent, child)."""
-    losses: tuple[str, ...] = ()
-    """What was damaged, left out or is odd, one sentence each."""
+    findings: tuple[Finding, ...] = ()
+    """What was damaged, left out or is odd: of a ``file`` or of a ``topic``."""
+
+    @property
+    def losses(self) -> tuple[str, ...]:
+        """The findings in words."""
+        return warnings(self.findings)
 
 
 class Log:
@@ -77,15 +83,16 @@ class Log:
         self.topics = _topics(self._storages)
 
     @property
-    def losses(self) -> tuple[str, ...]:
-        """What was found damaged so far, one sentence each."""
+    def findings(self) -> tuple[Finding, ...]:
+        """What was found damaged so far."""
         told = []
         for storage in self._storages:
             losses = storage.losses[:_MOST_TOLD]
             more = len(storage.losses) - len(losses)
             if more:
-                losses.append(f"and {more} further losses")
-            told += [f"{storage.path}: {loss}" for loss in losses]
+                losses.append(warning("log.more_losses", count=more))
+            file = str(storage.path)
+            told += [replace(loss, values={"file": file, **loss.values}) for loss in losses]
         return tuple(told)
 
     def read(
@@ -127,7 +134,7 @@ class Log:
                     ) from error
             collector.next_file()
         data = self._nothing_of(wanted)
-        losses = [*self.losses, *_overlaps(self._storages)]
+        losses = [*self.findings, *_overlaps(self._storages)]
         for found in collector.finish():
             name = found.topic
             losses += self._shortfall(found)
@@ -144,10 +151,10 @@ class Log:
                     # Nothing forbids a topic with poses of two types.
                     data.poses[name] = data.poses.get(name, ()) + poses
             losses += lost
-        data.losses = tuple(losses)
+        data.findings = tuple(losses)
         return data
 
-    def _shortfall(self, found: TopicData) -> list[str]:
+    def _shortfall(self, found: TopicData) -> list[Finding]:
         """What an index promised, and what does not fit the topic's type."""
         losses = []
         listed = sum(
@@ -157,13 +164,19 @@ class Log:
         )
         if found.messages < listed:
             losses.append(
-                f"{found.topic}: only {found.messages} of the {listed} messages that the index "
-                "counts are there"
+                warning(
+                    "log.messages_missing", topic=found.topic, found=found.messages, listed=listed
+                )
             )
         if found.undecoded:
             losses.append(
-                f"{found.topic}: {found.undecoded} of {found.messages} messages do not fit "
-                f"{found.type} and are left out"
+                warning(
+                    "log.messages_undecoded",
+                    topic=found.topic,
+                    undecoded=found.undecoded,
+                    messages=found.messages,
+                    type=found.type,
+                )
             )
         return losses
 
@@ -250,7 +263,7 @@ def _see_after(storage: Storage, channel: Channel, other: Storage, before: Chann
         )
 
 
-def _overlaps(storages: Sequence[Storage]) -> tuple[str, ...]:
+def _overlaps(storages: Sequence[Storage]) -> tuple[Finding, ...]:
     """Files, by their start, that begin well before another ends, as parts of one do not."""
     filled = [each for each in storages if any(channel.count for channel in each.channels)]
     last: Storage | None = None
@@ -260,8 +273,12 @@ def _overlaps(storages: Sequence[Storage]) -> tuple[str, ...]:
             overlap = (_end_ns(last) - _start_ns(storage)) * 1e-9
             if overlap > _MAX_OVERLAP_S:
                 found.append(
-                    f"{last.path} and {storage.path} overlap by {overlap:.3g} s: if they are two "
-                    "recordings, run on each alone"
+                    warning(
+                        "log.files_overlap",
+                        first=str(last.path),
+                        second=str(storage.path),
+                        seconds=overlap,
+                    )
                 )
         if last is None or _end_ns(storage) > _end_ns(last):
             last = storage

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from imucalib_cli.findings import Finding
+
 HEAD_ROOM = 128
 """Bytes that hold a chunk's head, its compression's name included."""
 _INDEX_HEAD = struct.Struct("<BQHI")
@@ -53,7 +55,7 @@ class Contents:
 
     chunks: list[Chunk] = field(default_factory=list)
     catalogue: Catalogue = field(default_factory=Catalogue)
-    losses: list[str] = field(default_factory=list)
+    losses: list[Finding] = field(default_factory=list)
 
 
 def parse_chunk_index(body: memoryview) -> Chunk:

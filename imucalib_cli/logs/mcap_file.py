@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
 
+from imucalib_cli.findings import Finding, warning
 from imucalib_cli.logs.chunked import ChunkedFile
 from imucalib_cli.logs.damage import DamageError
 from imucalib_cli.logs.mcap_chunks import Chunk, Unpacker, read_message_index
@@ -34,7 +35,7 @@ cost more than reading, mostly over images nobody asked for."""
 class McapFile(ChunkedFile[Chunk]):
     """One MCAP file."""
 
-    def _open(self, file: BinaryIO) -> tuple[list[Chunk], tuple[Channel, ...], list[str]]:
+    def _open(self, file: BinaryIO) -> tuple[list[Chunk], tuple[Channel, ...], list[Finding]]:
         self._unpacker = Unpacker(self._size)
         try:
             contents = read_summary(file, self._size)
@@ -71,9 +72,9 @@ class McapFile(ChunkedFile[Chunk]):
         if index is None:
             found, sound = walk(inflated.upto(), Catalogue())
             if sound < inflated.claimed:
+                size = inflated.claimed
                 self._lose(
-                    f"a chunk at byte {chunk.start} is damaged inside: "
-                    f"{inflated.claimed - sound} of its {inflated.claimed} bytes are left out"
+                    warning("log.chunk_damaged", byte=chunk.start, lost=size - sound, size=size)
                 )
             index = {number: found[number] for number in channels if number in found}
         index = {number: offsets for number, offsets in index.items() if len(offsets)}

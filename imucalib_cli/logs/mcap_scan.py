@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
 
+from imucalib_cli.findings import warning
 from imucalib_cli.logs.damage import DamageError, Tally
 from imucalib_cli.logs.mcap_chunks import (
     HEAD_ROOM,
@@ -78,13 +79,10 @@ class _Scan:
                 self._end_run(at)
                 found = find_record(self._file, self._unsure, self._size)
                 if found is None:
-                    losses.append(
-                        f"the file is cut short or damaged at byte {at} of {self._size}: "
-                        "what stands before is used"
-                    )
+                    losses.append(warning("log.cut_short", what="file", byte=at, size=self._size))
                     break
                 if found > at:
-                    losses.append(f"bytes {at} to {found} are damaged and left out")
+                    losses.append(warning("log.bytes_damaged", start=at, end=found))
                 at, self._unsure = found, found + 1
         self._end_run(at)
         return self._contents
@@ -104,9 +102,7 @@ class _Scan:
             whole &= length == chunk.size - RECORD_HEAD.size + chunk.packed
             if not whole and chunk.compression in _PLAIN:
                 self._unsure = at + 1
-                self._contents.losses.append(
-                    f"a chunk at byte {at} is damaged or cut short: its messages are used unchecked"
-                )
+                self._contents.losses.append(warning("log.chunk_unchecked", byte=at))
                 return chunk.size  # its messages stand in the file as they are
             self._end_run(at)
             self._chunk(at, chunk)
@@ -127,9 +123,7 @@ class _Scan:
             self._file.seek(at + RECORD_HEAD.size)
             self._contents.catalogue.add(opcode, self._file.read(length))
         elif opcode not in LENGTHS and opcode < PRIVATE:
-            self._contents.losses.append(
-                f"a record of the unknown kind {opcode} at byte {at} is left out"
-            )
+            self._contents.losses.append(warning("log.record_unknown", kind=opcode, byte=at))
         return RECORD_HEAD.size + length
 
     def _see_end(self, at: int) -> None:
@@ -154,20 +148,18 @@ class _Scan:
         try:
             inflated, checksum = self._unpacker.unpack(self._file, chunk)
         except (DamageError, ValueError) as error:
-            losses.append(f"a chunk at byte {start} is left out: {error}")
+            losses.append(warning("log.chunk_unreadable", byte=start, reason=str(error)))
             return
         data = inflated.upto()
         if inflated.complete and checksum and zlib.crc32(data.data) != checksum:
-            losses.append(f"a chunk at byte {start} is left out: its checksum is wrong")
+            losses.append(warning("log.chunk_checksum", byte=start))
             return
         chunk.index, sound = walk(data, self._contents.catalogue)
         if not inflated.complete:
-            losses.append(f"a chunk at byte {start} is used as far as it can be unpacked")
+            losses.append(warning("log.chunk_partly_unpacked", byte=start))
         elif sound < len(data):
-            losses.append(
-                f"a chunk at byte {start} is damaged inside: {len(data) - sound} of its "
-                f"{len(data)} bytes are left out"
-            )
+            lost = len(data) - sound
+            losses.append(warning("log.chunk_damaged", byte=start, lost=lost, size=len(data)))
         self._add(chunk, data)
 
     def _add(self, chunk: Chunk, data: Bytes) -> None:

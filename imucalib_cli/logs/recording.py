@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from imucalib_cli.errors import ChoiceError, InputError
+from imucalib_cli.findings import warning
 
 if TYPE_CHECKING:
     from imucalib_cli.logs.storage import Storage
@@ -100,7 +101,7 @@ def _open_file(path: Path, head: bytes) -> Storage:
             raise InputError(f"{path} is compressed twice: unpack it with zstd -d")
         storage = _open_file(unpacked, head)
         storage.path = path
-        if loss:
+        if loss is not None:
             storage.losses.append(loss)
         return storage
     if not head:
@@ -115,7 +116,7 @@ def _open_folder(folder: Path) -> list[Storage]:
     if not found:
         raise InputError(f"{folder} holds no log: expected {_KNOWN}")
     storages: list[Storage] = []
-    losses = [f"{each.name} is named in metadata.yaml but is not there" for each in missing]
+    losses = [warning("log.part_missing", name=each.name) for each in missing]
     unusable: list[InputError] = []
     for path in found:
         if path in missing:
@@ -124,7 +125,7 @@ def _open_folder(folder: Path) -> list[Storage]:
             storages.append(_open_file(path, _head(path)))
         except InputError as error:  # what a crash left of the last part costs only that part
             unusable.append(error)
-            losses.append(f"left out: {error}")
+            losses.append(warning("log.part_unusable", reason=str(error)))
     if not storages:
         raise unusable[0]
     storages[0].losses += losses

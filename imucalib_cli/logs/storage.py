@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from imucalib_cli.findings import Finding
     from imucalib_cli.logs.streams import Nanoseconds
 
 Bytes = NDArray[np.uint8]
@@ -56,8 +57,8 @@ class Storage(Protocol):
 
     path: Path
     channels: tuple[Channel, ...]
-    losses: list[str]
-    """What was found damaged so far, one sentence each."""
+    losses: list[Finding]
+    """What was found damaged so far; who opened the file adds its name."""
 
     def read(self, wanted: Collection[int], sink: Sink, progress: Progress) -> None:
         """Give the sink all messages of the wanted channels, in one pass."""

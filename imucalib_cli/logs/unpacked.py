@@ -9,24 +9,25 @@ import tempfile
 from pathlib import Path
 
 from imucalib_cli.errors import InputError
+from imucalib_cli.findings import Finding, warning
 
 _STEP = 1 << 20
 _MOST_RATIO, _ALWAYS = 1000, 1 << 28
 """A file that unpacks to more than so many times its size, and bytes, is no log but a bomb."""
 
 
-def unpack(path: Path) -> tuple[Path, str]:
+def unpack(path: Path) -> tuple[Path, Finding | None]:
     """Unpack a zstd file into a temporary one, which is removed when the process ends.
 
     Returns:
-        The temporary file, and a sentence on what was lost or an empty one.
+        The temporary file, and what was lost, if anything.
 
     Raises:
         InputError: Nothing of it can be unpacked, or the disk is full.
     """
     import zstandard
 
-    loss = ""
+    loss = None
     target = _temporary(path.with_suffix("").suffix)
     with target.open("wb") as out, path.open("rb") as packed:
         reader = zstandard.ZstdDecompressor().stream_reader(packed, read_across_frames=True)
@@ -35,10 +36,10 @@ def unpack(path: Path) -> tuple[Path, str]:
             while data := reader.read(_STEP):
                 out.write(data)
                 if out.tell() > most:
-                    loss = f"it unpacks to over {_MOST_RATIO} times its size, which no log does"
+                    loss = warning("log.unpacks_too_large", ratio=_MOST_RATIO)
                     break
         except zstandard.ZstdError as error:
-            loss = f"its compression is damaged ({error}): what stands before is used"
+            loss = warning("log.compression_damaged", reason=str(error))
         except OSError as error:
             target.unlink()  # it may fill the disk
             raise InputError(

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from imucalib_cli.findings import status
 from imucalib_cli.robot.rotations import rotation_angle
 
 if TYPE_CHECKING:
@@ -106,7 +107,7 @@ class Calibration:
 
     @property
     def status(self) -> Literal["ok", "untrusted"]:
-        """Whether the pose may be used as it stands."""
+        """Whether the pose may be used as it stands: nothing unobservable, no grave finding."""
         return "ok" if self.estimate.trusted else "untrusted"
 
     @property
@@ -131,7 +132,7 @@ class Calibration:
         where the result is contradicted besides.
         """
         covariance, unknown = self.estimate.covariance, self.estimate.unobservable
-        if covariance is None or not unknown or self.estimate.distrust:
+        if covariance is None or not unknown or status(self.estimate.findings) != "ok":
             return ()
         found: list[KnownDirection] = []
         kinds: tuple[tuple[Literal["translation", "rotation"], slice], ...] = (

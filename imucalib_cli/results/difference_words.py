@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from imucalib_cli.results.digits import decimals, figures, with_std
+from imucalib_cli.digits import decimals, figures, with_std
 
 if TYPE_CHECKING:
     from imucalib_cli.results.calibration import Tolerance

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
     from imucalib_cli.estimate.estimate import Consistency, Residuals, UnobservableDirection
     from imucalib_cli.estimate.imu_check import ImuCheck, SensorCheck
+    from imucalib_cli.findings import Finding, Value
 
 Document = dict[str, Any]
 
@@ -104,6 +105,7 @@ def _diagnostics(calibration: Calibration) -> Document:
             }
             for direction in calibration.known_directions
         ],
+        "findings": [finding_entry(finding) for finding in estimate.findings],
         "distrust": [str(reason) for reason in estimate.distrust],
         "warnings": [str(warning) for warning in estimate.warnings],
         "sigma_source": estimate.sigma_source,
@@ -130,6 +132,20 @@ def _diagnostics(calibration: Calibration) -> Document:
         "gaps": int(residuals.gaps),
         "notes": {name: _scalar(value) for name, value in estimate.notes.items()},
     }
+
+
+def finding_entry(finding: Finding) -> Document:
+    """A finding: what decisions rest on, and the words."""
+    return {
+        "code": finding.code,
+        "severity": finding.severity.value,
+        "values": {name: _value(value) for name, value in finding.values.items()},
+        "message": str(finding.message),
+    }
+
+
+def _value(value: Value) -> Any:
+    return [_value(each) for each in value] if isinstance(value, tuple) else _scalar(value)
 
 
 def _normalised(residuals: Residuals) -> Document | None:
@@ -242,7 +258,9 @@ def number(value: float | None) -> float | None:
 
 def _scalar(value: object) -> float | int | str | bool | None:
     """Notes and options may hold numpy scalars and infinities; a document may not."""
-    if value is None or isinstance(value, (str, bool, int)):
+    if isinstance(value, str):
+        return str(value)
+    if value is None or isinstance(value, (bool, int)):
         return value
     if isinstance(value, np.bool_):
         return bool(value)

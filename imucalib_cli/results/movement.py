@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
+from imucalib_cli.digits import figures
+from imucalib_cli.findings import Finding, warning, warnings
 from imucalib_cli.results.difference import Difference, Significance, difference
 from imucalib_cli.results.difference_words import both_words, farthest_words, tolerance_words
-from imucalib_cli.results.digits import figures
 from imucalib_cli.results.summary import unobservable_lines
 from imucalib_cli.results.verification import exceeds, grave_doubts
 
@@ -45,7 +46,12 @@ class Comparison:
     """Of all that is known in both; None where nothing is."""
     first: Side
     second: Side
-    warnings: tuple[str, ...]
+    findings: tuple[Finding, ...]
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The findings in words."""
+        return warnings(self.findings)
 
 
 def compare(
@@ -99,7 +105,7 @@ def compare(
         significance=test,
         first=first,
         second=second,
-        warnings=_warnings(first, second),
+        findings=_findings(first, second),
     )
 
 
@@ -156,15 +162,11 @@ def _too_wide(apart: Difference, within: Tolerance | None) -> str:
     return f"within two sigma it is up to {most}{asked}: record longer or livelier motion"
 
 
-def _warnings(first: Side, second: Side) -> tuple[str, ...]:
+def _findings(first: Side, second: Side) -> tuple[Finding, ...]:
     """What sigma cannot know of two results."""
     one, other = (
         {file.sha256 for file in side.calibration.provenance.files} for side in (first, second)
     )
     if not one & other:
         return ()
-    sentence = (
-        f"{first.name} and {second.name} were computed from the same log: their errors are not "
-        "independent, so the sigma of their difference is not true"
-    )
-    return (sentence,)
+    return (warning("diff.same_log", first=first.name, second=second.name),)

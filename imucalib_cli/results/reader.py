@@ -21,6 +21,17 @@ from imucalib_cli.estimate.estimate import (
     Window,
 )
 from imucalib_cli.estimate.imu_check import ImuCheck, SensorCheck
+from imucalib_cli.findings import (
+    TEXT,
+    Finding,
+    Severity,
+    Value,
+    reasons,
+    texts,
+    untrusted,
+    warnings,
+)
+from imucalib_cli.messages import MESSAGES
 from imucalib_cli.results.calibration import (
     SCHEMA,
     Calibration,
@@ -38,6 +49,9 @@ from imucalib_cli.robot.rotations import (
 Floats = NDArray[np.float64]
 FARTHEST = 100.0
 """m; no IMU sits farther from the frame that carries it."""
+_OLD_REQUIREMENT = "--require asks for "
+"""How the reasons of --require begin in results that were written without codes."""
+_NOT_FINITE = frozenset({"nan", "inf", "-inf"})
 ROTATIONS_AGREE = 1e-6
 """rad between the quaternion and the angles of one rotation."""
 
@@ -151,11 +165,55 @@ def _estimate(root: Node) -> Estimate:
         corrections=_corrections(diagnostics),
         consistency=_consistency(diagnostics),
         sigma_source="segments" if source == "segments" else "noise",
-        distrust=diagnostics.texts("distrust"),
-        warnings=diagnostics.texts("warnings"),
+        findings=_findings(diagnostics),
         imu_check=_imu_check(diagnostics),
         notes=dict(diagnostics.child("notes").content),
     )
+
+
+def _findings(diagnostics: Node) -> tuple[Finding, ...]:
+    """What was found out; of a result written before there were codes, its sentences."""
+    told, reminded = diagnostics.texts("distrust"), diagnostics.texts("warnings")
+    if "findings" not in diagnostics.content:
+        return (*map(_uncoded, told), *texts(Severity.WARNING, reminded))
+    found = tuple(_finding(node) for node in diagnostics.children("findings"))
+    if (len(reasons(found)), len(warnings(found))) != (len(told), len(reminded)):
+        diagnostics.fail("are not those of distrust and warnings: edit both or neither", "findings")
+    return found
+
+
+def _finding(node: Node) -> Finding:
+    severity = Severity(node.choice("severity", *(each.value for each in Severity)))
+    code, message = node.of("code", str), node.of("message", str)
+    values = {str(name): _value(node, value) for name, value in node.of("values", dict).items()}
+    if code not in MESSAGES:  # of a later version, which has words for it
+        return texts(severity, [message])[0]
+    finding = Finding(code=code, severity=severity, values=values)
+    try:
+        finding.message.encode()
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError):
+        node.fail(f"are not those of a finding of code {code}", "values")
+    return finding
+
+
+def _value(node: Node, value: object) -> Value:
+    """A stored value; numbers that are not finite are stored as text."""
+    if isinstance(value, list):
+        return tuple(_value(node, each) for each in value)
+    if isinstance(value, str) and value in _NOT_FINITE:
+        return float(value)
+    if value is None or isinstance(value, (bool, int, float, str)):
+        return value
+    return node.fail("should hold numbers, texts and lists of them", "values")
+
+
+def _uncoded(reason: str) -> Finding:
+    """A stored reason without a code: the one place where a sentence is looked at.
+
+    A result that misses --require is not wrong, and must still answer `verify` and `diff`.
+    """
+    required = reason.startswith(_OLD_REQUIREMENT)
+    return untrusted("require.text" if required else TEXT, text=reason)
 
 
 def _corrections(diagnostics: Node) -> tuple[Correction, ...]:

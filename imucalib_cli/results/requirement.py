@@ -8,15 +8,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from imucalib_cli.results.digits import figures
+from imucalib_cli.findings import Finding, untrusted
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from imucalib_cli.results.calibration import Calibration, Tolerance
 
-MARK = "--require asks for "
-"""How every sentence of this file begins: it says that sigma is large, not that it is wrong."""
+CODES = frozenset({"require.sigma", "require.no_sigma", "require.text"})
+"""Of findings that say that sigma is large, not that it is wrong; the last one is of a stored
+result that was written without codes."""
 _WORTH_RECORDING = 100.0
 """Times as long: beyond that a longer log is no advice."""
 
@@ -26,67 +25,54 @@ def require(calibration: Calibration, tolerance: Tolerance) -> Calibration:
 
     A method that states no covariance cannot meet a requirement, so it is distrusted too.
     """
-    reason = _shortfall(calibration, tolerance)
-    if reason is None:
+    shortfall = _shortfall(calibration, tolerance)
+    if shortfall is None:
         return calibration
     estimate = calibration.estimate
-    return replace(calibration, estimate=replace(estimate, distrust=(*estimate.distrust, reason)))
+    return replace(
+        calibration, estimate=replace(estimate, findings=(*estimate.findings, shortfall))
+    )
 
 
-def _shortfall(calibration: Calibration, tolerance: Tolerance) -> str | None:
-    """One sentence with what was asked, what was reached and what would help; None if met."""
+def _shortfall(calibration: Calibration, tolerance: Tolerance) -> Finding | None:
+    """What was asked, what was reached and what would help; None if the requirement is met."""
     translation, rotation = calibration.translation_std, calibration.rotation_std
     if translation is None or rotation is None:
-        asked = " and ".join(
-            text
-            for text, bound in (
-                (f"{tolerance.translation * 1e3:.6g} mm", tolerance.translation),
-                (f"{math.degrees(tolerance.rotation):.6g} deg", tolerance.rotation),
-            )
-            if math.isfinite(bound)
+        return untrusted(
+            "require.no_sigma",
+            translation=_finite(tolerance.translation),
+            rotation=_finite(tolerance.rotation),
+            method=calibration.estimate.method,
         )
-        return (
-            f"{MARK}{asked}, and --method {calibration.estimate.method} states no sigma to show "
-            "it: use --method matched"
-        )
-    parts = [
-        (translation * 1e3, tolerance.translation * 1e3, "mm", "along"),
-        (np.degrees(rotation), math.degrees(tolerance.rotation), "deg", "about"),
-    ]
-    said, excess = [], 1.0
-    for std, bound, unit, where in parts:
+    missed: dict[str, float | str] = {}
+    excess = 1.0
+    for kind, std, bound in (
+        ("translation", translation, tolerance.translation),
+        ("rotation", rotation, tolerance.rotation),
+    ):
         # negated comparison, so that a sigma that is not a number does not pass
         if not float(np.max(std)) <= bound:
             axis = int(np.argmax(np.nan_to_num(std, nan=np.inf)))
             worst = float(std[axis])
-            place = f"{where} {'xyz'[axis]} of {calibration.parent}"
-            said.append(
-                f"{bound:.6g} {unit}, the largest sigma is {_figures(std, axis, bound)} "
-                f"{unit} {place}"
-            )
+            missed |= {kind: bound, f"{kind}_sigma": worst, f"{kind}_axis": "xyz"[axis]}
             excess = max(excess, worst / bound if math.isfinite(worst) else math.inf)
-    return f"{MARK}{'; and for '.join(said)}: {_remedy(calibration, excess)}" if said else None
+    if not missed:
+        return None
+    remedy, longer = _remedy(calibration, excess)
+    return untrusted(
+        "require.sigma", parent=calibration.parent, remedy=remedy, longer=longer, **missed
+    )
 
 
-def _figures(std: NDArray[np.float64], axis: int, bound: float) -> str:
-    """Sigma to as many figures as tell it from the bound."""
-    value = float(std[axis])
-    texts = (figures(value, count) for count in range(3, 12))
-    return next((text for text in texts if text != figures(bound, 11)), repr(value))
+def _finite(bound: float) -> float | None:
+    return bound if math.isfinite(bound) else None
 
 
-def _remedy(calibration: Calibration, excess: float) -> str:
+def _remedy(calibration: Calibration, excess: float) -> tuple[str, float | None]:
+    """Which remedy helps, and how many times as long a log must be where that is one."""
     if calibration.estimate.unobservable:
-        return "record the motion that determines it"
+        return "motion", None
     if calibration.estimate.sigma_source == "segments":
-        return (
-            "the robot model or the mount, not noise, sets it, so correct the URDF's lengths and "
-            "joint zeros or tighten the mount; more of the same motion will not help"
-        )
+        return "model", None
     longer = excess**2
-    if longer <= _WORTH_RECORDING:
-        return (
-            f"record about {figures(max(longer, 1.1), 2)} times as long (sigma falls with the "
-            "root of the duration), or livelier motion"
-        )
-    return "record livelier motion (faster turns about several axes) and more of it"
+    return ("longer", max(longer, 1.1)) if longer <= _WORTH_RECORDING else ("livelier", None)

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from imucalib_cli.digits import figures
 from imucalib_cli.errors import ChoiceError
+from imucalib_cli.findings import Finding, warning, warnings
 from imucalib_cli.results.difference import Difference, difference
 from imucalib_cli.results.difference_words import both_words, sigmas_words
-from imucalib_cli.results.digits import figures
 from imucalib_cli.results.pose_error import PoseError, pose_error
 from imucalib_cli.results.uncertain_pose import UncertainPose, fixed_transform, pose_of
 
@@ -79,7 +80,12 @@ class SideBySide:
     """Kalibr's less ours in the parent's frame. Its covariance is ours alone: Kalibr's file has
     none."""
     truth: TruePose | None
-    warnings: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The findings in words."""
+        return warnings(self.findings)
 
     @property
     def times(self) -> TimeShifts | None:
@@ -173,22 +179,17 @@ def side_by_side(
         nominal=None if drawn is None else opinion(drawn, None),
         difference=apart,
         truth=truth,
-        warnings=_warnings(apart, camera_link, robot),
+        findings=_findings(apart, camera_link, robot),
     )
 
 
-def _warnings(apart: Difference, camera_link: str, robot: Robot) -> tuple[str, ...]:
+def _findings(apart: Difference, camera_link: str, robot: Robot) -> tuple[Finding, ...]:
     """What makes it likely that a frame was taken for another."""
     known = [part for part in apart.parts if not len(part.unknown)]
     if not any(part.norm > _FAR[part.kind] for part in known):
         return ()
     others = [link for link in robot.links if link.endswith(OPTICAL) and link != camera_link]
-    remedy = f" --camera-link takes another: {', '.join(others)}" if others else ""
-    said = (
-        "the poses are farther apart than two calibrations of one mount are: is "
-        f"{camera_link} the camera's optical frame (z forward, x right, y down)?{remedy}"
-    )
-    return (said,)
+    return (warning("compare.frames_far", camera_link=camera_link, others=others),)
 
 
 def _exact(found: UncertainPose, pose: Pose) -> UncertainPose:

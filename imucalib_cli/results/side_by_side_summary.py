@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from imucalib_cli.digits import figures
 from imucalib_cli.results.difference_words import both_words, sigmas_words, vector_words
-from imucalib_cli.results.digits import figures
 from imucalib_cli.results.side_by_side import camera_clock_words, error_words
 from imucalib_cli.robot.rotations import rpy_from_matrix
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from imucalib_cli.digits import figures, sigma, with_std
 from imucalib_cli.results.calibration import Calibration, KnownDirection, distance_to
-from imucalib_cli.results.digits import figures, sigma, with_std
 from imucalib_cli.robot.rotations import quaternion_from_matrix, rotvec_from_matrix, rpy_from_matrix
 
 if TYPE_CHECKING:

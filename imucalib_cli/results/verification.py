@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from imucalib_cli.findings import Severity
 from imucalib_cli.results.calibration import Tolerance
 from imucalib_cli.results.difference import SIGMAS, Difference, Part, difference
 from imucalib_cli.results.difference_words import (
@@ -19,7 +20,7 @@ from imucalib_cli.results.difference_words import (
     tolerance_words,
     vector_words,
 )
-from imucalib_cli.results.requirement import MARK
+from imucalib_cli.results.requirement import CODES
 from imucalib_cli.results.summary import unobservable_lines
 from imucalib_cli.results.uncertain_pose import UncertainPose, pose_of
 
@@ -121,9 +122,9 @@ def grave_doubts(calibration: Calibration) -> list[str]:
     someone required: both are in the covariance.
     """
     return [
-        f"the result contradicts itself or its model: {reason}"
-        for reason in calibration.estimate.distrust
-        if not reason.startswith(MARK)
+        f"the result contradicts itself or its model: {finding.message}"
+        for finding in calibration.estimate.findings
+        if finding.severity is Severity.UNTRUSTED and finding.code not in CODES
     ]
 
 

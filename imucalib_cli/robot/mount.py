@@ -53,7 +53,8 @@ def find_mount(
             raise ChoiceError(
                 f"the IMU's {said}: name the link the IMU is bolted to with --parent, one of: "
                 f"{', '.join(robot.links)}; or, if the IMU itself is among these, name it with "
-                "--imu-link"
+                "--imu-link",
+                option="--parent",
             )
         return Mount(
             parent=parent, child=frame or "imu", R_nominal=None, t_nominal=None, joint_name=None

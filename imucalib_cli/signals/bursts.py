@@ -11,6 +11,7 @@ How long the shortest delay is nobody can tell from the stamps; it ends up in th
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,6 +65,27 @@ _MOST_BINS = 1 << 25
 """An hour at 1 kHz."""
 
 
+_RATE_SPAN = 64
+"""Samples over which a rate is looked at when it may change within the log."""
+_RATE_FILTER = 5
+"""Spans of whose rates the middle one counts: a hole or a hiccup fills one or two."""
+_OTHER_RATE = 1.2
+"""Ratio of two rates that are different: settings of a driver differ by more."""
+_RATE_SPANS = 3
+_RATE_SECONDS = 1.0
+"""Least length of a stretch with a rate of its own: a queue is emptied in less."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stretch:
+    """A part of a log in which a stream keeps one rate."""
+
+    start: float
+    """s, stamp of its first sample."""
+    rate: float
+    """Hz."""
+
+
 @dataclass(frozen=True, eq=False)
 class Spread:
     """When the samples of a bunched stream were taken, up to a constant."""
@@ -98,10 +120,12 @@ def spread_bursts(t: Floats, values: Floats) -> Spread | None:
         values: (N, C), which tell whether samples are evenly spaced.
 
     Returns:
-        None where stamps are not bunched, or the values say that samples were taken when they
-        were stamped.
+        None where stamps are not bunched, or the rate changes from one even stretch to another,
+        or the values say that samples were taken when they were stamped.
     """
     if bunched_share(t) < _BUNCHED or float(np.mean(np.diff(t) < 0)) > 0.01:
+        return None
+    if rate_stretches(t):
         return None
     t = np.maximum.accumulate(t)
     period = _usual_period(t)
@@ -118,6 +142,45 @@ def spread_bursts(t: Floats, values: Floats) -> Spread | None:
         found = _better(found, _straight(t, units, period))
     found = _better(found, _with_losses(t, units, period))
     return found if found is not None else _followed(t, units, period)
+
+
+def rate_stretches(t: Floats) -> tuple[Stretch, ...]:
+    """Stretches of different rates, within each of which the stamps are even.
+
+    Args:
+        t: (N,), s, finite, in the order of the messages.
+
+    Returns:
+        At least two, in order; empty where the rate does not change, or the stamps of a stretch
+        come in bursts.
+    """
+    t = np.maximum.accumulate(t)
+    periods = np.diff(t[::_RATE_SPAN]) / _RATE_SPAN
+    if len(periods) < 2 * _RATE_SPANS or periods.min() <= 0.0:
+        return ()
+    padded = np.pad(periods, _RATE_FILTER // 2, mode="edge")
+    level = np.log(
+        np.median(np.lib.stride_tricks.sliding_window_view(padded, _RATE_FILTER), axis=1)
+    )
+    other = float(np.log(_OTHER_RATE))
+    starts = [0]
+    for k in range(1, len(level) - _RATE_SPANS + 1):
+        here, ahead = np.median(level[starts[-1] : k]), level[k : k + _RATE_SPANS]
+        if np.abs(ahead - here).min() > other and np.ptp(ahead) < other:
+            starts.append(k)
+    bounds = [*(k * _RATE_SPAN for k in starts), len(t)]
+    found: list[Stretch] = []
+    for first, end in pairwise(bounds):
+        steps = np.diff(t[first:end])
+        period = float(np.median(steps))
+        short = float(np.mean(steps < _SHORT * float(np.mean(steps))))
+        if period <= 0.0 or short > _BUNCHED or t[end - 1] - t[first] < _RATE_SECONDS:
+            return ()
+        # Lost messages make the mean interval longer and leave the usual one.
+        if found and abs(np.log(period * found[-1].rate)) < other:
+            continue
+        found.append(Stretch(start=float(t[first]), rate=1.0 / period))
+    return tuple(found) if len(found) > 1 else ()
 
 
 def _better(plain: Spread | None, other: Spread | None) -> Spread | None:

@@ -25,8 +25,15 @@ class Lag:
     """The best shift is the last one searched: the true one may lie beyond."""
 
 
+_LEAST_OVERLAP = 0.5
+"""Share of the shorter series that must overlap: the correlation of less is high by chance."""
+
+
 def best_lag(reference: Floats, series: Floats, usable: NDArray[np.bool_], most: int) -> Lag | None:
     """Find k such that series[i + k] matches reference[i], by normalised cross-correlation.
+
+    Only shifts count at which at least half of the usable samples of the shorter series meet
+    usable samples of the other.
 
     Args:
         reference: (N,).
@@ -35,7 +42,7 @@ def best_lag(reference: Floats, series: Floats, usable: NDArray[np.bool_], most:
         most: Largest |k| searched.
 
     Returns:
-        None where either series is constant.
+        None where either series is constant, or no shift lets them overlap so far.
     """
     most = min(most, len(reference) - 2)
     size = 1 << int(np.ceil(np.log2(len(reference) + most + 1)))
@@ -53,22 +60,29 @@ def best_lag(reference: Floats, series: Floats, usable: NDArray[np.bool_], most:
     if scale <= 0.0 or not np.isfinite(scale):
         return None
     score = correlate(a, b) / np.sqrt(np.maximum(energy, 1e-6 * scale))
+    least = _LEAST_OVERLAP * min(mask_a.sum(), mask_b.sum())
+    enough = np.flatnonzero(correlate(mask_a, mask_b) >= least - 0.5)  # counts, but for rounding
+    if not len(enough):
+        return None
+    searched = np.full(len(score), -np.inf)
+    searched[enough] = score[enough]
+    score = searched
     peak = int(np.argmax(score))
     inner = np.flatnonzero((score[1:-1] >= score[:-2]) & (score[1:-1] >= score[2:])) + 1
-    others = inner[inner != peak]
+    others = inner[(inner != peak) & np.isfinite(score[inner])]
     runner_up = float(np.max(score[others], initial=-1.0))
     return Lag(
         samples=peak - most,
         between=_top(score[max(peak - 1, 0) : peak + 2]),
         correlation=float(score[peak]),
         runner_up=runner_up,
-        at_edge=peak in (0, 2 * most),
+        at_edge=peak in (enough[0], enough[-1]),
     )
 
 
 def _top(three: Floats) -> float:
     """Top of the parabola through three even samples, from the middle one."""
-    if len(three) < 3:
+    if len(three) < 3 or not np.isfinite(three).all():
         return 0.0
     bend = three[0] - 2.0 * three[1] + three[2]
     return float(np.clip(0.5 * (three[0] - three[2]) / bend, -0.5, 0.5)) if bend < 0.0 else 0.0

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.signals.lag import best_lag
+from imucalib_cli.signals.spikes import MAD_TO_STD
 
 if TYPE_CHECKING:
     from imucalib_cli.signals.trajectory import Trajectory
@@ -32,6 +33,8 @@ STILL = 0.005
 """rad/s by the kinematics: not turning."""
 _LEAST_BINS = 20
 _LEAST_STILL = 5
+_MEDIAN_OVER_MEAN = float(np.sqrt(np.pi / 2.0))
+"""Standard deviation of a median over that of a mean, of many normal values."""
 _HOLES = 3.0
 """A bin with a hole of so many intervals has no mean rate."""
 _MOST_BINS, _MOST_EMPTY = 1_000_000, 20
@@ -60,12 +63,35 @@ class Turning:
     @property
     def ratio(self) -> float | None:
         """Measured over derived where the link turns plainly; None where it hardly does."""
+        ratios = self._ratios()
+        return None if ratios is None else float(np.median(ratios))
+
+    @property
+    def ratio_scatter(self) -> float:
+        """Standard deviation of a bin's ratio over the ratio, by its median; 0.0 where none is."""
+        ratios = self._ratios()
+        if ratios is None:
+            return 0.0
+        middle = float(np.median(ratios))
+        return MAD_TO_STD * float(np.median(np.abs(ratios - middle))) / max(middle, 1e-300)
+
+    @property
+    def ratio_std(self) -> float:
+        """Standard deviation of the ratio, of bins that err independently; 0.0 where none is."""
+        ratios = self._ratios()
+        if ratios is None:
+            return 0.0
+        middle = float(np.median(ratios))
+        return _MEDIAN_OVER_MEAN * self.ratio_scatter * middle / float(np.sqrt(len(ratios)))
+
+    def _ratios(self) -> Floats | None:
+        """Measured over derived in the faster half of the bins in which the link turns plainly."""
         both = np.isfinite(self.derived) & np.isfinite(self.measured)
         fast = both & (self.derived > TURNING)
         if fast.sum() < _LEAST_BINS:
             return None
         fast &= self.derived >= np.median(self.derived[fast])
-        return float(np.median(self.measured[fast] / self.derived[fast]))
+        return np.asarray(self.measured[fast] / self.derived[fast])
 
     def scaled(self, factor: float) -> Turning:
         """The same with the IMU's rates in another unit."""

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from imucalib_cli.cli.main import main
+from imucalib_cli.findings import Severity, texts
 from imucalib_cli.results.document import to_document
 from imucalib_cli.results.text import to_yaml
 from tests.cli.test_cli_diff import make
@@ -64,7 +65,7 @@ def test_every_imu_is_applied_and_told(apply: Any, capsys: pytest.CaptureFixture
 def test_one_that_is_untrusted_does_not_keep_the_other_back(
     apply: Any, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    pair = [imu("left"), imu("right", distrust=("it wobbles",))]
+    pair = [imu("left"), imu("right", findings=texts(Severity.UNTRUSTED, ["it wobbles"]))]
     assert apply(pair) == 3
     out, err = capsys.readouterr()
     assert out == URDF.replace('<origin xyz="0.1 0.2 0.303" rpy="0 0 0"/>', MOVED)

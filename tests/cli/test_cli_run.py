@@ -20,6 +20,7 @@ from imucalib_cli.estimate.estimate import (
     Window,
 )
 from imucalib_cli.estimate.options import MatchedOptions, PaperOptions
+from imucalib_cli.findings import Severity, texts
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -47,7 +48,7 @@ ESTIMATE = Estimate(
         samples_replaced=0,
         gaps=0,
     ),
-    warnings=("the moon is full",),
+    findings=texts(Severity.WARNING, ["the moon is full"]),
 )
 SIDEWAYS = UnobservableDirection(
     kind="translation", direction_parent=np.array([0.0, 1.0, 0.0]), std=None, motion="roll"
@@ -223,7 +224,9 @@ def test_untrusted_pose_is_refused_unless_forced(
     arm_urdf: Path,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    estimator.estimate = replace(ESTIMATE, distrust=("it contradicts itself",))
+    estimator.estimate = replace(
+        ESTIMATE, findings=texts(Severity.UNTRUSTED, ["it contradicts itself"])
+    )
     assert run(arm_log, "--urdf", arm_urdf, "--format", fmt) == 3
     out, err = capsys.readouterr()
     assert out == ""

@@ -16,6 +16,7 @@ import yaml
 from scipy.spatial.transform import Rotation
 
 from imucalib_cli.cli.main import main
+from imucalib_cli.findings import Severity, texts
 from tests.cli.test_cli_run import ESTIMATE, SIDEWAYS, Estimator
 
 if TYPE_CHECKING:
@@ -128,7 +129,7 @@ def test_an_unobservable_direction_cannot_tell_unless_the_rest_says_no(
     assert document["found"]["status"] == "untrusted"
     assert verify(arm_log, "--urdf", arm_urdf) == 4
     capsys.readouterr()
-    estimator.estimate = replace(ESTIMATE, distrust=("it wobbles",))
+    estimator.estimate = replace(ESTIMATE, findings=texts(Severity.UNTRUSTED, ["it wobbles"]))
     assert verify(arm_log, "--urdf", arm_urdf) == 3
     assert "contradicts itself or its model: it wobbles" in capsys.readouterr().err
 

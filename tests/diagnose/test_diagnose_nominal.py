@@ -36,8 +36,10 @@ def found() -> Estimate:
 
 def test_the_inverse_is_named_with_both_distances() -> None:
     told_R, told_t = R.T, -R.T @ (T + np.array([0.002, 0.0, 0.001]))
-    sentence = inverted_nominal(found(), told_R, told_t, "imu_joint")
-    assert sentence is not None
+    inverted = inverted_nominal(found(), told_R, told_t, "imu_joint")
+    assert inverted is not None
+    assert inverted.code == "nominal.inverted"
+    sentence = inverted.message
     assert sentence.startswith("joint imu_joint seems to hold the pose of the parent in the IMU")
     assert "2.2 mm and 0 deg off the pose found" in sentence
 

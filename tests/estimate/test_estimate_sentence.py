@@ -7,6 +7,7 @@ import json
 import pickle
 
 from imucalib_cli.estimate.sentence import Says, Sentence, says_any, without
+from imucalib_cli.findings import Severity, texts, warnings
 
 
 def test_a_sentence_is_its_text_and_keeps_what_it_says() -> None:
@@ -22,6 +23,7 @@ def test_a_sentence_is_its_text_and_keeps_what_it_says() -> None:
 def test_only_sentences_that_say_it_are_left_out() -> None:
     poor, sensor = Sentence("a", Says.POOR), Sentence("b", Says.SENSOR)
     plain = "a"  # the same words, and nothing known of them
-    assert without((poor, sensor, plain), {Says.POOR}) == ("b", "a")
-    assert without((poor, sensor, plain), ()) == ("a", "b", "a")
+    told = texts(Severity.WARNING, (poor, sensor, plain))
+    assert warnings(without(told, {Says.POOR})) == ("b", "a")
+    assert warnings(without(told, ())) == ("a", "b", "a")
     assert not says_any(plain, Says)

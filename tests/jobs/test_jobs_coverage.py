@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from imucalib_cli.jobs.coverage import missing_words
+from imucalib_cli.jobs.coverage import missing_parts
 
 T = np.arange(0.0, 60.0, 0.01)
 
@@ -19,15 +19,15 @@ T = np.arange(0.0, 60.0, 0.01)
     ],
 )
 def test_a_stream_that_is_not_there_is_named(t: np.ndarray, words: str) -> None:
-    (told,) = missing_words({"/imu": t, "/joint_states": T})
-    assert told.startswith(f"/imu is {words}")
+    (told,) = missing_parts({"/imu": t, "/joint_states": T})
+    assert told.message.startswith(f"/imu is {words}")
     # an epoch's stray stamp does not hide it, nor make more of it
-    (again,) = missing_words({"/imu": np.append(t, 1.7e9), "/joint_states": T})
-    assert again == told
+    (again,) = missing_parts({"/imu": np.append(t, 1.7e9), "/joint_states": T})
+    assert again.message == told.message
 
 
 def test_what_is_lost_here_and_there_or_slow_is_there() -> None:
     rng = np.random.default_rng(0)
     lossy = T[rng.random(len(T)) < 0.5]
     slow = T[::100]  # 1 Hz
-    assert list(missing_words({"/imu": lossy, "/tf": slow, "/odom": T[T < 57.0]})) == []
+    assert list(missing_parts({"/imu": lossy, "/tf": slow, "/odom": T[T < 57.0]})) == []

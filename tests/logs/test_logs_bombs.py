@@ -89,7 +89,8 @@ def test_a_file_that_unpacks_to_a_disk_full_is_stopped(
         open_log([path])
     target, loss = unpacked.unpack(path)
     assert target.stat().st_size < 1 << 28
-    assert "over 1000 times its size" in loss
+    assert loss is not None
+    assert (loss.code, loss.values["ratio"]) == ("log.unpacks_too_large", 1000)
 
 
 def test_counts_a_message_merely_claims_are_not_believed(written: Write) -> None:

@@ -216,7 +216,7 @@ def test_log_without_messages_has_no_topics(content: bytes, tmp_path: Path) -> N
     path.write_bytes(content)
     log = open_log([path])
     assert log.topics == ()
-    assert log.losses
+    assert log.findings
 
 
 def test_missing_file_is_named(tmp_path: Path) -> None:

@@ -27,6 +27,7 @@ from imucalib_cli.estimate.estimate import (
     Window,
 )
 from imucalib_cli.estimate.imu_check import ImuCheck, SensorCheck
+from imucalib_cli.findings import Severity, note, texts, untrusted, warning
 from imucalib_cli.results.calibration import (
     Calibration,
     Nominal,
@@ -35,7 +36,7 @@ from imucalib_cli.results.calibration import (
     Tolerance,
     distance_to,
 )
-from imucalib_cli.results.document import to_document
+from imucalib_cli.results.document import finding_entry, to_document
 from imucalib_cli.results.formats import render
 from imucalib_cli.results.reader import from_document, read_calibrations
 from imucalib_cli.results.requirement import require
@@ -127,7 +128,7 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "translation unknown": {"unobservable": (UP,)},
     "rotation unknown": {"unobservable": (ROLL,)},
     "infinite sigma": {"covariance": np.diag([1.0, 1.0, math.inf, 1.0, 1.0, 1.0])},
-    "distrusted": {"distrust": ("segments disagree",)},
+    "distrusted": {"findings": texts(Severity.UNTRUSTED, ["segments disagree"])},
 }
 
 
@@ -281,6 +282,76 @@ def test_bad_files_give_one_line(text: str, part: str) -> None:
     assert "\n" not in message
 
 
+def test_findings_keep_their_codes_and_values() -> None:
+    told = (
+        untrusted("imu.motion_left_out", share=np.float64(0.75)),
+        warning("stream.leaps", stream="/joints (a, b)", count=np.int64(3), least=0.01),
+        warning("robot.held", streams=["/tf"], stretches=[(1.0, 2.5), (3.0, math.inf)]),
+        note("log.unindexed", file="a.bag"),
+    )
+    calibration = make_calibration(findings=told)
+    for write in (to_yaml, to_json):
+        (again,) = read_calibrations(write([to_document(calibration)]), "f")
+        assert again.estimate.findings == told
+        assert again.estimate.distrust == calibration.estimate.distrust
+    document = to_document(calibration)["diagnostics"]
+    assert [each["severity"] for each in document["findings"]] == [
+        "untrusted",
+        "warning",
+        "warning",
+        "note",
+    ]
+    assert [each["message"] for each in document["findings"]] == [
+        *document["distrust"],
+        *document["warnings"],
+    ]
+
+
+def test_sentences_of_results_without_codes_are_read() -> None:
+    """As versions wrote them that had no findings."""
+    document = to_document(make_calibration())
+    del document["diagnostics"]["findings"]
+    document["status"] = "untrusted"
+    old = "--require asks for 1 mm, the largest sigma is 2 mm along x of a: record longer"
+    document["diagnostics"] |= {"distrust": ["it wobbles", old], "warnings": ["the moon is full"]}
+    estimate = from_document(document, "f").estimate
+    assert estimate.distrust == ("it wobbles", old)
+    assert estimate.warnings == ("the moon is full",)
+    assert [each.code for each in estimate.findings] == ["text", "require.text", "text"]
+    (again,) = read_calibrations(to_yaml([to_document(from_document(document, "f"))]), "f")
+    assert again.estimate.findings == estimate.findings
+
+
+def test_a_finding_of_a_later_version_is_told_as_it_was() -> None:
+    document = to_document(make_calibration())
+    document["diagnostics"]["findings"] = [
+        {"code": "imu.sings", "severity": "warning", "values": {"hz": 440}, "message": "it sings"}
+    ]
+    document["diagnostics"]["warnings"] = ["it sings"]
+    (told,) = from_document(document, "f").estimate.findings
+    assert (told.code, told.message) == ("text", "it sings")
+
+
+@pytest.mark.parametrize(
+    ("changes", "complaint"),
+    [
+        ({"code": "stream.leaps"}, "values are not those of a finding of code stream.leaps"),
+        ({"severity": "fatal"}, "severity should be note or warning or untrusted"),
+        ({"severity": "untrusted"}, "findings are not those of distrust and warnings"),
+        ({"values": {"share": "much"}}, "values are not those"),
+        ({"values": {"share": {"a": 1}}}, "should hold numbers, texts and lists"),
+        ({"values": [1]}, "values should be of type dict"),
+    ],
+)
+def test_a_spoilt_finding_is_an_input_error(changes: dict[str, Any], complaint: str) -> None:
+    document = to_document(make_calibration())
+    good = finding_entry(warning("imu.motion_left_out", share=0.5))
+    document["diagnostics"]["warnings"] = [good["message"]]
+    document["diagnostics"]["findings"] = [good | changes]
+    with pytest.raises(InputError, match=complaint):
+        from_document(document, "f")
+
+
 def _paths(node: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
     found = [path] if path else []
     items = node.items() if isinstance(node, dict) else ()
@@ -306,7 +377,7 @@ def test_every_missing_or_mistyped_key_is_an_input_error() -> None:
             free = path[0] == "std" or path[-1] in unread or "notes" in path or "options" in path
             free |= path in {("transform", k) for k in ("rotation_rpy", "rotation_xyzw")}
             free |= path in {("partial",), ("diagnostics", "nominal"), ("provenance", "urdf")}
-            later = {"corrections", "consistency", "residual_normalised", "imu_model"}
+            later = {"corrections", "consistency", "residual_normalised", "imu_model", "findings"}
             free |= damage == "missing" and (path[-1] in later or path[-2:-1] == ("corrections",))
             try:
                 from_document(document, "f")
@@ -466,7 +537,11 @@ def _numbers(text: str) -> list[float]:
 
 
 def test_the_summary_says_what_is_not_known() -> None:
-    text = summarise(make_calibration(unobservable=(UP, ROLL), distrust=("it wobbles",)))
+    text = summarise(
+        make_calibration(
+            unobservable=(UP, ROLL), findings=texts(Severity.UNTRUSTED, ["it wobbles"])
+        )
+    )
     assert "UNTRUSTED" in text
     far = make_calibration(unobservable=(replace(ROLL, std=math.pi),))
     assert "sigma 180 deg" in summarise(far)

@@ -11,6 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import ortho_group
 
+from imucalib_cli.findings import Severity, texts
 from imucalib_cli.results.calibration import Nominal, Tolerance
 from imucalib_cli.results.movement import Comparison, Side, compare
 from imucalib_cli.results.requirement import require
@@ -170,7 +171,7 @@ def test_no_significant_difference_says_what_it_would_not_have_seen() -> None:
 @pytest.mark.parametrize("distrust", ["segments disagree", "the time offset may lie beyond"])
 def test_a_result_that_contradicts_itself_answers_nothing(distrust: str) -> None:
     for shift in ([0.0, 0.0, 0.0], [0.5, 0.0, 0.0]):
-        doubtful = found_at(shift, distrust=(distrust,))
+        doubtful = found_at(shift, findings=texts(Severity.UNTRUSTED, [distrust]))
         found = answer(doubtful)
         assert found.verdict == "unknown"
         assert distrust in found.reason

@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from imucalib_cli.digits import decimals, figures, sigma, with_std
 from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.results.atomic import write_whole
-from imucalib_cli.results.digits import decimals, figures, sigma, with_std
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,123 @@
+"""What was found out about a log, a robot or a result: a code, how grave it is, and the numbers.
+
+Decisions rest on codes and values. The words for people are made from them in messages.py.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import Enum
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, Literal
+
+from imucalib_cli.messages import MESSAGES
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+Scalar = float | int | str | bool | None
+Value = Scalar | tuple["Value", ...]
+
+TEXT = "text"
+"""Code of a sentence that has none: of a stored result that was written without codes."""
+
+
+class Severity(Enum):
+    """What a finding means for the result."""
+
+    NOTE = "note"
+    """Worth knowing; the result stands."""
+    WARNING = "warning"
+    """Something is wrong and the result stands."""
+    UNTRUSTED = "untrusted"
+    """The result must not be used as it is."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Finding:
+    """One thing that was found out.
+
+    Values are in SI units and radians unless their name says otherwise; numpy scalars become
+    Python's, lists become tuples.
+    """
+
+    code: str
+    """Short and stable: ``area.what``, a key of messages.MESSAGES."""
+    severity: Severity
+    values: Mapping[str, Value] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        plain = {name: _plain(value) for name, value in self.values.items()}
+        object.__setattr__(self, "values", MappingProxyType(plain))
+
+    def __hash__(self) -> int:
+        return hash((self.code, self.severity, frozenset(self.values.items())))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _make, (self.code, self.severity, dict(self.values))
+
+    @property
+    def message(self) -> str:
+        """The finding in words, one line without a full stop.
+
+        Raises:
+            KeyError, TypeError, ValueError, IndexError: The code is unknown, or values are
+                missing or of another kind; of stored findings only.
+        """
+        words = MESSAGES[self.code]
+        return words.format(**self.values) if isinstance(words, str) else words(**self.values)
+
+
+def note(code: str, **values: Any) -> Finding:
+    """A finding that is worth knowing."""
+    return Finding(code=code, severity=Severity.NOTE, values=values)
+
+
+def warning(code: str, **values: Any) -> Finding:
+    """A finding of something wrong that leaves the result as it stands."""
+    return Finding(code=code, severity=Severity.WARNING, values=values)
+
+
+def untrusted(code: str, **values: Any) -> Finding:
+    """A finding that forbids to use the result."""
+    return Finding(code=code, severity=Severity.UNTRUSTED, values=values)
+
+
+def texts(severity: Severity, sentences: Iterable[str]) -> tuple[Finding, ...]:
+    """Sentences that have no code."""
+    return tuple(
+        Finding(code=TEXT, severity=severity, values={"text": sentence}) for sentence in sentences
+    )
+
+
+def reasons(findings: Iterable[Finding]) -> tuple[str, ...]:
+    """Why a result must not be used, in words and in order."""
+    return tuple(each.message for each in findings if each.severity is Severity.UNTRUSTED)
+
+
+def warnings(findings: Iterable[Finding]) -> tuple[str, ...]:
+    """What else is to be told of a result, in words and in order: warnings and notes."""
+    return tuple(each.message for each in findings if each.severity is not Severity.UNTRUSTED)
+
+
+def status(findings: Iterable[Finding]) -> Literal["ok", "untrusted"]:
+    """Whether a result of which these were found may be used."""
+    grave = any(each.severity is Severity.UNTRUSTED for each in findings)
+    return "untrusted" if grave else "ok"
+
+
+def _make(code: str, severity: Severity, values: dict[str, Value]) -> Finding:
+    return Finding(code=code, severity=severity, values=values)
+
+
+def _plain(value: Any) -> Value:
+    if value is None or isinstance(value, (bool, str)):
+        return value
+    if isinstance(value, int):
+        return int(value)
+    if isinstance(value, float):
+        return float(value)
+    if isinstance(value, (tuple, list)):
+        return tuple(_plain(each) for each in value)
+    plain: Value = _plain(value.item()) if hasattr(value, "item") else str(value)
+    return plain

@@ -1,0 +1,120 @@
+"""Findings are values; every code has words, and all words are used."""
+
+from __future__ import annotations
+
+import ast
+import copy
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import imucalib_cli
+from imucalib_cli.findings import (
+    Finding,
+    Severity,
+    note,
+    reasons,
+    status,
+    texts,
+    untrusted,
+    warning,
+    warnings,
+)
+from imucalib_cli.messages import MESSAGES
+
+PACKAGE = Path(imucalib_cli.__file__).parent
+MAKERS = {"note", "warning", "untrusted", "Finding"}
+
+
+def _codes_made() -> dict[str, str]:
+    """Codes given to a maker of findings anywhere in the package, and the file of each."""
+    found: dict[str, str] = {}
+    for path in sorted(PACKAGE.rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if not isinstance(node, ast.Call) or not isinstance(node.func, ast.Name):
+                continue
+            if node.func.id not in MAKERS:
+                continue
+            given = [*node.args[:1], *(k.value for k in node.keywords if k.arg == "code")]
+            for part in (each for argument in given for each in ast.walk(argument)):
+                if isinstance(part, ast.Constant) and isinstance(part.value, str):
+                    found[part.value] = path.name
+    return found
+
+
+def test_every_code_has_words_and_all_words_are_used() -> None:
+    made = _codes_made()
+    assert {code: file for code, file in made.items() if code not in MESSAGES} == {}
+    assert set(MESSAGES) - set(made) == {"text"}  # which findings.texts makes
+
+
+def test_a_code_is_an_area_and_a_name() -> None:
+    for code in MESSAGES:
+        area, _, name = code.partition(".")
+        assert code == "text" or (area.isidentifier() and name.isidentifier()), code
+
+
+EXAMPLES = (
+    warning("log.cut_short", file="a.mcap", what="file", byte=10, size=20),
+    warning("imu.frames_mixed", topic="/imu", count=2, frame="imu", others=["a", "b"]),
+    warning("stamps.set_back", topic="/imu", stamps="header", seconds=1.5, number=7),
+    warning("stamps.all_zero", topic="/imu", stamps="log", then="asked", clock="log"),
+    warning("stamps.rate_changes", stream="/imu", rates=[100.0, 200.0], starts=[0.0, 15.0]),
+    warning(
+        "imu.saturated",
+        topic="/imu",
+        sensor="gyro",
+        axes="xy",
+        held=(-1.3, 1.3),
+        samples=4,
+        stretches=2,
+        start=1.0,
+        end=2.0,
+    ),
+    untrusted("imu.gyro_factor_unknown", topic="/imu", factor=286.5, std=0.12, known=("a", "b")),
+    untrusted("require.no_sigma", translation=1e-3, rotation=None, method="paper"),
+    untrusted("robot.static"),
+)
+
+
+@pytest.mark.parametrize("finding", EXAMPLES, ids=lambda finding: finding.code)
+def test_messages_are_one_line_without_a_full_stop(finding: Finding) -> None:
+    message = finding.message
+    assert message == message.strip()
+    assert "\n" not in message
+    assert not message.endswith(".")
+    assert "{" not in message
+
+
+def test_numbers_of_a_message_have_units() -> None:
+    factor = untrusted("imu.gyro_factor_unknown", topic="/imu", factor=286.5, std=0.12, known=())
+    assert "/imu: gyro reads 286.50 ± 0.12 times the rate" in factor.message
+    rates = warning("stamps.rate_changes", stream="/imu", rates=[100.0, 200.0], starts=[0.0, 15.0])
+    assert "(100 Hz at first, 200 Hz from 15.0 s)" in rates.message
+
+
+def test_findings_are_compared_hashed_and_sent_by_content() -> None:
+    one = warning("stream.leaps", stream="/a", count=np.int64(2), least=np.float64(0.01))
+    other = Finding(
+        code="stream.leaps",
+        severity=Severity.WARNING,
+        values={"least": 0.01, "count": 2, "stream": "/a"},
+    )
+    assert one == other
+    assert len({one, other, copy.deepcopy(one), pickle.loads(pickle.dumps(one))}) == 1  # noqa: S301
+    assert one != note("stream.leaps", **one.values)
+    assert type(one.values["count"]) is int
+    with pytest.raises(TypeError):
+        one.values["count"] = 3  # type: ignore[index]
+
+
+def test_only_grave_findings_change_the_status() -> None:
+    told = (note("log.unindexed", file="a.bag"), *texts(Severity.WARNING, ["it rains"]))
+    assert status(told) == status(()) == "ok"
+    assert warnings(told) == (told[0].message, "it rains")
+    grave = (*told, untrusted("robot.static"))
+    assert status(grave) == "untrusted"
+    assert reasons(grave) == ("the robot does not move in this log",)
+    assert warnings(grave) == warnings(told)
