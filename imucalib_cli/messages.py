@@ -10,6 +10,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from imucalib_cli.digits import figures, with_std
+from imucalib_cli.messages_fit import FIT_MESSAGES
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -434,5 +435,6 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "diff.same_log": "{first} and {second} were computed from the same log: their errors are not "
     "independent, so the sigma of their difference is not true",
     "compare.frames_far": _frames_far,
+    **FIT_MESSAGES,
 }
 """By code. Values are in SI units and radians unless their name says otherwise."""

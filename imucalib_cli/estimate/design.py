@@ -366,7 +366,11 @@ def _block_columns(
     if channels.twist:
         parts = [part for part, _, _ in channels.twist]
         turns = [turn for _, turn, _ in channels.twist]
-        put(accel, parts, filtered([shift for _, _, shift in channels.twist], plan.second.derivative))
+        put(
+            accel,
+            parts,
+            filtered([shift for _, _, shift in channels.twist], plan.second.derivative),
+        )
         read = [cross(turn, nodes.force[:, None]) for turn in turns]
         put(accel, parts, -filtered(read, plan.second.average))
         put(gyro, parts, filtered(turns, plan.first.derivative))

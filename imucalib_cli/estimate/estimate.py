@@ -53,6 +53,24 @@ class Correction:
     """1 sigma, of the same shape and unit."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class Parameter:
+    """One component of the table of unknowns: what was known of it, and what the log taught."""
+
+    name: str
+    """Entry of the table."""
+    label: str
+    """Axis, joint or origin; empty where the entry has one component."""
+    unit: str
+    value: float
+    std: float
+    """1 sigma."""
+    prior_std: float
+    """1 sigma beforehand."""
+    learnt: bool
+    """Whether the prior's size is learnt from the log too."""
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Residuals:
     """What is left after the fit: root mean square per axis of the window residuals."""
@@ -130,6 +148,8 @@ class Estimate:
     corrections: tuple[Correction, ...] = ()
     """What was off and has been corrected; the time offset is then the accelerometer's, in the
     middle of the log."""
+    parameters: tuple[Parameter, ...] = ()
+    """Every unknown beside the pose."""
     consistency: Consistency | None = None
     """None where the log is too short to be cut, or the method does not tell."""
     unobservable: tuple[UnobservableDirection, ...] = ()

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.estimate.design import Model, State, plan_nodes
-from imucalib_cli.estimate.layout import Layout, lay_out
+from imucalib_cli.estimate.layout import Layout, Placed, lay_out
 from imucalib_cli.estimate.robust import SCALE_FLOOR, residual_scales, window_weights
 from imucalib_cli.estimate.scales import Mixture, Problem, integrate, most_likely
 from imucalib_cli.estimate.solve import (
@@ -21,8 +21,14 @@ from imucalib_cli.estimate.solve import (
     solve_globally,
     tilt_from_down,
 )
-from imucalib_cli.estimate.spectrum import Statistics, segment_matrices, statistics, whitening
-from imucalib_cli.estimate.unknowns import LEAN, Gravity, Mount, Reading
+from imucalib_cli.estimate.spectrum import (
+    Statistics,
+    deviance,
+    segment_matrices,
+    statistics,
+    whitening,
+)
+from imucalib_cli.estimate.unknowns import LEAN, Gravity, Mount, Reading, Unknown
 from imucalib_cli.robot.rotations import rotation_angle, rotvec_from_matrix
 
 if TYPE_CHECKING:
@@ -80,6 +86,8 @@ class Fit:
     weights: Floats
     motion: Floats
     """(W,), (1/s²)²: how much each window turns and shakes."""
+    turning: float
+    """rad/s, root mean square rate of the parent link over the windows."""
     residual_scales: tuple[float, float]
     runner_up_rise: float
     """How much worse the best other rotation fits, in chi-squared; inf where there is none."""
@@ -127,6 +135,13 @@ class Fit:
         )
         return accel, gyro
 
+    def value(self, placed: Placed, options: MatchedOptions) -> Floats:
+        """Value of an entry; of gravity's magnitude, less the nominal one."""
+        effect = placed.unknown.effect
+        if isinstance(effect, Gravity) and effect.what == "magnitude":
+            return np.array([np.linalg.norm(self.state.gravity) - options.gravity_norm])
+        return self.state.x[placed.part]
+
     def of(self, name: str) -> tuple[Floats, Floats]:
         """Value and standard deviation of an entry of the table; empty where it is not free."""
         part = self.layout.part(name)
@@ -143,10 +158,32 @@ class Lean:
     """Residual scale of accelerometer, m/s², and gyroscope, rad/s, in a window."""
     runner_up_rise: float
     """How much worse the best other rotation fits, in chi-squared; inf where there is none."""
+    centres: Indices
+    residuals: Floats
+    """(W, 6), m/s² and rad/s, parent frame."""
+    turning: float
+    """rad/s, root mean square rate of the parent link."""
+
+    @property
+    def deviance(self) -> float:
+        """Twice the negative Whittle log-likelihood of a window: what alternatives differ in."""
+        return deviance(self.model.windowing.plan, self.centres, self.residuals)
+
+    def evidence_over(self, other: Lean) -> float:
+        """Fall of the information criterion against another model of the same log.
+
+        Both have as many unknowns.
+        """
+        windows = min(len(self.centres), len(other.centres))
+        return windows * (other.deviance - self.deviance)
 
 
 def lean_fit(
-    windowing: Windowing, options: MatchedOptions, time_offset: float, near: Lean | None = None
+    windowing: Windowing,
+    options: MatchedOptions,
+    time_offset: float,
+    near: Lean | None = None,
+    table: tuple[Unknown, ...] = LEAN,
 ) -> Lean:
     """Find the lean unknowns, on every fourth window.
 
@@ -155,16 +192,18 @@ def lean_fit(
         options: What is known beforehand.
         time_offset: IMU stamp - robot stamp to begin with, s.
         near: A solution nearby, from which to go on; None searches all rotations.
+        table: Of unknowns.
 
     Raises:
         InputError: The streams overlap for too few windows.
     """
-    layout = lay_out(windowing.trajectory, options, LEAN)
+    layout = lay_out(windowing.trajectory, options, table)
     model = Model(windowing, layout)
     if near is None:
         state, rise = _globally(windowing, options, time_offset, layout)
     else:
-        state, rise = near.state, near.runner_up_rise
+        state = _transfer(near.state, near.model.layout, layout)
+        rise = near.runner_up_rise
     scales = _FIRST_SCALES
     offset = layout.part("time_offset")
     reach = 0.5 * windowing.plan.length * windowing.grid.dt
@@ -173,8 +212,8 @@ def lean_fit(
         centres = centres[:: _THIN if len(centres) > _ENOUGH_THIN else 1]
         residuals = model.residuals(state, centres)
         scales = residual_scales(residuals)
-        stats, _, _ = _linearised(model, state, centres, residuals, redescend=turn > 1)
-        problem = _problem(stats, model, options, state, 1.0)
+        stats, _, _, turning = _linearised(model, state, centres, residuals, redescend=turn > 1)
+        problem = _problem(stats, model, options, state, 1.0, residuals)
         step, inverse, _ = problem.solve(np.zeros(0))
         sigmas = np.abs(step) / np.sqrt(np.diag(inverse))
         step = _embedded(step, layout)
@@ -183,7 +222,7 @@ def lean_fit(
         fine = turn > 1 and np.abs(step[offset]).max(initial=0.0) < _TIME_RESOLUTION
         if fine or sigmas.max(initial=0.0) < _SETTLED:
             break
-    return Lean(model, state, scales, rise)
+    return Lean(model, state, scales, rise, centres, residuals, turning)
 
 
 def whole_fit(lean: Lean, options: MatchedOptions) -> Fit:
@@ -276,21 +315,22 @@ def _normal(
 
 def _linearised(
     model: Model, state: State, centres: Indices, residuals: Floats, *, redescend: bool
-) -> tuple[Statistics, Floats, Floats]:
-    """Statistics about a state, the windows' weights, and how much each moves."""
+) -> tuple[Statistics, Floats, Floats, float]:
+    """Statistics about a state, the windows' weights, how much each shakes and all turn."""
     parts = []
-    translation = model.layout.part("translation")
-    motion = np.zeros(len(centres))
+    translation, rotation = model.layout.part("translation"), model.layout.part("rotation")
+    motion, squares = np.zeros(len(centres)), 0.0
     for part, J in model.columns(state, centres):
-        if translation != slice(0, 0):
-            motion[part] = (J[:, :3, translation] ** 2).sum(axis=(1, 2))
+        motion[part] = (J[:, :3, translation] ** 2).sum(axis=(1, 2))
+        # Three axes turned at a rate change by twice its square.
+        squares += 0.5 * float((J[:, 3:, rotation] ** 2).sum())
         parts.append((part, J))
     weights = window_weights(residuals, motion, redescend=redescend)
     scales = _floored(residual_scales(residuals))
     stats = statistics(
         model.windowing.plan, centres, residuals, iter(parts), model.layout.size, weights, scales
     )
-    return stats, weights, motion
+    return stats, weights, motion, float(np.sqrt(squares / len(centres)))
 
 
 def _floored(scales: tuple[float, float]) -> tuple[float, float]:
@@ -304,13 +344,17 @@ def _whole(model: Model, options: MatchedOptions, state: State, rise: float) -> 
     for turn in range(_FULL_PASSES):
         centres = _enough(model, state)
         residuals = model.residuals(state, centres)
-        stats, weights, motion = _linearised(model, state, centres, residuals, redescend=True)
+        stats, weights, motion, turning = _linearised(
+            model, state, centres, residuals, redescend=True
+        )
         level, levels = 1.0, np.ones_like(stats.freedom)
         for _ in range(3):
             problem = _problem(stats, model, options, state, level, residuals)
             u = most_likely(problem, u)
             step, inverse, _ = problem.solve(u)
-            levels = stats.levels(_embedded(step, layout), _embedded_matrix(inverse, layout) / level)
+            levels = stats.levels(
+                _embedded(step, layout), _embedded_matrix(inverse, layout) / level
+            )
             level = max(_level(stats, layout, levels, inverse), _least_level(residuals))
         moved = np.abs(step) / np.sqrt(np.diag(inverse))
         if turn == _FULL_PASSES - 1 or moved.max() < _SETTLED:
@@ -345,6 +389,7 @@ def _whole(model: Model, options: MatchedOptions, state: State, rise: float) -> 
         residuals=residuals,
         weights=weights,
         motion=motion,
+        turning=turning,
         residual_scales=_floored(residual_scales(residuals)),
         runner_up_rise=rise,
     )
@@ -361,7 +406,10 @@ def _least_level(residuals: Floats) -> float:
     """Level below which the noise is less than any IMU's."""
     return min(
         1.0,
-        *((floor / scale) ** 2 for floor, scale in zip(SCALE_FLOOR, residual_scales(residuals), strict=True)),
+        *(
+            (floor / scale) ** 2
+            for floor, scale in zip(SCALE_FLOOR, residual_scales(residuals), strict=True)
+        ),
     )
 
 
@@ -371,13 +419,13 @@ def _problem(
     options: MatchedOptions,
     state: State,
     level: float,
-    residuals: Floats | None = None,
+    residuals: Floats,
 ) -> Problem:
     """The free components' normal equations with their priors."""
     layout = model.layout
-    A, b = stats.information, stats.score
-    if residuals is not None:
-        A, b = _without_noise(A, b, stats, model, residuals)
+    scales = _floored(residual_scales(residuals))
+    noise = noise_of_columns(model, scales, stats.windows)
+    A, b = without_noise(stats.information, stats.score, noise)
     free = layout.free
     return Problem(
         information=A[np.ix_(free, free)] / level,
@@ -409,14 +457,22 @@ def _offset(layout: Layout, options: MatchedOptions, state: State) -> Floats:
     return offset
 
 
-def _without_noise(
-    A: Floats, b: Floats, stats: Statistics, model: Model, residuals: Floats
+def noise_of_columns(
+    model: Model, scales: tuple[float, float], windows: int
 ) -> tuple[Floats, Floats]:
-    """Take off what the sensor's noise adds to columns made of second differences of readings."""
-    A, b = A.copy(), b.copy()
+    """What the sensor's noise adds to columns made of second differences of readings.
+
+    Args:
+        model: The windows and the layout.
+        scales: That the windows are whitened by, accelerometer m/s², gyroscope rad/s.
+        windows: How many.
+
+    Returns:
+        (n,) on the diagonal of the information, and (n,) on the score.
+    """
+    on_information, on_score = np.zeros(model.layout.size), np.zeros(model.layout.size)
     windowing = model.windowing
     plan, nodes, grid = windowing.plan, plan_nodes(windowing), windowing.grid
-    scales = residual_scales(residuals)
     for each in model.layout.of(Reading):
         effect = each.unknown.effect
         if not isinstance(effect, Reading) or not effect.differences:
@@ -426,15 +482,22 @@ def _without_noise(
         kernel = nodes.kernel((nodes.second, nodes.first)[sensor], effect.differences)
         kernel = kernel / (nodes.every * grid.dt) ** (2 * effect.differences)
         # Of the residual, what is this sensor's own white noise; whitened as the columns are.
-        left = min(
+        own = min(
             grid.noise[sensor] * float(np.sqrt(grid.refine)),
             scales[sensor] / float(np.linalg.norm(plain)),
         )
-        power = 3.0 * stats.windows * (left * plan.noise_gains[sensor] / scales[sensor]) ** 2
-        at = each.part.start
-        b[at] += power * _product(kernel, plain)
-        A[at, at] = max(A[at, at] - power * float(kernel @ kernel), _LEAST_LEFT * A[at, at])
-    return A, b
+        power = 3.0 * windows * (own * plan.noise_gains[sensor] / scales[sensor]) ** 2
+        on_information[each.part] = power * float(kernel @ kernel)
+        on_score[each.part] = -power * _product(kernel, plain)
+    return on_information, on_score
+
+
+def without_noise(A: Floats, b: Floats, noise: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
+    """Information and score less what noise added to them."""
+    A = A.copy()
+    diagonal = np.diag(A)
+    A[np.diag_indices(len(A))] = np.maximum(diagonal - noise[0], _LEAST_LEFT * diagonal)
+    return A, b - noise[1]
 
 
 def _product(one: Floats, other: Floats) -> float:
@@ -454,4 +517,3 @@ def _embedded_matrix(matrix: Floats, layout: Layout) -> Floats:
     full = np.zeros((layout.size, layout.size))
     full[np.ix_(layout.free, layout.free)] = matrix
     return full
-

@@ -11,13 +11,10 @@ from numpy.typing import NDArray
 from imucalib_cli.estimate.unknowns import (
     SCALES,
     TABLE,
-    Clock,
-    Gravity,
     JointCurve,
     Mount,
     Origin,
     PoseScale,
-    Reading,
     Unknown,
 )
 from imucalib_cli.robot.path import FixedStep, JointStep, PoseStep
@@ -109,7 +106,9 @@ class Layout:
         )
 
 
-def lay_out(trajectory: Trajectory, options: MatchedOptions, table: tuple[Unknown, ...] = TABLE) -> Layout:
+def lay_out(
+    trajectory: Trajectory, options: MatchedOptions, table: tuple[Unknown, ...] = TABLE
+) -> Layout:
     """Place every entry of the table that this robot and this request have.
 
     Args:
@@ -125,7 +124,7 @@ def lay_out(trajectory: Trajectory, options: MatchedOptions, table: tuple[Unknow
     joints = _Chain(trajectory)
     for unknown in table:
         given = options.prior_std(unknown)
-        if given is not None and not np.any(given):
+        if given is not None and not np.any(given) and not isinstance(unknown.effect, Mount):
             continue
         for where, labels, directions in joints.places(unknown):
             size = len(labels) if directions is None else len(directions)
@@ -185,7 +184,9 @@ class _Chain:
                     directions = self._turning(index)
                     if len(directions):
                         following = self._path.steps[index + 1]
-                        name = following.name if isinstance(following, JointStep) else f"step {index}"
+                        name = (
+                            following.name if isinstance(following, JointStep) else f"step {index}"
+                        )
                         labels = unknown.labels if len(directions) == 3 else _axis_names(directions)
                         yield index, _named(name, labels), directions
         elif isinstance(effect, PoseScale):
@@ -232,6 +233,3 @@ def _axis_names(directions: Floats) -> tuple[str, ...]:
         "xyz"[axis] if sure else f"~{'xyz'[axis]}{number}"
         for number, (axis, sure) in enumerate(zip(largest, exact, strict=True))
     )
-
-
-__all__ = ["Clock", "Gravity", "Layout", "Mount", "Placed", "Reading", "lay_out"]

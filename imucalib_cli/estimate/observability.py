@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.estimate.estimate import UnobservableDirection
+from imucalib_cli.estimate.window_choice import kinematic_noise, second_derivative_gain
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from imucalib_cli.estimate.fit import Fit
+
 Floats = NDArray[np.float64]
+
+COMMON_SCALE: Final = (1e-3, 5e-5)
+"""m/s² and rad/s: residuals of a window that an ordinary IMU would leave."""
 
 TRANSLATION_LIMIT = 0.05
 """m: a direction known no better than this is not known."""
@@ -26,6 +32,47 @@ WEAKEST_STD = {"translation": 10.0, "rotation": float(np.pi)}
 
 _LIMITS = {"translation": TRANSLATION_LIMIT, "rotation": ROTATION_LIMIT}
 _PARTS = {"translation": slice(0, 3), "rotation": slice(3, 6)}
+
+
+def excitation(fit: Fit, *, everything: bool = False) -> Floats:
+    """Covariance as the motion allows it: with residuals of a common IMU, or their own if larger.
+
+    Tells little motion from little noise. Noise in a regressor looks like motion: the
+    measurements' in the rotation's, the encoders' in the lever arm's. Twice what is expected of it
+    is taken off.
+
+    Args:
+        fit: A solution.
+        everything: Components of the mount that are held count as free.
+
+    Returns:
+        (n, n), of the layout's components.
+    """
+    layout, stats, plan = fit.layout, fit.statistics, fit.model.windowing.plan
+    free = layout.free.copy()
+    pose = [layout.part("translation"), layout.part("rotation")]
+    std = layout.std_at(fit.scales_found.mean)
+    if everything:
+        for part, weakest in zip(pose, WEAKEST_STD.values(), strict=True):
+            free[part] = True
+            std[part] = np.where(std[part] > 0.0, std[part], weakest)
+    taken = [max(a, b) for a, b in zip(fit.residual_scales, COMMON_SCALE, strict=True)]
+    share = [(a / b) ** 2 for a, b in zip(fit.residual_scales, taken, strict=True)]
+    A = np.einsum("s,sbpq->pq", share, stats.normal[:, :, 1:, 1:])
+    gains = plan.noise_gains
+    noise = np.zeros(layout.size)
+    noise[pose[1]] = 2.0 * sum(s * g**2 for s, g in zip(share, gains, strict=True))
+    rotation, _ = kinematic_noise(fit.model.windowing.trajectory)
+    seconds = plan.length * fit.model.windowing.grid.dt
+    noise[pose[0]] = second_derivative_gain(seconds) * rotation / 3.0 * (gains[0] / taken[0]) ** 2
+    A = A - 2.0 * stats.windows * np.diag(noise)
+    # In units of the priors nothing can be known less than they say.
+    unit = std[free]
+    values, vectors = np.linalg.eigh(A[np.ix_(free, free)] * np.outer(unit, unit))
+    scaled = vectors * unit[:, None]
+    full = np.zeros((layout.size, layout.size))
+    full[np.ix_(free, free)] = (scaled / (np.maximum(values, 0.0) + 1.0)) @ scaled.T
+    return full
 
 
 def unobservable_directions(covariance: Floats, excitation: Floats) -> list[UnobservableDirection]:

@@ -80,6 +80,8 @@ class MatchedOptions:
     robot: Literal["learnt", "exact"] | tuple[float, float] = "learnt"
     """How good the robot's constants are: learnt from the log, exact, or the standard deviations
     of joint zeros, rad, and of origins, m."""
+    either_sign: bool = False
+    """Whether the accelerometer's readings may be reversed if that fits decisively better."""
     sensor_std: dict[str, float] = field(default_factory=dict)
     """Standard deviations of the sensor's own errors by the name of their scale, where a data sheet
     tells them; learnt from the log else."""
@@ -91,7 +93,9 @@ class MatchedOptions:
         """
         effect, name = unknown.effect, unknown.name
         weakest = np.array(unknown.std)
-        if isinstance(effect, Mount) and self.pose is not None:
+        if isinstance(effect, Mount):
+            if self.pose is None or self.pose.R_parent_imu is None:
+                return weakest
             std = np.array(self.pose.std)[3 * (effect.what == "rotation") :][:3]
             return np.minimum(std, weakest)
         if isinstance(effect, Gravity):
@@ -118,6 +122,11 @@ class MatchedOptions:
             return weakest
         told = self.sensor_std.get(unknown.scale)
         return None if told is None else np.array(told)
+
+    def told_std(self, name: str) -> float:
+        """Prior of a bias that the user states; who states one does not wonder at it."""
+        std = {"accel_bias": self.accel_bias_std, "gyro_bias": self.gyro_bias_std}.get(name, 0.0)
+        return std if math.isfinite(std) else 0.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -55,6 +55,10 @@ class CleanImu:
         grid = imu_grid(t, self.gyro, self.accel, min(max(refine, 1), _MOST_REFINE))
         return replace(grid, noise=self.noise)
 
+    def with_reversed_accel(self) -> CleanImu:
+        """The same samples, the accelerometer's sign reversed."""
+        return replace(self, accel=-self.accel)
+
     @cached_property
     def noise(self) -> tuple[float, float]:
         """White noise of a sample, m/s² and rad/s, root mean square of the axes."""

@@ -17,7 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaincc, ndtri
 
+from imucalib_cli.estimate.fit import noise_of_columns, without_noise
 from imucalib_cli.estimate.spectrum import BandSums, squared_distance, whitening
+from imucalib_cli.estimate.window_choice import MAX_ATTENUATION, attenuation
 from imucalib_cli.estimate.windows import plan_windows
 
 if TYPE_CHECKING:
@@ -81,7 +83,7 @@ def window_dependence(fit: Fit) -> list[Dependence]:
     plans = [
         plan_windows(length, own.degree, windowing.grid.dt, hop=own.hop)
         for length in lengths
-        if length >= _SHORTEST
+        if length >= _SHORTEST and _sound(fit, length)
     ]
     found = []
     for plan in plans:
@@ -94,6 +96,14 @@ def window_dependence(fit: Fit) -> list[Dependence]:
     return found
 
 
+def _sound(fit: Fit, length: int) -> bool:
+    """Whether noise of the kinematics is still small in a window: else it bends the lever arm."""
+    windowing = fit.model.windowing
+    seconds = (length - 1) * windowing.grid.dt
+    share = attenuation(seconds, windowing.grid, windowing.trajectory, windowing.plan.degree)
+    return length > windowing.plan.length or share <= MAX_ATTENUATION
+
+
 def _solved(fit: Fit, model: Model, centres: Indices, pose: Indices) -> _Solved:
     """One more linear solve about the fit's own point, with its scales and priors."""
     free = np.flatnonzero(fit.layout.free)
@@ -103,12 +113,17 @@ def _solved(fit: Fit, model: Model, centres: Indices, pose: Indices) -> _Solved:
     weights = fit.weights[np.searchsorted(fit.centres, centres)]
     scales = fit.scales_at(model.windowing.plan)
     root = whitening(model.windowing.plan, weights, scales)
-    rows = [J[:, :, free] * root[part, :, None] for part, J in model.columns(fit.linearised, centres)]
+    rows = [
+        J[:, :, free] * root[part, :, None] for part, J in model.columns(fit.linearised, centres)
+    ]
     J = np.concatenate(rows)
     flat = J.reshape(-1, len(free))
-    information = flat.T @ flat / fit.level + np.diag(P)
-    score = flat.T @ (residuals * root).reshape(-1) / fit.level + P * fit.prior_offset[free]
-    inverse = np.linalg.inv(information)
+    on_information, on_score = noise_of_columns(model, scales, len(centres))
+    A, b = without_noise(
+        flat.T @ flat, flat.T @ (residuals * root).reshape(-1), (on_information[free], on_score[free])
+    )
+    score = b / fit.level + P * fit.prior_offset[free]
+    inverse = np.linalg.inv(A / fit.level + np.diag(P))
     influence = (J @ inverse[:, place]) * root[:, :, None] / fit.level
     return _Solved(model, -(inverse @ score)[place], influence, residuals, inverse[place])
 
@@ -123,13 +138,15 @@ def _difference(fit: Fit, base: _Solved, other: _Solved, centres: Indices) -> De
     covariance = np.zeros((6, 6))
     for sensor in range(2):
         kernels = [
-            (each.model.windowing.plan.second_derivative, each.model.windowing.plan.first_derivative)[
-                sensor
-            ].average
+            (
+                each.model.windowing.plan.second_derivative,
+                each.model.windowing.plan.first_derivative,
+            )[sensor].average
             for each in (base, other, short)
         ]
         of = [
-            sums.mean_response(kernels[a], kernels[b], hop) for a, b in ((0, 0), (0, 1), (1, 1), (2, 2))
+            sums.mean_response(kernels[a], kernels[b], hop)
+            for a, b in ((0, 0), (0, 1), (1, 1), (2, 2))
         ]
         heard = np.maximum(of[3], 1e-3 * of[3].max())
         level = matrices[sensor, :, 12, 12] / (freedom * heard)

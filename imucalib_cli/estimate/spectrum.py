@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from imucalib_cli.estimate.robust import SCALE_FLOOR
+
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
@@ -193,6 +195,40 @@ def statistics(
         freedom=np.stack([freedom, freedom]),
         windows=int(np.count_nonzero(weights)),
     )
+
+
+def deviance(plan: WindowPlan, centres: Indices, residuals: Floats) -> float:
+    """Twice the negative Whittle log-likelihood of residuals, each band's level profiled out.
+
+    Args:
+        plan: Of the windows.
+        centres: (W,), grid indices, ascending; may be thinned evenly.
+        residuals: (W, 6), m/s² and rad/s.
+
+    Returns:
+        Per window, up to a constant that all models of a log share.
+    """
+    hop = int(np.gcd.reduce(np.diff(centres)))
+    sums = BandSums((centres - centres[0]) // hop, 1)
+    held = np.concatenate([_bounded(residuals[:, :3]), _bounded(residuals[:, 3:])], axis=1)
+    sums.add(slice(0, len(centres)), held[:, :, None])
+    power, freedom = sums.finished()[:, :, 0, 0], sums.freedom(len(centres))
+    total = 0.0
+    for sensor, pair in enumerate((plan.second_derivative, plan.first_derivative)):
+        response = sums.mean_response(pair.average, pair.average, hop)
+        heard = response > _HEARD * response.max()
+        # Less than any IMU's noise is as good as none.
+        least = SCALE_FLOOR[sensor] ** 2 / float(pair.average @ pair.average)
+        level = power[sensor, heard] / (freedom * response)[heard] + least
+        total += float(freedom[heard] @ np.log(level))
+    return total / len(centres)
+
+
+def _bounded(residuals: Floats) -> Floats:
+    """Residuals with shocks, which are no part of any model, held at ten times the median."""
+    size = np.linalg.norm(residuals, axis=1)
+    most = 10.0 * float(np.median(size))
+    return residuals * np.minimum(1.0, most / np.maximum(size, 1e-300))[:, None]
 
 
 def segment_matrices(

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from imucalib_cli.estimate.fit import Fit, Lean, lean_fit, whole_fit
+from imucalib_cli.estimate.fit import Lean, lean_fit
 from imucalib_cli.estimate.offset import coarse_time_offset
 from imucalib_cli.estimate.options import WindowChoice
 from imucalib_cli.estimate.window_choice import choose_window
@@ -33,6 +33,7 @@ _SHORTEST: Final = 0.1
 class Attempt:
     """One way to take the stamps, and the lean solution it leads to."""
 
+    clean: CleanImu
     lean: Lean
     window: Window
     lag: Lag | None
@@ -73,9 +74,8 @@ def _first_attempt(clean: CleanImu, trajectory: Trajectory, options: MatchedOpti
     windowing = Windowing(grid, trajectory, plan_windows(length, options.degree, grid.dt))
     if options.window == WindowChoice():
         windowing, window = _between_gaps(windowing, window, options, offset)
-    return Attempt(
-        lean_fit(windowing, options, offset), window, lag, imu_ticks, trajectory.use_ticks
-    )
+    lean = lean_fit(windowing, options, offset)
+    return Attempt(clean, lean, window, lag, imu_ticks, trajectory.use_ticks)
 
 
 def _between_gaps(
@@ -102,8 +102,3 @@ def _next_attempt(
     plan = plan_windows(windowing.plan.length, options.degree, grid.dt)
     lean = lean_fit(Windowing(grid, trajectory, plan), options, 0.0, near.lean)
     return replace(near, lean=lean, imu_ticks=ticks[0], robot_ticks=ticks[1])
-
-
-def complete(attempt: Attempt, options: MatchedOptions) -> Fit:
-    """The whole table of unknowns, from an attempt's lean solution on."""
-    return whole_fit(attempt.lean, options)

@@ -78,14 +78,21 @@ def _automatic(grid: ImuGrid, trajectory: Trajectory, degree: int) -> tuple[floa
     turning = _lever_power(grid, trajectory, degree)
     for seconds in _LENGTHS:
         gain = second_derivative_gain(seconds)
-        attenuation = gain * rotation / turning if turning > 0.0 else 0.0
+        bent = gain * rotation / turning if turning > 0.0 else 0.0
         # White noise through the second derivative's kernel keeps 10/7 dt/T of its variance.
         drowned = gain * position > (10.0 / 7.0) * accel**2 * grid.dt / seconds
-        if attenuation <= MAX_ATTENUATION and not drowned:
+        if bent <= MAX_ATTENUATION and not drowned:
             if seconds == SHORTEST_AUTO:
                 return seconds, "automatic: noise of the kinematics is small at the shortest length"
             return seconds, "automatic: averages the noise of the kinematics below the IMU's"
     return LONGEST_AUTO, "automatic: the longest, the kinematics are noisy"
+
+
+def attenuation(seconds: float, grid: ImuGrid, trajectory: Trajectory, degree: int) -> float:
+    """Share of noise in the lever arm's regressor at a window: by it the lever arm is shortened."""
+    turning = _lever_power(grid, trajectory, degree)
+    noise = second_derivative_gain(seconds) * kinematic_noise(trajectory)[0]
+    return noise / turning if turning > 0.0 else 0.0
 
 
 def second_derivative_gain(seconds: float) -> float:

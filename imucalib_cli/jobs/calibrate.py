@@ -99,11 +99,13 @@ def _calibrate_one(
     request = replace(request, estimator=with_priors(request.estimator, request.imu))
     options = _with_initial(request.estimator, motion, verifying=request.needs_nominal)
     either_sign = request.units.sign == "auto"
-    estimate = _estimate(mended.samples, mended.path, options, either_sign=either_sign)
+    if isinstance(options, MatchedOptions):
+        options = replace(options, either_sign=either_sign)
+    estimate = _estimate(mended.samples, mended.path, options)
     wrong = contradicted(estimate, request.imu)
     if wrong:
         request, options = freed(request, wrong), free(options, wrong)
-        estimate = _estimate(mended.samples, mended.path, options, either_sign=either_sign)
+        estimate = _estimate(mended.samples, mended.path, options)
     # The published method's guess is recorded as where it came from, a prior as what it was.
     told = replace(request, estimator=options) if isinstance(options, MatchedOptions) else request
     estimate = checked(estimate, mended.samples, request.imu, wrong)
@@ -122,15 +124,11 @@ def _estimate(
     samples: ImuSamples,
     path: KinematicPath,
     options: MatchedOptions | PaperOptions,
-    *,
-    either_sign: bool,
 ) -> Estimate:
     if isinstance(options, MatchedOptions):
-        from imucalib_cli.estimate.accel_sign import calibrate_either_sign
         from imucalib_cli.estimate.matched import calibrate_matched
 
-        estimate = calibrate_either_sign if either_sign else calibrate_matched
-        return estimate(samples, path, options)
+        return calibrate_matched(samples, path, options)
     from imucalib_cli.estimate.paper import calibrate_paper
 
     return calibrate_paper(samples, path, options)

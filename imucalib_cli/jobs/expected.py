@@ -11,7 +11,7 @@ import numpy as np
 from imucalib_cli.estimate.imu_check import check_imu
 from imucalib_cli.estimate.imu_model import imu_assumptions
 from imucalib_cli.estimate.options import MatchedOptions, PaperOptions
-from imucalib_cli.estimate.priors import MISSED
+from imucalib_cli.estimate.judge import DISTRUST_SIGMAS
 from imucalib_cli.findings import Finding, warning
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ def contradicted(estimate: Estimate, expected: ExpectedImu | None) -> tuple[Sens
     return tuple(
         sensor
         for sensor, prior in expected.bias_priors.items()
-        if float(np.linalg.norm(found[sensor])) > MISSED * prior
+        if float(np.linalg.norm(found[sensor])) > DISTRUST_SIGMAS * prior
     )
 
 

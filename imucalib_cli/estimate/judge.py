@@ -1,0 +1,459 @@
+"""What is to be told of a fit: every check, each giving findings with codes and numbers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imucalib_cli.estimate.layout import Joint
+from imucalib_cli.estimate.observability import (
+    ROTATION_LIMIT,
+    TRANSLATION_LIMIT,
+    excitation,
+    unobservable_directions,
+)
+from imucalib_cli.estimate.solve import tilt_from_down
+from imucalib_cli.estimate.spectrum import inverse_of, squared_distance
+from imucalib_cli.estimate.unknowns import Clock, Gravity, Mount, Reading
+from imucalib_cli.estimate.window_choice import kinematic_noise, second_derivative_gain
+from imucalib_cli.findings import Finding, Severity, note, untrusted, warning
+from imucalib_cli.robot.rotations import rotvec_from_matrix
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from imucalib_cli.estimate.estimate import UnobservableDirection
+    from imucalib_cli.estimate.fit import Fit
+    from imucalib_cli.estimate.layout import Placed
+    from imucalib_cli.estimate.options import MatchedOptions
+    from imucalib_cli.estimate.prepare import CleanImu
+    from imucalib_cli.estimate.segments import Change
+    from imucalib_cli.estimate.specification import Dependence
+    from imucalib_cli.estimate.stamps import Attempt
+
+Floats = NDArray[np.float64]
+
+WARN_SIGMAS: Final = 3.0
+"""One sound log in 370."""
+DISTRUST_SIGMAS: Final = 5.0
+"""One sound log in two million."""
+TELL_SIGMAS: Final = 5.0
+"""From which an error of sensor or robot is named: it stands clear of its own sigma."""
+_AMBIGUOUS: Final = 25.0
+"""Least rise of chi-squared of a second rotation that is really worse: five sigma."""
+_UNEXPLAINED_GYRO: Final = 0.3
+"""Share of the measured rotation left in the residuals from which model and log do not match."""
+_UNEXPLAINED_ACCEL: Final = 1.0
+"""m/s², averaged over a window: no sensor is as noisy as that."""
+_STANDSTILL_GYRO: Final = 0.02
+"""rad/s: a log that turns less than this tells nothing about mismatch."""
+_CLEAR_LAG: Final = 0.8
+"""Correlation of the two rates at the right time offset: even a bad model keeps it."""
+_LOUD: Final = 5.0
+"""Residuals over the noise that is known, from which it is said."""
+_GROSS: Final = 50.0
+"""Likewise, from which the equations, not their parameters, are wrong."""
+_DROPPED_MOTION: Final = 0.2
+"""Share of the motion in windows left out from which the rest no longer speaks for the log."""
+_DROPPED: Final = 0.05
+"""Share of windows left out from which it is said."""
+_PLAIN: Final = (0.1, 0.02)
+"""m/s² and rad/s: residuals of a window that no filter, only a wrong model leaves."""
+_TILTED: Final = np.radians(20.0)
+"""rad: a base stands level, or it is mounted otherwise on purpose."""
+_OFFSET_LIMIT: Final = 0.02
+"""s: a time offset known no better than this is not known."""
+_NEGLIGIBLE: Final = 1e-5
+"""m and rad: no drawing is more exact, so no contradiction is smaller."""
+_UNTOUCHED: Final = 0.9
+"""Share of a prior's deviation that is left where the data add nothing to it."""
+_NAMES: Final = ("tx", "ty", "tz", "rx", "ry", "rz")
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """All that is known when a result is judged."""
+
+    fit: Fit
+    attempt: Attempt
+    clean: CleanImu
+    options: MatchedOptions
+    dependence: tuple[Dependence, ...]
+    change: Change | None
+    reversed_accel: bool
+    """The accelerometer's readings were taken with the other sign."""
+
+    @property
+    def over_noise(self) -> tuple[float, float]:
+        """Residual scale over the noise that is known: the sensor's own and the kinematics'."""
+        fit = self.fit
+        windowing = fit.model.windowing
+        rotation, position = kinematic_noise(windowing.trajectory)
+        plan, grid = windowing.plan, windowing.grid
+        seconds = plan.length * grid.dt
+        kinematic = (
+            second_derivative_gain(seconds) * position,
+            # The first derivative's gain, 12 / T³, of the three angles in the nine elements of R.
+            12.0 / seconds**3 * rotation / 6.0,
+        )
+        ratios = []
+        for sensor, pair in enumerate((plan.second_derivative, plan.first_derivative)):
+            own = grid.noise[sensor] * np.linalg.norm(pair.average) * np.sqrt(grid.refine)
+            known = float(np.hypot(own, np.sqrt(kinematic[sensor])))
+            ratios.append(fit.residual_scales[sensor] / max(known, NOISE_FLOOR[sensor]))
+        return ratios[0], ratios[1]
+
+
+NOISE_FLOOR: Final = (1e-3, 5e-5)
+"""m/s² and rad/s: residuals of a window that a good IMU leaves; less is as good as none."""
+
+
+def unobservable(fit: Fit) -> tuple[UnobservableDirection, ...]:
+    """Directions of the pose that the motion did not determine."""
+    return tuple(unobservable_directions(_pose(fit, fit.covariance), _pose(fit, excitation(fit))))
+
+
+def _pose(fit: Fit, matrix: Floats) -> Floats:
+    """(6, 6), of the mount."""
+    places = np.r_[fit.layout.part("translation"), fit.layout.part("rotation")]
+    return matrix[np.ix_(places, places)]
+
+
+def findings(evidence: Evidence, *, unknown: bool) -> tuple[Finding, ...]:
+    """Every finding of a fit, the grave ones first.
+
+    Args:
+        evidence: Of the fit.
+        unknown: Whether directions are unobservable: other findings may follow from it.
+    """
+    found = [
+        *_contradicted_priors(evidence),
+        *_changed(evidence),
+        *_unexplained(evidence),
+        *_implausible(evidence),
+        *_window(evidence),
+        *(() if unknown else _undecided(evidence)),
+        *_residuals(evidence),
+        *_left_out(evidence),
+        *_found(evidence),
+        *_resting_on_priors(evidence),
+        *_stamps(evidence),
+        *_offset(evidence),
+        *(() if unknown else _gravity(evidence)),
+    ]
+    order = {Severity.UNTRUSTED: 0, Severity.WARNING: 1, Severity.NOTE: 1}
+    return tuple(sorted(found, key=lambda each: order[each.severity]))
+
+
+def _unexplained(evidence: Evidence) -> Iterator[Finding]:
+    """Motion that the model does not account for."""
+    fit = evidence.fit
+    turning = fit.turning
+    left = float(np.sqrt(np.mean(fit.residuals[:, 3:] ** 2)))
+    lag = evidence.attempt.lag
+    if turning > _STANDSTILL_GYRO and left > _UNEXPLAINED_GYRO * turning:
+        far = lag is not None and lag.correlation < _CLEAR_LAG
+        yield untrusted(
+            "fit.rotation_unexplained",
+            share=left / turning,
+            max_offset=evidence.options.max_offset if far else None,
+        )
+    force_left = float(np.sqrt(np.mean(fit.residuals[:, :3] ** 2)))
+    if force_left > _UNEXPLAINED_ACCEL:
+        yield untrusted("fit.acceleration_unexplained", left=force_left)
+
+
+def _undecided(evidence: Evidence) -> Iterator[Finding]:
+    lag = evidence.attempt.lag
+    if lag is not None and lag.at_edge:
+        yield untrusted("offset.at_edge", max_offset=evidence.options.max_offset)
+    if evidence.fit.runner_up_rise < _AMBIGUOUS:
+        yield untrusted("rotation.ambiguous")
+
+
+def _residuals(evidence: Evidence) -> Iterator[Finding]:
+    ratios = evidence.over_noise
+    worst = int(np.argmax(ratios))
+    if ratios[worst] > _LOUD:
+        make = untrusted if ratios[worst] > _GROSS else warning
+        sensor = ("accel", "gyro")[worst]
+        yield make("residual.beyond_noise", sensor=sensor, ratio=ratios[worst])
+
+
+def _left_out(evidence: Evidence) -> Iterator[Finding]:
+    fit = evidence.fit
+    lost = fit.weights <= 0.0
+    # Without noise the corners of a motion lose their weight for a thousandth of its acceleration.
+    plain = (np.linalg.norm(fit.residuals[:, :3], axis=1) > _PLAIN[0]) | (
+        np.linalg.norm(fit.residuals[:, 3:], axis=1) > _PLAIN[1]
+    )
+    share = float(fit.motion[lost & plain].sum() / max(fit.motion.sum(), 1e-300))
+    count = int(lost.sum())
+    if share > _DROPPED_MOTION:
+        yield untrusted("windows.motion_left_out", share=share)
+    if count > _DROPPED * len(lost):
+        grid = fit.model.windowing.grid
+        when = grid.t0 + grid.dt * fit.centres[lost]
+        first, last = np.percentile(when, (4, 96))
+        within = (grid.t0 + grid.dt * fit.centres >= first) & (
+            grid.t0 + grid.dt * fit.centres <= last
+        )
+        dense = lost[within].mean() > 0.5
+        yield warning(
+            "windows.left_out",
+            count=count,
+            total=len(lost),
+            start=float(first) if dense else None,
+            end=float(last) if dense else None,
+        )
+
+
+def _window(evidence: Evidence) -> Iterator[Finding]:
+    """An answer that hangs on the window: something that no unknown explains."""
+    if not evidence.dependence:
+        return
+    worst = max(evidence.dependence, key=lambda each: each.sigmas)
+    if worst.sigmas > WARN_SIGMAS:
+        sigma = np.sqrt(np.diag(_pose(evidence.fit, evidence.fit.covariance)))
+        matters = bool((np.abs(worst.difference) > sigma).any())
+        make = untrusted if matters and worst.sigmas > DISTRUST_SIGMAS else warning
+        yield make(
+            "window.dependent",
+            sigmas=worst.sigmas,
+            seconds=worst.seconds,
+            used=evidence.attempt.window.seconds,
+            translation=float(np.linalg.norm(worst.difference[:3])),
+            rotation=float(np.linalg.norm(worst.difference[3:])),
+        )
+
+
+def _changed(evidence: Evidence) -> Iterator[Finding]:
+    """An instant from which the log tells something else."""
+    change = evidence.change
+    if change is None:
+        return
+    sigma = np.sqrt(np.diag(_pose(evidence.fit, evidence.fit.covariance)))
+    moves = change.kind == "mount" or bool((np.abs(change.moves_pose) > sigma).any())
+    make = untrusted if moves else warning
+    if change.kind == "mount":
+        yield make(
+            "change.mount",
+            seconds=change.seconds,
+            uncertainty=change.uncertainty,
+            translation=float(np.linalg.norm(change.size[:3])),
+            rotation=float(np.linalg.norm(change.size[3:])),
+        )
+    else:
+        yield make(
+            f"change.{change.kind}",
+            seconds=change.seconds,
+            uncertainty=change.uncertainty,
+            size=float(change.size[0])
+            if change.kind == "clock"
+            else float(np.linalg.norm(change.size)),
+        )
+
+
+def _errors(evidence: Evidence) -> Iterator[tuple[Placed, Floats, Floats, Floats]]:
+    """Entries beside mount, gravity's direction and offset: value, covariance, move of the pose."""
+    fit = evidence.fit
+    pose = np.r_[fit.layout.part("translation"), fit.layout.part("rotation")]
+    for each in fit.layout.placed:
+        effect, part = each.unknown.effect, each.part
+        if isinstance(effect, Mount) or each.unknown.name in {"time_offset", "gravity_direction"}:
+            continue
+        if not fit.layout.free[part].all():
+            continue
+        value = fit.value(each, evidence.options)
+        C = fit.covariance[part, part]
+        moves = fit.covariance[pose, part] @ inverse_of(C) @ value
+        yield each, value, C, moves
+
+
+def _implausible(evidence: Evidence) -> Iterator[Finding]:
+    """Errors larger than a sound robot or a sound sensor has, and surely so."""
+    for each, value, C, _ in _errors(evidence):
+        std, limit = np.sqrt(np.diag(C)), each.unknown.healthy
+        if limit is None:
+            continue
+        limit = max(limit, evidence.options.told_std(each.unknown.name) * WARN_SIGMAS)
+        worst = int(np.argmax(np.abs(value)))
+        if abs(value[worst]) > limit and abs(value[worst]) > WARN_SIGMAS * std[worst]:
+            make = warning if "bias" in each.unknown.name else untrusted
+            yield make(
+                "unknown.implausible",
+                name=each.unknown.name,
+                label=each.labels[worst],
+                value=value[worst],
+                std=std[worst],
+                limit=limit,
+            )
+
+
+def _found(evidence: Evidence) -> Iterator[Finding]:
+    """Errors that stand clear of their sigma, and would move the pose by more than its sigma."""
+    stated = np.sqrt(np.diag(_pose(evidence.fit, evidence.fit.covariance)))
+    for each, value, C, moves in _errors(evidence):
+        effect = each.unknown.effect
+        if isinstance(effect, Reading) and each.unknown.name.endswith(("bias", "ramp")):
+            continue
+        std = np.sqrt(np.diag(C))
+        clear = np.abs(value) > TELL_SIGMAS * std
+        if not clear.any() or not (np.abs(moves) > stated).any():
+            continue
+        sensor = isinstance(effect, (Reading, Clock, Gravity))
+        yield (warning if sensor else note)(
+            "unknown.found",
+            name=each.unknown.name,
+            owner=each.where.name if isinstance(each.where, Joint) else "",
+            labels=tuple(each.labels),
+            values=tuple(value.tolist()),
+            stds=tuple(std.tolist()),
+            seconds=evidence.fit.model.seconds,
+            translation=float(np.linalg.norm(moves[:3])),
+            rotation=float(np.linalg.norm(moves[3:])),
+        )
+
+
+def _contradicted_priors(evidence: Evidence) -> Iterator[Finding]:
+    """Priors and fixed components that the data contradict."""
+    fit, options = evidence.fit, evidence.options
+    for option, name, std in (
+        ("--accel-bias", "accel_bias", options.accel_bias_std),
+        ("--gyro-bias", "gyro_bias", options.gyro_bias_std),
+        ("--tilt-std", "gravity_direction", options.tilt_std),
+    ):
+        if not 0.0 < std < np.inf:
+            continue
+        value = (
+            tilt_from_down(fit.state.gravity)
+            if name == "gravity_direction"
+            else fit.state.x[fit.layout.part(name)]
+        )
+        if len(value) and np.linalg.norm(value) > DISTRUST_SIGMAS * std:
+            yield untrusted(
+                "prior.contradicted", option=option, sigmas=float(np.linalg.norm(value)) / std
+            )
+    known = options.pose
+    if known is None or known.R_parent_imu is None or known.t_parent_imu is None:
+        return
+    std = np.array(known.std)
+    off = np.concatenate(
+        [
+            fit.state.t - known.t_parent_imu,
+            rotvec_from_matrix(fit.state.R @ known.R_parent_imu.T),
+        ]
+    )
+    for place in np.flatnonzero(np.abs(off) > DISTRUST_SIGMAS * np.where(std > 0.0, std, np.inf)):
+        yield untrusted(
+            "prior.pose_contradicted", component=_NAMES[place], sigmas=abs(off[place]) / std[place]
+        )
+    held = np.flatnonzero(std == 0.0)
+    if len(held):
+        yield from _pulled(fit, held)
+
+
+def _pulled(fit: Fit, held: NDArray[np.intp]) -> Iterator[Finding]:
+    """Where the data would take components that are held, if they plainly would.
+
+    A component that the motion does not show is neither confirmed nor contradicted: noise of the
+    poses looks like information on it.
+    """
+    step, C = _free_step(fit, held)
+    seen = ~_unseen(fit, held)
+    step, C, held = step[seen], C[np.ix_(seen, seen)], held[seen]
+    if not len(held):
+        return
+    distance = squared_distance(step, C + _NEGLIGIBLE**2 * np.eye(len(held)))
+    if distance < DISTRUST_SIGMAS**2 + 3.0 * len(held):
+        return
+    worst = int(np.argmax(np.abs(step) / np.sqrt(np.diag(C) + _NEGLIGIBLE**2)))
+    yield untrusted(
+        "prior.fixed_contradicted",
+        component=_NAMES[int(held[worst])],
+        step=float(step[worst]),
+        std=float(np.sqrt(C[worst, worst])),
+    )
+
+
+def _free_step(fit: Fit, held: NDArray[np.intp]) -> tuple[Floats, Floats]:
+    """Where components of the mount that are held would go if they were free, and how surely."""
+    places = np.r_[fit.layout.part("translation"), fit.layout.part("rotation")][held]
+    free = np.flatnonzero(fit.layout.free)
+    every = np.concatenate([free, places])
+    A = fit.statistics.information[np.ix_(every, every)] / fit.level
+    A[np.diag_indices(len(free))] += 1.0 / fit.layout.std_at(fit.scales_found.mean)[free] ** 2
+    score = fit.statistics.score / fit.level + fit.statistics.information @ fit.step / fit.level
+    C = inverse_of(A)[len(free) :, len(free) :]
+    return -(C @ score[places]), C
+
+
+def _unseen(fit: Fit, held: NDArray[np.intp]) -> NDArray[np.bool_]:
+    """Which held components of the mount the motion does not determine."""
+    std = np.sqrt(np.diag(_pose(fit, excitation(fit, everything=True)))[held])
+    return np.asarray(std > np.where(held < 3, TRANSLATION_LIMIT, ROTATION_LIMIT))
+
+
+def _resting_on_priors(evidence: Evidence) -> Iterator[Finding]:
+    """Components that come from what was told and not from the log."""
+    fit, known = evidence.fit, evidence.options.pose
+    if known is None or known.R_parent_imu is None:
+        return
+    std = np.array(known.std)
+    variance = np.diag(_pose(fit, fit.covariance))
+    told = [
+        place
+        for place in range(6)
+        if 0.0 < std[place] < np.inf and variance[place] > (_UNTOUCHED * std[place]) ** 2
+    ]
+    held = np.flatnonzero(std == 0.0)
+    if len(held):
+        told += held[_unseen(fit, held)].tolist()
+    if told:
+        yield warning("prior.untested", components=tuple(_NAMES[place] for place in sorted(told)))
+
+
+def _stamps(evidence: Evidence) -> Iterator[Finding]:
+    clean, attempt = evidence.clean, evidence.attempt
+    if evidence.reversed_accel:
+        yield warning("imu.accel_reversed")
+    if clean.repeated or clean.backward or clean.not_finite or clean.astray:
+        yield warning(
+            "imu.samples_left_out",
+            repeated=clean.repeated,
+            not_finite=clean.not_finite,
+            astray=clean.astray,
+            backward=clean.backward,
+        )
+    if attempt.imu_ticks and clean.ticks is not None:
+        yield warning("stamps.imu_ticks", jitter=clean.ticks.jitter)
+    if attempt.robot_ticks:
+        yield warning("stamps.robot_ticks")
+    for track in evidence.fit.model.windowing.trajectory.tracks:
+        if track.held:
+            yield warning("stream.held_values", stream=track.name)
+
+
+def _offset(evidence: Evidence) -> Iterator[Finding]:
+    if len(evidence.fit.of("time_offset")[0]) and not offset_known(evidence.fit):
+        yield warning("offset.undetermined")
+
+
+def offset_known(fit: Fit) -> bool:
+    """Whether the motion determines the time offset."""
+    part = fit.layout.part("time_offset")
+    if part == slice(0, 0):
+        return False
+    variance = max(fit.covariance[part, part].item(), excitation(fit)[part, part].item())
+    return bool(variance < _OFFSET_LIMIT**2)
+
+
+def _gravity(evidence: Evidence) -> Iterator[Finding]:
+    gravity = evidence.fit.state.gravity
+    if gravity.any():
+        tilt = float(np.linalg.norm(tilt_from_down(gravity)))
+        if tilt > _TILTED:
+            yield warning("gravity.tilted", tilt=tilt)

@@ -1,0 +1,234 @@
+"""The words of what an estimate finds out: the part of messages.MESSAGES on fits and their causes."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+from imucalib_cli.digits import with_std
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+_COMPONENTS = ("x", "y", "z")
+
+
+def _rotation_unexplained(share: float, max_offset: float | None) -> str:
+    beyond = (
+        f", or do the clocks differ by more than {max_offset:g} s (--max-offset)"
+        if max_offset is not None
+        else ""
+    )
+    return (
+        f"the robot's motion does not explain the gyroscope ({share:.0%} of the rotation is left "
+        f"over): is this the right parent link, URDF and joint topic{beyond}?"
+    )
+
+
+def _beyond_noise(sensor: str, ratio: float) -> str:
+    name = {"accel": "accelerometer", "gyro": "gyroscope"}[sensor]
+    return (
+        f"what the model leaves of the {name} is {ratio:.2g} times the noise that sensor and "
+        "encoders show: a mount or a link that is not rigid, or kinematics, stamps or units that "
+        "are not what they are taken for"
+    )
+
+
+def _left_out(count: int, total: int, start: float | None, end: float | None) -> str:
+    where = (
+        f", nearly all between {start:.0f} and {end:.0f} s of the log: look what changed there, "
+        "the result is that of the rest"
+        if start is not None
+        else ""
+    )
+    return f"{count} of {total} windows do not fit the rest and were left out{where}"
+
+
+def _window(
+    sigmas: float, seconds: float, used: float, translation: float, rotation: float
+) -> str:
+    return (
+        f"the answer depends on the filter window: at {seconds:.2g} s instead of {used:.2g} s the "
+        f"IMU would be {translation * 1e3:.2g} mm and {math.degrees(rotation):.2g} deg elsewhere, "
+        f"{sigmas:.2g} sigma: something that no unknown of the model explains moves it, such as a "
+        "mount or a joint that gives; sigma includes this difference"
+    )
+
+
+def _mount_moved(seconds: float, uncertainty: float, translation: float, rotation: float) -> str:
+    return (
+        f"before and after about {seconds:.0f} ± {max(uncertainty, 1.0):.0f} s of the log the "
+        f"IMU's pose differs by {translation * 1e3:.3g} mm and {math.degrees(rotation):.2g} deg, "
+        "beyond what noise and model explain: the mount moved, or the log joins two set-ups; "
+        "calibrate each part alone"
+    )
+
+
+def _clock_step(seconds: float, uncertainty: float, size: float) -> str:
+    return (
+        f"the clocks of IMU and robot shift by {size * 1e3:+.3g} ms against each other at about "
+        f"{seconds:.0f} ± {max(uncertainty, 1.0):.0f} s of the log: use a part on one side of it, "
+        "and see that no clock is set while recording"
+    )
+
+
+def _bias_step(name: str, unit: str) -> Callable[..., str]:
+    def message(seconds: float, uncertainty: float, size: float) -> str:
+        return (
+            f"the {name}'s bias changes by {size:.2g} {unit} at about {seconds:.0f} ± "
+            f"{max(uncertainty, 1.0):.0f} s of the log: the sensor was reset, struck or is warming "
+            "up; use a part on one side of it"
+        )
+
+    return message
+
+
+_WORDS: dict[str, tuple[str, float, str]] = {
+    "accel_bias": ("bias of the accelerometer", 1.0, "m/s²"),
+    "gyro_bias": ("bias of the gyroscope", 1.0, "rad/s"),
+    "accel_bias_ramp": ("change of the accelerometer's bias over the log", 1.0, "m/s²"),
+    "gyro_bias_ramp": ("change of the gyroscope's bias over the log", 1.0, "rad/s"),
+    "gravity_norm": ("magnitude of gravity less the nominal one", 1.0, "m/s²"),
+    "clock_drift": ("gain of the IMU's clock on the robot's", 1e6, "µs a second"),
+    "gyro_delay": ("delay of the gyroscope behind the accelerometer", 1e3, "ms"),
+    "accel_filter": ("low-pass filter of the accelerometer", 1e6, "ms²"),
+    "gyro_filter": ("low-pass filter of the gyroscope", 1e6, "ms²"),
+    "accel_scale": ("scale error of the accelerometer", 100.0, "%"),
+    "gyro_scale": ("scale error of the gyroscope", 100.0, "%"),
+    "gyro_misalignment": (
+        "turn of the gyroscope's axes against the accelerometer's",
+        math.degrees(1.0),
+        "deg",
+    ),
+    "gyro_g_sensitivity": ("response of the gyroscope to acceleration", 1.0, "rad/s per m/s²"),
+    "joint_zero": ("zero of joint", math.degrees(1.0), "deg"),
+    "joint_harmonic": ("error once a turn of joint", math.degrees(1.0), "deg"),
+    "joint_lag": ("delay of joint", 1e3, "ms"),
+    "joint_play": ("play of joint", math.degrees(1.0), "deg"),
+    "origin": ("origin of joint", 1e3, "mm"),
+    "pose_scale": ("scale error of the positions of", 100.0, "%"),
+}
+"""Of each entry of the table of unknowns: words, factor from its unit, unit for people."""
+_REMEDIES: dict[str, str] = {
+    "clock_drift": "synchronise the clocks",
+    "gyro_delay": "give both sensors the same bandwidth, or expect the same delay in use",
+    "accel_filter": "a filter in the driver; turn it off, or expect it in use",
+    "gyro_filter": "a filter in the driver; turn it off, or expect it in use",
+    "accel_scale": "calibrate the sensor, or scale its data",
+    "gyro_scale": "calibrate the sensor, or scale its data",
+    "gyro_misalignment": "the pose is the accelerometer's; calibrate the sensor's axes",
+    "gravity_norm": "give --gravity if you know it",
+    "gyro_g_sensitivity": "calibrate the sensor",
+    "joint_zero": "the arm's own calibration should say the same before the URDF is edited",
+    "origin": "the arm's own calibration should say the same before the URDF is edited",
+    "pose_scale": "calibrate the tracker",
+}
+
+
+def _quantity(name: str, label: str, value: float, std: float) -> str:
+    _, factor, unit = _WORDS[name]
+    return f"{label} {with_std(value * factor, std * factor)} {unit}".strip()
+
+
+def _unknown_found(
+    *,
+    name: str,
+    owner: str,
+    labels: tuple[str, ...],
+    values: tuple[float, ...],
+    stds: tuple[float, ...],
+    seconds: float,
+    translation: float,
+    rotation: float,
+) -> str:
+    words = _WORDS[name][0]
+    if name == "clock_drift":
+        gains = "gains" if values[0] > 0.0 else "loses"
+        return (
+            f"the IMU's clock {gains} {with_std(abs(values[0]) * 1e6, stds[0] * 1e6)} µs a second "
+            f"{'on' if values[0] > 0.0 else 'against'} the robot's, "
+            f"{abs(values[0]) * seconds * 1e3:.2g} ms over the log; corrected here: synchronise "
+            "the clocks"
+        )
+    what = ", ".join(
+        _quantity(name, label, value, std)
+        for label, value, std in zip(labels, values, stds, strict=True)
+    )
+    remedy = _REMEDIES.get(name, "")
+    return (
+        f"{words} {what}: corrected here, which moves the pose by {translation * 1e3:.2g} mm and "
+        f"{math.degrees(rotation):.2g} deg{f'; {remedy}' if remedy else ''}"
+    )
+
+
+def _implausible(name: str, label: str, value: float, std: float, limit: float) -> str:
+    words, factor, unit = _WORDS[name]
+    return (
+        f"{words} {_quantity(name, label, value, std)}, more than any sound robot or sensor has "
+        f"({limit * factor:.3g} {unit}): check units, ranges, axes and the URDF"
+    )
+
+
+def _fixed(component: str, step: float, std: float) -> str:
+    away = (
+        f"{step * 1e3:+.3g} ± {std * 1e3:.1g} mm"
+        if component.startswith("t")
+        else f"{math.degrees(step):+.3g} ± {math.degrees(std):.1g} deg"
+    )
+    return (
+        f"the data contradict --fix: left free, {component} would go {away} from where it is "
+        "held; measure it again, or leave it out of --fix"
+    )
+
+
+def _untested(components: tuple[str, ...]) -> str:
+    return (
+        f"the log says nothing on {', '.join(components)} beyond what was told by --fix or "
+        "--prior-std: it neither confirms nor contradicts it"
+    )
+
+
+FIT_MESSAGES: dict[str, str | Callable[..., Any]] = {
+    "fit.rotation_unexplained": _rotation_unexplained,
+    "fit.acceleration_unexplained": "the robot's motion and gravity leave {left:.2g} m/s² of the "
+    "acceleration unexplained: are --gravity, the units and the parent link right?",
+    "offset.at_edge": "the time offset may lie beyond the search of ±{max_offset:g} s: widen it "
+    "with --max-offset",
+    "offset.undetermined": "the motion does not determine the time offset; the value is a guess",
+    "rotation.ambiguous": "another rotation fits almost as well: record motion about more than one "
+    "axis",
+    "residual.beyond_noise": _beyond_noise,
+    "windows.motion_left_out": "windows with {share:.0%} of the motion do not fit the rest and "
+    "were left out: frames, joint order or stamps may be wrong in parts of the log",
+    "windows.left_out": _left_out,
+    "window.dependent": _window,
+    "change.mount": _mount_moved,
+    "change.clock": _clock_step,
+    "change.gyro_bias": _bias_step("gyroscope", "rad/s"),
+    "change.accel_bias": _bias_step("accelerometer", "m/s²"),
+    "unknown.found": _unknown_found,
+    "unknown.implausible": _implausible,
+    "prior.contradicted": "the data contradict {option}: the value found is {sigmas:.0f} standard "
+    "deviations off; give a larger one, or leave the option out",
+    "prior.pose_contradicted": "the data contradict --prior-std: {component} comes out "
+    "{sigmas:.0f} standard deviations off the pose told beforehand; measure it again, or give a "
+    "larger one",
+    "prior.fixed_contradicted": _fixed,
+    "prior.untested": _untested,
+    "imu.accel_reversed": "the accelerometer points down at rest: its values fit the motion "
+    "decisively better with their sign reversed, which was done (--accel-sign up keeps them)",
+    "imu.samples_left_out": "IMU samples left out: {repeated} with repeated stamps, {not_finite} "
+    "not finite, {astray} with stamps far from the log; stamps that went backwards: {backward}",
+    "stamps.imu_ticks": lambda jitter: (
+        f"IMU stamps jitter by {jitter * 1e3:.2g} ms about a constant rate; the constant rate fits "
+        "the motion better and was used"
+    ),
+    "stamps.robot_ticks": "robot stamps jitter about a constant rate, which fits the motion better "
+    "and was used",
+    "stream.held_values": "{stream}: values are held for several messages; only changes were used, "
+    "and the time offset contains the hold",
+    "gravity.tilted": lambda tilt: (
+        f"gravity is {math.degrees(tilt):.0f} deg off -z of the world: true for a base mounted so, "
+        "else joint signs, frames or the accelerometer's sign are wrong"
+    ),
+}
