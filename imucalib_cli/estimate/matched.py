@@ -22,7 +22,6 @@ from imucalib_cli.signals.trajectory import Trajectory
 if TYPE_CHECKING:
     from imucalib_cli.estimate.fit import Fit
     from imucalib_cli.estimate.options import MatchedOptions
-    from imucalib_cli.estimate.specification import Dependence
     from imucalib_cli.estimate.stamps import Attempt
     from imucalib_cli.robot.path import KinematicPath
     from imucalib_cli.signals.samples import ImuSamples
@@ -84,7 +83,7 @@ def calibrate_matched(imu: ImuSamples, path: KinematicPath, options: MatchedOpti
     )
     state, P = fit.state, fit.covariance
     pose = np.r_[fit.layout.part("translation"), fit.layout.part("rotation")]
-    covariance = P[np.ix_(pose, pose)] + _of_window(dependence)
+    covariance = P[np.ix_(pose, pose)] + judge.of_findings(evidence)
     biases = {name: _bias(fit, name) for name in ("accel_bias", "gyro_bias")}
     offset, offset_std = fit.of("time_offset")
     return Estimate(
@@ -125,15 +124,6 @@ def _sign_in_doubt(attempt: Attempt, options: MatchedOptions) -> bool:
 def _upside_down(attempt: Attempt) -> bool:
     gravity = attempt.lean.state.gravity
     return bool(-gravity[2] < _FAR_FROM_DOWN * np.linalg.norm(gravity))
-
-
-def _of_window(dependence: tuple[Dependence, ...]) -> Floats:
-    """What an answer that hangs on the window adds to the covariance."""
-    beyond = [each for each in dependence if each.sigmas > judge.WARN_SIGMAS]
-    if not beyond:
-        return np.zeros((6, 6))
-    worst = max(beyond, key=lambda each: each.sigmas)
-    return np.outer(worst.difference, worst.difference)
 
 
 def _bias(fit: Fit, name: str) -> tuple[Floats, Floats | None]:

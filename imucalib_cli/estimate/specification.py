@@ -2,9 +2,10 @@
 
 An answer of a true model does not depend on the length of the filter window, but for noise. So the
 system is solved again at half and at twice the window, and the difference held against its own
-covariance: both see the same noise, through other filters.
+covariance. Both see the same noise, and noise of real logs is louder in some motions than in
+others, so that the covariance is made from how the parts of the log scatter about the difference.
 
-Source: Hausman, Econometrica 46(6), 1978, with the covariance of the difference made outright.
+Source: Hausman, Econometrica 46(6), 1978.
 """
 
 from __future__ import annotations
@@ -15,10 +16,10 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import gammaincc, ndtri
+from scipy.special import fdtrc, ndtri
 
 from imucalib_cli.estimate.fit import noise_of_columns, without_noise
-from imucalib_cli.estimate.spectrum import BandSums, squared_distance, whitening
+from imucalib_cli.estimate.spectrum import squared_distance, whitening
 from imucalib_cli.estimate.window_choice import MAX_ATTENUATION, attenuation
 from imucalib_cli.estimate.windows import plan_windows
 
@@ -30,8 +31,11 @@ Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 FACTORS: Final = (0.5, 2.0)
-_LEAST_WINDOWS: Final = 96
-"""Twelve lengths of a window: fewer tell no answer of their own."""
+_MOST_PARTS: Final = 48
+_LENGTHS_PER_PART: Final = 4
+"""Lengths of a window in a part of the log: parts are then nearly independent."""
+_FEWEST_PARTS: Final = 12
+"""Twice the components that are compared."""
 _SHORTEST: Final = 9
 """Samples of a window that can be halved no more."""
 _NEGLIGIBLE: Final = (1e-5, 2e-5)
@@ -49,13 +53,17 @@ class Dependence:
     covariance: Floats
     """(6, 6), of that difference by noise and priors."""
 
+    parts: int
+    """Of the log, from whose scatter the covariance is."""
+
     @property
     def sigmas(self) -> float:
-        """Size of the difference as a normal deviate of the same probability."""
+        """Size of the difference as a normal deviate of the same probability (Hotelling 1931)."""
         floor = np.diag(np.repeat(np.square(_NEGLIGIBLE), 3))
-        chi2 = squared_distance(self.difference, self.covariance + floor)
-        tail = float(gammaincc(len(self.difference) / 2.0, chi2 / 2.0))
-        return float(-ndtri(tail / 2.0)) if tail > 1e-300 else math.sqrt(chi2)
+        square = squared_distance(self.difference, self.covariance + floor)
+        count, freedom = len(self.difference), self.parts - len(self.difference)
+        tail = float(fdtrc(count, freedom, square * freedom / (count * (self.parts - 1.0))))
+        return float(-ndtri(tail / 2.0)) if tail > 1e-300 else math.sqrt(square)
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +97,8 @@ def window_dependence(fit: Fit) -> list[Dependence]:
     for plan in plans:
         model = replace(fit.model, windowing=replace(windowing, plan=plan))
         centres = np.intersect1d(fit.centres[fit.weights > 0.0], model.centres(fit.linearised))
-        if len(centres) < _LEAST_WINDOWS:
+        window = max(plan.length, own.length)
+        if len(centres) * own.hop < _FEWEST_PARTS * _LENGTHS_PER_PART * window:
             continue
         base, other = (_solved(fit, each, centres, pose) for each in (fit.model, model))
         found.append(_difference(fit, base, other, centres))
@@ -129,42 +138,22 @@ def _solved(fit: Fit, model: Model, centres: Indices, pose: Indices) -> _Solved:
 
 
 def _difference(fit: Fit, base: _Solved, other: _Solved, centres: Indices) -> Dependence:
+    """Difference of two solutions; its covariance from how parts of the log scatter about it."""
+    window = max(base.model.windowing.plan.length, other.model.windowing.plan.length)
     hop = base.model.windowing.plan.hop
-    sums = BandSums((centres - centres[0]) // hop, 13)
-    short = min(base, other, key=lambda each: each.model.windowing.plan.length)
-    rows = np.concatenate([base.influence, other.influence, short.residuals[:, :, None]], axis=2)
-    sums.add(slice(0, len(centres)), rows)
-    matrices, freedom = sums.finished(), sums.freedom(len(centres))
-    covariance = np.zeros((6, 6))
-    for sensor in range(2):
-        kernels = [
-            (
-                each.model.windowing.plan.second_derivative,
-                each.model.windowing.plan.first_derivative,
-            )[sensor].average
-            for each in (base, other, short)
-        ]
-        of = [
-            sums.mean_response(kernels[a], kernels[b], hop)
-            for a, b in ((0, 0), (0, 1), (1, 1), (2, 2))
-        ]
-        heard = np.maximum(of[3], 1e-3 * of[3].max())
-        level = matrices[sensor, :, 12, 12] / (freedom * heard)
-        aa, ab, bb = (
-            np.einsum("b,bij->ij", level * response, matrices[sensor, :, rows, columns])
-            for response, rows, columns in (
-                (of[0], slice(0, 6), slice(0, 6)),
-                (of[1], slice(0, 6), slice(6, 12)),
-                (of[2], slice(6, 12), slice(6, 12)),
-            )
-        )
-        covariance += aa - ab - ab.T + bb
+    parts = min(_MOST_PARTS, len(centres) * hop // (_LENGTHS_PER_PART * window))
+    each = np.einsum("wip,wi->wp", base.influence, base.residuals) - np.einsum(
+        "wip,wi->wp", other.influence, other.residuals
+    )
+    number = np.arange(len(centres)) * parts // len(centres)
+    sums = np.stack([np.bincount(number, column, parts) for column in each.T], axis=1)
+    scatter = sums - sums.mean(axis=0)
     free = np.flatnonzero(fit.layout.free)
     P = 1.0 / fit.layout.std_at(fit.scales_found.mean)[free] ** 2
     prior = other.inverse - base.inverse
-    plan = other.model.windowing.plan
     return Dependence(
-        seconds=(plan.length - 1) * other.model.windowing.grid.dt,
+        seconds=(other.model.windowing.plan.length - 1) * other.model.windowing.grid.dt,
         difference=other.step - base.step,
-        covariance=covariance + (prior * P) @ prior.T,
+        covariance=parts / (parts - 1.0) * scatter.T @ scatter + (prior * P) @ prior.T,
+        parts=parts,
     )
