@@ -44,9 +44,7 @@ def _left_out(count: int, total: int, start: float | None, end: float | None) ->
     return f"{count} of {total} windows do not fit the rest and were left out{where}"
 
 
-def _window(
-    sigmas: float, seconds: float, used: float, translation: float, rotation: float
-) -> str:
+def _window(sigmas: float, seconds: float, used: float, translation: float, rotation: float) -> str:
     return (
         f"the answer depends on the filter window: at {seconds:.2g} s instead of {used:.2g} s the "
         f"IMU would be {translation * 1e3:.2g} mm and {math.degrees(rotation):.2g} deg elsewhere, "

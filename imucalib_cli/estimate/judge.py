@@ -168,8 +168,8 @@ def findings(evidence: Evidence, *, unknown: bool) -> tuple[Finding, ...]:
 def _unexplained(evidence: Evidence) -> Iterator[Finding]:
     """Motion that the model does not account for."""
     fit = evidence.fit
-    turning = fit.turning
-    left = float(np.sqrt(np.mean(fit.residuals[:, 3:] ** 2)))
+    turning = fit.residuals.turning
+    left = float(np.sqrt(np.mean(fit.residuals.values[:, 3:] ** 2)))
     lag = evidence.attempt.lag
     if turning > _STANDSTILL_GYRO and left > _UNEXPLAINED_GYRO * turning:
         far = lag is not None and lag.correlation < _CLEAR_LAG
@@ -178,7 +178,7 @@ def _unexplained(evidence: Evidence) -> Iterator[Finding]:
             share=left / turning,
             max_offset=evidence.options.max_offset if far else None,
         )
-    force_left = float(np.sqrt(np.mean(fit.residuals[:, :3] ** 2)))
+    force_left = float(np.sqrt(np.mean(fit.residuals.values[:, :3] ** 2)))
     if force_left > _UNEXPLAINED_ACCEL:
         yield untrusted("fit.acceleration_unexplained", left=force_left)
 
@@ -204,10 +204,12 @@ def _left_out(evidence: Evidence) -> Iterator[Finding]:
     fit = evidence.fit
     lost = fit.weights <= 0.0
     # Without noise the corners of a motion lose their weight for a thousandth of its acceleration.
-    plain = (np.linalg.norm(fit.residuals[:, :3], axis=1) > _PLAIN[0]) | (
-        np.linalg.norm(fit.residuals[:, 3:], axis=1) > _PLAIN[1]
+    plain = (np.linalg.norm(fit.residuals.values[:, :3], axis=1) > _PLAIN[0]) | (
+        np.linalg.norm(fit.residuals.values[:, 3:], axis=1) > _PLAIN[1]
     )
-    share = float(fit.motion[lost & plain].sum() / max(fit.motion.sum(), 1e-300))
+    share = float(
+        fit.residuals.motion[lost & plain].sum() / max(fit.residuals.motion.sum(), 1e-300)
+    )
     count = int(lost.sum())
     if share > _DROPPED_MOTION:
         yield untrusted("windows.motion_left_out", share=share)
@@ -275,9 +277,7 @@ def _changed(evidence: Evidence) -> Iterator[Finding]:
 
 def _slipped(moved: Floats) -> bool:
     """Whether a change of the pose is more than the give of a mount, which sigma takes in."""
-    return bool(
-        np.linalg.norm(moved[:3]) > SLIP[0] or np.linalg.norm(moved[3:]) > SLIP[1]
-    )
+    return bool(np.linalg.norm(moved[:3]) > SLIP[0] or np.linalg.norm(moved[3:]) > SLIP[1])
 
 
 def _errors(evidence: Evidence) -> Iterator[tuple[Placed, Floats, Floats, Floats]]:

@@ -141,7 +141,7 @@ def _offset_std(attempt: Attempt, fit: Fit, std: float) -> float:
 
 def _residuals(fit: Fit, spikes: int) -> Residuals:
     used = fit.weights > 0.0
-    accel, gyro = (_rms(fit.residuals[used][:, part]) for part in (slice(0, 3), slice(3, 6)))
+    accel, gyro = (_rms(fit.residuals.values[used][:, part]) for part in (slice(0, 3), slice(3, 6)))
     windowing = fit.model.windowing
     gains = [
         float(np.linalg.norm(pair.average) * np.sqrt(windowing.grid.refine))

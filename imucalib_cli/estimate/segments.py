@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.estimate.estimate import Consistency
+from imucalib_cli.estimate.fit import PARTS
 from imucalib_cli.estimate.spectrum import inverse_of, squared_distance
 from imucalib_cli.estimate.windows import WINDOWS_PER_LENGTH
 
@@ -18,8 +19,6 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-SEGMENTS: Final = 48
-"""Parts of equal number of windows; an instant is found to half of one."""
 _FOLDS: Final = 12
 """Parts that are left out in turn."""
 _LEAST_SEGMENTS: Final = 3
@@ -69,7 +68,7 @@ class Segments:
         """
         free = np.flatnonzero(fit.layout.free)
         self._free, self._fit = free, fit
-        normal = fit.segment_matrices(SEGMENTS)
+        normal = fit.parts()
         self._A = normal[:, 1:, 1:][:, free][:, :, free] / fit.level
         b = normal[:, 1:, 0][:, free] / fit.level
         std = fit.layout.std_at(fit.scales_found.mean)[free]
@@ -81,11 +80,8 @@ class Segments:
         step = -self._inverse @ (b.sum(axis=0) + P * fit.prior_offset[free])
         self._b = b + self._A @ step
         grid = fit.model.windowing.grid
-        ends = np.searchsorted(
-            np.arange(len(fit.centres)) * SEGMENTS // len(fit.centres), np.arange(SEGMENTS)
-        )
-        last = fit.centres[-1]
-        self._edges = grid.t0 + grid.dt * np.append(fit.centres[ends], last)
+        first, last = (grid.t0 + grid.dt * fit.centres[[0, -1]]).tolist()
+        self._edges = np.linspace(first, last, PARTS + 1)
 
     def _places(self, *names: str) -> Indices:
         parts = [self._fit.layout.part(name) for name in names]

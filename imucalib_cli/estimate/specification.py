@@ -18,20 +18,23 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import fdtrc, ndtri
 
-from imucalib_cli.estimate.fit import noise_of_columns, without_noise
-from imucalib_cli.estimate.spectrum import squared_distance, whitening
+from imucalib_cli.estimate.fit import PARTS, noise_of_columns, with_residuals, without_noise
+from imucalib_cli.estimate.spectrum import part_matrices, squared_distance, whitening
 from imucalib_cli.estimate.window_choice import MAX_ATTENUATION, attenuation
 from imucalib_cli.estimate.windows import plan_windows
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from imucalib_cli.estimate.design import Model
     from imucalib_cli.estimate.fit import Fit
+    from imucalib_cli.estimate.windows import WindowPlan
 
 Floats = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 FACTORS: Final = (0.5, 2.0)
-_MOST_PARTS: Final = 48
+_NODES: Final = 16
+"""Nodes to a window: the test needs no columns as good as the answer's."""
 _LENGTHS_PER_PART: Final = 4
 """Lengths of a window in a part of the log: parts are then nearly independent."""
 _FEWEST_PARTS: Final = 12
@@ -66,43 +69,81 @@ class Dependence:
         return float(-ndtri(tail / 2.0)) if tail > 1e-300 else math.sqrt(square)
 
 
-@dataclass(frozen=True, eq=False)
-class _Solved:
-    """A solution at one window, and what it makes of the residuals."""
-
-    model: Model
-    step: Floats
-    """(6,), of the pose from the common point of linearisation."""
-    influence: Floats
-    """(W, 6, 6): the pose's error is minus their sum times the residuals."""
-    residuals: Floats
-    inverse: Floats
-    """(6, n), rows of the posterior covariance by this window."""
-
-
 def window_dependence(fit: Fit) -> list[Dependence]:
     """Solve at half and at twice the window; nothing where the log or the window is too short."""
     windowing, own = fit.model.windowing, fit.model.windowing.plan
     pose = np.r_[fit.layout.part("translation"), fit.layout.part("rotation")]
-    if len(pose) < 6 or not fit.layout.free[pose].all():
+    if not fit.layout.free[pose].all():
         return []
     lengths = [2 * round((own.length - 1) * factor / 2) + 1 for factor in FACTORS]
-    # All at the same centres, so that their noise can be held against each other.
     plans = [
-        plan_windows(length, own.degree, windowing.grid.dt, hop=own.hop)
+        plan_windows(length, own.degree, windowing.grid.dt, hop=own.hop, nodes=_NODES)
         for length in lengths
         if length >= _SHORTEST and _sound(fit, length)
     ]
-    found = []
-    for plan in plans:
-        model = replace(fit.model, windowing=replace(windowing, plan=plan))
-        centres = np.intersect1d(fit.centres[fit.weights > 0.0], model.centres(fit.linearised))
-        window = max(plan.length, own.length)
-        if len(centres) * own.hop < _FEWEST_PARTS * _LENGTHS_PER_PART * window:
-            continue
-        base, other = (_solved(fit, each, centres, pose) for each in (fit.model, model))
-        found.append(_difference(fit, base, other, centres))
-    return found
+    base = _Solved.of(fit, fit.parts(), fit.model, fit.residual_scales)
+    return [each for plan in plans for each in _difference(fit, base, plan)]
+
+
+def _difference(fit: Fit, base: _Solved, plan: WindowPlan) -> Iterator[Dependence]:
+    """Solve at another window; the covariance of the difference is from how parts scatter."""
+    windowing = fit.model.windowing
+    model = replace(fit.model, windowing=replace(windowing, plan=plan))
+    centres = np.intersect1d(fit.centres[fit.weights > 0.0], model.centres(fit.linearised))
+    parts = len(base.score)
+    if not len(centres) or np.ptp(centres) < parts * _LENGTHS_PER_PART * plan.length:
+        parts = _FEWEST_PARTS
+        if not len(centres) or np.ptp(centres) < parts * _LENGTHS_PER_PART * plan.length:
+            return
+    (residuals,) = model.residuals(fit.linearised, centres)
+    weights = fit.weights[np.searchsorted(fit.centres, centres)]
+    scales = fit.scales_at(plan)
+    matrices = part_matrices(
+        centres,
+        with_residuals(model.columns(fit.linearised, centres), residuals.values),
+        whitening(plan, weights, scales),
+        PARTS,
+    )
+    other = _Solved.of(fit, matrices, model, scales)
+    each = (base.influence - other.influence).reshape(parts, PARTS // parts, 6).sum(axis=1)
+    scatter = each - each.mean(axis=0)
+    prior = (other.inverse - base.inverse) * np.sqrt(base.precision)
+    yield Dependence(
+        seconds=(plan.length - 1) * windowing.grid.dt,
+        difference=other.step - base.step,
+        covariance=parts / (parts - 1.0) * scatter.T @ scatter + prior @ prior.T,
+        parts=parts,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Solved:
+    """The pose by one window, about the fit's point of linearisation."""
+
+    step: Floats
+    """(6,)."""
+    influence: Floats
+    """(PARTS, 6), what each part of the log adds to the step."""
+    inverse: Floats
+    """(6, n), rows of the inverse information."""
+    precision: Floats
+    """(n,), of the priors."""
+    score: Floats
+
+    @classmethod
+    def of(cls, fit: Fit, matrices: Floats, model: Model, scales: tuple[float, float]) -> _Solved:
+        """Solve with the fit's learnt scales and priors."""
+        free = np.flatnonzero(fit.layout.free)
+        pose = np.r_[fit.layout.part("translation"), fit.layout.part("rotation")]
+        P = 1.0 / fit.layout.std_at(fit.scales_found.mean)[free] ** 2
+        noise = noise_of_columns(model, scales, fit.statistics.windows)
+        total = matrices.sum(axis=0)
+        A, b = without_noise(total[1:, 1:], total[1:, 0], noise)
+        score = b[free] / fit.level + P * fit.prior_offset[free]
+        inverse = np.linalg.inv(A[np.ix_(free, free)] / fit.level + np.diag(P))
+        inverse = inverse[np.searchsorted(free, pose)]
+        each = matrices[:, 1:, 0][:, free] / fit.level
+        return cls(-(inverse @ score), -(each @ inverse.T), inverse, P, each)
 
 
 def _sound(fit: Fit, length: int) -> bool:
@@ -111,49 +152,3 @@ def _sound(fit: Fit, length: int) -> bool:
     seconds = (length - 1) * windowing.grid.dt
     share = attenuation(seconds, windowing.grid, windowing.trajectory, windowing.plan.degree)
     return length > windowing.plan.length or share <= MAX_ATTENUATION
-
-
-def _solved(fit: Fit, model: Model, centres: Indices, pose: Indices) -> _Solved:
-    """One more linear solve about the fit's own point, with its scales and priors."""
-    free = np.flatnonzero(fit.layout.free)
-    place = np.searchsorted(free, pose)
-    P = 1.0 / fit.layout.std_at(fit.scales_found.mean)[free] ** 2
-    residuals = model.residuals(fit.linearised, centres)
-    weights = fit.weights[np.searchsorted(fit.centres, centres)]
-    scales = fit.scales_at(model.windowing.plan)
-    root = whitening(model.windowing.plan, weights, scales)
-    rows = [
-        J[:, :, free] * root[part, :, None] for part, J in model.columns(fit.linearised, centres)
-    ]
-    J = np.concatenate(rows)
-    flat = J.reshape(-1, len(free))
-    on_information, on_score = noise_of_columns(model, scales, len(centres))
-    A, b = without_noise(
-        flat.T @ flat, flat.T @ (residuals * root).reshape(-1), (on_information[free], on_score[free])
-    )
-    score = b / fit.level + P * fit.prior_offset[free]
-    inverse = np.linalg.inv(A / fit.level + np.diag(P))
-    influence = (J @ inverse[:, place]) * root[:, :, None] / fit.level
-    return _Solved(model, -(inverse @ score)[place], influence, residuals, inverse[place])
-
-
-def _difference(fit: Fit, base: _Solved, other: _Solved, centres: Indices) -> Dependence:
-    """Difference of two solutions; its covariance from how parts of the log scatter about it."""
-    window = max(base.model.windowing.plan.length, other.model.windowing.plan.length)
-    hop = base.model.windowing.plan.hop
-    parts = min(_MOST_PARTS, len(centres) * hop // (_LENGTHS_PER_PART * window))
-    each = np.einsum("wip,wi->wp", base.influence, base.residuals) - np.einsum(
-        "wip,wi->wp", other.influence, other.residuals
-    )
-    number = np.arange(len(centres)) * parts // len(centres)
-    sums = np.stack([np.bincount(number, column, parts) for column in each.T], axis=1)
-    scatter = sums - sums.mean(axis=0)
-    free = np.flatnonzero(fit.layout.free)
-    P = 1.0 / fit.layout.std_at(fit.scales_found.mean)[free] ** 2
-    prior = other.inverse - base.inverse
-    return Dependence(
-        seconds=(other.model.windowing.plan.length - 1) * other.model.windowing.grid.dt,
-        difference=other.step - base.step,
-        covariance=parts / (parts - 1.0) * scatter.T @ scatter + (prior * P) @ prior.T,
-        parts=parts,
-    )
