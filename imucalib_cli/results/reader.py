@@ -51,6 +51,8 @@ FARTHEST = 100.0
 """m; no IMU sits farther from the frame that carries it."""
 _OLD_REQUIREMENT = "--require asks for "
 """How the reasons of --require begin in results that were written without codes."""
+_LONGEST = (10_000, 10)
+"""Items of a list of values, and of a list within it: YAML can name more than a file holds."""
 _NOT_FINITE = frozenset({"nan", "inf", "-inf"})
 ROTATIONS_AGREE = 1e-6
 """rad between the quaternion and the angles of one rotation."""
@@ -196,10 +198,10 @@ def _finding(node: Node) -> Finding:
     return finding
 
 
-def _value(node: Node, value: object) -> Value:
+def _value(node: Node, value: object, longest: tuple[int, ...] = _LONGEST) -> Value:
     """A stored value; numbers that are not finite are stored as text."""
-    if isinstance(value, list):
-        return tuple(_value(node, each) for each in value)
+    if isinstance(value, list) and longest and len(value) <= longest[0]:
+        return tuple(_value(node, each, longest[1:]) for each in value)
     if isinstance(value, str) and value in _NOT_FINITE:
         return float(value)
     if value is None or isinstance(value, (bool, int, float, str)):
