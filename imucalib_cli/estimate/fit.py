@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
-from imucalib_cli.estimate.design import Model, Residuals, State, plan_nodes
+from imucalib_cli.estimate.design import Model, Residuals
+from imucalib_cli.estimate.jacobian import columns, plan_nodes
 from imucalib_cli.estimate.layout import Layout, Placed, lay_out
 from imucalib_cli.estimate.robust import SCALE_FLOOR, residual_scales, window_weights
 from imucalib_cli.estimate.scales import Mixture, Problem, integrate, most_likely
@@ -22,13 +23,15 @@ from imucalib_cli.estimate.solve import (
     tilt_from_down,
 )
 from imucalib_cli.estimate.spectrum import (
+    PARTS,
+    PartSums,
     Statistics,
     deviance,
     part_matrices,
-    part_of,
     statistics,
     whitening,
 )
+from imucalib_cli.estimate.state import State
 from imucalib_cli.estimate.unknowns import LEAN, Gravity, Reading, Unknown
 from imucalib_cli.robot.rotations import rotation_angle, rotvec_from_matrix
 
@@ -54,8 +57,6 @@ _LEAN_PASSES: Final = 8
 _FULL_PASSES: Final = 5
 _LEVEL_PASSES: Final = 2
 """Solves in which noise level and scales are found in turn; each pass begins from the last's."""
-PARTS: Final = 48
-"""Parts of equal duration that a log is held against itself by."""
 _SETTLED: Final = 0.3
 """Largest step, in sigmas, after which what is left of it is of second order."""
 _TIME_RESOLUTION: Final = 2e-5
@@ -112,7 +113,7 @@ class Fit:
         heard, its outliers held back.
         """
         weights = self.weights.copy()
-        number = part_of(self.centres, PARTS)
+        number = PartSums(self.centres, 0).number
         lost = np.bincount(number, weights <= 0.0, PARTS) > 0.5 * np.bincount(number, None, PARTS)
         if not lost.any():
             return self.statistics.parts
@@ -121,10 +122,10 @@ class Fit:
         return part_matrices(
             self.centres,
             with_residuals(
-                self.model.columns(self.linearised, self.centres), self.residuals.values
+                columns(self.model, self.linearised, self.centres), self.residuals.values
             ),
             whitening(self.model.windowing.plan, weights, self.residual_scales),
-            PARTS,
+            self.layout.size + 1,
         )
 
     def scales_at(self, plan: WindowPlan) -> tuple[float, float]:
@@ -209,26 +210,28 @@ def lean_fit(
         state = _transfer(near.state, near.model.layout, layout)
         rise = near.runner_up_rise
     scales = _FIRST_SCALES
-    offset = layout.part("time_offset")
+    clock = layout.part("time_offset")
     reach = 0.5 * windowing.plan.length * windowing.grid.dt
     for turn in range(_LEAN_PASSES):
         centres = _enough(model, state)
         centres = centres[:: _THIN if len(centres) > _ENOUGH_THIN else 1]
-        found = list(model.columns(state, centres))
+        found = list(columns(model, state, centres))
         residuals = np.concatenate([e for _, _, e in found])
         scales = residual_scales(residuals)
         # A window's own measured motion, of which the robust weights need only the order.
         motion = np.concatenate([(J[:, :3, :3] ** 2).sum(axis=(1, 2)) for _, J, _ in found])
         weights = window_weights(residuals, motion, redescend=turn > 1)
         root = whitening(windowing.plan, weights, _floored(scales))
-        stats = statistics(windowing.plan, centres, with_residuals(found, residuals), root)
-        problem = _problem(stats, model, options, state, 1.0, _floored(scales))
+        both = with_residuals(found, residuals)
+        stats = statistics(windowing.plan, centres, both, root, layout.size + 1)
+        offset = _offset(layout, options, state)
+        problem = _problem(stats, model, offset, 1.0, _floored(scales))
         step, inverse, _ = problem.solve(np.zeros(0))
         sigmas = np.abs(step) / np.sqrt(np.diag(inverse))
         step = _embedded(step, layout)
-        step[offset] = np.clip(step[offset], -reach, reach)
+        step[clock] = np.clip(step[clock], -reach, reach)
         state = state.moved(layout, step)
-        fine = turn > 1 and np.abs(step[offset]).max(initial=0.0) < _TIME_RESOLUTION
+        fine = turn > 1 and np.abs(step[clock]).max(initial=0.0) < _TIME_RESOLUTION
         if fine or sigmas.max(initial=0.0) < _SETTLED:
             break
     return Lean(model, state, scales, rise, centres, residuals)
@@ -323,10 +326,10 @@ def _normal(
 
 
 def with_residuals(
-    columns: Iterable[tuple[slice, Floats, Floats]], residuals: Floats
+    found: Iterable[tuple[slice, Floats, Floats]], residuals: Floats
 ) -> Iterator[tuple[slice, Floats]]:
     """[e J] of parts of the windows, (w, 6, n + 1)."""
-    for part, J, _ in columns:
+    for part, J, _ in found:
         yield part, np.concatenate([residuals[part, :, None], J], axis=2)
 
 
@@ -344,11 +347,11 @@ def _whole(model: Model, options: MatchedOptions, state: State, rise: float) -> 
         scales = _floored(residual_scales(residuals.values))
         weights = window_weights(residuals.values, residuals.motion, redescend=True)
         root = whitening(windowing.plan, weights, scales)
-        columns = with_residuals(model.columns(state, centres), residuals.values)
-        stats = statistics(windowing.plan, centres, columns, root, PARTS)
-        level = 1.0
+        both = with_residuals(columns(model, state, centres), residuals.values)
+        stats = statistics(windowing.plan, centres, both, root, layout.size + 1)
+        offset, level = _offset(layout, options, state), 1.0
         for _ in range(_LEVEL_PASSES):
-            problem = _problem(stats, model, options, state, level, scales)
+            problem = _problem(stats, model, offset, level, scales)
             u = most_likely(problem, u)
             step, inverse, _ = problem.solve(u)
             levels = stats.levels(
@@ -371,7 +374,7 @@ def _whole(model: Model, options: MatchedOptions, state: State, rise: float) -> 
         statistics=stats,
         linearised=state,
         step=step,
-        prior_offset=_offset(layout, options, state),
+        prior_offset=offset,
         level=level,
         levels=levels,
         centres=centres,
@@ -403,8 +406,7 @@ def _least_level(residuals: Floats) -> float:
 def _problem(
     stats: Statistics,
     model: Model,
-    options: MatchedOptions,
-    state: State,
+    offset: Floats,
     level: float,
     scales: tuple[float, float],
 ) -> Problem:
@@ -416,7 +418,7 @@ def _problem(
     return Problem(
         information=A[np.ix_(free, free)] / level,
         score=b[free] / level,
-        offset=_offset(layout, options, state)[free],
+        offset=offset[free],
         std=layout.std[free],
         scale=layout.scale[free],
         bounds=layout.bounds,

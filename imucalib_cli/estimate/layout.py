@@ -1,4 +1,4 @@
-"""The table of unknowns laid out for one robot and one request: which components, where, how free."""
+"""The table of unknowns laid out for one robot and one request: which components, how free."""
 
 from __future__ import annotations
 
@@ -170,28 +170,16 @@ class _Chain:
 
     def places(self, unknown: Unknown) -> Iterator[Placed]:
         """Where the robot has an unknown."""
-        nowhere = slice(0, 0)
-        effect = unknown.effect
+        effect, nowhere = unknown.effect, slice(0, 0)
         if isinstance(effect, JointCurve):
-            for joint in self._joints:
-                if joint.sliding and not effect.sliding:
-                    continue
-                between = any(self._inside(step) for step in joint.steps)
-                if (effect.every and joint.name in self._moving) or (not effect.every and between):
-                    labels = _named(joint.name, unknown.labels)
-                    yield Placed(unknown, nowhere, labels, joint=joint)
+            for joint in self._joints_of(effect):
+                labels = _named(joint.name, unknown.labels)
+                yield Placed(unknown, nowhere, labels, joint=joint)
         elif isinstance(effect, Origin):
-            for index, step in enumerate(self._path.steps):
-                if isinstance(step, FixedStep) and self._inside(index):
-                    directions = self._turning(index)
-                    if len(directions):
-                        following = self._path.steps[index + 1]
-                        name = (
-                            following.name if isinstance(following, JointStep) else f"step {index}"
-                        )
-                        labels = unknown.labels if len(directions) == 3 else _axis_names(directions)
-                        labels = _named(name, labels)
-                    yield Placed(unknown, nowhere, labels, index=index, directions=directions)
+            for index, directions in self._origins():
+                axes = unknown.labels if len(directions) == 3 else _axis_names(directions)
+                labels = _named(self._name_after(index), axes)
+                yield Placed(unknown, nowhere, labels, index=index, directions=directions)
         elif isinstance(effect, PoseScale):
             used = (step.track for step in self._path.steps if isinstance(step, PoseStep))
             for track in dict.fromkeys(used):
@@ -199,6 +187,30 @@ class _Chain:
                 yield Placed(unknown, nowhere, labels, index=track)
         else:
             yield Placed(unknown, nowhere, unknown.labels)
+
+    def _joints_of(self, curve: JointCurve) -> Iterator[Joint]:
+        """Joints that have an error of this kind, as far as a log tells it."""
+        for joint in self._joints:
+            told = (
+                joint.name in self._moving
+                if curve.every
+                else any(self._inside(step) for step in joint.steps)
+            )
+            if told and (curve.sliding or not joint.sliding):
+                yield joint
+
+    def _origins(self) -> Iterator[tuple[int, Floats]]:
+        """Constant steps between the first and the last that move, with what is not the mount's."""
+        for index, step in enumerate(self._path.steps):
+            if isinstance(step, FixedStep) and self._inside(index):
+                directions = self._turning(index)
+                if len(directions):
+                    yield index, directions
+
+    def _name_after(self, index: int) -> str:
+        """Name of the joint whose origin a constant step is."""
+        following = self._path.steps[index + 1]
+        return following.name if isinstance(following, JointStep) else f"step {index}"
 
     def _turning(self, step: int) -> Floats:
         """(k, 3), directions at a step that turn in the parent link: others are the mount's."""
@@ -217,10 +229,9 @@ def _joints_of(path: KinematicPath) -> list[Joint]:
             found.setdefault((step.track, step.column), []).append(index)
     joints = []
     for (track, column), steps in found.items():
-        first = path.steps[steps[0]]
-        assert isinstance(first, JointStep)
-        sliding = first.kind == "prismatic"
-        name = path.tracks[track].names[column] if path.tracks[track].names else first.name
+        sliding = any(getattr(path.steps[step], "kind", "") == "prismatic" for step in steps)
+        names = path.tracks[track].names
+        name = names[column] if names else f"column {column}"
         joints.append(Joint(name, track, column, tuple(steps), sliding))
     return joints
 

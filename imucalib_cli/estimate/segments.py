@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.estimate.estimate import Consistency
-from imucalib_cli.estimate.fit import PARTS
-from imucalib_cli.estimate.spectrum import inverse_of, squared_distance
+from imucalib_cli.estimate.spectrum import PARTS, inverse_of, squared_distance
 from imucalib_cli.estimate.windows import WINDOWS_PER_LENGTH
 
 if TYPE_CHECKING:
@@ -119,7 +118,7 @@ class Segments:
         )
 
     def change(self) -> Change | None:
-        """The most decisive change of mount, clock or bias at some instant; None if there is none."""
+        """The most decisive change of mount, clock or bias; None if there is none."""
         best: Change | None = None
         for kind, names in _KINDS.items():
             part = self._places(*names)

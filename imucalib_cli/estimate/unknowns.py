@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 Sensor = Literal["accel", "gyro"]
+Group = Literal["mount", "bias", "gravity", "offset", "sensor", "robot"]
 
 PLAY_RATE: Final = 0.01
 """rad/s or m/s: below it play does not yet lie on one side of the teeth."""
@@ -118,6 +119,8 @@ class Unknown:
     """One entry of the table."""
 
     name: str
+    group: Group
+    """What it belongs to, for options that hold all of a kind."""
     labels: tuple[str, ...] = ("",)
     """Of its components; joints and origins are named by the robot instead."""
     unit: str
@@ -194,6 +197,7 @@ encoders on the output to those behind a worn gear; delays of a field bus cycle 
 TABLE: Final[tuple[Unknown, ...]] = (
     Unknown(
         name="translation",
+        group="mount",
         labels=_XYZ,
         unit="m",
         std=10.0,
@@ -202,6 +206,7 @@ TABLE: Final[tuple[Unknown, ...]] = (
     ),
     Unknown(
         name="rotation",
+        group="mount",
         labels=_XYZ,
         unit="rad",
         std=np.pi,
@@ -210,6 +215,7 @@ TABLE: Final[tuple[Unknown, ...]] = (
     ),
     Unknown(
         name="accel_bias",
+        group="bias",
         labels=_XYZ,
         unit="m/s²",
         std=10.0,
@@ -219,6 +225,7 @@ TABLE: Final[tuple[Unknown, ...]] = (
     ),
     Unknown(
         name="gyro_bias",
+        group="bias",
         labels=_XYZ,
         unit="rad/s",
         std=1.0,
@@ -228,6 +235,7 @@ TABLE: Final[tuple[Unknown, ...]] = (
     ),
     Unknown(
         name="accel_bias_ramp",
+        group="sensor",
         labels=_XYZ,
         unit="m/s²",
         std=0.03,
@@ -237,6 +245,7 @@ TABLE: Final[tuple[Unknown, ...]] = (
     ),
     Unknown(
         name="gyro_bias_ramp",
+        group="sensor",
         labels=_XYZ,
         unit="rad/s",
         std=0.003,
@@ -246,6 +255,7 @@ TABLE: Final[tuple[Unknown, ...]] = (
     ),
     Unknown(
         name="gravity_direction",
+        group="gravity",
         labels=("x", "y"),
         unit="rad",
         std=np.pi,
@@ -254,6 +264,7 @@ TABLE: Final[tuple[Unknown, ...]] = (
     ),
     Unknown(
         name="gravity_norm",
+        group="gravity",
         unit="m/s²",
         std=0.02,
         healthy=0.06,
@@ -262,6 +273,7 @@ TABLE: Final[tuple[Unknown, ...]] = (
     ),
     Unknown(
         name="time_offset",
+        group="offset",
         unit="s",
         std=0.1,
         effect=Clock(accel=np.ones_like, gyro=np.ones_like),
@@ -269,6 +281,7 @@ TABLE: Final[tuple[Unknown, ...]] = (
     ),
     Unknown(
         name="clock_drift",
+        group="sensor",
         unit="s/s",
         std=50e-6,
         healthy=500e-6,
@@ -277,6 +290,7 @@ TABLE: Final[tuple[Unknown, ...]] = (
     ),
     Unknown(
         name="gyro_delay",
+        group="sensor",
         unit="s",
         std=2e-3,
         healthy=0.02,
@@ -285,6 +299,7 @@ TABLE: Final[tuple[Unknown, ...]] = (
     ),
     Unknown(
         name="accel_filter",
+        group="sensor",
         unit="s²",
         scale="driver_filter",
         healthy=1e-3,
@@ -293,6 +308,7 @@ TABLE: Final[tuple[Unknown, ...]] = (
     ),
     Unknown(
         name="gyro_filter",
+        group="sensor",
         unit="s²",
         scale="driver_filter",
         healthy=1e-3,
@@ -301,6 +317,7 @@ TABLE: Final[tuple[Unknown, ...]] = (
     ),
     Unknown(
         name="accel_scale",
+        group="sensor",
         labels=_XYZ,
         unit="1",
         scale="sensor_scale",
@@ -310,6 +327,7 @@ TABLE: Final[tuple[Unknown, ...]] = (
     ),
     Unknown(
         name="gyro_scale",
+        group="sensor",
         labels=_XYZ,
         unit="1",
         scale="sensor_scale",
@@ -319,6 +337,7 @@ TABLE: Final[tuple[Unknown, ...]] = (
     ),
     Unknown(
         name="gyro_misalignment",
+        group="sensor",
         labels=_XYZ,
         unit="rad",
         scale="sensor_axes",
@@ -328,6 +347,7 @@ TABLE: Final[tuple[Unknown, ...]] = (
     ),
     Unknown(
         name="gyro_g_sensitivity",
+        group="sensor",
         labels=_PAIRS,
         unit="rad s/m",
         scale="g_sensitivity",
@@ -337,6 +357,7 @@ TABLE: Final[tuple[Unknown, ...]] = (
     ),
     Unknown(
         name="joint_zero",
+        group="robot",
         unit="rad",
         scale="joint_zero",
         healthy=0.02,
@@ -345,6 +366,7 @@ TABLE: Final[tuple[Unknown, ...]] = (
     ),
     Unknown(
         name="joint_harmonic",
+        group="robot",
         labels=("sin", "cos"),
         unit="rad",
         scale="joint_harmonic",
@@ -354,6 +376,7 @@ TABLE: Final[tuple[Unknown, ...]] = (
     ),
     Unknown(
         name="joint_lag",
+        group="robot",
         unit="s",
         scale="joint_lag",
         healthy=0.02,
@@ -362,6 +385,7 @@ TABLE: Final[tuple[Unknown, ...]] = (
     ),
     Unknown(
         name="joint_play",
+        group="robot",
         unit="rad",
         scale="joint_play",
         healthy=0.005,
@@ -370,6 +394,7 @@ TABLE: Final[tuple[Unknown, ...]] = (
     ),
     Unknown(
         name="origin",
+        group="robot",
         labels=_XYZ,
         unit="m",
         scale="length",
@@ -379,6 +404,7 @@ TABLE: Final[tuple[Unknown, ...]] = (
     ),
     Unknown(
         name="pose_scale",
+        group="robot",
         unit="1",
         std=2e-3,
         healthy=0.02,
