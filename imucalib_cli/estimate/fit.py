@@ -47,9 +47,9 @@ Indices = NDArray[np.intp]
 _FIRST_SCALES: Final = (0.05, 0.005)
 """m/s² and rad/s: how the sensors are weighted before residuals tell."""
 _REWEIGHTS: Final = 3
-_THIN: Final = 4
-"""Of the windows, which overlap eightfold, every so many is enough for a first solution."""
-_ENOUGH_THIN: Final = 240
+_THIN: Final = 2
+"""Of the windows, which overlap fourfold, every so many is enough for a first solution."""
+_ENOUGH_THIN: Final = 120
 """Windows from which they are thinned."""
 _LEAST_LEFT: Final = 0.01
 """Share of a column's square that is taken to be signal, however noisy its readings are."""
@@ -61,8 +61,8 @@ _SETTLED: Final = 0.3
 """Largest step, in sigmas, after which what is left of it is of second order."""
 _TIME_RESOLUTION: Final = 2e-5
 """s: an offset found so well is good enough to begin the whole table with."""
-MIN_WINDOWS: Final = 24
-"""Three lengths of the window, eight windows each."""
+MIN_WINDOWS: Final = 12
+"""Three lengths of the window, four windows each."""
 
 
 @dataclass(frozen=True, eq=False)
