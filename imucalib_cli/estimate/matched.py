@@ -92,7 +92,7 @@ def calibrate_matched(imu: ImuSamples, path: KinematicPath, options: MatchedOpti
         t_parent_imu=state.t,
         covariance=widen(covariance, directions),
         time_offset=float(offset[0]) if len(offset) else state.held_offset,
-        time_offset_std=_offset_std(attempt, fit, float(offset_std[0]))
+        time_offset_std=_offset_std(evidence, float(offset_std[0]))
         if judge.offset_known(fit)
         else None,
         accel_bias=biases["accel_bias"][0],
@@ -131,11 +131,14 @@ def _bias(fit: Fit, name: str) -> tuple[Floats, Floats | None]:
     return (value, std) if len(value) else (np.zeros(3), None)
 
 
-def _offset_std(attempt: Attempt, fit: Fit, std: float) -> float:
-    """Of the offset between stamps: the fit's, and what jitter leaves open of their mean."""
-    variance = std**2 + fit.model.windowing.trajectory.stamp_variance
+def _offset_std(evidence: judge.Evidence, std: float) -> float:
+    """Of the offset between stamps: the fit's, what jitter leaves open, and half of a step."""
+    attempt, change = evidence.attempt, evidence.change
+    variance = std**2 + evidence.fit.model.windowing.trajectory.stamp_variance
     if attempt.imu_ticks and attempt.clean.ticks is not None:
         variance += attempt.clean.ticks.mean_variance
+    if change is not None and change.kind == "clock":
+        variance += float(change.size[0] / 2.0) ** 2
     return float(np.sqrt(variance))
 
 

@@ -77,9 +77,9 @@ class MatchedOptions:
     """What is known of the pose itself."""
     sensor_model: Literal["auto", "ideal"] = "auto"
     """'ideal': the sensor has nothing but noise and constant biases, the clocks only an offset."""
-    robot: Literal["learnt", "exact"] | tuple[float, float] = "learnt"
-    """How good the robot's constants are: learnt from the log, exact, or the standard deviations
-    of joint zeros, rad, and of origins, m."""
+    robot: Literal["nominal", "exact"] | tuple[float, float] = "nominal"
+    """How good the robot's constants are: nominal, their errors' size learnt from the log; exact; or
+    the standard deviations of joint zeros, rad, and of origins, m."""
     either_sign: bool = False
     """Whether the accelerometer's readings may be reversed if that fits decisively better."""
     sensor_scale_std: float | None = None

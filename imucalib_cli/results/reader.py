@@ -16,6 +16,7 @@ from imucalib_cli.estimate.estimate import (
     Correction,
     CorrectionName,
     Estimate,
+    Parameter,
     Residuals,
     UnobservableDirection,
     Window,
@@ -165,6 +166,7 @@ def _estimate(root: Node) -> Estimate:
         ),
         unobservable=tuple(_unobservable(node) for node in diagnostics.children("unobservable")),
         corrections=_corrections(diagnostics),
+        parameters=_parameters(diagnostics),
         consistency=_consistency(diagnostics),
         sigma_source="segments" if source == "segments" else "noise",
         findings=_findings(diagnostics),
@@ -216,6 +218,24 @@ def _uncoded(reason: str) -> Finding:
     """
     required = reason.startswith(_OLD_REQUIREMENT)
     return untrusted("require.text" if required else TEXT, text=reason)
+
+
+def _parameters(diagnostics: Node) -> tuple[Parameter, ...]:
+    """Every unknown beside the pose; results of earlier versions have none."""
+    if diagnostics.content.get("parameters") is None:
+        return ()
+    return tuple(
+        Parameter(
+            name=node.of("name", str),
+            label=node.of("label", str),
+            unit=node.of("unit", str),
+            value=node.number("value"),
+            std=node.number("std"),
+            prior_std=node.number("prior_std"),
+            learnt=node.of("prior_learnt", bool),
+        )
+        for node in diagnostics.children("parameters")
+    )
 
 
 def _corrections(diagnostics: Node) -> tuple[Correction, ...]:
