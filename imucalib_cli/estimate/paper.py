@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from imucalib_cli.errors import InputError
 from imucalib_cli.estimate.estimate import Estimate, Residuals
 from imucalib_cli.estimate.paper_filters import filtered_instants
-from imucalib_cli.estimate.verdict import STANDSTILL_GYRO, UNEXPLAINED_ACCEL, UNEXPLAINED_GYRO
 from imucalib_cli.findings import Severity, texts
 from imucalib_cli.robot.rotations import matrix_from_rotvec, rotvec_from_matrix
 
@@ -33,6 +32,12 @@ _FEWEST = 12
 """Instants below which nothing is solved."""
 _SINGULAR = 1e-6
 """Ratio of the Jacobian's singular values below which the motion does not determine the pose."""
+_UNEXPLAINED_ACCEL = 1.0
+"""m/s², left over an instant's filter: no sensor is as noisy as that."""
+_UNEXPLAINED_GYRO = 0.3
+"""Share of the measured rotation left from which the solution does not match the log."""
+_STANDSTILL_GYRO = 0.02
+"""rad/s: a log that turns less than this tells nothing about mismatch."""
 
 
 def calibrate_paper(imu: ImuSamples, path: KinematicPath, options: PaperOptions) -> Estimate:
@@ -88,8 +93,8 @@ def calibrate_paper(imu: ImuSamples, path: KinematicPath, options: PaperOptions)
     force_left = float(np.sqrt(np.mean(left[:, :3] ** 2)))
     rate = float(np.sqrt(np.mean(instants.gyro**2)))
     rate_left = float(np.sqrt(np.mean(left[:, 3:] ** 2)))
-    if force_left > UNEXPLAINED_ACCEL or (
-        rate > STANDSTILL_GYRO and rate_left > UNEXPLAINED_GYRO * rate
+    if force_left > _UNEXPLAINED_ACCEL or (
+        rate > _STANDSTILL_GYRO and rate_left > _UNEXPLAINED_GYRO * rate
     ):
         distrust.append(
             f"the solution leaves {force_left:.2g} m/s² and {rate_left:.2g} rad/s unexplained, "

@@ -105,8 +105,26 @@ def estimate_by(method: Method, recording: Recording, settings: Settings) -> Est
     if method == "matched, pose only":
         options = pose_only(norm)
     else:
-        options = MatchedOptions(gravity="tilt" if norm > 0.0 else "none", gravity_norm=norm)
+        options = exact_system(norm)
     return calibrate_matched(imu, path, replace(options, window=settings.window))
+
+
+def exact_system(gravity_norm: float) -> MatchedOptions:
+    """The matched method where robot, sensor and gravity are what they are taken for.
+
+    The simulated systems of the studies are so: what is unknown beside the pose are the biases,
+    the vertical and the time offset.
+
+    Args:
+        gravity_norm: m/s²; zero where there is no gravity.
+    """
+    return MatchedOptions(
+        gravity="tilt" if gravity_norm > 0.0 else "none",
+        gravity_norm=gravity_norm,
+        gravity_std=0.0,
+        sensor_model="ideal",
+        robot="exact",
+    )
 
 
 def pose_only(gravity_norm: float) -> MatchedOptions:
@@ -115,13 +133,12 @@ def pose_only(gravity_norm: float) -> MatchedOptions:
     Args:
         gravity_norm: m/s²; zero where there is no gravity.
     """
-    return MatchedOptions(
+    return replace(
+        exact_system(gravity_norm),
         time_offset=0.0,
         accel_bias_std=0.0,
         gyro_bias_std=0.0,
         gravity="fixed" if gravity_norm > 0.0 else "none",
-        gravity_norm=gravity_norm,
-        sensor_model="ideal",
     )
 
 

@@ -17,13 +17,11 @@ from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.estimate import columns
-from imucalib_cli.estimate.fit import make_unknowns
 from imucalib_cli.estimate.options import MatchedOptions, PaperOptions, WindowChoice
 from imucalib_cli.estimate.paper_filters import filtered_instants
 from imucalib_cli.estimate.prepare import clean_imu
 from imucalib_cli.estimate.robust import residual_scales
-from imucalib_cli.estimate.solve import solve_globally
-from imucalib_cli.estimate.statistics import block_statistics
+from imucalib_cli.estimate.solve import LeanUnknowns, solve_globally
 from imucalib_cli.estimate.window_choice import choose_window
 from imucalib_cli.estimate.windows import Windowing, plan_windows
 from imucalib_cli.results.pose_error import pose_error
@@ -212,12 +210,12 @@ def _weighted(windowing: Windowing, gravity_world: Floats) -> PoseCost:
     centres = windowing.centres(0.0)
     rows = windowing.rows(0.0, centres)
     gains = windowing.plan.noise_gains
-    options = pose_only(float(np.linalg.norm(gravity_world)))
-    statistics = block_statistics(rows, np.ones(len(centres)), np.zeros(len(centres), np.intp))
-    normal = statistics.normal_matrix(*(s / g for s, g in zip(_FIRST_SCALES, gains, strict=True)))
-    state = solve_globally(normal, make_unknowns(options, offset_free=False)).state
-    accel, gyro = residual_scales(rows, state.vector())
-    gravity = state.vector()[columns.G]
+    unknowns = LeanUnknowns.of(pose_only(float(np.linalg.norm(gravity_world))))
+    accel, gyro = (scale / gain for scale, gain in zip(_FIRST_SCALES, gains, strict=True))
+    normal = rows.normal_matrix(accel, gyro, np.ones(len(centres)))
+    x = solve_globally(normal, unknowns).state.vector()
+    accel, gyro = residual_scales(np.concatenate(rows.residuals(x), axis=1))
+    gravity = x[columns.G]
     return matched_cost(rows, gravity, accel / gains[0], gyro / gains[1])
 
 

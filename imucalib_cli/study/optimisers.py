@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from imucalib_cli.estimate.fit import make_unknowns
-from imucalib_cli.estimate.solve import solve_globally
+from imucalib_cli.estimate.solve import LeanUnknowns, solve_globally
 from imucalib_cli.robot.rotations import matrix_from_rotvec, rotvec_from_matrix
 from imucalib_cli.study.contest import pose_only
 from imucalib_cli.study.least_absolute import (
@@ -148,7 +147,7 @@ def _by_statistics(cost: PoseCost, guess: Pose) -> tuple[Pose, int]:
     """Our reduced solve: one pass over the residuals, then all rotations on their statistics."""
     del guess
     # Gravity is in the residuals' constant part already.
-    unknowns = make_unknowns(pose_only(0.0), offset_free=False)
+    unknowns = LeanUnknowns.of(pose_only(0.0))
     # Priors, however weak, presume residuals in units of their noise.
     unknowns = replace(unknowns, prior_information=np.zeros_like(unknowns.prior_information))
     state = solve_globally(cost.normal_matrix, unknowns).state

@@ -10,11 +10,14 @@ import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.robot.path import FixedStep, JointStep, KinematicPath, Track
 from imucalib_cli.signals.samples import ImuSamples
 
 Floats = NDArray[np.float64]
 
+EXACT = MatchedOptions(robot="exact", sensor_model="ideal", gravity_std=0.0)
+"""For a robot, a sensor and a gravity that are what they are taken for."""
 LINKS = (
     (0.0, 0.1807, np.pi / 2),
     (-0.6127, 0.0, 0.0),

@@ -123,6 +123,18 @@ def biased_from(
     )
 
 
+def as_told(mount: Mount, *, last_zero: float = 0.0, last_length: float = 0.0) -> Mount:
+    """The mount that a robot told wrongly at its end needs: no log can tell the two apart.
+
+    Args:
+        mount: The true one.
+        last_zero: rad, that the last joint reads more than it is.
+        last_length: m, that the URDF has the flange farther along the last joint's axis.
+    """
+    R = Rotation.from_euler("z", -last_zero).as_matrix()
+    return Mount(R=R @ mount.R, t=R @ mount.t - [0.0, 0.0, last_length])
+
+
 def pose_error(estimate: Estimate, mount: Mount) -> Floats:
     """(6,), translation and rotation error in the parent frame."""
     turned = rotation_error(estimate.R_parent_imu, mount.R)

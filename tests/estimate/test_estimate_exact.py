@@ -17,6 +17,7 @@ from imucalib_cli.errors import InputError
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions, WindowChoice
 from tests.estimate.estimate_arm import (
+    EXACT,
     GRAVITY,
     MOUNT,
     Log,
@@ -37,7 +38,7 @@ ANGLE = np.radians(1e-4)
 
 
 def calibrate(log: Log, **options: Any) -> Estimate:
-    return calibrate_matched(log.imu, log.path, MatchedOptions(**options))
+    return calibrate_matched(log.imu, log.path, replace(EXACT, **options))
 
 
 def assert_exact(
@@ -67,6 +68,15 @@ def test_every_window_gives_the_same_micrometre(fine: Log, seconds: float) -> No
     np.testing.assert_allclose(estimate.accel_bias, 0.0, atol=1e-5)
     np.testing.assert_allclose(estimate.gyro_bias, 0.0, atol=1e-7)
     np.testing.assert_allclose(estimate.gravity_world, [0, 0, -GRAVITY], atol=1e-5)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_may_be_wrong_with_robot_and_sensor_takes_nothing(seed: int) -> None:
+    """With every unknown free: what is left of the quadrature then has more to move."""
+    log = make_log(mount=random_mount(seed))
+    estimate = calibrate_matched(log.imu, log.path, MatchedOptions())
+    assert_exact(estimate, log, 5 * MICROMETRE, seconds=1e-6)
+    assert estimate.warnings == ()
 
 
 @pytest.mark.parametrize("degree", [2, 3, 4])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.robot.path import FixedStep
-from tests.estimate.estimate_arm import GRAVITY, MEMS, Log, make_log, rotation_error
+from tests.estimate.estimate_arm import EXACT, GRAVITY, MEMS, Log, make_log, rotation_error
 
 if TYPE_CHECKING:
     from imucalib_cli.estimate.estimate import Estimate
@@ -29,8 +29,8 @@ def log() -> Log:
     return make_log().noisy(3)
 
 
-def calibrate(log: Log, **options: float) -> Estimate:
-    return calibrate_matched(log.imu, log.path, MatchedOptions(**options))  # type: ignore[arg-type]
+def calibrate(log: Log, **options: Any) -> Estimate:
+    return calibrate_matched(log.imu, log.path, replace(EXACT, **options))
 
 
 @pytest.fixture(scope="module")
@@ -82,6 +82,27 @@ def test_another_imu_frame_turns_the_rotation_and_the_biases(log: Log, plain: Es
     np.testing.assert_allclose(covariance(turned), covariance(plain), rtol=1e-5, atol=1e-15)
     assert turned.accel_bias_std is not None
     assert np.all(turned.accel_bias_std > 0)
+
+
+def test_with_all_of_the_table_free_frames_hardly_matter(log: Log) -> None:
+    """Errors along axes have priors, so that other axes are other priors: less than half a sigma."""
+    plain = calibrate_matched(log.imu, log.path, MatchedOptions())
+    turned = log.with_imu(log.imu.t, log.imu.gyro @ TURN, log.imu.accel @ TURN)
+    at_parent = replace(
+        log, path=replace(log.path, steps=(*log.path.steps, FixedStep(R=TURN, p=SHIFT)))
+    )
+    in_world = replace(
+        log, path=replace(log.path, steps=(FixedStep(R=TURN, p=SHIFT), *log.path.steps))
+    )
+    for other, R_new_old, R_imu, p in (
+        (turned, np.eye(3), TURN, np.zeros(3)),
+        (at_parent, TURN, np.eye(3), SHIFT),
+        (in_world, np.eye(3), np.eye(3), np.zeros(3)),
+    ):
+        found = calibrate_matched(other.imu, other.path, MatchedOptions())
+        t, R = R_new_old @ found.t_parent_imu + p, R_new_old @ found.R_parent_imu @ R_imu.T
+        assert np.all(np.abs(t - plain.t_parent_imu) < 0.5 * sigma(plain)[:3])
+        assert np.all(np.abs(rotation_error(R, plain.R_parent_imu)) < 0.5 * sigma(plain)[3:])
 
 
 def test_sigma_scales_with_the_noise() -> None:

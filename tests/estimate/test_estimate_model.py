@@ -1,4 +1,4 @@
-"""A wrong model widens sigma; a contact drops out; a wrong everything is not trusted."""
+"""A wrong length is found; a contact drops out; a wrong everything is not trusted."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions
 from tests.estimate.estimate_arm import (
+    EXACT,
     INDUSTRIAL,
     LINKS,
     Log,
@@ -48,20 +49,26 @@ def sigma(estimate: Estimate) -> Floats:
 
 @pytest.mark.parametrize("link", [1, 2])
 @pytest.mark.parametrize("seed", range(4))
-def test_a_link_one_percent_long_widens_sigma(link: int, seed: int) -> None:
+def test_a_link_one_percent_long_is_found(link: int, seed: int) -> None:
     moves = Moves(seed=seed, seconds=40.0)
     right = make_log(moves).noisy(seed, INDUSTRIAL)
     wrong = replace(right, path=make_log(moves, links=stretched(link)).path)
     told, honest = calibrate(wrong), calibrate(right)
-    assert honest.sigma_source == "noise"
-    assert np.all(np.abs(error_of(honest, right)) < 4 * sigma(honest))
-    assert told.sigma_source == "segments"
-    assert any("kinematic model" in warning for warning in told.warnings)
-    # Noise alone would state a tenth of it: the error is 20 to 60 of those sigmas.
-    error = np.linalg.norm(error_of(told, wrong)[:3])
-    assert error > 10 * np.linalg.norm(sigma(honest)[:3])
-    assert error < 3 * np.linalg.norm(sigma(told)[:3])
-    assert np.linalg.norm(sigma(told)[:3]) > 5 * np.linalg.norm(sigma(honest)[:3])
+    for estimate in (told, honest):
+        assert estimate.trusted
+        assert np.all(np.abs(error_of(estimate, right)) < 4 * sigma(estimate))
+    assert honest.findings == ()
+    (found,) = told.findings
+    assert (found.code, found.values["name"]) == ("unknown.found", "origin")
+    values, stds = (np.array(found.values[key]) for key in ("values", "stds"))
+    # True less URDF, along x of the link's frame.
+    assert abs(values[0] + 0.01 * LINKS[link][0]) < 4 * stds[0]
+    # Finding it costs little: taken as it is, the error would be ten sigmas of an exact robot.
+    assert np.linalg.norm(sigma(told)[:3]) < 2 * np.linalg.norm(sigma(honest)[:3])
+    believed = calibrate_matched(wrong.imu, wrong.path, EXACT)
+    error = np.linalg.norm(error_of(believed, wrong)[:3])
+    assert error > 5 * np.linalg.norm(error_of(told, wrong)[:3])
+    assert error < 4 * np.linalg.norm(sigma(believed)[:3])
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -22,6 +22,7 @@ from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
 from imucalib_cli.simulate.physics import record
 from imucalib_cli.study.bound import Bound, cramer_rao
 from imucalib_cli.study.trial import error_of, nees, robot_of, streams_of
+from tests.estimate.estimate_arm import EXACT
 
 if TYPE_CHECKING:
     from imucalib_cli.estimate.estimate import Estimate
@@ -81,7 +82,7 @@ def trials(clean: Recording, request: pytest.FixtureRequest) -> Trials:
     to_sample = np.sqrt(RATE / 2)
     bound = cramer_rao(clean, noise.accel_noise * to_sample, noise.gyro_noise * to_sample)
     recordings = [corrupt(clean, noise, seed) for seed in range(SEEDS)]
-    estimates = [calibrate_matched(*streams_of(r, robot), MatchedOptions()) for r in recordings]
+    estimates = [calibrate_matched(*streams_of(r, robot), EXACT) for r in recordings]
     errors = [error_of(e, r) for e, r in zip(estimates, recordings, strict=True)]
     pose: list[float] = []
     offset: list[float] = []
@@ -153,7 +154,9 @@ def test_stated_sigma_of_offset_and_biases_is_true(trials: Trials) -> None:
 
 def test_noise_alone_never_raises_a_finger(trials: Trials) -> None:
     assert all(estimate.trusted for estimate in trials.estimates)
-    assert sum(e.sigma_source == "segments" for e in trials.estimates) <= 3
+    told = [each.code for e in trials.estimates for each in e.findings if "ticks" not in each.code]
+    # Three sigma of the window's test: one sound log in 370.
+    assert len(told) <= 2
 
 
 def test_jitter_is_read_as_ticks_and_exact_stamps_as_they_are(
@@ -172,13 +175,33 @@ def test_spikes_are_bridged_and_counted(trials: Trials) -> None:
         assert estimate.residuals.samples_replaced == pytest.approx(spiked, abs=3 + 0.1 * spiked)
 
 
+@pytest.mark.parametrize("name", ["industrial", "mems"])
+def test_what_may_be_wrong_costs_little_and_sigma_says_so(clean: Recording, name: str) -> None:
+    """The bound is of an exact robot and sensor; nobody knows that, and the rest is to be found."""
+    noise, robot = CASES[name], robot_of(clean.system)
+    to_sample = np.sqrt(RATE / 2)
+    bound = cramer_rao(clean, noise.accel_noise * to_sample, noise.gyro_noise * to_sample)
+    errors, scores = [], []
+    for seed in range(16):
+        recording = corrupt(clean, noise, seed)
+        estimate = calibrate_matched(*streams_of(recording, robot), MatchedOptions())
+        assert estimate.covariance is not None
+        assert estimate.trusted
+        errors.append(error_of(estimate, recording).pose)
+        scores.append(nees(errors[-1], estimate.covariance))
+    assert rms(np.array(errors)[:, :3]) < 1.8 * bound.translation
+    assert rms(np.array(errors)[:, 3:]) < 1.8 * bound.rotation
+    # Wider than needed, as nothing is wrong here.
+    assert 2.5 < np.mean(scores) < float(chi2.ppf(0.9995, 6 * 16)) / 16
+
+
 def test_coloured_noise_is_covered(clean: Recording) -> None:
     robot = robot_of(clean.system)
     noise = replace(CASES["mems"], accel_coloured=0.03, gyro_coloured=0.002)
     scores = []
     for seed in range(12):
         recording = corrupt(clean, noise, seed)
-        estimate = calibrate_matched(*streams_of(recording, robot), MatchedOptions())
+        estimate = calibrate_matched(*streams_of(recording, robot), EXACT)
         assert estimate.covariance is not None
         scores.append(nees(error_of(estimate, recording).pose, estimate.covariance))
     assert_true_sigma(np.array(scores), 6 * 12)

@@ -14,10 +14,11 @@ from scipy.spatial.transform import Rotation
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.estimate.matched import calibrate_matched
-from imucalib_cli.estimate.options import MatchedOptions, PaperOptions, WindowChoice
+from imucalib_cli.estimate.options import PaperOptions, WindowChoice
 from imucalib_cli.estimate.paper import calibrate_paper
 from imucalib_cli.estimate.paper_filters import DEFAULT_EXCLUSION, filtered_instants
 from tests.estimate.estimate_arm import (
+    EXACT,
     GRAVITY,
     Log,
     Moves,
@@ -189,7 +190,7 @@ def test_its_bias_grows_with_the_window_and_ours_does_not() -> None:
             log, samples, exclusion_threshold=0.0, R_initial=log.mount.R, t_initial=log.mount.t
         )
         window = WindowChoice(samples=samples)
-        matched = calibrate_matched(log.imu, log.path, MatchedOptions(window=window))
+        matched = calibrate_matched(log.imu, log.path, replace(EXACT, window=window))
         theirs.append(float(np.linalg.norm(paper.t_parent_imu - log.mount.t)))
         ours.append(float(np.linalg.norm(matched.t_parent_imu - log.mount.t)))
     assert theirs[2] > 4 * theirs[1] > 16 * theirs[0]

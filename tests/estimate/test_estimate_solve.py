@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
-from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -15,24 +13,23 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from imucalib_cli.estimate import columns
-from imucalib_cli.estimate.fit import make_unknowns
+from imucalib_cli.estimate.design import Model, State
+from imucalib_cli.estimate.fit import with_residuals
+from imucalib_cli.estimate.layout import lay_out
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.estimate.prepare import clean_imu
 from imucalib_cli.estimate.robust import window_weights
 from imucalib_cli.estimate.solve import (
-    DBA,
-    DTAU,
     DTILT,
     TANGENT,
-    State,
-    Unknowns,
+    LeanState,
+    LeanUnknowns,
     refine,
     solve_globally,
 )
+from imucalib_cli.estimate.spectrum import part_matrices, statistics, whitening
 from imucalib_cli.estimate.starts import cube_rotations
-from imucalib_cli.estimate.statistics import block_statistics
-from imucalib_cli.estimate.uncertainty import bias_std
 from imucalib_cli.estimate.windows import Windowing, WindowRows, plan_windows
 from imucalib_cli.robot.rotations import nearest_rotation
 from imucalib_cli.signals.trajectory import Trajectory
@@ -47,13 +44,13 @@ from tests.estimate.estimate_arm import (
 Floats = NDArray[np.float64]
 
 
-def random_state(seed: int, gravity: Floats | None = None) -> State:
+def random_state(seed: int, gravity: Floats | None = None) -> LeanState:
     rng = np.random.default_rng(seed)
     R = Rotation.random(rng=rng).as_matrix()
     if gravity is None:
         gravity = Rotation.random(rng=rng).apply([0, 0, GRAVITY])
     biases = rng.normal(size=(2, 3)) * [[0.3], [0.02]]
-    return State(rng.normal(size=3), R, biases[0], biases[1], gravity, float(rng.normal()) * 1e-3)
+    return LeanState(rng.normal(size=3), R, biases[0], biases[1], gravity)
 
 
 @given(st.integers(0, 2**32 - 1))
@@ -75,24 +72,6 @@ def test_tilt_spans_the_sphere_wherever_gravity_points(gravity: tuple[float, ...
     step = np.zeros(TANGENT)
     step[DTILT] = 0.3, -0.2
     assert np.linalg.norm(state.moved(step).gravity) == pytest.approx(GRAVITY)
-
-
-def test_a_bias_is_as_uncertain_as_rotation_and_bias_together() -> None:
-    """Of b = R' b', both uncertain and correlated, differenced in the tangent."""
-    state = random_state(4)
-    rng = np.random.default_rng(5)
-    root = rng.normal(size=(TANGENT, TANGENT))
-    P = root @ root.T
-    fit = cast("Any", SimpleNamespace(solution=SimpleNamespace(state=state)))
-    h = 1e-6
-
-    def bias(step: Floats) -> Floats:
-        moved = state.moved(step)
-        return moved.R.T @ moved.accel_bias
-
-    J = np.stack([(bias(h * e) - bias(-h * e)) / (2 * h) for e in np.eye(TANGENT)], axis=1)
-    expected = np.sqrt(np.diag(J @ P @ J.T))
-    np.testing.assert_allclose(bias_std(fit, P, DBA, state.accel_bias), expected, rtol=1e-6)
 
 
 def test_rotation_is_perturbed_on_the_left() -> None:
@@ -124,21 +103,26 @@ def rows(log: Log) -> WindowRows:
 
 
 def normal_of(rows: WindowRows) -> Floats:
-    block = np.arange(len(rows.centres)) // 160
-    return block_statistics(rows, np.ones(len(block)), block).normal_matrix(0.02, 0.002)
+    return rows.normal_matrix(0.02, 0.002, np.ones(len(rows.centres)))
 
 
-def test_rows_and_residuals_agree(log: Log, rows: WindowRows) -> None:
-    state = replace(random_state(3), tau=0.0)
-    long = rows.residuals(state.vector())
-    short = windowing_of(log).residuals(0.0, rows.centres, state.vector())
-    for one, other in zip(long, short, strict=True):
-        np.testing.assert_allclose(one, other, atol=1e-9 * np.abs(one).max())
+def test_the_lean_rows_are_the_whole_models(log: Log, rows: WindowRows) -> None:
+    """Both read in the parent's axes at each window's centre; biases in different frames."""
+    lean = random_state(3)
+    windowing = windowing_of(log)
+    layout = lay_out(windowing.trajectory, MatchedOptions())
+    x = np.zeros(layout.size)
+    x[layout.part("accel_bias")] = lean.R.T @ lean.accel_bias
+    x[layout.part("gyro_bias")] = lean.R.T @ lean.gyro_bias
+    state = State(lean.R, lean.t, lean.gravity, x)
+    (whole,) = Model(windowing, layout).residuals(state, rows.centres)
+    for one, part in zip(rows.residuals(lean.vector()), (slice(0, 3), slice(3, 6)), strict=True):
+        np.testing.assert_allclose(one, whole.values[:, part], atol=1e-9 * np.abs(one).max())
 
 
 def test_every_start_reaches_the_one_optimum(log: Log, rows: WindowRows) -> None:
     normal = normal_of(rows)
-    unknowns = make_unknowns(MatchedOptions(), offset_free=False)
+    unknowns = LeanUnknowns.of(MatchedOptions())
     best = solve_globally(normal, unknowns)
     assert np.linalg.norm(rotation_error(best.state.R, log.mount.R)) < 2e-3
     for R in cube_rotations():
@@ -152,7 +136,7 @@ def test_every_start_reaches_the_one_optimum(log: Log, rows: WindowRows) -> None
 def test_the_optimum_is_scipys(rows: WindowRows) -> None:
     """The same cost, minimised by scipy over its own parametrisation from the truth nearby."""
     normal = normal_of(rows)
-    unknowns = make_unknowns(MatchedOptions(), offset_free=False)
+    unknowns = LeanUnknowns.of(MatchedOptions())
     best = solve_globally(normal, unknowns).state
     values, vectors = np.linalg.eigh(normal[:22, :22])
     root = (vectors * np.sqrt(np.maximum(values, 0.0))).T
@@ -168,24 +152,6 @@ def test_the_optimum_is_scipys(rows: WindowRows) -> None:
     R = Rotation.from_rotvec(found[3:6]).as_matrix()
     np.testing.assert_allclose(rotation_error(best.R, R), 0.0, atol=1e-7)
     np.testing.assert_allclose(best.accel_bias, found[6:9], atol=1e-5)
-
-
-def test_information_is_the_curvature_of_the_cost(rows: WindowRows) -> None:
-    normal = normal_of(rows)
-    options = MatchedOptions(accel_bias_std=0.1, tilt_std=0.01)
-    unknowns = make_unknowns(options, offset_free=False)
-    solution = solve_globally(normal, unknowns)
-    J = solution.state.jacobian()
-    expected = J.T @ normal @ J + np.diag(unknowns.prior_information)
-    free = np.flatnonzero(unknowns.free)
-    assert DTAU not in free
-    part = np.ix_(free, free)
-    scale = np.sqrt(np.diag(expected)[free])
-    np.testing.assert_allclose(
-        solution.information[part] / np.outer(scale, scale),
-        expected[part] / np.outer(scale, scale),
-        atol=1e-6,
-    )
 
 
 def test_cube_rotations_are_the_group_of_24() -> None:
@@ -207,24 +173,34 @@ def test_nearest_rotation_is_scipys(seed: int) -> None:
     np.testing.assert_allclose(found, best.as_matrix(), atol=1e-7)
 
 
-def test_blocks_add_up_and_empty_ones_are_empty(rows: WindowRows) -> None:
+def test_bands_and_parts_add_up_to_the_whole(log: Log, rows: WindowRows) -> None:
+    """Parseval's sum over the frequencies, and the parts' sum, are the plain normal matrix."""
+    windowing = windowing_of(log)
+    layout = lay_out(windowing.trajectory, MatchedOptions(robot="exact", sensor_model="ideal"))
+    model = Model(windowing, layout)
+    lean = random_state(3)
+    state = State(lean.R, lean.t, lean.gravity, np.zeros(layout.size))
+    (residuals,) = model.residuals(state, rows.centres)
     weights = np.random.default_rng(0).uniform(0, 1, len(rows.centres))
-    block = np.arange(len(weights)) // 100
-    block[block >= 3] += 2
-    statistics = block_statistics(rows, weights, block)
-    assert len(statistics.accel) == block[-1] + 1
-    for index in range(block[-1] + 1):
-        part = block == index
-        expected = np.einsum("w,wij,wik->jk", weights[part], rows.accel[part], rows.accel[part])
-        np.testing.assert_allclose(statistics.accel[index], expected, rtol=1e-9, atol=1e-9)
-        assert statistics.windows[index] == pytest.approx(weights[part].sum())
-    whole = np.einsum("w,wij,wik->jk", weights, rows.accel, rows.accel) / 0.3**2
-    whole += np.einsum("w,wij,wik->jk", weights, rows.gyro, rows.gyro) / 0.1**2
-    np.testing.assert_allclose(statistics.normal_matrix(0.3, 0.1), whole, rtol=1e-9, atol=1e-6)
+    root = whitening(windowing.plan, weights, (0.3, 0.1))
+
+    def both() -> list[tuple[slice, Floats]]:
+        return list(with_residuals(model.columns(state, rows.centres), residuals.values))
+
+    flat = np.concatenate([values for _, values in both()]) * root[:, :, None]
+    whole = np.einsum("wij,wik->jk", flat, flat)
+    found = statistics(windowing.plan, rows.centres, both(), root, 5)
+    scale = np.sqrt(np.diag(whole))
+    for sums in (
+        found.normal.sum(axis=(0, 1)),
+        found.parts.sum(axis=0),
+        part_matrices(rows.centres, both(), root, 7).sum(axis=0),
+    ):
+        np.testing.assert_allclose(sums / np.outer(scale, scale), whole / np.outer(scale, scale), atol=1e-12)
 
 
-def unknowns_of(**options: object) -> Unknowns:
-    return make_unknowns(MatchedOptions(**options), offset_free=True)  # type: ignore[arg-type]
+def unknowns_of(**options: object) -> LeanUnknowns:
+    return LeanUnknowns.of(MatchedOptions(**options))  # type: ignore[arg-type]
 
 
 def test_a_prior_is_information_and_zero_removes() -> None:
@@ -262,7 +238,8 @@ def test_a_prior_on_tilt_holds_the_vertical() -> None:
     log = make_log(gravity_world=gravity).noisy(1)
 
     def found(std: float) -> Floats:
-        return calibrate_matched(log.imu, log.path, MatchedOptions(tilt_std=std)).gravity_world
+        options = MatchedOptions(tilt_std=std, gravity_std=0.0)
+        return calibrate_matched(log.imu, log.path, options).gravity_world
 
     np.testing.assert_allclose(found(np.inf), gravity, atol=0.02)
     np.testing.assert_allclose(found(0.1), gravity, atol=0.02)
@@ -271,14 +248,15 @@ def test_a_prior_on_tilt_holds_the_vertical() -> None:
 
 
 def test_weights_drop_what_is_far_off_and_nothing_else(rows: WindowRows) -> None:
-    best = solve_globally(normal_of(rows), make_unknowns(MatchedOptions(), offset_free=False))
+    best = solve_globally(normal_of(rows), LeanUnknowns.of(MatchedOptions()))
     x = best.state.vector()
     accel = rows.accel.copy()
     accel[200:230, :, columns.ONE] += 3.0
-    spoiled = WindowRows(rows.centres, accel, rows.gyro)
-    weights = window_weights(spoiled, x, redescend=True)
+    spoiled = np.concatenate(WindowRows(rows.centres, accel, rows.gyro).residuals(x), axis=1)
+    motion = (accel[:, :, columns.T] ** 2).sum(axis=(1, 2))
+    weights = window_weights(spoiled, motion, redescend=True)
     np.testing.assert_array_equal(weights[200:230], 0.0)
     others = np.delete(weights, np.s_[200:230])
     assert (others > 0.99).mean() > 0.98
-    gentle = window_weights(spoiled, x, redescend=False)
+    gentle = window_weights(spoiled, motion, redescend=False)
     assert np.all((gentle[200:230] > 0) & (gentle[200:230] < 0.2))

@@ -1,4 +1,4 @@
-"""Model errors that are the same all along a log do not hide behind the noise they raise."""
+"""Errors of robot, sensor and user that are the same all along a log are named."""
 
 from __future__ import annotations
 
@@ -46,20 +46,29 @@ def test_the_right_model_is_left_alone(noisy: Log) -> None:
     assert not words
 
 
-def test_a_joint_zero_off_is_told_and_covered(noisy: Log) -> None:
+def test_a_joint_zero_off_is_found_and_covered(noisy: Log) -> None:
     track = noisy.path.tracks[0]
     shifted = track.values.copy()
     shifted[:, 3] += 0.01
-    nees, words, _ = score(with_joints(noisy, replace(track, values=shifted)))
-    assert nees < 30.0
-    assert any("the kinematic model" in each or "are not what they" in each for each in words)
+    log = with_joints(noisy, replace(track, values=shifted))
+    nees, _, trusted = score(log)
+    assert trusted
+    assert nees < 22.5
+    (found,) = calibrate_matched(log.imu, log.path, MatchedOptions()).findings
+    assert (found.code, found.values["name"], found.values["owner"]) == (
+        "unknown.found",
+        "joint_zero",
+        "j3",
+    )
+    # True less reported.
+    assert found.values["values"] == pytest.approx((-0.01,), rel=0.02)
 
 
 def test_a_gyroscope_scale_error_is_not_trusted(noisy: Log) -> None:
     wrong = noisy.with_imu(noisy.imu.t, noisy.imu.gyro * 1.1, noisy.imu.accel)
     _, words, trusted = score(wrong)
     assert not trusted
-    assert any("more than any working sensor errs" in each for each in words)
+    assert any("more than any sound robot or sensor has" in each for each in words)
 
 
 def test_held_joints_are_used_where_they_change(noisy: Log) -> None:

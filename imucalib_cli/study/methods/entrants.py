@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.estimate.matched import calibrate_matched
-from imucalib_cli.estimate.options import MatchedOptions, PaperOptions, WindowChoice
+from imucalib_cli.estimate.options import PaperOptions, WindowChoice
 from imucalib_cli.estimate.paper import calibrate_paper
-from imucalib_cli.study.contest import pose_only
+from imucalib_cli.study.contest import exact_system, pose_only
 from imucalib_cli.study.methods.answer import Answer
 from imucalib_cli.study.methods.bspline import calibrate_bspline
 from imucalib_cli.study.methods.bspline_camera import calibrate_bspline_camera
@@ -84,9 +84,7 @@ def paper(setting: PaperEntry, given: Given) -> Answer:
 
 def matched(given: Given) -> Answer:
     """Ours with all its unknowns."""
-    return _answer(
-        calibrate_matched(given.imu, given.path, MatchedOptions(gravity_norm=given.gravity_norm))
-    )
+    return _answer(calibrate_matched(given.imu, given.path, exact_system(given.gravity_norm)))
 
 
 def matched_pose_alone(given: Given) -> Answer:
