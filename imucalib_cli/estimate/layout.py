@@ -175,6 +175,8 @@ class _Chain:
             for joint in self._joints:
                 if joint.sliding and not effect.sliding:
                     continue
+                if effect.only not in (None, joint.name):
+                    continue
                 between = any(self._inside(step) for step in joint.steps)
                 if (effect.every and joint.name in self._moving) or (not effect.every and between):
                     yield joint, _named(joint.name, unknown.labels), None
