@@ -7,10 +7,14 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from imucalib_cli.diagnose.alternatives import lean_vector, own_noise, trimmed_rms
+from imucalib_cli.diagnose.alternatives import (
+    lean_vector,
+    own_noise,
+    short_windows,
+    trimmed_rms,
+)
 from imucalib_cli.diagnose.edits import joints_of
 from imucalib_cli.estimate import columns
-from imucalib_cli.estimate.windows import Windowing, plan_windows
 from imucalib_cli.findings import Finding, untrusted
 
 if TYPE_CHECKING:
@@ -39,10 +43,7 @@ def find_motion_at_rest(told: Trial) -> Finding | None:
         told: The kinematics as told, fitted.
     """
     full = told.lean.model.windowing
-    length = max(2 * round(_WINDOW / full.grid.dt / 2) + 1, full.plan.degree + 4)
-    length += 1 - length % 2
-    plan = plan_windows(length, full.plan.degree, full.grid.dt, hop=max(length // 2, 1))
-    windowing = Windowing(full.grid, full.trajectory, plan)
+    windowing = short_windows(full, _WINDOW)
     centres = windowing.centres(told.offset)
     if not len(centres):
         return None

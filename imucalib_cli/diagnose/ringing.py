@@ -13,8 +13,8 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from imucalib_cli.diagnose.alternatives import short_windows
 from imucalib_cli.estimate.design import Model
-from imucalib_cli.estimate.windows import Windowing, plan_windows
 from imucalib_cli.findings import Finding, warning
 from imucalib_cli.signals.kernels import convolve_at
 
@@ -132,9 +132,8 @@ def _spectra(lean: Lean) -> tuple[_Spectra, ...]:
     """Of the accelerometer and the gyroscope; nothing where there are too few whole frames."""
     full, state = lean.model.windowing, lean.state
     grid = full.grid
-    length = max(2 * round(_SHORT / grid.dt / 2) + 1, full.plan.degree + 2 + full.plan.degree % 2)
-    plan = plan_windows(length, full.plan.degree, grid.dt, hop=1)
-    model = Model(Windowing(grid, full.trajectory, plan), lean.model.layout)
+    windowing = short_windows(full, _SHORT, hop=1)
+    plan, model = windowing.plan, Model(windowing, lean.model.layout)
     centres = model.centres(state)
     size = 2 * round(_FRAME / grid.dt / 2)
     starts = np.arange(0, len(centres) - size, size // 4)
