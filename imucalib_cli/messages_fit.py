@@ -44,9 +44,7 @@ def _left_out(count: int, total: int, start: float | None, end: float | None) ->
     return f"{count} of {total} windows do not fit the rest and were left out{where}"
 
 
-def _window(
-    sigmas: float, seconds: float, used: float, translation: float, rotation: float
-) -> str:
+def _window(sigmas: float, seconds: float, used: float, translation: float, rotation: float) -> str:
     return (
         f"the answer depends on the filter window: at {seconds:.2g} s instead of {used:.2g} s the "
         f"IMU would be {translation * 1e3:.2g} mm and {math.degrees(rotation):.2g} deg elsewhere, "
@@ -188,6 +186,8 @@ def _untested(components: tuple[str, ...]) -> str:
     )
 
 
+Clauses = tuple[str, str]
+"""What is wrong, and the remedy."""
 _HOW: dict[str, str] = {
     "chain": "they come in the order of the chain, their names do not",
     "alphabet": "they come in alphabetical order, their names do not",
@@ -196,29 +196,24 @@ _HOW: dict[str, str] = {
     "early": "they come one place early",
 }
 """In what order positions come that do not belong to their names."""
-_UNITS: dict[str, tuple[str, str]] = {
-    "joints": (
-        "the joint positions of {} are in degrees",
-        "sensor_msgs/JointState is in rad: convert them in the publisher",
-    ),
+_JOINT_STATES = "sensor_msgs/JointState is in {}: convert them in the publisher"
+_UNITS: dict[str, Clauses] = {
+    "joints": ("the joint positions of {} are in degrees", _JOINT_STATES.format("rad")),
     "sliding": (
         "the positions of sliding joints in {} are in millimetres",
-        "sensor_msgs/JointState is in m: convert them in the publisher",
+        _JOINT_STATES.format("m"),
     ),
-    "origins": (
-        "the origins in the URDF are in millimetres",
-        "URDF is in m: divide them by 1000",
-    ),
+    "origins": ("the origins in the URDF are in millimetres", "URDF is in m: divide them by 1000"),
     "poses": (
         "the positions of {} are in millimetres",
         "ROS poses are in m: convert them in the publisher",
     ),
 }
-_REMAP = "mend the driver's axis mapping"
 _MOST_LISTED = 3
 """Joints named in a sentence about their order."""
 
-Tie = tuple[str, tuple[str, ...], tuple[float, ...], tuple[str, ...]]
+Detail = str | float | None
+Tie = tuple[str, tuple[str, ...], tuple[float, ...], tuple[Detail, ...]]
 """Kind of a cause, names, sizes, and what else its words need."""
 
 
@@ -226,7 +221,7 @@ def _listed(names: tuple[str, ...]) -> str:
     return f"{', '.join(names[:-1])} and {names[-1]}" if len(names) > 1 else names[0]
 
 
-def _of_link(names: tuple[str, ...], told: str) -> tuple[str, str]:
+def _of_link(names: tuple[str, ...], _: tuple[float, ...], told: str) -> Clauses:
     return (
         f"the IMU moves as {' or '.join(names)} does, not as {told}",
         f"rerun with --parent {' or --parent '.join(names)}; if --parent was not given, correct "
@@ -234,7 +229,7 @@ def _of_link(names: tuple[str, ...], told: str) -> tuple[str, str]:
     )
 
 
-def _of_sign(names: tuple[str, ...]) -> tuple[str, str]:
+def _of_sign(names: tuple[str, ...], _: tuple[float, ...]) -> Clauses:
     one = len(names) == 1
     return (
         f"{'joint' if one else 'joints'} {_listed(names)} {'turns' if one else 'turn'} the other "
@@ -243,7 +238,7 @@ def _of_sign(names: tuple[str, ...]) -> tuple[str, str]:
     )
 
 
-def _of_order(names: tuple[str, ...], topic: str, how: str) -> tuple[str, str]:
+def _of_order(names: tuple[str, ...], _: tuple[float, ...], topic: str, how: str) -> Clauses:
     why = f" ({_HOW[how]})" if how else ""
     what = (
         f"the positions of {_listed(names)} are exchanged in {topic}"
@@ -253,17 +248,45 @@ def _of_order(names: tuple[str, ...], topic: str, how: str) -> tuple[str, str]:
     return what + why, "let the publisher list positions in the order of its names"
 
 
-def _of_zero(names: tuple[str, ...], size: float) -> tuple[str, str]:
+def _of_unit(_: tuple[str, ...], __: tuple[float, ...], of: str, topics: str) -> Clauses:
+    what, remedy = _UNITS[of]
+    return what.format(topics), remedy
+
+
+def _of_inverse(names: tuple[str, ...], _: tuple[float, ...]) -> Clauses:
     return (
-        f"joint {names[0]} stands {math.degrees(size):+.4g} deg from where its position says "
+        f"the poses of {names[0]} are the wrong way round, of the parent in the child",
+        "publish their inverse, or exchange the two frames' names",
+    )
+
+
+def _of_quaternion(names: tuple[str, ...], _: tuple[float, ...], order: str) -> Clauses:
+    return (
+        f"the quaternions of {names[0]} come in the order {order}",
+        "ROS has x y z w: let the publisher reorder them",
+    )
+
+
+def _of_conjugate(names: tuple[str, ...], _: tuple[float, ...]) -> Clauses:
+    return (
+        f"the rotations of {names[0]} are inverted while the positions are not",
+        "publish conjugate quaternions",
+    )
+
+
+def _of_zero(names: tuple[str, ...], sizes: tuple[float, ...]) -> Clauses:
+    return (
+        f"joint {names[0]} stands {math.degrees(sizes[0]):+.4g} deg from where its position says "
         "(true angle less position)",
         "turn the joint's origin in the URDF by it, or correct the encoder's zero",
     )
 
 
-def _of_offset(size: float, given: float | None, max_offset: float) -> tuple[str, str]:
-    late = "later" if size > 0.0 else "earlier"
-    shown = f"{abs(size):.3g} s" if abs(size) >= 1.0 else f"{abs(size) * 1e3:.3g} ms"
+def _of_offset(
+    _: tuple[str, ...], sizes: tuple[float, ...], given: float | None, max_offset: float
+) -> Clauses:
+    late, size = "later" if sizes[0] > 0.0 else "earlier", abs(sizes[0])
+    shown = f"{size:.3g} s" if size >= 1.0 else f"{size * 1e3:.3g} ms"
     what = f"the IMU's stamps are {shown} {late} than the robot's"
     if given is not None:
         return (
@@ -272,63 +295,45 @@ def _of_offset(size: float, given: float | None, max_offset: float) -> tuple[str
         )
     return (
         f"{what}, beyond the search of ±{max_offset:g} s",
-        f"rerun with --max-offset {math.ceil(abs(size) * 1.1 + 0.5)}s",
+        f"rerun with --max-offset {math.ceil(size * 1.1 + 0.5)}s",
     )
 
 
-def _of_axes(sizes: tuple[float, ...], form: str, which: str = "", order: str = "") -> tuple[str, str]:
+def _of_axes(
+    _: tuple[str, ...], sizes: tuple[float, ...], form: str, which: str, order: str
+) -> Clauses:
+    remap = "mend the driver's axis mapping"
     if form == "left-handed":
         return (
             "the IMU's axes are left-handed (both sensors fit a mirrored frame and no rotation): "
             "an axis has the wrong sign, or two are swapped",
-            _REMAP,
+            remap,
         )
     if form == "reversed":
         how = "point up at rest" if which == "accelerometer" else "be right-handed"
         return f"the {which}'s sign is reversed on all axes (should {how})", "negate its data"
     apart = (
         f"the gyroscope's x, y, z point along the accelerometer's {order}"
-        if form == "exchanged"
+        if order
         else f"they are turned by {math.degrees(sizes[0]):.0f} deg against each other"
     )
     mirrored = f"; those of the {which} are left-handed" if which else ""
-    return f"accelerometer and gyroscope do not share their axes: {apart}{mirrored}", _REMAP
+    return f"accelerometer and gyroscope do not share their axes: {apart}{mirrored}", remap
 
 
-def _clauses(tie: Tie, given: float | None, max_offset: float) -> tuple[str, str]:
-    """What is wrong, and the remedy."""
-    kind, names, sizes, detail = tie
-    match kind:
-        case "link":
-            return _of_link(names, *detail)
-        case "sign":
-            return _of_sign(names)
-        case "order":
-            return _of_order(names, *detail)
-        case "unit":
-            what, remedy = _UNITS[detail[0]]
-            return what.format(detail[1]), remedy
-        case "inverse":
-            return (
-                f"the poses of {names[0]} are the wrong way round, of the parent in the child",
-                "publish their inverse, or exchange the two frames' names",
-            )
-        case "quaternion":
-            return (
-                f"the quaternions of {names[0]} come in the order {detail[0]}",
-                "ROS has x y z w: let the publisher reorder them",
-            )
-        case "conjugate":
-            return (
-                f"the rotations of {names[0]} are inverted while the positions are not",
-                "publish conjugate quaternions",
-            )
-        case "zero":
-            return _of_zero(names, sizes[0])
-        case "offset":
-            return _of_offset(sizes[0], given, max_offset)
-        case _:
-            return _of_axes(sizes, *detail)
+_CAUSES: dict[str, Callable[..., Clauses]] = {
+    "link": _of_link,
+    "sign": _of_sign,
+    "order": _of_order,
+    "unit": _of_unit,
+    "inverse": _of_inverse,
+    "quaternion": _of_quaternion,
+    "conjugate": _of_conjugate,
+    "zero": _of_zero,
+    "offset": _of_offset,
+    "axes": _of_axes,
+}
+"""Causes that one change of the model or of the readings explains."""
 
 
 def _cause(
@@ -338,8 +343,6 @@ def _cause(
     acceleration: tuple[float, float] | None,
     ratio: float,
     moves: tuple[float, float] | None,
-    given: float | None,
-    max_offset: float,
     **_: Any,
 ) -> str:
     """A gross cause, what it leaves unexplained, those that explain as well, and what to do."""
@@ -349,7 +352,7 @@ def _cause(
         unsure = len(names) > 1
     else:
         unsure = len(ties) > 1
-    told = [_clauses(tie, given, max_offset) for tie in ties]
+    told = [_CAUSES[kind](names, sizes, *detail) for kind, names, sizes, detail in ties]
     causes, remedies = ("; or ".join(dict.fromkeys(each)) for each in zip(*told, strict=True))
     which = ", the log cannot tell which" if unsure else ""
     evidence = f"that leaves {_unexplained(rotation, acceleration, ratio)}"
@@ -381,9 +384,7 @@ def _percent(share: float) -> str:
     return f"{percent:.0f} %" if percent >= 10.0 else f"{percent:.2g} %"
 
 
-def _publishers(
-    names: tuple[str, ...], sizes: tuple[float, ...], what: str, kind: str
-) -> str:
+def _publishers(names: tuple[str, ...], sizes: tuple[float, ...], what: str, kind: str) -> str:
     topic, size = names[0], sizes[0]
     told = f"the pose told by {what}" if kind != "joint" else f"the position of {what} in {topic}"
     by = {
@@ -429,20 +430,6 @@ def _rings(
     )
 
 
-_GROSS = (
-    "link",
-    "sign",
-    "order",
-    "unit",
-    "inverse",
-    "quaternion",
-    "conjugate",
-    "zero",
-    "offset",
-    "axes",
-)
-"""Causes that one change of the model or of the readings explains."""
-
 FIT_MESSAGES: dict[str, str | Callable[..., Any]] = {
     "fit.rotation_unexplained": _rotation_unexplained,
     "fit.acceleration_unexplained": "the robot's motion and gravity leave {left:.2g} m/s² of the "
@@ -486,7 +473,7 @@ FIT_MESSAGES: dict[str, str | Callable[..., Any]] = {
         f"gravity is {math.degrees(tilt):.0f} deg off -z of the world: true for a base mounted so, "
         "else joint signs, frames or the accelerometer's sign are wrong"
     ),
-    **{f"cause.{kind}": _cause for kind in _GROSS},
+    **{f"cause.{kind}": _cause for kind in _CAUSES},
     "cause.publishers": _publishers,
     "cause.base_moves": _base_moves,
     "cause.rings": _rings,

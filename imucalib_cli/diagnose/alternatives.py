@@ -55,10 +55,9 @@ _HOPELESS: Final = 0.3
 _FAR: Final = 60.0
 """s: how far stamps are searched apart; clocks set by hand differ by less, or by hours."""
 _STRETCH: Final = 5.0
-"""s: half of what is searched at once: moves look alike, and the best correlation of all may be that
-of the wrong move."""
-_KEPT: Final = {"zero": 4, "offset": 5}
-_KEPT_ELSE: Final = 8
+"""s: half of what is searched at once: moves look alike, and the best correlation of all may be
+that of the wrong move."""
+_KEPT: Final[dict[Kind | None, int]] = {"zero": 4, "offset": 5, None: 8}
 """Hypotheses fitted of those that turn most as the IMU does: the right one turns exactly so."""
 _SAME_RATES: Final = frozenset({"offset", "inverse", "conjugate", "unit"})
 """Kinds whose rates may be those of the path as told, so that screening by rates is blind."""
@@ -176,7 +175,7 @@ class Bench:
         return about + (offset if given is None else 0.0), -1.0 if lag is None else lag.correlation
 
     def trial(self, hypothesis: Hypothesis, offset: float) -> Trial | None:
-        """Fit a hypothesis; None where the streams share too few windows, or where it is hopeless."""
+        """Fit a hypothesis; None where too few windows are shared, or where it is hopeless."""
         grid = self.windowing.grid
         if hypothesis.accel is not None and hypothesis.gyro is not None:
             grid = replace(
@@ -222,7 +221,7 @@ def trial_of(hypothesis: Hypothesis, lean: Lean) -> Trial:
 
 
 def own_noise(windowing: Windowing) -> tuple[float, float]:
-    """What the sensor's own white noise leaves in a window, m/s² and rad/s; no less than any IMU's."""
+    """What the sensor's own white noise leaves in a window, m/s² and rad/s; at least any IMU's."""
     plan, grid = windowing.plan, windowing.grid
     accel, gyro = (
         max(own * float(np.linalg.norm(pair.average) * np.sqrt(grid.refine)), floor)
@@ -345,11 +344,9 @@ def _tried(bench: Bench, hypotheses: Iterable[Hypothesis], told: Trial) -> Itera
                 yield trial
 
 
-def _screened(
-    bench: Bench, hypotheses: Iterable[Hypothesis]
-) -> Iterator[tuple[Hypothesis, float]]:
+def _screened(bench: Bench, hypotheses: Iterable[Hypothesis]) -> Iterator[tuple[Hypothesis, float]]:
     """Those under which the robot turns as fast as the IMU does, each with its time offset."""
-    ranked: dict[str, list[tuple[float, Hypothesis, float]]] = {}
+    ranked: dict[Kind | None, list[tuple[float, Hypothesis, float]]] = {}
     for hypothesis in hypotheses:
         try:
             offset, alike = bench.coarse(hypothesis.path)
@@ -358,11 +355,11 @@ def _screened(
         if hypothesis.kind in _SAME_RATES:
             yield hypothesis, offset
         else:
-            group = hypothesis.kind if hypothesis.kind in _KEPT else ""
+            group = hypothesis.kind if hypothesis.kind in _KEPT else None
             ranked.setdefault(group, []).append((alike, hypothesis, offset))
     for group, some in ranked.items():
         some.sort(key=lambda one: -one[0])
-        for _, hypothesis, offset in some[: _KEPT.get(group, _KEPT_ELSE)]:
+        for _, hypothesis, offset in some[: _KEPT[group]]:
             yield hypothesis, offset
 
 
@@ -392,7 +389,9 @@ def _at_offset(
 ) -> Iterator[Trial]:
     trial = free.trial(hypothesis, offset)
     if trial is not None and not _searched(bench, told, trial.offset):
-        yield replace(trial, hypothesis=replace(hypothesis, sizes=(trial.offset,)))
+        told_by = (bench.options.time_offset, bench.options.max_offset)
+        found = replace(hypothesis, sizes=(trial.offset,), detail=told_by)
+        yield replace(trial, hypothesis=found)
 
 
 def _searched(bench: Bench, told: Trial, offset: float) -> bool:

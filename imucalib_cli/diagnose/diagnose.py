@@ -54,6 +54,7 @@ _OF_RINGING: Final = frozenset({"window.dependent", "residual.beyond_noise"})
 _SHOWN: Final = 1.5
 """Least fall of a residual that is told as a share."""
 _MOST_TIES: Final = 3
+"""Told beside the first: a sentence with more is not read."""
 _AFTER: Final = "not to be judged before the cause of the misfit is mended"
 
 
@@ -103,42 +104,31 @@ def diagnose(case: Case) -> tuple[Finding, ...]:
 
 def _cause(ties: list[Trial], told: Trial, case: Case) -> Finding:
     """The best alternative, and those that explain as well."""
-    best, options = ties[0], case.options
-    values = [_told_of(trial) for trial in ties[: _MOST_TIES + 1]]
-    kind, names, sizes, detail = values[0]
-    kinds = {each[0] for each in values}
+    best, first = ties[0], ties[0].hypothesis
+    tied = [trial.hypothesis for trial in ties[: _MOST_TIES + 1]]
+    alike = len({each.kind for each in tied}) == 1
     moves = (
         float(np.linalg.norm(best.lean.state.t - told.lean.state.t)),
         float(rotation_angle(told.lean.state.R.T @ best.lean.state.R)),
     )
-    given = kind == "offset" and options.time_offset is not None
+    given = first.kind == "offset" and case.options.time_offset is not None
     accel, gyro = (_shares(told, best, sensor) for sensor in (0, 1))
     return untrusted(
-        f"cause.{kind}",
-        names=tuple(name for each in values for name in each[1]) if len(kinds) == 1 else names,
-        sizes=sizes,
-        detail=detail,
-        ties=tuple(values),
+        f"cause.{first.kind}",
+        names=[name for each in tied for name in each.names] if alike else first.names,
+        sizes=first.sizes,
+        ties=[(each.kind, each.names, each.sizes, each.detail) for each in tied],
         rotation=gyro,
         acceleration=accel,
         ratio=max(t / a for t, a in zip(told.left, best.left, strict=True)),
         evidence=best.lean.evidence_over(told.lean),
         moves=moves if given else None,
-        given=options.time_offset,
-        max_offset=options.max_offset,
     )
-
-
-def _told_of(trial: Trial) -> tuple[str, tuple[str, ...], tuple[float, ...], tuple[str, ...]]:
-    hypothesis = trial.hypothesis
-    return hypothesis.kind, hypothesis.names, hypothesis.sizes, hypothesis.detail
 
 
 def _shares(told: Trial, best: Trial, sensor: int) -> tuple[float, float] | None:
     """Share left unexplained before and after; None where it hardly falls."""
-    before, after = (
-        np.hypot(trial.left[sensor], trial.noise[sensor]) for trial in (told, best)
-    )
+    before, after = (np.hypot(trial.left[sensor], trial.noise[sensor]) for trial in (told, best))
     if before <= _SHOWN * after:
         return None
     return min(told.shares[sensor], 1.0), min(best.shares[sensor], 1.0)

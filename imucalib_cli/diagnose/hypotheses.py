@@ -1,4 +1,4 @@
-"""Which gross faults of robot and log may be behind a poor fit, each as a path that would be right."""
+"""Which gross faults may be behind a poor fit, each as the path that would be right."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class Hypothesis:
     """Joints, links or topics at fault."""
     sizes: tuple[float, ...] = ()
     """rad or s."""
-    detail: tuple[str, ...] = ()
+    detail: tuple[str | float | None, ...] = ()
     """What else the words need."""
     path: KinematicPath
     joint: tuple[int, int] | None = None

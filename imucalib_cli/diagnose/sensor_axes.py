@@ -63,46 +63,50 @@ def reoriented(rows: WindowRows, path: KinematicPath, gravity: Floats) -> Hypoth
     # From the accelerometer's axes to the gyroscope's.
     P = gyro.Q.T @ accel.Q
     both = accel.left_handed and gyro.left_handed
-    if _near(P, np.eye(3)):
-        return _hypothesis(path, "left-handed", both=_MIRROR) if both else None
-    if _near(P, -np.eye(3)):
-        # An accelerometer that finds gravity where it belongs has the right sign.
-        up = not gravity.any() or gravity[2] > 0.0
-        if accel.left_handed and up:
-            return _hypothesis(path, "reversed", "accelerometer", accel=-np.eye(3))
-        return _hypothesis(path, "reversed", "gyroscope", gyro=-np.eye(3))
     mirrored = ""
     if accel.left_handed != gyro.left_handed:
         mirrored = "accelerometer" if accel.left_handed else "gyroscope"
+    if _near(P, np.eye(3)):
+        return _Change("left-handed", np.eye(3), both=True).of(path) if both else None
+    if _near(P, -np.eye(3)):
+        # An accelerometer that finds gravity where it belongs has the right sign.
+        down = gravity.any() and gravity[2] < 0.0
+        which = "gyroscope" if down else mirrored
+        return _Change("reversed", -np.eye(3), which=which).of(path)
     S = _signed_axes(P)
-    turn = P if S is None else S
-    changed = {"accel": turn} if accel.left_handed else {"gyro": turn.T}
-    if both:
-        changed["both"] = _MIRROR
-    if S is None:
-        angle = rotation_angle(-P if mirrored else P)
-        return _hypothesis(path, "turned", mirrored, sizes=(angle,), **changed)
-    return _hypothesis(path, "exchanged", mirrored, _named(S), **changed)
+    if S is not None:
+        return _Change("exchanged", S, mirrored, both, order=_named(S)).of(path)
+    angle = float(rotation_angle(-P if mirrored else P))
+    return _Change("turned", P, mirrored, both, sizes=(angle,)).of(path)
 
 
-def _hypothesis(
-    path: KinematicPath,
-    *detail: str,
-    sizes: tuple[float, ...] = (),
-    both: Floats | None = None,
-    accel: Floats | None = None,
-    gyro: Floats | None = None,
-) -> Hypothesis:
-    one = np.eye(3)
-    mirror = one if both is None else both
-    return Hypothesis(
-        kind="axes",
-        sizes=sizes,
-        detail=detail,
-        path=path,
-        accel=mirror @ (one if accel is None else accel),
-        gyro=mirror @ (one if gyro is None else gyro),
-    )
+@dataclass(frozen=True, eq=False)
+class _Change:
+    """How the readings are to be changed."""
+
+    form: str
+    turn: Floats
+    """(3, 3), from the accelerometer's axes to the gyroscope's."""
+    which: str = ""
+    """The sensor that is left-handed."""
+    both: bool = False
+    """Whether both are."""
+    sizes: tuple[float, ...] = ()
+    order: str = ""
+
+    def of(self, path: KinematicPath) -> Hypothesis:
+        """The hypothesis that the right-handed sensor's axes hold for both."""
+        mirror = _MIRROR if self.both else np.eye(3)
+        accel = self.turn if self.which == "accelerometer" else np.eye(3)
+        gyro = np.eye(3) if self.which == "accelerometer" else self.turn.T
+        return Hypothesis(
+            kind="axes",
+            sizes=self.sizes,
+            detail=(self.form, self.which, self.order),
+            path=path,
+            accel=mirror @ accel,
+            gyro=mirror @ gyro,
+        )
 
 
 def _free_matrix(rows: Floats, parts: list[slice]) -> _Free | None:
