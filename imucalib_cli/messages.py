@@ -146,7 +146,8 @@ def _gyro_factor(topic: str, factor: float, std: float, known: tuple[str, ...]) 
     return (
         f"{topic}: gyro reads {_factor(factor, std)} times the rate at which the robot turns, a "
         f"constant factor that belongs to no known unit ({', '.join(known)}): raw counts or a "
-        "wrong scale; divide the values by it in the driver and record again"
+        "wrong scale of the gyroscope, or of the joint positions; correct it in the driver and "
+        "record again"
     )
 
 

@@ -33,6 +33,7 @@ _MATCHED_ONLY = (
     "fix",
     "prior_std",
     "sensor_model",
+    "robot",
 )
 _LONGEST_OFFSET = 600.0
 """s: clocks further apart than this share no log; a search needs memory by its width."""
@@ -110,8 +111,8 @@ class EstimatorTexts:
         str | None,
         typer.Option(
             metavar="tilt|fixed|none|NORM",
-            help="Direction found; along -z of the world; no gravity; or tilt with this norm, "
-            "m/s².",
+            help="Direction found; along -z of the world; no gravity; or tilt with exactly this "
+            "norm, m/s².",
             show_default="tilt; fixed with paper",
             rich_help_panel=_ESTIMATE,
         ),
@@ -171,8 +172,18 @@ class EstimatorTexts:
         typer.Option(
             "--sensor-model",
             metavar="auto|ideal",
-            help="Find clock drift, sensor delay, scale and axes where they are off; or do not.",
+            help="Find the sensor's and the clocks' own errors too; or take them not to exist.",
             show_default="auto",
+            rich_help_panel=_ESTIMATE,
+        ),
+    ] = None
+    robot: Annotated[
+        str | None,
+        typer.Option(
+            metavar="nominal|exact|DEG,MM",
+            help="How good the URDF is: learnt from the log; without any error; or its joint "
+            "zeros and lengths good to these, 1 sigma.",
+            show_default="nominal",
             rich_help_panel=_ESTIMATE,
         ),
     ] = None
@@ -239,15 +250,30 @@ def _matched(degree: int, texts: EstimatorTexts) -> MatchedOptions:
     if texts.gravity in {"tilt", "fixed", "none"}:
         given["gravity"] = texts.gravity
     elif texts.gravity is not None:
-        given["gravity_norm"] = _norm(texts.gravity)
+        given |= {"gravity_norm": _norm(texts.gravity), "gravity_std": 0.0}
     if texts.tilt_std is not None:
         given["tilt_std"] = _tilt(texts)
     if texts.sensor_model is not None:
         given["sensor_model"] = parse_choice(
             "--sensor-model", texts.sensor_model, ("auto", "ideal")
         )
+    if texts.robot is not None:
+        given["robot"] = _robot(texts.robot)
     given["pose"] = _pose_prior(texts)
     return MatchedOptions(**given)
+
+
+def _robot(text: str) -> str | tuple[float, float]:
+    if text in {"nominal", "exact"}:
+        return text
+    std = parse_pose_std("--robot", text)
+    zero, length = std[3], std[0]
+    if not (0.0 < zero < math.inf and 0.0 < length < math.inf):
+        raise ChoiceError(
+            f"--robot {text}: expected nominal, exact, or how good joint zeros and lengths are, "
+            "such as 0.05deg,0.5mm"
+        )
+    return zero, length
 
 
 def _pose_prior(texts: EstimatorTexts) -> PosePrior | None:

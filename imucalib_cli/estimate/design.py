@@ -15,7 +15,7 @@ will do: they are made on nodes, some thirty to a window, from what an unknown d
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +32,14 @@ from imucalib_cli.estimate.unknowns import (
     Reading,
     Samples,
 )
-from imucalib_cli.estimate.windows import Windowing, average, blocks, derive, window_centres
+from imucalib_cli.estimate.windows import (
+    Windowing,
+    WindowPlan,
+    average,
+    blocks,
+    derive,
+    window_centres,
+)
 from imucalib_cli.robot.path import FixedStep, JointStep, PoseStep
 from imucalib_cli.robot.rotations import cross, matrix_from_rotvec, skew, vee
 from imucalib_cli.signals.kernels import MARGIN, MatchedFilter, convolve_at, matched_filter
@@ -50,8 +57,6 @@ _BLOCK = 256
 """Windows made at once: their columns stay in the processor's cache."""
 _TOGETHER = 16
 """Windows filtered by one matrix product."""
-_RATE_SECONDS = 0.02
-"""s: half of what a joint's rate is differenced over; long against an encoder's steps."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,28 +126,27 @@ class Chain:
             ),
         )
 
-    def rates(self, t: Floats) -> tuple[Floats, ...]:
-        """Rates of every track's values, by differences."""
-        h = max(_RATE_SECONDS, self.trajectory.interval)
-        later, earlier = self.trajectory.values(t + h), self.trajectory.values(t - h)
-        return tuple((a - b) / (2 * h) for a, b in zip(later, earlier, strict=True))
-
     def values(self, t: Floats) -> tuple[Floats, ...]:
         """Values of every track, errors taken off."""
-        values = self.trajectory.values(t)
-        if not self.curves and not self.scales:
-            return values
-        found = [each.copy() for each in values]
-        rates = self.rates(t) if self.curves else ()
+        if not self.curves:
+            return self._scaled(self.trajectory.values(t))
+        return self.values_and_rates(t)[0]
+
+    def values_and_rates(self, t: Floats) -> tuple[tuple[Floats, ...], tuple[Floats, ...]]:
+        """Values of every track, errors taken off, and their rates."""
+        values, rates = self.trajectory.values_and_rates(t)
         for placed, size in self.curves:
             joint, effect = placed.where, placed.unknown.effect
             assert isinstance(joint, Joint)
             assert isinstance(effect, JointCurve)
             q, rate = values[joint.track][:, joint.column], rates[joint.track][:, joint.column]
-            found[joint.track][:, joint.column] += size @ effect.basis(q, rate)
+            q += size @ effect.basis(q.copy(), rate)
+        return self._scaled(values), rates
+
+    def _scaled(self, values: tuple[Floats, ...]) -> tuple[Floats, ...]:
         for track, scale in self.scales:
-            found[track][:, :3] *= 1.0 + scale
-        return tuple(found)
+            values[track][:, :3] *= 1.0 + scale
+        return values
 
     def poses(self, t: Floats) -> tuple[Floats, Floats]:
         """R_world_parent (M, 3, 3) and p_world_parent (M, 3), m."""
@@ -177,9 +181,8 @@ class NodePlan:
         return np.convolve(spread, self.box)
 
 
-def plan_nodes(windowing: Windowing) -> NodePlan:
+def plan_nodes(plan: WindowPlan, dt: float) -> NodePlan:
     """Nodes for a plan of windows whose hop is a multiple of theirs."""
-    plan, dt = windowing.plan, windowing.grid.dt
     every, length, degree = plan.node, plan.node_length, plan.degree
     half = every // 2
     box = np.full(2 * half + 1, 1.0 / every)
@@ -242,6 +245,11 @@ class Model:
         pad = slice(max(span.start - 1, 0), min(span.stop + 1, len(grid.usable)))
         inner = slice(span.start - pad.start, span.stop - pad.start)
         samples = self.samples(grid.accel[pad], grid.gyro[pad], pad.start, 1)
+        accel, gyro = self.less_errors(state, samples)
+        return accel[inner], gyro[inner]
+
+    def less_errors(self, state: State, samples: Samples) -> tuple[Floats, Floats]:
+        """Accelerometer and gyroscope readings with the sensor's errors taken off."""
         accel, gyro = samples.accel.copy(), samples.gyro.copy()
         for each in self.layout.of(Reading):
             effect, value = each.unknown.effect, state.x[each.part]
@@ -249,7 +257,7 @@ class Model:
             if value.any():
                 of = accel if effect.sensor == "accel" else gyro
                 of -= np.tensordot(value, effect.basis(samples), axes=1)
-        return accel[inner], gyro[inner]
+        return accel, gyro
 
     def samples(self, accel: Floats, gyro: Floats, first: int, every: int) -> Samples:
         """Readings at grid samples from ``first``, every so many."""
@@ -258,40 +266,118 @@ class Model:
         age = (dt * index - (self.middle - self.windowing.grid.t0)) / self.seconds
         return Samples(accel=accel, gyro=gyro, age=age, dt=dt * every)
 
-    def residuals(self, state: State, centres: Indices) -> Floats:
-        """Exact residuals (W, 6): accelerometer m/s², gyroscope rad/s, parent frame."""
-        plan, grid = self.windowing.plan, self.windowing.grid
+    def residuals(
+        self, state: State, centres: Indices, plans: tuple[WindowPlan, ...] = ()
+    ) -> list[Residuals]:
+        """Exact residuals of windows about the same centres, for each of some plans.
+
+        Args:
+            state: Where.
+            centres: (W,), ascending.
+            plans: The model's own by default.
+        """
+        plans = plans or (self.windowing.plan,)
+        grid = self.windowing.grid
         chain = Chain.of(self.windowing.trajectory, self.layout, state.x)
         shift_a, shift_g = self.shifts(state)
-        reach = plan.length // 2 + MARGIN
-        found = np.zeros((len(centres), 6))
-        for part in blocks(centres, plan.hop, _BLOCK):
+        reach = max(plan.length // 2 + MARGIN for plan in plans)
+        found = [Residuals.empty(len(centres)) for _ in plans]
+        for part in blocks(centres, self.windowing.plan.hop, _BLOCK):
             span = slice(int(centres[part][0]) - reach, int(centres[part][-1]) + reach + 1)
             local = centres[part] - span.start
             stamps = np.asarray(grid.t0 + grid.dt * np.arange(span.start, span.stop))
             accel, gyro = self.corrected(state, span)
             R, p = chain.poses(self.robot_times(stamps, shift_a))
-            back = np.swapaxes(R[local], 1, 2)
-            stretch = (1.0 - shift_a[1], 1.0 - shift_g[1])
-            derived = derive(p - p[0] + R @ state.t, plan.second_derivative, local)
-            force = np.einsum("nij,nj->ni", R, accel @ state.R.T)
-            left = derived / stretch[0] ** 2 - average(force, plan.second_derivative, local)
-            found[part, :3] = np.einsum("wij,wj->wi", back, left - state.gravity)
-            if shift_g != shift_a:
-                R = chain.poses(self.robot_times(stamps, shift_g))[0]
-                back = np.swapaxes(R[local], 1, 2)
-            derived = derive(R.reshape(-1, 9), plan.first_derivative, local) / stretch[1]
-            rate = (R @ skew(gyro @ state.R.T)).reshape(-1, 9)
-            left = derived - average(rate, plan.first_derivative, local)
-            found[part, 3:] = vee(back @ left.reshape(-1, 3, 3))
+            R_gyro = R if shift_g == shift_a else chain.poses(self.robot_times(stamps, shift_g))[0]
+            world = _World(
+                place=p - p[0] + R @ state.t,
+                force=np.einsum("nij,nj->ni", R, accel @ state.R.T),
+                R_gyro=R_gyro.reshape(-1, 9),
+                turned=(R_gyro @ skew(gyro @ state.R.T)).reshape(-1, 9),
+                stretch=(1.0 - shift_a[1], 1.0 - shift_g[1]),
+            )
+            back = np.swapaxes(R[local], 1, 2), np.swapaxes(R_gyro[local], 1, 2)
+            for plan, residuals in zip(plans, found, strict=True):
+                pairs = (plan.second_derivative, plan.first_derivative)
+                world.fill(residuals, part, local, back, pairs, state.gravity)
         return found
 
-    def columns(self, state: State, centres: Indices) -> Iterator[tuple[slice, Floats]]:
-        """Derivatives of the residuals (W, 6, n) by the layout's components, block by block."""
-        nodes = plan_nodes(self.windowing)
+    def columns(
+        self, state: State, centres: Indices, plan: WindowPlan | None = None
+    ) -> Iterator[tuple[slice, Floats, Floats]]:
+        """Derivatives of the residuals (W, 6, n) by the layout's components, block by block.
+
+        With them the residuals on the nodes (W, 6), for a first solution.
+        """
+        plan = plan or self.windowing.plan
+        nodes = plan_nodes(plan, self.windowing.grid.dt)
         chain = Chain.of(self.windowing.trajectory, self.layout, state.x)
-        for part in blocks(centres, self.windowing.plan.hop, _BLOCK):
-            yield part, _block_columns(self, nodes, chain, state, centres[part])
+        for part in blocks(centres, plan.hop, _BLOCK):
+            yield part, *_block_columns(self, nodes, chain, state, centres[part])
+
+
+@dataclass(frozen=True, eq=False)
+class Residuals:
+    """Of windows, and how much they move."""
+
+    values: Floats
+    """(W, 6): accelerometer m/s², gyroscope rad/s, parent frame at the window's centre."""
+    acceleration: Floats
+    """(W, 3), of the IMU's place by the kinematics, m/s², world axes."""
+    rate: Floats
+    """(W, 3), of the parent link by the kinematics, rad/s."""
+
+    @classmethod
+    def empty(cls, count: int) -> Residuals:
+        """To be filled."""
+        return cls(np.zeros((count, 6)), np.zeros((count, 3)), np.zeros((count, 3)))
+
+    @property
+    def motion(self) -> Floats:
+        """(W,), how much each window moves, (m/s²)²: turns count as a metre away."""
+        turning = (self.rate**2).sum(axis=1) ** 2
+        return np.asarray((self.acceleration**2).sum(axis=1) + turning)
+
+    @property
+    def turning(self) -> float:
+        """rad/s, root mean square rate."""
+        return float(np.sqrt(np.mean((self.rate**2).sum(axis=1))))
+
+
+@dataclass(frozen=True, eq=False)
+class _World:
+    """Both sides of the equations along a stretch of samples, world axes."""
+
+    place: Floats
+    """(N, 3), of the IMU, m."""
+    force: Floats
+    """(N, 3), measured, m/s²."""
+    R_gyro: Floats
+    """(N, 9), R_world_parent at the gyroscope's instants."""
+    turned: Floats
+    """(N, 9), R_world_parent [w]x, of the measured rate."""
+    stretch: tuple[float, float]
+    """Robot's time over the IMU's, accelerometer and gyroscope."""
+
+    def fill(
+        self,
+        residuals: Residuals,
+        part: slice,
+        local: Indices,
+        back: tuple[Floats, Floats],
+        pairs: tuple[MatchedFilter, MatchedFilter],
+        gravity: Floats,
+    ) -> None:
+        """Put the residuals of some windows in their place."""
+        second, first = pairs
+        derived = derive(self.place, second, local) / self.stretch[0] ** 2
+        left = derived - average(self.force, second, local) - gravity
+        residuals.values[part, :3] = np.einsum("wij,wj->wi", back[0], left)
+        residuals.acceleration[part] = derived
+        turned = derive(self.R_gyro, first, local).reshape(-1, 3, 3) / self.stretch[1]
+        residuals.rate[part] = vee(back[1] @ turned)
+        measured = average(self.turned, first, local).reshape(-1, 3, 3)
+        residuals.values[part, 3:] = vee(back[1] @ (turned - measured))
 
 
 @dataclass(frozen=True, eq=False)
@@ -309,6 +395,8 @@ class _Nodes:
     R_world_imu: Floats
     force: Floats
     """(M, 3), ideal specific force, world axes."""
+    rate_read: Floats
+    """(M, 3), measured, parent axes, rad/s."""
     turning: Floats
     """(M, 3), rate of the parent link, world axes, rad/s."""
     moving: Floats
@@ -340,11 +428,14 @@ class _Channels:
 
 def _block_columns(
     model: Model, plan: NodePlan, chain: Chain, state: State, centres: Indices
-) -> Floats:
+) -> tuple[Floats, Floats]:
     nodes, first = _nodes(model, plan, chain, state, centres)
     channels = _Channels()
     for each in model.layout.placed:
         _effect(each, nodes, channels)
+    # The residuals themselves, as the nodes have them.
+    flat = nodes.R.reshape(-1, 9)
+    turned = (nodes.R @ skew(nodes.rate_read)).reshape(-1, 9)
     R_centre = nodes.R[(centres // plan.every) - first]
     count = int((centres[-1] - centres[0]) // (plan.hop * plan.every)) + 1
     chosen = (centres - centres[0]) // (plan.hop * plan.every)
@@ -355,6 +446,17 @@ def _block_columns(
         start = int(centres[0]) // plan.every - first - len(weights) // 2
         flat = _sums(stacked.reshape(len(stacked), -1), weights, start, plan.hop, count)
         return np.asarray(flat.reshape(count, -1, 3)[chosen] @ R_centre)
+
+    def plain(values: Floats, weights: Floats) -> Floats:
+        start = int(centres[0]) // plan.every - first - len(weights) // 2
+        return _sums(values, weights, start, plan.hop, count)[chosen]
+
+    left = plain(nodes.p + nodes.lever, plan.second.derivative)
+    left = left - plain(nodes.force, plan.second.average) - state.gravity
+    e = np.empty((len(centres), 6))
+    e[:, :3] = np.einsum("wji,wj->wi", R_centre, left)
+    left = plain(flat, plan.first.derivative) - plain(turned, plan.first.average)
+    e[:, 3:] = vee(np.swapaxes(R_centre, 1, 2) @ left.reshape(-1, 3, 3))
 
     J = np.zeros((len(centres), 6, model.layout.size))
 
@@ -393,7 +495,7 @@ def _block_columns(
         for part, effect in channels.offset:
             put(accel, [part], by_time * effect.accel(age)[:, None, None])
             put(gyro, [part], gyro_by_time * effect.gyro(age)[:, None, None])
-    return J
+    return J, e
 
 
 def _nodes(
@@ -411,7 +513,7 @@ def _nodes(
     mean = convolve_at(both, plan.box, index - half - lowest)
     samples = model.samples(mean[:, :3], mean[:, 3:], int(index[0]), plan.every)
     t = model.robot_times(grid.t0 + grid.dt * index, model.shifts(state)[1])
-    values = chain.values(t)
+    values, rates = chain.values_and_rates(t)
     frames = chain.path.frames(values)
     R, p = frames[-1]
     lever = R @ state.t
@@ -421,11 +523,7 @@ def _nodes(
     place = p + lever
     moving = (place[2:] - place[:-2]) / (2 * dt)
     ends = lambda inner: np.concatenate([inner[:1], inner, inner[-1:]])  # noqa: E731
-    accel = samples.accel.copy()
-    for each in model.layout.of(Reading):
-        effect, value = each.unknown.effect, state.x[each.part]
-        if isinstance(effect, Reading) and effect.sensor == "accel" and value.any():
-            accel -= np.tensordot(value, effect.basis(samples), axes=1)
+    accel, gyro = model.less_errors(state, samples)
     R_world_imu = R @ state.R
     nodes = _Nodes(
         samples=samples,
@@ -439,7 +537,8 @@ def _nodes(
         moving=ends(moving),
         frames=frames,
         values=values,
-        rates=chain.rates(t) if any(True for _ in model.layout.of(JointCurve)) else (),
+        rate_read=gyro @ state.R.T,
+        rates=rates,
         path=chain.path,
         gravity=state.gravity,
     )

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
-from imucalib_cli.estimate.design import Model, State, plan_nodes
+from imucalib_cli.estimate.design import Model, Residuals, State, plan_nodes
 from imucalib_cli.estimate.layout import Layout, Placed, lay_out
 from imucalib_cli.estimate.robust import SCALE_FLOOR, residual_scales, window_weights
 from imucalib_cli.estimate.scales import Mixture, Problem, integrate, most_likely
@@ -24,7 +24,8 @@ from imucalib_cli.estimate.solve import (
 from imucalib_cli.estimate.spectrum import (
     Statistics,
     deviance,
-    segment_matrices,
+    part_matrices,
+    part_of,
     statistics,
     whitening,
 )
@@ -32,6 +33,8 @@ from imucalib_cli.estimate.unknowns import LEAN, Gravity, Mount, Reading, Unknow
 from imucalib_cli.robot.rotations import rotation_angle, rotvec_from_matrix
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
     from imucalib_cli.estimate.options import MatchedOptions
     from imucalib_cli.estimate.windows import Windowing, WindowPlan, WindowRows
 
@@ -49,6 +52,10 @@ _LEAST_LEFT: Final = 0.01
 """Share of a column's square that is taken to be signal, however noisy its readings are."""
 _LEAN_PASSES: Final = 8
 _FULL_PASSES: Final = 5
+_LEVEL_PASSES: Final = 2
+"""Solves in which noise level and scales are found in turn; each pass begins from the last's."""
+PARTS: Final = 48
+"""Parts of equal duration that a log is held against itself by."""
 _SETTLED: Final = 0.3
 """Largest step, in sigmas, after which what is left of it is of second order."""
 _TIME_RESOLUTION: Final = 2e-5
@@ -81,13 +88,9 @@ class Fit:
     levels: Floats
     """(2, bands), of the noise."""
     centres: Indices
-    residuals: Floats
-    """(W, 6), m/s² and rad/s, parent frame."""
+    residuals: Residuals
     weights: Floats
-    motion: Floats
-    """(W,), (1/s²)²: how much each window turns and shakes."""
-    turning: float
-    """rad/s, root mean square rate of the parent link over the windows."""
+    """(W,), robust."""
     residual_scales: tuple[float, float]
     runner_up_rise: float
     """How much worse the best other rotation fits, in chi-squared; inf where there is none."""
@@ -102,23 +105,26 @@ class Fit:
         """Twice the negative Whittle log-likelihood: what alternatives are compared by."""
         return self.statistics.deviance(self.levels)
 
-    def segment_matrices(self, count: int) -> Floats:
-        """Normal matrices of [e J] of parts of the log.
+    def parts(self) -> Floats:
+        """Normal matrices (PARTS, n + 1, n + 1) of [e J] of parts of the log.
 
         A part most of which was left out is not full of shocks: it tells something else, and is
         heard, its outliers held back.
         """
         weights = self.weights.copy()
-        number = np.arange(len(weights)) * count // len(weights)
-        lost = np.bincount(number, weights <= 0.0, count) > 0.5 * np.bincount(number)
-        heard = window_weights(self.residuals, self.motion, redescend=False)
+        number = part_of(self.centres, PARTS)
+        lost = np.bincount(number, weights <= 0.0, PARTS) > 0.5 * np.bincount(number, None, PARTS)
+        if not lost.any():
+            return self.statistics.parts
+        heard = window_weights(self.residuals.values, self.residuals.motion, redescend=False)
         weights[lost[number]] = heard[lost[number]]
-        return segment_matrices(
-            self.residuals,
-            self.model.columns(self.linearised, self.centres),
-            self.layout.size,
+        return part_matrices(
+            self.centres,
+            with_residuals(
+                self.model.columns(self.linearised, self.centres), self.residuals.values
+            ),
             whitening(self.model.windowing.plan, weights, self.residual_scales),
-            count,
+            PARTS,
         )
 
     def scales_at(self, plan: WindowPlan) -> tuple[float, float]:
@@ -161,8 +167,6 @@ class Lean:
     centres: Indices
     residuals: Floats
     """(W, 6), m/s² and rad/s, parent frame."""
-    turning: float
-    """rad/s, root mean square rate of the parent link."""
 
     @property
     def deviance(self) -> float:
@@ -210,10 +214,15 @@ def lean_fit(
     for turn in range(_LEAN_PASSES):
         centres = _enough(model, state)
         centres = centres[:: _THIN if len(centres) > _ENOUGH_THIN else 1]
-        residuals = model.residuals(state, centres)
+        found = list(model.columns(state, centres))
+        residuals = np.concatenate([e for _, _, e in found])
         scales = residual_scales(residuals)
-        stats, _, _, turning = _linearised(model, state, centres, residuals, redescend=turn > 1)
-        problem = _problem(stats, model, options, state, 1.0, residuals)
+        # A window's own measured motion, of which the robust weights need only the order.
+        motion = np.concatenate([(J[:, :3, :3] ** 2).sum(axis=(1, 2)) for _, J, _ in found])
+        weights = window_weights(residuals, motion, redescend=turn > 1)
+        root = whitening(windowing.plan, weights, _floored(scales))
+        stats = statistics(windowing.plan, centres, with_residuals(found, residuals), root)
+        problem = _problem(stats, model, options, state, 1.0, _floored(scales))
         step, inverse, _ = problem.solve(np.zeros(0))
         sigmas = np.abs(step) / np.sqrt(np.diag(inverse))
         step = _embedded(step, layout)
@@ -222,7 +231,7 @@ def lean_fit(
         fine = turn > 1 and np.abs(step[offset]).max(initial=0.0) < _TIME_RESOLUTION
         if fine or sigmas.max(initial=0.0) < _SETTLED:
             break
-    return Lean(model, state, scales, rise, centres, residuals, turning)
+    return Lean(model, state, scales, rise, centres, residuals)
 
 
 def whole_fit(lean: Lean, options: MatchedOptions) -> Fit:
@@ -313,24 +322,12 @@ def _normal(
     return rows.normal_matrix(scales[0] / accel, scales[1] / gyro, weights)
 
 
-def _linearised(
-    model: Model, state: State, centres: Indices, residuals: Floats, *, redescend: bool
-) -> tuple[Statistics, Floats, Floats, float]:
-    """Statistics about a state, the windows' weights, how much each shakes and all turn."""
-    parts = []
-    translation, rotation = model.layout.part("translation"), model.layout.part("rotation")
-    motion, squares = np.zeros(len(centres)), 0.0
-    for part, J in model.columns(state, centres):
-        motion[part] = (J[:, :3, translation] ** 2).sum(axis=(1, 2))
-        # Three axes turned at a rate change by twice its square.
-        squares += 0.5 * float((J[:, 3:, rotation] ** 2).sum())
-        parts.append((part, J))
-    weights = window_weights(residuals, motion, redescend=redescend)
-    scales = _floored(residual_scales(residuals))
-    stats = statistics(
-        model.windowing.plan, centres, residuals, iter(parts), model.layout.size, weights, scales
-    )
-    return stats, weights, motion, float(np.sqrt(squares / len(centres)))
+def with_residuals(
+    columns: Iterable[tuple[slice, Floats, Floats]], residuals: Floats
+) -> Iterator[tuple[slice, Floats]]:
+    """[e J] of parts of the windows, (w, 6, n + 1)."""
+    for part, J, _ in columns:
+        yield part, np.concatenate([residuals[part, :, None], J], axis=2)
 
 
 def _floored(scales: tuple[float, float]) -> tuple[float, float]:
@@ -343,35 +340,27 @@ def _whole(model: Model, options: MatchedOptions, state: State, rise: float) -> 
     u = layout.bounds.mean(axis=1)
     for turn in range(_FULL_PASSES):
         centres = _enough(model, state)
-        residuals = model.residuals(state, centres)
-        stats, weights, motion, turning = _linearised(
-            model, state, centres, residuals, redescend=True
-        )
-        level, levels = 1.0, np.ones_like(stats.freedom)
-        for _ in range(3):
-            problem = _problem(stats, model, options, state, level, residuals)
+        (residuals,) = model.residuals(state, centres)
+        scales = _floored(residual_scales(residuals.values))
+        weights = window_weights(residuals.values, residuals.motion, redescend=True)
+        root = whitening(windowing.plan, weights, scales)
+        columns = with_residuals(model.columns(state, centres), residuals.values)
+        stats = statistics(windowing.plan, centres, columns, root, PARTS)
+        level = 1.0
+        for _ in range(_LEVEL_PASSES):
+            problem = _problem(stats, model, options, state, level, scales)
             u = most_likely(problem, u)
             step, inverse, _ = problem.solve(u)
             levels = stats.levels(
                 _embedded(step, layout), _embedded_matrix(inverse, layout) / level
             )
-            level = max(_level(stats, layout, levels, inverse), _least_level(residuals))
+            level = max(_level(stats, layout, levels, inverse), _least_level(residuals.values))
         moved = np.abs(step) / np.sqrt(np.diag(inverse))
         if turn == _FULL_PASSES - 1 or moved.max() < _SETTLED:
             break
         state = state.moved(layout, _embedded(step, layout))
-    mixture = integrate(problem, u)
     B = stats.score_covariance(levels)[np.ix_(layout.free, layout.free)] / level**2
-    mean = np.zeros_like(step)
-    steps, covariances = [], []
-    for point in mixture.points:
-        one, inverse, _ = problem.solve(point)
-        steps.append(one)
-        covariances.append(inverse @ (B + np.diag(problem.precision(point))) @ inverse)
-    mean = mixture.weights @ np.array(steps)
-    apart = np.array(steps) - mean
-    covariance = np.einsum("m,mij->ij", mixture.weights, np.array(covariances))
-    covariance += np.einsum("m,mi,mj->ij", mixture.weights, apart, apart)
+    mixture, mean, covariance = integrate(problem, u, B)
     step = _embedded(mean, layout)
     return Fit(
         model=model,
@@ -388,9 +377,7 @@ def _whole(model: Model, options: MatchedOptions, state: State, rise: float) -> 
         centres=centres,
         residuals=residuals,
         weights=weights,
-        motion=motion,
-        turning=turning,
-        residual_scales=_floored(residual_scales(residuals)),
+        residual_scales=scales,
         runner_up_rise=rise,
     )
 
@@ -419,11 +406,10 @@ def _problem(
     options: MatchedOptions,
     state: State,
     level: float,
-    residuals: Floats,
+    scales: tuple[float, float],
 ) -> Problem:
     """The free components' normal equations with their priors."""
     layout = model.layout
-    scales = _floored(residual_scales(residuals))
     noise = noise_of_columns(model, scales, stats.windows)
     A, b = without_noise(stats.information, stats.score, noise)
     free = layout.free
@@ -472,7 +458,8 @@ def noise_of_columns(
     """
     on_information, on_score = np.zeros(model.layout.size), np.zeros(model.layout.size)
     windowing = model.windowing
-    plan, nodes, grid = windowing.plan, plan_nodes(windowing), windowing.grid
+    plan, grid = windowing.plan, windowing.grid
+    nodes = plan_nodes(plan, grid.dt)
     for each in model.layout.of(Reading):
         effect = each.unknown.effect
         if not isinstance(effect, Reading) or not effect.differences:

@@ -70,6 +70,8 @@ _NEGLIGIBLE: Final = 1e-5
 """m and rad: no drawing is more exact, so no contradiction is smaller."""
 _UNTOUCHED: Final = 0.9
 """Share of a prior's deviation that is left where the data add nothing to it."""
+SLIP: Final = (2e-3, 5e-3)
+"""m and rad: a mount that slips moves by the clearance of its bolts; what gives moves less."""
 _NAMES: Final = ("tx", "ty", "tz", "rx", "ry", "rz")
 
 
@@ -105,6 +107,21 @@ class Evidence:
             known = float(np.hypot(own, np.sqrt(kinematic[sensor])))
             ratios.append(fit.residual_scales[sensor] / max(known, NOISE_FLOOR[sensor]))
         return ratios[0], ratios[1]
+
+
+def of_findings(evidence: Evidence) -> Floats:
+    """(6, 6), what a dependence on the window or a small change within the log adds to sigma."""
+    added = np.zeros((6, 6))
+    beyond = [each for each in evidence.dependence if each.sigmas > WARN_SIGMAS]
+    if beyond:
+        worst = max(beyond, key=lambda each: each.sigmas)
+        added += np.outer(worst.difference, worst.difference)
+    change = evidence.change
+    if change is not None:
+        # The truth is with one part or the other, the estimate somewhere between them.
+        apart = change.size / 2.0 if change.kind == "mount" else change.moves_pose
+        added += np.outer(apart, apart)
+    return added
 
 
 NOISE_FLOOR: Final = (1e-3, 5e-5)
@@ -151,8 +168,8 @@ def findings(evidence: Evidence, *, unknown: bool) -> tuple[Finding, ...]:
 def _unexplained(evidence: Evidence) -> Iterator[Finding]:
     """Motion that the model does not account for."""
     fit = evidence.fit
-    turning = fit.turning
-    left = float(np.sqrt(np.mean(fit.residuals[:, 3:] ** 2)))
+    turning = fit.residuals.turning
+    left = float(np.sqrt(np.mean(fit.residuals.values[:, 3:] ** 2)))
     lag = evidence.attempt.lag
     if turning > _STANDSTILL_GYRO and left > _UNEXPLAINED_GYRO * turning:
         far = lag is not None and lag.correlation < _CLEAR_LAG
@@ -161,7 +178,7 @@ def _unexplained(evidence: Evidence) -> Iterator[Finding]:
             share=left / turning,
             max_offset=evidence.options.max_offset if far else None,
         )
-    force_left = float(np.sqrt(np.mean(fit.residuals[:, :3] ** 2)))
+    force_left = float(np.sqrt(np.mean(fit.residuals.values[:, :3] ** 2)))
     if force_left > _UNEXPLAINED_ACCEL:
         yield untrusted("fit.acceleration_unexplained", left=force_left)
 
@@ -187,10 +204,12 @@ def _left_out(evidence: Evidence) -> Iterator[Finding]:
     fit = evidence.fit
     lost = fit.weights <= 0.0
     # Without noise the corners of a motion lose their weight for a thousandth of its acceleration.
-    plain = (np.linalg.norm(fit.residuals[:, :3], axis=1) > _PLAIN[0]) | (
-        np.linalg.norm(fit.residuals[:, 3:], axis=1) > _PLAIN[1]
+    plain = (np.linalg.norm(fit.residuals.values[:, :3], axis=1) > _PLAIN[0]) | (
+        np.linalg.norm(fit.residuals.values[:, 3:], axis=1) > _PLAIN[1]
     )
-    share = float(fit.motion[lost & plain].sum() / max(fit.motion.sum(), 1e-300))
+    share = float(
+        fit.residuals.motion[lost & plain].sum() / max(fit.residuals.motion.sum(), 1e-300)
+    )
     count = int(lost.sum())
     if share > _DROPPED_MOTION:
         yield untrusted("windows.motion_left_out", share=share)
@@ -235,9 +254,8 @@ def _changed(evidence: Evidence) -> Iterator[Finding]:
     change = evidence.change
     if change is None:
         return
-    sigma = np.sqrt(np.diag(_pose(evidence.fit, evidence.fit.covariance)))
-    moves = change.kind == "mount" or bool((np.abs(change.moves_pose) > sigma).any())
-    make = untrusted if moves else warning
+    moved = change.size if change.kind == "mount" else change.moves_pose
+    make = untrusted if _slipped(moved) else warning
     if change.kind == "mount":
         yield make(
             "change.mount",
@@ -255,6 +273,11 @@ def _changed(evidence: Evidence) -> Iterator[Finding]:
             if change.kind == "clock"
             else float(np.linalg.norm(change.size)),
         )
+
+
+def _slipped(moved: Floats) -> bool:
+    """Whether a change of the pose is more than the give of a mount, which sigma takes in."""
+    return bool(np.linalg.norm(moved[:3]) > SLIP[0] or np.linalg.norm(moved[3:]) > SLIP[1])
 
 
 def _errors(evidence: Evidence) -> Iterator[tuple[Placed, Floats, Floats, Floats]]:
@@ -275,7 +298,10 @@ def _errors(evidence: Evidence) -> Iterator[tuple[Placed, Floats, Floats, Floats
 
 def _implausible(evidence: Evidence) -> Iterator[Finding]:
     """Errors larger than a sound robot or a sound sensor has, and surely so."""
+    stepped = evidence.change is not None and evidence.change.kind == "clock"
     for each, value, C, _ in _errors(evidence):
+        if stepped and isinstance(each.unknown.effect, Clock):
+            continue  # a drift is then what the step looks like
         std, limit = np.sqrt(np.diag(C)), each.unknown.healthy
         if limit is None:
             continue
@@ -296,10 +322,15 @@ def _implausible(evidence: Evidence) -> Iterator[Finding]:
 def _found(evidence: Evidence) -> Iterator[Finding]:
     """Errors that stand clear of their sigma, and would move the pose by more than its sigma."""
     stated = np.sqrt(np.diag(_pose(evidence.fit, evidence.fit.covariance)))
+    stepped = evidence.change is not None and evidence.change.kind == "clock"
     for each, value, C, moves in _errors(evidence):
         effect = each.unknown.effect
         if isinstance(effect, Reading) and each.unknown.name.endswith(("bias", "ramp")):
             continue
+        if stepped and isinstance(effect, Clock):
+            continue
+        if isinstance(effect, Reading) and effect.differences and (value < 0.0).all():
+            continue  # no filter does that; interpolation of few samples does
         std = np.sqrt(np.diag(C))
         clear = np.abs(value) > TELL_SIGMAS * std
         if not clear.any() or not (np.abs(moves) > stated).any():

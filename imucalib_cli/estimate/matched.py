@@ -22,7 +22,6 @@ from imucalib_cli.signals.trajectory import Trajectory
 if TYPE_CHECKING:
     from imucalib_cli.estimate.fit import Fit
     from imucalib_cli.estimate.options import MatchedOptions
-    from imucalib_cli.estimate.specification import Dependence
     from imucalib_cli.estimate.stamps import Attempt
     from imucalib_cli.robot.path import KinematicPath
     from imucalib_cli.signals.samples import ImuSamples
@@ -84,7 +83,7 @@ def calibrate_matched(imu: ImuSamples, path: KinematicPath, options: MatchedOpti
     )
     state, P = fit.state, fit.covariance
     pose = np.r_[fit.layout.part("translation"), fit.layout.part("rotation")]
-    covariance = P[np.ix_(pose, pose)] + _of_window(dependence)
+    covariance = P[np.ix_(pose, pose)] + judge.of_findings(evidence)
     biases = {name: _bias(fit, name) for name in ("accel_bias", "gyro_bias")}
     offset, offset_std = fit.of("time_offset")
     return Estimate(
@@ -93,7 +92,7 @@ def calibrate_matched(imu: ImuSamples, path: KinematicPath, options: MatchedOpti
         t_parent_imu=state.t,
         covariance=widen(covariance, directions),
         time_offset=float(offset[0]) if len(offset) else state.held_offset,
-        time_offset_std=_offset_std(attempt, fit, float(offset_std[0]))
+        time_offset_std=_offset_std(evidence, float(offset_std[0]))
         if judge.offset_known(fit)
         else None,
         accel_bias=biases["accel_bias"][0],
@@ -127,31 +126,25 @@ def _upside_down(attempt: Attempt) -> bool:
     return bool(-gravity[2] < _FAR_FROM_DOWN * np.linalg.norm(gravity))
 
 
-def _of_window(dependence: tuple[Dependence, ...]) -> Floats:
-    """What an answer that hangs on the window adds to the covariance."""
-    beyond = [each for each in dependence if each.sigmas > judge.WARN_SIGMAS]
-    if not beyond:
-        return np.zeros((6, 6))
-    worst = max(beyond, key=lambda each: each.sigmas)
-    return np.outer(worst.difference, worst.difference)
-
-
 def _bias(fit: Fit, name: str) -> tuple[Floats, Floats | None]:
     value, std = fit.of(name)
     return (value, std) if len(value) else (np.zeros(3), None)
 
 
-def _offset_std(attempt: Attempt, fit: Fit, std: float) -> float:
-    """Of the offset between stamps: the fit's, and what jitter leaves open of their mean."""
-    variance = std**2 + fit.model.windowing.trajectory.stamp_variance
+def _offset_std(evidence: judge.Evidence, std: float) -> float:
+    """Of the offset between stamps: the fit's, what jitter leaves open, and half of a step."""
+    attempt, change = evidence.attempt, evidence.change
+    variance = std**2 + evidence.fit.model.windowing.trajectory.stamp_variance
     if attempt.imu_ticks and attempt.clean.ticks is not None:
         variance += attempt.clean.ticks.mean_variance
+    if change is not None and change.kind == "clock":
+        variance += float(change.size[0] / 2.0) ** 2
     return float(np.sqrt(variance))
 
 
 def _residuals(fit: Fit, spikes: int) -> Residuals:
     used = fit.weights > 0.0
-    accel, gyro = (_rms(fit.residuals[used][:, part]) for part in (slice(0, 3), slice(3, 6)))
+    accel, gyro = (_rms(fit.residuals.values[used][:, part]) for part in (slice(0, 3), slice(3, 6)))
     windowing = fit.model.windowing
     gains = [
         float(np.linalg.norm(pair.average) * np.sqrt(windowing.grid.refine))

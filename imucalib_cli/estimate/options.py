@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -77,14 +77,15 @@ class MatchedOptions:
     """What is known of the pose itself."""
     sensor_model: Literal["auto", "ideal"] = "auto"
     """'ideal': the sensor has nothing but noise and constant biases, the clocks only an offset."""
-    robot: Literal["learnt", "exact"] | tuple[float, float] = "learnt"
-    """How good the robot's constants are: learnt from the log, exact, or the standard deviations
-    of joint zeros, rad, and of origins, m."""
+    robot: Literal["nominal", "exact"] | tuple[float, float] = "nominal"
+    """How good the robot's constants are: nominal, their errors' size learnt from the log; exact; or
+    the standard deviations of joint zeros, rad, and of origins, m."""
     either_sign: bool = False
     """Whether the accelerometer's readings may be reversed if that fits decisively better."""
-    sensor_std: dict[str, float] = field(default_factory=dict)
-    """Standard deviations of the sensor's own errors by the name of their scale, where a data sheet
-    tells them; learnt from the log else."""
+    sensor_scale_std: float | None = None
+    """Prior of the sensors' scale errors, relative, where a data sheet tells it; learnt else."""
+    sensor_axes_std: float | None = None
+    """Prior of the gyroscope's turn against the accelerometer, rad, likewise."""
 
     def prior_std(self, unknown: Unknown) -> Floats | None:
         """Prior of an entry of the table, 1 sigma, as far as it is told; None: learn it.
@@ -120,8 +121,9 @@ class MatchedOptions:
                 return np.array(self.robot[unknown.scale == "length"])
         if unknown.scale is None:
             return weakest
-        told = self.sensor_std.get(unknown.scale)
-        return None if told is None else np.array(told)
+        told = {"sensor_scale": self.sensor_scale_std, "sensor_axes": self.sensor_axes_std}
+        std = told.get(unknown.scale)
+        return None if std is None else np.array(std)
 
     def told_std(self, name: str) -> float:
         """Prior of a bias that the user states; who states one does not wonder at it."""

@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.estimate.estimate import Consistency
+from imucalib_cli.estimate.fit import PARTS
 from imucalib_cli.estimate.spectrum import inverse_of, squared_distance
+from imucalib_cli.estimate.windows import WINDOWS_PER_LENGTH
 
 if TYPE_CHECKING:
     from imucalib_cli.estimate.fit import Fit
@@ -17,8 +19,6 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-SEGMENTS: Final = 48
-"""Parts of equal number of windows; an instant is found to half of one."""
 _FOLDS: Final = 12
 """Parts that are left out in turn."""
 _LEAST_SEGMENTS: Final = 3
@@ -27,6 +27,8 @@ DECISIVE: Final = 20.0
 """Difference of the Bayesian information criterion from which an alternative is believed: odds of
 e^10 to one, and fewer than one false alarm in a thousand sound logs over all that is tried."""
 
+_UNSEEN: Final = 1e-6
+"""Share of the information on a change that must be left beside the other unknowns."""
 Kind = Literal["mount", "clock", "gyro_bias", "accel_bias"]
 _KINDS: Final[dict[Kind, tuple[str, ...]]] = {
     "mount": ("translation", "rotation"),
@@ -66,22 +68,20 @@ class Segments:
         """
         free = np.flatnonzero(fit.layout.free)
         self._free, self._fit = free, fit
-        normal = fit.segment_matrices(SEGMENTS)
+        normal = fit.parts()
         self._A = normal[:, 1:, 1:][:, free][:, :, free] / fit.level
         b = normal[:, 1:, 0][:, free] / fit.level
         std = fit.layout.std_at(fit.scales_found.mean)[free]
         P = 1.0 / std**2
         self._P = np.diag(P)
         self._total = self._A.sum(axis=0) + self._P
+        self._inverse = inverse_of(self._total)
         # A mount that moved late is an outlier to the fit, and so its weights are not used here.
-        step = -inverse_of(self._total) @ (b.sum(axis=0) + P * fit.prior_offset[free])
+        step = -self._inverse @ (b.sum(axis=0) + P * fit.prior_offset[free])
         self._b = b + self._A @ step
         grid = fit.model.windowing.grid
-        ends = np.searchsorted(
-            np.arange(len(fit.centres)) * SEGMENTS // len(fit.centres), np.arange(SEGMENTS)
-        )
-        last = fit.centres[-1]
-        self._edges = grid.t0 + grid.dt * np.append(fit.centres[ends], last)
+        first, last = (grid.t0 + grid.dt * fit.centres[[0, -1]]).tolist()
+        self._edges = np.linspace(first, last, PARTS + 1)
 
     def _places(self, *names: str) -> Indices:
         parts = [self._fit.layout.part(name) for name in names]
@@ -121,39 +121,55 @@ class Segments:
     def change(self) -> Change | None:
         """The most decisive change of mount, clock or bias at some instant; None if there is none."""
         best: Change | None = None
-        count = 6.0 * self._fit.statistics.windows / 8.0
-        inverse = inverse_of(self._total)
         for kind, names in _KINDS.items():
             part = self._places(*names)
             if not len(part):
                 continue
             wander = self._wander(part) if kind.endswith("bias") else np.zeros((len(part),) * 2)
             for cut in range(_LEAST_SEGMENTS, len(self._A) - _LEAST_SEGMENTS + 1):
-                later = slice(cut, None)
-                A, b = self._A[later].sum(axis=0), self._b[later].sum(axis=0)
-                # Columns of the change are those of its components, from the instant on.
-                cross, own = A[:, part], A[np.ix_(part, part)]
-                left = own - cross.T @ inverse @ cross
-                # Components that only one part of the log shows do not count as changed.
-                scale = np.sqrt(np.maximum(np.diag(own), 1e-300))
-                if np.linalg.eigvalsh(left / np.outer(scale, scale))[0] < 1e-6:
-                    continue
-                C = inverse_of(left)
-                size = -(C @ b[part])
-                gain = squared_distance(size, C + wander) - len(part) * np.log(count)
-                if gain > DECISIVE and (best is None or gain > best.evidence):
-                    moved = -(inverse @ cross @ size)
-                    pose = self._places("translation", "rotation")
-                    best = Change(
-                        kind=kind,
-                        seconds=float(self._edges[cut]),
-                        uncertainty=float(self._edges[cut + 1] - self._edges[cut - 1]) / 2.0,
-                        size=size,
-                        std=np.sqrt(np.diag(C + wander)),
-                        evidence=float(gain),
-                        moves_pose=moved[pose] if len(pose) == 6 else np.zeros(6),
-                    )
+                found = self._change(kind, part, cut, wander)
+                if found is not None and (best is None or found.evidence > best.evidence):
+                    best = found
         return best
+
+    def _change(self, kind: Kind, part: Indices, cut: int, wander: Floats) -> Change | None:
+        """A change of some components at a cut, if it is decisive."""
+        later = slice(cut, None)
+        # Columns of the change are those of its components, from the instant on.
+        cross = self._A[later].sum(axis=0)[:, part]
+        own, inverse = cross[part], self._inverse
+        left = own - cross.T @ inverse @ cross
+        # Components that only one part of the log shows do not count as changed.
+        scale = np.sqrt(np.maximum(np.diag(own), 1e-300))
+        if np.linalg.eigvalsh(left / np.outer(scale, scale))[0] < _UNSEEN:
+            return None
+        C = inverse_of(left)
+        size = -(C @ self._b[later].sum(axis=0)[part])
+        price = len(part) * np.log(6.0 * self._fit.statistics.windows / WINDOWS_PER_LENGTH)
+        if squared_distance(size, C + wander) - price < DECISIVE:
+            return None
+        # Noise of real logs is louder in some motions: what is left with the change taken into
+        # account scatters by that much.
+        moved = -(inverse @ cross @ size)
+        b = self._b + self._A @ moved
+        b[later] += self._A[later][:, :, part] @ size
+        each = -(b @ inverse @ cross)
+        each[later] += b[later][:, part]
+        scatter = C @ (each.T @ each) @ C * len(each) / (len(each) - 1.0)
+        C = np.where(np.trace(scatter @ left) > len(part), scatter, C) + wander
+        evidence = squared_distance(size, C) - price
+        if evidence < DECISIVE:
+            return None
+        pose = self._places("translation", "rotation")
+        return Change(
+            kind=kind,
+            seconds=float(self._edges[cut]),
+            uncertainty=float(self._edges[cut + 1] - self._edges[cut - 1]) / 2.0,
+            size=size,
+            std=np.sqrt(np.diag(C)),
+            evidence=float(evidence),
+            moves_pose=moved[pose] if len(pose) == 6 else np.zeros(6),
+        )
 
     def _wander(self, part: Indices) -> Floats:
         """Covariance of a step that a bias which walks makes anyway.

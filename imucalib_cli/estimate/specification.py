@@ -2,9 +2,10 @@
 
 An answer of a true model does not depend on the length of the filter window, but for noise. So the
 system is solved again at half and at twice the window, and the difference held against its own
-covariance: both see the same noise, through other filters.
+covariance. Both see the same noise, and noise of real logs is louder in some motions than in
+others, so that the covariance is made from how the parts of the log scatter about the difference.
 
-Source: Hausman, Econometrica 46(6), 1978, with the covariance of the difference made outright.
+Source: Hausman, Econometrica 46(6), 1978.
 """
 
 from __future__ import annotations
@@ -15,23 +16,29 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import gammaincc, ndtri
+from scipy.special import fdtrc, ndtri
 
-from imucalib_cli.estimate.fit import noise_of_columns, without_noise
-from imucalib_cli.estimate.spectrum import BandSums, squared_distance, whitening
+from imucalib_cli.estimate.fit import PARTS, noise_of_columns, with_residuals, without_noise
+from imucalib_cli.estimate.spectrum import part_matrices, squared_distance, whitening
 from imucalib_cli.estimate.window_choice import MAX_ATTENUATION, attenuation
 from imucalib_cli.estimate.windows import plan_windows
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from imucalib_cli.estimate.design import Model
     from imucalib_cli.estimate.fit import Fit
+    from imucalib_cli.estimate.windows import WindowPlan
 
 Floats = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 FACTORS: Final = (0.5, 2.0)
-_LEAST_WINDOWS: Final = 96
-"""Twelve lengths of a window: fewer tell no answer of their own."""
+_NODES: Final = 16
+"""Nodes to a window: the test needs no columns as good as the answer's."""
+_LENGTHS_PER_PART: Final = 4
+"""Lengths of a window in a part of the log: parts are then nearly independent."""
+_FEWEST_PARTS: Final = 12
+"""Twice the components that are compared."""
 _SHORTEST: Final = 9
 """Samples of a window that can be halved no more."""
 _NEGLIGIBLE: Final = (1e-5, 2e-5)
@@ -49,51 +56,94 @@ class Dependence:
     covariance: Floats
     """(6, 6), of that difference by noise and priors."""
 
+    parts: int
+    """Of the log, from whose scatter the covariance is."""
+
     @property
     def sigmas(self) -> float:
-        """Size of the difference as a normal deviate of the same probability."""
+        """Size of the difference as a normal deviate of the same probability (Hotelling 1931)."""
         floor = np.diag(np.repeat(np.square(_NEGLIGIBLE), 3))
-        chi2 = squared_distance(self.difference, self.covariance + floor)
-        tail = float(gammaincc(len(self.difference) / 2.0, chi2 / 2.0))
-        return float(-ndtri(tail / 2.0)) if tail > 1e-300 else math.sqrt(chi2)
-
-
-@dataclass(frozen=True, eq=False)
-class _Solved:
-    """A solution at one window, and what it makes of the residuals."""
-
-    model: Model
-    step: Floats
-    """(6,), of the pose from the common point of linearisation."""
-    influence: Floats
-    """(W, 6, 6): the pose's error is minus their sum times the residuals."""
-    residuals: Floats
-    inverse: Floats
-    """(6, n), rows of the posterior covariance by this window."""
+        square = squared_distance(self.difference, self.covariance + floor)
+        count, freedom = len(self.difference), self.parts - len(self.difference)
+        tail = float(fdtrc(count, freedom, square * freedom / (count * (self.parts - 1.0))))
+        return float(-ndtri(tail / 2.0)) if tail > 1e-300 else math.sqrt(square)
 
 
 def window_dependence(fit: Fit) -> list[Dependence]:
     """Solve at half and at twice the window; nothing where the log or the window is too short."""
     windowing, own = fit.model.windowing, fit.model.windowing.plan
     pose = np.r_[fit.layout.part("translation"), fit.layout.part("rotation")]
-    if len(pose) < 6 or not fit.layout.free[pose].all():
+    if not fit.layout.free[pose].all():
         return []
     lengths = [2 * round((own.length - 1) * factor / 2) + 1 for factor in FACTORS]
-    # All at the same centres, so that their noise can be held against each other.
     plans = [
-        plan_windows(length, own.degree, windowing.grid.dt, hop=own.hop)
+        plan_windows(length, own.degree, windowing.grid.dt, hop=own.hop, nodes=_NODES)
         for length in lengths
         if length >= _SHORTEST and _sound(fit, length)
     ]
-    found = []
-    for plan in plans:
-        model = replace(fit.model, windowing=replace(windowing, plan=plan))
-        centres = np.intersect1d(fit.centres[fit.weights > 0.0], model.centres(fit.linearised))
-        if len(centres) < _LEAST_WINDOWS:
-            continue
-        base, other = (_solved(fit, each, centres, pose) for each in (fit.model, model))
-        found.append(_difference(fit, base, other, centres))
-    return found
+    base = _Solved.of(fit, fit.parts(), fit.model, fit.residual_scales)
+    return [each for plan in plans for each in _difference(fit, base, plan)]
+
+
+def _difference(fit: Fit, base: _Solved, plan: WindowPlan) -> Iterator[Dependence]:
+    """Solve at another window; the covariance of the difference is from how parts scatter."""
+    windowing = fit.model.windowing
+    model = replace(fit.model, windowing=replace(windowing, plan=plan))
+    centres = np.intersect1d(fit.centres[fit.weights > 0.0], model.centres(fit.linearised))
+    parts = len(base.score)
+    if not len(centres) or np.ptp(centres) < parts * _LENGTHS_PER_PART * plan.length:
+        parts = _FEWEST_PARTS
+        if not len(centres) or np.ptp(centres) < parts * _LENGTHS_PER_PART * plan.length:
+            return
+    (residuals,) = model.residuals(fit.linearised, centres)
+    weights = fit.weights[np.searchsorted(fit.centres, centres)]
+    scales = fit.scales_at(plan)
+    matrices = part_matrices(
+        centres,
+        with_residuals(model.columns(fit.linearised, centres), residuals.values),
+        whitening(plan, weights, scales),
+        PARTS,
+    )
+    other = _Solved.of(fit, matrices, model, scales)
+    each = (base.influence - other.influence).reshape(parts, PARTS // parts, 6).sum(axis=1)
+    scatter = each - each.mean(axis=0)
+    prior = (other.inverse - base.inverse) * np.sqrt(base.precision)
+    yield Dependence(
+        seconds=(plan.length - 1) * windowing.grid.dt,
+        difference=other.step - base.step,
+        covariance=parts / (parts - 1.0) * scatter.T @ scatter + prior @ prior.T,
+        parts=parts,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Solved:
+    """The pose by one window, about the fit's point of linearisation."""
+
+    step: Floats
+    """(6,)."""
+    influence: Floats
+    """(PARTS, 6), what each part of the log adds to the step."""
+    inverse: Floats
+    """(6, n), rows of the inverse information."""
+    precision: Floats
+    """(n,), of the priors."""
+    score: Floats
+
+    @classmethod
+    def of(cls, fit: Fit, matrices: Floats, model: Model, scales: tuple[float, float]) -> _Solved:
+        """Solve with the fit's learnt scales and priors."""
+        free = np.flatnonzero(fit.layout.free)
+        pose = np.r_[fit.layout.part("translation"), fit.layout.part("rotation")]
+        P = 1.0 / fit.layout.std_at(fit.scales_found.mean)[free] ** 2
+        noise = noise_of_columns(model, scales, fit.statistics.windows)
+        total = matrices.sum(axis=0)
+        A, b = without_noise(total[1:, 1:], total[1:, 0], noise)
+        score = b[free] / fit.level + P * fit.prior_offset[free]
+        inverse = np.linalg.inv(A[np.ix_(free, free)] / fit.level + np.diag(P))
+        inverse = inverse[np.searchsorted(free, pose)]
+        each = matrices[:, 1:, 0][:, free] / fit.level
+        return cls(-(inverse @ score), -(each @ inverse.T), inverse, P, each)
 
 
 def _sound(fit: Fit, length: int) -> bool:
@@ -102,69 +152,3 @@ def _sound(fit: Fit, length: int) -> bool:
     seconds = (length - 1) * windowing.grid.dt
     share = attenuation(seconds, windowing.grid, windowing.trajectory, windowing.plan.degree)
     return length > windowing.plan.length or share <= MAX_ATTENUATION
-
-
-def _solved(fit: Fit, model: Model, centres: Indices, pose: Indices) -> _Solved:
-    """One more linear solve about the fit's own point, with its scales and priors."""
-    free = np.flatnonzero(fit.layout.free)
-    place = np.searchsorted(free, pose)
-    P = 1.0 / fit.layout.std_at(fit.scales_found.mean)[free] ** 2
-    residuals = model.residuals(fit.linearised, centres)
-    weights = fit.weights[np.searchsorted(fit.centres, centres)]
-    scales = fit.scales_at(model.windowing.plan)
-    root = whitening(model.windowing.plan, weights, scales)
-    rows = [
-        J[:, :, free] * root[part, :, None] for part, J in model.columns(fit.linearised, centres)
-    ]
-    J = np.concatenate(rows)
-    flat = J.reshape(-1, len(free))
-    on_information, on_score = noise_of_columns(model, scales, len(centres))
-    A, b = without_noise(
-        flat.T @ flat, flat.T @ (residuals * root).reshape(-1), (on_information[free], on_score[free])
-    )
-    score = b / fit.level + P * fit.prior_offset[free]
-    inverse = np.linalg.inv(A / fit.level + np.diag(P))
-    influence = (J @ inverse[:, place]) * root[:, :, None] / fit.level
-    return _Solved(model, -(inverse @ score)[place], influence, residuals, inverse[place])
-
-
-def _difference(fit: Fit, base: _Solved, other: _Solved, centres: Indices) -> Dependence:
-    hop = base.model.windowing.plan.hop
-    sums = BandSums((centres - centres[0]) // hop, 13)
-    short = min(base, other, key=lambda each: each.model.windowing.plan.length)
-    rows = np.concatenate([base.influence, other.influence, short.residuals[:, :, None]], axis=2)
-    sums.add(slice(0, len(centres)), rows)
-    matrices, freedom = sums.finished(), sums.freedom(len(centres))
-    covariance = np.zeros((6, 6))
-    for sensor in range(2):
-        kernels = [
-            (
-                each.model.windowing.plan.second_derivative,
-                each.model.windowing.plan.first_derivative,
-            )[sensor].average
-            for each in (base, other, short)
-        ]
-        of = [
-            sums.mean_response(kernels[a], kernels[b], hop)
-            for a, b in ((0, 0), (0, 1), (1, 1), (2, 2))
-        ]
-        heard = np.maximum(of[3], 1e-3 * of[3].max())
-        level = matrices[sensor, :, 12, 12] / (freedom * heard)
-        aa, ab, bb = (
-            np.einsum("b,bij->ij", level * response, matrices[sensor, :, rows, columns])
-            for response, rows, columns in (
-                (of[0], slice(0, 6), slice(0, 6)),
-                (of[1], slice(0, 6), slice(6, 12)),
-                (of[2], slice(6, 12), slice(6, 12)),
-            )
-        )
-        covariance += aa - ab - ab.T + bb
-    free = np.flatnonzero(fit.layout.free)
-    P = 1.0 / fit.layout.std_at(fit.scales_found.mean)[free] ** 2
-    prior = other.inverse - base.inverse
-    plan = other.model.windowing.plan
-    return Dependence(
-        seconds=(plan.length - 1) * other.model.windowing.grid.dt,
-        difference=other.step - base.step,
-        covariance=covariance + (prior * P) @ prior.T,
-    )

@@ -108,6 +108,8 @@ class Statistics:
     """(2, bands), mean of |K(f)|² in each band."""
     freedom: Floats
     """(2, bands), residual components in each band."""
+    parts: Floats
+    """(parts, n + 1, n + 1): the same of parts of the log, over all bands and sensors."""
     windows: int
     """With any weight."""
 
@@ -160,41 +162,70 @@ class Statistics:
 def statistics(
     plan: WindowPlan,
     centres: Indices,
-    residuals: Floats,
     columns: Iterable[tuple[slice, Floats]],
-    size: int,
-    weights: Floats,
-    scales: tuple[float, float],
+    root: Floats,
+    parts: int = 1,
 ) -> Statistics:
     """Accumulate the normal matrices over the log.
 
     Args:
         plan: Of the windows.
         centres: (W,), grid indices, ascending.
-        residuals: (W, 6).
-        columns: Of parts of the windows, (w, 6, n), in order.
-        size: n.
-        weights: (W,), robust weights in [0, 1].
-        scales: Residual scale of a window, accelerometer m/s², gyroscope rad/s.
+        columns: Of parts of the windows, in order: [e J], (w, 6, n + 1).
+        root: (W, 6), of :func:`whitening`.
+        parts: Of equal duration, to be summed each for itself too.
     """
-    sums = BandSums((centres - centres[0]) // plan.hop, size + 1)
-    root = whitening(plan, weights, scales)
-    for part, J in columns:
-        both = np.concatenate([residuals[part, :, None], J], axis=2)
-        sums.add(part, both * root[part, :, None])
+    sums = None
+    number = part_of(centres, parts)
+    for part, both in columns:
+        size = both.shape[2]
+        if sums is None:
+            sums = BandSums((centres - centres[0]) // plan.hop, size)
+            each = np.zeros((parts, size, size))
+        rows = both * root[part, :, None]
+        sums.add(part, rows)
+        for index in np.unique(number[part]):
+            flat = rows[number[part] == index].reshape(-1, size)
+            each[index] += flat.T @ flat
+    assert sums is not None
     response = np.stack(
         [
             sums.mean_response(pair.average, pair.average, plan.hop)
             for pair in (plan.second_derivative, plan.first_derivative)
         ]
     )
+    # The whitening's mean is the weights'.
+    weights = (root[:, 0] / max(float(root[:, 0].max()), 1e-300)) ** 2
     freedom = sums.freedom(float(weights.sum()))
     return Statistics(
         normal=sums.finished(),
         response=np.maximum(response, _RESPONSE_FLOOR * response.max(axis=1, keepdims=True)),
         freedom=np.stack([freedom, freedom]),
+        parts=each,
         windows=int(np.count_nonzero(weights)),
     )
+
+
+def part_of(centres: Indices, parts: int) -> Indices:
+    """(W,), which of the parts of equal duration each window is in."""
+    return np.asarray((centres - centres[0]) * parts // (centres[-1] - centres[0] + 1))
+
+
+def part_matrices(
+    centres: Indices, columns: Iterable[tuple[slice, Floats]], root: Floats, parts: int
+) -> Floats:
+    """Normal matrices (parts, n + 1, n + 1) of [e J] alone, as :func:`statistics` has them."""
+    number = part_of(centres, parts)
+    each: Floats | None = None
+    for part, both in columns:
+        size = both.shape[2]
+        each = np.zeros((parts, size, size)) if each is None else each
+        rows = both * root[part, :, None]
+        for index in np.unique(number[part]):
+            flat = rows[number[part] == index].reshape(-1, size)
+            each[index] += flat.T @ flat
+    assert each is not None
+    return each
 
 
 def deviance(plan: WindowPlan, centres: Indices, residuals: Floats) -> float:
@@ -229,28 +260,6 @@ def _bounded(residuals: Floats) -> Floats:
     size = np.linalg.norm(residuals, axis=1)
     most = 10.0 * float(np.median(size))
     return residuals * np.minimum(1.0, most / np.maximum(size, 1e-300))[:, None]
-
-
-def segment_matrices(
-    residuals: Floats, columns: Iterable[tuple[slice, Floats]], size: int, root: Floats, count: int
-) -> Floats:
-    """Normal matrices (count, n + 1, n + 1) of parts of equal number of windows, no bands.
-
-    Args:
-        residuals: (W, 6).
-        columns: Of parts of the windows, (w, 6, n), in order.
-        size: n.
-        root: (W, 6), of :func:`whitening`.
-        count: Parts.
-    """
-    number = np.arange(len(residuals)) * count // len(residuals)
-    normal = np.zeros((count, size + 1, size + 1))
-    for part, J in columns:
-        both = np.concatenate([residuals[part, :, None], J], axis=2) * root[part, :, None]
-        for segment in np.unique(number[part]):
-            flat = both[number[part] == segment].reshape(-1, size + 1)
-            normal[segment] += flat.T @ flat
-    return normal
 
 
 def whitening(plan: WindowPlan, weights: Floats, scales: tuple[float, float]) -> Floats:

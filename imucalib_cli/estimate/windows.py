@@ -84,7 +84,9 @@ class WindowPlan:
         return accel, gyro
 
 
-def plan_windows(length: int, degree: int, dt: float, hop: int | None = None) -> WindowPlan:
+def plan_windows(
+    length: int, degree: int, dt: float, hop: int | None = None, nodes: int = NODES
+) -> WindowPlan:
     """Filters for windows of ``length`` samples spaced ``dt`` seconds.
 
     Args:
@@ -92,8 +94,9 @@ def plan_windows(length: int, degree: int, dt: float, hop: int | None = None) ->
         degree: Of the fitted polynomial.
         dt: s.
         hop: Grid samples between windows; an eighth of a window by default.
+        nodes: Intervals of nodes to a window.
     """
-    node = max((length - 1) // NODES, 1)
+    node = max((length - 1) // nodes, 1)
     if hop is None:
         hop = node * max(length // node // WINDOWS_PER_LENGTH, 1)
     while hop % node:

@@ -46,6 +46,8 @@ def recorded_options(request: CalibrationRequest) -> dict[str, Scalar]:
                 written[field.name] = _UNTOLD.get(field.name, "unknown")
             case bool() | int() | float() | str():
                 written[field.name] = value
+            case tuple():
+                written[field.name] = _numbers(np.array(value))
             case _:  # a group of values, such as a prior of the pose
                 for part in fields(value):
                     numbers = np.asarray(getattr(value, part.name), dtype=np.float64)

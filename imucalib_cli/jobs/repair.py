@@ -105,7 +105,7 @@ def repair(imu: ImuStream, t: Floats, path: KinematicPath, request: CalibrationR
     Raises:
         InputError: Values are beyond any IMU, in no known unit, or all the same.
     """
-    refuse_impossible(imu)
+    refuse_impossible(imu, "accel")
     refuse_dead(imu)
     told: list[Finding] = []
     values = np.hstack([imu.gyro, imu.accel])
@@ -115,12 +115,15 @@ def repair(imu: ImuStream, t: Floats, path: KinematicPath, request: CalibrationR
     rows = tidy_rows(t, values).rows
     if len(rows) < _LEAST_IMU:
         # too few for any of this, as the estimator will say
+        refuse_impossible(imu, "gyro")
         samples = ImuSamples(t=t, gyro=imu.gyro, accel=imu.accel)
         return Repaired(samples=samples, path=path, findings=tuple(told))
     turning = compare_turning(t[rows], imu.gyro[rows], trajectory, _search(request))
     suspects = list(see_dead_in_motion(imu, turning))
     largest, wanted = largest_rate(imu.gyro[rows]), request.units.gyro
     turns = gyro_factor(imu.topic, largest, turning, wanted, most_angle=_most_angle(path))
+    if not turns.is_mended:  # the motion knows better what raw counts are
+        refuse_impossible(imu, "gyro")
     gravity = request.estimator.gravity_norm if request.wants_gravity else 0.0
     pulls = accel_factor(imu, request.units.accel, gravity=gravity)
     for each in (turns, pulls):

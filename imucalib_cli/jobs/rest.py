@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from imucalib_cli.logs.streams import ImuStream
+    from imucalib_cli.signals.stuck import Sensor
     from imucalib_cli.signals.turning import Turning
 
 
@@ -28,13 +29,19 @@ _TWO_AXES = 0.2
 """Share of a second axis in the rotation from which all axes of an accelerometer feel it."""
 
 
-def refuse_impossible(imu: ImuStream) -> None:
+def refuse_impossible(imu: ImuStream, *sensors: Sensor) -> None:
     """Refuse what no sensor says; single rows of it are the estimator's to bridge.
+
+    Args:
+        imu: As read.
+        sensors: To look at; none means both.
 
     Raises:
         InputError: Most values are beyond any IMU.
     """
     for name, limit, unit in _IMPOSSIBLE:
+        if sensors and name not in sensors:
+            continue
         values = imu.gyro if name == "gyro" else imu.accel
         beyond = int(np.count_nonzero(np.abs(values).max(axis=1) > limit))
         if 2 * beyond > len(values):

@@ -113,6 +113,18 @@ def _diagnostics(calibration: Calibration) -> Document:
             correction.name: _with_std(correction.value, correction.std)
             for correction in estimate.corrections
         },
+        "parameters": [
+            {
+                "name": each.name,
+                "label": each.label,
+                "unit": each.unit,
+                "value": number(each.value),
+                "std": number(each.std),
+                "prior_std": number(each.prior_std),
+                "prior_learnt": each.learnt,
+            }
+            for each in estimate.parameters
+        ],
         "nominal": _nominal(calibration),
         "window": {
             "samples": int(estimate.window.samples),

@@ -16,6 +16,7 @@ from imucalib_cli.estimate.estimate import (
     Correction,
     CorrectionName,
     Estimate,
+    Parameter,
     Residuals,
     UnobservableDirection,
     Window,
@@ -51,6 +52,8 @@ FARTHEST = 100.0
 """m; no IMU sits farther from the frame that carries it."""
 _OLD_REQUIREMENT = "--require asks for "
 """How the reasons of --require begin in results that were written without codes."""
+_LONGEST = (10_000, 10)
+"""Items of a list of values, and of a list within it: YAML can name more than a file holds."""
 _NOT_FINITE = frozenset({"nan", "inf", "-inf"})
 ROTATIONS_AGREE = 1e-6
 """rad between the quaternion and the angles of one rotation."""
@@ -163,6 +166,7 @@ def _estimate(root: Node) -> Estimate:
         ),
         unobservable=tuple(_unobservable(node) for node in diagnostics.children("unobservable")),
         corrections=_corrections(diagnostics),
+        parameters=_parameters(diagnostics),
         consistency=_consistency(diagnostics),
         sigma_source="segments" if source == "segments" else "noise",
         findings=_findings(diagnostics),
@@ -196,10 +200,10 @@ def _finding(node: Node) -> Finding:
     return finding
 
 
-def _value(node: Node, value: object) -> Value:
+def _value(node: Node, value: object, longest: tuple[int, ...] = _LONGEST) -> Value:
     """A stored value; numbers that are not finite are stored as text."""
-    if isinstance(value, list):
-        return tuple(_value(node, each) for each in value)
+    if isinstance(value, list) and longest and len(value) <= longest[0]:
+        return tuple(_value(node, each, longest[1:]) for each in value)
     if isinstance(value, str) and value in _NOT_FINITE:
         return float(value)
     if value is None or isinstance(value, (bool, int, float, str)):
@@ -214,6 +218,24 @@ def _uncoded(reason: str) -> Finding:
     """
     required = reason.startswith(_OLD_REQUIREMENT)
     return untrusted("require.text" if required else TEXT, text=reason)
+
+
+def _parameters(diagnostics: Node) -> tuple[Parameter, ...]:
+    """Every unknown beside the pose; results of earlier versions have none."""
+    if diagnostics.content.get("parameters") is None:
+        return ()
+    return tuple(
+        Parameter(
+            name=node.of("name", str),
+            label=node.of("label", str),
+            unit=node.of("unit", str),
+            value=node.number("value"),
+            std=node.number("std"),
+            prior_std=node.number("prior_std"),
+            learnt=node.of("prior_learnt", bool),
+        )
+        for node in diagnostics.children("parameters")
+    )
 
 
 def _corrections(diagnostics: Node) -> tuple[Correction, ...]:

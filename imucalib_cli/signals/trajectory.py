@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 MIN_TRACK_SAMPLES = 6
+_RATE_SECONDS = 0.02
+"""s: half of what a rate is differenced over; long against an encoder's steps."""
 _HELD = 0.5
 """Share of repeated rows in fast motion from which a publisher holds its values."""
 
@@ -157,6 +160,30 @@ class Trajectory:
             lagrange(self._stamps(track), track.values, t, breaks=breaks)
             for track, breaks in zip(self.tracks, self._breaks, strict=True)
         )
+
+    def values_and_rates(self, t: Floats) -> tuple[tuple[Floats, ...], tuple[Floats, ...]]:
+        """Values of each track at instants (M,), s, and their rates, smoothed over some samples."""
+        both = [
+            lagrange(self._stamps(track), np.hstack([track.values, rates]), t, breaks=breaks)
+            for track, rates, breaks in zip(self.tracks, self._rates, self._breaks, strict=True)
+        ]
+        count = [track.values.shape[1] for track in self.tracks]
+        return (
+            tuple(each[:, :n] for each, n in zip(both, count, strict=True)),
+            tuple(each[:, n:] for each, n in zip(both, count, strict=True)),
+        )
+
+    @cached_property
+    def _rates(self) -> tuple[Floats, ...]:
+        """Rates of each track's values at its own stamps, by differences long against its noise."""
+        found = []
+        for track in self.tracks:
+            stamps, index = self._stamps(track), np.arange(len(track.t))
+            reach = max(round(_RATE_SECONDS / track.interval), 1)
+            later, earlier = np.minimum(index + reach, len(index) - 1), np.maximum(index - reach, 0)
+            span = (stamps[later] - stamps[earlier])[:, None]
+            found.append((track.values[later] - track.values[earlier]) / span)
+        return tuple(found)
 
     def poses(self, t: Floats) -> tuple[Floats, Floats]:
         """R_world_parent (M, 3, 3) and p_world_parent (M, 3), m, at instants (M,), s."""

@@ -146,6 +146,63 @@ def test_units_of_no_gyroscope_are_refused() -> None:
         _repaired(_scaled(gyro=5.0 * _DEG))
 
 
+@pytest.mark.parametrize("per_degree", [16.4, 131.0, 1.0 / 0.00875])
+def test_raw_counts_are_recognised_by_the_robots_rate(per_degree: float) -> None:
+    """By least significant bits in a degree per second, of data sheets."""
+    with pytest.raises(InputError) as caught:
+        _repaired(_scaled(gyro=per_degree * _DEG))
+    finding = caught.value.finding
+    assert finding is not None
+    assert finding.code == "imu.gyro_factor_unknown"
+    factor, std = finding.values["factor"], finding.values["std"]
+    assert isinstance(factor, float)
+    assert isinstance(std, float)
+    assert 0.0 < std < 2e-3 * factor
+    assert factor == pytest.approx(per_degree * _DEG, abs=5.0 * std)
+    assert caught.value.topic == "/imu"
+
+
+def test_a_gyroscope_converted_twice_is_recognised() -> None:
+    log = _scaled(gyro=1.0 / _DEG)
+    mended = _repaired(log)
+    assert [each.code for each in mended.findings] == ["imu.gyro_unit_converted"]
+    np.testing.assert_allclose(mended.samples.gyro, _log().imu.gyro, rtol=1e-12)
+    _see_right(_estimate(mended), log)
+    kept = _repaired(log, units=Units(gyro="rad/s"))
+    np.testing.assert_array_equal(kept.samples.gyro, log.imu.gyro)
+
+
+def test_joint_positions_in_degrees_are_not_laid_to_the_gyroscope() -> None:
+    log = _log()
+    (track,) = log.path.tracks
+    degrees = replace(track, values=np.degrees(track.values))
+    mended = _repaired(replace(log, path=replace(log.path, tracks=(degrees,))))
+    assert mended.gyro_unit == "rad/s"
+    np.testing.assert_array_equal(mended.samples.gyro, log.imu.gyro)
+
+
+def test_another_link_than_told_is_no_unit() -> None:
+    """The IMU hardly turns while the link it is said to be on does."""
+    log = _log()
+    rng = np.random.default_rng(0)
+    still = rng.normal(0.0, 0.002, log.imu.gyro.shape) + 0.003 * log.imu.gyro[:, [0]]
+    mended = _repaired(log.with_imu(log.imu.t, still, log.imu.accel))
+    assert mended.gyro_unit == "rad/s"
+
+
+@pytest.mark.parametrize("rates", [(100.0, 200.0), (200.0, 100.0)])
+def test_a_rate_that_changes_within_the_log_is_told_and_kept(rates: tuple[float, float]) -> None:
+    first, second = rates
+    t = np.concatenate([np.arange(0.0, 15.0, 1.0 / first), np.arange(15.0, 30.0, 1.0 / second)])
+    log = make_log(Moves(seconds=30.0), imu_t=t, time_offset=0.02).noisy(2)
+    mended = _repaired(log)
+    (told,) = mended.findings
+    assert told.code == "stamps.rate_changes"
+    assert told.values["rates"] == pytest.approx(rates, rel=1e-3)
+    np.testing.assert_array_equal(mended.samples.t, log.imu.t)
+    _see_right(_estimate(mended), log)
+
+
 def test_gravity_that_was_taken_off_is_refused_and_asked_for() -> None:
     log = _log()
     flat = log.with_imu(log.imu.t, log.imu.gyro, log.imu.accel * 0.01)

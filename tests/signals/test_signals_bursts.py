@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from imucalib_cli.signals.bursts import Spread, spread_bursts
+from imucalib_cli.signals.bursts import Spread, rate_stretches, spread_bursts
 
 Floats = NDArray[np.float64]
 
@@ -112,3 +112,48 @@ def test_stamps_that_run_backwards_are_not_for_this() -> None:
     rng = np.random.default_rng(7)
     t = np.arange(4000) / 200.0
     assert spread_bursts(rng.permutation(t), _values(t)) is None
+
+
+def _changing(*parts: tuple[float, float]) -> Floats:
+    """Stamps of stretches, each of a duration, s, and a rate, Hz."""
+    steps = [np.full(round(seconds * rate), 1.0 / rate) for seconds, rate in parts]
+    return np.asarray(2.0 + np.concatenate([[0.0], np.cumsum(np.concatenate(steps))]))
+
+
+@pytest.mark.parametrize(
+    "parts",
+    [
+        ((15.0, 100.0), (15.0, 200.0)),
+        ((15.0, 200.0), (15.0, 100.0)),
+        ((25.0, 100.0), (4.0, 1000.0)),
+        ((30.0, 100.0), (2.0, 500.0)),
+        ((10.0, 100.0), (5.0, 500.0), (10.0, 100.0)),
+    ],
+)
+@pytest.mark.parametrize("jitter", [0.0, 2e-4])
+def test_a_rate_that_changes_is_no_burst(
+    parts: tuple[tuple[float, float], ...], jitter: float
+) -> None:
+    t = _changing(*parts)
+    t = np.sort(t + np.random.default_rng(0).normal(0.0, jitter, len(t)))
+    # values of noise alone look evenly sampled whatever the stamps
+    values = np.random.default_rng(1).normal(size=(len(t), 3))
+    found = rate_stretches(t)
+    assert [each.rate for each in found] == pytest.approx([rate for _, rate in parts], rel=0.05)
+    starts = 2.0 + np.cumsum([0.0, *(seconds for seconds, _ in parts)])[:-1]
+    np.testing.assert_allclose([each.start for each in found], starts, atol=0.7)
+    assert spread_bursts(t, values) is None
+
+
+@pytest.mark.parametrize("batch", [1, 5, 10])
+@pytest.mark.parametrize("seed", range(4))
+def test_bursts_losses_and_holes_are_no_change_of_rate(batch: int, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    t = np.arange(6000) / 200.0
+    assert rate_stretches(_arrivals(t, rng, batch=batch)) == ()
+    kept = (rng.random(6000) < 0.7) | (t < 15.0)
+    assert rate_stretches(t[kept]) == ()
+    held_up = t.copy()
+    held_up[(t > 10.0) & (t < 13.0)] = 13.0 + 1e-6 * np.arange(((t > 10.0) & (t < 13.0)).sum())
+    assert rate_stretches(held_up) == ()
+    assert rate_stretches(t[(t < 5.0) | (t > 11.0)]) == ()

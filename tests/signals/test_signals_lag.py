@@ -94,3 +94,30 @@ def test_a_shift_between_samples_is_found_to_a_fraction(shift: float) -> None:
     assert lag is not None
     assert lag.samples + lag.between == pytest.approx(shift, abs=0.1)
     assert abs(lag.between) <= 0.5
+
+
+@pytest.mark.parametrize("ends", ["start", "end"])
+def test_half_of_the_shorter_series_must_overlap(ends: str) -> None:
+    """A few samples at the edge of the search agree by chance; they are not searched."""
+    rng = np.random.default_rng(3)
+    reference, series = (gaussian_filter1d(rng.normal(size=400), 6.0) for _ in range(2))
+    usable = np.zeros((2, 400), dtype=bool)
+    usable[0, :] = True
+    usable[1, :60] = True  # the shorter one: 60 samples
+    if ends == "start":
+        usable = usable[:, ::-1]
+        reference, series = reference[::-1], series[::-1]
+    lag = best_lag(reference, series, usable, 390)
+    assert lag is not None
+    shifted = np.arange(400) + lag.samples
+    inside = (shifted >= 0) & (shifted < 400)
+    meeting = usable[1, shifted[inside]] & usable[0, np.arange(400)[inside]]
+    assert meeting.sum() >= 30
+
+
+def test_series_that_never_overlap_by_half_have_no_lag() -> None:
+    reference, series = _series(1, 1500, 10)
+    usable = np.zeros((2, 1500), dtype=bool)
+    usable[0, :800] = usable[1, 700:] = True
+    assert best_lag(reference, series, usable, 200) is None
+    assert best_lag(reference, series, usable, 400) is not None

@@ -46,9 +46,9 @@ def part(recording: Recording, start: float, stop: float) -> Recording:
 
 @provokes("too-short")
 def _(scene: Scene) -> Seen:
-    """The IMU was recorded for a moment only."""
-    moment = part(noisy(ARM), 0.0, 1.2)
-    return scene.run_arm(replace(noisy(ARM), imu=moment.imu))
+    """The IMU stopped when the robot's stream had just begun."""
+    early, late = part(noisy(ARM), 5.0, 5.7), part(noisy(ARM), 5.4, 6.1)
+    return scene.run_arm(replace(noisy(ARM), imu=early.imu, robot=late.robot))
 
 
 @provokes("too-few-samples")

@@ -33,6 +33,7 @@ def readings(gyro: Any = 1.0, accel: Any = 1.0, *arguments: str) -> Callable[[Sc
 
 
 provokes("gyro-degrees")(readings(gyro=_DEG))
+provokes("gyro-twice")(readings(gyro=1.0 / _DEG))
 provokes("gyro-unit-unknown")(readings(gyro=5.0 * _DEG))
 provokes("accel-g")(readings(accel=1.0 / _G))
 provokes("accel-mg")(readings(accel=1000.0 / _G))
@@ -49,7 +50,7 @@ provokes("accel-scale-gross")(readings(accel=(1.0, 1.2, 1.0)))
 provokes("zero-gyro")(readings(gyro=0.0))
 provokes("zero-both")(readings(0.0, 0.0))
 provokes("dead-axis")(readings(gyro=(1, 0, 1)))
-provokes("impossible-values")(readings(gyro=1e6))
+provokes("impossible-values")(readings(accel=1e6))
 
 
 @provokes("dead-axis-quiet")

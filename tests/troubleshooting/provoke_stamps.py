@@ -101,6 +101,17 @@ def _(scene: Scene) -> Seen:
     return scene.run_arm(with_stamps(t))
 
 
+@provokes("rate-changes")
+def _(scene: Scene) -> Seen:
+    """From the middle on the IMU sends every other sample."""
+    recording = noisy(ARM)
+    imu = recording.imu
+    rows = np.arange(len(imu.t))
+    kept = (imu.t < 12.0) | (rows % 2 == 0)
+    names = ("t", "stamp", "received", "gyro", "accel")
+    return scene.run_arm(with_imu(recording, **{n: getattr(imu, n)[kept] for n in names}))
+
+
 @provokes("bursts")
 def _(scene: Scene) -> Seen:
     t = stamps()

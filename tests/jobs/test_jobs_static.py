@@ -1,0 +1,91 @@
+"""What moves and what does not, by the values of joints and poses alone."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from imucalib_cli.cli.main import main
+from imucalib_cli.jobs.static import track_moves
+from imucalib_cli.robot.path import Track
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from tests.conftest import LogWriter
+
+Floats = NDArray[np.float64]
+T = np.arange(0.0, 20.0, 0.01)
+RNG = np.random.default_rng(0)
+GLITCH = np.where(np.arange(len(T)) == 700, 1.0, 0.0)
+
+
+def joints(values: Floats) -> Track:
+    return Track(name="/j", kind="joints", t=T, values=values[:, None], names=("a",))
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        np.full(len(T), 0.3),
+        0.3 + RNG.normal(0.0, 1e-3, len(T)),
+        np.round(0.3 + RNG.normal(0.0, 3e-4, len(T)), 3),
+        0.3 + GLITCH,
+        0.3 + 1e-4 * T,
+        np.full(len(T), np.nan),
+    ],
+    ids=["exact", "noise", "steps of the encoder", "glitch", "drift", "no values"],
+)
+def test_what_does_not_move(values: Floats) -> None:
+    assert not track_moves(joints(values))
+
+
+@pytest.mark.parametrize(
+    "values",
+    [0.5 * np.sin(T), 0.005 * np.sin(2 * np.pi * 8.0 * T), 0.001 * np.sin(2 * np.pi * 8.0 * T)],
+    ids=["plainly", "shaken", "shaken a little"],
+)
+def test_what_moves(values: Floats) -> None:
+    assert track_moves(joints(values + RNG.normal(0.0, 1e-4, len(T))))
+
+
+@pytest.mark.parametrize(("turn", "shift", "moves"), [(0, 0, 0), (0.2, 0, 1), (0, 0.02, 1)])
+def test_poses_turn_and_shift(turn: float, shift: float, moves: int) -> None:
+    turned = Rotation.from_rotvec(np.outer(turn * np.sin(T) + 2.0, [0.0, 0.6, 0.8]))
+    quaternion = turned.as_quat() * np.where(RNG.random(len(T)) < 0.5, -1.0, 1.0)[:, None]
+    position = np.outer(shift * np.sin(T), [1.0, 0.0, 0.0])
+    position += RNG.normal(0.0, 5e-4, position.shape)
+    values = np.hstack([position, quaternion])
+    assert track_moves(Track(name="/p", kind="pose", t=T, values=values)) == bool(moves)
+
+
+def test_a_static_log_says_only_that(
+    log_writer: LogWriter, arm_urdf: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log_writer.imu().joints()
+    rng = np.random.default_rng(1)
+    for topic, _, _, message in log_writer.messages:
+        if topic == "/joint_states":
+            message.position = 0.4 + rng.normal(0.0, 2e-4, 2)
+    log = log_writer.write()
+    for command in ("run", "verify"):
+        assert main([command, str(log), "--urdf", str(arm_urdf)]) == 3
+        out, err = capsys.readouterr()
+        assert (out, err) == ("", "error: the robot does not move in this log\n")
+
+
+def test_a_parent_that_does_not_move_is_another_matter(
+    log_writer: LogWriter, arm_urdf: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The log's other joints move: the parent or the URDF is in question."""
+    log_writer.imu().joints(names=("pan", "lift", "gripper"))
+    for topic, _, _, message in log_writer.messages:
+        if topic == "/joint_states":
+            message.position[:2] = 0.4
+    log = log_writer.write()
+    assert main(["run", str(log), "--urdf", str(arm_urdf)]) == 1
+    assert "hand never moves in base according to /joint_states" in capsys.readouterr().err
