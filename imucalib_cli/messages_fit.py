@@ -131,7 +131,6 @@ def _quantity(name: str, label: str, value: float, std: float) -> str:
 def _unknown_found(
     *,
     name: str,
-    owner: str,
     labels: tuple[str, ...],
     values: tuple[float, ...],
     stds: tuple[float, ...],

@@ -78,18 +78,19 @@ class State:
         """The state after a step in the components of the layout."""
         rotation = np.zeros(3)
         t, gravity, x = self.t, self.gravity, self.x + step
-        for each in layout.of(Mount, Gravity):
-            effect, part = each.unknown.effect, step[each.part]
-            x[each.part] = 0.0
-            if isinstance(effect, Gravity):
-                if effect.what == "direction":
-                    gravity = matrix_from_rotvec(part @ gravity_axes(self.gravity)) @ gravity
-                else:
-                    gravity = gravity * (1.0 + part[0] / np.linalg.norm(self.gravity))
-            elif effect.what == "translation":
-                t = t + part
+        for each, direction in layout.of(Gravity):
+            part = step[each.part]
+            if direction.what == "direction":
+                gravity = matrix_from_rotvec(part @ gravity_axes(self.gravity)) @ gravity
             else:
-                rotation = part
+                gravity = gravity * (1.0 + part[0] / np.linalg.norm(self.gravity))
+            x[each.part] = 0.0
+        for each, mount in layout.of(Mount):
+            if mount.what == "translation":
+                t = t + step[each.part]
+            else:
+                rotation = step[each.part]
+            x[each.part] = 0.0
         return State(matrix_from_rotvec(rotation) @ self.R, t, gravity, x, self.held_offset)
 
 
@@ -100,7 +101,7 @@ class Chain:
     trajectory: Trajectory
     path: KinematicPath
     """With the origins as they are found."""
-    curves: tuple[tuple[Placed, Floats], ...] = ()
+    curves: tuple[tuple[Joint, JointCurve, Floats], ...] = ()
     """Errors of joint positions."""
     scales: tuple[tuple[int, float], ...] = ()
     """Errors of pose streams: track, relative."""
@@ -109,20 +110,22 @@ class Chain:
     def of(cls, trajectory: Trajectory, layout: Layout, x: Floats) -> Chain:
         """The chain for given values of the unknowns."""
         steps: list[Step] = list(trajectory.path.steps)
-        for each in layout.of(Origin):
-            step = steps[each.where] if isinstance(each.where, int) else None
-            if isinstance(step, FixedStep) and each.directions is not None and x[each.part].any():
-                steps[each.where] = replace(step, p=step.p + x[each.part] @ each.directions)  # type: ignore[call-overload]
+        for each, _ in layout.of(Origin):
+            step = steps[each.index]
+            if isinstance(step, FixedStep) and x[each.part].any():
+                steps[each.index] = replace(step, p=step.p + x[each.part] @ each.directions)
         return cls(
             trajectory=trajectory,
             path=replace(trajectory.path, steps=tuple(steps)),
             curves=tuple(
-                (each, x[each.part]) for each in layout.of(JointCurve) if x[each.part].any()
+                (each.joint, curve, x[each.part])
+                for each, curve in layout.of(JointCurve)
+                if each.joint is not None and x[each.part].any()
             ),
             scales=tuple(
-                (each.where, float(x[each.part][0]))
-                for each in layout.of(PoseScale)
-                if isinstance(each.where, int) and x[each.part].any()
+                (each.index, float(x[each.part][0]))
+                for each, _ in layout.of(PoseScale)
+                if x[each.part].any()
             ),
         )
 
@@ -135,12 +138,9 @@ class Chain:
     def values_and_rates(self, t: Floats) -> tuple[tuple[Floats, ...], tuple[Floats, ...]]:
         """Values of every track, errors taken off, and their rates."""
         values, rates = self.trajectory.values_and_rates(t)
-        for placed, size in self.curves:
-            joint, effect = placed.where, placed.unknown.effect
-            assert isinstance(joint, Joint)
-            assert isinstance(effect, JointCurve)
+        for joint, curve, size in self.curves:
             q, rate = values[joint.track][:, joint.column], rates[joint.track][:, joint.column]
-            q += size @ effect.basis(q.copy(), rate)
+            q += size @ curve.basis(q.copy(), rate)
         return self._scaled(values), rates
 
     def _scaled(self, values: tuple[Floats, ...]) -> tuple[Floats, ...]:
@@ -227,13 +227,13 @@ class Model:
     def shifts(self, state: State) -> tuple[tuple[float, float], tuple[float, float]]:
         """Shift in the middle, s, and drift of the accelerometer's and the gyroscope's stamps."""
         found = np.array([[state.held_offset, 0.0], [state.held_offset, 0.0]])
-        for each in self.layout.of(Clock):
-            effect, value = each.unknown.effect, float(state.x[each.part][0])
-            assert isinstance(effect, Clock)
+        for each, effect in self.layout.of(Clock):
+            value = float(state.x[each.part][0])
             for sensor, basis in enumerate((effect.accel, effect.gyro)):
                 at = basis(np.array([0.0, 1.0]))
                 found[sensor] += value * np.array([at[0], at[1] - at[0]])
-        return tuple(map(tuple, found.tolist()))  # type: ignore[return-value]
+        (accel, accel_drift), (gyro, gyro_drift) = found.tolist()
+        return (accel, accel_drift), (gyro, gyro_drift)
 
     def robot_times(self, t: Floats, shift: tuple[float, float]) -> Floats:
         """Robot stamps of the instants that a sensor stamps ``t``, s."""
@@ -251,9 +251,8 @@ class Model:
     def less_errors(self, state: State, samples: Samples) -> tuple[Floats, Floats]:
         """Accelerometer and gyroscope readings with the sensor's errors taken off."""
         accel, gyro = samples.accel.copy(), samples.gyro.copy()
-        for each in self.layout.of(Reading):
-            effect, value = each.unknown.effect, state.x[each.part]
-            assert isinstance(effect, Reading)
+        for each, effect in self.layout.of(Reading):
+            value = state.x[each.part]
             if value.any():
                 of = accel if effect.sensor == "accel" else gyro
                 of -= np.tensordot(value, effect.basis(samples), axes=1)
@@ -263,7 +262,7 @@ class Model:
         """Readings at grid samples from ``first``, every so many."""
         dt = self.windowing.grid.dt
         index = first + every * np.arange(len(accel))
-        age = (dt * index - (self.middle - self.windowing.grid.t0)) / self.seconds
+        age = np.asarray((dt * index - (self.middle - self.windowing.grid.t0)) / self.seconds)
         return Samples(accel=accel, gyro=gyro, age=age, dt=dt * every)
 
     def residuals(
@@ -385,8 +384,6 @@ class _Nodes:
     """Everything of a stretch of nodes that effects are made of."""
 
     samples: Samples
-    age_seconds: Floats
-    """(M,), since the middle of the log."""
     R: Floats
     """(M, 3, 3), R_world_parent."""
     p: Floats
@@ -449,7 +446,7 @@ def _block_columns(
 
     def plain(values: Floats, weights: Floats) -> Floats:
         start = int(centres[0]) // plan.every - first - len(weights) // 2
-        return _sums(values, weights, start, plan.hop, count)[chosen]
+        return np.asarray(_sums(values, weights, start, plan.hop, count)[chosen])
 
     left = plain(nodes.p + nodes.lever, plan.second.derivative)
     left = left - plain(nodes.force, plan.second.average) - state.gravity
@@ -491,7 +488,8 @@ def _block_columns(
         read = [cross(turn[0], nodes.force[:, None])]
         by_time = filtered(shift, plan.second.derivative) - filtered(read, plan.second.average)
         gyro_by_time = filtered(turn, plan.first.derivative)
-        age = (model.windowing.grid.dt * centres + model.windowing.grid.t0) - model.middle
+        grid = model.windowing.grid
+        age = np.asarray(grid.dt * centres + (grid.t0 - model.middle))
         for part, effect in channels.offset:
             put(accel, [part], by_time * effect.accel(age)[:, None, None])
             put(gyro, [part], gyro_by_time * effect.gyro(age)[:, None, None])
@@ -512,7 +510,8 @@ def _nodes(
     both = np.hstack([grid.accel[inside], grid.gyro[inside]])
     mean = convolve_at(both, plan.box, index - half - lowest)
     samples = model.samples(mean[:, :3], mean[:, 3:], int(index[0]), plan.every)
-    t = model.robot_times(grid.t0 + grid.dt * index, model.shifts(state)[1])
+    stamps = np.asarray(grid.t0 + grid.dt * index)
+    t = model.robot_times(stamps, model.shifts(state)[1])
     values, rates = chain.values_and_rates(t)
     frames = chain.path.frames(values)
     R, p = frames[-1]
@@ -522,19 +521,17 @@ def _nodes(
     turning = vee(spin) / (2 * dt)
     place = p + lever
     moving = (place[2:] - place[:-2]) / (2 * dt)
-    ends = lambda inner: np.concatenate([inner[:1], inner, inner[-1:]])  # noqa: E731
     accel, gyro = model.less_errors(state, samples)
     R_world_imu = R @ state.R
     nodes = _Nodes(
         samples=samples,
-        age_seconds=samples.age * model.seconds,
         R=R,
         p=p,
         lever=lever,
         R_world_imu=R_world_imu,
         force=np.einsum("mij,mj->mi", R_world_imu, accel),
-        turning=ends(turning),
-        moving=ends(moving),
+        turning=_with_ends(turning),
+        moving=_with_ends(moving),
         frames=frames,
         values=values,
         rate_read=gyro @ state.R.T,
@@ -543,6 +540,11 @@ def _nodes(
         gravity=state.gravity,
     )
     return nodes, first
+
+
+def _with_ends(inner: Floats) -> Floats:
+    """Central differences, the first and the last repeated at the ends, which no window uses."""
+    return np.concatenate([inner[:1], inner, inner[-1:]])
 
 
 def _effect(placed: Placed, nodes: _Nodes, channels: _Channels) -> None:
@@ -571,20 +573,18 @@ def _effect(placed: Placed, nodes: _Nodes, channels: _Channels) -> None:
             # The gyroscope sees the IMU's rate about turned axes.
             channels.rate.append((part, cross(axes, nodes.turning[:, None])))
     elif isinstance(effect, Origin):
-        assert isinstance(placed.where, int)
-        assert placed.directions is not None
-        shift = placed.directions @ np.swapaxes(nodes.frames[placed.where][0], 1, 2)
+        shift = placed.directions @ np.swapaxes(nodes.frames[placed.index][0], 1, 2)
         channels.twist.append((part, np.zeros_like(shift), shift))
     elif isinstance(effect, PoseScale):
         shift = np.zeros((M, 1, 3))
         for index, step in enumerate(nodes.path.steps):
-            if isinstance(step, PoseStep) and step.track == placed.where:
+            if isinstance(step, PoseStep) and step.track == placed.index:
                 after, before = nodes.frames[index + 1][1], nodes.frames[index][1]
                 shift[:, 0] += after - before
         channels.twist.append((part, np.zeros_like(shift), shift))
     else:
-        joint = placed.where
-        assert isinstance(joint, Joint)
+        joint = placed.joint
+        assert joint is not None
         q = nodes.values[joint.track][:, joint.column]
         curve = effect.basis(q, nodes.rates[joint.track][:, joint.column]).T
         turn, shift = np.zeros((M, 3)), np.zeros((M, 3))

@@ -29,7 +29,7 @@ from imucalib_cli.estimate.spectrum import (
     statistics,
     whitening,
 )
-from imucalib_cli.estimate.unknowns import LEAN, Gravity, Mount, Reading, Unknown
+from imucalib_cli.estimate.unknowns import LEAN, Gravity, Reading, Unknown
 from imucalib_cli.robot.rotations import rotation_angle, rotvec_from_matrix
 
 if TYPE_CHECKING:
@@ -428,18 +428,15 @@ def _offset(layout: Layout, options: MatchedOptions, state: State) -> Floats:
     offset = state.x.copy()
     offset[layout.part("time_offset")] = 0.0
     known = options.pose
-    for each in layout.of(Mount, Gravity):
-        effect, part = each.unknown.effect, each.part
-        if isinstance(effect, Gravity):
-            if effect.what == "magnitude":
-                offset[part] = np.linalg.norm(state.gravity) - options.gravity_norm
-            elif np.isfinite(options.tilt_std):
-                offset[part] = tilt_from_down(state.gravity)
-        elif known is not None and known.R_parent_imu is not None:
-            if effect.what == "rotation":
-                offset[part] = rotvec_from_matrix(state.R @ known.R_parent_imu.T)
-            elif known.t_parent_imu is not None:
-                offset[part] = state.t - known.t_parent_imu
+    for each, gravity in layout.of(Gravity):
+        if gravity.what == "magnitude":
+            offset[each.part] = np.linalg.norm(state.gravity) - options.gravity_norm
+        elif np.isfinite(options.tilt_std):
+            offset[each.part] = tilt_from_down(state.gravity)
+    if known is None or known.R_parent_imu is None or known.t_parent_imu is None:
+        return offset
+    offset[layout.part("translation")] = state.t - known.t_parent_imu
+    offset[layout.part("rotation")] = rotvec_from_matrix(state.R @ known.R_parent_imu.T)
     return offset
 
 
@@ -460,9 +457,8 @@ def noise_of_columns(
     windowing = model.windowing
     plan, grid = windowing.plan, windowing.grid
     nodes = plan_nodes(plan, grid.dt)
-    for each in model.layout.of(Reading):
-        effect = each.unknown.effect
-        if not isinstance(effect, Reading) or not effect.differences:
+    for each, effect in model.layout.of(Reading):
+        if not effect.differences:
             continue
         sensor = 0 if effect.sensor == "accel" else 1
         plain = (plan.second_derivative, plan.first_derivative)[sensor].average

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from imucalib_cli.estimate.layout import Joint
 from imucalib_cli.estimate.observability import (
     ROTATION_LIMIT,
     TRANSLATION_LIMIT,
@@ -136,7 +135,7 @@ def unobservable(fit: Fit) -> tuple[UnobservableDirection, ...]:
 def _pose(fit: Fit, matrix: Floats) -> Floats:
     """(6, 6), of the mount."""
     places = np.r_[fit.layout.part("translation"), fit.layout.part("rotation")]
-    return matrix[np.ix_(places, places)]
+    return np.asarray(matrix[np.ix_(places, places)])
 
 
 def findings(evidence: Evidence, *, unknown: bool) -> tuple[Finding, ...]:
@@ -339,7 +338,6 @@ def _found(evidence: Evidence) -> Iterator[Finding]:
         yield (warning if sensor else note)(
             "unknown.found",
             name=each.unknown.name,
-            owner=each.where.name if isinstance(each.where, Joint) else "",
             labels=tuple(each.labels),
             values=tuple(value.tolist()),
             stds=tuple(std.tolist()),
@@ -371,18 +369,22 @@ def _contradicted_priors(evidence: Evidence) -> Iterator[Finding]:
     known = options.pose
     if known is None or known.R_parent_imu is None or known.t_parent_imu is None:
         return
-    std = np.array(known.std)
+    pose_std = np.array(known.std)
     off = np.concatenate(
         [
             fit.state.t - known.t_parent_imu,
             rotvec_from_matrix(fit.state.R @ known.R_parent_imu.T),
         ]
     )
-    for place in np.flatnonzero(np.abs(off) > DISTRUST_SIGMAS * np.where(std > 0.0, std, np.inf)):
+    for place in np.flatnonzero(
+        np.abs(off) > DISTRUST_SIGMAS * np.where(pose_std > 0.0, pose_std, np.inf)
+    ):
         yield untrusted(
-            "prior.pose_contradicted", component=_NAMES[place], sigmas=abs(off[place]) / std[place]
+            "prior.pose_contradicted",
+            component=_NAMES[place],
+            sigmas=abs(off[place]) / pose_std[place],
         )
-    held = np.flatnonzero(std == 0.0)
+    held = np.flatnonzero(pose_std == 0.0)
     if len(held):
         yield from _pulled(fit, held)
 

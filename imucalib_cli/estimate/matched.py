@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from imucalib_cli.estimate import judge
 from imucalib_cli.estimate.estimate import Correction, Estimate, Parameter, Residuals
 from imucalib_cli.estimate.fit import whole_fit
-from imucalib_cli.estimate.layout import Joint
 from imucalib_cli.estimate.observability import widen
 from imucalib_cli.estimate.prepare import clean_imu
 from imucalib_cli.estimate.segments import DECISIVE, Segments
@@ -206,7 +205,7 @@ def _corrections(fit: Fit, options: MatchedOptions) -> tuple[Correction, ...]:
     found = []
     for each in fit.layout.placed:
         name = each.unknown.name
-        if name not in _RECORDED or isinstance(each.where, Joint):
+        if name not in _RECORDED:
             continue
         value, std = fit.value(each, options), fit.of(name)[1]
         if not (np.abs(value) > judge.TELL_SIGMAS * std).any():

@@ -98,7 +98,7 @@ class MatchedOptions:
             if self.pose is None or self.pose.R_parent_imu is None:
                 return weakest
             std = np.array(self.pose.std)[3 * (effect.what == "rotation") :][:3]
-            return np.minimum(std, weakest)
+            return np.asarray(np.minimum(std, weakest))
         if isinstance(effect, Gravity):
             if self.gravity == "none" or self.gravity_norm == 0.0:
                 return np.zeros(1)
@@ -106,8 +106,8 @@ class MatchedOptions:
                 return np.array(0.0 if self.sensor_model == "ideal" else self.gravity_std)
             return np.array(0.0 if self.gravity == "fixed" else min(self.tilt_std, np.pi))
         if name in {"accel_bias", "gyro_bias"}:
-            std = self.accel_bias_std if name == "accel_bias" else self.gyro_bias_std
-            return np.minimum(std, weakest)
+            bias = self.accel_bias_std if name == "accel_bias" else self.gyro_bias_std
+            return np.asarray(np.minimum(bias, weakest))
         if isinstance(effect, Clock) and self.time_offset is not None and name != "gyro_delay":
             return np.zeros(1)
         if name == "time_offset":
@@ -122,8 +122,8 @@ class MatchedOptions:
         if unknown.scale is None:
             return weakest
         told = {"sensor_scale": self.sensor_scale_std, "sensor_axes": self.sensor_axes_std}
-        std = told.get(unknown.scale)
-        return None if std is None else np.array(std)
+        sheet = told.get(unknown.scale)
+        return None if sheet is None else np.array(sheet)
 
     def told_std(self, name: str) -> float:
         """Prior of a bias that the user states; who states one does not wonder at it."""

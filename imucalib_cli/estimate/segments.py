@@ -107,7 +107,7 @@ class Segments:
             solutions.append(-(inverse @ self._b[part].sum(axis=0)))
             covariances.append(inverse @ self._A[part].sum(axis=0) @ inverse)
         difference = (solutions[1] - solutions[0])[pose]
-        C = sum(covariances)[np.ix_(pose, pose)]  # type: ignore[index]
+        C = sum(covariances)[np.ix_(pose, pose)]
         stated = np.sqrt(np.maximum(np.diag(self._fit.covariance)[: len(pose)], 1e-300))
         return Consistency(
             folds=_FOLDS,

@@ -138,7 +138,8 @@ class Statistics:
 
     def score_covariance(self, levels: Floats) -> Floats:
         """B, (n, n), of the score J' e for noise of these levels."""
-        return np.einsum("sb,sbpq->pq", levels * self.response, self.normal[:, :, 1:, 1:])
+        weights = levels * self.response
+        return np.asarray(np.einsum("sb,sbpq->pq", weights, self.normal[:, :, 1:, 1:]))
 
     @property
     def heard(self) -> NDArray[np.bool_]:
@@ -259,7 +260,7 @@ def _bounded(residuals: Floats) -> Floats:
     """Residuals with shocks, which are no part of any model, held at ten times the median."""
     size = np.linalg.norm(residuals, axis=1)
     most = 10.0 * float(np.median(size))
-    return residuals * np.minimum(1.0, most / np.maximum(size, 1e-300))[:, None]
+    return np.asarray(residuals * np.minimum(1.0, most / np.maximum(size, 1e-300))[:, None])
 
 
 def whitening(plan: WindowPlan, weights: Floats, scales: tuple[float, float]) -> Floats:
