@@ -196,7 +196,7 @@ class _Chain:
                 if curve.every
                 else any(self._inside(step) for step in joint.steps)
             )
-            if told and (curve.sliding or not joint.sliding):
+            if told and (curve.sliding or not joint.sliding) and curve.only in {None, joint.name}:
                 yield joint
 
     def _origins(self) -> Iterator[tuple[int, Floats]]:

@@ -76,6 +76,8 @@ class JointCurve:
     """For every joint that moves; else only for those between the first and the last that do."""
     sliding: bool = True
     """For sliding joints too."""
+    only: str | None = None
+    """The one joint that it is for; None: all."""
 
 
 @dataclass(frozen=True)
