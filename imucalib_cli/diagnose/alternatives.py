@@ -72,6 +72,7 @@ _TRIMMED: Final = 0.05
 def _zero(joint: str | None) -> Unknown:
     return Unknown(
         name="joint_zero",
+        group="robot",
         unit="rad",
         std=1.0,
         effect=JointCurve(
@@ -267,7 +268,7 @@ def told_on_bench(case: Case, *, reversed_accel: bool) -> tuple[Bench, Trial]:
         InputError: Too few usable samples or windows.
     """
     # A pose known in one link is no guide in another, and what holds it would be blamed elsewhere.
-    options = replace(case.options, pose=None, robot="learnt", either_sign=False)
+    options = replace(case.options, pose=None, robot="nominal", either_sign=False)
     clean = clean_imu(_liveliest(case.samples))
     if reversed_accel:
         clean = clean.with_reversed_accel()
@@ -416,7 +417,7 @@ def _small_zero(bench: Bench, case: Case) -> Hypothesis | None:
     joints = {name: joint for joint, name in edits.turning_joints(case.path).items()}
     found = {
         placed.labels[0]: float(lean.state.x[placed.part][0])
-        for placed in lean.model.layout.of(JointCurve)
+        for placed, _ in lean.model.layout.of(JointCurve)
     }
     name = max(found, key=lambda name: abs(found[name]), default=None)
     if name is None or name not in joints:

@@ -140,7 +140,7 @@ def _spectra(lean: Lean) -> tuple[_Spectra, ...]:
     starts = starts[centres[starts + size - 1] - centres[starts] == size - 1]
     if len(starts) < _LEAST_FRAMES:
         return ()
-    residuals = model.residuals(state, centres)
+    residuals = model.residuals(state, centres)[0].values
     f = np.asarray(np.fft.rfftfreq(size, grid.dt), dtype=np.float64)
     kept = (f > _LOWEST) & (f < _HIGHEST / grid.dt)
     found = []

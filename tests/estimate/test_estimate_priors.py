@@ -266,13 +266,15 @@ def test_priors_leave_no_way_downhill(seed: int) -> None:
     )
     known = options.pose
     assert known is not None
-    assert known.R_parent_imu is not None
+    R_known, t_known = known.R_parent_imu, known.t_parent_imu
+    assert R_known is not None
+    assert t_known is not None
 
     def cost(state: LeanState) -> float:
         x = state.vector()
-        turned = Rotation.from_matrix(state.R @ known.R_parent_imu.T).as_rotvec()
+        turned = Rotation.from_matrix(state.R @ R_known.T).as_rotvec()
         tilt = np.arccos(-state.gravity[2] / np.linalg.norm(state.gravity))
-        off = np.r_[state.t - known.t_parent_imu, turned, state.accel_bias, state.gyro_bias, tilt]
+        off = np.r_[state.t - t_known, turned, state.accel_bias, state.gyro_bias, tilt]
         return float(x @ normal @ x + (off**2).sum() / 0.1**2)
 
     best = refine(normal, LeanUnknowns.of(options), start).state
