@@ -437,6 +437,15 @@ def _rings(
     )
 
 
+def _unusual_bias(name: str, size: float) -> str:
+    if name == "accel_bias":
+        return (
+            f"an accelerometer bias of {size:.2g} m/s² is unusual: a scale error, or another "
+            "--gravity norm?"
+        )
+    return f"a gyroscope bias of {size:.2g} rad/s is unusual: is its unit right?"
+
+
 FIT_MESSAGES: dict[str, str | Callable[..., Any]] = {
     "fit.rotation_unexplained": _rotation_unexplained,
     "fit.acceleration_unexplained": "the robot's motion and gravity leave {left:.2g} m/s² of the "
@@ -464,6 +473,10 @@ FIT_MESSAGES: dict[str, str | Callable[..., Any]] = {
     "larger one",
     "prior.fixed_contradicted": _fixed,
     "prior.untested": _untested,
+    "imu.accel_sign_in_doubt": "gravity comes out far from down, and the motion does not tell "
+    "whether world is mounted so or the accelerometer points down at rest: say --accel-sign up or "
+    "down, or move the parent link along as well",
+    "bias.unusual": _unusual_bias,
     "imu.accel_reversed": "the accelerometer points down at rest: its values fit the motion "
     "decisively better with their sign reversed, which was done (--accel-sign up keeps them)",
     "imu.samples_left_out": "IMU samples left out: {repeated} with repeated stamps, {not_finite} "

@@ -72,7 +72,7 @@ class MatchedOptions:
     robot: Literal["nominal", "exact"] | tuple[float, float] = "nominal"
     """How good the robot's constants are: nominal, the size of their errors learnt; exact; or the
     standard deviations of joint zeros, rad, and of origins, m."""
-    either_sign: bool = False
+    either_sign: bool = True
     """Whether the accelerometer's readings may be reversed if that fits decisively better."""
     sensor_scale_std: float | None = None
     """Prior of the sensors' scale errors, relative, where a data sheet tells it; learnt else."""
