@@ -27,6 +27,7 @@ from imucalib_cli.estimate.spectrum import (
     PartSums,
     Statistics,
     deviance,
+    inverse_of,
     part_matrices,
     statistics,
     whitening,
@@ -51,8 +52,8 @@ _THIN: Final = 2
 """Of the windows, which overlap fourfold, every so many is enough for a first solution."""
 _ENOUGH_THIN: Final = 120
 """Windows from which they are thinned."""
-_LEAST_LEFT: Final = 0.01
-"""Share of a column's square that is taken to be signal, however noisy its readings are."""
+_LEAST_LEFT: Final = 0.1
+"""Share of what a column tells by itself that is taken to be signal, however noisy it is."""
 _LEAN_PASSES: Final = 8
 _FULL_PASSES: Final = 5
 _LEVEL_PASSES: Final = 2
@@ -478,11 +479,19 @@ def noise_of_columns(
 
 
 def without_noise(A: Floats, b: Floats, noise: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
-    """Information and score less what noise added to them."""
-    A = A.copy()
-    diagonal = np.diag(A)
-    A[np.diag_indices(len(A))] = np.maximum(diagonal - noise[0], _LEAST_LEFT * diagonal)
-    return A, b - noise[1]
+    """Information and score less what noise added to them.
+
+    No more is taken off than leaves some of what a column tells beside all others.
+    """
+    noisy = np.flatnonzero(noise[0])
+    if not len(noisy):
+        return A, b
+    own = 1.0 / np.diag(inverse_of(A))[noisy]
+    share = np.minimum(1.0, (1.0 - _LEAST_LEFT) * own / noise[0][noisy])
+    A, b = A.copy(), b.copy()
+    A[noisy, noisy] -= share * noise[0][noisy]
+    b[noisy] -= share * noise[1][noisy]
+    return A, b
 
 
 def _product(one: Floats, other: Floats) -> float:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.estimate.estimate import UnobservableDirection
+from imucalib_cli.estimate.unknowns import LEAN
 from imucalib_cli.estimate.window_choice import kinematic_noise, second_derivative_gain
 
 if TYPE_CHECKING:
@@ -49,7 +50,11 @@ def excitation(fit: Fit, *, everything: bool = False) -> Floats:
         (n, n), of the layout's components.
     """
     layout, stats, plan = fit.layout, fit.statistics, fit.model.windowing.plan
+    lean = {each.name for each in LEAN}
     free = layout.free.copy()
+    for each in layout.placed:
+        # What else is unknown has a prior, and hangs together with the pose through it.
+        free[each.part] &= each.unknown.name in lean
     pose = [layout.part("translation"), layout.part("rotation")]
     std = layout.std_at(fit.scales_found.mean)
     if everything:
