@@ -31,7 +31,9 @@ Floats = NDArray[np.float64]
 
 GRADES = {"mems": MEMS, "industrial": INDUSTRIAL}
 SENSORS = {
-    each.name for each in TABLE if isinstance(each.effect, (Reading, Clock)) or "gravity" in each.name
+    each.name
+    for each in TABLE
+    if isinstance(each.effect, (Reading, Clock)) or "gravity" in each.name
 }
 UNLIKELY = float(chi2.ppf(0.999, 6))
 SCALE, TURN = (1.01, 0.99, 1.005), (0.005, -0.01, 0.008)
@@ -115,9 +117,7 @@ def found(estimate: Estimate) -> dict[str, tuple[Floats, Floats]]:
 
 def named(estimate: Estimate) -> set[str]:
     """What stands clear of its sigma and moves the pose."""
-    return {
-        str(each.values["name"]) for each in estimate.findings if each.code == "unknown.found"
-    }
+    return {str(each.values["name"]) for each in estimate.findings if each.code == "unknown.found"}
 
 
 TURNS = pytest.mark.xfail(

@@ -196,7 +196,9 @@ def test_bands_and_parts_add_up_to_the_whole(log: Log, rows: WindowRows) -> None
         found.parts.sum(axis=0),
         part_matrices(rows.centres, both(), root, 7).sum(axis=0),
     ):
-        np.testing.assert_allclose(sums / np.outer(scale, scale), whole / np.outer(scale, scale), atol=1e-12)
+        np.testing.assert_allclose(
+            sums / np.outer(scale, scale), whole / np.outer(scale, scale), atol=1e-12
+        )
 
 
 def unknowns_of(**options: object) -> LeanUnknowns:

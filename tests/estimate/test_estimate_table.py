@@ -124,10 +124,8 @@ def windowing_of(log: Log, seconds: float = 0.3) -> Windowing:
 
 @cache
 def case(robot: str) -> Case:
-    if robot == "mixed":
-        log = _mixed_log()
-    else:
-        log = make_log(Moves(seconds=SECONDS), time_offset=0.004)
+    plain = make_log(Moves(seconds=SECONDS), time_offset=0.004)
+    log = _mixed_log() if robot == "mixed" else plain
     windowing = windowing_of(log, 0.7 if robot == COARSE else 0.3)
     layout = lay_out(windowing.trajectory, MatchedOptions())
     x = np.zeros(layout.size)
@@ -149,17 +147,18 @@ def test_the_case_is_true(robot: str) -> None:
 @pytest.mark.parametrize("name", [unknown.name for unknown in TABLE])
 @ROBOTS
 def test_columns_are_differences_of_the_exact_residuals(robot: str, name: str) -> None:
-    """On nodes, so to some per cent; those of two differences of readings to a tenth."""
+    """On nodes, so to some per cent; of differences of readings and of play to fifteen."""
     model, state = case(robot).model, case(robot).state
     layout = model.layout
     placed = [each for each in layout.placed if each.unknown.name == name]
-    assert placed or name in {"pose_scale"}, "the robot has no such unknown"
+    assert placed or name == "pose_scale", "the robot has no such unknown"
     centres = model.centres(state)[5:-5:9]
     J = np.concatenate([columns for _, columns, _ in model.columns(state, centres)])
     step = 1e-5
     for each in placed:
         effect = each.unknown.effect
-        coarse = isinstance(effect, Reading) and effect.differences > 0
+        # Play steps faster than from node to node.
+        coarse = name == "joint_play" or (isinstance(effect, Reading) and effect.differences > 0)
         for place in range(each.part.start, each.part.stop):
             d = np.zeros(layout.size)
             d[place] = step
@@ -253,7 +252,7 @@ def test_one_entry_is_enough_to_add_an_unknown() -> None:
     clean = make_log(Moves(seconds=24.0))
     ideal = clean.imu.accel
     accel = np.linalg.solve(np.eye(3) - size[:, None] * np.eye(3)[[1, 2, 0]], ideal.T).T
-    log = clean.with_imu(clean.imu.t, clean.imu.gyro, accel).noisy(1)
+    log = clean.with_imu(clean.imu.t, clean.imu.gyro, np.asarray(accel, dtype=np.float64)).noisy(1)
     options = MatchedOptions(robot="exact", sensor_model="ideal", gravity_std=0.0)
     windowing = windowing_of(log)
     plain = lean_fit(windowing, options, 0.0)
