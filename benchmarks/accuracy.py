@@ -3,8 +3,9 @@
     python benchmarks/accuracy.py
 
 The physics engine is the truth. What is left of the matched method is the error of integrating
-samples, as robot, sensor and gravity are exact and told to be; of the published one, the
-truncation of its filters. The published method is given the true pose as its initial guess and no sample is excluded.
+samples, as robot, sensor and gravity are exact and told to be; of the published one, the truncation
+of its filters. The published method is given the true pose as its initial guess and no sample is
+excluded.
 """
 
 from __future__ import annotations

@@ -117,12 +117,9 @@ def main() -> None:
             continue
         clean = clean_recording(case.system, case.physics)
         bound = cramer_rao(clean, *white_std(case.noise, clean.imu))
-        if arguments.exact:
-            case = replace(
-                case,
-                options=replace(case.options, robot="exact", sensor_model="ideal", gravity_std=0.0),
-            )
-        trials = run_trials(case, arguments.seeds)
+        exact = replace(case.options, robot="exact", sensor_model="ideal", gravity_std=0.0)
+        options = exact if arguments.exact else case.options
+        trials = run_trials(replace(case, options=options), arguments.seeds)
         print(row(case.name, trials, bound), flush=True)
 
 

@@ -6,6 +6,7 @@ Truth is that of benchmarks/robots.py: analytic motions and pinocchio's accelera
 from __future__ import annotations
 
 from functools import cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -14,10 +15,12 @@ from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 from benchmarks.robots import ROBOTS, Case, make_case
-from imucalib_cli.estimate.estimate import Estimate
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions
 from tests.estimate.estimate_arm import EXACT, INDUSTRIAL, Log, Moves, make_log, rotation_error
+
+if TYPE_CHECKING:
+    from imucalib_cli.estimate.estimate import Estimate
 
 Floats = NDArray[np.float64]
 
