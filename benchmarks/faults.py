@@ -15,12 +15,12 @@ from collections import Counter
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from itertools import product
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from common import clean_recording, grade
 
-from imucalib_cli.diagnose.case import needs_diagnosis
-from imucalib_cli.diagnose.diagnose import diagnose, explained
+from imucalib_cli.diagnose.diagnose import diagnose, explained, needs_diagnosis
 from imucalib_cli.errors import ImucalibError
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions
@@ -28,6 +28,10 @@ from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import PhysicsOptions
 from imucalib_cli.study.faults import Fault, told_wrongly, with_faulty_sensor
 from imucalib_cli.study.trial import error_of
+
+if TYPE_CHECKING:
+    from imucalib_cli.estimate.estimate import Estimate
+    from imucalib_cli.findings import Finding
 
 JOINTS = (
     "shoulder_pan_joint",
@@ -76,7 +80,13 @@ BODY = (
     Fault(kind="gyro scale", size=0.02),
     Fault(kind="handed"),
 )
-NAMED = {"degrees": "unit", "millimetres": "unit"}
+NAMED = {
+    "degrees": "unit",
+    "millimetres": "unit",
+    "ringing": "rings",
+    "base": "base_moves",
+    "handed": "axes",
+}
 """What a finding calls a fault, where it is another word."""
 
 
@@ -87,7 +97,8 @@ class Verdict:
     fault: Fault
     grade: str
     named: str
-    """Kind of the finding; "-" nothing was found, "not asked" the fit was good."""
+    """Cause that is named, or unknown.found where the fit corrected it; "-" nothing was found, "not
+    asked" the fit was good."""
     right: bool
     """The names are right, and the size within a hundredth."""
     trusted: bool
@@ -119,45 +130,62 @@ def judge(system: str, fault: Fault, noise: str, seed: int) -> Verdict:
             sentence=str(error),
         )
     asked = needs_diagnosis(estimate)
-    findings = diagnose(told.case(estimate, options)) if asked else ()
+    findings = diagnose(told.case(estimate, options))
     estimate = explained(estimate, findings)
     error, covariance = error_of(estimate, noisy), np.asarray(estimate.covariance)
     shift, turn = (np.sqrt(np.trace(covariance[part, part])) for part in (slice(3), slice(3, 6)))
     off = (
         error.translation_norm > 3 * shift + LEAST[0] or error.rotation_angle > 3 * turn + LEAST[1]
     )
-    finding = findings[0] if findings else None
+    finding = findings[0] if findings else _learnt(estimate, fault)
+    named = finding.code.removeprefix("cause.") if finding else "-" if asked else "not asked"
     return Verdict(
         fault=fault,
         grade=noise,
-        named=finding.kind if finding else "-" if asked else "not asked",
-        right=finding is not None and _right(fault, finding.names, finding.size),
+        named=named,
+        right=finding is not None and _right(fault, finding),
         trusted=estimate.trusted,
         wrong_ok=estimate.trusted and bool(off),
-        sentence=finding.sentence if finding else "; ".join(estimate.distrust[:1]),
+        sentence=finding.message if finding else "; ".join(estimate.distrust[:1]),
     )
 
 
-def _right(fault: Fault, names: tuple[str, ...], size: tuple[float, ...]) -> bool:
+def _learnt(estimate: Estimate, fault: Fault) -> Finding | None:
+    """What the fit itself found of the joint at fault, and corrected."""
+    told = (each for each in estimate.findings if each.code.startswith("unknown."))
+    return next((each for each in told if _owner(each) in fault.names), None)
+
+
+def _owner(finding: Finding) -> str:
+    """The joint that an unknown is of."""
+    labels = finding.values.get("labels", (finding.values.get("label"),))
+    return str(labels[0]).split(" ", 1)[0] if isinstance(labels, tuple) else ""
+
+
+def _right(fault: Fault, finding: Finding) -> bool:
     """Whether the right thing is named, and its size."""
+    if finding.code.startswith("unknown."):
+        return True
+    names: Any = finding.values["names"]
+    sizes: Any = finding.values.get("sizes", ())
     match fault.kind:
         case "link":
             right = names == ("wrist_3_link",)
         case "sign":
             right = set(fault.names) <= set(names)
         case "zero":
-            right = fault.names[0] in names and abs(size[0] + fault.size) < 0.01 * abs(fault.size)
+            right = fault.names[0] in names and abs(sizes[0] + fault.size) < 0.01 * abs(fault.size)
         case "length":
             right = fault.names[0] in names
         case "order":
             right = set(names) == set(fault.names or ("elbow_joint", "shoulder_pan_joint"))
         case "offset":
-            right = abs(size[0] - fault.size - OFFSET) < 0.001
+            right = abs(sizes[0] - fault.size - OFFSET) < 0.001
         case "ringing":
-            right = abs(size[0] - fault.size) < 0.3
+            right = abs(sizes[0] - fault.size) < 0.3
         case _:
             right = True
-    return right
+    return bool(right)
 
 
 def main() -> None:

@@ -10,9 +10,7 @@ Not everything that is wrong can be found by anyone, and what cannot is told cor
 - the zero of the last joint, the flange after it and the part of its origin along its axis are the
   same as another mount;
 - the zero of the first joint is the same as another heading of the world (on a moving base it
-  could be found; it is told correctly there too, so that the robots compare);
-- an error of the last joint's angle that is constant over the log is the same as another zero:
-  the mean of its eccentricity is taken off.
+  could be found; it is told correctly there too, so that the robots compare).
 """
 
 from __future__ import annotations
@@ -563,7 +561,6 @@ def _tracks(
         "track_scale": row.track_scale * rng.normal() if truth.base else 0.0,
     }
     eccentric = drawn["eccentricity"][0] * np.sin(q) + drawn["eccentricity"][1] * np.cos(q)
-    eccentric[:, -1] -= eccentric[:, -1].mean()
     # Play changes sides smoothly, within about a hundredth of a radian per second.
     read = q + zeros + eccentric - drawn["lag"] * v + drawn["play"] * np.tanh(v / 0.01)
     read += row.encoder * noise_rng.normal(size=q.shape)

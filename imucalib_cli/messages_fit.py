@@ -1,4 +1,4 @@
-"""The words of what an estimate finds out: the part of messages.MESSAGES on fits and their causes."""
+"""The words of what an estimate finds out: the part of messages.MESSAGES on fits and causes."""
 
 from __future__ import annotations
 
@@ -131,7 +131,6 @@ def _quantity(name: str, label: str, value: float, std: float) -> str:
 def _unknown_found(
     *,
     name: str,
-    owner: str,
     labels: tuple[str, ...],
     values: tuple[float, ...],
     stds: tuple[float, ...],
@@ -186,6 +185,267 @@ def _untested(components: tuple[str, ...]) -> str:
     )
 
 
+Clauses = tuple[str, str]
+"""What is wrong, and the remedy."""
+_HOW: dict[str, str] = {
+    "chain": "they come in the order of the chain, their names do not",
+    "alphabet": "they come in alphabetical order, their names do not",
+    "reverse": "they come in the reverse order of their names",
+    "late": "they come one place late",
+    "early": "they come one place early",
+}
+"""In what order positions come that do not belong to their names."""
+_JOINT_STATES = "sensor_msgs/JointState is in {}: convert them in the publisher"
+_UNITS: dict[str, Clauses] = {
+    "joints": ("the joint positions of {} are in degrees", _JOINT_STATES.format("rad")),
+    "sliding": (
+        "the positions of sliding joints in {} are in millimetres",
+        _JOINT_STATES.format("m"),
+    ),
+    "origins": ("the origins in the URDF are in millimetres", "URDF is in m: divide them by 1000"),
+    "poses": (
+        "the positions of {} are in millimetres",
+        "ROS poses are in m: convert them in the publisher",
+    ),
+}
+_MOST_LISTED = 3
+"""Joints named in a sentence about their order."""
+
+Detail = str | float | None
+Tie = tuple[str, tuple[str, ...], tuple[float, ...], tuple[Detail, ...]]
+"""Kind of a cause, names, sizes, and what else its words need."""
+
+
+def _listed(names: tuple[str, ...]) -> str:
+    return f"{', '.join(names[:-1])} and {names[-1]}" if len(names) > 1 else names[0]
+
+
+def _of_link(names: tuple[str, ...], _: tuple[float, ...], told: str) -> Clauses:
+    return (
+        f"the IMU moves as {' or '.join(names)} does, not as {told}",
+        (
+            f"rerun with --parent {' or --parent '.join(names)}; if --parent was not given, correct "
+            "also the frame_id or the URDF's joint that holds the IMU"
+        ),
+    )
+
+
+def _of_sign(names: tuple[str, ...], _: tuple[float, ...]) -> Clauses:
+    one = len(names) == 1
+    return (
+        (
+            f"{'joint' if one else 'joints'} {_listed(names)} {'turns' if one else 'turn'} the other "
+            f"way than the URDF says: {'its axis is' if one else 'their axes are'} of the wrong sign"
+        ),
+        "reverse <axis> in the URDF, or the sign of these positions in their publisher",
+    )
+
+
+def _of_order(names: tuple[str, ...], _: tuple[float, ...], topic: str, how: str) -> Clauses:
+    why = f" ({_HOW[how]})" if how else ""
+    what = (
+        f"the positions of {_listed(names)} are exchanged in {topic}"
+        if len(names) <= _MOST_LISTED
+        else f"positions and names of the joints in {topic} do not belong together"
+    )
+    return what + why, "let the publisher list positions in the order of its names"
+
+
+def _of_unit(_: tuple[str, ...], __: tuple[float, ...], of: str, topics: str) -> Clauses:
+    what, remedy = _UNITS[of]
+    return what.format(topics), remedy
+
+
+def _of_inverse(names: tuple[str, ...], _: tuple[float, ...]) -> Clauses:
+    return (
+        f"the poses of {names[0]} are the wrong way round, of the parent in the child",
+        "publish their inverse, or exchange the two frames' names",
+    )
+
+
+def _of_quaternion(names: tuple[str, ...], _: tuple[float, ...], order: str) -> Clauses:
+    return (
+        f"the quaternions of {names[0]} come in the order {order}",
+        "ROS has x y z w: let the publisher reorder them",
+    )
+
+
+def _of_conjugate(names: tuple[str, ...], _: tuple[float, ...]) -> Clauses:
+    return (
+        f"the rotations of {names[0]} are inverted while the positions are not",
+        "publish conjugate quaternions",
+    )
+
+
+def _of_zero(names: tuple[str, ...], sizes: tuple[float, ...]) -> Clauses:
+    return (
+        (
+            f"joint {names[0]} stands {math.degrees(sizes[0]):+.4g} deg from where its position says "
+            "(true angle less position)"
+        ),
+        "turn the joint's origin in the URDF by it, or correct the encoder's zero",
+    )
+
+
+def _of_offset(
+    _: tuple[str, ...], sizes: tuple[float, ...], given: float | None, max_offset: float
+) -> Clauses:
+    late, size = "later" if sizes[0] > 0.0 else "earlier", abs(sizes[0])
+    shown = f"{size:.3g} s" if size >= 1.0 else f"{size * 1e3:.3g} ms"
+    what = f"the IMU's stamps are {shown} {late} than the robot's"
+    if given is not None:
+        return (
+            f"{what}, not the {given:g} s that were given",
+            "rerun without --time-offset, or give this one",
+        )
+    return (
+        f"{what}, beyond the search of ±{max_offset:g} s",
+        f"rerun with --max-offset {math.ceil(size * 1.1 + 0.5)}s",
+    )
+
+
+def _of_axes(
+    _: tuple[str, ...], sizes: tuple[float, ...], form: str, which: str, order: str
+) -> Clauses:
+    remap = "mend the driver's axis mapping"
+    if form == "left-handed":
+        return (
+            (
+                "the IMU's axes are left-handed (both sensors fit a mirrored frame and no rotation): "
+                "an axis has the wrong sign, or two are swapped"
+            ),
+            remap,
+        )
+    if form == "reversed":
+        how = "point up at rest" if which == "accelerometer" else "be right-handed"
+        return f"the {which}'s sign is reversed on all axes (should {how})", "negate its data"
+    apart = (
+        f"the gyroscope's x, y, z point along the accelerometer's {order}"
+        if order
+        else f"they are turned by {math.degrees(sizes[0]):.0f} deg against each other"
+    )
+    mirrored = f"; those of the {which} are left-handed" if which else ""
+    return f"accelerometer and gyroscope do not share their axes: {apart}{mirrored}", remap
+
+
+_CAUSES: dict[str, Callable[..., Clauses]] = {
+    "link": _of_link,
+    "sign": _of_sign,
+    "order": _of_order,
+    "unit": _of_unit,
+    "inverse": _of_inverse,
+    "quaternion": _of_quaternion,
+    "conjugate": _of_conjugate,
+    "zero": _of_zero,
+    "offset": _of_offset,
+    "axes": _of_axes,
+}
+"""Causes that one change of the model or of the readings explains."""
+
+
+def _cause(
+    *,
+    ties: tuple[Tie, ...],
+    rotation: tuple[float, float] | None,
+    acceleration: tuple[float, float] | None,
+    ratio: float,
+    moves: tuple[float, float] | None,
+    **_: Any,
+) -> str:
+    """A gross cause, what it leaves unexplained, those that explain as well, and what to do."""
+    if all(tie[0] == "link" for tie in ties):
+        names = tuple(name for tie in ties for name in tie[1])
+        ties = (("link", names, (), ties[0][3]),)
+        unsure = len(names) > 1
+    else:
+        unsure = len(ties) > 1
+    told = [_CAUSES[kind](names, sizes, *detail) for kind, names, sizes, detail in ties]
+    causes, remedies = ("; or ".join(dict.fromkeys(each)) for each in zip(*told, strict=True))
+    which = ", the log cannot tell which" if unsure else ""
+    evidence = f"that leaves {_unexplained(rotation, acceleration, ratio)}"
+    if moves is not None:
+        evidence += (
+            f", and puts the IMU {moves[0] * 1e3:.2g} mm and {math.degrees(moves[1]):.2g} deg from "
+            "where it is found now"
+        )
+    return f"{causes}{which} ({evidence}): {remedies}"
+
+
+def _unexplained(
+    rotation: tuple[float, float] | None, acceleration: tuple[float, float] | None, ratio: float
+) -> str:
+    """What is left over, before and after."""
+    parts = [
+        f"{_percent(share[1])} of the {what} instead of {_percent(share[0])}"
+        for what, share in (("rotation", rotation), ("acceleration", acceleration))
+        if share is not None
+    ]
+    return f"{' and '.join(parts)} unexplained" if parts else f"residuals {ratio:.2g} times smaller"
+
+
+def _percent(share: float) -> str:
+    """Two digits, never as a power of ten."""
+    percent = 100.0 * share
+    if percent < 0.1:
+        return "less than 0.1 %"
+    return f"{percent:.0f} %" if percent >= 10.0 else f"{percent:.2g} %"
+
+
+def _publishers(names: tuple[str, ...], sizes: tuple[float, ...], what: str, kind: str) -> str:
+    topic, size = names[0], sizes[0]
+    told = f"the pose told by {what}" if kind != "joint" else f"the position of {what} in {topic}"
+    by = {
+        "joint": f"{size:.2g} rad (or m)",
+        "position": f"{size * 1e3:.3g} mm",
+        "rotation": f"about {math.degrees(2.0 * size):.2g} deg",
+    }[kind]
+    return (
+        f"{told} jumps to and fro by {by} from message to message: two publishers tell it and "
+        "contradict each other; stop one of them, and record again"
+    )
+
+
+def _base_moves(
+    names: tuple[str, ...], turning: float | None, pushing: float | None, joints: bool
+) -> str:
+    seen = [] if turning is None else [f"turns at {math.degrees(turning):.2g} deg/s"]
+    seen += [] if pushing is None else [f"is accelerated by {pushing:.2g} m/s²"]
+    cause = (
+        f"{names[0]} moves, or a joint on the way does and the log does not say so; clamp it"
+        if joints
+        else f"{names[0]} moves, or the poses are held; mend that"
+    )
+    return (
+        f"the IMU {' and '.join(seen)} (rms) while all that the log knows of stands still: "
+        f"{cause}, or record its pose and name it with --pose-topic"
+    )
+
+
+def _rings(
+    names: tuple[str, ...], sizes: tuple[float, ...], sensor: str, axis: str, parent: str
+) -> str:
+    del names
+    frequency, amplitude = sizes
+    seen = (
+        f"{amplitude:.2g} m/s², mostly along {axis} of {parent}"
+        if sensor == "accel"
+        else f"{math.degrees(amplitude):.2g} deg/s, mostly about {axis} of {parent}"
+    )
+    return (
+        f"the IMU rings at {frequency:.3g} Hz with the moves ({seen}), which the robot's "
+        "kinematics do not: its mount or the arm is not rigid; stiffen it, or record slower motion"
+    )
+
+
+def _unusual_bias(name: str, size: float) -> str:
+    if name == "accel_bias":
+        return (
+            f"an accelerometer bias of {size:.2g} m/s² is unusual: a scale error, or another "
+            "--gravity norm?"
+        )
+    return f"a gyroscope bias of {size:.2g} rad/s is unusual: is its unit right?"
+
+
 FIT_MESSAGES: dict[str, str | Callable[..., Any]] = {
     "fit.rotation_unexplained": _rotation_unexplained,
     "fit.acceleration_unexplained": "the robot's motion and gravity leave {left:.2g} m/s² of the "
@@ -213,6 +473,10 @@ FIT_MESSAGES: dict[str, str | Callable[..., Any]] = {
     "larger one",
     "prior.fixed_contradicted": _fixed,
     "prior.untested": _untested,
+    "imu.accel_sign_in_doubt": "gravity comes out far from down, and the motion does not tell "
+    "whether world is mounted so or the accelerometer points down at rest: say --accel-sign up or "
+    "down, or move the parent link along as well",
+    "bias.unusual": _unusual_bias,
     "imu.accel_reversed": "the accelerometer points down at rest: its values fit the motion "
     "decisively better with their sign reversed, which was done (--accel-sign up keeps them)",
     "imu.samples_left_out": "IMU samples left out: {repeated} with repeated stamps, {not_finite} "
@@ -229,4 +493,8 @@ FIT_MESSAGES: dict[str, str | Callable[..., Any]] = {
         f"gravity is {math.degrees(tilt):.0f} deg off -z of the world: true for a base mounted so, "
         "else joint signs, frames or the accelerometer's sign are wrong"
     ),
+    **{f"cause.{kind}": _cause for kind in _CAUSES},
+    "cause.publishers": _publishers,
+    "cause.base_moves": _base_moves,
+    "cause.rings": _rings,
 }

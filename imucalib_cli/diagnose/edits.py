@@ -24,6 +24,15 @@ def joints_of(path: KinematicPath) -> tuple[JointStep, ...]:
     return tuple(step for step in path.steps if isinstance(step, JointStep))
 
 
+def turning_joints(path: KinematicPath) -> dict[tuple[int, int], str]:
+    """Name of each reported position that turns a joint, by (track, column)."""
+    return {
+        (step.track, step.column): path.tracks[step.track].names[step.column]
+        for step in joints_of(path)
+        if step.kind == "revolute"
+    }
+
+
 def driven_key(path: KinematicPath) -> tuple[object, ...]:
     """What moves a path: equal for links that are rigidly joined."""
     return tuple(
@@ -47,13 +56,13 @@ def with_flipped(path: KinematicPath, names: frozenset[str]) -> KinematicPath:
     )
 
 
-def with_zeros(path: KinematicPath, zeros: Mapping[str, float]) -> KinematicPath:
-    """The same path with constants added to the positions of joints, rad or m."""
+def with_zero(path: KinematicPath, reported: tuple[int, int], zero: float) -> KinematicPath:
+    """The same path with a constant, rad, added to a reported position, by (track, column)."""
     return _map_joints(
         path,
         lambda step: (
-            replace(step, offset=step.offset + float(np.sign(step.multiplier)) * zeros[step.name])
-            if step.name in zeros
+            replace(step, offset=step.offset + step.multiplier * zero)
+            if (step.track, step.column) == reported
             else step
         ),
     )
@@ -73,21 +82,6 @@ def with_scaled(path: KinematicPath, kind: str, by: float) -> KinematicPath:
         path,
         lambda step: replace(step, multiplier=by * step.multiplier) if step.kind == kind else step,
     )
-
-
-def with_longer_origins(path: KinematicPath, by: Mapping[str, float]) -> KinematicPath:
-    """The same path, origins of joints longer along themselves, m."""
-    steps = list(path.steps)
-    for index, step in enumerate(steps):
-        following = steps[index + 1] if index + 1 < len(steps) else None
-        if (
-            isinstance(step, FixedStep)
-            and isinstance(following, JointStep)
-            and following.name in by
-            and (length := float(np.linalg.norm(step.p))) > 0.0
-        ):
-            steps[index] = replace(step, p=step.p * (1.0 + by[following.name] / length))
-    return replace(path, steps=tuple(steps))
 
 
 def with_origins_in_millimetres(path: KinematicPath) -> KinematicPath:
@@ -158,3 +152,18 @@ def _map_poses(path: KinematicPath, change: Callable[[Floats], Floats]) -> Kinem
         return replace(track, values=change(track.values)) if track.kind == "pose" else track
 
     return replace(path, tracks=tuple(mapped(track) for track in path.tracks))
+
+
+def topic_of(name: str) -> str:
+    """The topic in the name of a track."""
+    return name.split(" ", 1)[0]
+
+
+def topics_of(path: KinematicPath) -> str:
+    """All topics of a path, for messages."""
+    return ", ".join(dict.fromkeys(topic_of(track.name) for track in path.tracks))
+
+
+def label_of(name: str) -> str:
+    """A track's name, without frames where the message has none."""
+    return topic_of(name) if name.endswith("-> ?)") else name

@@ -13,12 +13,13 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from imucalib_cli.diagnose.case import Finding
-from imucalib_cli.estimate.windows import Windowing, WindowPlan
-from imucalib_cli.signals.kernels import convolve_at, matched_filter
+from imucalib_cli.diagnose.alternatives import short_windows
+from imucalib_cli.estimate.design import Model
+from imucalib_cli.findings import Finding, warning
+from imucalib_cli.signals.kernels import convolve_at
 
 if TYPE_CHECKING:
-    from imucalib_cli.diagnose.bench import Trial
+    from imucalib_cli.estimate.fit import Lean
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
@@ -39,9 +40,10 @@ _OF_ROBOT = 0.4
 """Share of the line that the kinematics, noisy as they are, have at the same instants."""
 _OF_ROBOT_KNOWN = 0.2
 """Noise of that share with which it is known well enough."""
-_LEAST = (0.01, 0.0005)
+_LEAST = {"accel": 0.01, "gyro": 0.0005}
 """m/s² and rad/s, amplitude worth a sentence."""
 _LEAST_FRAMES = 12
+"""Three seconds of motion: fewer tell no coming and going."""
 _AXES = "xyz"
 
 
@@ -102,65 +104,53 @@ class _Spectra:
         return float(np.sqrt(2.0 * strong)), int(np.argmax(power.sum(axis=0)))
 
 
-def find_ringing(told: Trial) -> Finding | None:
+def find_ringing(lean: Lean) -> Finding | None:
     """Name the frequency at which the IMU rings after moves, if it does.
 
     Args:
-        told: The kinematics as told, fitted.
+        lean: The kinematics that explain the motion best, fitted.
     """
-    for sensor, spectra in enumerate(_spectra(told)):
+    for sensor, spectra in zip(("accel", "gyro"), _spectra(lean), strict=False):
         index = spectra.line()
         if index is None:
             continue
         amplitude, axis = spectra.amplitude(index)
         if amplitude < _LEAST[sensor]:
             continue
-        frequency = spectra.centre(index)
-        parent = told.path.parent
-        if sensor == 0:
-            seen = f"{amplitude:.2g} m/s², mostly along {_AXES[axis]} of {parent}"
-        else:
-            seen = f"{np.degrees(amplitude):.2g} deg/s, mostly about {_AXES[axis]} of {parent}"
-        return Finding(
-            kind="ringing",
+        return warning(
+            "cause.rings",
             names=(),
-            sentence=f"the IMU rings at {frequency:.3g} Hz with the moves ({seen}), which the "
-            "robot's kinematics do not: its mount or the arm is not rigid; stiffen it, or record "
-            "slower motion",
-            size=(frequency, amplitude),
+            sizes=(spectra.centre(index), amplitude),
+            sensor=sensor,
+            axis=_AXES[axis],
+            parent=lean.model.windowing.trajectory.path.parent,
         )
     return None
 
 
-def _spectra(told: Trial) -> tuple[_Spectra, ...]:
+def _spectra(lean: Lean) -> tuple[_Spectra, ...]:
     """Of the accelerometer and the gyroscope; nothing where there are too few whole frames."""
-    grid, trajectory = told.windowing.grid, told.windowing.trajectory
-    length = max(2 * round(_SHORT / grid.dt / 2) + 1, 5)
-    plan = WindowPlan(
-        length=length,
-        hop=1,
-        first_derivative=matched_filter(length, 3, 1, grid.dt),
-        second_derivative=matched_filter(length, 3, 2, grid.dt),
-    )
-    windowing = Windowing(grid, trajectory, plan)
-    centres = windowing.centres(told.time_offset)
+    full, state = lean.model.windowing, lean.state
+    grid = full.grid
+    windowing = short_windows(full, _SHORT, hop=1)
+    plan, model = windowing.plan, Model(windowing, lean.model.layout)
+    centres = model.centres(state)
     size = 2 * round(_FRAME / grid.dt / 2)
     starts = np.arange(0, len(centres) - size, size // 4)
     starts = starts[centres[starts + size - 1] - centres[starts] == size - 1]
     if len(starts) < _LEAST_FRAMES:
         return ()
-    residuals = windowing.residuals(told.time_offset, centres, told.solution.state.vector())
-    R = told.solution.state.R
+    residuals = model.residuals(state, centres)[0].values
     f = np.asarray(np.fft.rfftfreq(size, grid.dt), dtype=np.float64)
     kept = (f > _LOWEST) & (f < _HIGHEST / grid.dt)
     found = []
-    for sensor, (values, pair) in enumerate(
-        ((grid.accel, plan.second_derivative), (grid.gyro, plan.first_derivative))
+    for values, left, pair in (
+        (grid.accel, residuals[:, :3], plan.second_derivative),
+        (grid.gyro, residuals[:, 3:], plan.first_derivative),
     ):
-        measured = convolve_at(values, pair.average, centres - len(pair.average) // 2) @ R.T
+        measured = convolve_at(values, pair.average, centres - len(pair.average) // 2) @ state.R.T
         # What is measured and what is left over make what the kinematics say.
-        derived = measured + residuals[sensor]
-        M, D = (_transform(v, starts, size)[:, kept] for v in (measured, derived))
+        M, D = (_transform(v, starts, size)[:, kept] for v in (measured, measured + left))
         found.append(_Spectra(f[kept], np.abs(M) ** 2, np.abs(D) ** 2, M.conj() * D))
     return tuple(found)
 

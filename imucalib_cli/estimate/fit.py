@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
-from imucalib_cli.estimate.design import Model, Residuals, State, plan_nodes
+from imucalib_cli.estimate.design import Model, Residuals
+from imucalib_cli.estimate.jacobian import columns, plan_nodes
 from imucalib_cli.estimate.layout import Layout, Placed, lay_out
 from imucalib_cli.estimate.robust import SCALE_FLOOR, residual_scales, window_weights
 from imucalib_cli.estimate.scales import Mixture, Problem, integrate, most_likely
@@ -22,14 +23,16 @@ from imucalib_cli.estimate.solve import (
     tilt_from_down,
 )
 from imucalib_cli.estimate.spectrum import (
+    PARTS,
+    PartSums,
     Statistics,
     deviance,
     part_matrices,
-    part_of,
     statistics,
     whitening,
 )
-from imucalib_cli.estimate.unknowns import LEAN, Gravity, Mount, Reading, Unknown
+from imucalib_cli.estimate.state import State
+from imucalib_cli.estimate.unknowns import LEAN, Gravity, Reading, Unknown
 from imucalib_cli.robot.rotations import rotation_angle, rotvec_from_matrix
 
 if TYPE_CHECKING:
@@ -44,9 +47,9 @@ Indices = NDArray[np.intp]
 _FIRST_SCALES: Final = (0.05, 0.005)
 """m/s² and rad/s: how the sensors are weighted before residuals tell."""
 _REWEIGHTS: Final = 3
-_THIN: Final = 4
-"""Of the windows, which overlap eightfold, every so many is enough for a first solution."""
-_ENOUGH_THIN: Final = 240
+_THIN: Final = 2
+"""Of the windows, which overlap fourfold, every so many is enough for a first solution."""
+_ENOUGH_THIN: Final = 120
 """Windows from which they are thinned."""
 _LEAST_LEFT: Final = 0.01
 """Share of a column's square that is taken to be signal, however noisy its readings are."""
@@ -54,14 +57,12 @@ _LEAN_PASSES: Final = 8
 _FULL_PASSES: Final = 5
 _LEVEL_PASSES: Final = 2
 """Solves in which noise level and scales are found in turn; each pass begins from the last's."""
-PARTS: Final = 48
-"""Parts of equal duration that a log is held against itself by."""
 _SETTLED: Final = 0.3
 """Largest step, in sigmas, after which what is left of it is of second order."""
 _TIME_RESOLUTION: Final = 2e-5
 """s: an offset found so well is good enough to begin the whole table with."""
-MIN_WINDOWS: Final = 24
-"""Three lengths of the window, eight windows each."""
+MIN_WINDOWS: Final = 12
+"""Three lengths of the window, four windows each."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +113,7 @@ class Fit:
         heard, its outliers held back.
         """
         weights = self.weights.copy()
-        number = part_of(self.centres, PARTS)
+        number = PartSums(self.centres, 0).number
         lost = np.bincount(number, weights <= 0.0, PARTS) > 0.5 * np.bincount(number, None, PARTS)
         if not lost.any():
             return self.statistics.parts
@@ -121,10 +122,10 @@ class Fit:
         return part_matrices(
             self.centres,
             with_residuals(
-                self.model.columns(self.linearised, self.centres), self.residuals.values
+                columns(self.model, self.linearised, self.centres), self.residuals.values
             ),
             whitening(self.model.windowing.plan, weights, self.residual_scales),
-            PARTS,
+            self.layout.size + 1,
         )
 
     def scales_at(self, plan: WindowPlan) -> tuple[float, float]:
@@ -209,26 +210,28 @@ def lean_fit(
         state = _transfer(near.state, near.model.layout, layout)
         rise = near.runner_up_rise
     scales = _FIRST_SCALES
-    offset = layout.part("time_offset")
+    clock = layout.part("time_offset")
     reach = 0.5 * windowing.plan.length * windowing.grid.dt
     for turn in range(_LEAN_PASSES):
         centres = _enough(model, state)
         centres = centres[:: _THIN if len(centres) > _ENOUGH_THIN else 1]
-        found = list(model.columns(state, centres))
+        found = list(columns(model, state, centres))
         residuals = np.concatenate([e for _, _, e in found])
         scales = residual_scales(residuals)
         # A window's own measured motion, of which the robust weights need only the order.
         motion = np.concatenate([(J[:, :3, :3] ** 2).sum(axis=(1, 2)) for _, J, _ in found])
         weights = window_weights(residuals, motion, redescend=turn > 1)
         root = whitening(windowing.plan, weights, _floored(scales))
-        stats = statistics(windowing.plan, centres, with_residuals(found, residuals), root)
-        problem = _problem(stats, model, options, state, 1.0, _floored(scales))
+        both = with_residuals(found, residuals)
+        stats = statistics(windowing.plan, centres, both, root, layout.size + 1)
+        offset = _offset(layout, options, state)
+        problem = _problem(stats, model, offset, 1.0, _floored(scales))
         step, inverse, _ = problem.solve(np.zeros(0))
         sigmas = np.abs(step) / np.sqrt(np.diag(inverse))
         step = _embedded(step, layout)
-        step[offset] = np.clip(step[offset], -reach, reach)
+        step[clock] = np.clip(step[clock], -reach, reach)
         state = state.moved(layout, step)
-        fine = turn > 1 and np.abs(step[offset]).max(initial=0.0) < _TIME_RESOLUTION
+        fine = turn > 1 and np.abs(step[clock]).max(initial=0.0) < _TIME_RESOLUTION
         if fine or sigmas.max(initial=0.0) < _SETTLED:
             break
     return Lean(model, state, scales, rise, centres, residuals)
@@ -323,10 +326,10 @@ def _normal(
 
 
 def with_residuals(
-    columns: Iterable[tuple[slice, Floats, Floats]], residuals: Floats
+    found: Iterable[tuple[slice, Floats, Floats]], residuals: Floats
 ) -> Iterator[tuple[slice, Floats]]:
     """[e J] of parts of the windows, (w, 6, n + 1)."""
-    for part, J, _ in columns:
+    for part, J, _ in found:
         yield part, np.concatenate([residuals[part, :, None], J], axis=2)
 
 
@@ -344,11 +347,11 @@ def _whole(model: Model, options: MatchedOptions, state: State, rise: float) -> 
         scales = _floored(residual_scales(residuals.values))
         weights = window_weights(residuals.values, residuals.motion, redescend=True)
         root = whitening(windowing.plan, weights, scales)
-        columns = with_residuals(model.columns(state, centres), residuals.values)
-        stats = statistics(windowing.plan, centres, columns, root, PARTS)
-        level = 1.0
+        both = with_residuals(columns(model, state, centres), residuals.values)
+        stats = statistics(windowing.plan, centres, both, root, layout.size + 1)
+        offset, level = _offset(layout, options, state), 1.0
         for _ in range(_LEVEL_PASSES):
-            problem = _problem(stats, model, options, state, level, scales)
+            problem = _problem(stats, model, offset, level, scales)
             u = most_likely(problem, u)
             step, inverse, _ = problem.solve(u)
             levels = stats.levels(
@@ -371,7 +374,7 @@ def _whole(model: Model, options: MatchedOptions, state: State, rise: float) -> 
         statistics=stats,
         linearised=state,
         step=step,
-        prior_offset=_offset(layout, options, state),
+        prior_offset=offset,
         level=level,
         levels=levels,
         centres=centres,
@@ -403,8 +406,7 @@ def _least_level(residuals: Floats) -> float:
 def _problem(
     stats: Statistics,
     model: Model,
-    options: MatchedOptions,
-    state: State,
+    offset: Floats,
     level: float,
     scales: tuple[float, float],
 ) -> Problem:
@@ -416,7 +418,7 @@ def _problem(
     return Problem(
         information=A[np.ix_(free, free)] / level,
         score=b[free] / level,
-        offset=_offset(layout, options, state)[free],
+        offset=offset[free],
         std=layout.std[free],
         scale=layout.scale[free],
         bounds=layout.bounds,
@@ -428,18 +430,15 @@ def _offset(layout: Layout, options: MatchedOptions, state: State) -> Floats:
     offset = state.x.copy()
     offset[layout.part("time_offset")] = 0.0
     known = options.pose
-    for each in layout.of(Mount, Gravity):
-        effect, part = each.unknown.effect, each.part
-        if isinstance(effect, Gravity):
-            if effect.what == "magnitude":
-                offset[part] = np.linalg.norm(state.gravity) - options.gravity_norm
-            elif np.isfinite(options.tilt_std):
-                offset[part] = tilt_from_down(state.gravity)
-        elif known is not None and known.R_parent_imu is not None:
-            if effect.what == "rotation":
-                offset[part] = rotvec_from_matrix(state.R @ known.R_parent_imu.T)
-            elif known.t_parent_imu is not None:
-                offset[part] = state.t - known.t_parent_imu
+    for each, gravity in layout.of(Gravity):
+        if gravity.what == "magnitude":
+            offset[each.part] = np.linalg.norm(state.gravity) - options.gravity_norm
+        elif np.isfinite(options.tilt_std):
+            offset[each.part] = tilt_from_down(state.gravity)
+    if known is None or known.R_parent_imu is None or known.t_parent_imu is None:
+        return offset
+    offset[layout.part("translation")] = state.t - known.t_parent_imu
+    offset[layout.part("rotation")] = rotvec_from_matrix(state.R @ known.R_parent_imu.T)
     return offset
 
 
@@ -460,9 +459,8 @@ def noise_of_columns(
     windowing = model.windowing
     plan, grid = windowing.plan, windowing.grid
     nodes = plan_nodes(plan, grid.dt)
-    for each in model.layout.of(Reading):
-        effect = each.unknown.effect
-        if not isinstance(effect, Reading) or not effect.differences:
+    for each, effect in model.layout.of(Reading):
+        if not effect.differences:
             continue
         sensor = 0 if effect.sensor == "accel" else 1
         plain = (plan.second_derivative, plan.first_derivative)[sensor].average

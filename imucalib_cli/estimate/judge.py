@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from imucalib_cli.estimate.layout import Joint
 from imucalib_cli.estimate.observability import (
     ROTATION_LIMIT,
     TRANSLATION_LIMIT,
@@ -35,6 +34,7 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.stamps import Attempt
 
 Floats = NDArray[np.float64]
+Sign = Literal["as read", "reversed", "in doubt"]
 
 WARN_SIGMAS: Final = 3.0
 """One sound log in 370."""
@@ -72,6 +72,8 @@ _UNTOUCHED: Final = 0.9
 """Share of a prior's deviation that is left where the data add nothing to it."""
 SLIP: Final = (2e-3, 5e-3)
 """m and rad: a mount that slips moves by the clearance of its bolts; what gives moves less."""
+_WITHIN: Final = 2.0
+"""Sigmas of a told prior within which a bias is what was told."""
 _NAMES: Final = ("tx", "ty", "tz", "rx", "ry", "rz")
 
 
@@ -85,8 +87,8 @@ class Evidence:
     options: MatchedOptions
     dependence: tuple[Dependence, ...]
     change: Change | None
-    reversed_accel: bool
-    """The accelerometer's readings were taken with the other sign."""
+    sign: Sign
+    """Of the accelerometer: as read, reversed for that fits decisively better, or in doubt."""
 
     @property
     def over_noise(self) -> tuple[float, float]:
@@ -136,7 +138,7 @@ def unobservable(fit: Fit) -> tuple[UnobservableDirection, ...]:
 def _pose(fit: Fit, matrix: Floats) -> Floats:
     """(6, 6), of the mount."""
     places = np.r_[fit.layout.part("translation"), fit.layout.part("rotation")]
-    return matrix[np.ix_(places, places)]
+    return np.asarray(matrix[np.ix_(places, places)])
 
 
 def findings(evidence: Evidence, *, unknown: bool) -> tuple[Finding, ...]:
@@ -189,6 +191,8 @@ def _undecided(evidence: Evidence) -> Iterator[Finding]:
         yield untrusted("offset.at_edge", max_offset=evidence.options.max_offset)
     if evidence.fit.runner_up_rise < _AMBIGUOUS:
         yield untrusted("rotation.ambiguous")
+    if evidence.sign == "in doubt":
+        yield untrusted("imu.accel_sign_in_doubt")
 
 
 def _residuals(evidence: Evidence) -> Iterator[Finding]:
@@ -207,9 +211,8 @@ def _left_out(evidence: Evidence) -> Iterator[Finding]:
     plain = (np.linalg.norm(fit.residuals.values[:, :3], axis=1) > _PLAIN[0]) | (
         np.linalg.norm(fit.residuals.values[:, 3:], axis=1) > _PLAIN[1]
     )
-    share = float(
-        fit.residuals.motion[lost & plain].sum() / max(fit.residuals.motion.sum(), 1e-300)
-    )
+    turning = (fit.residuals.rate**2).sum(axis=1)
+    share = float(turning[lost & plain].sum() / max(float(turning.sum()), 1e-300))
     count = int(lost.sum())
     if share > _DROPPED_MOTION:
         yield untrusted("windows.motion_left_out", share=share)
@@ -305,7 +308,11 @@ def _implausible(evidence: Evidence) -> Iterator[Finding]:
         std, limit = np.sqrt(np.diag(C)), each.unknown.healthy
         if limit is None:
             continue
-        limit = max(limit, evidence.options.told_std(each.unknown.name) * WARN_SIGMAS)
+        if each.unknown.group == "bias":
+            size = float(np.linalg.norm(value))
+            if size > max(limit, _WITHIN * evidence.options.told_std(each.unknown.name)):
+                yield warning("bias.unusual", name=each.unknown.name, size=size)
+            continue
         worst = int(np.argmax(np.abs(value)))
         if abs(value[worst]) > limit and abs(value[worst]) > WARN_SIGMAS * std[worst]:
             make = warning if "bias" in each.unknown.name else untrusted
@@ -339,7 +346,6 @@ def _found(evidence: Evidence) -> Iterator[Finding]:
         yield (warning if sensor else note)(
             "unknown.found",
             name=each.unknown.name,
-            owner=each.where.name if isinstance(each.where, Joint) else "",
             labels=tuple(each.labels),
             values=tuple(value.tolist()),
             stds=tuple(std.tolist()),
@@ -371,18 +377,22 @@ def _contradicted_priors(evidence: Evidence) -> Iterator[Finding]:
     known = options.pose
     if known is None or known.R_parent_imu is None or known.t_parent_imu is None:
         return
-    std = np.array(known.std)
+    pose_std = np.array(known.std)
     off = np.concatenate(
         [
             fit.state.t - known.t_parent_imu,
             rotvec_from_matrix(fit.state.R @ known.R_parent_imu.T),
         ]
     )
-    for place in np.flatnonzero(np.abs(off) > DISTRUST_SIGMAS * np.where(std > 0.0, std, np.inf)):
+    for place in np.flatnonzero(
+        np.abs(off) > DISTRUST_SIGMAS * np.where(pose_std > 0.0, pose_std, np.inf)
+    ):
         yield untrusted(
-            "prior.pose_contradicted", component=_NAMES[place], sigmas=abs(off[place]) / std[place]
+            "prior.pose_contradicted",
+            component=_NAMES[place],
+            sigmas=abs(off[place]) / pose_std[place],
         )
-    held = np.flatnonzero(std == 0.0)
+    held = np.flatnonzero(pose_std == 0.0)
     if len(held):
         yield from _pulled(fit, held)
 
@@ -449,7 +459,7 @@ def _resting_on_priors(evidence: Evidence) -> Iterator[Finding]:
 
 def _stamps(evidence: Evidence) -> Iterator[Finding]:
     clean, attempt = evidence.clean, evidence.attempt
-    if evidence.reversed_accel:
+    if evidence.sign == "reversed":
         yield warning("imu.accel_reversed")
     if clean.repeated or clean.backward or clean.not_finite or clean.astray:
         yield warning(

@@ -1,9 +1,9 @@
-"""The table of unknowns laid out for one robot and one request: which components, where, how free."""
+"""The table of unknowns laid out for one robot and one request: which components, how free."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Final, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from imucalib_cli.signals.trajectory import Trajectory
 
 Floats = NDArray[np.float64]
+E = TypeVar("E")
 
 STILL_JOINT: Final = 5e-3
 """rad or m: a joint that moves less is a part of the link that carries it, as far as a log tells;
@@ -55,9 +56,11 @@ class Placed:
     unknown: Unknown
     part: slice
     labels: tuple[str, ...]
-    where: Joint | int | None = None
-    """The joint; or the step of an origin; or the track of a pose stream."""
-    directions: Floats | None = None
+    joint: Joint | None = None
+    """Whose position it is an error of."""
+    index: int = -1
+    """The step of an origin, or the track of a pose stream."""
+    directions: Floats = field(default_factory=lambda: np.eye(3))
     """(k, 3), of an origin: those that are no part of the mount."""
 
 
@@ -89,21 +92,22 @@ class Layout:
                 return each.part
         return slice(0, 0)
 
-    def of(self, *kinds: type) -> Iterator[Placed]:
-        """Entries whose effect is of some kinds."""
-        return (each for each in self.placed if isinstance(each.unknown.effect, kinds))
+    def of(self, kind: type[E]) -> Iterator[tuple[Placed, E]]:
+        """Entries whose effect is of a kind, with it."""
+        for each in self.placed:
+            if isinstance(each.unknown.effect, kind):
+                yield each, each.unknown.effect
 
     def std_at(self, log_scales: Floats) -> Floats:
         """(n,), prior with learnt scales put in."""
         learnt = np.exp(log_scales)[self.scale] if len(self.scales) else self.std
-        return np.where(self.scale >= 0, learnt, self.std)
+        return np.asarray(np.where(self.scale >= 0, learnt, self.std))
 
     @property
     def bounds(self) -> Floats:
         """(k, 2), limits of the learnt scales, logarithms."""
-        return np.log(
-            np.array([(SCALES[name].low, SCALES[name].high) for name in self.scales]).reshape(-1, 2)
-        )
+        limits = [(SCALES[name].low, SCALES[name].high) for name in self.scales]
+        return np.asarray(np.log(np.array(limits).reshape(-1, 2)))
 
 
 def lay_out(
@@ -126,10 +130,9 @@ def lay_out(
         given = options.prior_std(unknown)
         if given is not None and not np.any(given) and not isinstance(unknown.effect, Mount):
             continue
-        for where, labels, directions in joints.places(unknown):
-            size = len(labels) if directions is None else len(directions)
-            part = slice(at, at + size)
-            placed.append(Placed(unknown, part, labels, where, directions))
+        for place in joints.places(unknown):
+            size = len(place.labels)
+            placed.append(replace(place, part=slice(at, at + size)))
             if given is None:
                 name = unknown.scale or unknown.name
                 if name not in scales:
@@ -142,9 +145,6 @@ def lay_out(
             at += size
     std = np.concatenate(stds) if stds else np.zeros(0)
     return Layout(tuple(placed), std, np.array(scale, dtype=np.intp), tuple(scales))
-
-
-Place = tuple[Joint | int | None, tuple[str, ...], Floats | None]
 
 
 class _Chain:
@@ -168,33 +168,49 @@ class _Chain:
     def _inside(self, step: int) -> bool:
         return self._first < step < self._last
 
-    def places(self, unknown: Unknown) -> Iterator[Place]:
-        """Where the robot has an unknown: owner, labels, directions."""
-        effect = unknown.effect
+    def places(self, unknown: Unknown) -> Iterator[Placed]:
+        """Where the robot has an unknown."""
+        effect, nowhere = unknown.effect, slice(0, 0)
         if isinstance(effect, JointCurve):
-            for joint in self._joints:
-                if joint.sliding and not effect.sliding:
-                    continue
-                between = any(self._inside(step) for step in joint.steps)
-                if (effect.every and joint.name in self._moving) or (not effect.every and between):
-                    yield joint, _named(joint.name, unknown.labels), None
+            for joint in self._joints_of(effect):
+                labels = _named(joint.name, unknown.labels)
+                yield Placed(unknown, nowhere, labels, joint=joint)
         elif isinstance(effect, Origin):
-            for index, step in enumerate(self._path.steps):
-                if isinstance(step, FixedStep) and self._inside(index):
-                    directions = self._turning(index)
-                    if len(directions):
-                        following = self._path.steps[index + 1]
-                        name = (
-                            following.name if isinstance(following, JointStep) else f"step {index}"
-                        )
-                        labels = unknown.labels if len(directions) == 3 else _axis_names(directions)
-                        yield index, _named(name, labels), directions
+            for index, directions in self._origins():
+                axes = unknown.labels if len(directions) == 3 else _axis_names(directions)
+                labels = _named(self._name_after(index), axes)
+                yield Placed(unknown, nowhere, labels, index=index, directions=directions)
         elif isinstance(effect, PoseScale):
             used = (step.track for step in self._path.steps if isinstance(step, PoseStep))
             for track in dict.fromkeys(used):
-                yield track, (self._path.tracks[track].name,), None
+                labels = (self._path.tracks[track].name,)
+                yield Placed(unknown, nowhere, labels, index=track)
         else:
-            yield None, unknown.labels, None
+            yield Placed(unknown, nowhere, unknown.labels)
+
+    def _joints_of(self, curve: JointCurve) -> Iterator[Joint]:
+        """Joints that have an error of this kind, as far as a log tells it."""
+        for joint in self._joints:
+            told = (
+                joint.name in self._moving
+                if curve.every
+                else any(self._inside(step) for step in joint.steps)
+            )
+            if told and (curve.sliding or not joint.sliding) and curve.only in {None, joint.name}:
+                yield joint
+
+    def _origins(self) -> Iterator[tuple[int, Floats]]:
+        """Constant steps between the first and the last that move, with what is not the mount's."""
+        for index, step in enumerate(self._path.steps):
+            if isinstance(step, FixedStep) and self._inside(index):
+                directions = self._turning(index)
+                if len(directions):
+                    yield index, directions
+
+    def _name_after(self, index: int) -> str:
+        """Name of the joint whose origin a constant step is."""
+        following = self._path.steps[index + 1]
+        return following.name if isinstance(following, JointStep) else f"step {index}"
 
     def _turning(self, step: int) -> Floats:
         """(k, 3), directions at a step that turn in the parent link: others are the mount's."""
@@ -213,10 +229,9 @@ def _joints_of(path: KinematicPath) -> list[Joint]:
             found.setdefault((step.track, step.column), []).append(index)
     joints = []
     for (track, column), steps in found.items():
-        first = path.steps[steps[0]]
-        assert isinstance(first, JointStep)
-        sliding = first.kind == "prismatic"
-        name = path.tracks[track].names[column] if path.tracks[track].names else first.name
+        sliding = any(getattr(path.steps[step], "kind", "") == "prismatic" for step in steps)
+        names = path.tracks[track].names
+        name = names[column] if names else f"column {column}"
         joints.append(Joint(name, track, column, tuple(steps), sliding))
     return joints
 

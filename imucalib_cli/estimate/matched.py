@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from imucalib_cli.estimate import judge
 from imucalib_cli.estimate.estimate import Correction, Estimate, Parameter, Residuals
 from imucalib_cli.estimate.fit import whole_fit
-from imucalib_cli.estimate.layout import Joint
 from imucalib_cli.estimate.observability import widen
 from imucalib_cli.estimate.prepare import clean_imu
 from imucalib_cli.estimate.segments import DECISIVE, Segments
@@ -62,11 +61,9 @@ def calibrate_matched(imu: ImuSamples, path: KinematicPath, options: MatchedOpti
     clean = clean_imu(imu)
     trajectory = Trajectory.of(path)
     attempt = best_attempt(clean, trajectory, options)
-    reversed_accel = False
+    sign: judge.Sign = "as read"
     if options.either_sign and _sign_in_doubt(attempt, options):
-        other = best_attempt(clean.with_reversed_accel(), trajectory, options)
-        if other.lean.evidence_over(attempt.lean) > DECISIVE and not _upside_down(other):
-            attempt, reversed_accel = other, True
+        attempt, sign = _better_sign(attempt, best_attempt(clean.reversed(), trajectory, options))
     clean = attempt.clean
     fit = whole_fit(attempt.lean, options)
     directions = judge.unobservable(fit)
@@ -78,7 +75,7 @@ def calibrate_matched(imu: ImuSamples, path: KinematicPath, options: MatchedOpti
         clean=clean,
         options=options,
         dependence=dependence,
-        reversed_accel=reversed_accel,
+        sign=sign,
         change=None if directions else segments.change(),
     )
     state, P = fit.state, fit.covariance
@@ -119,6 +116,14 @@ def calibrate_matched(imu: ImuSamples, path: KinematicPath, options: MatchedOpti
 def _sign_in_doubt(attempt: Attempt, options: MatchedOptions) -> bool:
     """Whether gravity lies far from down: where it lies right, no sensor is reversed."""
     return options.gravity != "none" and options.gravity_norm > 0.0 and _upside_down(attempt)
+
+
+def _better_sign(read: Attempt, other: Attempt) -> tuple[Attempt, judge.Sign]:
+    """The readings as they are, or reversed, whichever fits decisively better."""
+    gain = other.lean.evidence_over(read.lean)
+    if gain > DECISIVE and not _upside_down(other):
+        return other, "reversed"
+    return read, "in doubt" if gain > -DECISIVE else "as read"
 
 
 def _upside_down(attempt: Attempt) -> bool:
@@ -206,7 +211,7 @@ def _corrections(fit: Fit, options: MatchedOptions) -> tuple[Correction, ...]:
     found = []
     for each in fit.layout.placed:
         name = each.unknown.name
-        if name not in _RECORDED or isinstance(each.where, Joint):
+        if name not in _RECORDED:
             continue
         value, std = fit.value(each, options), fit.of(name)[1]
         if not (np.abs(value) > judge.TELL_SIGMAS * std).any():

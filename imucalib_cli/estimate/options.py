@@ -4,21 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from imucalib_cli.estimate.unknowns import (
-    Clock,
-    Gravity,
-    JointCurve,
-    Mount,
-    Origin,
-    PoseScale,
-    Reading,
-    Unknown,
-)
+if TYPE_CHECKING:
+    from imucalib_cli.estimate.unknowns import Unknown
 
 Floats = NDArray[np.float64]
 
@@ -78,9 +70,9 @@ class MatchedOptions:
     sensor_model: Literal["auto", "ideal"] = "auto"
     """'ideal': the sensor has nothing but noise and constant biases, the clocks only an offset."""
     robot: Literal["nominal", "exact"] | tuple[float, float] = "nominal"
-    """How good the robot's constants are: nominal, their errors' size learnt from the log; exact; or
-    the standard deviations of joint zeros, rad, and of origins, m."""
-    either_sign: bool = False
+    """How good the robot's constants are: nominal, the size of their errors learnt; exact; or the
+    standard deviations of joint zeros, rad, and of origins, m."""
+    either_sign: bool = True
     """Whether the accelerometer's readings may be reversed if that fits decisively better."""
     sensor_scale_std: float | None = None
     """Prior of the sensors' scale errors, relative, where a data sheet tells it; learnt else."""
@@ -92,38 +84,44 @@ class MatchedOptions:
 
         0 holds a component at its nominal value.
         """
-        effect, name = unknown.effect, unknown.name
-        weakest = np.array(unknown.std)
-        if isinstance(effect, Mount):
-            if self.pose is None or self.pose.R_parent_imu is None:
-                return weakest
-            std = np.array(self.pose.std)[3 * (effect.what == "rotation") :][:3]
-            return np.minimum(std, weakest)
-        if isinstance(effect, Gravity):
-            if self.gravity == "none" or self.gravity_norm == 0.0:
-                return np.zeros(1)
-            if effect.what == "magnitude":
-                return np.array(0.0 if self.sensor_model == "ideal" else self.gravity_std)
-            return np.array(0.0 if self.gravity == "fixed" else min(self.tilt_std, np.pi))
-        if name in {"accel_bias", "gyro_bias"}:
-            std = self.accel_bias_std if name == "accel_bias" else self.gyro_bias_std
-            return np.minimum(std, weakest)
-        if isinstance(effect, Clock) and self.time_offset is not None and name != "gyro_delay":
+        told = self._told_stds()
+        if unknown.group in self._held_groups():
             return np.zeros(1)
-        if name == "time_offset":
-            return weakest
-        if isinstance(effect, (Reading, Clock)) and self.sensor_model == "ideal":
-            return np.zeros(1)
-        if isinstance(effect, (JointCurve, Origin, PoseScale)):
-            if self.robot == "exact":
-                return np.zeros(1)
-            if isinstance(self.robot, tuple) and unknown.scale in {"joint_zero", "length"}:
-                return np.array(self.robot[unknown.scale == "length"])
+        if unknown.name in told:
+            return np.asarray(np.minimum(told[unknown.name], unknown.std))
         if unknown.scale is None:
-            return weakest
-        told = {"sensor_scale": self.sensor_scale_std, "sensor_axes": self.sensor_axes_std}
-        std = told.get(unknown.scale)
-        return None if std is None else np.array(std)
+            return np.array(unknown.std)
+        return np.array(told[unknown.scale]) if unknown.scale in told else None
+
+    def _held_groups(self) -> set[str]:
+        """Groups of the table all of which is taken to be nominal."""
+        held = {
+            "gravity": self.gravity == "none" or self.gravity_norm == 0.0,
+            "sensor": self.sensor_model == "ideal",
+            "robot": self.robot == "exact",
+        }
+        return {group for group, is_held in held.items() if is_held}
+
+    def _told_stds(self) -> dict[str, float | Floats]:
+        """Standard deviations that the user or a data sheet tells, by entry or by learnt scale."""
+        told: dict[str, float | Floats] = {
+            "accel_bias": self.accel_bias_std,
+            "gyro_bias": self.gyro_bias_std,
+            "gravity_direction": 0.0 if self.gravity == "fixed" else self.tilt_std,
+            "gravity_norm": 0.0 if self.sensor_model == "ideal" else self.gravity_std,
+        }
+        if self.pose is not None and self.pose.R_parent_imu is not None:
+            told |= {"translation": np.array(self.pose.std[:3])}
+            told |= {"rotation": np.array(self.pose.std[3:])}
+        if self.time_offset is not None:
+            told |= {"time_offset": 0.0, "clock_drift": 0.0}
+        if isinstance(self.robot, tuple):
+            told |= {"joint_zero": self.robot[0], "length": self.robot[1]}
+        if self.sensor_scale_std is not None:
+            told["sensor_scale"] = self.sensor_scale_std
+        if self.sensor_axes_std is not None:
+            told["sensor_axes"] = self.sensor_axes_std
+        return told
 
     def told_std(self, name: str) -> float:
         """Prior of a bias that the user states; who states one does not wonder at it."""

@@ -55,7 +55,7 @@ class CleanImu:
         grid = imu_grid(t, self.gyro, self.accel, min(max(refine, 1), _MOST_REFINE))
         return replace(grid, noise=self.noise)
 
-    def with_reversed_accel(self) -> CleanImu:
+    def reversed(self) -> CleanImu:
         """The same samples, the accelerometer's sign reversed."""
         return replace(self, accel=-self.accel)
 

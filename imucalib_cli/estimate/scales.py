@@ -19,7 +19,6 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr, ndtri
 
 Floats = NDArray[np.float64]
 
@@ -27,10 +26,12 @@ _POINTS: Final = 64
 """Importance points: the mean and covariance they give vary by some per cent of sigma."""
 _NO_WEIGHT: Final = 1e-6
 """Of a point that adds nothing to the mean."""
-_WIDER: Final = 1.3
-"""Of the proposal against the curvature at the mode: tails are longer than a normal's."""
-_WIDEST: Final = 1.5
-"""Largest deviation of the proposal in the logarithm of a scale that the log hardly tells."""
+_PROFILE: Final = 7
+"""Points along the range of a scale at which its likelihood is taken."""
+_FINE: Final = 200
+"""Points between them, on which it is interpolated."""
+_FLATTER: Final = 1.5
+"""Root of the likelihood that is drawn from: scales hang together, and tails must be covered."""
 _FIXED_POINTS: Final = 25
 _SETTLED: Final = 0.02
 """Change of the logarithm of a scale that ends the search of the mode."""
@@ -38,8 +39,6 @@ _LARGEST_MOVE: Final = 2.0
 """In the logarithm of a scale, of one step."""
 _LEAST_SHARE: Final = 0.05
 """Of a component, that the log tells: less is rounding."""
-_DIFFERENCE: Final = 0.25
-"""In the logarithm of a scale, over which the curvature is taken."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,17 +148,11 @@ def integrate(problem: Problem, mode: Floats, B: Floats) -> tuple[Mixture, Float
         (A + P)^-1 over the points, and the scatter of their steps.
     """
     k = len(mode)
-    points, z = np.zeros((1, 0)), np.zeros((1, 0))
+    points, log_density = np.zeros((1, 0)), np.zeros(1)
     if k:
-        low, high = problem.bounds.T
-        spread = _spread(problem, mode)
-        # A normal cut off at the bounds, so that a mode on one of them loses no points.
-        below, above = ndtr((low - mode) / spread), ndtr((high - mode) / spread)
-        even = below + _even_points(_POINTS, k) * (above - below)
-        z = ndtri(np.clip(even, 1e-9, 1.0 - 1e-9))
-        points = np.clip(mode + z * spread, low, high)
+        points, log_density = _proposal(problem, mode)
     steps, inverses, values = zip(*(problem.solve(u) for u in points), strict=True)
-    log_weight = np.array(values) + 0.5 * (z**2).sum(axis=1)
+    log_weight = np.array(values) - log_density
     weights = np.exp(log_weight - log_weight.max())
     weights /= weights.sum()
     mean = weights @ np.array(steps)
@@ -180,17 +173,28 @@ def _even_points(count: int, dimensions: int) -> Floats:
     return np.asarray((0.5 + np.arange(1, count + 1)[:, None] * steps) % 1.0)
 
 
-def _spread(problem: Problem, mode: Floats) -> Floats:
-    """(k,), deviation of the proposal along each scale, by the curvature at the mode."""
-    spread = np.empty(len(mode))
-    for index in range(len(mode)):
-        slopes = []
-        for sign in (1.0, -1.0):
+def _proposal(problem: Problem, mode: Floats) -> tuple[Floats, Floats]:
+    """Points and the logarithm of the density they are drawn from.
+
+    Each scale is drawn by itself from its likelihood with the others at the mode, which is taken
+    all along its range: where the log hardly tells a scale it is flat, and no normal covers it.
+
+    Returns:
+        (_POINTS, k) and (_POINTS,).
+    """
+    even = _even_points(_POINTS, len(mode))
+    points, log_density = np.empty_like(even), np.zeros(len(even))
+    for index, (low, high) in enumerate(problem.bounds):
+        at = np.unique(np.append(np.linspace(low, high, _PROFILE), mode[index]))
+        height = np.empty(len(at))
+        for place, value in enumerate(at):
             u = mode.copy()
-            u[index] = np.clip(u[index] + sign * _DIFFERENCE, *problem.bounds[index])
-            step, inverse, _ = problem.solve(u)
-            slopes.append((u[index], problem.gradient(u, step, inverse)[index]))
-        (a, at_a), (b, at_b) = slopes
-        curvature = -(at_a - at_b) / max(a - b, 1e-9)
-        spread[index] = _WIDER / np.sqrt(max(curvature, (_WIDER / _WIDEST) ** 2))
-    return spread
+            u[index] = value
+            height[place] = problem.solve(u)[2]
+        fine = np.linspace(low, high, _FINE)
+        density = np.exp((np.interp(fine, at, height) - height.max()) / _FLATTER)
+        cumulative = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]))])
+        total = cumulative[-1]
+        points[:, index] = np.interp(even[:, index], cumulative / total, fine)
+        log_density += np.log(np.interp(points[:, index], fine, density) / total)
+    return points, log_density

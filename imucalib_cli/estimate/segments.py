@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.estimate.estimate import Consistency
-from imucalib_cli.estimate.fit import PARTS
-from imucalib_cli.estimate.spectrum import inverse_of, squared_distance
+from imucalib_cli.estimate.spectrum import PARTS, inverse_of, squared_distance
 from imucalib_cli.estimate.windows import WINDOWS_PER_LENGTH
 
 if TYPE_CHECKING:
@@ -79,6 +78,9 @@ class Segments:
         # A mount that moved late is an outlier to the fit, and so its weights are not used here.
         step = -self._inverse @ (b.sum(axis=0) + P * fit.prior_offset[free])
         self._b = b + self._A @ step
+        self._A_after, self._b_after = (
+            np.cumsum(each[::-1], axis=0)[::-1] for each in (self._A, self._b)
+        )
         grid = fit.model.windowing.grid
         first, last = (grid.t0 + grid.dt * fit.centres[[0, -1]]).tolist()
         self._edges = np.linspace(first, last, PARTS + 1)
@@ -107,7 +109,7 @@ class Segments:
             solutions.append(-(inverse @ self._b[part].sum(axis=0)))
             covariances.append(inverse @ self._A[part].sum(axis=0) @ inverse)
         difference = (solutions[1] - solutions[0])[pose]
-        C = sum(covariances)[np.ix_(pose, pose)]  # type: ignore[index]
+        C = sum(covariances)[np.ix_(pose, pose)]
         stated = np.sqrt(np.maximum(np.diag(self._fit.covariance)[: len(pose)], 1e-300))
         return Consistency(
             folds=_FOLDS,
@@ -119,7 +121,7 @@ class Segments:
         )
 
     def change(self) -> Change | None:
-        """The most decisive change of mount, clock or bias at some instant; None if there is none."""
+        """The most decisive change of mount, clock or bias; None if there is none."""
         best: Change | None = None
         for kind, names in _KINDS.items():
             part = self._places(*names)
@@ -136,7 +138,7 @@ class Segments:
         """A change of some components at a cut, if it is decisive."""
         later = slice(cut, None)
         # Columns of the change are those of its components, from the instant on.
-        cross = self._A[later].sum(axis=0)[:, part]
+        cross = self._A_after[cut][:, part]
         own, inverse = cross[part], self._inverse
         left = own - cross.T @ inverse @ cross
         # Components that only one part of the log shows do not count as changed.
@@ -144,7 +146,7 @@ class Segments:
         if np.linalg.eigvalsh(left / np.outer(scale, scale))[0] < _UNSEEN:
             return None
         C = inverse_of(left)
-        size = -(C @ self._b[later].sum(axis=0)[part])
+        size = -(C @ self._b_after[cut][part])
         price = len(part) * np.log(6.0 * self._fit.statistics.windows / WINDOWS_PER_LENGTH)
         if squared_distance(size, C + wander) - price < DECISIVE:
             return None

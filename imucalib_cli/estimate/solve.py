@@ -82,10 +82,10 @@ class LeanUnknowns:
         known = options.pose
         if known is None or known.R_parent_imu is None or known.t_parent_imu is None:
             return cls(norm, free, prior)
-        std = np.array(known.std)
-        free[POSE] = std > 0.0
-        given = free[POSE] & np.isfinite(std)
-        prior[POSE][given] = 1.0 / std[given] ** 2
+        pose_std = np.array(known.std)
+        free[POSE] = pose_std > 0.0
+        given = free[POSE] & np.isfinite(pose_std)
+        prior[POSE][given] = 1.0 / pose_std[given] ** 2
         return cls(norm, free, prior, known.R_parent_imu, known.t_parent_imu)
 
     @property

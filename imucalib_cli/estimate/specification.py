@@ -18,8 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import fdtrc, ndtri
 
-from imucalib_cli.estimate.fit import PARTS, noise_of_columns, with_residuals, without_noise
-from imucalib_cli.estimate.spectrum import part_matrices, squared_distance, whitening
+from imucalib_cli.estimate.fit import noise_of_columns, with_residuals, without_noise
+from imucalib_cli.estimate.jacobian import columns
+from imucalib_cli.estimate.spectrum import PARTS, part_matrices, squared_distance, whitening
 from imucalib_cli.estimate.window_choice import MAX_ATTENUATION, attenuation
 from imucalib_cli.estimate.windows import plan_windows
 
@@ -100,9 +101,9 @@ def _difference(fit: Fit, base: _Solved, plan: WindowPlan) -> Iterator[Dependenc
     scales = fit.scales_at(plan)
     matrices = part_matrices(
         centres,
-        with_residuals(model.columns(fit.linearised, centres), residuals.values),
+        with_residuals(columns(model, fit.linearised, centres), residuals.values),
         whitening(plan, weights, scales),
-        PARTS,
+        fit.layout.size + 1,
     )
     other = _Solved.of(fit, matrices, model, scales)
     each = (base.influence - other.influence).reshape(parts, PARTS // parts, 6).sum(axis=1)

@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
+PARTS: Final = 48
+"""Parts of equal duration that a log is held against itself by."""
 PIECE: Final = 4096
 """Windows per transform: longer logs are averaged over pieces."""
 _FIRST_BAND_BINS: Final = 4
@@ -138,7 +140,8 @@ class Statistics:
 
     def score_covariance(self, levels: Floats) -> Floats:
         """B, (n, n), of the score J' e for noise of these levels."""
-        return np.einsum("sb,sbpq->pq", levels * self.response, self.normal[:, :, 1:, 1:])
+        weights = levels * self.response
+        return np.asarray(np.einsum("sb,sbpq->pq", weights, self.normal[:, :, 1:, 1:]))
 
     @property
     def heard(self) -> NDArray[np.bool_]:
@@ -164,7 +167,7 @@ def statistics(
     centres: Indices,
     columns: Iterable[tuple[slice, Floats]],
     root: Floats,
-    parts: int = 1,
+    size: int,
 ) -> Statistics:
     """Accumulate the normal matrices over the log.
 
@@ -173,59 +176,60 @@ def statistics(
         centres: (W,), grid indices, ascending.
         columns: Of parts of the windows, in order: [e J], (w, 6, n + 1).
         root: (W, 6), of :func:`whitening`.
-        parts: Of equal duration, to be summed each for itself too.
+        size: n + 1.
     """
-    sums = None
-    number = part_of(centres, parts)
+    bands = BandSums((centres - centres[0]) // plan.hop, size)
+    parts = PartSums(centres, size)
     for part, both in columns:
-        size = both.shape[2]
-        if sums is None:
-            sums = BandSums((centres - centres[0]) // plan.hop, size)
-            each = np.zeros((parts, size, size))
         rows = both * root[part, :, None]
-        sums.add(part, rows)
-        for index in np.unique(number[part]):
-            flat = rows[number[part] == index].reshape(-1, size)
-            each[index] += flat.T @ flat
-    assert sums is not None
+        bands.add(part, rows)
+        parts.add(part, rows)
     response = np.stack(
         [
-            sums.mean_response(pair.average, pair.average, plan.hop)
+            bands.mean_response(pair.average, pair.average, plan.hop)
             for pair in (plan.second_derivative, plan.first_derivative)
         ]
     )
     # The whitening's mean is the weights'.
     weights = (root[:, 0] / max(float(root[:, 0].max()), 1e-300)) ** 2
-    freedom = sums.freedom(float(weights.sum()))
+    freedom = bands.freedom(float(weights.sum()))
     return Statistics(
-        normal=sums.finished(),
+        normal=bands.finished(),
         response=np.maximum(response, _RESPONSE_FLOOR * response.max(axis=1, keepdims=True)),
         freedom=np.stack([freedom, freedom]),
-        parts=each,
+        parts=parts.sums,
         windows=int(np.count_nonzero(weights)),
     )
 
 
-def part_of(centres: Indices, parts: int) -> Indices:
-    """(W,), which of the parts of equal duration each window is in."""
-    return np.asarray((centres - centres[0]) * parts // (centres[-1] - centres[0] + 1))
+class PartSums:
+    """Sums of X' X over parts of the log of equal duration, for rows X in windows."""
+
+    def __init__(self, centres: Indices, size: int) -> None:
+        """Prepare.
+
+        Args:
+            centres: (W,), ascending.
+            size: Channels.
+        """
+        self.number = (centres - centres[0]) * PARTS // (centres[-1] - centres[0] + 1)
+        self.sums = np.zeros((PARTS, size, size))
+
+    def add(self, part: slice, rows: Floats) -> None:
+        """Take the rows (w, 6, size) of some windows."""
+        for index in np.unique(self.number[part]):
+            flat = rows[self.number[part] == index].reshape(-1, rows.shape[2])
+            self.sums[index] += flat.T @ flat
 
 
 def part_matrices(
-    centres: Indices, columns: Iterable[tuple[slice, Floats]], root: Floats, parts: int
+    centres: Indices, columns: Iterable[tuple[slice, Floats]], root: Floats, size: int
 ) -> Floats:
-    """Normal matrices (parts, n + 1, n + 1) of [e J] alone, as :func:`statistics` has them."""
-    number = part_of(centres, parts)
-    each: Floats | None = None
+    """Normal matrices (PARTS, n + 1, n + 1) of [e J] alone, as :func:`statistics` has them."""
+    parts = PartSums(centres, size)
     for part, both in columns:
-        size = both.shape[2]
-        each = np.zeros((parts, size, size)) if each is None else each
-        rows = both * root[part, :, None]
-        for index in np.unique(number[part]):
-            flat = rows[number[part] == index].reshape(-1, size)
-            each[index] += flat.T @ flat
-    assert each is not None
-    return each
+        parts.add(part, both * root[part, :, None])
+    return parts.sums
 
 
 def deviance(plan: WindowPlan, centres: Indices, residuals: Floats) -> float:
@@ -259,7 +263,7 @@ def _bounded(residuals: Floats) -> Floats:
     """Residuals with shocks, which are no part of any model, held at ten times the median."""
     size = np.linalg.norm(residuals, axis=1)
     most = 10.0 * float(np.median(size))
-    return residuals * np.minimum(1.0, most / np.maximum(size, 1e-300))[:, None]
+    return np.asarray(residuals * np.minimum(1.0, most / np.maximum(size, 1e-300))[:, None])
 
 
 def whitening(plan: WindowPlan, weights: Floats, scales: tuple[float, float]) -> Floats:

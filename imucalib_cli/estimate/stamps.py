@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 _CLEARLY_BETTER: Final = 0.3
 """Least fall of the logarithm of both residual scales from which jittered stamps are believed:
 read wrongly they seem to fit better by up to 0.2 in noise, and ticks time the log better."""
-_ENOUGH_WINDOWS: Final = 100
-"""Windows, overlapping eightfold, from which a dozen independent ones speak."""
+_ENOUGH_WINDOWS: Final = 50
+"""Windows, overlapping fourfold, from which a dozen independent ones speak."""
 _SHORTEST: Final = 0.1
 """s: shorter windows drown in the noise of the kinematics' derivatives."""
 

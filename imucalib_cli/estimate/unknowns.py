@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 Sensor = Literal["accel", "gyro"]
+Group = Literal["mount", "bias", "gravity", "offset", "sensor", "robot"]
 
 PLAY_RATE: Final = 0.01
 """rad/s or m/s: below it play does not yet lie on one side of the teeth."""
@@ -75,6 +76,8 @@ class JointCurve:
     """For every joint that moves; else only for those between the first and the last that do."""
     sliding: bool = True
     """For sliding joints too."""
+    only: str | None = None
+    """The one joint that it is for; None: all."""
 
 
 @dataclass(frozen=True)
@@ -118,6 +121,8 @@ class Unknown:
     """One entry of the table."""
 
     name: str
+    group: Group
+    """What it belongs to, for options that hold all of a kind."""
     labels: tuple[str, ...] = ("",)
     """Of its components; joints and origins are named by the robot instead."""
     unit: str
@@ -181,8 +186,8 @@ SCALES: Final[dict[str, Scale]] = {
     "sensor_axes": Scale(low=1e-5, high=2e-2, words="turn of gyroscope against accelerometer"),
     "g_sensitivity": Scale(low=1e-7, high=3e-4, words="g-sensitivity of the gyroscope"),
     "driver_filter": Scale(low=3e-7, high=3e-4, words="low-pass filters of the driver"),
-    "joint_zero": Scale(low=1e-5, high=5e-3, words="errors of the joint zeros"),
-    "length": Scale(low=5e-6, high=3e-3, words="errors of the origins between joints"),
+    "joint_zero": Scale(low=2e-5, high=5e-3, words="errors of the joint zeros"),
+    "length": Scale(low=2e-5, high=3e-3, words="errors of the origins between joints"),
     "joint_harmonic": Scale(low=5e-6, high=2e-3, words="joint error once a turn"),
     "joint_lag": Scale(low=5e-6, high=4e-3, words="delays of single joints"),
     "joint_play": Scale(low=3e-6, high=1e-3, words="play of the joints"),
@@ -194,6 +199,7 @@ encoders on the output to those behind a worn gear; delays of a field bus cycle 
 TABLE: Final[tuple[Unknown, ...]] = (
     Unknown(
         name="translation",
+        group="mount",
         labels=_XYZ,
         unit="m",
         std=10.0,
@@ -202,6 +208,7 @@ TABLE: Final[tuple[Unknown, ...]] = (
     ),
     Unknown(
         name="rotation",
+        group="mount",
         labels=_XYZ,
         unit="rad",
         std=np.pi,
@@ -210,6 +217,7 @@ TABLE: Final[tuple[Unknown, ...]] = (
     ),
     Unknown(
         name="accel_bias",
+        group="bias",
         labels=_XYZ,
         unit="m/s²",
         std=10.0,
@@ -219,6 +227,7 @@ TABLE: Final[tuple[Unknown, ...]] = (
     ),
     Unknown(
         name="gyro_bias",
+        group="bias",
         labels=_XYZ,
         unit="rad/s",
         std=1.0,
@@ -228,6 +237,7 @@ TABLE: Final[tuple[Unknown, ...]] = (
     ),
     Unknown(
         name="accel_bias_ramp",
+        group="sensor",
         labels=_XYZ,
         unit="m/s²",
         std=0.03,
@@ -237,6 +247,7 @@ TABLE: Final[tuple[Unknown, ...]] = (
     ),
     Unknown(
         name="gyro_bias_ramp",
+        group="sensor",
         labels=_XYZ,
         unit="rad/s",
         std=0.003,
@@ -246,6 +257,7 @@ TABLE: Final[tuple[Unknown, ...]] = (
     ),
     Unknown(
         name="gravity_direction",
+        group="gravity",
         labels=("x", "y"),
         unit="rad",
         std=np.pi,
@@ -254,6 +266,7 @@ TABLE: Final[tuple[Unknown, ...]] = (
     ),
     Unknown(
         name="gravity_norm",
+        group="gravity",
         unit="m/s²",
         std=0.02,
         healthy=0.06,
@@ -262,6 +275,7 @@ TABLE: Final[tuple[Unknown, ...]] = (
     ),
     Unknown(
         name="time_offset",
+        group="offset",
         unit="s",
         std=0.1,
         effect=Clock(accel=np.ones_like, gyro=np.ones_like),
@@ -269,6 +283,7 @@ TABLE: Final[tuple[Unknown, ...]] = (
     ),
     Unknown(
         name="clock_drift",
+        group="sensor",
         unit="s/s",
         std=50e-6,
         healthy=500e-6,
@@ -277,6 +292,7 @@ TABLE: Final[tuple[Unknown, ...]] = (
     ),
     Unknown(
         name="gyro_delay",
+        group="sensor",
         unit="s",
         std=2e-3,
         healthy=0.02,
@@ -285,6 +301,7 @@ TABLE: Final[tuple[Unknown, ...]] = (
     ),
     Unknown(
         name="accel_filter",
+        group="sensor",
         unit="s²",
         scale="driver_filter",
         healthy=1e-3,
@@ -293,6 +310,7 @@ TABLE: Final[tuple[Unknown, ...]] = (
     ),
     Unknown(
         name="gyro_filter",
+        group="sensor",
         unit="s²",
         scale="driver_filter",
         healthy=1e-3,
@@ -301,6 +319,7 @@ TABLE: Final[tuple[Unknown, ...]] = (
     ),
     Unknown(
         name="accel_scale",
+        group="sensor",
         labels=_XYZ,
         unit="1",
         scale="sensor_scale",
@@ -310,6 +329,7 @@ TABLE: Final[tuple[Unknown, ...]] = (
     ),
     Unknown(
         name="gyro_scale",
+        group="sensor",
         labels=_XYZ,
         unit="1",
         scale="sensor_scale",
@@ -319,6 +339,7 @@ TABLE: Final[tuple[Unknown, ...]] = (
     ),
     Unknown(
         name="gyro_misalignment",
+        group="sensor",
         labels=_XYZ,
         unit="rad",
         scale="sensor_axes",
@@ -328,6 +349,7 @@ TABLE: Final[tuple[Unknown, ...]] = (
     ),
     Unknown(
         name="gyro_g_sensitivity",
+        group="sensor",
         labels=_PAIRS,
         unit="rad s/m",
         scale="g_sensitivity",
@@ -337,6 +359,7 @@ TABLE: Final[tuple[Unknown, ...]] = (
     ),
     Unknown(
         name="joint_zero",
+        group="robot",
         unit="rad",
         scale="joint_zero",
         healthy=0.02,
@@ -345,6 +368,7 @@ TABLE: Final[tuple[Unknown, ...]] = (
     ),
     Unknown(
         name="joint_harmonic",
+        group="robot",
         labels=("sin", "cos"),
         unit="rad",
         scale="joint_harmonic",
@@ -354,6 +378,7 @@ TABLE: Final[tuple[Unknown, ...]] = (
     ),
     Unknown(
         name="joint_lag",
+        group="robot",
         unit="s",
         scale="joint_lag",
         healthy=0.02,
@@ -362,6 +387,7 @@ TABLE: Final[tuple[Unknown, ...]] = (
     ),
     Unknown(
         name="joint_play",
+        group="robot",
         unit="rad",
         scale="joint_play",
         healthy=0.005,
@@ -370,6 +396,7 @@ TABLE: Final[tuple[Unknown, ...]] = (
     ),
     Unknown(
         name="origin",
+        group="robot",
         labels=_XYZ,
         unit="m",
         scale="length",
@@ -379,6 +406,7 @@ TABLE: Final[tuple[Unknown, ...]] = (
     ),
     Unknown(
         name="pose_scale",
+        group="robot",
         unit="1",
         std=2e-3,
         healthy=0.02,

@@ -10,8 +10,8 @@ import numpy as np
 
 from imucalib_cli.estimate.imu_check import check_imu
 from imucalib_cli.estimate.imu_model import imu_assumptions
-from imucalib_cli.estimate.options import MatchedOptions, PaperOptions
 from imucalib_cli.estimate.judge import DISTRUST_SIGMAS
+from imucalib_cli.estimate.options import MatchedOptions, PaperOptions
 from imucalib_cli.findings import Finding, warning
 
 if TYPE_CHECKING:

@@ -5,9 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from imucalib_cli.diagnose.case import Case, Finding, names_sensor, needs_diagnosis
+from imucalib_cli.diagnose.diagnose import diagnose, explained, needs_diagnosis
+from imucalib_cli.diagnose.hypotheses import Case
 from imucalib_cli.diagnose.nominal import inverted_nominal
 from imucalib_cli.estimate.options import MatchedOptions
+from imucalib_cli.findings import Finding, Severity
 from imucalib_cli.jobs.motion import other_frames
 
 if TYPE_CHECKING:
@@ -38,34 +40,25 @@ def explain(
     options = request.estimator
     if not isinstance(options, MatchedOptions):
         return estimate
-    if needs_diagnosis(estimate):
-        from imucalib_cli.diagnose.diagnose import diagnose, explained
-
-        joints = () if recording.robot is None else recording.robot.joints
-        frames, path_to = other_frames(recording.sources, recording.robot, request)
-        case = Case(
-            samples=mended.samples,
-            path=mended.path,
-            options=options,
-            estimate=estimate,
-            frames=frames,
-            path_to=lambda frame: _stamped_as(path_to(frame), mended.path),
-            links={joint.name: (joint.parent, joint.child) for joint in joints},
-        )
-        estimate = explained(estimate, diagnose(case) or _suspected(mended))
-    elif names_sensor(estimate):
-        from imucalib_cli.diagnose.diagnose import stepped_back
-
-        estimate = stepped_back(estimate)
+    frames, path_to = other_frames(recording.sources, recording.robot, request)
+    case = Case(
+        samples=mended.samples,
+        path=mended.path,
+        options=options,
+        estimate=estimate,
+        frames=frames,
+        path_to=lambda frame: _stamped_as(path_to(frame), mended.path),
+    )
+    causes = diagnose(case)
+    if needs_diagnosis(estimate) and all(cause.code == "cause.rings" for cause in causes):
+        causes = (*_suspected(mended), *causes)
+    estimate = explained(estimate, causes)
     return _with_nominal(estimate, motion)
 
 
 def _suspected(mended: Repaired) -> tuple[Finding, ...]:
-    """What was seen of the sensor before the fit, where nothing else explains that it is poor."""
-    return tuple(
-        Finding(kind="sensor", names=(), sentence=each.message, seen=each)
-        for each in mended.suspects
-    )
+    """What was seen of the sensor before the fit, where no fault of robot or log explains it."""
+    return tuple(replace(each, severity=Severity.UNTRUSTED) for each in mended.suspects)
 
 
 def _stamped_as(path: KinematicPath, mended: KinematicPath) -> KinematicPath:

@@ -23,6 +23,8 @@ _UNTOLD: dict[str, str] = {
     "R_initial": "the URDF's joint, or the identity",
     "t_initial": "the URDF's joint, or the identity",
     "pose": "none",
+    "sensor_scale_std": "learnt",
+    "sensor_axes_std": "learnt",
 }
 """What docs/options.md calls a default that is None or infinite in code."""
 
@@ -34,6 +36,8 @@ def recorded_options(request: CalibrationRequest) -> dict[str, Scalar]:
         "method": "matched" if isinstance(options, MatchedOptions) else "paper"
     }
     for field in fields(options):
+        if field.name == "either_sign":
+            continue  # accel_sign tells
         value = getattr(options, field.name)
         match value:
             case WindowChoice():

@@ -164,25 +164,25 @@ class Trajectory:
     def values_and_rates(self, t: Floats) -> tuple[tuple[Floats, ...], tuple[Floats, ...]]:
         """Values of each track at instants (M,), s, and their rates, smoothed over some samples."""
         both = [
-            lagrange(self._stamps(track), np.hstack([track.values, rates]), t, breaks=breaks)
-            for track, rates, breaks in zip(self.tracks, self._rates, self._breaks, strict=True)
+            lagrange(self._stamps(track), values, t, breaks=breaks)
+            for track, values, breaks in zip(
+                self.tracks, self._with_rates, self._breaks, strict=True
+            )
         ]
-        count = [track.values.shape[1] for track in self.tracks]
-        return (
-            tuple(each[:, :n] for each, n in zip(both, count, strict=True)),
-            tuple(each[:, n:] for each, n in zip(both, count, strict=True)),
-        )
+        halves = [np.split(each, 2, axis=1) for each in both]
+        return tuple(values for values, _ in halves), tuple(rates for _, rates in halves)
 
     @cached_property
-    def _rates(self) -> tuple[Floats, ...]:
-        """Rates of each track's values at its own stamps, by differences long against its noise."""
+    def _with_rates(self) -> tuple[Floats, ...]:
+        """Each track's values, and their rates by differences long against its noise."""
         found = []
         for track in self.tracks:
             stamps, index = self._stamps(track), np.arange(len(track.t))
             reach = max(round(_RATE_SECONDS / track.interval), 1)
             later, earlier = np.minimum(index + reach, len(index) - 1), np.maximum(index - reach, 0)
             span = (stamps[later] - stamps[earlier])[:, None]
-            found.append((track.values[later] - track.values[earlier]) / span)
+            rates = (track.values[later] - track.values[earlier]) / span
+            found.append(np.hstack([track.values, rates]))
         return tuple(found)
 
     def poses(self, t: Floats) -> tuple[Floats, Floats]:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from imucalib_cli.diagnose.case import Case
+from imucalib_cli.diagnose.hypotheses import Case
 from imucalib_cli.errors import InputError
 from imucalib_cli.robot.build import joint_path
 from imucalib_cli.robot.rotations import matrix_from_rotvec

@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from imucalib_cli.estimate import columns
-from imucalib_cli.estimate.design import Model, State
+from imucalib_cli.estimate import columns as lean_columns
+from imucalib_cli.estimate.design import Model
 from imucalib_cli.estimate.fit import with_residuals
+from imucalib_cli.estimate.jacobian import columns
 from imucalib_cli.estimate.layout import lay_out
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions
@@ -30,6 +31,7 @@ from imucalib_cli.estimate.solve import (
 )
 from imucalib_cli.estimate.spectrum import part_matrices, statistics, whitening
 from imucalib_cli.estimate.starts import cube_rotations
+from imucalib_cli.estimate.state import State
 from imucalib_cli.estimate.windows import Windowing, WindowRows, plan_windows
 from imucalib_cli.robot.rotations import nearest_rotation
 from imucalib_cli.signals.trajectory import Trajectory
@@ -67,7 +69,7 @@ def test_jacobian_is_the_difference_of_moved_states(seed: int) -> None:
 )
 def test_tilt_spans_the_sphere_wherever_gravity_points(gravity: tuple[float, ...]) -> None:
     state = random_state(1, GRAVITY * np.array(gravity) / np.linalg.norm(gravity))
-    turned = state.jacobian()[columns.G, DTILT]
+    turned = state.jacobian()[lean_columns.G, DTILT]
     assert np.linalg.svd(turned, compute_uv=False)[-1] > 0.4 * GRAVITY
     step = np.zeros(TANGENT)
     step[DTILT] = 0.3, -0.2
@@ -185,20 +187,20 @@ def test_bands_and_parts_add_up_to_the_whole(log: Log, rows: WindowRows) -> None
     root = whitening(windowing.plan, weights, (0.3, 0.1))
 
     def both() -> list[tuple[slice, Floats]]:
-        return list(with_residuals(model.columns(state, rows.centres), residuals.values))
+        return list(with_residuals(columns(model, state, rows.centres), residuals.values))
 
     flat = np.concatenate([values for _, values in both()]) * root[:, :, None]
     whole = np.einsum("wij,wik->jk", flat, flat)
-    found = statistics(windowing.plan, rows.centres, both(), root, 5)
+    size = layout.size + 1
+    found = statistics(windowing.plan, rows.centres, both(), root, size)
     scale = np.sqrt(np.diag(whole))
     for sums in (
         found.normal.sum(axis=(0, 1)),
         found.parts.sum(axis=0),
-        part_matrices(rows.centres, both(), root, 7).sum(axis=0),
+        part_matrices(rows.centres, both(), root, size).sum(axis=0),
     ):
-        np.testing.assert_allclose(
-            sums / np.outer(scale, scale), whole / np.outer(scale, scale), atol=1e-12
-        )
+        unit = np.outer(scale, scale)
+        np.testing.assert_allclose(sums / unit, whole / unit, atol=1e-12)
 
 
 def unknowns_of(**options: object) -> LeanUnknowns:
@@ -253,9 +255,9 @@ def test_weights_drop_what_is_far_off_and_nothing_else(rows: WindowRows) -> None
     best = solve_globally(normal_of(rows), LeanUnknowns.of(MatchedOptions()))
     x = best.state.vector()
     accel = rows.accel.copy()
-    accel[200:230, :, columns.ONE] += 3.0
+    accel[200:230, :, lean_columns.ONE] += 3.0
     spoiled = np.concatenate(WindowRows(rows.centres, accel, rows.gyro).residuals(x), axis=1)
-    motion = (accel[:, :, columns.T] ** 2).sum(axis=(1, 2))
+    motion = (accel[:, :, lean_columns.T] ** 2).sum(axis=(1, 2))
     weights = window_weights(spoiled, motion, redescend=True)
     np.testing.assert_array_equal(weights[200:230], 0.0)
     others = np.delete(weights, np.s_[200:230])

@@ -150,7 +150,7 @@ def test_a_prior_is_weak_where_the_log_knows_and_helps_where_it_does_not(tmp_pat
     assert np.abs(off).max() < 0.1 * np.sqrt(np.diag(untold.covariance)[:3]).min()
     assert told.accel_bias_std is not None
     assert untold.accel_bias_std is not None
-    assert np.all(told.accel_bias_std <= untold.accel_bias_std * 1.001)
+    assert np.all(told.accel_bias_std <= untold.accel_bias_std * 1.01)  # integrated by points
 
 
 def test_a_bias_that_no_such_sensor_has_drops_the_prior_not_the_result(tmp_path: Path) -> None:

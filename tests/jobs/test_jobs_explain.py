@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from imucalib_cli.diagnose.case import Case
 from imucalib_cli.diagnose.diagnose import diagnose
+from imucalib_cli.diagnose.hypotheses import Case
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.jobs.calibrate import calibrate
@@ -99,5 +99,5 @@ def test_frames_of_tf_are_tried_as_links_are(told: str) -> None:
     else:
         assert not estimate.trusted
         (found,) = diagnose(case)
-        assert found.names == ("bar_link",)
-        assert "rerun with --parent bar_link" in found.sentence
+        assert found.values["names"] == ("bar_link",)
+        assert "rerun with --parent bar_link" in found.message

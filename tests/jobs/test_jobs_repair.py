@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
-from imucalib_cli.estimate.accel_sign import calibrate_either_sign
+from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.jobs.repair import Repaired, look, repair
 from imucalib_cli.jobs.request import CalibrationRequest
@@ -56,7 +56,9 @@ def _repaired(log: Log, **wishes: Any) -> Repaired:
 
 def _estimate(mended: Repaired, options: MatchedOptions | None = None) -> Estimate:
     options = options or MatchedOptions()
-    return mended.told(calibrate_either_sign(mended.samples, mended.path, options))
+    return mended.told(
+        calibrate_matched(mended.samples, mended.path, replace(options, either_sign=True))
+    )
 
 
 def _see_right(estimate: Estimate, log: Log, most: float = 1.5e-3) -> None:
@@ -272,7 +274,7 @@ def test_flat_tops_are_left_out() -> None:
     (warning,) = estimate.warnings
     assert "is saturated at -1.3, 1.3 rad/s" in warning
     # Absorbed instead, they bend the answer.
-    raw = calibrate_either_sign(clipped.imu, log.path, MatchedOptions())
+    raw = calibrate_matched(clipped.imu, log.path, MatchedOptions())
     bent = np.linalg.norm(rotation_error(raw.R_parent_imu, log.mount.R))
     assert bent > 2 * np.linalg.norm(rotation_error(estimate.R_parent_imu, log.mount.R))
 

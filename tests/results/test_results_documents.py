@@ -387,7 +387,14 @@ def test_every_missing_or_mistyped_key_is_an_input_error() -> None:
             free = path[0] == "std" or path[-1] in unread or "notes" in path or "options" in path
             free |= path in {("transform", k) for k in ("rotation_rpy", "rotation_xyzw")}
             free |= path in {("partial",), ("diagnostics", "nominal"), ("provenance", "urdf")}
-            later = {"corrections", "consistency", "residual_normalised", "imu_model", "findings"}
+            later = {
+                "corrections",
+                "consistency",
+                "residual_normalised",
+                "imu_model",
+                "findings",
+                "parameters",
+            }
             free |= damage == "missing" and (path[-1] in later or path[-2:-1] == ("corrections",))
             try:
                 from_document(document, "f")

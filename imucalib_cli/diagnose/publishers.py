@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from imucalib_cli.diagnose.case import Finding
-from imucalib_cli.diagnose.hypotheses import label_of, topic_of
+from imucalib_cli.diagnose.edits import label_of, topic_of
+from imucalib_cli.findings import Finding, untrusted
 from imucalib_cli.robot.path import JointStep, PoseStep
 from imucalib_cli.signals.spikes import MAD_TO_STD
 
@@ -44,13 +44,13 @@ def find_rival_publishers(path: KinematicPath) -> Finding | None:
             size = _jump(track.values[order, column])
             if size is None:
                 continue
-            return Finding(
-                kind="publishers",
+            what = label_of(track.name) if track.kind == "pose" else track.names[column]
+            return untrusted(
+                "cause.publishers",
                 names=(topic_of(track.name),),
-                sentence=f"{_what(track, column)} jumps to and fro by {_size(track, column, size)} "
-                "from message to message: two publishers tell it and contradict each other; stop "
-                "one of them, and record again",
-                size=(size,),
+                sizes=(size,),
+                what=what,
+                kind=_kind(track, column),
             )
     return None
 
@@ -81,27 +81,23 @@ def _jump(values: Floats) -> float | None:
     typical = float(np.median(size[large]))
     spread = float(np.median(np.abs(size[large] - typical))) * MAD_TO_STD
     rest = float(np.median(size[~large])) if (~large).any() else 0.0
+    # An encoder at rest that is undecided between two counts jumps by one.
+    apart = np.abs(values[2:] - values[:-2])
+    count = float(np.min(apart[apart > 0.0], initial=np.inf))
     # With both publishers in strict turns there is no step along one curve to compare with.
-    along = float(np.median(np.abs(values[2:] - values[:-2]))) / 2.0 if large.all() else rest
+    along = float(np.median(apart)) / 2.0 if large.all() else rest
     if (
         back > 0.9
         and typical > _LEAST
         and spread < _ALIKE * typical
-        and typical > _OVER_STEPS * along
+        and typical > _OVER_STEPS * max(along, count)
     ):
         return typical
     return None
 
 
-def _what(track: Track, column: int) -> str:
+def _kind(track: Track, column: int) -> str:
+    """Of what a column holds."""
     if track.kind == "joints":
-        return f"the position of {track.names[column]} in {topic_of(track.name)}"
-    return f"the pose told by {label_of(track.name)}"
-
-
-def _size(track: Track, column: int, size: float) -> str:
-    if track.kind == "pose":
-        if column < 3:
-            return f"{size * 1e3:.3g} mm"
-        return f"about {np.degrees(2.0 * size):.2g} deg"
-    return f"{size:.2g} rad (or m)"
+        return "joint"
+    return "position" if column < 3 else "rotation"

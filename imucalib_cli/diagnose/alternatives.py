@@ -1,0 +1,445 @@
+"""One criterion for every gross alternative: the same lean fit, and the evidence for it.
+
+A path, a time offset or readings that are changed by one fault are fitted as those that were told
+are. The alternative with the most evidence is named if that is decisive, if it explains as a right
+model does, and with all those that the log cannot tell from it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Final, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imucalib_cli.diagnose import edits
+from imucalib_cli.diagnose.hypotheses import Hypothesis, Kind, double_faults, single_faults
+from imucalib_cli.diagnose.sensor_axes import reoriented
+from imucalib_cli.errors import InputError
+from imucalib_cli.estimate import columns
+from imucalib_cli.estimate.fit import MIN_WINDOWS, lean_fit
+from imucalib_cli.estimate.judge import NOISE_FLOOR
+from imucalib_cli.estimate.offset import coarse_time_offset
+from imucalib_cli.estimate.prepare import clean_imu
+from imucalib_cli.estimate.segments import DECISIVE
+from imucalib_cli.estimate.solve import LeanState
+from imucalib_cli.estimate.stamps import best_attempt
+from imucalib_cli.estimate.unknowns import LEAN, JointCurve, Unknown
+from imucalib_cli.estimate.windows import Windowing, plan_windows
+from imucalib_cli.signals.samples import ImuSamples
+from imucalib_cli.signals.trajectory import CleanTrack, Trajectory, clean_track
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+    from imucalib_cli.diagnose.hypotheses import Case
+    from imucalib_cli.estimate.fit import Lean
+    from imucalib_cli.estimate.options import MatchedOptions
+    from imucalib_cli.estimate.windows import WindowRows
+    from imucalib_cli.robot.path import KinematicPath, Track
+
+Floats = NDArray[np.float64]
+
+_SECONDS: Final = 60.0
+"""s: of longer logs the liveliest stretch of the IMU is enough to tell gross faults by."""
+_GOOD: Final = (0.1, 0.03)
+"""Shares of acceleration and rotation that a right model, with the worst sensor and robot that are
+sold, leaves unexplained."""
+_NOISES: Final = 3.0
+"""Residuals this near to the sensor's own noise are good, whatever the share."""
+_FALL: Final = 2.0
+"""Least fall of one sensor's residual: a cause that leaves half of it is not the cause."""
+_HOPELESS: Final = 0.3
+"""Share of the rotation that even free matrices leave, from which a path is not fitted at all."""
+_FAR: Final = 60.0
+"""s: how far stamps are searched apart; clocks set by hand differ by less, or by hours."""
+_STRETCH: Final = 5.0
+"""s: half of what is searched at once: moves look alike, and the best correlation of all may be
+that of the wrong move."""
+_KEPT: Final[dict[Kind | None, int]] = {"zero": 4, "offset": 5, None: 8}
+"""Hypotheses fitted of those that turn most as the IMU does: the right one turns exactly so."""
+_SAME_RATES: Final = frozenset({"offset", "inverse", "conjugate", "unit"})
+"""Kinds whose rates may be those of the path as told, so that screening by rates is blind."""
+_GIVEN_WITHIN: Final = 1e-3
+"""s: a time offset that was given is as good as this."""
+_ENOUGH: Final = 150
+"""Windows, of those that overlap, that suffice for linear least squares."""
+_TRIMMED: Final = 0.05
+"""Share of windows, the worst, that no residual counts: contacts and shocks are no hypothesis."""
+
+
+def _zero(joint: str | None) -> Unknown:
+    return Unknown(
+        name="joint_zero",
+        group="robot",
+        unit="rad",
+        std=1.0,
+        effect=JointCurve(
+            lambda q, _: np.ones((1, len(q))), every=False, sliding=False, only=joint
+        ),
+        words="zero of a joint, however far",
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """How well one model explains the IMU."""
+
+    hypothesis: Hypothesis
+    lean: Lean
+    left: tuple[float, float]
+    """Residual of a window, m/s² and rad/s, trimmed root mean square."""
+    total: tuple[float, float]
+    """What there was to explain: acceleration without gravity, and rotation."""
+    noise: tuple[float, float]
+    """What the sensor's own white noise leaves in a window."""
+
+    @property
+    def shares(self) -> tuple[float, float]:
+        """Share of the acceleration and of the rotation left unexplained."""
+        accel, gyro = (
+            left / max(total, _NOISES * noise)
+            for left, total, noise in zip(self.left, self.total, self.noise, strict=True)
+        )
+        return accel, gyro
+
+    @property
+    def offset(self) -> float:
+        """IMU stamp - robot stamp, s."""
+        return self.lean.model.shifts(self.lean.state)[1][0]
+
+    @property
+    def good(self) -> bool:
+        """Whether it explains as a right model does."""
+        return all(
+            share < limit or left < _NOISES * noise
+            for share, limit, left, noise in zip(
+                self.shares, _GOOD, self.left, self.noise, strict=True
+            )
+        )
+
+    def explains(self, told: Trial) -> bool:
+        """Whether this is decisively better than what was told, and good by itself."""
+        falls = max(
+            np.hypot(before, noise) / np.hypot(after, noise)
+            for before, after, noise in zip(told.left, self.left, self.noise, strict=True)
+        )
+        return self.good and falls > _FALL and self.lean.evidence_over(told.lean) > DECISIVE
+
+
+@dataclass(frozen=True, eq=False)
+class Bench:
+    """The liveliest stretch of an IMU, and the windows in which everything is tried."""
+
+    options: MatchedOptions
+    windowing: Windowing
+    """As told."""
+    _cleaned: dict[int, tuple[Track, CleanTrack]] = field(default_factory=dict)
+
+    def trajectory(self, path: KinematicPath) -> Trajectory:
+        """Trajectory of a path; each track is cleaned once.
+
+        Raises:
+            InputError: A track has too few usable samples.
+        """
+        for track in path.tracks:
+            if id(track) not in self._cleaned:
+                self._cleaned[id(track)] = (track, clean_track(track))
+        tracks = tuple(self._cleaned[id(track)][1] for track in path.tracks)
+        return Trajectory(path, tracks, use_ticks=self.windowing.trajectory.use_ticks)
+
+    def coarse(
+        self, path: KinematicPath, about: float = 0.0, most: float | None = None
+    ) -> tuple[float, float]:
+        """Coarse time offset, s, and how alike the rates are in it, -1 to 1, whatever the mount.
+
+        Args:
+            path: The kinematics to assume.
+            about: Offset about which it is searched, s.
+            most: How far, s; default: of the options.
+
+        Raises:
+            InputError: A track has too few usable samples.
+        """
+        given = self.options.time_offset
+        about = about if given is None else given
+        most = (
+            2.0 * _GIVEN_WITHIN
+            if given is not None
+            else self.options.max_offset
+            if most is None
+            else most
+        )
+        grid = replace(self.windowing.grid, t0=self.windowing.grid.t0 - about)
+        offset, lag = coarse_time_offset(grid, self.trajectory(path), most)
+        return about + (offset if given is None else 0.0), -1.0 if lag is None else lag.correlation
+
+    def trial(self, hypothesis: Hypothesis, offset: float) -> Trial | None:
+        """Fit a hypothesis; None where too few windows are shared, or where it is hopeless."""
+        grid = self.windowing.grid
+        if hypothesis.accel is not None and hypothesis.gyro is not None:
+            grid = replace(
+                grid, accel=grid.accel @ hypothesis.accel.T, gyro=grid.gyro @ hypothesis.gyro.T
+            )
+        table = LEAN if hypothesis.joint is None else (*LEAN, _zero(hypothesis.names[0]))
+        try:
+            windowing = Windowing(grid, self.trajectory(hypothesis.path), self.windowing.plan)
+            rows = self.rows(windowing, offset)
+            if rows is None or _left_by_any_matrix(rows) > _HOPELESS:
+                return None
+            lean = lean_fit(windowing, self.options, offset, table=table)
+        except InputError:
+            return None
+        if hypothesis.joint is not None:
+            zero = hypothesis.sizes[0] + lean.state.x[lean.model.layout.part("joint_zero")].sum()
+            hypothesis = replace(hypothesis, sizes=(float(np.angle(np.exp(1j * zero))),))
+        return trial_of(hypothesis, lean)
+
+    def rows(self, windowing: Windowing, offset: float) -> WindowRows | None:
+        """Rows of some windows; None where the streams share too few."""
+        centres = windowing.centres(offset)
+        if len(centres) < MIN_WINDOWS:
+            return None
+        return windowing.rows(offset, centres[:: max(len(centres) // _ENOUGH, 1)])
+
+
+def trial_of(hypothesis: Hypothesis, lean: Lean) -> Trial:
+    """A fit, and what it leaves of what there was to explain."""
+    windowing, state = lean.model.windowing, lean.state
+    rows = windowing.rows(lean.model.shifts(state)[1][0], lean.centres)
+    derived = rows.accel[:, :, columns.ONE] + rows.accel[:, :, columns.T] @ state.t
+    turned = rows.gyro[:, :, columns.ONE]
+    accel, gyro = lean.residuals[:, :3], lean.residuals[:, 3:]
+    return Trial(
+        hypothesis=hypothesis,
+        lean=lean,
+        left=(trimmed_rms(accel), trimmed_rms(gyro)),
+        # What is measured is what the kinematics say less what is left over.
+        total=(trimmed_rms(derived - accel), trimmed_rms(turned - gyro)),
+        noise=own_noise(windowing),
+    )
+
+
+def own_noise(windowing: Windowing) -> tuple[float, float]:
+    """What the sensor's own white noise leaves in a window, m/s² and rad/s; at least any IMU's."""
+    plan, grid = windowing.plan, windowing.grid
+    accel, gyro = (
+        max(own * float(np.linalg.norm(pair.average) * np.sqrt(grid.refine)), floor)
+        for own, pair, floor in zip(
+            grid.noise, (plan.second_derivative, plan.first_derivative), NOISE_FLOOR, strict=True
+        )
+    )
+    return accel, gyro
+
+
+def short_windows(full: Windowing, seconds: float, hop: int | None = None) -> Windowing:
+    """The same streams in shorter windows; half a window apart if nothing else is said."""
+    dt, degree = full.grid.dt, full.plan.degree
+    length = max(2 * round(seconds / dt / 2) + 1, degree + 2 + (degree + 1) % 2)
+    plan = plan_windows(length, degree, dt, hop=max(length // 2, 1) if hop is None else hop)
+    return Windowing(full.grid, full.trajectory, plan)
+
+
+def trimmed_rms(values: Floats) -> float:
+    """Root mean square size of rows, the largest few left out."""
+    squares = np.sort((values**2).sum(axis=1))
+    return float(np.sqrt(np.mean(squares[: max(int(len(squares) * (1 - _TRIMMED)), 1)])))
+
+
+def lean_vector(lean: Lean) -> Floats:
+    """Coefficients of the lean linear system's columns."""
+    state, layout = lean.state, lean.model.layout
+    biases = []
+    for name in ("accel_bias", "gyro_bias"):
+        value = state.x[layout.part(name)]
+        biases.append(state.R @ value if len(value) else np.zeros(3))
+    return LeanState(state.t, state.R, biases[0], biases[1], state.gravity).vector()
+
+
+def told_on_bench(case: Case, *, reversed_accel: bool) -> tuple[Bench, Trial]:
+    """Fit what was told to the liveliest stretch of the log.
+
+    Args:
+        case: The fit that is to be explained.
+        reversed_accel: Whether it took the accelerometer's readings with the other sign.
+
+    Raises:
+        InputError: Too few usable samples or windows.
+    """
+    # A pose known in one link is no guide in another, and what holds it would be blamed elsewhere.
+    options = replace(case.options, pose=None, robot="nominal", either_sign=False)
+    clean = clean_imu(_liveliest(case.samples))
+    if reversed_accel:
+        clean = clean.reversed()
+    attempt = best_attempt(clean, Trajectory.of(case.path), options)
+    told = trial_of(Hypothesis(kind="offset", path=case.path), attempt.lean)
+    return Bench(options, attempt.lean.model.windowing), told
+
+
+def _liveliest(samples: ImuSamples) -> ImuSamples:
+    """The stretch with most rotation, and most acceleration beside it."""
+    clean = clean_imu(samples)
+    t = clean.t
+    if t[-1] - t[0] <= _SECONDS:
+        return samples
+    turning, pushing = (
+        ((values - np.median(values, axis=0)) ** 2).sum(axis=1)
+        for values in (clean.gyro, clean.accel)
+    )
+    # Rotation tells more: half of the acceleration is gravity that turns.
+    life = turning / max(turning.mean(), 1e-12) + 0.2 * pushing / max(pushing.mean(), 1e-12)
+    so_far = np.concatenate([[0.0], np.cumsum(life)])
+    starts = np.arange(0, len(t), max(len(t) // 400, 1))
+    ends = np.searchsorted(t, t[starts] + _SECONDS)
+    best = int(np.argmax(so_far[ends] - so_far[starts]))
+    begin = t[starts[best]]
+    kept = (samples.t >= begin) & (samples.t <= begin + _SECONDS)
+    return ImuSamples(t=samples.t[kept], gyro=samples.gyro[kept], accel=samples.accel[kept])
+
+
+def explaining(bench: Bench, case: Case, told: Trial) -> list[Trial]:
+    """Alternatives that explain decisively: the best, and those that the log cannot tell from it.
+
+    What leaves little is no gross fault: then only a zero, or an offset that was given, is a little
+    off.
+    """
+    if told.good:
+        return _best(told, _slight(bench, case, told))
+    single = (*_tried(bench, single_faults(case), told), *_slight(bench, case, told))
+    return _best(told, single) or _best(told, _tried(bench, double_faults(case), told))
+
+
+def _slight(bench: Bench, case: Case, told: Trial) -> Iterator[Trial]:
+    """What cannot be listed beforehand, but is found by a fit."""
+    if bench.options.time_offset is not None:
+        yield from _free_offset(bench, case, told)
+    for hypothesis in (_small_zero(bench, case), _axes(bench, case, told)):
+        if hypothesis is not None:
+            trial = bench.trial(hypothesis, bench.coarse(hypothesis.path)[0])
+            if trial is not None:
+                yield trial
+
+
+def _best(told: Trial, trials: Iterable[Trial]) -> list[Trial]:
+    good = [trial for trial in trials if trial.explains(told)]
+    if not good:
+        return []
+    best = max(good, key=lambda trial: trial.lean.evidence_over(told.lean))
+    ties = [trial for trial in good if best.lean.evidence_over(trial.lean) < DECISIVE]
+    ties.sort(key=lambda trial: get_args(Kind).index(trial.hypothesis.kind))
+    # The same zero is reached from several angles.
+    distinct: dict[tuple[str, tuple[str, ...]], Trial] = {}
+    for trial in ties:
+        distinct.setdefault((trial.hypothesis.kind, trial.hypothesis.names), trial)
+    return list(distinct.values())
+
+
+def _tried(bench: Bench, hypotheses: Iterable[Hypothesis], told: Trial) -> Iterator[Trial]:
+    for hypothesis, offset in _screened(bench, hypotheses):
+        if hypothesis.kind == "offset":
+            yield from _other_offsets(bench, hypothesis, told)
+        else:
+            trial = bench.trial(hypothesis, offset)
+            if trial is not None:
+                yield trial
+
+
+def _screened(bench: Bench, hypotheses: Iterable[Hypothesis]) -> Iterator[tuple[Hypothesis, float]]:
+    """Those under which the robot turns as fast as the IMU does, each with its time offset."""
+    ranked: dict[Kind | None, list[tuple[float, Hypothesis, float]]] = {}
+    for hypothesis in hypotheses:
+        try:
+            offset, alike = bench.coarse(hypothesis.path)
+        except InputError:
+            continue
+        if hypothesis.kind in _SAME_RATES:
+            yield hypothesis, offset
+        else:
+            group = hypothesis.kind if hypothesis.kind in _KEPT else None
+            ranked.setdefault(group, []).append((alike, hypothesis, offset))
+    for group, some in ranked.items():
+        some.sort(key=lambda one: -one[0])
+        for _, hypothesis, offset in some[: _KEPT[group]]:
+            yield hypothesis, offset
+
+
+def _other_offsets(bench: Bench, hypothesis: Hypothesis, told: Trial) -> Iterator[Trial]:
+    """Trials at time offsets beyond those that were searched."""
+    free = replace(bench, options=replace(bench.options, time_offset=None))
+    found = []
+    for centre in np.arange(-_FAR, _FAR + 1.0, 2.0 * _STRETCH):
+        offset, alike = free.coarse(hypothesis.path, float(centre), _STRETCH)
+        if not _searched(bench, told, offset):
+            found.append((alike, offset))
+    found.sort(reverse=True)
+    for _, offset in found[: _KEPT["offset"]]:
+        yield from _at_offset(free, bench, hypothesis, told, offset)
+
+
+def _free_offset(bench: Bench, case: Case, told: Trial) -> Iterator[Trial]:
+    """Trials at time offsets near the one that was given."""
+    free = replace(bench, options=replace(bench.options, time_offset=None))
+    hypothesis = Hypothesis(kind="offset", path=case.path)
+    for offset in (told.offset, free.coarse(case.path)[0]):
+        yield from _at_offset(free, bench, hypothesis, told, offset)
+
+
+def _at_offset(
+    free: Bench, bench: Bench, hypothesis: Hypothesis, told: Trial, offset: float
+) -> Iterator[Trial]:
+    trial = free.trial(hypothesis, offset)
+    if trial is not None and not _searched(bench, told, trial.offset):
+        told_by = (bench.options.time_offset, bench.options.max_offset)
+        found = replace(hypothesis, sizes=(trial.offset,), detail=told_by)
+        yield replace(trial, hypothesis=found)
+
+
+def _searched(bench: Bench, told: Trial, offset: float) -> bool:
+    """Whether the fit that was told could have found this time offset."""
+    given = bench.options.time_offset
+    if given is not None:
+        return abs(offset - given) < _GIVEN_WITHIN
+    return abs(offset) <= bench.options.max_offset or abs(offset - told.offset) < _STRETCH / 100.0
+
+
+def _small_zero(bench: Bench, case: Case) -> Hypothesis | None:
+    """The joint whose zero is farthest off if all are free: what is smaller than gross."""
+    windowing = bench.windowing
+    offset, _ = bench.coarse(case.path)
+    rows = bench.rows(windowing, offset)
+    if rows is None or _left_by_any_matrix(rows) > _HOPELESS:
+        return None
+    try:
+        lean = lean_fit(windowing, bench.options, offset, table=(*LEAN, _zero(None)))
+    except InputError:
+        return None
+    joints = {name: joint for joint, name in edits.turning_joints(case.path).items()}
+    found = {
+        placed.labels[0]: float(lean.state.x[placed.part][0])
+        for placed, _ in lean.model.layout.of(JointCurve)
+    }
+    name = max(found, key=lambda name: abs(found[name]), default=None)
+    if name is None or name not in joints:
+        return None
+    turned = edits.with_zero(case.path, joints[name], found[name])
+    return Hypothesis(
+        kind="zero", names=(name,), sizes=(found[name],), path=turned, joint=joints[name]
+    )
+
+
+def _axes(bench: Bench, case: Case, told: Trial) -> Hypothesis | None:
+    rows = bench.rows(bench.windowing, bench.coarse(case.path)[0])
+    if rows is None or _left_by_any_matrix(rows) > _HOPELESS:
+        return None
+    return reoriented(rows, case.path, told.lean.state.gravity)
+
+
+def _left_by_any_matrix(rows: WindowRows) -> float:
+    """Share of the robot's turning left by the best 3x3 matrix: no rotation leaves less."""
+    known = rows.gyro[:, :, columns.ONE].reshape(-1)
+    free = np.concatenate([rows.gyro[:, :, columns.R], rows.gyro[:, :, columns.BG]], axis=2)
+    free = free.reshape(len(known), -1)
+    left = known - free @ np.linalg.lstsq(free, known, rcond=1e-6)[0]
+    turning = float(np.linalg.norm(known))
+    return float(np.linalg.norm(left)) / turning if turning > 0.0 else 0.0

@@ -1,0 +1,105 @@
+"""Does the IMU move while everything the log knows of stands still?"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imucalib_cli.diagnose.alternatives import (
+    lean_vector,
+    own_noise,
+    short_windows,
+    trimmed_rms,
+)
+from imucalib_cli.diagnose.edits import joints_of
+from imucalib_cli.estimate import columns
+from imucalib_cli.findings import Finding, untrusted
+
+if TYPE_CHECKING:
+    from imucalib_cli.diagnose.alternatives import Trial
+
+Floats = NDArray[np.float64]
+
+_WINDOW: Final = 0.2
+"""s: short, for pauses between moves are."""
+_STILL: Final = (0.02, 0.002)
+"""m/s² and rad/s: a robot that moves less than this by its kinematics stands still."""
+_MOVES: Final = (0.1, 0.01)
+"""m/s² and rad/s: an IMU that moves more than this does not."""
+_NOISES: Final = 8.0
+"""Times the sensor's own noise that its motion must reach."""
+_SHARE: Final = 0.3
+"""Of the residual in motion, that at rest must reach: else the rest is not what is wrong."""
+_LEAST: Final = 15
+"""Windows at rest, half of one apart: a second and a half."""
+
+
+def find_motion_at_rest(told: Trial) -> Finding | None:
+    """Name a base that moves though the log says nothing of it.
+
+    Args:
+        told: The kinematics as told, fitted.
+    """
+    full = told.lean.model.windowing
+    windowing = short_windows(full, _WINDOW)
+    centres = windowing.centres(told.offset)
+    if not len(centres):
+        return None
+    rows, x = windowing.rows(told.offset, centres), lean_vector(told.lean)
+    speed = np.linalg.norm(rows.gyro[:, :, columns.ONE], axis=1)
+    push = np.linalg.norm(
+        rows.accel[:, :, columns.ONE] + rows.accel[:, :, columns.T] @ x[columns.T], axis=1
+    )
+    still = (speed < _STILL[1]) & (push < _STILL[0])
+    # Windows on either side must stand still too.
+    calm = still.copy()
+    calm[1:] &= still[:-1]
+    calm[:-1] &= still[1:]
+    if calm.sum() < _LEAST:
+        return None
+    accel, gyro = rows.residuals(x)
+    turning = min(
+        trimmed_rms(gyro[calm] - np.median(gyro[calm], axis=0)),
+        # A bias that changes once, or a sensor that is reset, is no motion.
+        trimmed_rms(_less_a_step(gyro[calm] @ told.lean.state.R)),
+    )
+    # What is constant in a pause is bias, tilt or scale: gravity lies differently in the next.
+    pushing = trimmed_rms(_within_pauses(accel[calm], np.flatnonzero(calm)))
+    pushed, turns = (
+        size > max(least, _NOISES * noise)
+        and (still.all() or size > _SHARE * trimmed_rms(residuals[~still]))
+        for size, least, noise, residuals in zip(
+            (pushing, turning), _MOVES, own_noise(windowing), (accel, gyro), strict=True
+        )
+    )
+    if not turns and not pushed:
+        return None
+    path = full.trajectory.path
+    return untrusted(
+        "cause.base_moves",
+        names=(path.world,),
+        turning=turning if turns else None,
+        pushing=pushing if pushed else None,
+        joints=bool(joints_of(path)),
+    )
+
+
+def _less_a_step(values: Floats) -> Floats:
+    """Values less their means before and after the instant that leaves least, (N, 3)."""
+    count = np.arange(1, len(values))[:, None]
+    sums, squares = np.cumsum(values, axis=0)[:-1], float(np.sum(values**2))
+    total = np.sum(values, axis=0)
+    left = squares - (sums**2 / count + (total - sums) ** 2 / (len(values) - count)).sum(axis=1)
+    k = int(np.argmin(left)) + 1
+    parts = (values[:k], values[k:])
+    return np.concatenate([part - np.median(part, axis=0) for part in parts])
+
+
+def _within_pauses(values: Floats, index: NDArray[np.intp]) -> Floats:
+    """Values less their mean over each run of consecutive windows."""
+    pause = np.concatenate([[0], np.cumsum(np.diff(index) > 1)])
+    count = np.bincount(pause)
+    means = np.stack([np.bincount(pause, axis) / count for axis in values.T], axis=1)
+    return np.asarray(values - means[pause])

@@ -1,0 +1,383 @@
+"""How the residuals of windows change with each unknown.
+
+Columns need no more than some per cent of accuracy, so they are made on nodes, some thirty to a
+window. What an unknown does is said along the nodes: it turns and shifts the pose, or changes what
+the sensors read, or gravity, or the instants. One mechanism makes columns of that.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import singledispatch
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imucalib_cli.estimate.design import BLOCK
+from imucalib_cli.estimate.solve import gravity_axes
+from imucalib_cli.estimate.state import Chain
+from imucalib_cli.estimate.unknowns import (
+    Clock,
+    Gravity,
+    JointCurve,
+    Mount,
+    Origin,
+    PoseScale,
+    Reading,
+)
+from imucalib_cli.estimate.windows import blocks
+from imucalib_cli.robot.path import JointStep, PoseStep
+from imucalib_cli.robot.rotations import cross, skew, vee
+from imucalib_cli.signals.kernels import convolve_at, matched_filter
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from imucalib_cli.estimate.design import Model
+    from imucalib_cli.estimate.layout import Placed
+    from imucalib_cli.estimate.state import State
+    from imucalib_cli.estimate.unknowns import Samples
+    from imucalib_cli.estimate.windows import WindowPlan
+    from imucalib_cli.robot.path import KinematicPath
+    from imucalib_cli.signals.kernels import MatchedFilter
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+_TOGETHER = 16
+"""Windows filtered by one matrix product."""
+
+
+def columns(model: Model, state: State, centres: Indices) -> Iterator[tuple[slice, Floats, Floats]]:
+    """Derivatives of the residuals (W, 6, n) by the layout's components, block by block.
+
+    With them the residuals on the nodes (W, 6), good enough for a first solution.
+    """
+    plan = model.windowing.plan
+    nodes = plan_nodes(plan, model.windowing.grid.dt)
+    chain = Chain.of(model.windowing.trajectory, model.layout, state.x)
+    for part in blocks(centres, plan.hop, BLOCK):
+        yield part, *_block_columns(model, nodes, chain, state, centres[part])
+
+
+@dataclass(frozen=True, eq=False)
+class NodePlan:
+    """The windows' filters on a coarser grid of nodes."""
+
+    every: int
+    """Grid samples between nodes."""
+    hop: int
+    """Nodes between windows."""
+    first: MatchedFilter
+    second: MatchedFilter
+    box: Floats
+    """Weights that average the samples around a node."""
+
+    @property
+    def reach(self) -> int:
+        """Nodes on each side of a window's centre that its filters touch."""
+        return len(self.second.average) // 2
+
+    def kernel(self, pair: MatchedFilter, curved: int) -> Floats:
+        """Weights of single samples in a window's average of a reading, or of its differences."""
+        weights = pair.average
+        for _ in range(curved):
+            weights = np.convolve(weights, [1.0, -2.0, 1.0])
+        spread = np.zeros((len(weights) - 1) * self.every + 1)
+        spread[:: self.every] = weights
+        return np.convolve(spread, self.box)
+
+
+def plan_nodes(plan: WindowPlan, dt: float) -> NodePlan:
+    """Nodes for a plan of windows whose hop is a multiple of theirs."""
+    every, length, degree = plan.node, plan.node_length, plan.degree
+    half = every // 2
+    box = np.full(2 * half + 1, 1.0 / every)
+    if every % 2 == 0:
+        box[[0, -1]] /= 2.0
+    return NodePlan(
+        every=every,
+        hop=plan.hop // every,
+        first=matched_filter(length, degree, 1, every * dt),
+        second=matched_filter(length, degree, 2, every * dt),
+        box=box,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Nodes:
+    """Everything of a stretch of nodes that effects are made of."""
+
+    first: int
+    """The first node, of those of the grid."""
+    samples: Samples
+    R: Floats
+    """(M, 3, 3), R_world_parent."""
+    p: Floats
+    lever: Floats
+    """(M, 3), R t: from the parent link to the IMU, world axes."""
+    R_world_imu: Floats
+    force: Floats
+    """(M, 3), ideal specific force, world axes."""
+    rate_read: Floats
+    """(M, 3), measured, parent axes, rad/s."""
+    turning: Floats
+    """(M, 3), rate of the parent link, world axes, rad/s."""
+    moving: Floats
+    """(M, 3), velocity of the IMU, world axes, m/s."""
+    frames: tuple[tuple[Floats, Floats], ...]
+    values: tuple[Floats, ...]
+    rates: tuple[Floats, ...]
+    path: KinematicPath
+    gravity: Floats
+    """(3,), m/s², world axes."""
+
+
+@dataclass(eq=False)
+class _Channels:
+    """What unknowns do along the nodes, world axes: components, and changes (M, n, 3).
+
+    accelerometer  R_c' (D2 shift - K2*force - gravity)
+    gyroscope      R_c' (D1 turn - K1*rate)
+    """
+
+    shift: list[tuple[slice, Floats]] = field(default_factory=list)
+    """Of the IMU's place."""
+    turn: list[tuple[slice, Floats]] = field(default_factory=list)
+    """Of the parent link."""
+    force: list[tuple[slice, Floats]] = field(default_factory=list)
+    """Of the specific force as read, seen in the world."""
+    rate: list[tuple[slice, Floats]] = field(default_factory=list)
+    """Of the rate as read, likewise."""
+    gravity: list[tuple[slice, Floats]] = field(default_factory=list)
+    """(n, 3), of gravity."""
+    clock: list[tuple[slice, Clock]] = field(default_factory=list)
+    """Unknowns of the clock: the pose is that of another instant."""
+
+    def add_twist(self, part: slice, turn: Floats, shift: Floats, force: Floats) -> None:
+        """A turn of the parent link and a shift of the IMU; the force is seen turned."""
+        self.shift.append((part, shift))
+        self.turn.append((part, turn))
+        self.force.append((part, cross(turn, force[:, None])))
+
+
+def _block_columns(
+    model: Model, plan: NodePlan, chain: Chain, state: State, centres: Indices
+) -> tuple[Floats, Floats]:
+    """Columns (W, 6, n) and residuals (W, 6) of a few hundred windows."""
+    nodes = _nodes(model, plan, chain, state, centres)
+    channels = _Channels()
+    for each in model.layout.placed:
+        add_effect(each.unknown.effect, each, nodes, channels)
+    filters = _Filters.of(plan, nodes, centres)
+    J = np.zeros((len(centres), 6, model.layout.size))
+    accel, gyro = slice(0, 3), slice(3, 6)
+    for rows, found, weights, sign in (
+        (accel, channels.shift, plan.second.derivative, 1.0),
+        (accel, channels.force, plan.second.average, -1.0),
+        (gyro, channels.turn, plan.first.derivative, 1.0),
+        (gyro, channels.rate, plan.first.average, -1.0),
+    ):
+        if found:
+            index = np.concatenate([np.arange(part.start, part.stop) for part, _ in found])
+            changes = filters.in_parent(np.concatenate([each for _, each in found], 1), weights)
+            J[:, rows, index] += sign * np.moveaxis(changes, 1, 2)
+    for part, change in channels.gravity:
+        J[:, accel, part] -= np.moveaxis(change @ filters.R_centre, 1, 2)
+    if channels.clock:
+        # A later stamp means an earlier pose: one column, times what each entry says.
+        turn, shift = -nodes.turning[:, None], -nodes.moving[:, None]
+        read = cross(turn, nodes.force[:, None])
+        by_time = filters.in_parent(shift, plan.second.derivative) - filters.in_parent(
+            read, plan.second.average
+        )
+        turned = filters.in_parent(turn, plan.first.derivative)
+        grid = model.windowing.grid
+        age = np.asarray(grid.dt * centres + (grid.t0 - model.middle))
+        for part, clock in channels.clock:
+            J[:, accel, part.start] += by_time[:, 0] * clock.accel(age)[:, None]
+            J[:, gyro, part.start] += turned[:, 0] * clock.gyro(age)[:, None]
+    return J, filters.residuals(nodes)
+
+
+@dataclass(frozen=True, eq=False)
+class _Filters:
+    """The windows of a stretch of nodes."""
+
+    plan: NodePlan
+    first: int
+    """Node of the first centre, within the stretch."""
+    count: int
+    """Windows on the even grid of windows."""
+    chosen: Indices
+    """Of these, those that are wanted."""
+    R_centre: Floats
+    """(W, 3, 3), R_world_parent at the centres."""
+
+    @classmethod
+    def of(cls, plan: NodePlan, nodes: _Nodes, centres: Indices) -> _Filters:
+        """For some centres, ascending."""
+        at = centres // plan.every - nodes.first
+        chosen = (at - at[0]) // plan.hop
+        return cls(plan, int(at[0]), int(chosen[-1]) + 1, chosen, nodes.R[at])
+
+    def sums(self, values: Floats, weights: Floats) -> Floats:
+        """Weighted sums of nodes, (W, C)."""
+        start = self.first - len(weights) // 2
+        return np.asarray(_sums(values, weights, start, self.plan.hop, self.count)[self.chosen])
+
+    def in_parent(self, values: Floats, weights: Floats) -> Floats:
+        """Sums of (M, n, 3), in the parent's axes at each centre: (W, n, 3)."""
+        flat = self.sums(values.reshape(len(values), -1), weights)
+        return np.asarray(flat.reshape(len(flat), -1, 3) @ self.R_centre)
+
+    def residuals(self, nodes: _Nodes) -> Floats:
+        """(W, 6), the equations themselves as the nodes have them."""
+        plan, back = self.plan, np.swapaxes(self.R_centre, 1, 2)
+        left = self.sums(nodes.p + nodes.lever, plan.second.derivative) - nodes.gravity
+        left = left - self.sums(nodes.force, plan.second.average)
+        turned = (nodes.R @ skew(nodes.rate_read)).reshape(-1, 9)
+        spun = self.sums(nodes.R.reshape(-1, 9), plan.first.derivative)
+        spun = spun - self.sums(turned, plan.first.average)
+        e = np.empty((len(left), 6))
+        e[:, :3] = np.einsum("wij,wj->wi", back, left)
+        e[:, 3:] = vee(back @ spun.reshape(-1, 3, 3))
+        return e
+
+
+@singledispatch
+def add_effect(effect: Any, placed: Placed, nodes: _Nodes, channels: _Channels) -> None:
+    """Add what one entry of the table does along the nodes."""
+    raise NotImplementedError(effect, placed, nodes, channels)
+
+
+@add_effect.register(Reading)
+def _(effect: Reading, placed: Placed, nodes: _Nodes, channels: _Channels) -> None:
+    basis = np.swapaxes(effect.basis(nodes.samples), 0, 1)
+    # Taking the error off lowers the reading.
+    seen = -(basis @ np.swapaxes(nodes.R_world_imu, 1, 2))
+    (channels.force if effect.sensor == "accel" else channels.rate).append((placed.part, seen))
+
+
+@add_effect.register(Clock)
+def _(effect: Clock, placed: Placed, _: _Nodes, channels: _Channels) -> None:
+    channels.clock.append((placed.part, effect))
+
+
+@add_effect.register(Gravity)
+def _(effect: Gravity, placed: Placed, nodes: _Nodes, channels: _Channels) -> None:
+    if effect.what == "direction":
+        change = cross(gravity_axes(nodes.gravity), nodes.gravity)
+    else:
+        change = nodes.gravity[None] / np.linalg.norm(nodes.gravity)
+    channels.gravity.append((placed.part, change))
+
+
+@add_effect.register(Mount)
+def _(effect: Mount, placed: Placed, nodes: _Nodes, channels: _Channels) -> None:
+    axes = np.swapaxes(nodes.R, 1, 2)  # rows: the parent's axes in the world
+    if effect.what == "translation":
+        channels.shift.append((placed.part, axes))
+    else:
+        channels.force.append((placed.part, cross(axes, nodes.force[:, None])))
+        channels.rate.append((placed.part, cross(axes, nodes.turning[:, None])))
+
+
+@add_effect.register(Origin)
+def _(_: Origin, placed: Placed, nodes: _Nodes, channels: _Channels) -> None:
+    shift = placed.directions @ np.swapaxes(nodes.frames[placed.index][0], 1, 2)
+    channels.shift.append((placed.part, shift))
+
+
+@add_effect.register(PoseScale)
+def _(_: PoseScale, placed: Placed, nodes: _Nodes, channels: _Channels) -> None:
+    shift = np.zeros((len(nodes.p), 1, 3))
+    for index, step in enumerate(nodes.path.steps):
+        if isinstance(step, PoseStep) and step.track == placed.index:
+            shift[:, 0] += nodes.frames[index + 1][1] - nodes.frames[index][1]
+    channels.shift.append((placed.part, shift))
+
+
+@add_effect.register(JointCurve)
+def _(effect: JointCurve, placed: Placed, nodes: _Nodes, channels: _Channels) -> None:
+    joint = placed.joint
+    if joint is None:
+        return
+    q, rate = (each[joint.track][:, joint.column] for each in (nodes.values, nodes.rates))
+    curve = effect.basis(q, rate).T[:, :, None]
+    turn, shift = np.zeros((len(q), 3)), np.zeros((len(q), 3))
+    for index in joint.steps:
+        step, (R, p) = nodes.path.steps[index], nodes.frames[index]
+        if isinstance(step, JointStep):
+            axis = step.multiplier * (R @ step.axis)
+            if step.kind == "prismatic":
+                shift += axis
+            else:
+                turn += axis
+                shift += cross(axis, nodes.p + nodes.lever - p)
+    channels.add_twist(placed.part, curve * turn[:, None], curve * shift[:, None], nodes.force)
+
+
+def _nodes(model: Model, plan: NodePlan, chain: Chain, state: State, centres: Indices) -> _Nodes:
+    """Everything along the nodes that windows touch."""
+    grid = model.windowing.grid
+    reach = plan.reach + 2
+    first = int(centres[0]) // plan.every - reach
+    count = int(centres[-1]) // plan.every + reach + 1 - first
+    index = (first + np.arange(count)) * plan.every
+    half = len(plan.box) // 2
+    lowest, highest = int(index[0]) - half, int(index[-1]) + half + 1
+    inside = np.clip(np.arange(lowest, highest), 0, len(grid.usable) - 1)
+    both = np.hstack([grid.accel[inside], grid.gyro[inside]])
+    mean = convolve_at(both, plan.box, index - half - lowest)
+    samples = model.samples(mean[:, :3], mean[:, 3:], int(index[0]), plan.every)
+    stamps = np.asarray(grid.t0 + grid.dt * index)
+    t = model.robot_times(stamps, model.shifts(state)[1])
+    values, rates = chain.values_and_rates(t)
+    frames = chain.path.frames(values)
+    R, p = frames[-1]
+    lever = R @ state.t
+    dt = grid.dt * plan.every
+    spin = R[2:] @ np.swapaxes(R[:-2], 1, 2)
+    turning = vee(spin) / (2 * dt)
+    place = p + lever
+    moving = (place[2:] - place[:-2]) / (2 * dt)
+    accel, gyro = model.less_errors(state, samples)
+    R_world_imu = R @ state.R
+    return _Nodes(
+        first=first,
+        samples=samples,
+        R=R,
+        p=p,
+        lever=lever,
+        R_world_imu=R_world_imu,
+        force=np.einsum("mij,mj->mi", R_world_imu, accel),
+        turning=_with_ends(turning),
+        moving=_with_ends(moving),
+        frames=frames,
+        values=values,
+        rate_read=gyro @ state.R.T,
+        rates=rates,
+        path=chain.path,
+        gravity=state.gravity,
+    )
+
+
+def _with_ends(inner: Floats) -> Floats:
+    """Central differences, the first and the last repeated at the ends, which no window uses."""
+    return np.concatenate([inner[:1], inner, inner[-1:]])
+
+
+def _sums(values: Floats, weights: Floats, start: int, hop: int, count: int) -> Floats:
+    """Weighted sums of rows, (count, C), each beginning ``hop`` rows after the one before."""
+    together = min(_TOGETHER, count)
+    spread = np.zeros((together, (together - 1) * hop + len(weights)))
+    for row in range(together):
+        spread[row, row * hop : row * hop + len(weights)] = weights
+    found = np.empty((count, values.shape[1]))
+    for begins in range(0, count, together):
+        at = min(begins, count - together)
+        begin = start + at * hop
+        found[at : at + together] = spread @ values[begin : begin + spread.shape[1]]
+    return found
