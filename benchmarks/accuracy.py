@@ -3,19 +3,23 @@
     python benchmarks/accuracy.py
 
 The physics engine is the truth. What is left of the matched method is the error of integrating
-samples; of the published one, the truncation of its filters. The published method is given the
-true pose as its initial guess and no sample is excluded.
+samples, as robot, sensor and gravity are exact and told to be; of the published one, the truncation
+of its filters. The published method is given the true pose as its initial guess and no sample is
+excluded.
 """
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 from common import clean_recording
 
 from imucalib_cli.estimate.matched import calibrate_matched
-from imucalib_cli.estimate.options import MatchedOptions, PaperOptions, WindowChoice
+from imucalib_cli.estimate.options import PaperOptions, WindowChoice
 from imucalib_cli.estimate.paper import calibrate_paper
 from imucalib_cli.simulate.options import PhysicsOptions
+from imucalib_cli.study.contest import exact_system
 from imucalib_cli.study.trial import error_of, streams_of
 
 WINDOWS = (0.02, 0.05, 0.1, 0.2, 0.3, 0.5)
@@ -26,16 +30,14 @@ def main() -> None:
     for system, rate in (("rihibot", 500.0), ("rihibot", 100.0), ("barbot", 250.0)):
         clean = clean_recording(system, PhysicsOptions(imu_rate=rate, robot_rate=rate))
         imu, path = streams_of(clean)
-        still = not clean.gravity_world.any()
+        norm = float(np.linalg.norm(clean.gravity_world))
         print(f"\n{system}, {rate:.0f} Hz")
         print("| window s | matched mm | matched deg | paper mm | paper deg |")
         print("|---|---|---|---|---|")
         for seconds in WINDOWS:
             window = WindowChoice(seconds=seconds)
             ours = error_of(
-                calibrate_matched(
-                    imu, path, MatchedOptions(window=window, gravity="none" if still else "tilt")
-                ),
+                calibrate_matched(imu, path, replace(exact_system(norm), window=window)),
                 clean,
             )
             theirs = error_of(
@@ -47,7 +49,7 @@ def main() -> None:
                         exclusion_threshold=0.0,
                         R_initial=clean.R_parent_imu,
                         t_initial=clean.t_parent_imu,
-                        gravity_norm=float(np.linalg.norm(clean.gravity_world)),
+                        gravity_norm=norm,
                     ),
                 ),
                 clean,

@@ -44,7 +44,6 @@ class Trial:
     offset: float
     offset_nees: float
     bias_nees: tuple[float, float]
-    from_segments: bool
     trusted: bool
 
 
@@ -68,7 +67,6 @@ def run_trial(case: Case, seed: int) -> Trial:
         offset=error.time_offset,
         offset_nees=(error.time_offset / (estimate.time_offset_std or np.inf)) ** 2,
         bias_nees=(ratios[0], ratios[1]),
-        from_segments=estimate.sigma_source == "segments",
         trusted=estimate.trusted,
     )
 

@@ -102,10 +102,7 @@ def estimate_by(method: Method, recording: Recording, settings: Settings) -> Est
                 t_initial=np.array(nominal.xyz) if guess[1] is None else guess[1],
             ),
         )
-    if method == "matched, pose only":
-        options = pose_only(norm)
-    else:
-        options = exact_system(norm)
+    options = pose_only(norm) if method == "matched, pose only" else exact_system(norm)
     return calibrate_matched(imu, path, replace(options, window=settings.window))
 
 

@@ -85,7 +85,7 @@ def test_another_imu_frame_turns_the_rotation_and_the_biases(log: Log, plain: Es
 
 
 def test_with_all_of_the_table_free_frames_hardly_matter(log: Log) -> None:
-    """Errors along axes have priors, so that other axes are other priors: less than half a sigma."""
+    """Errors along axes have priors, so other axes are other priors: less than half a sigma."""
     plain = calibrate_matched(log.imu, log.path, MatchedOptions())
     turned = log.with_imu(log.imu.t, log.imu.gyro @ TURN, log.imu.accel @ TURN)
     at_parent = replace(

@@ -1,0 +1,266 @@
+"""The table of unknowns: columns against differences, what no log can tell, and one entry more.
+
+Robots are given analytic motions. The exact residuals, whose differences the columns are held
+against, are those that other tests hold against pinocchio's truth.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from imucalib_cli.estimate.design import Model, State
+from imucalib_cli.estimate.fit import lean_fit
+from imucalib_cli.estimate.layout import Joint, lay_out
+from imucalib_cli.estimate.options import MatchedOptions
+from imucalib_cli.estimate.prepare import clean_imu
+from imucalib_cli.estimate.unknowns import LEAN, TABLE, JointCurve, Origin, Reading, Unknown
+from imucalib_cli.estimate.windows import Windowing, plan_windows
+from imucalib_cli.robot.path import FixedStep, JointStep, KinematicPath, PoseStep, Track
+from imucalib_cli.signals.samples import ImuSamples
+from imucalib_cli.signals.trajectory import Trajectory
+from tests.estimate.estimate_arm import GRAVITY, MOUNT, Log, Moves, make_log
+
+if TYPE_CHECKING:
+    from imucalib_cli.estimate.layout import Layout, Placed
+    from imucalib_cli.estimate.unknowns import Samples
+
+Floats = NDArray[np.float64]
+
+RATE, SECONDS = 200.0, 16.0
+H = 1e-4
+"""s: of the differences that the mixed robot's readings are made by."""
+MIXED_OFFSET = 0.003
+COARSE = "ur10e, several samples to a node"
+ROBOTS = pytest.mark.parametrize("robot", ["ur10e", COARSE, "mixed"])
+
+
+def _mixed_values(t: Floats) -> tuple[Floats, Floats]:
+    """A base that sways, and joints that swing: (M, 7) and (M, 3), smooth for ever."""
+    p = np.stack([0.3 * np.sin(0.9 * t), 0.2 * np.sin(1.3 * t + 1), 0.1 * np.cos(1.7 * t)], 1)
+    turn = np.stack([0.3 * np.sin(1.1 * t), 0.2 * np.cos(0.8 * t), 0.4 * np.sin(0.7 * t)], 1)
+    q = np.stack([0.6 * np.sin(1.4 * t), 0.15 * np.sin(1.9 * t), 0.8 * np.cos(1.2 * t)], 1)
+    return np.hstack([p, Rotation.from_rotvec(turn).as_quat()]), q
+
+
+def _mixed_path(t: Floats) -> KinematicPath:
+    """A tracked base, a turning, a sliding, a mimic and a last turning joint."""
+    poses, q = _mixed_values(t)
+
+    def joint(name: str, column: int, axis: tuple[float, float, float], **more: float) -> JointStep:
+        return JointStep(
+            name=name,
+            kind="prismatic" if name == "slide" else "revolute",
+            axis=np.array(axis),
+            track=1,
+            column=column,
+            **more,
+        )
+
+    def fixed(seed: int) -> FixedStep:
+        rng = np.random.default_rng(seed)
+        R = Rotation.from_rotvec(rng.normal(size=3)).as_matrix()
+        return FixedStep(R=R, p=rng.uniform(-0.4, 0.4, 3))
+
+    steps = (
+        PoseStep(track=0),
+        fixed(1),
+        joint("turn", 0, (0.0, 0.0, 1.0)),
+        fixed(2),
+        joint("slide", 1, (0.6, 0.8, 0.0)),
+        fixed(3),
+        joint("mimic", 0, (0.0, 1.0, 0.0), multiplier=-0.5, offset=0.2),
+        fixed(4),
+        joint("last", 2, (0.0, 0.0, 1.0)),
+        fixed(5),
+    )
+    tracks = (
+        Track(name="tracker", kind="pose", t=t, values=poses),
+        Track(name="joints", kind="joints", t=t, values=q, names=("turn", "slide", "last")),
+    )
+    return KinematicPath(world="room", parent="tool", steps=steps, tracks=tracks)
+
+
+def _mixed_log() -> Log:
+    t = np.arange(0.0, SECONDS, 1 / RATE)
+    path = _mixed_path(t)
+
+    def place(t: Floats) -> tuple[Floats, Floats]:
+        R, p = path.poses(_mixed_values(t))
+        return R @ MOUNT.R, p + R @ MOUNT.t
+
+    (R, p), (R_later, p_later), (R_sooner, p_sooner) = place(t), place(t + H), place(t - H)
+    force = (p_later - 2 * p + p_sooner) / H**2 + [0, 0, GRAVITY]
+    turned = Rotation.from_matrix(np.swapaxes(R_sooner, 1, 2) @ R_later).as_rotvec()
+    accel = np.einsum("nji,nj->ni", R, force)
+    imu = ImuSamples(t=t + MIXED_OFFSET, gyro=turned / (2 * H), accel=accel)
+    return Log(imu=imu, path=path, mount=MOUNT, time_offset=MIXED_OFFSET)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Case:
+    """A model and its true state."""
+
+    model: Model
+    state: State
+
+    @property
+    def layout(self) -> Layout:
+        return self.model.layout
+
+
+def windowing_of(log: Log, seconds: float = 0.3) -> Windowing:
+    trajectory = Trajectory.of(log.path)
+    grid = clean_imu(log.imu).grid(trajectory.interval, use_ticks=False)
+    length = 2 * round(seconds / grid.dt / 2) + 1
+    return Windowing(grid, trajectory, plan_windows(length, 3, grid.dt))
+
+
+@cache
+def case(robot: str) -> Case:
+    plain = make_log(Moves(seconds=SECONDS), time_offset=0.004)
+    log = _mixed_log() if robot == "mixed" else plain
+    windowing = windowing_of(log, 0.7 if robot == COARSE else 0.3)
+    layout = lay_out(windowing.trajectory, MatchedOptions())
+    x = np.zeros(layout.size)
+    x[layout.part("time_offset")] = log.time_offset
+    state = State(log.mount.R, log.mount.t, np.array([0.0, 0.0, -GRAVITY]), x)
+    return Case(model=Model(windowing, layout), state=state)
+
+
+@ROBOTS
+def test_the_case_is_true(robot: str) -> None:
+    """Else its columns would be those of nothing in the world."""
+    model, state = case(robot).model, case(robot).state
+    (residuals,) = model.residuals(state, model.centres(state))
+    assert np.abs(residuals.values[:, :3]).max() < 3e-3
+    assert np.abs(residuals.values[:, 3:]).max() < 3e-4
+    assert np.median(np.abs(residuals.values[:, :3])) < 1e-5
+
+
+@pytest.mark.parametrize("name", [unknown.name for unknown in TABLE])
+@ROBOTS
+def test_columns_are_differences_of_the_exact_residuals(robot: str, name: str) -> None:
+    """On nodes, so to some per cent; of differences of readings and of play to fifteen."""
+    model, state = case(robot).model, case(robot).state
+    layout = model.layout
+    placed = [each for each in layout.placed if each.unknown.name == name]
+    assert placed or name == "pose_scale", "the robot has no such unknown"
+    centres = model.centres(state)[5:-5:9]
+    J = np.concatenate([columns for _, columns, _ in model.columns(state, centres)])
+    step = 1e-5
+    for each in placed:
+        effect = each.unknown.effect
+        # Play steps faster than from node to node.
+        coarse = name == "joint_play" or (isinstance(effect, Reading) and effect.differences > 0)
+        for place in range(each.part.start, each.part.stop):
+            d = np.zeros(layout.size)
+            d[place] = step
+            (high,) = model.residuals(state.moved(layout, d), centres)
+            (low,) = model.residuals(state.moved(layout, -d), centres)
+            expected = (high.values - low.values) / (2 * step)
+            for sensor in (slice(0, 3), slice(3, 6)):
+                size = np.sqrt(np.mean(expected[:, sensor] ** 2))
+                off = np.sqrt(np.mean((J[:, sensor, place] - expected[:, sensor]) ** 2))
+                # Below a thousandth of a unit it is rounding of the differences.
+                assert off < (0.15 if coarse else 0.04) * size + 1e-4, each.labels
+
+
+def owners(layout: Layout, kind: type) -> dict[str, list[Placed]]:
+    found: dict[str, list[Placed]] = {}
+    for each in layout.of(kind):
+        found.setdefault(each.unknown.name, []).append(each)
+    return found
+
+
+def joint_names(placed: list[Placed]) -> list[str]:
+    return [each.where.name for each in placed if isinstance(each.where, Joint)]
+
+
+def test_what_no_log_can_tell_is_not_looked_for() -> None:
+    """The first joint's zero is the base's turn; the last one's, and all after it, the mount's."""
+    layout = case("ur10e").layout
+    joints = owners(layout, JointCurve)
+    assert joint_names(joints["joint_zero"]) == ["j1", "j2", "j3", "j4"]
+    assert joint_names(joints["joint_lag"]) == [f"j{index}" for index in range(6)]
+    origins = owners(layout, Origin)["origin"]
+    # Steps are joint, origin, joint, origin, ...; the last is the flange.
+    assert [each.where for each in origins] == [1, 3, 5, 7, 9]
+    assert [each.part.stop - each.part.start for each in origins] == [3, 3, 3, 3, 2]
+    # What is left of the last one is across the last joint's axis, as its frame has it.
+    last = origins[-1].directions
+    assert last is not None
+    path = case("ur10e").model.windowing.trajectory.path
+    step = path.steps[9]
+    assert isinstance(step, FixedStep)
+    np.testing.assert_allclose(last @ step.R[:, 2], 0.0, atol=1e-9)
+
+
+def test_a_moving_base_shows_the_first_joints_zero_and_its_own_place() -> None:
+    layout = case("mixed").layout
+    joints = owners(layout, JointCurve)
+    # Sliding joints have no zero: it is an origin. The mimic follows the joint that drives it.
+    assert joint_names(joints["joint_zero"]) == ["turn"]
+    assert joint_names(joints["joint_lag"]) == ["turn", "slide", "last"]
+    assert [each.where for each in owners(layout, Origin)["origin"]] == [1, 3, 5, 7]
+    assert layout.part("pose_scale") != slice(0, 0)
+
+
+def test_a_joint_that_stands_still_is_a_link() -> None:
+    moves = Moves(seconds=SECONDS, amplitude=(0.5, 0.4, 0.0, 0.9, 0.9, 0.0))
+    trajectory = Trajectory.of(make_log(moves).path)
+    joints = owners(lay_out(trajectory, MatchedOptions()), JointCurve)
+    assert joint_names(joints["joint_lag"]) == ["j0", "j1", "j3", "j4"]
+    # Between the first and the last that move, its zero turns all that follows.
+    assert joint_names(joints["joint_zero"]) == ["j1", "j2", "j3"]
+
+
+def test_options_take_entries_out() -> None:
+    trajectory = case("ur10e").model.windowing.trajectory
+    exact = MatchedOptions(robot="exact", sensor_model="ideal", gravity_std=0.0)
+    names = {each.unknown.name for each in lay_out(trajectory, exact).placed}
+    assert names == {unknown.name for unknown in LEAN}
+    told = lay_out(trajectory, replace(exact, robot=(1e-3, 2e-4)))
+    np.testing.assert_array_equal(told.std[told.part("joint_zero")], 1e-3)
+    np.testing.assert_array_equal(told.std[told.part("origin")], 2e-4)
+
+
+def _cross_axis(samples: Samples) -> Floats:
+    """The accelerometer's x reads a share of y, its y of z, its z of x."""
+    basis = np.zeros((3, len(samples.age), 3))
+    for row in range(3):
+        basis[row, :, row] = samples.accel[:, (row + 1) % 3]
+    return basis
+
+
+def test_one_entry_is_enough_to_add_an_unknown() -> None:
+    entry = Unknown(
+        name="accel_cross_axis",
+        labels=("xy", "yz", "zx"),
+        unit="1",
+        std=0.01,
+        effect=Reading("accel", _cross_axis),
+        words="cross-axis response of the accelerometer",
+    )
+    size = np.array([0.004, -0.003, 0.006])
+    clean = make_log(Moves(seconds=24.0))
+    ideal = clean.imu.accel
+    accel = np.linalg.solve(np.eye(3) - size[:, None] * np.eye(3)[[1, 2, 0]], ideal.T).T
+    log = clean.with_imu(clean.imu.t, clean.imu.gyro, np.asarray(accel, dtype=np.float64)).noisy(1)
+    options = MatchedOptions(robot="exact", sensor_model="ideal", gravity_std=0.0)
+    windowing = windowing_of(log)
+    plain = lean_fit(windowing, options, 0.0)
+    # The options name what an ideal sensor lacks; a table of one's own says what else there is.
+    free = replace(options, sensor_model="auto")
+    found = lean_fit(windowing, free, 0.0, table=(*LEAN, entry))
+    value = found.state.x[found.model.layout.part("accel_cross_axis")]
+    np.testing.assert_allclose(value, size, atol=5e-4)
+    off = [np.linalg.norm(each.state.t - log.mount.t) for each in (plain, found)]
+    assert off[1] < 0.5 * off[0]
+    assert found.evidence_over(plain) > 20.0
