@@ -90,7 +90,7 @@ class Trial:
     left: tuple[float, float]
     """Residual of a window, m/s² and rad/s, trimmed root mean square."""
     total: tuple[float, float]
-    """What there was to explain: acceleration without gravity, and rotation."""
+    """What the kinematics say: acceleration without gravity, and rotation."""
     noise: tuple[float, float]
     """What the sensor's own white noise leaves in a window."""
 
@@ -205,18 +205,13 @@ class Bench:
 
 def trial_of(hypothesis: Hypothesis, lean: Lean) -> Trial:
     """A fit, and what it leaves of what there was to explain."""
-    windowing, state = lean.model.windowing, lean.state
-    rows = windowing.rows(lean.model.shifts(state)[1][0], lean.centres)
-    derived = rows.accel[:, :, columns.ONE] + rows.accel[:, :, columns.T] @ state.t
-    turned = rows.gyro[:, :, columns.ONE]
-    accel, gyro = lean.residuals[:, :3], lean.residuals[:, 3:]
+    (residuals,) = lean.model.residuals(lean.state, lean.centres)
     return Trial(
         hypothesis=hypothesis,
         lean=lean,
-        left=(trimmed_rms(accel), trimmed_rms(gyro)),
-        # What is measured is what the kinematics say less what is left over.
-        total=(trimmed_rms(derived - accel), trimmed_rms(turned - gyro)),
-        noise=own_noise(windowing),
+        left=(trimmed_rms(residuals.values[:, :3]), trimmed_rms(residuals.values[:, 3:])),
+        total=(trimmed_rms(residuals.acceleration), trimmed_rms(residuals.rate)),
+        noise=own_noise(lean.model.windowing),
     )
 
 
@@ -267,7 +262,7 @@ def told_on_bench(case: Case, *, reversed_accel: bool) -> tuple[Bench, Trial]:
         InputError: Too few usable samples or windows.
     """
     # A pose known in one link is no guide in another, and what holds it would be blamed elsewhere.
-    options = replace(case.options, pose=None, robot="learnt", either_sign=False)
+    options = replace(case.options, pose=None, robot="nominal", either_sign=False)
     clean = clean_imu(_liveliest(case.samples))
     if reversed_accel:
         clean = clean.with_reversed_accel()
@@ -416,7 +411,8 @@ def _small_zero(bench: Bench, case: Case) -> Hypothesis | None:
     joints = {name: joint for joint, name in edits.turning_joints(case.path).items()}
     found = {
         placed.labels[0]: float(lean.state.x[placed.part][0])
-        for placed in lean.model.layout.of(JointCurve)
+        for placed in lean.model.layout.placed
+        if isinstance(placed.unknown.effect, JointCurve)
     }
     name = max(found, key=lambda name: abs(found[name]), default=None)
     if name is None or name not in joints:
