@@ -50,8 +50,11 @@ _NOISES: Final = 3.0
 """Residuals this near to the sensor's own noise are good, whatever the share."""
 _FALL: Final = 2.0
 """Least fall of one sensor's residual: a cause that leaves half of it is not the cause."""
-_HOPELESS: Final = 0.3
-"""Share of the rotation that even free matrices leave, from which a path is not fitted at all."""
+_HOPELESS: Final = 0.15
+"""Share of the rotation that even free matrices leave at the coarse time offset, from which a path
+is not fitted at all: five times what a right model leaves."""
+_HOPELESS_ZERO: Final = 0.3
+"""The same of a path with a zero that is still to be refined, by up to 22.5 deg."""
 _FAR: Final = 60.0
 """s: how far stamps are searched apart; clocks set by hand differ by less, or by hours."""
 _STRETCH: Final = 5.0
@@ -128,6 +131,20 @@ class Trial:
 
 
 @dataclass(frozen=True, eq=False)
+class _Shared(Trajectory):
+    """A trajectory that interpolates even series once for all paths over the same tracks."""
+
+    known: dict[tuple[object, ...], tuple[Floats, ...]] = field(default_factory=dict)
+
+    def values(self, t: Floats) -> tuple[Floats, ...]:
+        """As of any trajectory."""
+        key = (*(id(track) for track in self.tracks), len(t), float(t[0]), float(t[-1]))
+        if key not in self.known:
+            self.known[key] = super().values(t)
+        return self.known[key]
+
+
+@dataclass(frozen=True, eq=False)
 class Bench:
     """The liveliest stretch of an IMU, and the windows in which everything is tried."""
 
@@ -135,6 +152,7 @@ class Bench:
     windowing: Windowing
     """As told."""
     _cleaned: dict[int, tuple[Track, CleanTrack]] = field(default_factory=dict)
+    _values: dict[tuple[object, ...], tuple[Floats, ...]] = field(default_factory=dict)
 
     def trajectory(self, path: KinematicPath) -> Trajectory:
         """Trajectory of a path; each track is cleaned once.
@@ -171,7 +189,9 @@ class Bench:
             else most
         )
         grid = replace(self.windowing.grid, t0=self.windowing.grid.t0 - about)
-        offset, lag = coarse_time_offset(grid, self.trajectory(path), most)
+        full = self.trajectory(path)
+        shared = _Shared(path, full.tracks, full.use_ticks, known=self._values)
+        offset, lag = coarse_time_offset(grid, shared, most)
         return about + (offset if given is None else 0.0), -1.0 if lag is None else lag.correlation
 
     def trial(self, hypothesis: Hypothesis, offset: float) -> Trial | None:
@@ -185,7 +205,8 @@ class Bench:
         try:
             windowing = Windowing(grid, self.trajectory(hypothesis.path), self.windowing.plan)
             rows = self.rows(windowing, offset)
-            if rows is None or _left_by_any_matrix(rows) > _HOPELESS:
+            limit = _HOPELESS if hypothesis.joint is None else _HOPELESS_ZERO
+            if rows is None or _left_by_any_matrix(rows) > limit:
                 return None
             lean = lean_fit(windowing, self.options, offset, table=table)
         except InputError:
@@ -402,7 +423,7 @@ def _small_zero(bench: Bench, case: Case) -> Hypothesis | None:
     windowing = bench.windowing
     offset, _ = bench.coarse(case.path)
     rows = bench.rows(windowing, offset)
-    if rows is None or _left_by_any_matrix(rows) > _HOPELESS:
+    if rows is None or _left_by_any_matrix(rows) > _HOPELESS_ZERO:
         return None
     try:
         lean = lean_fit(windowing, bench.options, offset, table=(*LEAN, _zero(None)))
