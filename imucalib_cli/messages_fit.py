@@ -224,8 +224,8 @@ def _of_link(names: tuple[str, ...], _: tuple[float, ...], told: str) -> Clauses
     return (
         f"the IMU moves as {' or '.join(names)} does, not as {told}",
         (
-            f"rerun with --parent {' or --parent '.join(names)}; if --parent was not given, correct "
-            "also the frame_id or the URDF's joint that holds the IMU"
+            f"rerun with --parent {' or --parent '.join(names)}; if --parent was not given, "
+            "correct also the frame_id or the URDF's joint that holds the IMU"
         ),
     )
 
@@ -234,8 +234,9 @@ def _of_sign(names: tuple[str, ...], _: tuple[float, ...]) -> Clauses:
     one = len(names) == 1
     return (
         (
-            f"{'joint' if one else 'joints'} {_listed(names)} {'turns' if one else 'turn'} the other "
-            f"way than the URDF says: {'its axis is' if one else 'their axes are'} of the wrong sign"
+            f"{'joint' if one else 'joints'} {_listed(names)} {'turns' if one else 'turn'} the "
+            f"other way than the URDF says: {'its axis is' if one else 'their axes are'} of the "
+            "wrong sign"
         ),
         "reverse <axis> in the URDF, or the sign of these positions in their publisher",
     )
@@ -280,8 +281,8 @@ def _of_conjugate(names: tuple[str, ...], _: tuple[float, ...]) -> Clauses:
 def _of_zero(names: tuple[str, ...], sizes: tuple[float, ...]) -> Clauses:
     return (
         (
-            f"joint {names[0]} stands {math.degrees(sizes[0]):+.4g} deg from where its position says "
-            "(true angle less position)"
+            f"joint {names[0]} stands {math.degrees(sizes[0]):+.4g} deg from where its position "
+            "says (true angle less position)"
         ),
         "turn the joint's origin in the URDF by it, or correct the encoder's zero",
     )
@@ -311,8 +312,8 @@ def _of_axes(
     if form == "left-handed":
         return (
             (
-                "the IMU's axes are left-handed (both sensors fit a mirrored frame and no rotation): "
-                "an axis has the wrong sign, or two are swapped"
+                "the IMU's axes are left-handed (both sensors fit a mirrored frame and no "
+                "rotation): an axis has the wrong sign, or two are swapped"
             ),
             remap,
         )

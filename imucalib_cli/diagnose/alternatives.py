@@ -50,8 +50,11 @@ _NOISES: Final = 3.0
 """Residuals this near to the sensor's own noise are good, whatever the share."""
 _FALL: Final = 2.0
 """Least fall of one sensor's residual: a cause that leaves half of it is not the cause."""
-_HOPELESS: Final = 0.3
-"""Share of the rotation that even free matrices leave, from which a path is not fitted at all."""
+_HOPELESS: Final = 0.15
+"""Share of the rotation that even free matrices leave at the coarse time offset, from which a path
+is not fitted at all: five times what a right model leaves."""
+_HOPELESS_ZERO: Final = 0.3
+"""The same of a path with a zero that is still to be refined, by up to 22.5 deg."""
 _FAR: Final = 60.0
 """s: how far stamps are searched apart; clocks set by hand differ by less, or by hours."""
 _STRETCH: Final = 5.0
@@ -72,7 +75,6 @@ _TRIMMED: Final = 0.05
 def _zero(joint: str | None) -> Unknown:
     return Unknown(
         name="joint_zero",
-        group="robot",
         unit="rad",
         std=1.0,
         effect=JointCurve(
@@ -91,7 +93,7 @@ class Trial:
     left: tuple[float, float]
     """Residual of a window, m/s² and rad/s, trimmed root mean square."""
     total: tuple[float, float]
-    """What there was to explain: acceleration without gravity, and rotation."""
+    """What the kinematics say: acceleration without gravity, and rotation."""
     noise: tuple[float, float]
     """What the sensor's own white noise leaves in a window."""
 
@@ -129,6 +131,20 @@ class Trial:
 
 
 @dataclass(frozen=True, eq=False)
+class _Shared(Trajectory):
+    """A trajectory that interpolates even series once for all paths over the same tracks."""
+
+    known: dict[tuple[object, ...], tuple[Floats, ...]] = field(default_factory=dict)
+
+    def values(self, t: Floats) -> tuple[Floats, ...]:
+        """As of any trajectory."""
+        key = (*(id(track) for track in self.tracks), len(t), float(t[0]), float(t[-1]))
+        if key not in self.known:
+            self.known[key] = super().values(t)
+        return self.known[key]
+
+
+@dataclass(frozen=True, eq=False)
 class Bench:
     """The liveliest stretch of an IMU, and the windows in which everything is tried."""
 
@@ -136,6 +152,7 @@ class Bench:
     windowing: Windowing
     """As told."""
     _cleaned: dict[int, tuple[Track, CleanTrack]] = field(default_factory=dict)
+    _values: dict[tuple[object, ...], tuple[Floats, ...]] = field(default_factory=dict)
 
     def trajectory(self, path: KinematicPath) -> Trajectory:
         """Trajectory of a path; each track is cleaned once.
@@ -172,7 +189,9 @@ class Bench:
             else most
         )
         grid = replace(self.windowing.grid, t0=self.windowing.grid.t0 - about)
-        offset, lag = coarse_time_offset(grid, self.trajectory(path), most)
+        full = self.trajectory(path)
+        shared = _Shared(path, full.tracks, full.use_ticks, known=self._values)
+        offset, lag = coarse_time_offset(grid, shared, most)
         return about + (offset if given is None else 0.0), -1.0 if lag is None else lag.correlation
 
     def trial(self, hypothesis: Hypothesis, offset: float) -> Trial | None:
@@ -186,7 +205,8 @@ class Bench:
         try:
             windowing = Windowing(grid, self.trajectory(hypothesis.path), self.windowing.plan)
             rows = self.rows(windowing, offset)
-            if rows is None or _left_by_any_matrix(rows) > _HOPELESS:
+            limit = _HOPELESS if hypothesis.joint is None else _HOPELESS_ZERO
+            if rows is None or _left_by_any_matrix(rows) > limit:
                 return None
             lean = lean_fit(windowing, self.options, offset, table=table)
         except InputError:
@@ -206,18 +226,13 @@ class Bench:
 
 def trial_of(hypothesis: Hypothesis, lean: Lean) -> Trial:
     """A fit, and what it leaves of what there was to explain."""
-    windowing, state = lean.model.windowing, lean.state
-    rows = windowing.rows(lean.model.shifts(state)[1][0], lean.centres)
-    derived = rows.accel[:, :, columns.ONE] + rows.accel[:, :, columns.T] @ state.t
-    turned = rows.gyro[:, :, columns.ONE]
-    accel, gyro = lean.residuals[:, :3], lean.residuals[:, 3:]
+    (residuals,) = lean.model.residuals(lean.state, lean.centres)
     return Trial(
         hypothesis=hypothesis,
         lean=lean,
-        left=(trimmed_rms(accel), trimmed_rms(gyro)),
-        # What is measured is what the kinematics say less what is left over.
-        total=(trimmed_rms(derived - accel), trimmed_rms(turned - gyro)),
-        noise=own_noise(windowing),
+        left=(trimmed_rms(residuals.values[:, :3]), trimmed_rms(residuals.values[:, 3:])),
+        total=(trimmed_rms(residuals.acceleration), trimmed_rms(residuals.rate)),
+        noise=own_noise(lean.model.windowing),
     )
 
 
@@ -271,7 +286,7 @@ def told_on_bench(case: Case, *, reversed_accel: bool) -> tuple[Bench, Trial]:
     options = replace(case.options, pose=None, robot="nominal", either_sign=False)
     clean = clean_imu(_liveliest(case.samples))
     if reversed_accel:
-        clean = clean.reversed()
+        clean = clean.with_reversed_accel()
     attempt = best_attempt(clean, Trajectory.of(case.path), options)
     told = trial_of(Hypothesis(kind="offset", path=case.path), attempt.lean)
     return Bench(options, attempt.lean.model.windowing), told
@@ -408,7 +423,7 @@ def _small_zero(bench: Bench, case: Case) -> Hypothesis | None:
     windowing = bench.windowing
     offset, _ = bench.coarse(case.path)
     rows = bench.rows(windowing, offset)
-    if rows is None or _left_by_any_matrix(rows) > _HOPELESS:
+    if rows is None or _left_by_any_matrix(rows) > _HOPELESS_ZERO:
         return None
     try:
         lean = lean_fit(windowing, bench.options, offset, table=(*LEAN, _zero(None)))
@@ -417,7 +432,8 @@ def _small_zero(bench: Bench, case: Case) -> Hypothesis | None:
     joints = {name: joint for joint, name in edits.turning_joints(case.path).items()}
     found = {
         placed.labels[0]: float(lean.state.x[placed.part][0])
-        for placed, _ in lean.model.layout.of(JointCurve)
+        for placed in lean.model.layout.placed
+        if isinstance(placed.unknown.effect, JointCurve)
     }
     name = max(found, key=lambda name: abs(found[name]), default=None)
     if name is None or name not in joints:

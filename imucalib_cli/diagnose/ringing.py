@@ -140,13 +140,13 @@ def _spectra(lean: Lean) -> tuple[_Spectra, ...]:
     starts = starts[centres[starts + size - 1] - centres[starts] == size - 1]
     if len(starts) < _LEAST_FRAMES:
         return ()
-    residuals = model.residuals(state, centres)[0].values
+    (residuals,) = model.residuals(state, centres)
     f = np.asarray(np.fft.rfftfreq(size, grid.dt), dtype=np.float64)
     kept = (f > _LOWEST) & (f < _HIGHEST / grid.dt)
     found = []
     for values, left, pair in (
-        (grid.accel, residuals[:, :3], plan.second_derivative),
-        (grid.gyro, residuals[:, 3:], plan.first_derivative),
+        (grid.accel, residuals.values[:, :3], plan.second_derivative),
+        (grid.gyro, residuals.values[:, 3:], plan.first_derivative),
     ):
         measured = convolve_at(values, pair.average, centres - len(pair.average) // 2) @ state.R.T
         # What is measured and what is left over make what the kinematics say.

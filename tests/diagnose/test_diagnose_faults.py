@@ -245,7 +245,7 @@ def test_an_encoder_undecided_between_two_counts_is_one_publisher() -> None:
     values[:, 0] = count * (np.random.default_rng(1).random(len(values)) < 0.5)
     undecided = replace(path, tracks=(replace(track, values=values),))
     assert find_rival_publishers(undecided) is None
-    values[:, 0] += track.values[:, 0]
+    values[:, 0] = 20.0 * values[:, 0] + track.values[:, 0]
     assert find_rival_publishers(undecided) is not None
 
 

@@ -73,7 +73,7 @@ def _(scene: Scene) -> Seen:
 
 provokes("joint-sign")(wrong_urdf("elbow_joint", 'axis xyz="0 0 1"', 'axis xyz="0 0 -1"'))
 provokes("joint-zero")(wrong_urdf("elbow_joint", 'rpy="0 0 0"', 'rpy="0 0 1.5708"'))
-provokes("joint-zero-small")(wrong_urdf("elbow_joint", 'rpy="0 0 0"', 'rpy="0 0 0.0873"'))
+provokes("joint-zero-small")(wrong_urdf("elbow_joint", 'rpy="0 0 0"', 'rpy="0 0 0.0175"'))
 provokes("link-length")(wrong_urdf("wrist_1_joint", "-0.57155 0 0.17415", "-0.57727 0 0.17589"))
 provokes("joint-order")(wrong_joints(Fault(kind="order")))
 provokes("joints-degrees")(wrong_joints(Fault(kind="degrees")))
