@@ -286,7 +286,7 @@ def told_on_bench(case: Case, *, reversed_accel: bool) -> tuple[Bench, Trial]:
     options = replace(case.options, pose=None, robot="nominal", either_sign=False)
     clean = clean_imu(_liveliest(case.samples))
     if reversed_accel:
-        clean = clean.with_reversed_accel()
+        clean = clean.reversed()
     attempt = best_attempt(clean, Trajectory.of(case.path), options)
     told = trial_of(Hypothesis(kind="offset", path=case.path), attempt.lean)
     return Bench(options, attempt.lean.model.windowing), told

@@ -116,13 +116,22 @@ class Mount:
 Effect = Reading | JointCurve | Origin | PoseScale | Clock | Gravity | Mount
 
 
+_GROUPS: Final[dict[type, Group]] = {
+    Reading: "sensor",
+    Clock: "sensor",
+    JointCurve: "robot",
+    Origin: "robot",
+    PoseScale: "robot",
+    Gravity: "gravity",
+    Mount: "mount",
+}
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Unknown:
     """One entry of the table."""
 
     name: str
-    group: Group
-    """What it belongs to, for options that hold all of a kind."""
     labels: tuple[str, ...] = ("",)
     """Of its components; joints and origins are named by the robot instead."""
     unit: str
@@ -135,6 +144,13 @@ class Unknown:
     """Largest value, in the unit, that a sound robot and a sound sensor have; None: no limit."""
     words: str
     """What it is, for people."""
+    among: Group | None = None
+    """Its group, where the effect does not tell."""
+
+    @property
+    def group(self) -> Group:
+        """What it belongs to, for options that hold all of a kind."""
+        return self.among or _GROUPS[type(self.effect)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -199,7 +215,6 @@ encoders on the output to those behind a worn gear; delays of a field bus cycle 
 TABLE: Final[tuple[Unknown, ...]] = (
     Unknown(
         name="translation",
-        group="mount",
         labels=_XYZ,
         unit="m",
         std=10.0,
@@ -208,7 +223,6 @@ TABLE: Final[tuple[Unknown, ...]] = (
     ),
     Unknown(
         name="rotation",
-        group="mount",
         labels=_XYZ,
         unit="rad",
         std=np.pi,
@@ -217,7 +231,7 @@ TABLE: Final[tuple[Unknown, ...]] = (
     ),
     Unknown(
         name="accel_bias",
-        group="bias",
+        among="bias",
         labels=_XYZ,
         unit="m/s²",
         std=10.0,
@@ -227,7 +241,7 @@ TABLE: Final[tuple[Unknown, ...]] = (
     ),
     Unknown(
         name="gyro_bias",
-        group="bias",
+        among="bias",
         labels=_XYZ,
         unit="rad/s",
         std=1.0,
@@ -237,7 +251,6 @@ TABLE: Final[tuple[Unknown, ...]] = (
     ),
     Unknown(
         name="accel_bias_ramp",
-        group="sensor",
         labels=_XYZ,
         unit="m/s²",
         std=0.03,
@@ -247,7 +260,6 @@ TABLE: Final[tuple[Unknown, ...]] = (
     ),
     Unknown(
         name="gyro_bias_ramp",
-        group="sensor",
         labels=_XYZ,
         unit="rad/s",
         std=0.003,
@@ -257,7 +269,6 @@ TABLE: Final[tuple[Unknown, ...]] = (
     ),
     Unknown(
         name="gravity_direction",
-        group="gravity",
         labels=("x", "y"),
         unit="rad",
         std=np.pi,
@@ -266,7 +277,6 @@ TABLE: Final[tuple[Unknown, ...]] = (
     ),
     Unknown(
         name="gravity_norm",
-        group="gravity",
         unit="m/s²",
         std=0.02,
         healthy=0.06,
@@ -275,7 +285,7 @@ TABLE: Final[tuple[Unknown, ...]] = (
     ),
     Unknown(
         name="time_offset",
-        group="offset",
+        among="offset",
         unit="s",
         std=0.1,
         effect=Clock(accel=np.ones_like, gyro=np.ones_like),
@@ -283,7 +293,6 @@ TABLE: Final[tuple[Unknown, ...]] = (
     ),
     Unknown(
         name="clock_drift",
-        group="sensor",
         unit="s/s",
         std=50e-6,
         healthy=500e-6,
@@ -292,7 +301,6 @@ TABLE: Final[tuple[Unknown, ...]] = (
     ),
     Unknown(
         name="gyro_delay",
-        group="sensor",
         unit="s",
         std=2e-3,
         healthy=0.02,
@@ -301,7 +309,6 @@ TABLE: Final[tuple[Unknown, ...]] = (
     ),
     Unknown(
         name="accel_filter",
-        group="sensor",
         unit="s²",
         scale="driver_filter",
         healthy=1e-3,
@@ -310,7 +317,6 @@ TABLE: Final[tuple[Unknown, ...]] = (
     ),
     Unknown(
         name="gyro_filter",
-        group="sensor",
         unit="s²",
         scale="driver_filter",
         healthy=1e-3,
@@ -319,7 +325,6 @@ TABLE: Final[tuple[Unknown, ...]] = (
     ),
     Unknown(
         name="accel_scale",
-        group="sensor",
         labels=_XYZ,
         unit="1",
         scale="sensor_scale",
@@ -329,7 +334,6 @@ TABLE: Final[tuple[Unknown, ...]] = (
     ),
     Unknown(
         name="gyro_scale",
-        group="sensor",
         labels=_XYZ,
         unit="1",
         scale="sensor_scale",
@@ -339,7 +343,6 @@ TABLE: Final[tuple[Unknown, ...]] = (
     ),
     Unknown(
         name="gyro_misalignment",
-        group="sensor",
         labels=_XYZ,
         unit="rad",
         scale="sensor_axes",
@@ -349,7 +352,6 @@ TABLE: Final[tuple[Unknown, ...]] = (
     ),
     Unknown(
         name="gyro_g_sensitivity",
-        group="sensor",
         labels=_PAIRS,
         unit="rad s/m",
         scale="g_sensitivity",
@@ -359,7 +361,6 @@ TABLE: Final[tuple[Unknown, ...]] = (
     ),
     Unknown(
         name="joint_zero",
-        group="robot",
         unit="rad",
         scale="joint_zero",
         healthy=0.02,
@@ -368,7 +369,6 @@ TABLE: Final[tuple[Unknown, ...]] = (
     ),
     Unknown(
         name="joint_harmonic",
-        group="robot",
         labels=("sin", "cos"),
         unit="rad",
         scale="joint_harmonic",
@@ -378,7 +378,6 @@ TABLE: Final[tuple[Unknown, ...]] = (
     ),
     Unknown(
         name="joint_lag",
-        group="robot",
         unit="s",
         scale="joint_lag",
         healthy=0.02,
@@ -387,7 +386,6 @@ TABLE: Final[tuple[Unknown, ...]] = (
     ),
     Unknown(
         name="joint_play",
-        group="robot",
         unit="rad",
         scale="joint_play",
         healthy=0.005,
@@ -396,7 +394,6 @@ TABLE: Final[tuple[Unknown, ...]] = (
     ),
     Unknown(
         name="origin",
-        group="robot",
         labels=_XYZ,
         unit="m",
         scale="length",
@@ -406,7 +403,6 @@ TABLE: Final[tuple[Unknown, ...]] = (
     ),
     Unknown(
         name="pose_scale",
-        group="robot",
         unit="1",
         std=2e-3,
         healthy=0.02,
