@@ -253,14 +253,21 @@ def _matched(degree: int, texts: EstimatorTexts) -> MatchedOptions:
         given |= {"gravity_norm": _norm(texts.gravity), "gravity_std": 0.0}
     if texts.tilt_std is not None:
         given["tilt_std"] = _tilt(texts)
+    given |= _quality(texts)
+    given["pose"] = _pose_prior(texts)
+    return MatchedOptions(**given)
+
+
+def _quality(texts: EstimatorTexts) -> dict[str, Any]:
+    """How good sensor and robot are."""
+    given: dict[str, Any] = {}
     if texts.sensor_model is not None:
         given["sensor_model"] = parse_choice(
             "--sensor-model", texts.sensor_model, ("auto", "ideal")
         )
     if texts.robot is not None:
         given["robot"] = _robot(texts.robot)
-    given["pose"] = _pose_prior(texts)
-    return MatchedOptions(**given)
+    return given
 
 
 def _robot(text: str) -> str | tuple[float, float]:

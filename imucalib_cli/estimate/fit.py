@@ -34,7 +34,7 @@ from imucalib_cli.estimate.spectrum import (
 )
 from imucalib_cli.estimate.state import State
 from imucalib_cli.estimate.unknowns import LEAN, Gravity, Reading, Unknown
-from imucalib_cli.robot.rotations import rotation_angle, rotvec_from_matrix
+from imucalib_cli.robot.rotations import matrix_from_rotvec, rotation_angle, rotvec_from_matrix
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -231,7 +231,7 @@ def lean_fit(
         sigmas = np.abs(step) / np.sqrt(np.diag(inverse))
         step = _embedded(step, layout)
         step[clock] = np.clip(step[clock], -reach, reach)
-        state = state.moved(layout, step)
+        state = _admitted(state.moved(layout, step), layout, options)
         fine = turn > 1 and np.abs(step[clock]).max(initial=0.0) < _TIME_RESOLUTION
         if fine or sigmas.max(initial=0.0) < _SETTLED:
             break
@@ -334,6 +334,15 @@ def with_residuals(
         yield part, np.concatenate([residuals[part, :, None], J], axis=2)
 
 
+def _admitted(state: State, layout: Layout, options: MatchedOptions) -> State:
+    """The state with its rotation brought back to what held components allow."""
+    free, known = layout.free[layout.part("rotation")], options.pose
+    if free.all() or known is None or known.R_parent_imu is None:
+        return state
+    phi = rotvec_from_matrix(state.R @ known.R_parent_imu.T)
+    return replace(state, R=matrix_from_rotvec(np.where(free, phi, 0.0)) @ known.R_parent_imu)
+
+
 def _floored(scales: tuple[float, float]) -> tuple[float, float]:
     """Scales no smaller than any IMU's: a log without noise is no reason to doubt the priors."""
     return max(scales[0], SCALE_FLOOR[0]), max(scales[1], SCALE_FLOOR[1])
@@ -362,14 +371,14 @@ def _whole(model: Model, options: MatchedOptions, state: State, rise: float) -> 
         moved = np.abs(step) / np.sqrt(np.diag(inverse))
         if turn == _FULL_PASSES - 1 or moved.max() < _SETTLED:
             break
-        state = state.moved(layout, _embedded(step, layout))
+        state = _admitted(state.moved(layout, _embedded(step, layout)), layout, options)
     B = stats.score_covariance(levels)[np.ix_(layout.free, layout.free)] / level**2
     mixture, mean, covariance = integrate(problem, u, B)
     step = _embedded(mean, layout)
     return Fit(
         model=model,
         options=options,
-        state=state.moved(layout, step),
+        state=_admitted(state.moved(layout, step), layout, options),
         covariance=_embedded_matrix(covariance, layout),
         scales_found=mixture,
         statistics=stats,

@@ -148,9 +148,11 @@ def findings(evidence: Evidence, *, unknown: bool) -> tuple[Finding, ...]:
         evidence: Of the fit.
         unknown: Whether directions are unobservable: other findings may follow from it.
     """
+    contradicted = list(_contradicted_priors(evidence))
     found = [
-        *_contradicted_priors(evidence),
-        *_changed(evidence),
+        *contradicted,
+        # A pose that is held where it is not fits no part of the log as it fits another.
+        *(() if contradicted else _changed(evidence)),
         *_unexplained(evidence),
         *_implausible(evidence),
         *_window(evidence),

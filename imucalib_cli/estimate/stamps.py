@@ -10,6 +10,7 @@ import numpy as np
 from imucalib_cli.estimate.fit import Lean, lean_fit
 from imucalib_cli.estimate.offset import coarse_time_offset
 from imucalib_cli.estimate.options import WindowChoice
+from imucalib_cli.estimate.robust import residual_scales
 from imucalib_cli.estimate.window_choice import choose_window
 from imucalib_cli.estimate.windows import Windowing, plan_windows
 
@@ -42,8 +43,13 @@ class Attempt:
 
     @property
     def misfit(self) -> float:
-        """Residual scale of both sensors: lower means the stamps were taken better."""
-        return float(np.log(self.lean.scales).sum())
+        """Residual scale of both sensors: lower means the stamps were taken better.
+
+        On every sample: nodes average what jitter does.
+        """
+        lean = self.lean
+        (residuals,) = lean.model.residuals(lean.state, lean.centres)
+        return float(np.log(residual_scales(residuals.values)).sum())
 
 
 def best_attempt(clean: CleanImu, trajectory: Trajectory, options: MatchedOptions) -> Attempt:

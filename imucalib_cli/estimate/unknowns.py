@@ -177,8 +177,8 @@ def _each_axis(values: Floats) -> Floats:
 
 
 def _turned(values: Floats) -> Floats:
-    """What a small turn about each axis does to what is read."""
-    return cross(np.eye(3)[:, None], values[None])
+    """What a small turn from the gyroscope's axes to the accelerometer's takes from a reading."""
+    return -cross(np.eye(3)[:, None], values[None])
 
 
 def _of_the_other(values: Floats) -> Floats:
