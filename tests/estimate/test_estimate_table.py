@@ -15,11 +15,13 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from imucalib_cli.estimate.design import Model, State
+from imucalib_cli.estimate.design import Model
 from imucalib_cli.estimate.fit import lean_fit
-from imucalib_cli.estimate.layout import Joint, lay_out
+from imucalib_cli.estimate.jacobian import columns
+from imucalib_cli.estimate.layout import lay_out
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.estimate.prepare import clean_imu
+from imucalib_cli.estimate.state import State
 from imucalib_cli.estimate.unknowns import LEAN, TABLE, JointCurve, Origin, Reading, Unknown
 from imucalib_cli.estimate.windows import Windowing, plan_windows
 from imucalib_cli.robot.path import FixedStep, JointStep, KinematicPath, PoseStep, Track
@@ -153,7 +155,7 @@ def test_columns_are_differences_of_the_exact_residuals(robot: str, name: str) -
     placed = [each for each in layout.placed if each.unknown.name == name]
     assert placed or name == "pose_scale", "the robot has no such unknown"
     centres = model.centres(state)[5:-5:9]
-    J = np.concatenate([columns for _, columns, _ in model.columns(state, centres)])
+    J = np.concatenate([J for _, J, _ in columns(model, state, centres)])
     step = 1e-5
     for each in placed:
         effect = each.unknown.effect
@@ -174,13 +176,13 @@ def test_columns_are_differences_of_the_exact_residuals(robot: str, name: str) -
 
 def owners(layout: Layout, kind: type) -> dict[str, list[Placed]]:
     found: dict[str, list[Placed]] = {}
-    for each in layout.of(kind):
+    for each, _ in layout.of(kind):
         found.setdefault(each.unknown.name, []).append(each)
     return found
 
 
 def joint_names(placed: list[Placed]) -> list[str]:
-    return [each.where.name for each in placed if isinstance(each.where, Joint)]
+    return [each.joint.name for each in placed if each.joint is not None]
 
 
 def test_what_no_log_can_tell_is_not_looked_for() -> None:
@@ -191,11 +193,10 @@ def test_what_no_log_can_tell_is_not_looked_for() -> None:
     assert joint_names(joints["joint_lag"]) == [f"j{index}" for index in range(6)]
     origins = owners(layout, Origin)["origin"]
     # Steps are joint, origin, joint, origin, ...; the last is the flange.
-    assert [each.where for each in origins] == [1, 3, 5, 7, 9]
+    assert [each.index for each in origins] == [1, 3, 5, 7, 9]
     assert [each.part.stop - each.part.start for each in origins] == [3, 3, 3, 3, 2]
     # What is left of the last one is across the last joint's axis, as its frame has it.
     last = origins[-1].directions
-    assert last is not None
     path = case("ur10e").model.windowing.trajectory.path
     step = path.steps[9]
     assert isinstance(step, FixedStep)
@@ -208,7 +209,7 @@ def test_a_moving_base_shows_the_first_joints_zero_and_its_own_place() -> None:
     # Sliding joints have no zero: it is an origin. The mimic follows the joint that drives it.
     assert joint_names(joints["joint_zero"]) == ["turn"]
     assert joint_names(joints["joint_lag"]) == ["turn", "slide", "last"]
-    assert [each.where for each in owners(layout, Origin)["origin"]] == [1, 3, 5, 7]
+    assert [each.index for each in owners(layout, Origin)["origin"]] == [1, 3, 5, 7]
     assert layout.part("pose_scale") != slice(0, 0)
 
 
@@ -242,6 +243,7 @@ def _cross_axis(samples: Samples) -> Floats:
 def test_one_entry_is_enough_to_add_an_unknown() -> None:
     entry = Unknown(
         name="accel_cross_axis",
+        group="sensor",
         labels=("xy", "yz", "zx"),
         unit="1",
         std=0.01,
