@@ -226,7 +226,7 @@ def lean_fit(
         both = with_residuals(found, residuals)
         stats = statistics(windowing.plan, centres, both, root, layout.size + 1)
         offset = _offset(layout, options, state)
-        problem = _problem(stats, model, offset, 1.0, _floored(scales))
+        problem = _problem(stats, model, state, offset, level=1.0, scales=_floored(scales))
         step, inverse, _ = problem.solve(np.zeros(0))
         sigmas = np.abs(step) / np.sqrt(np.diag(inverse))
         step = _embedded(step, layout)
@@ -361,7 +361,7 @@ def _whole(model: Model, options: MatchedOptions, state: State, rise: float) -> 
         stats = statistics(windowing.plan, centres, both, root, layout.size + 1)
         offset, level = _offset(layout, options, state), 1.0
         for _ in range(_LEVEL_PASSES):
-            problem = _problem(stats, model, offset, level, scales)
+            problem = _problem(stats, model, state, offset, level=level, scales=scales)
             u = most_likely(problem, u)
             step, inverse, _ = problem.solve(u)
             levels = stats.levels(
@@ -416,13 +416,15 @@ def _least_level(residuals: Floats) -> float:
 def _problem(
     stats: Statistics,
     model: Model,
+    state: State,
     offset: Floats,
+    *,
     level: float,
     scales: tuple[float, float],
 ) -> Problem:
     """The free components' normal equations with their priors."""
     layout = model.layout
-    noise = noise_of_columns(model, scales, stats.windows)
+    noise = noise_of_columns(model, state.x, scales, stats.windows)
     A, b = without_noise(stats.information, stats.score, noise)
     free = layout.free
     return Problem(
@@ -453,12 +455,13 @@ def _offset(layout: Layout, options: MatchedOptions, state: State) -> Floats:
 
 
 def noise_of_columns(
-    model: Model, scales: tuple[float, float], windows: int
+    model: Model, x: Floats, scales: tuple[float, float], windows: int
 ) -> tuple[Floats, Floats]:
-    """What the sensor's noise adds to columns made of second differences of readings.
+    """What the sensor's noise adds to columns that are made of the axis' own reading.
 
     Args:
         model: The windows and the layout.
+        x: (n,), values at the point of linearisation, which are taken off the noise too.
         scales: That the windows are whitened by, accelerometer m/s², gyroscope rad/s.
         windows: How many.
 
@@ -470,7 +473,7 @@ def noise_of_columns(
     plan, grid = windowing.plan, windowing.grid
     nodes = plan_nodes(plan, grid.dt)
     for each, effect in model.layout.of(Reading):
-        if not effect.differences:
+        if effect.differences is None:
             continue
         sensor = 0 if effect.sensor == "accel" else 1
         plain = (plan.second_derivative, plan.first_derivative)[sensor].average
@@ -481,9 +484,12 @@ def noise_of_columns(
             grid.noise[sensor] * float(np.sqrt(grid.refine)),
             scales[sensor] / float(np.linalg.norm(plain)),
         )
-        power = 3.0 * windows * (own * plan.noise_gains[sensor] / scales[sensor]) ** 2
+        axes = 3.0 / (each.part.stop - each.part.start)
+        power = axes * windows * (own * plan.noise_gains[sensor] / scales[sensor]) ** 2
         on_information[each.part] = power * float(kernel @ kernel)
-        on_score[each.part] = -power * _product(kernel, plain)
+        on_score[each.part] = power * (
+            x[each.part] * float(kernel @ kernel) - _product(kernel, plain)
+        )
     return on_information, on_score
 
 

@@ -338,7 +338,7 @@ def _found(evidence: Evidence) -> Iterator[Finding]:
             continue
         if stepped and isinstance(effect, Clock):
             continue
-        if isinstance(effect, Reading) and effect.differences and (value < 0.0).all():
+        if isinstance(effect, Reading) and effect.differences == 1 and (value < 0.0).all():
             continue  # no filter does that; interpolation of few samples does
         std = np.sqrt(np.diag(C))
         clear = np.abs(value) > TELL_SIGMAS * std

@@ -99,7 +99,7 @@ def calibrate_matched(imu: ImuSamples, path: KinematicPath, options: MatchedOpti
         gravity_world=state.gravity,
         window=attempt.window,
         residuals=_residuals(fit, clean.spikes),
-        corrections=_corrections(fit, options),
+        corrections=_corrections(evidence),
         parameters=_parameters(fit, options),
         consistency=segments.consistency(fit.statistics.whiteness(fit.levels)),
         unobservable=directions,
@@ -206,12 +206,14 @@ def _parameters(fit: Fit, options: MatchedOptions) -> tuple[Parameter, ...]:
     return tuple(found)
 
 
-def _corrections(fit: Fit, options: MatchedOptions) -> tuple[Correction, ...]:
+def _corrections(evidence: judge.Evidence) -> tuple[Correction, ...]:
     """What of sensor and clocks stands clear of its sigma, as schema 1 has it."""
+    fit, options, change = evidence.fit, evidence.options, evidence.change
+    stepped = change is not None and change.kind == "clock"
     found = []
     for each in fit.layout.placed:
         name = each.unknown.name
-        if name not in _RECORDED:
+        if name not in _RECORDED or (stepped and name == "clock_drift"):
             continue
         value, std = fit.value(each, options), fit.of(name)[1]
         if not (np.abs(value) > judge.TELL_SIGMAS * std).any():

@@ -137,7 +137,7 @@ class _Solved:
         free = np.flatnonzero(fit.layout.free)
         pose = np.r_[fit.layout.part("translation"), fit.layout.part("rotation")]
         P = 1.0 / fit.layout.std_at(fit.scales_found.mean)[free] ** 2
-        noise = noise_of_columns(model, scales, fit.statistics.windows)
+        noise = noise_of_columns(model, fit.linearised.x, scales, fit.statistics.windows)
         total = matrices.sum(axis=0)
         A, b = without_noise(total[1:, 1:], total[1:, 0], noise)
         score = b[free] / fit.level + P * fit.prior_offset[free]

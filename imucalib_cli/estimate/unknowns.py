@@ -61,9 +61,9 @@ class Reading:
     sensor: Sensor
     basis: Callable[[Samples], Floats]
     """Gives (size, M, 3), in the IMU's axes."""
-    differences: int = 0
-    """Second differences of the same reading in the basis: its noise is then loud in it, and is
-    taken off the normal matrix."""
+    differences: int | None = None
+    """How many second differences of an axis' own reading its basis is made of; None if of none.
+    The reading's noise is then in the column and in the residual alike, and is taken off."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -329,7 +329,7 @@ TABLE: Final[tuple[Unknown, ...]] = (
         unit="1",
         scale="sensor_scale",
         healthy=0.05,
-        effect=Reading("accel", lambda s: _each_axis(s.accel)),
+        effect=Reading("accel", lambda s: _each_axis(s.accel), differences=0),
         words="scale error of the accelerometer",
     ),
     Unknown(
@@ -338,7 +338,7 @@ TABLE: Final[tuple[Unknown, ...]] = (
         unit="1",
         scale="sensor_scale",
         healthy=0.05,
-        effect=Reading("gyro", lambda s: _each_axis(s.gyro)),
+        effect=Reading("gyro", lambda s: _each_axis(s.gyro), differences=0),
         words="scale error of the gyroscope",
     ),
     Unknown(

@@ -192,7 +192,9 @@ def test_stamps_that_jitter_are_read_as_ticks(plain: Log) -> None:
     estimate = calibrate(log)
     # The mean of the jitter stays in the offset, and its sigma says so; its drift, in the pose.
     assert_exact(estimate, log, seconds=4 * 5e-4 / np.sqrt(4000), angle=2 * ANGLE)
-    assert estimate.time_offset_std == pytest.approx(5e-4 / np.sqrt(4000), rel=0.1)
+    assert estimate.time_offset_std is not None
+    # What the ticks drift is added.
+    assert 0.9 < estimate.time_offset_std / (5e-4 / np.sqrt(4000)) < 1.7
     assert estimate.notes["imu_stamps"] == "ticks"
 
 
@@ -207,7 +209,9 @@ def test_jitter_of_the_joints_stays_in_the_offset_and_its_sigma(plain: Log) -> N
     assert np.linalg.norm(estimate.t_parent_imu - log.mount.t) < 5 * MICROMETRE
     assert np.linalg.norm(rotation_error(estimate.R_parent_imu, log.mount.R)) < 3 * ANGLE
     assert abs(estimate.time_offset) < 4 * 5e-4 / np.sqrt(4000)
-    assert estimate.time_offset_std == pytest.approx(5e-4 / np.sqrt(4000), rel=0.1)
+    assert estimate.time_offset_std is not None
+    # What the ticks drift is added.
+    assert 0.9 < estimate.time_offset_std / (5e-4 / np.sqrt(4000)) < 1.7
     assert estimate.notes["robot_stamps"] == "ticks"
 
 
