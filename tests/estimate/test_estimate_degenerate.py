@@ -183,9 +183,6 @@ def test_a_known_vertical_shows_the_turn_about_a_single_axis() -> None:
     np.testing.assert_array_equal(estimate.gravity_world, [0, 0, -GRAVITY])
 
 
-@pytest.mark.xfail(
-    strict=True, reason="the gyroscope's filter runs away to -9e-3 s² where little moves"
-)
 def test_slow_motion_is_trusted_as_far_as_its_sigma_says() -> None:
     log, estimate = calibrate((0.04,) * 6, noisy=True)
     assert estimate.trusted

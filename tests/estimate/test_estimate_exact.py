@@ -168,9 +168,6 @@ def test_samples_taken_late_are_read_as_stamped() -> None:
     assert_exact(calibrate(log), log)
 
 
-@pytest.mark.xfail(
-    strict=True, reason="residuals on nodes, of windows of 64 samples and more, hide the difference"
-)
 def test_both_streams_taken_late_are_read_as_stamped() -> None:
     rng = np.random.default_rng(0)
     t = np.arange(1, 3990) / 200 + np.clip(rng.normal(size=3989) * 5e-4, -2e-3, 2e-3)

@@ -163,7 +163,6 @@ def test_a_prior_that_the_data_contradict_is_named() -> None:
     assert found["sigmas"] == pytest.approx(20.0 / (1.0 + (data / 1e-3) ** 2), abs=1.0)
 
 
-@pytest.mark.xfail(strict=True, reason="the parts of the log are said to have different mounts")
 def test_a_contradicted_prior_is_no_change_within_the_log() -> None:
     estimate = calibrated(told((1e-3,) + (np.inf,) * 5, dt=(0.02, 0.0, 0.0)))
     assert not any(each.code.startswith("change.") for each in estimate.findings)
@@ -183,9 +182,6 @@ def test_one_free_axis_is_found_from_far(axis: int, turn: float) -> None:
     assert np.delete(off, axis).max() < 1e-12
 
 
-@pytest.mark.xfail(
-    strict=True, reason="steps of the whole fit turn the held component by 1e-5 to 1e-4 rad"
-)
 @pytest.mark.parametrize(
     "away", [(0, 2.0, 1.5), (2.2, 0, -1.0), (-1.5, -1.8, 0), (0, -0.5, 2.6), (1.0, 0, 0.3)]
 )

@@ -120,18 +120,8 @@ def named(estimate: Estimate) -> set[str]:
     return {str(each.values["name"]) for each in estimate.findings if each.code == "unknown.found"}
 
 
-TURNS = pytest.mark.xfail(
-    strict=True,
-    reason="gyro_misalignment has the other sign than the schema's, from gyroscope to "
-    "accelerometer, which is how far the gyroscope's axes are turned",
-)
-
-
 def cases(names: Iterable[str]) -> list[Any]:
-    return [
-        pytest.param(name, marks=TURNS if "turned" in name or "axes" in name else ())
-        for name in names
-    ]
+    return [pytest.param(name) for name in names]
 
 
 @pytest.mark.parametrize("grade", GRADES)

@@ -243,7 +243,6 @@ def _cross_axis(samples: Samples) -> Floats:
 def test_one_entry_is_enough_to_add_an_unknown() -> None:
     entry = Unknown(
         name="accel_cross_axis",
-        group="sensor",
         labels=("xy", "yz", "zx"),
         unit="1",
         std=0.01,
