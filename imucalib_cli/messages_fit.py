@@ -81,32 +81,15 @@ def _bias_step(name: str, unit: str) -> Callable[..., str]:
     return message
 
 
-_WORDS: dict[str, tuple[str, float, str]] = {
-    "accel_bias": ("bias of the accelerometer", 1.0, "m/s²"),
-    "gyro_bias": ("bias of the gyroscope", 1.0, "rad/s"),
-    "accel_bias_ramp": ("change of the accelerometer's bias over the log", 1.0, "m/s²"),
-    "gyro_bias_ramp": ("change of the gyroscope's bias over the log", 1.0, "rad/s"),
-    "gravity_norm": ("magnitude of gravity less the nominal one", 1.0, "m/s²"),
-    "clock_drift": ("gain of the IMU's clock on the robot's", 1e6, "µs a second"),
-    "gyro_delay": ("delay of the gyroscope behind the accelerometer", 1e3, "ms"),
-    "accel_filter": ("low-pass filter of the accelerometer", 1e6, "ms²"),
-    "gyro_filter": ("low-pass filter of the gyroscope", 1e6, "ms²"),
-    "accel_scale": ("scale error of the accelerometer", 100.0, "%"),
-    "gyro_scale": ("scale error of the gyroscope", 100.0, "%"),
-    "gyro_misalignment": (
-        "turn of the gyroscope's axes against the accelerometer's",
-        math.degrees(1.0),
-        "deg",
-    ),
-    "gyro_g_sensitivity": ("response of the gyroscope to acceleration", 1.0, "rad/s per m/s²"),
-    "joint_zero": ("zero of joint", math.degrees(1.0), "deg"),
-    "joint_harmonic": ("error once a turn of joint", math.degrees(1.0), "deg"),
-    "joint_lag": ("delay of joint", 1e3, "ms"),
-    "joint_play": ("play of joint", math.degrees(1.0), "deg"),
-    "origin": ("origin of joint", 1e3, "mm"),
-    "pose_scale": ("scale error of the positions of", 100.0, "%"),
+_UNITS: dict[str, tuple[float, str]] = {
+    "rad": (math.degrees(1.0), "deg"),
+    "m": (1e3, "mm"),
+    "s": (1e3, "ms"),
+    "s²": (1e6, "ms²"),
+    "s/s": (1e6, "µs a second"),
+    "1": (100.0, "%"),
 }
-"""Of each entry of the table of unknowns: words, factor from its unit, unit for people."""
+"""Units of the table of unknowns, as people write them: factor and name; others stay."""
 _REMEDIES: dict[str, str] = {
     "clock_drift": "synchronise the clocks",
     "gyro_delay": "give both sensors the same bandwidth, or expect the same delay in use",
@@ -123,14 +106,16 @@ _REMEDIES: dict[str, str] = {
 }
 
 
-def _quantity(name: str, label: str, value: float, std: float) -> str:
-    _, factor, unit = _WORDS[name]
-    return f"{label} {with_std(value * factor, std * factor)} {unit}".strip()
+def _quantity(unit: str, label: str, value: float, std: float) -> str:
+    factor, name = _UNITS.get(unit, (1.0, unit))
+    return f"{label} {with_std(value * factor, std * factor)} {name}".strip()
 
 
 def _unknown_found(
     *,
     name: str,
+    words: str,
+    unit: str,
     labels: tuple[str, ...],
     values: tuple[float, ...],
     stds: tuple[float, ...],
@@ -138,7 +123,6 @@ def _unknown_found(
     translation: float,
     rotation: float,
 ) -> str:
-    words = _WORDS[name][0]
     if name == "clock_drift":
         gains = "gains" if values[0] > 0.0 else "loses"
         return (
@@ -148,7 +132,7 @@ def _unknown_found(
             "the clocks"
         )
     what = ", ".join(
-        _quantity(name, label, value, std)
+        _quantity(unit, label, value, std)
         for label, value, std in zip(labels, values, stds, strict=True)
     )
     remedy = _REMEDIES.get(name, "")
@@ -158,11 +142,13 @@ def _unknown_found(
     )
 
 
-def _implausible(name: str, label: str, value: float, std: float, limit: float) -> str:
-    words, factor, unit = _WORDS[name]
+def _implausible(
+    *, words: str, unit: str, label: str, value: float, std: float, limit: float, **_: Any
+) -> str:
+    factor, name = _UNITS.get(unit, (1.0, unit))
     return (
-        f"{words} {_quantity(name, label, value, std)}, more than any sound robot or sensor has "
-        f"({limit * factor:.3g} {unit}): check units, ranges, axes and the URDF"
+        f"{words} {_quantity(unit, label, value, std)}, more than any sound robot or sensor has "
+        f"({limit * factor:.3g} {name}): check units, ranges, axes and the URDF"
     )
 
 

@@ -321,6 +321,8 @@ def _implausible(evidence: Evidence) -> Iterator[Finding]:
             yield make(
                 "unknown.implausible",
                 name=each.unknown.name,
+                words=each.unknown.words,
+                unit=each.unknown.unit,
                 label=each.labels[worst],
                 value=value[worst],
                 std=std[worst],
@@ -348,6 +350,8 @@ def _found(evidence: Evidence) -> Iterator[Finding]:
         yield (warning if sensor else note)(
             "unknown.found",
             name=each.unknown.name,
+            words=each.unknown.words,
+            unit=each.unknown.unit,
             labels=tuple(each.labels),
             values=tuple(value.tolist()),
             stds=tuple(std.tolist()),
