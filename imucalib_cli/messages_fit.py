@@ -81,7 +81,7 @@ def _bias_step(name: str, unit: str) -> Callable[..., str]:
     return message
 
 
-_UNITS: dict[str, tuple[float, str]] = {
+_QUANTITIES: dict[str, tuple[float, str]] = {
     "rad": (math.degrees(1.0), "deg"),
     "m": (1e3, "mm"),
     "s": (1e3, "ms"),
@@ -107,7 +107,7 @@ _REMEDIES: dict[str, str] = {
 
 
 def _quantity(unit: str, label: str, value: float, std: float) -> str:
-    factor, name = _UNITS.get(unit, (1.0, unit))
+    factor, name = _QUANTITIES.get(unit, (1.0, unit))
     return f"{label} {with_std(value * factor, std * factor)} {name}".strip()
 
 
@@ -145,7 +145,7 @@ def _unknown_found(
 def _implausible(
     *, words: str, unit: str, label: str, value: float, std: float, limit: float, **_: Any
 ) -> str:
-    factor, name = _UNITS.get(unit, (1.0, unit))
+    factor, name = _QUANTITIES.get(unit, (1.0, unit))
     return (
         f"{words} {_quantity(unit, label, value, std)}, more than any sound robot or sensor has "
         f"({limit * factor:.3g} {name}): check units, ranges, axes and the URDF"
