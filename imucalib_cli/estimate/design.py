@@ -124,8 +124,11 @@ class Model:
             local = centres[part] - span.start
             stamps = np.asarray(grid.t0 + grid.dt * np.arange(span.start, span.stop))
             accel, gyro = self.corrected(state, span)
-            R, p = chain.poses(self.robot_times(stamps, shift_a))
-            R_gyro = R if shift_g == shift_a else chain.poses(self.robot_times(stamps, shift_g))[0]
+            near = self.windowing.trajectory.nearest_covered
+            R, p = chain.poses(near(self.robot_times(stamps, shift_a)))
+            R_gyro = R
+            if shift_g != shift_a:
+                R_gyro, _ = chain.poses(near(self.robot_times(stamps, shift_g)))
             world = _World(
                 place=p - p[0] + R @ state.t,
                 force=np.einsum("nij,nj->ni", R, accel @ state.R.T),

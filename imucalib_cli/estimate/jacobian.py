@@ -333,7 +333,9 @@ def _nodes(model: Model, plan: NodePlan, chain: Chain, state: State, centres: In
     mean = convolve_at(both, plan.box, index - half - lowest)
     samples = model.samples(mean[:, :3], mean[:, 3:], int(index[0]), plan.every)
     stamps = np.asarray(grid.t0 + grid.dt * index)
-    t = model.robot_times(stamps, model.shifts(state)[1])
+    t = model.windowing.trajectory.nearest_covered(
+        model.robot_times(stamps, model.shifts(state)[1])
+    )
     values, rates = chain.values_and_rates(t)
     frames = chain.path.frames(values)
     R, p = frames[-1]

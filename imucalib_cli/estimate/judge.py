@@ -52,7 +52,7 @@ _STANDSTILL_GYRO: Final = 0.02
 """rad/s: a log that turns less than this tells nothing about mismatch."""
 _CLEAR_LAG: Final = 0.8
 """Correlation of the two rates at the right time offset: even a bad model keeps it."""
-_LOUD: Final = 5.0
+LOUD: Final = 5.0
 """Residuals over the noise that is known, from which it is said."""
 _GROSS: Final = 50.0
 """Likewise, from which the equations, not their parameters, are wrong."""
@@ -87,28 +87,29 @@ class Evidence:
     options: MatchedOptions
     dependence: tuple[Dependence, ...]
     change: Change | None
+    over_noise: tuple[float, float]
+    """Residual scale over the noise that is known, accelerometer and gyroscope."""
     sign: Sign
     """Of the accelerometer: as read, reversed for that fits decisively better, or in doubt."""
 
-    @property
-    def over_noise(self) -> tuple[float, float]:
-        """Residual scale over the noise that is known: the sensor's own and the kinematics'."""
-        fit = self.fit
-        windowing = fit.model.windowing
-        rotation, position = kinematic_noise(windowing.trajectory)
-        plan, grid = windowing.plan, windowing.grid
-        seconds = plan.length * grid.dt
-        kinematic = (
-            second_derivative_gain(seconds) * position,
-            # The first derivative's gain, 12 / T³, of the three angles in the nine elements of R.
-            12.0 / seconds**3 * rotation / 6.0,
-        )
-        ratios = []
-        for sensor, pair in enumerate((plan.second_derivative, plan.first_derivative)):
-            own = grid.noise[sensor] * np.linalg.norm(pair.average) * np.sqrt(grid.refine)
-            known = float(np.hypot(own, np.sqrt(kinematic[sensor])))
-            ratios.append(fit.residual_scales[sensor] / max(known, NOISE_FLOOR[sensor]))
-        return ratios[0], ratios[1]
+
+def over_known_noise(fit: Fit) -> tuple[float, float]:
+    """Residual scale over the noise that is known: the sensor's own and the kinematics'."""
+    windowing = fit.model.windowing
+    rotation, position = kinematic_noise(windowing.trajectory)
+    plan, grid = windowing.plan, windowing.grid
+    seconds = plan.length * grid.dt
+    kinematic = (
+        second_derivative_gain(seconds) * position,
+        # The first derivative's gain, 12 / T³, of the three angles in the nine elements of R.
+        12.0 / seconds**3 * rotation / 6.0,
+    )
+    ratios = []
+    for sensor, pair in enumerate((plan.second_derivative, plan.first_derivative)):
+        own = grid.noise[sensor] * np.linalg.norm(pair.average) * np.sqrt(grid.refine)
+        known = float(np.hypot(own, np.sqrt(kinematic[sensor])))
+        ratios.append(fit.residual_scales[sensor] / max(known, NOISE_FLOOR[sensor]))
+    return ratios[0], ratios[1]
 
 
 def of_findings(evidence: Evidence) -> Floats:
@@ -200,7 +201,7 @@ def _undecided(evidence: Evidence) -> Iterator[Finding]:
 def _residuals(evidence: Evidence) -> Iterator[Finding]:
     ratios = evidence.over_noise
     worst = int(np.argmax(ratios))
-    if ratios[worst] > _LOUD:
+    if ratios[worst] > LOUD:
         make = untrusted if ratios[worst] > _GROSS else warning
         sensor = ("accel", "gyro")[worst]
         yield make("residual.beyond_noise", sensor=sensor, ratio=ratios[worst])
@@ -376,10 +377,12 @@ def _contradicted_priors(evidence: Evidence) -> Iterator[Finding]:
             if name == "gravity_direction"
             else fit.state.x[fit.layout.part(name)]
         )
-        if len(value) and np.linalg.norm(value) > DISTRUST_SIGMAS * std:
-            yield untrusted(
-                "prior.contradicted", option=option, sigmas=float(np.linalg.norm(value)) / std
-            )
+        if not len(value):
+            continue
+        part = fit.layout.part(name)
+        sigmas = _without_prior(value, fit.covariance[part, part], std)
+        if sigmas > DISTRUST_SIGMAS:
+            yield untrusted("prior.contradicted", option=option, sigmas=sigmas)
     known = options.pose
     if known is None or known.R_parent_imu is None or known.t_parent_imu is None:
         return
@@ -401,6 +404,23 @@ def _contradicted_priors(evidence: Evidence) -> Iterator[Finding]:
     held = np.flatnonzero(pose_std == 0.0)
     if len(held):
         yield from _pulled(fit, held)
+
+
+def _without_prior(value: Floats, C: Floats, std: float) -> float:
+    """How many sigmas the data alone are from a prior about zero.
+
+    Args:
+        value: (k,), with the prior.
+        C: (k, k), its covariance.
+        std: Of the prior.
+    """
+    both = inverse_of(C)
+    alone = both - np.eye(len(value)) / std**2
+    if np.linalg.eigvalsh(alone)[0] <= 0.0:
+        return float(np.linalg.norm(value)) / std
+    spread = inverse_of(alone)
+    distance = squared_distance(spread @ both @ value, spread + std**2 * np.eye(len(value)))
+    return float(np.sqrt(max(distance - len(value), 0.0)))
 
 
 def _pulled(fit: Fit, held: NDArray[np.intp]) -> Iterator[Finding]:

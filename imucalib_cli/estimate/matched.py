@@ -68,13 +68,15 @@ def calibrate_matched(imu: ImuSamples, path: KinematicPath, options: MatchedOpti
     fit = whole_fit(attempt.lean, options)
     directions = judge.unobservable(fit)
     dependence = () if directions else tuple(window_dependence(fit))
-    segments = Segments(fit)
+    over_noise = judge.over_known_noise(fit)
+    segments = Segments(fit, loud=max(over_noise) > judge.LOUD)
     evidence = judge.Evidence(
         fit=fit,
         attempt=attempt,
         clean=clean,
         options=options,
         dependence=dependence,
+        over_noise=over_noise,
         sign=sign,
         change=None if directions else segments.change(),
     )

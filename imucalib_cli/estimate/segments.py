@@ -26,6 +26,8 @@ DECISIVE: Final = 20.0
 """Difference of the Bayesian information criterion from which an alternative is believed: odds of
 e^10 to one, and fewer than one false alarm in a thousand sound logs over all that is tried."""
 
+_SHARE: Final = 0.2
+"""Of what a fit leaves over, that a change explains which is its cause."""
 _UNSEEN: Final = 1e-6
 """Share of the information on a change that must be left beside the other unknowns."""
 Kind = Literal["mount", "clock", "gyro_bias", "accel_bias"]
@@ -59,12 +61,14 @@ class Change:
 class Segments:
     """Normal matrices of the parts of a log about the solution of all of it."""
 
-    def __init__(self, fit: Fit) -> None:
+    def __init__(self, fit: Fit, *, loud: bool) -> None:
         """Cut the windows into parts and sum each.
 
         Args:
             fit: The solution.
+            loud: Whether it leaves far more than the noise.
         """
+        self._loud = loud
         free = np.flatnonzero(fit.layout.free)
         self._free, self._fit = free, fit
         normal = fit.parts()
@@ -148,7 +152,10 @@ class Segments:
         C = inverse_of(left)
         size = -(C @ self._b_after[cut][part])
         price = len(part) * np.log(6.0 * self._fit.statistics.windows / WINDOWS_PER_LENGTH)
-        if squared_distance(size, C + wander) - price < DECISIVE:
+        gain = squared_distance(size, C + wander)
+        # Where much is left over, a change is its cause only if it explains a good part of it.
+        left_over = self._fit.statistics.normal[:, :, 0, 0].sum() / self._fit.level
+        if gain - price < DECISIVE or (self._loud and gain < _SHARE * left_over):
             return None
         # Noise of real logs is louder in some motions: what is left with the change taken into
         # account scatters by that much.
@@ -163,12 +170,18 @@ class Segments:
         if evidence < DECISIVE:
             return None
         pose = self._places("translation", "rotation")
+        if kind == "mount":  # components that are held have not changed
+            every = np.r_[self._fit.layout.part("translation"), self._fit.layout.part("rotation")]
+            seen = np.isin(every, self._free[part])
+            size, std = (_spread(each, seen) for each in (size, np.sqrt(np.diag(C))))
+        else:
+            std = np.sqrt(np.diag(C))
         return Change(
             kind=kind,
             seconds=float(self._edges[cut]),
             uncertainty=float(self._edges[cut + 1] - self._edges[cut - 1]) / 2.0,
             size=size,
-            std=np.sqrt(np.diag(C)),
+            std=std,
             evidence=float(evidence),
             moves_pose=moved[pose] if len(pose) == 6 else np.zeros(6),
         )
@@ -188,3 +201,10 @@ class Segments:
         # The median lets one step, which is looked for, be what it is.
         q = np.maximum(np.median(steps, axis=0) / 0.455 - np.median(expected, axis=0), 0.0)
         return np.diag(q * len(self._A) / 3.0)
+
+
+def _spread(values: Floats, seen: NDArray[np.bool_]) -> Floats:
+    """Values of some components, the others zero."""
+    full = np.zeros(len(seen))
+    full[seen] = values
+    return full

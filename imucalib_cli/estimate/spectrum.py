@@ -292,7 +292,8 @@ def _bands(length: int) -> list[slice]:
 
 def inverse_of(A: Floats) -> Floats:
     """Inverse of a positive matrix of mixed units; stays positive where A is singular."""
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(A), 1e-300))
+    diagonal = np.diag(A)
+    scale = 1.0 / np.sqrt(np.maximum(diagonal, 1e-30 * float(diagonal.max(initial=0.0))))
     values, vectors = np.linalg.eigh(A * np.outer(scale, scale))
     scaled = vectors * scale[:, None]
     return np.asarray((scaled / np.maximum(values, 1e-14 * values[-1])) @ scaled.T)

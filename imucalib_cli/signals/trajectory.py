@@ -154,6 +154,17 @@ class Trajectory:
                 result &= (t <= stamps[index - 1]) | (t >= stamps[index])
         return result
 
+    def nearest_covered(self, t: Floats) -> Floats:
+        """Instants (M,), ascending, those outside the samples and in gaps moved to one that is not.
+
+        For what is computed there and used by nobody: polynomials run wild far from their samples.
+        """
+        covered = self.covered(t)
+        if covered.all() or not covered.any():
+            return t
+        index = np.maximum.accumulate(np.where(covered, np.arange(len(t)), -1))
+        return np.asarray(t[np.where(index < 0, np.argmax(covered), index)])
+
     def values(self, t: Floats) -> tuple[Floats, ...]:
         """Values of each track at instants (M,), s: (M, J) or (M, 7)."""
         return tuple(

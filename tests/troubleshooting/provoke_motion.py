@@ -93,7 +93,7 @@ def _(scene: Scene) -> Seen:
 
 @provokes("bias-contradicted")
 def _(scene: Scene) -> Seen:
-    return scene.run_arm(noisy(ARM), "--accel-bias", "0.0001")
+    return scene.run_arm(noisy(ARM), "--accel-bias", "0.00001")
 
 
 @provokes("accel-sign")

@@ -152,7 +152,7 @@ def loose(angle: float) -> Callable[[Scene], Seen]:
     return provocation
 
 
-provokes("model-not-noise")(loose(0.003))
+provokes("model-not-noise")(loose(0.001))
 provokes("not-what-taken-for")(loose(0.01))
 
 
