@@ -49,7 +49,9 @@ def test_the_result_is_the_truth_within_its_sigma(
     # chi² of 6 degrees of freedom exceeds 22.5 once in a thousand logs
     assert squared < 22.5
     assert np.linalg.norm(shift) < 5e-5
-    assert np.linalg.norm(turn) < math.radians(1e-3)
+    # The frame is the accelerometer's: without gravity its axes are told by the motion alone, now
+    # that the gyroscope's may be turned against them.
+    assert np.linalg.norm(turn) < math.radians(1e-3 if log == "rihibot.mcap" else 5e-3)
     offset = document["time_offset"]
     assert abs(offset["seconds"] - truth["time_offset"]) < 4 * offset["std"] < 1e-4
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import TYPE_CHECKING
 
@@ -11,6 +11,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from imucalib_cli.diagnose.diagnose import diagnose, explained
+from imucalib_cli.diagnose.hypotheses import Case
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions
 from tests.estimate.estimate_arm import INDUSTRIAL, MEMS, Log, Moves, arm_path, random_mount
@@ -54,12 +56,12 @@ WIRINGS = {
     "gyroscope a quarter turned": Wiring(
         gyro=QUARTER,
         accel=SAME,
-        words=f"{APART}the gyroscope's x, y, z point along the accelerometer's y, -x, z; mend",
+        words=f"{APART}the gyroscope's x, y, z point along the accelerometer's y, -x, z",
     ),
     "accelerometer a quarter turned": Wiring(
         gyro=SAME,
         accel=QUARTER,
-        words=f"{APART}the gyroscope's x, y, z point along the accelerometer's -y, x, z; mend",
+        words=f"{APART}the gyroscope's x, y, z point along the accelerometer's -y, x, z",
     ),
     "gyroscope swapped": Wiring(
         gyro=SWAPPED,
@@ -89,7 +91,15 @@ def log_of(seed: int) -> Log:
 
 def calibrated(log: Log, gyro: Floats = SAME, accel: Floats = SAME) -> Estimate:
     wired = log.with_imu(log.imu.t, log.imu.gyro @ gyro.T, log.imu.accel @ accel.T)
-    return calibrate_matched(wired.imu, wired.path, MatchedOptions())
+    return explained_of(wired)
+
+
+def explained_of(log: Log) -> Estimate:
+    """The estimate with what is found out about its cause."""
+    options = MatchedOptions(either_sign=False)
+    estimate = calibrate_matched(log.imu, log.path, options)
+    case = Case(samples=log.imu, path=log.path, options=options, estimate=estimate)
+    return explained(estimate, diagnose(case))
 
 
 @pytest.mark.parametrize("which", WIRINGS)
@@ -114,7 +124,7 @@ def test_other_faults_are_not_blamed_on_the_axes() -> None:
     log = log_of(3).noisy(3)
     q = log.path.tracks[0].values * [1, -1, 1, 1, -1, 1]
     path = arm_path(log.path.tracks[0].t, q)
-    estimate = calibrate_matched(log.imu, path, MatchedOptions())
+    estimate = explained_of(replace(log, path=path))
     assert not estimate.trusted
     told = " ".join(estimate.distrust)
     assert "left-handed" not in told
