@@ -19,7 +19,7 @@ from imucalib_cli.diagnose.sensor_axes import reoriented
 from imucalib_cli.errors import InputError
 from imucalib_cli.estimate import columns
 from imucalib_cli.estimate.fit import MIN_WINDOWS, lean_fit
-from imucalib_cli.estimate.judge import NOISE_FLOOR
+from imucalib_cli.estimate.judge import own_noise
 from imucalib_cli.estimate.offset import coarse_time_offset
 from imucalib_cli.estimate.prepare import clean_imu
 from imucalib_cli.estimate.segments import DECISIVE
@@ -234,18 +234,6 @@ def trial_of(hypothesis: Hypothesis, lean: Lean) -> Trial:
         total=(trimmed_rms(residuals.acceleration), trimmed_rms(residuals.rate)),
         noise=own_noise(lean.model.windowing),
     )
-
-
-def own_noise(windowing: Windowing) -> tuple[float, float]:
-    """What the sensor's own white noise leaves in a window, m/s² and rad/s; at least any IMU's."""
-    plan, grid = windowing.plan, windowing.grid
-    accel, gyro = (
-        max(own * float(np.linalg.norm(pair.average) * np.sqrt(grid.refine)), floor)
-        for own, pair, floor in zip(
-            grid.noise, (plan.second_derivative, plan.first_derivative), NOISE_FLOOR, strict=True
-        )
-    )
-    return accel, gyro
 
 
 def short_windows(full: Windowing, seconds: float, hop: int | None = None) -> Windowing:

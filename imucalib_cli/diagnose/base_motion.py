@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 
 from imucalib_cli.diagnose.alternatives import (
     lean_vector,
-    own_noise,
     short_windows,
     trimmed_rms,
 )
 from imucalib_cli.diagnose.edits import joints_of
 from imucalib_cli.estimate import columns
+from imucalib_cli.estimate.judge import own_noise
 from imucalib_cli.findings import Finding, untrusted
 
 if TYPE_CHECKING:

@@ -135,10 +135,7 @@ class Fit:
         accel, gyro = (
             scale * float(np.linalg.norm(other.average) / np.linalg.norm(mine.average))
             for scale, other, mine in zip(
-                self.residual_scales,
-                (plan.second_derivative, plan.first_derivative),
-                (own.second_derivative, own.first_derivative),
-                strict=True,
+                self.residual_scales, plan.filters, own.filters, strict=True
             )
         )
         return accel, gyro
@@ -476,7 +473,7 @@ def noise_of_columns(
         if effect.differences is None:
             continue
         sensor = 0 if effect.sensor == "accel" else 1
-        plain = (plan.second_derivative, plan.first_derivative)[sensor].average
+        plain = plan.filters[sensor].average
         kernel = nodes.kernel((nodes.second, nodes.first)[sensor], effect.differences)
         kernel = kernel / (nodes.every * grid.dt) ** (2 * effect.differences)
         # Of the residual, what is this sensor's own white noise; whitened as the columns are.

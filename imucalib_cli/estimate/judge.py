@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.segments import Change
     from imucalib_cli.estimate.specification import Dependence
     from imucalib_cli.estimate.stamps import Attempt
+    from imucalib_cli.estimate.windows import Windowing
 
 Floats = NDArray[np.float64]
 Sign = Literal["as read", "reversed", "in doubt"]
@@ -68,6 +69,8 @@ _OFFSET_LIMIT: Final = 0.02
 """s: a time offset known no better than this is not known."""
 _NEGLIGIBLE: Final = 1e-5
 """m and rad: no drawing is more exact, so no contradiction is smaller."""
+_NOISE_FLOOR: Final = (1e-3, 5e-5)
+"""m/s² and rad/s: residuals of a window that a good IMU leaves; less is as good as none."""
 _UNTOUCHED: Final = 0.9
 """Share of a prior's deviation that is left where the data add nothing to it."""
 SLIP: Final = (2e-3, 5e-3)
@@ -93,6 +96,15 @@ class Evidence:
     """Of the accelerometer: as read, reversed for that fits decisively better, or in doubt."""
 
 
+def own_noise(windowing: Windowing) -> tuple[float, float]:
+    """What the sensor's own white noise leaves in a window, m/s² and rad/s; at least any IMU's."""
+    noise, gains = windowing.grid.noise, windowing.white_gains
+    accel, gyro = (
+        max(own * gain, floor) for own, gain, floor in zip(noise, gains, _NOISE_FLOOR, strict=True)
+    )
+    return accel, gyro
+
+
 def over_known_noise(fit: Fit) -> tuple[float, float]:
     """Residual scale over the noise that is known: the sensor's own and the kinematics'."""
     windowing = fit.model.windowing
@@ -105,10 +117,9 @@ def over_known_noise(fit: Fit) -> tuple[float, float]:
         12.0 / seconds**3 * rotation / 6.0,
     )
     ratios = []
-    for sensor, pair in enumerate((plan.second_derivative, plan.first_derivative)):
-        own = grid.noise[sensor] * np.linalg.norm(pair.average) * np.sqrt(grid.refine)
-        known = float(np.hypot(own, np.sqrt(kinematic[sensor])))
-        ratios.append(fit.residual_scales[sensor] / max(known, NOISE_FLOOR[sensor]))
+    for sensor, gain in enumerate(windowing.white_gains):
+        known = float(np.hypot(grid.noise[sensor] * gain, np.sqrt(kinematic[sensor])))
+        ratios.append(fit.residual_scales[sensor] / max(known, _NOISE_FLOOR[sensor]))
     return ratios[0], ratios[1]
 
 
@@ -127,10 +138,6 @@ def of_findings(evidence: Evidence) -> Floats:
     return added
 
 
-NOISE_FLOOR: Final = (1e-3, 5e-5)
-"""m/s² and rad/s: residuals of a window that a good IMU leaves; less is as good as none."""
-
-
 def unobservable(fit: Fit) -> tuple[UnobservableDirection, ...]:
     """Directions of the pose that the motion did not determine."""
     return tuple(unobservable_directions(_pose(fit, fit.covariance), _pose(fit, excitation(fit))))
@@ -138,7 +145,7 @@ def unobservable(fit: Fit) -> tuple[UnobservableDirection, ...]:
 
 def _pose(fit: Fit, matrix: Floats) -> Floats:
     """(6, 6), of the mount."""
-    places = np.r_[fit.layout.part("translation"), fit.layout.part("rotation")]
+    places = fit.layout.pose
     return np.asarray(matrix[np.ix_(places, places)])
 
 
@@ -289,7 +296,7 @@ def _slipped(moved: Floats) -> bool:
 def _errors(evidence: Evidence) -> Iterator[tuple[Placed, Floats, Floats, Floats]]:
     """Entries beside mount, gravity's direction and offset: value, covariance, move of the pose."""
     fit = evidence.fit
-    pose = np.r_[fit.layout.part("translation"), fit.layout.part("rotation")]
+    pose = fit.layout.pose
     for each in fit.layout.placed:
         effect, part = each.unknown.effect, each.part
         if isinstance(effect, Mount) or each.unknown.name in {"time_offset", "gravity_direction"}:
@@ -448,7 +455,7 @@ def _pulled(fit: Fit, held: NDArray[np.intp]) -> Iterator[Finding]:
 
 def _free_step(fit: Fit, held: NDArray[np.intp]) -> tuple[Floats, Floats]:
     """Where components of the mount that are held would go if they were free, and how surely."""
-    places = np.r_[fit.layout.part("translation"), fit.layout.part("rotation")][held]
+    places = fit.layout.pose[held]
     free = np.flatnonzero(fit.layout.free)
     every = np.concatenate([free, places])
     A = fit.statistics.information[np.ix_(every, every)] / fit.level

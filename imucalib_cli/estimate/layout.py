@@ -92,6 +92,11 @@ class Layout:
                 return each.part
         return slice(0, 0)
 
+    @property
+    def pose(self) -> NDArray[np.intp]:
+        """(6,), components of the mount: translation, rotation."""
+        return np.asarray(np.r_[self.part("translation"), self.part("rotation")], dtype=np.intp)
+
     def of(self, kind: type[E]) -> Iterator[tuple[Placed, E]]:
         """Entries whose effect is of a kind, with it."""
         for each in self.placed:

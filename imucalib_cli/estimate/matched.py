@@ -81,7 +81,7 @@ def calibrate_matched(imu: ImuSamples, path: KinematicPath, options: MatchedOpti
         change=None if directions else segments.change(),
     )
     state, P = fit.state, fit.covariance
-    pose = np.r_[fit.layout.part("translation"), fit.layout.part("rotation")]
+    pose = fit.layout.pose
     covariance = P[np.ix_(pose, pose)] + judge.of_findings(evidence)
     biases = {name: _bias(fit, name) for name in ("accel_bias", "gyro_bias")}
     offset, offset_std = fit.of("time_offset")
@@ -153,14 +153,7 @@ def _residuals(fit: Fit, spikes: int) -> Residuals:
     used = fit.weights > 0.0
     accel, gyro = (_rms(fit.residuals.values[used][:, part]) for part in (slice(0, 3), slice(3, 6)))
     windowing = fit.model.windowing
-    gains = [
-        float(np.linalg.norm(pair.average) * np.sqrt(windowing.grid.refine))
-        for pair in (windowing.plan.second_derivative, windowing.plan.first_derivative)
-    ]
-    own = [
-        max(noise * gain, floor)
-        for noise, gain, floor in zip(windowing.grid.noise, gains, judge.NOISE_FLOOR, strict=True)
-    ]
+    gains, own = windowing.white_gains, judge.own_noise(windowing)
     return Residuals(
         accel_rms=accel,
         gyro_rms=gyro,

@@ -171,7 +171,7 @@ class Segments:
             return None
         pose = self._places("translation", "rotation")
         if kind == "mount":  # components that are held have not changed
-            every = np.r_[self._fit.layout.part("translation"), self._fit.layout.part("rotation")]
+            every = self._fit.layout.pose
             seen = np.isin(every, self._free[part])
             size, std = (_spread(each, seen) for each in (size, np.sqrt(np.diag(C))))
         else:

@@ -73,8 +73,7 @@ class Dependence:
 def window_dependence(fit: Fit) -> list[Dependence]:
     """Solve at half and at twice the window; nothing where the log or the window is too short."""
     windowing, own = fit.model.windowing, fit.model.windowing.plan
-    pose = np.r_[fit.layout.part("translation"), fit.layout.part("rotation")]
-    if not fit.layout.free[pose].all():
+    if not fit.layout.free[fit.layout.pose].all():
         return []
     lengths = [2 * round((own.length - 1) * factor / 2) + 1 for factor in FACTORS]
     plans = [
@@ -135,14 +134,13 @@ class _Solved:
     def of(cls, fit: Fit, matrices: Floats, model: Model, scales: tuple[float, float]) -> _Solved:
         """Solve with the fit's learnt scales and priors."""
         free = np.flatnonzero(fit.layout.free)
-        pose = np.r_[fit.layout.part("translation"), fit.layout.part("rotation")]
         P = 1.0 / fit.layout.std_at(fit.scales_found.mean)[free] ** 2
         noise = noise_of_columns(model, fit.linearised.x, scales, fit.statistics.windows)
         total = matrices.sum(axis=0)
         A, b = without_noise(total[1:, 1:], total[1:, 0], noise)
         score = b[free] / fit.level + P * fit.prior_offset[free]
         inverse = np.linalg.inv(A[np.ix_(free, free)] / fit.level + np.diag(P))
-        inverse = inverse[np.searchsorted(free, pose)]
+        inverse = inverse[np.searchsorted(free, fit.layout.pose)]
         each = matrices[:, 1:, 0][:, free] / fit.level
         return cls(-(inverse @ score), -(each @ inverse.T), inverse, P, each)
 

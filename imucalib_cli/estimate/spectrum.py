@@ -185,10 +185,7 @@ def statistics(
         bands.add(part, rows)
         parts.add(part, rows)
     response = np.stack(
-        [
-            bands.mean_response(pair.average, pair.average, plan.hop)
-            for pair in (plan.second_derivative, plan.first_derivative)
-        ]
+        [bands.mean_response(pair.average, pair.average, plan.hop) for pair in plan.filters]
     )
     # The whitening's mean is the weights'.
     weights = (root[:, 0] / max(float(root[:, 0].max()), 1e-300)) ** 2
@@ -249,7 +246,7 @@ def deviance(plan: WindowPlan, centres: Indices, residuals: Floats) -> float:
     sums.add(slice(0, len(centres)), held[:, :, None])
     power, freedom = sums.finished()[:, :, 0, 0], sums.freedom(len(centres))
     total = 0.0
-    for sensor, pair in enumerate((plan.second_derivative, plan.first_derivative)):
+    for sensor, pair in enumerate(plan.filters):
         response = sums.mean_response(pair.average, pair.average, hop)
         heard = response > _HEARD * response.max()
         # Less than any IMU's noise is as good as none.

@@ -71,6 +71,11 @@ class WindowPlan:
         )
 
     @property
+    def filters(self) -> tuple[MatchedFilter, MatchedFilter]:
+        """What accelerometer and gyroscope are seen through."""
+        return self.second_derivative, self.first_derivative
+
+    @property
     def noise_gains(self) -> tuple[float, float]:
         """Residual scale of accelerometer and gyroscope over the scale to weight windows by.
 
@@ -79,8 +84,7 @@ class WindowPlan:
         sensors by the densities of their noise, whatever their kernels let through.
         """
         accel, gyro = (
-            float(np.linalg.norm(pair.average) * np.sqrt(self.hop))
-            for pair in (self.second_derivative, self.first_derivative)
+            float(np.linalg.norm(pair.average) * np.sqrt(self.hop)) for pair in self.filters
         )
         return accel, gyro
 
@@ -155,6 +159,15 @@ class Windowing:
     grid: ImuGrid
     trajectory: Trajectory
     plan: WindowPlan
+
+    @property
+    def white_gains(self) -> tuple[float, float]:
+        """What white noise of the IMU's samples leaves in a window, over it: each sensor's."""
+        accel, gyro = (
+            float(np.linalg.norm(pair.average) * np.sqrt(self.grid.refine))
+            for pair in self.plan.filters
+        )
+        return accel, gyro
 
     def centres(self, time_offset: float) -> Indices:
         """Windows with every sample of both streams, for an offset (IMU - robot stamp), s."""
