@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -21,6 +22,7 @@ from imucalib_cli.estimate.solve import (
     refine,
     solve_globally,
     tilt_from_down,
+    turned_about,
 )
 from imucalib_cli.estimate.spectrum import (
     PARTS,
@@ -34,7 +36,7 @@ from imucalib_cli.estimate.spectrum import (
 )
 from imucalib_cli.estimate.state import State
 from imucalib_cli.estimate.unknowns import LEAN, Gravity, Reading, Unknown
-from imucalib_cli.robot.rotations import matrix_from_rotvec, rotation_angle, rotvec_from_matrix
+from imucalib_cli.robot.rotations import rotation_angle, rotvec_from_matrix
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -107,6 +109,12 @@ class Fit:
         """Twice the negative Whittle log-likelihood: what alternatives are compared by."""
         return self.statistics.deviance(self.levels)
 
+    @property
+    def precision(self) -> Floats:
+        """Of the free components' priors, learnt scales at their mean."""
+        return np.asarray(1.0 / self.layout.std_at(self.scales_found.mean)[self.layout.free] ** 2)
+
+    @cached_property
     def parts(self) -> Floats:
         """Normal matrices (PARTS, n + 1, n + 1) of [e J] of parts of the log.
 
@@ -336,8 +344,7 @@ def _admitted(state: State, layout: Layout, options: MatchedOptions) -> State:
     free, known = layout.free[layout.part("rotation")], options.pose
     if free.all() or known is None or known.R_parent_imu is None:
         return state
-    phi = rotvec_from_matrix(state.R @ known.R_parent_imu.T)
-    return replace(state, R=matrix_from_rotvec(np.where(free, phi, 0.0)) @ known.R_parent_imu)
+    return replace(state, R=turned_about(state.R, known.R_parent_imu, free))
 
 
 def _floored(scales: tuple[float, float]) -> tuple[float, float]:

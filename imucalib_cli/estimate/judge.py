@@ -95,6 +95,16 @@ class Evidence:
     sign: Sign
     """Of the accelerometer: as read, reversed for that fits decisively better, or in doubt."""
 
+    @property
+    def clock_stepped(self) -> bool:
+        """Whether the clocks were set within the log: a drift is then what the step looks like."""
+        return self.change is not None and self.change.kind == "clock"
+
+    @property
+    def hangs_most(self) -> Dependence | None:
+        """The window on which the answer hangs most."""
+        return max(self.dependence, key=lambda each: each.sigmas, default=None)
+
 
 def own_noise(windowing: Windowing) -> tuple[float, float]:
     """What the sensor's own white noise leaves in a window, m/s² and rad/s; at least any IMU's."""
@@ -126,9 +136,8 @@ def over_known_noise(fit: Fit) -> tuple[float, float]:
 def of_findings(evidence: Evidence) -> Floats:
     """(6, 6), what a dependence on the window or a small change within the log adds to sigma."""
     added = np.zeros((6, 6))
-    beyond = [each for each in evidence.dependence if each.sigmas > WARN_SIGMAS]
-    if beyond:
-        worst = max(beyond, key=lambda each: each.sigmas)
+    worst = evidence.hangs_most
+    if worst is not None and worst.sigmas > WARN_SIGMAS:
         added += np.outer(worst.difference, worst.difference)
     change = evidence.change
     if change is not None:
@@ -173,8 +182,7 @@ def findings(evidence: Evidence, *, unknown: bool) -> tuple[Finding, ...]:
         *_offset(evidence),
         *(() if unknown else _gravity(evidence)),
     ]
-    order = {Severity.UNTRUSTED: 0, Severity.WARNING: 1, Severity.NOTE: 1}
-    return tuple(sorted(found, key=lambda each: order[each.severity]))
+    return tuple(sorted(found, key=lambda each: each.severity is not Severity.UNTRUSTED))
 
 
 def _unexplained(evidence: Evidence) -> Iterator[Finding]:
@@ -245,10 +253,8 @@ def _left_out(evidence: Evidence) -> Iterator[Finding]:
 
 def _window(evidence: Evidence) -> Iterator[Finding]:
     """An answer that hangs on the window: something that no unknown explains."""
-    if not evidence.dependence:
-        return
-    worst = max(evidence.dependence, key=lambda each: each.sigmas)
-    if worst.sigmas > WARN_SIGMAS:
+    worst = evidence.hangs_most
+    if worst is not None and worst.sigmas > WARN_SIGMAS:
         sigma = np.sqrt(np.diag(_pose(evidence.fit, evidence.fit.covariance)))
         matters = bool((np.abs(worst.difference) > sigma).any())
         make = untrusted if matters and worst.sigmas > DISTRUST_SIGMAS else warning
@@ -311,10 +317,9 @@ def _errors(evidence: Evidence) -> Iterator[tuple[Placed, Floats, Floats, Floats
 
 def _implausible(evidence: Evidence) -> Iterator[Finding]:
     """Errors larger than a sound robot or a sound sensor has, and surely so."""
-    stepped = evidence.change is not None and evidence.change.kind == "clock"
     for each, value, C, _ in _errors(evidence):
-        if stepped and isinstance(each.unknown.effect, Clock):
-            continue  # a drift is then what the step looks like
+        if evidence.clock_stepped and isinstance(each.unknown.effect, Clock):
+            continue
         std, limit = np.sqrt(np.diag(C)), each.unknown.healthy
         if limit is None:
             continue
@@ -341,12 +346,11 @@ def _implausible(evidence: Evidence) -> Iterator[Finding]:
 def _found(evidence: Evidence) -> Iterator[Finding]:
     """Errors that stand clear of their sigma, and would move the pose by more than its sigma."""
     stated = np.sqrt(np.diag(_pose(evidence.fit, evidence.fit.covariance)))
-    stepped = evidence.change is not None and evidence.change.kind == "clock"
     for each, value, C, moves in _errors(evidence):
         effect = each.unknown.effect
         if isinstance(effect, Reading) and each.unknown.name.endswith(("bias", "ramp")):
             continue
-        if stepped and isinstance(effect, Clock):
+        if evidence.clock_stepped and isinstance(effect, Clock):
             continue
         if isinstance(effect, Reading) and effect.differences == 1 and (value < 0.0).all():
             continue  # no filter does that; interpolation of few samples does
@@ -459,7 +463,7 @@ def _free_step(fit: Fit, held: NDArray[np.intp]) -> tuple[Floats, Floats]:
     free = np.flatnonzero(fit.layout.free)
     every = np.concatenate([free, places])
     A = fit.statistics.information[np.ix_(every, every)] / fit.level
-    A[np.diag_indices(len(free))] += 1.0 / fit.layout.std_at(fit.scales_found.mean)[free] ** 2
+    A[np.diag_indices(len(free))] += fit.precision
     score = fit.statistics.score / fit.level + fit.statistics.information @ fit.step / fit.level
     C = inverse_of(A)[len(free) :, len(free) :]
     return -(C @ score[places]), C

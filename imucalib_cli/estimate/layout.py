@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Final, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from imucalib_cli.estimate.scales import with_learnt
 from imucalib_cli.estimate.unknowns import (
     SCALES,
     TABLE,
@@ -105,8 +106,7 @@ class Layout:
 
     def std_at(self, log_scales: Floats) -> Floats:
         """(n,), prior with learnt scales put in."""
-        learnt = np.exp(log_scales)[self.scale] if len(self.scales) else self.std
-        return np.asarray(np.where(self.scale >= 0, learnt, self.std))
+        return with_learnt(self.std, self.scale, log_scales)
 
     @property
     def bounds(self) -> Floats:

@@ -203,12 +203,11 @@ def _parameters(fit: Fit, options: MatchedOptions) -> tuple[Parameter, ...]:
 
 def _corrections(evidence: judge.Evidence) -> tuple[Correction, ...]:
     """What of sensor and clocks stands clear of its sigma, as schema 1 has it."""
-    fit, options, change = evidence.fit, evidence.options, evidence.change
-    stepped = change is not None and change.kind == "clock"
+    fit, options = evidence.fit, evidence.options
     found = []
     for each in fit.layout.placed:
         name = each.unknown.name
-        if name not in _RECORDED or (stepped and name == "clock_drift"):
+        if name not in _RECORDED or (evidence.clock_stepped and name == "clock_drift"):
             continue
         value, std = fit.value(each, options), fit.of(name)[1]
         if not (np.abs(value) > judge.TELL_SIGMAS * std).any():

@@ -41,6 +41,11 @@ _LEAST_SHARE: Final = 0.05
 """Of a component, that the log tells: less is rounding."""
 
 
+def with_learnt(std: Floats, scale: NDArray[np.intp], u: Floats) -> Floats:
+    """(n,), standard deviations of priors, those that are learnt put in from their logarithms."""
+    return np.asarray(np.where(scale >= 0, np.exp(u)[scale], std) if len(u) else std)
+
+
 @dataclass(frozen=True, eq=False)
 class Problem:
     """The reduced normal equations and which components share which scale."""
@@ -60,8 +65,7 @@ class Problem:
 
     def precision(self, u: Floats) -> Floats:
         """(n,), P's diagonal."""
-        std = np.where(self.scale >= 0, np.exp(u)[self.scale], self.std) if len(u) else self.std
-        return np.asarray(1.0 / std**2)
+        return 1.0 / with_learnt(self.std, self.scale, u) ** 2
 
     def solve(self, u: Floats) -> tuple[Floats, Floats, float]:
         """Step to the posterior mean, its covariance H^-1, and the log marginal likelihood."""
@@ -77,20 +81,11 @@ class Problem:
         fit = 0.5 * gradient @ -step - 0.5 * P @ self.offset**2
         return step, inverse, float(fit - 0.5 * log_det + 0.5 * np.log(P).sum())
 
-    def gradient(self, u: Floats, step: Floats, inverse: Floats) -> Floats:
-        """Of the log marginal likelihood by the logarithms of the scales."""
-        second = (self.offset + step) ** 2 + np.diag(inverse)
-        counts = np.array([np.count_nonzero(self.scale == k) for k in range(len(u))])
-        sums = np.array([second[self.scale == k].sum() for k in range(len(u))])
-        return np.asarray(sums * np.exp(-2.0 * u) - counts)
-
 
 @dataclass(frozen=True, eq=False)
 class Mixture:
     """Points in the logarithms of the scales with their weights."""
 
-    mode: Floats
-    """(k,)."""
     points: Floats
     """(m, k)."""
     weights: Floats
@@ -100,11 +95,6 @@ class Mixture:
     def mean(self) -> Floats:
         """(k,), mean logarithm of each scale."""
         return np.asarray(self.weights @ self.points)
-
-    @property
-    def std(self) -> Floats:
-        """(k,), standard deviation of each logarithm."""
-        return np.asarray(np.sqrt(self.weights @ (self.points - self.mean) ** 2))
 
 
 def most_likely(problem: Problem, start: Floats | None = None) -> Floats:
@@ -161,7 +151,7 @@ def integrate(problem: Problem, mode: Floats, B: Floats) -> tuple[Mixture, Float
         if weight > _NO_WEIGHT:
             noise = B + np.diag(problem.precision(u))
             covariance += weight * (inverse @ noise @ inverse + np.outer(step - mean, step - mean))
-    return Mixture(mode, points, weights), mean, covariance
+    return Mixture(points, weights), mean, covariance
 
 
 def _even_points(count: int, dimensions: int) -> Floats:

@@ -71,11 +71,10 @@ class Segments:
         self._loud = loud
         free = np.flatnonzero(fit.layout.free)
         self._free, self._fit = free, fit
-        normal = fit.parts()
+        normal = fit.parts
         self._A = normal[:, 1:, 1:][:, free][:, :, free] / fit.level
         b = normal[:, 1:, 0][:, free] / fit.level
-        std = fit.layout.std_at(fit.scales_found.mean)[free]
-        P = 1.0 / std**2
+        P = fit.precision
         self._P = np.diag(P)
         self._total = self._A.sum(axis=0) + self._P
         self._inverse = inverse_of(self._total)

@@ -97,8 +97,7 @@ class LeanUnknowns:
         """The state with its rotation brought back to what the fixed components allow."""
         if self.turns.all():
             return state
-        phi = rotvec_from_matrix(state.R @ self.R_prior.T)
-        return replace(state, R=matrix_from_rotvec(np.where(self.turns, phi, 0.0)) @ self.R_prior)
+        return replace(state, R=turned_about(state.R, self.R_prior, self.turns))
 
     def offset(self, state: LeanState) -> Floats:
         """Distance of each tangent component from what its prior expects."""
@@ -110,6 +109,17 @@ class LeanUnknowns:
         if self.gravity_norm > 0.0:
             offset[DTILT] = tilt_from_down(state.gravity)
         return np.where(self.prior_information > 0.0, offset, 0.0)
+
+
+def turned_about(R: Floats, R_prior: Floats, turns: NDArray[np.bool_]) -> Floats:
+    """(3, 3), R with only that of its rotation from R_prior which is about axes that may turn."""
+    phi = rotvec_from_matrix(R @ R_prior.T)
+    return matrix_from_rotvec(np.where(turns, phi, 0.0)) @ R_prior
+
+
+def tilted(gravity: Floats, tilt: Floats) -> Floats:
+    """(3,), gravity turned by (2,) rad about its :func:`gravity_axes`."""
+    return matrix_from_rotvec(tilt @ gravity_axes(gravity)) @ gravity
 
 
 def gravity_axes(gravity: Floats) -> Floats:
@@ -170,7 +180,7 @@ class LeanState:
         """State after a tangent step."""
         gravity = self.gravity
         if gravity.any():
-            gravity = matrix_from_rotvec(step[DTILT] @ gravity_axes(gravity)) @ gravity
+            gravity = tilted(gravity, step[DTILT])
         return LeanState(
             self.t + step[DT],
             matrix_from_rotvec(step[DPHI]) @ self.R,

@@ -81,7 +81,7 @@ def window_dependence(fit: Fit) -> list[Dependence]:
         for length in lengths
         if length >= _SHORTEST and _sound(fit, length)
     ]
-    base = _Solved.of(fit, fit.parts(), fit.model, fit.residual_scales)
+    base = _Solved.of(fit, fit.parts, fit.model, fit.residual_scales)
     return [each for plan in plans for each in _difference(fit, base, plan)]
 
 
@@ -90,11 +90,10 @@ def _difference(fit: Fit, base: _Solved, plan: WindowPlan) -> Iterator[Dependenc
     windowing = fit.model.windowing
     model = replace(fit.model, windowing=replace(windowing, plan=plan))
     centres = np.intersect1d(fit.centres[fit.weights > 0.0], model.centres(fit.linearised))
-    parts = len(base.score)
-    if not len(centres) or np.ptp(centres) < parts * _LENGTHS_PER_PART * plan.length:
-        parts = _FEWEST_PARTS
-        if not len(centres) or np.ptp(centres) < parts * _LENGTHS_PER_PART * plan.length:
-            return
+    room = np.ptp(centres) / (_LENGTHS_PER_PART * plan.length) if len(centres) else 0.0
+    if room < _FEWEST_PARTS:
+        return
+    parts = PARTS if room >= PARTS else _FEWEST_PARTS
     (residuals,) = model.residuals(fit.linearised, centres)
     weights = fit.weights[np.searchsorted(fit.centres, centres)]
     scales = fit.scales_at(plan)
@@ -128,13 +127,12 @@ class _Solved:
     """(6, n), rows of the inverse information."""
     precision: Floats
     """(n,), of the priors."""
-    score: Floats
 
     @classmethod
     def of(cls, fit: Fit, matrices: Floats, model: Model, scales: tuple[float, float]) -> _Solved:
         """Solve with the fit's learnt scales and priors."""
         free = np.flatnonzero(fit.layout.free)
-        P = 1.0 / fit.layout.std_at(fit.scales_found.mean)[free] ** 2
+        P = fit.precision
         noise = noise_of_columns(model, fit.linearised.x, scales, fit.statistics.windows)
         total = matrices.sum(axis=0)
         A, b = without_noise(total[1:, 1:], total[1:, 0], noise)
@@ -142,7 +140,7 @@ class _Solved:
         inverse = np.linalg.inv(A[np.ix_(free, free)] / fit.level + np.diag(P))
         inverse = inverse[np.searchsorted(free, fit.layout.pose)]
         each = matrices[:, 1:, 0][:, free] / fit.level
-        return cls(-(inverse @ score), -(each @ inverse.T), inverse, P, each)
+        return cls(-(inverse @ score), -(each @ inverse.T), np.asarray(inverse), P)
 
 
 def _sound(fit: Fit, length: int) -> bool:
