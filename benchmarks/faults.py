@@ -83,7 +83,7 @@ BODY = (
 NAMED = {
     "degrees": "unit",
     "millimetres": "unit",
-    "ringing": "rings",
+    "ringing": "unknown.implausible",
     "base": "base_moves",
     "handed": "axes",
 }
@@ -153,6 +153,8 @@ def judge(system: str, fault: Fault, noise: str, seed: int) -> Verdict:
 def _learnt(estimate: Estimate, fault: Fault) -> Finding | None:
     """What the fit itself found of the joint at fault, and corrected."""
     told = (each for each in estimate.findings if each.code.startswith("unknown."))
+    if fault.kind == "ringing":
+        return next((each for each in told if each.values["name"] == "mount_give"), None)
     return next((each for each in told if _owner(each) in fault.names), None)
 
 
@@ -164,6 +166,9 @@ def _owner(finding: Finding) -> str:
 
 def _right(fault: Fault, finding: Finding) -> bool:
     """Whether the right thing is named, and its size."""
+    if fault.kind == "ringing":
+        give: Any = finding.values["value"]
+        return bool(abs(1.0 / (2.0 * np.pi * np.sqrt(give)) - fault.size) < 0.1 * fault.size)
     if finding.code.startswith("unknown."):
         return True
     names: Any = finding.values["names"]
@@ -181,8 +186,6 @@ def _right(fault: Fault, finding: Finding) -> bool:
             right = set(names) == set(fault.names or ("elbow_joint", "shoulder_pan_joint"))
         case "offset":
             right = abs(sizes[0] - fault.size - OFFSET) < 0.001
-        case "ringing":
-            right = abs(sizes[0] - fault.size) < 0.3
         case _:
             right = True
     return bool(right)

@@ -88,6 +88,7 @@ _QUANTITIES: dict[str, tuple[float, str]] = {
     "s²": (1e6, "ms²"),
     "s/s": (1e6, "µs a second"),
     "1": (100.0, "%"),
+    "m/(m/s²)": (1e3 * 9.80665, "mm for each g"),
 }
 """Units of the table of unknowns, as people write them: factor and name; others stay."""
 _REMEDIES: dict[str, str] = {
@@ -100,10 +101,15 @@ _REMEDIES: dict[str, str] = {
     "gyro_misalignment": "the pose is the accelerometer's; calibrate the sensor's axes",
     "gravity_norm": "give --gravity if you know it",
     "gyro_g_sensitivity": "calibrate the sensor",
+    "mount_give": "stiffen the mount",
     "joint_zero": "the arm's own calibration should say the same before the URDF is edited",
     "origin": "the arm's own calibration should say the same before the URDF is edited",
     "pose_scale": "calibrate the tracker",
 }
+_CURES: dict[str, str] = {
+    "mount_give": "it hangs elsewhere in each pose; stiffen the mount, or record slower motion",
+}
+"""Where a value is larger than it can be; others are wrong units, ranges, axes or lengths."""
 
 
 def _quantity(unit: str, label: str, value: float, std: float) -> str:
@@ -143,12 +149,23 @@ def _unknown_found(
 
 
 def _implausible(
-    *, words: str, unit: str, label: str, value: float, std: float, limit: float, **_: Any
+    *,
+    name: str,
+    words: str,
+    unit: str,
+    label: str,
+    value: float,
+    std: float,
+    limit: float,
+    other: float | None = None,
 ) -> str:
-    factor, name = _QUANTITIES.get(unit, (1.0, unit))
+    factor, unit_name = _QUANTITIES.get(unit, (1.0, unit))
+    remedy = _CURES.get(name, "check units, ranges, axes and the URDF")
+    if other is not None:
+        remedy = f"not so by a window of {other:.2g} s (try --window), vibration may look like that"
     return (
         f"{words} {_quantity(unit, label, value, std)}, more than any sound robot or sensor has "
-        f"({limit * factor:.3g} {name}): check units, ranges, axes and the URDF"
+        f"({limit * factor:.3g} {unit_name}): {remedy}"
     )
 
 
@@ -398,29 +415,14 @@ def _base_moves(
     seen = [] if turning is None else [f"turns at {math.degrees(turning):.2g} deg/s"]
     seen += [] if pushing is None else [f"is accelerated by {pushing:.2g} m/s²"]
     cause = (
-        f"{names[0]} moves, or a joint on the way does and the log does not say so; clamp it"
+        f"{names[0]} moves, the mount swings, or a joint on the way moves and the log does not "
+        "say so; clamp it"
         if joints
         else f"{names[0]} moves, or the poses are held; mend that"
     )
     return (
         f"the IMU {' and '.join(seen)} (rms) while all that the log knows of stands still: "
         f"{cause}, or record its pose and name it with --pose-topic"
-    )
-
-
-def _rings(
-    names: tuple[str, ...], sizes: tuple[float, ...], sensor: str, axis: str, parent: str
-) -> str:
-    del names
-    frequency, amplitude = sizes
-    seen = (
-        f"{amplitude:.2g} m/s², mostly along {axis} of {parent}"
-        if sensor == "accel"
-        else f"{math.degrees(amplitude):.2g} deg/s, mostly about {axis} of {parent}"
-    )
-    return (
-        f"the IMU rings at {frequency:.3g} Hz with the moves ({seen}), which the robot's "
-        "kinematics do not: its mount or the arm is not rigid; stiffen it, or record slower motion"
     )
 
 
@@ -483,5 +485,4 @@ FIT_MESSAGES: dict[str, str | Callable[..., Any]] = {
     **{f"cause.{kind}": _cause for kind in _CAUSES},
     "cause.publishers": _publishers,
     "cause.base_moves": _base_moves,
-    "cause.rings": _rings,
 }

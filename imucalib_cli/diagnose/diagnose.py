@@ -10,7 +10,6 @@ import numpy as np
 from imucalib_cli.diagnose.alternatives import explaining, told_on_bench
 from imucalib_cli.diagnose.base_motion import find_motion_at_rest
 from imucalib_cli.diagnose.publishers import find_rival_publishers
-from imucalib_cli.diagnose.ringing import find_ringing
 from imucalib_cli.errors import InputError
 from imucalib_cli.findings import Finding, Severity, untrusted
 from imucalib_cli.robot.rotations import rotation_angle
@@ -49,8 +48,6 @@ _FOLLOWING: Final = GENERIC | {
     "imu.accel_reversed",
 }
 """What else a wrong model makes a fit say."""
-_OF_RINGING: Final = frozenset({"window.dependent", "residual.beyond_noise"})
-"""What a mount that swings explains: residuals, and that they hang on the window."""
 _SHOWN: Final = 1.5
 """Least fall of a residual that is told as a share."""
 _MOST_TIES: Final = 3
@@ -93,11 +90,9 @@ def diagnose(case: Case) -> tuple[Finding, ...]:
             return ()
         ties = explaining(bench, case, told)
         if ties:
-            # A mount that swings is a fault of its own, and shows once the rest is right.
-            rings = find_ringing(ties[0].lean)
-            return (_cause(ties, told, case), *(() if rings is None else (rings,)))
+            return (_cause(ties, told, case),)
         if not found:
-            other = find_ringing(told.lean) or find_motion_at_rest(told)
+            other = find_motion_at_rest(told)
             found = () if other is None else (other,)
     return found
 
@@ -138,15 +133,8 @@ def explained(estimate: Estimate, causes: tuple[Finding, ...]) -> Estimate:
     """The estimate with its causes said first, and what they explain no longer said."""
     if not causes:
         return _without_advice(estimate) if needs_diagnosis(estimate) else estimate
-    aside = all(each.code == "cause.rings" for each in causes)
-    over = _OF_RINGING if aside else _FOLLOWING
-    if aside and any(
-        each.severity is Severity.UNTRUSTED for each in estimate.findings if each.code in over
-    ):
-        causes = tuple(replace(each, severity=Severity.UNTRUSTED) for each in causes)
-    left = tuple(each for each in estimate.findings if each.code not in over)
-    told = replace(estimate, findings=(*causes, *left))
-    return told if aside else _without_advice(told)
+    left = tuple(each for each in estimate.findings if each.code not in _FOLLOWING)
+    return _without_advice(replace(estimate, findings=(*causes, *left)))
 
 
 def _without_advice(estimate: Estimate) -> Estimate:

@@ -54,8 +54,8 @@ _THIN: Final = 2
 """Of the windows, which overlap fourfold, every so many is enough for a first solution."""
 _ENOUGH_THIN: Final = 120
 """Windows from which they are thinned."""
-_LEAST_LEFT: Final = 0.1
-"""Share of what a column tells by itself that is taken to be signal, however noisy it is."""
+_HELD: Final = 1e-12
+"""Of any unit: smaller than what holds a component."""
 _LEAN_PASSES: Final = 8
 _FULL_PASSES: Final = 5
 _LEVEL_PASSES: Final = 2
@@ -128,7 +128,7 @@ class Fit:
             return self.statistics.parts
         heard = window_weights(self.residuals.values, self.residuals.motion, redescend=False)
         weights[lost[number]] = heard[lost[number]]
-        return part_matrices(
+        matrices = part_matrices(
             self.centres,
             with_residuals(
                 columns(self.model, self.linearised, self.centres), self.residuals.values
@@ -136,6 +136,8 @@ class Fit:
             whitening(self.model.windowing.plan, weights, self.residual_scales),
             self.layout.size + 1,
         )
+        T = self.statistics.calibration
+        return np.asarray(T @ matrices @ T.T)
 
     def scales_at(self, plan: WindowPlan) -> tuple[float, float]:
         """Residual scales that the same noise leaves in other windows, m/s² and rad/s."""
@@ -231,10 +233,10 @@ def lean_fit(
         both = with_residuals(found, residuals)
         stats = statistics(windowing.plan, centres, both, root, layout.size + 1)
         offset = _offset(layout, options, state)
-        problem = _problem(stats, model, state, offset, level=1.0, scales=_floored(scales))
+        problem = _problem(stats, layout, offset, level=1.0)
         step, inverse, _ = problem.solve(np.zeros(0))
         sigmas = np.abs(step) / np.sqrt(np.diag(inverse))
-        step = _embedded(step, layout)
+        step = embedded(step, layout)
         step[clock] = np.clip(step[clock], -reach, reach)
         state = _admitted(state.moved(layout, step), layout, options)
         fine = turn > 1 and np.abs(step[clock]).max(initial=0.0) < _TIME_RESOLUTION
@@ -363,22 +365,21 @@ def _whole(model: Model, options: MatchedOptions, state: State, rise: float) -> 
         root = whitening(windowing.plan, weights, scales)
         both = with_residuals(columns(model, state, centres), residuals.values)
         stats = statistics(windowing.plan, centres, both, root, layout.size + 1)
+        stats = _less_noise(stats, model, state.x, scales)
         offset, level = _offset(layout, options, state), 1.0
         for _ in range(_LEVEL_PASSES):
-            problem = _problem(stats, model, state, offset, level=level, scales=scales)
+            problem = _problem(stats, layout, offset, level=level)
             u = most_likely(problem, u)
             step, inverse, _ = problem.solve(u)
-            levels = stats.levels(
-                _embedded(step, layout), _embedded_matrix(inverse, layout) / level
-            )
+            levels = stats.levels(embedded(step, layout), _embedded_matrix(inverse, layout) / level)
             level = max(_level(stats, layout, levels, inverse), _least_level(residuals.values))
         moved = np.abs(step) / np.sqrt(np.diag(inverse))
         if turn == _FULL_PASSES - 1 or moved.max() < _SETTLED:
             break
-        state = _admitted(state.moved(layout, _embedded(step, layout)), layout, options)
+        state = _admitted(state.moved(layout, embedded(step, layout)), layout, options)
     B = stats.score_covariance(levels)[np.ix_(layout.free, layout.free)] / level**2
     mixture, mean, covariance = integrate(problem, u, B)
-    step = _embedded(mean, layout)
+    step = embedded(mean, layout)
     return Fit(
         model=model,
         options=options,
@@ -417,23 +418,22 @@ def _least_level(residuals: Floats) -> float:
     )
 
 
-def _problem(
-    stats: Statistics,
-    model: Model,
-    state: State,
-    offset: Floats,
-    *,
-    level: float,
-    scales: tuple[float, float],
-) -> Problem:
+def _less_noise(
+    stats: Statistics, model: Model, x: Floats, scales: tuple[float, float]
+) -> Statistics:
+    """Statistics of columns less the sensor's noise in them."""
+    noise, score = noise_of_columns(model, x, scales, stats.windows)
+    return stats.calibrated(
+        calibration_of(stats.normal.sum(axis=(0, 1)), noise, model.layout), score
+    )
+
+
+def _problem(stats: Statistics, layout: Layout, offset: Floats, *, level: float) -> Problem:
     """The free components' normal equations with their priors."""
-    layout = model.layout
-    noise = noise_of_columns(model, state.x, scales, stats.windows)
-    A, b = without_noise(stats.information, stats.score, noise)
     free = layout.free
     return Problem(
-        information=A[np.ix_(free, free)] / level,
-        score=b[free] / level,
+        information=stats.information[np.ix_(free, free)] / level,
+        score=stats.score[free] / level,
         offset=offset[free],
         std=layout.std[free],
         scale=layout.scale[free],
@@ -459,68 +459,79 @@ def _offset(layout: Layout, options: MatchedOptions, state: State) -> Floats:
 
 
 def noise_of_columns(
-    model: Model, x: Floats, scales: tuple[float, float], windows: int
+    model: Model, x: Floats, scales: tuple[float, float], windows: float
 ) -> tuple[Floats, Floats]:
-    """What the sensor's noise adds to columns that are made of the axis' own reading.
+    """What the sensor's noise adds where columns are made of the axis' own reading.
 
     Args:
         model: The windows and the layout.
         x: (n,), values at the point of linearisation, which are taken off the noise too.
         scales: That the windows are whitened by, accelerometer m/s², gyroscope rad/s.
-        windows: How many.
+        windows: How many, as their weights count.
 
     Returns:
-        (n,) on the diagonal of the information, and (n,) on the score.
+        To the information (n, n), and to the score (n,).
     """
-    on_information, on_score = np.zeros(model.layout.size), np.zeros(model.layout.size)
-    windowing = model.windowing
-    plan, grid = windowing.plan, windowing.grid
+    plan, grid = model.windowing.plan, model.windowing.grid
     nodes = plan_nodes(plan, grid.dt)
-    for each, effect in model.layout.of(Reading):
-        if effect.differences is None:
-            continue
-        sensor = 0 if effect.sensor == "accel" else 1
+    on_information = np.zeros((model.layout.size, model.layout.size))
+    on_score = np.zeros(model.layout.size)
+    for sensor, name in enumerate(("accel", "gyro")):
         plain = plan.filters[sensor].average
-        kernel = nodes.kernel((nodes.second, nodes.first)[sensor], effect.differences)
-        kernel = kernel / (nodes.every * grid.dt) ** (2 * effect.differences)
         # Of the residual, what is this sensor's own white noise; whitened as the columns are.
         own = min(
             grid.noise[sensor] * float(np.sqrt(grid.refine)),
             scales[sensor] / float(np.linalg.norm(plain)),
         )
-        axes = 3.0 / (each.part.stop - each.part.start)
-        power = axes * windows * (own * plan.noise_gains[sensor] / scales[sensor]) ** 2
-        on_information[each.part] = power * float(kernel @ kernel)
-        on_score[each.part] = power * (
-            x[each.part] * float(kernel @ kernel) - _product(kernel, plain)
-        )
+        power = windows * (own * plan.noise_gains[sensor] / scales[sensor]) ** 2
+        pair = (nodes.second, nodes.first)[sensor]
+        kernels = np.zeros((model.layout.size, 3, nodes.kernel(pair, np.zeros(7)).size))
+        for each, effect in model.layout.of(Reading):
+            if effect.sensor == name:
+                for row, responses in zip(
+                    range(*each.part.indices(len(x))), effect.own_response(nodes.dt), strict=True
+                ):
+                    kernels[row] = [nodes.kernel(pair, response) for response in responses]
+        margin = (kernels.shape[2] - len(plain)) // 2
+        residual = kernels[:, :, margin : margin + len(plain)] @ plain
+        gram = np.tensordot(kernels, kernels, axes=((1, 2), (1, 2)))
+        on_information += power * gram
+        on_score += power * (gram @ x - residual.sum(axis=1))
     return on_information, on_score
 
 
-def without_noise(A: Floats, b: Floats, noise: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
-    """Information and score less what noise added to them.
+def calibration_of(total: Floats, noise: Floats, layout: Layout) -> Floats:
+    """What noisy columns are multiplied by to be the mean of what the true ones may be.
 
-    No more is taken off than leaves some of what a column tells beside all others.
+    Where a column is all noise nothing is left of it, and what it seems to tell weighs nothing.
+
+    Args:
+        total: (n + 1, n + 1), normal matrix of [e J].
+        noise: (n, n), what noise adds to J'J.
+        layout: For the priors, at their weakest.
+
+    Returns:
+        (n + 1, n + 1), T of [e J] T'.
+
+    Source: regression calibration, Carroll et al., Measurement Error in Nonlinear Models, 2006, 4.
     """
-    noisy = np.flatnonzero(noise[0])
-    if not len(noisy):
-        return A, b
-    own = 1.0 / np.diag(inverse_of(A))[noisy]
-    share = np.minimum(1.0, (1.0 - _LEAST_LEFT) * own / noise[0][noisy])
-    A, b = A.copy(), b.copy()
-    A[noisy, noisy] -= share * noise[0][noisy]
-    b[noisy] -= share * noise[1][noisy]
-    return A, b
+    T = np.eye(len(total))
+    noisy = np.flatnonzero(np.diag(noise))
+    if len(noisy):
+        weakest = layout.std_at(layout.bounds[:, 1])
+        inverse = inverse_of(total[1:, 1:] + np.diag(1.0 / np.maximum(weakest, _HELD) ** 2))
+        unit = np.sqrt(np.diag(noise)[noisy])
+        powers, axes = np.linalg.eigh(noise[np.ix_(noisy, noisy)] / np.outer(unit, unit))
+        root = unit[:, None] * axes * np.sqrt(np.maximum(powers, 0.0))
+        shares, turn = np.linalg.eigh(root.T @ inverse[np.ix_(noisy, noisy)] @ root)
+        root = root @ turn
+        no_more_than_all = root / np.maximum(shares, 1.0)
+        T[1 + noisy, 1:] -= no_more_than_all @ (root.T @ inverse[noisy])
+    return T
 
 
-def _product(one: Floats, other: Floats) -> float:
-    """Product of two sets of weights about one centre."""
-    longer, shorter = (one, other) if len(one) >= len(other) else (other, one)
-    begin = (len(longer) - len(shorter)) // 2
-    return float(longer[begin : begin + len(shorter)] @ shorter)
-
-
-def _embedded(step: Floats, layout: Layout) -> Floats:
+def embedded(step: Floats, layout: Layout) -> Floats:
+    """(n,), of all the layout's components, from that of the free ones."""
     full = np.zeros(layout.size)
     full[layout.free] = step
     return full

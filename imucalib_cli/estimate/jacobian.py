@@ -67,6 +67,8 @@ class NodePlan:
 
     every: int
     """Grid samples between nodes."""
+    dt: float
+    """s, likewise."""
     hop: int
     """Nodes between windows."""
     first: MatchedFilter
@@ -79,11 +81,9 @@ class NodePlan:
         """Nodes on each side of a window's centre that its filters touch."""
         return len(self.second.average) // 2
 
-    def kernel(self, pair: MatchedFilter, curved: int) -> Floats:
-        """Weights of single samples in a window's average of a reading, or of its differences."""
-        weights = pair.average
-        for _ in range(curved):
-            weights = np.convolve(weights, [1.0, -2.0, 1.0])
+    def kernel(self, pair: MatchedFilter, response: Floats) -> Floats:
+        """Weights of single samples in a window's average of what nodes answer to a reading."""
+        weights = np.convolve(pair.average, response[::-1])
         spread = np.zeros((len(weights) - 1) * self.every + 1)
         spread[:: self.every] = weights
         return np.convolve(spread, self.box)
@@ -98,6 +98,7 @@ def plan_nodes(plan: WindowPlan, dt: float) -> NodePlan:
         box[[0, -1]] /= 2.0
     return NodePlan(
         every=every,
+        dt=every * dt,
         hop=plan.hop // every,
         first=matched_filter(length, degree, 1, every * dt),
         second=matched_filter(length, degree, 2, every * dt),

@@ -321,16 +321,14 @@ def _implausible(evidence: Evidence) -> Iterator[Finding]:
         if evidence.clock_stepped and isinstance(each.unknown.effect, Clock):
             continue
         std, limit = np.sqrt(np.diag(C)), each.unknown.healthy
-        if limit is None:
-            continue
         if each.unknown.group == "bias":
             size = float(np.linalg.norm(value))
             if size > max(limit, _WITHIN * evidence.options.told_std(each.unknown.name)):
                 yield warning("bias.unusual", name=each.unknown.name, size=size)
-            continue
-        worst = int(np.argmax(np.abs(value)))
-        if abs(value[worst]) > limit and abs(value[worst]) > WARN_SIGMAS * std[worst]:
-            make = warning if "bias" in each.unknown.name else untrusted
+        elif _beyond(each, value, std):
+            worst = int(np.argmax(np.abs(value) - WARN_SIGMAS * std))
+            other = _sound_window(evidence, each.part.start + worst, value[worst], limit)
+            make = untrusted if other is None and "bias" not in each.unknown.name else warning
             yield make(
                 "unknown.implausible",
                 name=each.unknown.name,
@@ -340,7 +338,21 @@ def _implausible(evidence: Evidence) -> Iterator[Finding]:
                 value=value[worst],
                 std=std[worst],
                 limit=limit,
+                other=other,
             )
+
+
+def _beyond(placed: Placed, value: Floats, std: Floats) -> bool:
+    """Whether a value is larger than a sound robot or a sound sensor has, and surely so."""
+    return bool((np.abs(value) - WARN_SIGMAS * std > placed.unknown.healthy).any())
+
+
+def _sound_window(evidence: Evidence, place: int, value: float, limit: float) -> float | None:
+    """Window, s, by which a component keeps to its limit: then something else looks like it."""
+    for other in evidence.dependence:
+        if abs(value + other.changes[place]) <= limit:
+            return other.seconds
+    return None
 
 
 def _found(evidence: Evidence) -> Iterator[Finding]:
@@ -352,11 +364,11 @@ def _found(evidence: Evidence) -> Iterator[Finding]:
             continue
         if evidence.clock_stepped and isinstance(effect, Clock):
             continue
-        if isinstance(effect, Reading) and effect.differences == 1 and (value < 0.0).all():
-            continue  # no filter does that; interpolation of few samples does
+        if (value < each.unknown.least).all():
+            continue
         std = np.sqrt(np.diag(C))
         clear = np.abs(value) > TELL_SIGMAS * std
-        if not clear.any() or not (np.abs(moves) > stated).any():
+        if _beyond(each, value, std) or not clear.any() or not (np.abs(moves) > stated).any():
             continue
         sensor = isinstance(effect, (Reading, Clock, Gravity))
         yield (warning if sensor else note)(

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import fdtrc, ndtri
 
-from imucalib_cli.estimate.fit import noise_of_columns, with_residuals, without_noise
+from imucalib_cli.estimate.fit import calibration_of, embedded, noise_of_columns, with_residuals
 from imucalib_cli.estimate.jacobian import columns
 from imucalib_cli.estimate.spectrum import PARTS, part_matrices, squared_distance, whitening
 from imucalib_cli.estimate.window_choice import MAX_ATTENUATION, attenuation
@@ -27,7 +27,6 @@ from imucalib_cli.estimate.windows import plan_windows
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from imucalib_cli.estimate.design import Model
     from imucalib_cli.estimate.fit import Fit
     from imucalib_cli.estimate.windows import WindowPlan
 
@@ -48,12 +47,14 @@ _NEGLIGIBLE: Final = (1e-5, 2e-5)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Dependence:
-    """How the pose changes with the window."""
+    """How the answer changes with the window."""
 
     seconds: float
     """Of the other window."""
+    changes: Floats
+    """(n,), of the layout's components: by the other window less by the one used."""
     difference: Floats
-    """(6,), pose by the other window less pose by the one used, m and rad."""
+    """(6,), of the pose, m and rad."""
     covariance: Floats
     """(6, 6), of that difference by noise and priors."""
 
@@ -81,7 +82,7 @@ def window_dependence(fit: Fit) -> list[Dependence]:
         for length in lengths
         if length >= _SHORTEST and _sound(fit, length)
     ]
-    base = _Solved.of(fit, fit.parts, fit.model, fit.residual_scales)
+    base = _Solved.of(fit, fit.parts, fit.statistics.noise_score)
     return [each for plan in plans for each in _difference(fit, base, plan)]
 
 
@@ -103,13 +104,17 @@ def _difference(fit: Fit, base: _Solved, plan: WindowPlan) -> Iterator[Dependenc
         whitening(plan, weights, scales),
         fit.layout.size + 1,
     )
-    other = _Solved.of(fit, matrices, model, scales)
+    noise, score = noise_of_columns(model, fit.linearised.x, scales, float(weights.sum()))
+    T = calibration_of(matrices.sum(axis=0), noise, fit.layout)
+    other = _Solved.of(fit, T @ matrices @ T.T, T[1:, 1:] @ score)
     each = (base.influence - other.influence).reshape(parts, PARTS // parts, 6).sum(axis=1)
     scatter = each - each.mean(axis=0)
     prior = (other.inverse - base.inverse) * np.sqrt(base.precision)
+    changes = embedded(other.step - base.step, fit.layout)
     yield Dependence(
         seconds=(plan.length - 1) * windowing.grid.dt,
-        difference=other.step - base.step,
+        changes=changes,
+        difference=changes[fit.layout.pose],
         covariance=parts / (parts - 1.0) * scatter.T @ scatter + prior @ prior.T,
         parts=parts,
     )
@@ -117,30 +122,30 @@ def _difference(fit: Fit, base: _Solved, plan: WindowPlan) -> Iterator[Dependenc
 
 @dataclass(frozen=True, eq=False)
 class _Solved:
-    """The pose by one window, about the fit's point of linearisation."""
+    """The answer by one window, about the fit's point of linearisation."""
 
     step: Floats
-    """(6,)."""
+    """(n,), of the free components."""
     influence: Floats
-    """(PARTS, 6), what each part of the log adds to the step."""
+    """(PARTS, 6), what each part of the log adds to the pose."""
     inverse: Floats
-    """(6, n), rows of the inverse information."""
+    """(6, n), the pose's rows of the inverse information."""
     precision: Floats
     """(n,), of the priors."""
 
     @classmethod
-    def of(cls, fit: Fit, matrices: Floats, model: Model, scales: tuple[float, float]) -> _Solved:
+    def of(cls, fit: Fit, matrices: Floats, noise_score: Floats) -> _Solved:
         """Solve with the fit's learnt scales and priors."""
         free = np.flatnonzero(fit.layout.free)
         P = fit.precision
-        noise = noise_of_columns(model, fit.linearised.x, scales, fit.statistics.windows)
         total = matrices.sum(axis=0)
-        A, b = without_noise(total[1:, 1:], total[1:, 0], noise)
+        A, b = total[1:, 1:], total[1:, 0] - noise_score
         score = b[free] / fit.level + P * fit.prior_offset[free]
         inverse = np.linalg.inv(A[np.ix_(free, free)] / fit.level + np.diag(P))
+        step = -(inverse @ score)
         inverse = inverse[np.searchsorted(free, fit.layout.pose)]
         each = matrices[:, 1:, 0][:, free] / fit.level
-        return cls(-(inverse @ score), -(each @ inverse.T), np.asarray(inverse), P)
+        return cls(step, -(each @ inverse.T), np.asarray(inverse), P)
 
 
 def _sound(fit: Fit, length: int) -> bool:

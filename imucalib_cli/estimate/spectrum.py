@@ -9,7 +9,7 @@ mean response of the window's kernel, so the normal matrices of the bands are en
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -112,8 +112,12 @@ class Statistics:
     """(2, bands), residual components in each band."""
     parts: Floats
     """(parts, n + 1, n + 1): the same of parts of the log, over all bands and sensors."""
-    windows: int
-    """With any weight."""
+    windows: float
+    """As many as their weights count."""
+    calibration: Floats
+    """(n + 1, n + 1), T, where these are of [e J] T'."""
+    noise_score: Floats
+    """(n,), of J'e: what is there because noise of a reading is in column and residual alike."""
 
     @property
     def information(self) -> Floats:
@@ -123,7 +127,17 @@ class Statistics:
     @property
     def score(self) -> Floats:
         """(n,), J'e."""
-        return np.asarray(self.normal[:, :, 1:, 0].sum(axis=(0, 1)))
+        return np.asarray(self.normal[:, :, 1:, 0].sum(axis=(0, 1)) - self.noise_score)
+
+    def calibrated(self, T: Floats, noise_score: Floats) -> Statistics:
+        """Of [e J] T', with a score that noise adds to that of [e J]."""
+        return replace(
+            self,
+            normal=T @ self.normal @ T.T,
+            parts=T @ self.parts @ T.T,
+            calibration=T,
+            noise_score=T[1:, 1:] @ noise_score,
+        )
 
     def levels(self, step: Floats, covariance: Floats) -> Floats:
         """Noise level in each band, (2, bands), after a step; 1 is white noise of the given scale.
@@ -195,7 +209,9 @@ def statistics(
         response=np.maximum(response, _RESPONSE_FLOOR * response.max(axis=1, keepdims=True)),
         freedom=np.stack([freedom, freedom]),
         parts=parts.sums,
-        windows=int(np.count_nonzero(weights)),
+        windows=float(weights.sum()),
+        calibration=np.eye(size),
+        noise_score=np.zeros(size - 1),
     )
 
 

@@ -61,9 +61,21 @@ class Reading:
     sensor: Sensor
     basis: Callable[[Samples], Floats]
     """Gives (size, M, 3), in the IMU's axes."""
-    differences: int | None = None
-    """How many second differences of an axis' own reading its basis is made of; None if of none.
-    The reading's noise is then in the column and in the residual alike, and is taken off."""
+
+    def own_response(self, dt: float) -> Floats:
+        """(size, 3, 7), what an axis of the basis has about an instant at which it alone reads 1.
+
+        The reading's noise is then in the column and in the residual alike.
+        """
+        quiet, reach = np.zeros((7, 3)), 3
+
+        def basis(reading: Floats) -> Floats:
+            accel, gyro = (reading, quiet) if self.sensor == "accel" else (quiet, reading)
+            return self.basis(Samples(accel=accel, gyro=gyro, age=quiet[:, 0], dt=dt))
+
+        pulses = quiet + np.eye(3)[:, None] * (np.arange(7) == reach)[:, None]
+        found = [basis(pulse)[:, :, axis] for axis, pulse in enumerate(pulses)]
+        return np.stack(found, axis=1) - np.moveaxis(basis(quiet), 1, 2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,8 +152,10 @@ class Unknown:
     scale: str | None = None
     """Which learnt standard deviation its components share."""
     effect: Effect
-    healthy: float | None = None
-    """Largest value, in the unit, that a sound robot and a sound sensor have; None: no limit."""
+    healthy: float = np.inf
+    """Largest value, in the unit, that a sound robot and a sound sensor have."""
+    least: float = -np.inf
+    """Values below it are not named: something else makes them, such as interpolation."""
     words: str
     """What it is, for people."""
     among: Group | None = None
@@ -194,6 +208,18 @@ def _second_derivative(values: Floats, dt: float) -> Floats:
     return np.concatenate([inner[:1], inner, inner[-1:]])[None]
 
 
+def _derivative(values: Floats, dt: float) -> Floats:
+    inner = (values[2:] - values[:-2]) / (2.0 * dt)
+    return np.concatenate([inner[:1], inner, inner[-1:]])
+
+
+def _swayed(samples: Samples) -> Floats:
+    """Acceleration of a sway that follows the force: gravity's own, at rest in the world, is 0."""
+    f, w, dt = samples.accel, samples.gyro, samples.dt
+    by_turning = cross(w, 2.0 * _derivative(f, dt) + cross(w, f)) + cross(_derivative(w, dt), f)
+    return -(_second_derivative(f, dt) + by_turning)
+
+
 _XYZ: Final = ("x", "y", "z")
 _PAIRS: Final = tuple(f"{gyro} by {accel}" for gyro in "xyz" for accel in "xyz")
 
@@ -202,6 +228,7 @@ SCALES: Final[dict[str, Scale]] = {
     "sensor_axes": Scale(low=1e-5, high=2e-2, words="turn of gyroscope against accelerometer"),
     "g_sensitivity": Scale(low=1e-7, high=3e-4, words="g-sensitivity of the gyroscope"),
     "driver_filter": Scale(low=3e-7, high=3e-4, words="low-pass filters of the driver"),
+    "mount_give": Scale(low=3e-7, high=3e-3, words="give of mount and arm"),
     "joint_zero": Scale(low=2e-5, high=5e-3, words="errors of the joint zeros"),
     "length": Scale(low=2e-5, high=3e-3, words="errors of the origins between joints"),
     "joint_harmonic": Scale(low=5e-6, high=2e-3, words="joint error once a turn"),
@@ -312,7 +339,8 @@ TABLE: Final[tuple[Unknown, ...]] = (
         unit="s²",
         scale="driver_filter",
         healthy=1e-3,
-        effect=Reading("accel", lambda s: _second_derivative(s.accel, s.dt), differences=1),
+        effect=Reading("accel", lambda s: _second_derivative(s.accel, s.dt)),
+        least=0.0,
         words="low-pass filter of the accelerometer beside its delay",
     ),
     Unknown(
@@ -320,7 +348,8 @@ TABLE: Final[tuple[Unknown, ...]] = (
         unit="s²",
         scale="driver_filter",
         healthy=1e-3,
-        effect=Reading("gyro", lambda s: _second_derivative(s.gyro, s.dt), differences=1),
+        effect=Reading("gyro", lambda s: _second_derivative(s.gyro, s.dt)),
+        least=0.0,
         words="low-pass filter of the gyroscope beside its delay",
     ),
     Unknown(
@@ -329,7 +358,7 @@ TABLE: Final[tuple[Unknown, ...]] = (
         unit="1",
         scale="sensor_scale",
         healthy=0.05,
-        effect=Reading("accel", lambda s: _each_axis(s.accel), differences=0),
+        effect=Reading("accel", lambda s: _each_axis(s.accel)),
         words="scale error of the accelerometer",
     ),
     Unknown(
@@ -338,7 +367,7 @@ TABLE: Final[tuple[Unknown, ...]] = (
         unit="1",
         scale="sensor_scale",
         healthy=0.05,
-        effect=Reading("gyro", lambda s: _each_axis(s.gyro), differences=0),
+        effect=Reading("gyro", lambda s: _each_axis(s.gyro)),
         words="scale error of the gyroscope",
     ),
     Unknown(
@@ -358,6 +387,16 @@ TABLE: Final[tuple[Unknown, ...]] = (
         healthy=1e-3,
         effect=Reading("gyro", lambda s: _of_the_other(s.accel)),
         words="response of the gyroscope to acceleration",
+    ),
+    Unknown(
+        name="mount_give",
+        among="robot",
+        unit="m/(m/s²)",
+        scale="mount_give",
+        healthy=1e-4,
+        effect=Reading("accel", _swayed),
+        least=1e-4,
+        words="give of the mount or the arm",
     ),
     Unknown(
         name="joint_zero",

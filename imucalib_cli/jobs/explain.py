@@ -50,8 +50,8 @@ def explain(
         path_to=lambda frame: _stamped_as(path_to(frame), mended.path),
     )
     causes = diagnose(case)
-    if needs_diagnosis(estimate) and all(cause.code == "cause.rings" for cause in causes):
-        causes = (*_suspected(mended), *causes)
+    if needs_diagnosis(estimate) and not causes:
+        causes = _suspected(mended)
     estimate = explained(estimate, causes)
     return _with_nominal(estimate, motion)
 

@@ -187,19 +187,20 @@ def _true_poses(recording: Recording) -> tuple[Floats, Floats]:
 
 
 def _ringing(recording: Recording, frequency: float) -> ImuRecord:
-    """An IMU on a spring, 4 % damped: it answers each acceleration with its own frequency."""
+    """An IMU on a spring, 4 % damped, alike to all sides: its sag rests in the world."""
     from scipy.signal import bilinear, lfilter
 
     imu = recording.imu
     R, _ = _true_poses(recording)
-    pushed = imu.accel + np.einsum("nji,j->ni", R, recording.gravity_world)
+    pushed = np.einsum("nij,nj->ni", R, imu.accel) + recording.gravity_world
     rate, w = 1.0 / float(np.median(np.diff(imu.t))), 2.0 * np.pi * frequency
     w = 2.0 * rate * np.tan(w / (2.0 * rate))
     own = [1.0, 2.0 * 0.04 * w, w**2]
     b, a = bilinear([-1.0, 0.0, 0.0], own, rate)
-    swing = lfilter(b, a, pushed, axis=0)
+    swing = np.einsum("nji,nj->ni", R, lfilter(b, a, pushed, axis=0))
     b, a = bilinear([-1.0, 0.0], own, rate)
-    turning = 2.0 * lfilter(b, a, pushed, axis=0)  # 2 rad of twist for a metre of swing
+    # 2 rad of twist for a metre of swing.
+    turning = 2.0 * lfilter(b, a, np.einsum("nji,nj->ni", R, pushed), axis=0)
     return replace(imu, accel=imu.accel + swing, gyro=imu.gyro + turning[:, [1, 2, 0]])
 
 

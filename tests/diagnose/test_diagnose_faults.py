@@ -212,14 +212,20 @@ def test_a_time_offset_given_wrongly_is_contradicted() -> None:
     assert not explained(plain, (found,)).trusted
 
 
-@pytest.mark.parametrize(("kind", "size"), [("ringing", 6.0), ("hum", 6.0)])
-def test_what_rings_after_moves_is_named_and_what_hums_is_not(kind: str, size: float) -> None:
-    _, told, found, _ = judged(ARM, Fault(kind=kind, size=size))
-    if kind == "hum":
-        assert not any("rings at" in line for line in (*told.warnings, *told.distrust))
-    else:
-        assert [finding.code for finding in found] == ["cause.rings"]
-        assert value(found[0], "sizes")[0] == pytest.approx(size, abs=0.3)
+@pytest.mark.parametrize("rate", [6.0, 11.8])
+def test_a_mount_that_gives_is_told_as_a_spring_of_its_frequency(rate: float) -> None:
+    _, told, found, _ = judged(ARM, Fault(kind="ringing", size=rate))
+    assert not told.trusted
+    assert found == ()
+    (gives,) = [each for each in told.findings if each.values.get("name") == "mount_give"]
+    assert gives.code == "unknown.implausible"
+    give = float(value(gives, "value"))
+    assert give == pytest.approx(1.0 / (2.0 * np.pi * rate) ** 2, rel=0.1)
+
+
+def test_a_hum_is_no_mount_that_gives() -> None:
+    _, told, _, _ = judged(ARM, Fault(kind="hum", size=6.0))
+    assert not any(each.values.get("name") == "mount_give" for each in told.findings)
 
 
 def test_a_base_that_turns_while_the_joints_stand_still() -> None:

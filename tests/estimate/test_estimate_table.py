@@ -158,9 +158,8 @@ def test_columns_are_differences_of_the_exact_residuals(robot: str, name: str) -
     J = np.concatenate([J for _, J, _ in columns(model, state, centres)])
     step = 1e-5
     for each in placed:
-        effect = each.unknown.effect
         # Play steps faster than from node to node.
-        coarse = name == "joint_play" or (isinstance(effect, Reading) and effect.differences == 1)
+        coarse = name in {"joint_play", "accel_filter", "gyro_filter", "mount_give"}
         for place in range(each.part.start, each.part.stop):
             d = np.zeros(layout.size)
             d[place] = step

@@ -81,7 +81,7 @@ provokes("poses-inverse")(wrong_poses("inverse"))
 provokes("poses-quaternion")(wrong_poses("quaternion"))
 provokes("poses-conjugate")(wrong_poses("conjugate"))
 provokes("poses-millimetres")(wrong_poses("millimetres"))
-provokes("rings")(swinging(Fault(kind="ringing", size=6.0)))
+provokes("gives")(swinging(Fault(kind="ringing", size=6.0)))
 provokes("base-moves")(swinging(Fault(kind="base", size=0.2)))
 
 
