@@ -36,6 +36,7 @@ from imucalib_cli.estimate.spectrum import (
 )
 from imucalib_cli.estimate.state import State
 from imucalib_cli.estimate.unknowns import LEAN, Gravity, Reading, Unknown
+from imucalib_cli.estimate.windows import spread
 from imucalib_cli.robot.rotations import rotation_angle, rotvec_from_matrix
 
 if TYPE_CHECKING:
@@ -50,18 +51,16 @@ Indices = NDArray[np.intp]
 _FIRST_SCALES: Final = (0.05, 0.005)
 """m/s² and rad/s: how the sensors are weighted before residuals tell."""
 _REWEIGHTS: Final = 3
-_THIN: Final = 2
-"""Of the windows, which overlap fourfold, every so many is enough for a first solution."""
-_ENOUGH_THIN: Final = 120
-"""Windows from which they are thinned."""
+_FEW: Final = 480
+"""Windows that are enough for a first solution."""
 _HELD: Final = 1e-12
 """Of any unit: smaller than what holds a component."""
 _LEAN_PASSES: Final = 8
 _FULL_PASSES: Final = 5
 _LEVEL_PASSES: Final = 2
 """Solves in which noise level and scales are found in turn; each pass begins from the last's."""
-_SETTLED: Final = 0.3
-"""Largest step, in sigmas, after which what is left of it is of second order."""
+_SETTLED: Final = 0.1
+"""Sigmas: what a last step may leave."""
 _TIME_RESOLUTION: Final = 2e-5
 """s: an offset found so well is good enough to begin the whole table with."""
 MIN_WINDOWS: Final = 12
@@ -198,7 +197,7 @@ def lean_fit(
     near: Lean | None = None,
     table: tuple[Unknown, ...] = LEAN,
 ) -> Lean:
-    """Find the lean unknowns, on every fourth window.
+    """Find the lean unknowns, on some of the windows.
 
     Args:
         windowing: The two streams and their windows.
@@ -221,8 +220,7 @@ def lean_fit(
     clock = layout.part("time_offset")
     reach = 0.5 * windowing.plan.length * windowing.grid.dt
     for turn in range(_LEAN_PASSES):
-        centres = _enough(model, state)
-        centres = centres[:: _THIN if len(centres) > _ENOUGH_THIN else 1]
+        centres = spread(_enough(model, state), _FEW)
         found = list(columns(model, state, centres))
         residuals = np.concatenate([e for _, _, e in found])
         scales = residual_scales(residuals)
@@ -262,7 +260,7 @@ def _globally(
 ) -> tuple[State, float]:
     centres = windowing.centres(time_offset)
     _see_enough(windowing, centres, time_offset)
-    rows = windowing.rows(time_offset, centres[:: _THIN if len(centres) > _ENOUGH_THIN else 1])
+    rows = windowing.rows(time_offset, spread(centres, _FEW))
     unknowns = LeanUnknowns.of(options)
     weights = np.ones(len(rows.centres))
     found = solve_globally(_normal(windowing, rows, weights, _FIRST_SCALES), unknowns)
@@ -277,7 +275,7 @@ def _globally(
     rise = np.inf
     if runner_up is not None:
         normal = _normal(windowing, rows, weights, scales)
-        # Every fourth window stands for itself and the three left out.
+        # The windows stand for those left out too.
         share = len(centres) / len(rows.centres)
         first, other = (refine(normal, unknowns, each) for each in (lean, runner_up))
         if rotation_angle(other.state.R.T @ first.state.R) > SAME_ROTATION:
@@ -357,8 +355,10 @@ def _floored(scales: tuple[float, float]) -> tuple[float, float]:
 def _whole(model: Model, options: MatchedOptions, state: State, rise: float) -> Fit:
     layout, windowing = model.layout, model.windowing
     u = layout.bounds.mean(axis=1)
+    curvature = _curvature(layout, windowing.plan.length * windowing.grid.dt)[layout.free]
     for turn in range(_FULL_PASSES):
         centres = _enough(model, state)
+        centres = centres if turn else spread(centres, _FEW)
         (residuals,) = model.residuals(state, centres)
         scales = _floored(residual_scales(residuals.values))
         weights = window_weights(residuals.values, residuals.motion, redescend=True)
@@ -373,8 +373,10 @@ def _whole(model: Model, options: MatchedOptions, state: State, rise: float) -> 
             step, inverse, _ = problem.solve(u)
             levels = stats.levels(embedded(step, layout), _embedded_matrix(inverse, layout) / level)
             level = max(_level(stats, layout, levels, inverse), _least_level(residuals.values))
-        moved = np.abs(step) / np.sqrt(np.diag(inverse))
-        if turn == _FULL_PASSES - 1 or moved.max() < _SETTLED:
+        sigmas = np.abs(step) / np.sqrt(np.diag(inverse))
+        # What a step leaves is of second order: as small beside it as it is beside its curvature.
+        bent = float((np.abs(step) / curvature).max())
+        if turn == _FULL_PASSES - 1 or (turn and sigmas.max() * bent < _SETTLED):
             break
         state = _admitted(state.moved(layout, embedded(step, layout)), layout, options)
     B = stats.score_covariance(levels)[np.ix_(layout.free, layout.free)] / level**2
@@ -398,6 +400,15 @@ def _whole(model: Model, options: MatchedOptions, state: State, rise: float) -> 
         residual_scales=scales,
         runner_up_rise=rise,
     )
+
+
+def _curvature(layout: Layout, seconds: float) -> Floats:
+    """(n,), steps at which the model is bent: a radian, a metre, a tenth of a window's seconds."""
+    sizes = np.ones(layout.size)
+    for each in layout.placed:
+        if each.unknown.unit == "s":
+            sizes[each.part] = 0.1 * seconds
+    return sizes
 
 
 def _level(stats: Statistics, layout: Layout, levels: Floats, inverse: Floats) -> float:

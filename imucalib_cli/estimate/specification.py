@@ -22,7 +22,7 @@ from imucalib_cli.estimate.fit import calibration_of, embedded, noise_of_columns
 from imucalib_cli.estimate.jacobian import columns
 from imucalib_cli.estimate.spectrum import PARTS, part_matrices, squared_distance, whitening
 from imucalib_cli.estimate.window_choice import MAX_ATTENUATION, attenuation
-from imucalib_cli.estimate.windows import plan_windows
+from imucalib_cli.estimate.windows import plan_windows, spread
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -39,6 +39,8 @@ _LENGTHS_PER_PART: Final = 4
 """Lengths of a window in a part of the log: parts are then nearly independent."""
 _FEWEST_PARTS: Final = 12
 """Twice the components that are compared."""
+_MOST: Final = 6000
+"""Windows, of some minutes: more take longer and tell no more that matters."""
 _SHORTEST: Final = 9
 """Samples of a window that can be halved no more."""
 _NEGLIGIBLE: Final = (1e-5, 2e-5)
@@ -91,6 +93,7 @@ def _difference(fit: Fit, base: _Solved, plan: WindowPlan) -> Iterator[Dependenc
     windowing = fit.model.windowing
     model = replace(fit.model, windowing=replace(windowing, plan=plan))
     centres = np.intersect1d(fit.centres[fit.weights > 0.0], model.centres(fit.linearised))
+    centres = spread(centres, _MOST)
     room = np.ptp(centres) / (_LENGTHS_PER_PART * plan.length) if len(centres) else 0.0
     if room < _FEWEST_PARTS:
         return

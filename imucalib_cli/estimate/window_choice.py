@@ -20,13 +20,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.estimate.estimate import Window
-from imucalib_cli.signals.kernels import convolve_at, matched_filter
+from imucalib_cli.signals.kernels import matched_filter
 from imucalib_cli.signals.spikes import MAD_TO_STD, NOISE_OF_DEVIATION, deviation_from_neighbours
 
 if TYPE_CHECKING:
     from imucalib_cli.estimate.options import WindowChoice
     from imucalib_cli.signals.grid import ImuGrid
-    from imucalib_cli.signals.trajectory import CleanTrack, Trajectory
+    from imucalib_cli.signals.trajectory import Trajectory
 
 Floats = NDArray[np.float64]
 
@@ -40,6 +40,8 @@ MAX_ATTENUATION = 1e-4
 """Share of noise in the lever arm's regressor: 0.01 mm on a 100 mm lever arm."""
 QUIET_ACCEL = 1e-3
 """m/s²: no accelerometer is quieter; a log without noise is no reason for long windows."""
+_ENOUGH = 400
+"""Windows that tell how lively a log is."""
 _ARM = 1.0
 """m: how far joints stand from the parent link, for what their noise does to its position."""
 
@@ -108,7 +110,7 @@ def kinematic_noise(trajectory: Trajectory) -> tuple[float, float]:
     """
     rotation = position = 0.0
     for track, kind in zip(trajectory.tracks, trajectory.path.tracks, strict=True):
-        variance = _moving_variance(track)
+        variance = track.moving_variance
         if kind.kind == "joints":
             rotation += 2.0 * float(variance.sum()) * track.interval
             position += _ARM**2 * float(variance.sum()) * track.interval
@@ -119,24 +121,6 @@ def kinematic_noise(trajectory: Trajectory) -> tuple[float, float]:
     return rotation, position
 
 
-def _moving_variance(track: CleanTrack) -> Floats:
-    """Noise variance of each channel, over the samples at which it moves.
-
-    A quantised encoder at rest shows none.
-    """
-    off = deviation_from_neighbours(track.values)
-    moving = np.abs(np.gradient(track.values, axis=0))
-    variance = np.zeros(track.values.shape[1])
-    for channel, (rest, speed) in enumerate(zip(off.T, moving.T, strict=True)):
-        # Not the largest speed: a tracker that jumps once would be all that moves.
-        active = speed > 0.2 * np.percentile(speed, 95)
-        if active.sum() >= 8:
-            variance[channel] = (
-                np.median(np.abs(rest[active])) * MAD_TO_STD / NOISE_OF_DEVIATION
-            ) ** 2
-    return variance
-
-
 def _median_deviation(values: Floats) -> float:
     return float(np.median(np.abs(deviation_from_neighbours(values)))) * MAD_TO_STD
 
@@ -145,15 +129,13 @@ def _lever_power(grid: ImuGrid, trajectory: Trajectory, degree: int) -> float:
     """Mean of |D2 R|² over the log, 1/s⁴, at the shortest automatic length."""
     length = max(2 * round(SHORTEST_AUTO / grid.dt / 2) + 1, degree + 2 + (degree + 1) % 2)
     pair = matched_filter(length, degree, 2, grid.dt)
-    t = grid.t
-    covered = trajectory.covered(t)
-    if covered.sum() < 4 * length:
+    first = np.arange(0, len(grid.usable) - length, length)
+    first = first[:: max(len(first) // _ENOUGH, 1)]
+    inside = grid.t[first[:, None] + np.arange(length)]
+    inside = inside[trajectory.covered(inside.ravel()).reshape(inside.shape).all(axis=1)]
+    if not inside.size:
         return 0.0
-    poses = np.zeros((len(t), 9))
-    poses[covered] = trajectory.poses(t[covered])[0].reshape(-1, 9)
-    first = np.arange(0, len(t) - length, length)
-    holes = np.concatenate([[0], np.cumsum(~covered)])
-    first = first[holes[first + length] == holes[first]]
-    if len(first) == 0:
-        return 0.0
-    return float(np.mean((convolve_at(poses, pair.derivative, first) ** 2).sum(axis=1)))
+    R, _ = trajectory.poses(inside.ravel())
+    weights = pair.derivative[:length]
+    turned = np.einsum("l,wlc->wc", weights, R.reshape(-1, length, 9))
+    return float(np.mean((turned**2).sum(axis=1)))

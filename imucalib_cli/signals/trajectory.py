@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.signals.interpolate import lagrange
+from imucalib_cli.signals.spikes import MAD_TO_STD, NOISE_OF_DEVIATION, deviation_from_neighbours
 from imucalib_cli.signals.stamps import Ticks, constant_rate_ticks, gap_breaks, tidy_rows
 from imucalib_cli.signals.turns import unwrapped
 
@@ -39,10 +40,28 @@ class CleanTrack:
     held: bool = False
     """Values were repeated until the next change; only the changes are left."""
 
-    @property
+    @cached_property
     def interval(self) -> float:
         """Median interval, s."""
         return float(np.median(np.diff(self.t)))
+
+    @cached_property
+    def moving_variance(self) -> Floats:
+        """Noise variance of each channel, over the samples at which it moves.
+
+        A quantised encoder at rest shows none.
+        """
+        off = deviation_from_neighbours(self.values)
+        moving = np.abs(np.gradient(self.values, axis=0))
+        variance = np.zeros(self.values.shape[1])
+        for channel, (rest, speed) in enumerate(zip(off.T, moving.T, strict=True)):
+            # Not the largest speed: a tracker that jumps once would be all that moves.
+            active = speed > 0.2 * np.percentile(speed, 95)
+            if active.sum() >= 8:
+                variance[channel] = (
+                    np.median(np.abs(rest[active])) * MAD_TO_STD / NOISE_OF_DEVIATION
+                ) ** 2
+        return variance
 
 
 def clean_track(track: Track) -> CleanTrack:
