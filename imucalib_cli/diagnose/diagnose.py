@@ -83,7 +83,7 @@ def diagnose(case: Case) -> tuple[Finding, ...]:
     reversed_accel = any(each.code == "imu.accel_reversed" for each in case.estimate.findings)
     found: tuple[Finding, ...] = ()
     # The fit may have reversed the accelerometer for another fault's sake.
-    for sign in (True, False) if reversed_accel else (False,):
+    for sign in (False, True) if reversed_accel else (False,):
         try:
             bench, told = told_on_bench(case, reversed_accel=sign)
         except InputError:
