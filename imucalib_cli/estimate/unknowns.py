@@ -230,7 +230,7 @@ SCALES: Final[dict[str, Scale]] = {
     "driver_filter": Scale(low=3e-7, high=3e-4, words="low-pass filters of the driver"),
     "mount_give": Scale(low=3e-7, high=3e-3, words="give of mount and arm"),
     "joint_zero": Scale(low=2e-5, high=5e-3, words="errors of the joint zeros"),
-    "length": Scale(low=2e-5, high=3e-3, words="errors of the origins between joints"),
+    "length": Scale(low=5e-5, high=3e-3, words="errors of the origins between joints"),
     "joint_harmonic": Scale(low=5e-6, high=2e-3, words="joint error once a turn"),
     "joint_lag": Scale(low=5e-6, high=4e-3, words="delays of single joints"),
     "joint_play": Scale(low=3e-6, high=1e-3, words="play of the joints"),
