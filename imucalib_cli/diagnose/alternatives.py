@@ -25,7 +25,7 @@ from imucalib_cli.estimate.prepare import clean_imu
 from imucalib_cli.estimate.segments import DECISIVE
 from imucalib_cli.estimate.solve import LeanState
 from imucalib_cli.estimate.stamps import best_attempt
-from imucalib_cli.estimate.unknowns import LEAN, JointCurve, Unknown
+from imucalib_cli.estimate.unknowns import LEAN, TABLE, JointCurve, Unknown
 from imucalib_cli.estimate.windows import Windowing, plan_windows
 from imucalib_cli.signals.samples import ImuSamples
 from imucalib_cli.signals.trajectory import CleanTrack, Trajectory, clean_track
@@ -73,15 +73,13 @@ _TRIMMED: Final = 0.05
 
 
 def _zero(joint: str | None) -> Unknown:
-    return Unknown(
-        name="joint_zero",
-        unit="rad",
-        std=1.0,
-        effect=JointCurve(
-            lambda q, _: np.ones((1, len(q))), every=False, sliding=False, only=joint
-        ),
-        words="zero of a joint, however far",
+    """The zero of one joint, or of each, however far it is off."""
+    entry, effect = next(
+        (each, each.effect)
+        for each in TABLE
+        if each.name == "joint_zero" and isinstance(each.effect, JointCurve)
     )
+    return replace(entry, std=1.0, scale=None, effect=replace(effect, only=joint))
 
 
 @dataclass(frozen=True, eq=False)
@@ -317,7 +315,15 @@ def _slight(bench: Bench, case: Case, told: Trial) -> Iterator[Trial]:
     """What cannot be listed beforehand, but is found by a fit."""
     if bench.options.time_offset is not None:
         yield from _free_offset(bench, case, told)
-    for hypothesis in (_small_zero(bench, case), _axes(bench, case, told)):
+    offset, _ = bench.coarse(case.path)
+    rows = bench.rows(bench.windowing, offset)
+    if rows is None:
+        return
+    left = _left_by_any_matrix(rows)
+    found = [_small_zero(bench, case, offset)] if left < _HOPELESS_ZERO else []
+    if left < _HOPELESS:
+        found.append(reoriented(rows, case.path, told.lean.state.gravity))
+    for hypothesis in found:
         if hypothesis is not None:
             trial = bench.trial(hypothesis, bench.coarse(hypothesis.path)[0])
             if trial is not None:
@@ -406,15 +412,10 @@ def _searched(bench: Bench, told: Trial, offset: float) -> bool:
     return abs(offset) <= bench.options.max_offset or abs(offset - told.offset) < _STRETCH / 100.0
 
 
-def _small_zero(bench: Bench, case: Case) -> Hypothesis | None:
+def _small_zero(bench: Bench, case: Case, offset: float) -> Hypothesis | None:
     """The joint whose zero is farthest off if all are free: what is smaller than gross."""
-    windowing = bench.windowing
-    offset, _ = bench.coarse(case.path)
-    rows = bench.rows(windowing, offset)
-    if rows is None or _left_by_any_matrix(rows) > _HOPELESS_ZERO:
-        return None
     try:
-        lean = lean_fit(windowing, bench.options, offset, table=(*LEAN, _zero(None)))
+        lean = lean_fit(bench.windowing, bench.options, offset, table=(*LEAN, _zero(None)))
     except InputError:
         return None
     joints = {name: joint for joint, name in edits.turning_joints(case.path).items()}
@@ -430,13 +431,6 @@ def _small_zero(bench: Bench, case: Case) -> Hypothesis | None:
     return Hypothesis(
         kind="zero", names=(name,), sizes=(found[name],), path=turned, joint=joints[name]
     )
-
-
-def _axes(bench: Bench, case: Case, told: Trial) -> Hypothesis | None:
-    rows = bench.rows(bench.windowing, bench.coarse(case.path)[0])
-    if rows is None or _left_by_any_matrix(rows) > _HOPELESS:
-        return None
-    return reoriented(rows, case.path, told.lean.state.gravity)
 
 
 def _left_by_any_matrix(rows: WindowRows) -> float:
