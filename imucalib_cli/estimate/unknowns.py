@@ -384,7 +384,7 @@ TABLE: Final[tuple[Unknown, ...]] = (
         labels=_PAIRS,
         unit="rad s/m",
         scale="g_sensitivity",
-        healthy=1e-3,
+        healthy=2e-3,
         effect=Reading("gyro", lambda s: _of_the_other(s.accel)),
         words="response of the gyroscope to acceleration",
     ),
