@@ -107,6 +107,19 @@ class ImuModel:
         sigma = self.bias_sigma(sensor)
         return None if sigma is None else sigma * imu_assumptions().prior_widening
 
+    @property
+    def scale_error(self) -> float:
+        """Of the sensors' scales, relative, the worse of the two; inf unless both are told."""
+        accel, gyro = self.accel_scale_percent, self.gyro_scale_percent
+        return math.inf if accel is None or gyro is None else max(accel, gyro) / 100.0
+
+    @property
+    def axes_error(self) -> float:
+        """Turn of the gyroscope's axes against the accelerometer's, rad; inf if it is not told."""
+        if self.misalignment_deg is not None:
+            return math.sqrt(2.0) * math.radians(self.misalignment_deg)
+        return math.inf if self.cross_axis_percent is None else self.cross_axis_percent / 100.0
+
     def bias_walk(self, sensor: Sensor) -> float | None:
         """Of a bias that walks as the in-run stability lets it, m/s²/sqrt(s) or rad/s/sqrt(s).
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
@@ -77,6 +77,7 @@ SLIP: Final = (2e-3, 5e-3)
 """m and rad: a mount that slips moves by the clearance of its bolts; what gives moves less."""
 _WITHIN: Final = 2.0
 """Sigmas of a told prior within which a bias is what was told."""
+_LEVEL: Final = "; or tell that the base is level (--gravity fixed, or --tilt-std)"
 _NAMES: Final = ("tx", "ty", "tz", "rx", "ry", "rz")
 
 
@@ -148,8 +149,24 @@ def of_findings(evidence: Evidence) -> Floats:
 
 
 def unobservable(fit: Fit) -> tuple[UnobservableDirection, ...]:
-    """Directions of the pose that the motion did not determine."""
-    return tuple(unobservable_directions(_pose(fit, fit.covariance), _pose(fit, excitation(fit))))
+    """Directions of the pose that the motion did not determine, and what would."""
+    both = fit.covariance, excitation(fit)
+    found = unobservable_directions(*(_pose(fit, each) for each in both))
+    gravity = fit.layout.part("gravity_direction")
+    if not fit.layout.free[gravity].any():
+        return tuple(found)
+    level = unobservable_directions(*(_pose(fit, _given(each, gravity)) for each in both))
+    helps = not any(each.kind == "rotation" for each in level)
+    return tuple(
+        replace(each, motion=each.motion + _LEVEL) if helps and each.kind == "rotation" else each
+        for each in found
+    )
+
+
+def _given(covariance: Floats, part: slice) -> Floats:
+    """(n, n), what would be left of a covariance if some components were known."""
+    across = covariance[:, part]
+    return np.asarray(covariance - across @ inverse_of(covariance[part, part]) @ across.T)
 
 
 def _pose(fit: Fit, matrix: Floats) -> Floats:

@@ -75,6 +75,8 @@ class Layout:
     scale: NDArray[np.intp]
     """(n,), index into ``scales``; -1 where the prior is given."""
     scales: tuple[str, ...]
+    bounds: Floats
+    """(k, 2), limits of the learnt scales, logarithms."""
 
     @property
     def size(self) -> int:
@@ -107,12 +109,6 @@ class Layout:
     def std_at(self, log_scales: Floats) -> Floats:
         """(n,), prior with learnt scales put in."""
         return with_learnt(self.std, self.scale, log_scales)
-
-    @property
-    def bounds(self) -> Floats:
-        """(k, 2), limits of the learnt scales, logarithms."""
-        limits = [(SCALES[name].low, SCALES[name].high) for name in self.scales]
-        return np.asarray(np.log(np.array(limits).reshape(-1, 2)))
 
 
 def lay_out(
@@ -149,7 +145,9 @@ def lay_out(
                 scale += [-1] * size
             at += size
     std = np.concatenate(stds) if stds else np.zeros(0)
-    return Layout(tuple(placed), std, np.array(scale, dtype=np.intp), tuple(scales))
+    limits = [(SCALES[name].low, min(SCALES[name].high, options.largest(name))) for name in scales]
+    bounds = np.log(np.array(limits).reshape(-1, 2))
+    return Layout(tuple(placed), std, np.array(scale, dtype=np.intp), tuple(scales), bounds)
 
 
 class _Chain:

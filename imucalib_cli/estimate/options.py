@@ -74,10 +74,10 @@ class MatchedOptions:
     standard deviations of joint zeros, rad, and of origins, m."""
     either_sign: bool = True
     """Whether the accelerometer's readings may be reversed if that fits decisively better."""
-    sensor_scale_std: float | None = None
-    """Prior of the sensors' scale errors, relative, where a data sheet tells it; learnt else."""
-    sensor_axes_std: float | None = None
-    """Prior of the gyroscope's turn against the accelerometer, rad, likewise."""
+    sensor_scale_most: float = math.inf
+    """Error of the sensors' scales by their data sheet, relative: what is learnt is no larger."""
+    sensor_axes_most: float = math.inf
+    """Turn of the gyroscope's axes against the accelerometer's, rad, likewise."""
 
     def prior_std(self, unknown: Unknown) -> Floats | None:
         """Prior of an entry of the table, 1 sigma, as far as it is told; None: learn it.
@@ -92,6 +92,11 @@ class MatchedOptions:
         if unknown.scale is None:
             return np.array(unknown.std)
         return np.array(told[unknown.scale]) if unknown.scale in told else None
+
+    def largest(self, scale: str) -> float:
+        """Upper limit of a learnt scale by the sensor's data sheet; inf where there is none."""
+        sheet = {"sensor_scale": self.sensor_scale_most, "sensor_axes": self.sensor_axes_most}
+        return sheet.get(scale, math.inf)
 
     def _held_groups(self) -> set[str]:
         """Groups of the table all of which is taken to be nominal."""
@@ -117,10 +122,6 @@ class MatchedOptions:
             told |= {"time_offset": 0.0, "clock_drift": 0.0}
         if isinstance(self.robot, tuple):
             told |= {"joint_zero": self.robot[0], "length": self.robot[1]}
-        if self.sensor_scale_std is not None:
-            told["sensor_scale"] = self.sensor_scale_std
-        if self.sensor_axes_std is not None:
-            told["sensor_axes"] = self.sensor_axes_std
         return told
 
     def told_std(self, name: str) -> float:

@@ -33,10 +33,12 @@ _SENSORS: tuple[Sensor, Sensor] = ("accel", "gyro")
 def with_priors(
     options: MatchedOptions | PaperOptions, expected: ExpectedImu | None
 ) -> MatchedOptions | PaperOptions:
-    """The sheet's bias figures as priors, where the user has not said anything of that bias."""
+    """The sheet's figures as priors; of biases where the user has not said anything of them."""
     if expected is None or isinstance(options, PaperOptions):
         return options
     given: dict[str, Any] = {f"{s}_bias_std": prior for s, prior in expected.bias_priors.items()}
+    model = expected.model
+    given |= {"sensor_scale_most": model.scale_error, "sensor_axes_most": model.axes_error}
     return replace(options, **given)
 
 

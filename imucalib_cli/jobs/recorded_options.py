@@ -23,8 +23,8 @@ _UNTOLD: dict[str, str] = {
     "R_initial": "the URDF's joint, or the identity",
     "t_initial": "the URDF's joint, or the identity",
     "pose": "none",
-    "sensor_scale_std": "learnt",
-    "sensor_axes_std": "learnt",
+    "sensor_scale_most": "any",
+    "sensor_axes_most": "any",
 }
 """What docs/options.md calls a default that is None or infinite in code."""
 

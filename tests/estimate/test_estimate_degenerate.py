@@ -183,6 +183,20 @@ def test_a_known_vertical_shows_the_turn_about_a_single_axis() -> None:
     np.testing.assert_array_equal(estimate.gravity_world, [0, 0, -GRAVITY])
 
 
+@pytest.mark.parametrize(
+    ("amplitude", "helps"), [((0, 0, 0, 0, 0, 1.0), True), ((1.0, 0, 0, 0, 0, 0), False)]
+)
+def test_a_level_base_is_named_as_a_way_out_where_it_is_one(
+    amplitude: tuple[float, ...], helps: bool
+) -> None:
+    """It tells the turn about a level axis, and nothing about an upright one."""
+    log, estimate = calibrate(amplitude, noisy=True)
+    (turn,) = of_kind(estimate, "rotation")
+    assert ("base is level" in turn.motion) == helps
+    level = calibrate_matched(log.imu, log.path, MatchedOptions(gravity="fixed"))
+    assert (not of_kind(level, "rotation")) == helps
+
+
 def test_slow_motion_is_trusted_as_far_as_its_sigma_says() -> None:
     log, estimate = calibrate((0.04,) * 6, noisy=True)
     assert estimate.trusted
