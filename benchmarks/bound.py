@@ -1,0 +1,109 @@
+"""How far the errors of a sweep are from the least that any estimator could reach.
+
+    python benchmarks/sweeps.py --rows quiet everyday -o sweeps.jsonl
+    python benchmarks/bound.py sweeps.jsonl --logs 40
+
+The bound of a log is the covariance of the same unknowns where the standard deviations that their
+errors were drawn with are known (robots.py), and what was not drawn is known to be zero: the
+estimator has to learn how good robot and sensor are, the bound does not. Errors are those of the
+sweep, root mean squares over the same logs.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+from collections import defaultdict
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+
+# Before numpy: as many processes as workers, each on one core.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import numpy as np
+from robots import ROBOTS, ROWS, Row, make_case
+from sweeps import Line, read
+
+from imucalib_cli.estimate.fit import whole_fit
+from imucalib_cli.estimate.options import MatchedOptions
+from imucalib_cli.estimate.prepare import clean_imu
+from imucalib_cli.estimate.stamps import best_attempt
+from imucalib_cli.signals.trajectory import Trajectory
+
+KNOWN = 1e-12
+"""Of any unit: what was not drawn."""
+FREE = ("translation", "rotation", "accel_bias", "gyro_bias", "gravity_direction", "time_offset")
+"""Of which nothing is known beforehand."""
+
+
+def drawn_with(row: Row) -> dict[str, float]:
+    """Standard deviations that errors of a row are drawn with, by entry of the table."""
+    return {
+        "accel_scale": row.scale,
+        "gyro_scale": row.scale,
+        "gyro_delay": row.gyro_delay,
+        "gravity_norm": row.gravity,
+        "joint_zero": row.zero,
+        "joint_harmonic": row.eccentricity,
+        "joint_lag": row.lag,
+        "joint_play": row.play,
+        "origin": row.origin,
+        "pose_scale": row.track_scale,
+        "accel_bias_ramp": row.ramp[0],
+        "gyro_bias_ramp": row.ramp[1],
+    }
+
+
+def bound(line: Line) -> tuple[float, float]:
+    """Least variance of the translation, m², and of the rotation, rad², summed over axes."""
+    case = make_case(
+        line["robot"],
+        line["row"],
+        line["seed"],
+        seconds=line["seconds"],
+        imu_rate=line["imu_rate"],
+        joint_rate=line["joint_rate"],
+    )
+    options, drawn = MatchedOptions(), drawn_with(ROWS[line["row"]])
+    attempt = best_attempt(clean_imu(case.imu), Trajectory.of(case.path), options)
+    fit = whole_fit(attempt.lean, options)
+    layout = fit.layout
+    std = layout.std.copy()
+    for each in layout.placed:
+        if each.unknown.name not in FREE:
+            std[each.part] = max(drawn.get(each.unknown.name, 0.0), KNOWN)
+    A = fit.statistics.information / fit.level * np.outer(std, std) + np.eye(layout.size)
+    variance = (np.diag(np.linalg.inv(A)) * std**2)[layout.pose]
+    return float(variance[:3].sum()), float(variance[3:].sum())
+
+
+def main() -> None:
+    """Print the table of errors over bounds."""
+    parser = argparse.ArgumentParser(description="Errors of a sweep over the least possible.")
+    parser.add_argument("sweep", type=Path, help="JSON lines of sweeps.py")
+    parser.add_argument("--logs", type=int, default=40, help="of each robot and row")
+    parser.add_argument("--workers", type=int, default=2)
+    asked = parser.parse_args()
+    groups: dict[tuple[str, str], list[Line]] = defaultdict(list)
+    for line in read(asked.sweep).values():
+        if "failed" not in line:
+            groups[line["robot"], line["row"]].append(line)
+    print("| robot | row | logs | RMS mm | bound mm | over it | RMS deg | bound deg | over it |")
+    print("|---" * 9 + "|")
+    with ProcessPoolExecutor(asked.workers) as pool:
+        for key in ((robot, row) for robot in ROBOTS for row in ROWS):
+            lines = sorted(groups[key], key=lambda line: line["seed"])[: asked.logs]
+            if not lines:
+                continue
+            least = np.sqrt(np.mean(list(pool.map(bound, lines)), axis=0))
+            errors = np.square([line["error"] for line in lines])
+            rms = np.sqrt([errors[:, :3].sum(axis=1).mean(), errors[:, 3:].sum(axis=1).mean()])
+            cells = (
+                f"{1e3 * rms[0]:.3f} | {1e3 * least[0]:.3f} | {rms[0] / least[0]:.2f}",
+                f"{np.degrees(rms[1]):.4f} | {np.degrees(least[1]):.4f} | {rms[1] / least[1]:.2f}",
+            )
+            print(f"| {' | '.join((*key, str(len(lines)), *cells))} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()
