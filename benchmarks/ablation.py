@@ -1,0 +1,95 @@
+"""What each group of unknowns buys on imperfect robots, and costs on exact ones.
+
+    python benchmarks/ablation.py --robot ur10e --seeds 16
+
+Each line leaves one group out of the table of unknowns (its entries are then taken to be nominal),
+the last leaves out all of them. Logs are those of sweeps.py: a cell has the root mean square error
+in mm and the mean NEES, 6 where the stated covariance is true.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+from concurrent.futures import ProcessPoolExecutor
+from itertools import product
+from typing import TYPE_CHECKING
+
+# Before numpy: as many processes as workers, each on one core.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import numpy as np
+from robots import ROBOTS, ROWS, make_case
+from scipy.spatial.transform import Rotation
+
+from imucalib_cli.estimate import fit
+from imucalib_cli.estimate.layout import lay_out
+from imucalib_cli.estimate.matched import calibrate_matched
+from imucalib_cli.estimate.options import MatchedOptions
+from imucalib_cli.estimate.unknowns import TABLE, Unknown
+
+if TYPE_CHECKING:
+    from imucalib_cli.estimate.layout import Layout
+    from imucalib_cli.signals.trajectory import Trajectory
+
+GROUPS: dict[str, tuple[str, ...]] = {
+    "nothing": (),
+    "joint zeros": ("joint_zero",),
+    "origins": ("origin",),
+    "joint curves": ("joint_harmonic", "joint_lag", "joint_play"),
+    "sensor scales": ("accel_scale", "gyro_scale"),
+    "gyroscope's axes": ("gyro_misalignment",),
+    "g-sensitivity": ("gyro_g_sensitivity",),
+    "driver filters": ("accel_filter", "gyro_filter"),
+    "give of the mount": ("mount_give",),
+    "gyroscope's delay": ("gyro_delay",),
+    "gravity's magnitude": ("gravity_norm",),
+    "drift and ramps": ("clock_drift", "accel_bias_ramp", "gyro_bias_ramp"),
+}
+GROUPS["all of these"] = tuple(name for names in GROUPS.values() for name in names)
+
+
+def run(robot: str, row: str, group: str, seed: int) -> tuple[float, float]:
+    """Squared error, m², and NEES of one log."""
+    kept = tuple(each for each in TABLE if each.name not in GROUPS[group])
+
+    def laid_out(
+        trajectory: Trajectory, options: MatchedOptions, table: tuple[Unknown, ...] = kept
+    ) -> Layout:
+        return lay_out(trajectory, options, table)
+
+    fit.lay_out = laid_out  # no option leaves out entries one by one
+    case = make_case(robot, row, seed)
+    estimate = calibrate_matched(case.imu, case.path, MatchedOptions())
+    turned = Rotation.from_matrix(estimate.R_parent_imu @ case.R.T).as_rotvec()
+    error = np.concatenate([estimate.t_parent_imu - case.t, turned])
+    nees = error @ np.linalg.solve(np.asarray(estimate.covariance), error)
+    return float(error[:3] @ error[:3]), float(nees)
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description="What each group of unknowns buys and costs.")
+    parser.add_argument("--robot", choices=ROBOTS, default="ur10e")
+    parser.add_argument(
+        "--rows", nargs="+", choices=ROWS, default=["exact-mems", "quiet", "everyday", "worn"]
+    )
+    parser.add_argument("--seeds", type=int, default=16)
+    parser.add_argument("--workers", type=int, default=2)
+    asked = parser.parse_args()
+    print(f"| left out | {' | '.join(f'{row}: mm, NEES' for row in asked.rows)} |")
+    print("|---" * (1 + len(asked.rows)) + "|")
+    with ProcessPoolExecutor(asked.workers) as pool:
+        for group in GROUPS:
+            jobs = [
+                (asked.robot, row, group, seed)
+                for row, seed in product(asked.rows, range(asked.seeds))
+            ]
+            found = np.array(list(pool.map(run, *zip(*jobs, strict=True))))
+            found = found.reshape(len(asked.rows), asked.seeds, 2).mean(axis=1)
+            cells = [f"{1e3 * square**0.5:.3f}, {nees:.3g}" for square, nees in found]
+            print(f"| {group} | {' | '.join(cells)} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()
