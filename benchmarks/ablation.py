@@ -19,17 +19,16 @@ from typing import TYPE_CHECKING
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
-from robots import ROBOTS, ROWS, make_case
-from scipy.spatial.transform import Rotation
+import sweeps
+from robots import ROBOTS, ROWS
 
 from imucalib_cli.estimate import fit
 from imucalib_cli.estimate.layout import lay_out
-from imucalib_cli.estimate.matched import calibrate_matched
-from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.estimate.unknowns import TABLE, Unknown
 
 if TYPE_CHECKING:
     from imucalib_cli.estimate.layout import Layout
+    from imucalib_cli.estimate.options import MatchedOptions
     from imucalib_cli.signals.trajectory import Trajectory
 
 GROUPS: dict[str, tuple[str, ...]] = {
@@ -59,12 +58,8 @@ def run(robot: str, row: str, group: str, seed: int) -> tuple[float, float]:
         return lay_out(trajectory, options, table)
 
     fit.lay_out = laid_out  # no option leaves out entries one by one
-    case = make_case(robot, row, seed)
-    estimate = calibrate_matched(case.imu, case.path, MatchedOptions())
-    turned = Rotation.from_matrix(estimate.R_parent_imu @ case.R.T).as_rotvec()
-    error = np.concatenate([estimate.t_parent_imu - case.t, turned])
-    nees = error @ np.linalg.solve(np.asarray(estimate.covariance), error)
-    return float(error[:3] @ error[:3]), float(nees)
+    line = sweeps.run(sweeps.Job(robot=robot, row=row, seed=seed))
+    return float(np.sum(np.square(line["error"][:3]))), float(line["nees"])
 
 
 def main() -> None:

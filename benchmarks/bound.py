@@ -21,8 +21,8 @@ from pathlib import Path
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
-from robots import ROBOTS, ROWS, Row, make_case
-from sweeps import Line, read
+from robots import ROBOTS, ROWS, Row
+from sweeps import Job, Line, read
 
 from imucalib_cli.estimate.fit import whole_fit
 from imucalib_cli.estimate.options import MatchedOptions
@@ -56,14 +56,7 @@ def drawn_with(row: Row) -> dict[str, float]:
 
 def bound(line: Line) -> tuple[float, float]:
     """Least variance of the translation, m², and of the rotation, rad², summed over axes."""
-    case = make_case(
-        line["robot"],
-        line["row"],
-        line["seed"],
-        seconds=line["seconds"],
-        imu_rate=line["imu_rate"],
-        joint_rate=line["joint_rate"],
-    )
+    case = Job.of(line).case()
     options, drawn = MatchedOptions(), drawn_with(ROWS[line["row"]])
     attempt = best_attempt(clean_imu(case.imu), Trajectory.of(case.path), options)
     fit = whole_fit(attempt.lean, options)

@@ -57,26 +57,35 @@ class Job:
     robot: str
     row: str
     seed: int
-    seconds: float
-    imu_rate: float
-    joint_rate: float
+    seconds: float = 40.0
+    imu_rate: float = 200.0
+    joint_rate: float = 125.0
+
+    @classmethod
+    def of(cls, line: Line) -> Job:
+        """The job that a line is the result of."""
+        return cls(**{name: line[name] for name in cls.__annotations__})
 
     @property
     def key(self) -> str:
         """Tells this log from all others."""
         return json.dumps(asdict(self), sort_keys=True)
 
+    def case(self) -> Case:
+        """The log."""
+        return make_case(
+            self.robot,
+            self.row,
+            self.seed,
+            seconds=self.seconds,
+            imu_rate=self.imu_rate,
+            joint_rate=self.joint_rate,
+        )
+
 
 def run(job: Job) -> Line:
     """Make the log, calibrate it and hold the result against the truth."""
-    case = make_case(
-        job.robot,
-        job.row,
-        job.seed,
-        seconds=job.seconds,
-        imu_rate=job.imu_rate,
-        joint_rate=job.joint_rate,
-    )
+    case = job.case()
     start = time.process_time()
     try:
         outcome = _outcome(calibrate_matched(case.imu, case.path, MatchedOptions()), case)
@@ -153,7 +162,7 @@ def read(file: Path) -> dict[str, Line]:
                 line = json.loads(text)
             except json.JSONDecodeError:
                 continue
-            lines[Job(**{name: line[name] for name in Job.__annotations__}).key] = line
+            lines[Job.of(line).key] = line
     return lines
 
 
@@ -199,7 +208,7 @@ def sweep(jobs: list[Job], file: Path | None, workers: int) -> dict[str, Line]:
     with ProcessPoolExecutor(workers) as pool:
         for done in as_completed([pool.submit(run, job) for job in missing]):
             line = done.result()
-            known[Job(**{name: line[name] for name in Job.__annotations__}).key] = line
+            known[Job.of(line).key] = line
             if file:
                 with file.open("a", encoding="utf-8") as stream:
                     stream.write(json.dumps(line) + "\n")
@@ -213,9 +222,11 @@ def main() -> None:
     parser.add_argument("--rows", nargs="+", choices=ROWS, default=list(ROWS))
     parser.add_argument("--seeds", type=int, default=20, help="logs a row")
     parser.add_argument("--first-seed", type=int, default=0)
-    parser.add_argument("--seconds", type=float, default=40.0, help="length of a log, at least 10")
-    parser.add_argument("--imu-rate", type=float, default=200.0, help="Hz")
-    parser.add_argument("--joint-rate", type=float, default=125.0, help="Hz")
+    parser.add_argument(
+        "--seconds", type=float, default=Job.seconds, help="length of a log, at least 10"
+    )
+    parser.add_argument("--imu-rate", type=float, default=Job.imu_rate, help="Hz")
+    parser.add_argument("--joint-rate", type=float, default=Job.joint_rate, help="Hz")
     parser.add_argument("-o", "--output", type=Path, help="JSON lines, continued if it exists")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--compare", nargs="+", type=Path, metavar="FILE", help="run nothing")

@@ -234,11 +234,11 @@ def trial_of(hypothesis: Hypothesis, lean: Lean) -> Trial:
     )
 
 
-def short_windows(full: Windowing, seconds: float, hop: int | None = None) -> Windowing:
-    """The same streams in shorter windows; half a window apart if nothing else is said."""
+def short_windows(full: Windowing, seconds: float) -> Windowing:
+    """The same streams in shorter windows, half a window apart."""
     dt, degree = full.grid.dt, full.plan.degree
     length = max(2 * round(seconds / dt / 2) + 1, degree + 2 + (degree + 1) % 2)
-    plan = plan_windows(length, degree, dt, hop=max(length // 2, 1) if hop is None else hop)
+    plan = plan_windows(length, degree, dt, hop=max(length // 2, 1))
     return Windowing(full.grid, full.trajectory, plan)
 
 

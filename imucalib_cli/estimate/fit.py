@@ -29,6 +29,7 @@ from imucalib_cli.estimate.spectrum import (
     PartSums,
     Statistics,
     deviance,
+    embedded,
     inverse_of,
     part_matrices,
     statistics,
@@ -234,7 +235,7 @@ def lean_fit(
         problem = _problem(stats, layout, offset, level=1.0)
         step, inverse, _ = problem.solve(np.zeros(0))
         sigmas = np.abs(step) / np.sqrt(np.diag(inverse))
-        step = embedded(step, layout)
+        step = embedded(step, layout.free)
         step[clock] = np.clip(step[clock], -reach, reach)
         state = _admitted(state.moved(layout, step), layout, options)
         fine = turn > 1 and np.abs(step[clock]).max(initial=0.0) < _TIME_RESOLUTION
@@ -365,23 +366,26 @@ def _whole(model: Model, options: MatchedOptions, state: State, rise: float) -> 
         root = whitening(windowing.plan, weights, scales)
         both = with_residuals(columns(model, state, centres), residuals.values)
         stats = statistics(windowing.plan, centres, both, root, layout.size + 1)
-        stats = _less_noise(stats, model, state.x, scales)
+        total = stats.normal.sum(axis=(0, 1))
+        stats = stats.calibrated(*calibration_of(total, model, state.x, scales, stats.windows))
         offset, level = _offset(layout, options, state), 1.0
         for _ in range(_LEVEL_PASSES):
             problem = _problem(stats, layout, offset, level=level)
             u = most_likely(problem, u)
             step, inverse, _ = problem.solve(u)
-            levels = stats.levels(embedded(step, layout), _embedded_matrix(inverse, layout) / level)
+            levels = stats.levels(
+                embedded(step, layout.free), _embedded_matrix(inverse, layout) / level
+            )
             level = max(_level(stats, layout, levels, inverse), _least_level(residuals.values))
         sigmas = np.abs(step) / np.sqrt(np.diag(inverse))
         # What a step leaves is of second order: as small beside it as it is beside its curvature.
         bent = float((np.abs(step) / curvature).max())
         if turn == _FULL_PASSES - 1 or (turn and sigmas.max() * bent < _SETTLED):
             break
-        state = _admitted(state.moved(layout, embedded(step, layout)), layout, options)
+        state = _admitted(state.moved(layout, embedded(step, layout.free)), layout, options)
     B = stats.score_covariance(levels)[np.ix_(layout.free, layout.free)] / level**2
     mixture, mean, covariance = integrate(problem, u, B)
-    step = embedded(mean, layout)
+    step = embedded(mean, layout.free)
     return Fit(
         model=model,
         options=options,
@@ -429,16 +433,6 @@ def _least_level(residuals: Floats) -> float:
     )
 
 
-def _less_noise(
-    stats: Statistics, model: Model, x: Floats, scales: tuple[float, float]
-) -> Statistics:
-    """Statistics of columns less the sensor's noise in them."""
-    noise, score = noise_of_columns(model, x, scales, stats.windows)
-    return stats.calibrated(
-        calibration_of(stats.normal.sum(axis=(0, 1)), noise, model.layout), score
-    )
-
-
 def _problem(stats: Statistics, layout: Layout, offset: Floats, *, level: float) -> Problem:
     """The free components' normal equations with their priors."""
     free = layout.free
@@ -469,20 +463,10 @@ def _offset(layout: Layout, options: MatchedOptions, state: State) -> Floats:
     return offset
 
 
-def noise_of_columns(
+def _noise_of_columns(
     model: Model, x: Floats, scales: tuple[float, float], windows: float
 ) -> tuple[Floats, Floats]:
-    """What the sensor's noise adds where columns are made of the axis' own reading.
-
-    Args:
-        model: The windows and the layout.
-        x: (n,), values at the point of linearisation, which are taken off the noise too.
-        scales: That the windows are whitened by, accelerometer m/s², gyroscope rad/s.
-        windows: How many, as their weights count.
-
-    Returns:
-        To the information (n, n), and to the score (n,).
-    """
+    """What noise adds to information (n, n) and score (n,) where columns hold the own reading."""
     plan, grid = model.windowing.plan, model.windowing.grid
     nodes = plan_nodes(plan, grid.dt)
     on_information = np.zeros((model.layout.size, model.layout.size))
@@ -496,40 +480,44 @@ def noise_of_columns(
         )
         power = windows * (own * plan.noise_gains[sensor] / scales[sensor]) ** 2
         pair = (nodes.second, nodes.first)[sensor]
-        kernels = np.zeros((model.layout.size, 3, nodes.kernel(pair, np.zeros(7)).size))
-        for each, effect in model.layout.of(Reading):
-            if effect.sensor == name:
-                for row, responses in zip(
-                    range(*each.part.indices(len(x))), effect.own_response(nodes.dt), strict=True
-                ):
-                    kernels[row] = [nodes.kernel(pair, response) for response in responses]
+        found = [pairs for pairs in model.layout.of(Reading) if pairs[1].sensor == name]
+        if not found:
+            continue
+        places = np.concatenate([np.arange(each.part.start, each.part.stop) for each, _ in found])
+        answers = np.concatenate([effect.own_response(nodes.dt) for _, effect in found])
+        kernels = np.array([[nodes.kernel(pair, axis) for axis in each] for each in answers])
         margin = (kernels.shape[2] - len(plain)) // 2
         residual = kernels[:, :, margin : margin + len(plain)] @ plain
         gram = np.tensordot(kernels, kernels, axes=((1, 2), (1, 2)))
-        on_information += power * gram
-        on_score += power * (gram @ x - residual.sum(axis=1))
+        on_information[np.ix_(places, places)] = power * gram
+        on_score[places] = power * (gram @ x[places] - residual.sum(axis=1))
     return on_information, on_score
 
 
-def calibration_of(total: Floats, noise: Floats, layout: Layout) -> Floats:
+def calibration_of(
+    total: Floats, model: Model, x: Floats, scales: tuple[float, float], windows: float
+) -> tuple[Floats, Floats]:
     """What noisy columns are multiplied by to be the mean of what the true ones may be.
 
     Where a column is all noise nothing is left of it, and what it seems to tell weighs nothing.
 
     Args:
         total: (n + 1, n + 1), normal matrix of [e J].
-        noise: (n, n), what noise adds to J'J.
-        layout: For the priors, at their weakest.
+        model: The windows and the layout, whose priors are taken at their weakest.
+        x: (n,), values at the point of linearisation, which are taken off the noise too.
+        scales: That the windows are whitened by, accelerometer m/s², gyroscope rad/s.
+        windows: How many, as their weights count.
 
     Returns:
-        (n + 1, n + 1), T of [e J] T'.
+        (n + 1, n + 1), T of [e J] T', and (n,), what noise adds to their score.
 
     Source: regression calibration, Carroll et al., Measurement Error in Nonlinear Models, 2006, 4.
     """
+    noise, score = _noise_of_columns(model, x, scales, windows)
     T = np.eye(len(total))
     noisy = np.flatnonzero(np.diag(noise))
     if len(noisy):
-        weakest = layout.std_at(layout.bounds[:, 1])
+        weakest = model.layout.std_at(model.layout.bounds[:, 1])
         inverse = inverse_of(total[1:, 1:] + np.diag(1.0 / np.maximum(weakest, _HELD) ** 2))
         unit = np.sqrt(np.diag(noise)[noisy])
         powers, axes = np.linalg.eigh(noise[np.ix_(noisy, noisy)] / np.outer(unit, unit))
@@ -538,14 +526,7 @@ def calibration_of(total: Floats, noise: Floats, layout: Layout) -> Floats:
         root = root @ turn
         no_more_than_all = root / np.maximum(shares, 1.0)
         T[1 + noisy, 1:] -= no_more_than_all @ (root.T @ inverse[noisy])
-    return T
-
-
-def embedded(step: Floats, layout: Layout) -> Floats:
-    """(n,), of all the layout's components, from that of the free ones."""
-    full = np.zeros(layout.size)
-    full[layout.free] = step
-    return full
+    return T, T[1:, 1:] @ score
 
 
 def _embedded_matrix(matrix: Floats, layout: Layout) -> Floats:

@@ -25,6 +25,7 @@ from imucalib_cli.estimate.unknowns import (
     Origin,
     PoseScale,
     Reading,
+    with_ends,
 )
 from imucalib_cli.estimate.windows import blocks
 from imucalib_cli.robot.path import JointStep, PoseStep
@@ -356,8 +357,8 @@ def _nodes(model: Model, plan: NodePlan, chain: Chain, state: State, centres: In
         lever=lever,
         R_world_imu=R_world_imu,
         force=np.einsum("mij,mj->mi", R_world_imu, accel),
-        turning=_with_ends(turning),
-        moving=_with_ends(moving),
+        turning=with_ends(turning),
+        moving=with_ends(moving),
         frames=frames,
         values=values,
         rate_read=gyro @ state.R.T,
@@ -365,11 +366,6 @@ def _nodes(model: Model, plan: NodePlan, chain: Chain, state: State, centres: In
         path=chain.path,
         gravity=state.gravity,
     )
-
-
-def _with_ends(inner: Floats) -> Floats:
-    """Central differences, the first and the last repeated at the ends, which no window uses."""
-    return np.concatenate([inner[:1], inner, inner[-1:]])
 
 
 def _sums(values: Floats, weights: Floats, start: int, hop: int, count: int) -> Floats:

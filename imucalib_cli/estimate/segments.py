@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.estimate.estimate import Consistency
-from imucalib_cli.estimate.spectrum import PARTS, inverse_of, squared_distance
+from imucalib_cli.estimate.spectrum import PARTS, embedded, inverse_of, squared_distance
 from imucalib_cli.estimate.windows import WINDOWS_PER_LENGTH
 
 if TYPE_CHECKING:
@@ -172,7 +172,7 @@ class Segments:
         if kind == "mount":  # components that are held have not changed
             every = self._fit.layout.pose
             seen = np.isin(every, self._free[part])
-            size, std = (_spread(each, seen) for each in (size, np.sqrt(np.diag(C))))
+            size, std = (embedded(each, seen) for each in (size, np.sqrt(np.diag(C))))
         else:
             std = np.sqrt(np.diag(C))
         return Change(
@@ -200,10 +200,3 @@ class Segments:
         # The median lets one step, which is looked for, be what it is.
         q = np.maximum(np.median(steps, axis=0) / 0.455 - np.median(expected, axis=0), 0.0)
         return np.diag(q * len(self._A) / 3.0)
-
-
-def _spread(values: Floats, seen: NDArray[np.bool_]) -> Floats:
-    """Values of some components, the others zero."""
-    full = np.zeros(len(seen))
-    full[seen] = values
-    return full

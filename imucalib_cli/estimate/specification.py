@@ -18,9 +18,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import fdtrc, ndtri
 
-from imucalib_cli.estimate.fit import calibration_of, embedded, noise_of_columns, with_residuals
+from imucalib_cli.estimate.fit import calibration_of, with_residuals
 from imucalib_cli.estimate.jacobian import columns
-from imucalib_cli.estimate.spectrum import PARTS, part_matrices, squared_distance, whitening
+from imucalib_cli.estimate.spectrum import (
+    PARTS,
+    embedded,
+    part_matrices,
+    squared_distance,
+    whitening,
+)
 from imucalib_cli.estimate.window_choice import MAX_ATTENUATION, attenuation
 from imucalib_cli.estimate.windows import plan_windows, spread
 
@@ -107,13 +113,13 @@ def _difference(fit: Fit, base: _Solved, plan: WindowPlan) -> Iterator[Dependenc
         whitening(plan, weights, scales),
         fit.layout.size + 1,
     )
-    noise, score = noise_of_columns(model, fit.linearised.x, scales, float(weights.sum()))
-    T = calibration_of(matrices.sum(axis=0), noise, fit.layout)
-    other = _Solved.of(fit, T @ matrices @ T.T, T[1:, 1:] @ score)
+    total, windows = matrices.sum(axis=0), float(weights.sum())
+    T, noise_score = calibration_of(total, model, fit.linearised.x, scales, windows)
+    other = _Solved.of(fit, T @ matrices @ T.T, noise_score)
     each = (base.influence - other.influence).reshape(parts, PARTS // parts, 6).sum(axis=1)
     scatter = each - each.mean(axis=0)
     prior = (other.inverse - base.inverse) * np.sqrt(base.precision)
-    changes = embedded(other.step - base.step, fit.layout)
+    changes = embedded(other.step - base.step, fit.layout.free)
     yield Dependence(
         seconds=(plan.length - 1) * windowing.grid.dt,
         changes=changes,
@@ -154,6 +160,8 @@ class _Solved:
 def _sound(fit: Fit, length: int) -> bool:
     """Whether noise of the kinematics is still small in a window: else it bends the lever arm."""
     windowing = fit.model.windowing
+    if length > windowing.plan.length:
+        return True
     seconds = (length - 1) * windowing.grid.dt
     share = attenuation(seconds, windowing.grid, windowing.trajectory, windowing.plan.degree)
-    return length > windowing.plan.length or share <= MAX_ATTENUATION
+    return share <= MAX_ATTENUATION

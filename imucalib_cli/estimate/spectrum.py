@@ -130,13 +130,13 @@ class Statistics:
         return np.asarray(self.normal[:, :, 1:, 0].sum(axis=(0, 1)) - self.noise_score)
 
     def calibrated(self, T: Floats, noise_score: Floats) -> Statistics:
-        """Of [e J] T', with a score that noise adds to that of [e J]."""
+        """Of [e J] T', with what noise adds to their score."""
         return replace(
             self,
             normal=T @ self.normal @ T.T,
             parts=T @ self.parts @ T.T,
             calibration=T,
-            noise_score=T[1:, 1:] @ noise_score,
+            noise_score=noise_score,
         )
 
     def levels(self, step: Floats, covariance: Floats) -> Floats:
@@ -203,13 +203,14 @@ def statistics(
     )
     # The whitening's mean is the weights'.
     weights = (root[:, 0] / max(float(root[:, 0].max()), 1e-300)) ** 2
-    freedom = bands.freedom(float(weights.sum()))
+    windows = float(weights.sum())
+    freedom = bands.freedom(windows)
     return Statistics(
         normal=bands.finished(),
         response=np.maximum(response, _RESPONSE_FLOOR * response.max(axis=1, keepdims=True)),
         freedom=np.stack([freedom, freedom]),
         parts=parts.sums,
-        windows=float(weights.sum()),
+        windows=windows,
         calibration=np.eye(size),
         noise_score=np.zeros(size - 1),
     )
@@ -310,6 +311,13 @@ def inverse_of(A: Floats) -> Floats:
     values, vectors = np.linalg.eigh(A * np.outer(scale, scale))
     scaled = vectors * scale[:, None]
     return np.asarray((scaled / np.maximum(values, 1e-14 * values[-1])) @ scaled.T)
+
+
+def embedded(values: Floats, kept: NDArray[np.bool_]) -> Floats:
+    """(n,), values of the components that are kept, the others zero."""
+    full = np.zeros(len(kept))
+    full[kept] = values
+    return full
 
 
 def squared_distance(d: Floats, C: Floats) -> float:

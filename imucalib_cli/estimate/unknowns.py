@@ -67,13 +67,13 @@ class Reading:
 
         The reading's noise is then in the column and in the residual alike.
         """
-        quiet, reach = np.zeros((7, 3)), 3
+        quiet, middle = np.zeros((7, 3)), 3
 
         def basis(reading: Floats) -> Floats:
             accel, gyro = (reading, quiet) if self.sensor == "accel" else (quiet, reading)
             return self.basis(Samples(accel=accel, gyro=gyro, age=quiet[:, 0], dt=dt))
 
-        pulses = quiet + np.eye(3)[:, None] * (np.arange(7) == reach)[:, None]
+        pulses = quiet + np.eye(3)[:, None] * (np.arange(7) == middle)[:, None]
         found = [basis(pulse)[:, :, axis] for axis, pulse in enumerate(pulses)]
         return np.stack(found, axis=1) - np.moveaxis(basis(quiet), 1, 2)
 
@@ -203,14 +203,17 @@ def _of_the_other(values: Floats) -> Floats:
     return basis.reshape(9, len(values), 3)
 
 
+def with_ends(inner: Floats) -> Floats:
+    """Differences, the first and the last repeated at the ends, which no window uses."""
+    return np.concatenate([inner[:1], inner, inner[-1:]])
+
+
 def _second_derivative(values: Floats, dt: float) -> Floats:
-    inner = (values[2:] - 2.0 * values[1:-1] + values[:-2]) / dt**2
-    return np.concatenate([inner[:1], inner, inner[-1:]])[None]
+    return with_ends((values[2:] - 2.0 * values[1:-1] + values[:-2]) / dt**2)[None]
 
 
 def _derivative(values: Floats, dt: float) -> Floats:
-    inner = (values[2:] - values[:-2]) / (2.0 * dt)
-    return np.concatenate([inner[:1], inner, inner[-1:]])
+    return with_ends((values[2:] - values[:-2]) / (2.0 * dt))
 
 
 def _swayed(samples: Samples) -> Floats:
