@@ -111,7 +111,7 @@ class Model:
         Args:
             state: Where.
             centres: (W,), ascending.
-            plans: The model's own by default.
+            plans: The model's own by default. What a window that does not fit leaves is zero.
         """
         plans = plans or (self.windowing.plan,)
         grid = self.windowing.grid
@@ -120,7 +120,8 @@ class Model:
         reach = max(plan.length // 2 + MARGIN for plan in plans)
         found = [Residuals.empty(len(centres)) for _ in plans]
         for part in blocks(centres, self.windowing.plan.hop, BLOCK):
-            span = slice(int(centres[part][0]) - reach, int(centres[part][-1]) + reach + 1)
+            first, last = int(centres[part][0]), int(centres[part][-1])
+            span = slice(max(first - reach, 0), min(last + reach + 1, len(grid.usable)))
             local = centres[part] - span.start
             stamps = np.asarray(grid.t0 + grid.dt * np.arange(span.start, span.stop))
             accel, gyro = self.corrected(state, span)
@@ -130,16 +131,17 @@ class Model:
             if shift_g != shift_a:
                 R_gyro, _ = chain.poses(near(self.robot_times(stamps, shift_g)))
             world = _World(
+                R=R,
                 place=p - p[0] + R @ state.t,
                 force=np.einsum("nij,nj->ni", R, accel @ state.R.T),
-                R_gyro=R_gyro.reshape(-1, 9),
+                R_gyro=R_gyro,
                 turned=(R_gyro @ skew(gyro @ state.R.T)).reshape(-1, 9),
                 stretch=(1.0 - shift_a[1], 1.0 - shift_g[1]),
                 gravity=state.gravity,
             )
-            back = np.swapaxes(R[local], 1, 2), np.swapaxes(R_gyro[local], 1, 2)
             for plan, residuals in zip(plans, found, strict=True):
-                world.fill(residuals, part, plan=plan, centres=local, back=back)
+                room = np.minimum(local, len(stamps) - 1 - local) >= plan.length // 2 + MARGIN
+                world.fill(residuals, part.start + np.flatnonzero(room), plan, local[room])
         return found
 
 
@@ -175,12 +177,14 @@ class Residuals:
 class _World:
     """Both sides of the equations along a stretch of samples, world axes."""
 
+    R: Floats
+    """(N, 3, 3), R_world_parent at the accelerometer's instants."""
     place: Floats
     """(N, 3), of the IMU, m."""
     force: Floats
     """(N, 3), measured, m/s²."""
     R_gyro: Floats
-    """(N, 9), R_world_parent at the gyroscope's instants."""
+    """(N, 3, 3), at the gyroscope's instants."""
     turned: Floats
     """(N, 9), R_world_parent [w]x, of the measured rate."""
     stretch: tuple[float, float]
@@ -188,29 +192,17 @@ class _World:
     gravity: Floats
 
     def fill(
-        self,
-        residuals: Residuals,
-        part: slice,
-        *,
-        plan: WindowPlan,
-        centres: Indices,
-        back: tuple[Floats, Floats],
+        self, residuals: Residuals, places: Indices, plan: WindowPlan, centres: Indices
     ) -> None:
-        """Put the residuals of some windows in their place.
-
-        Args:
-            residuals: To be filled.
-            part: Of the windows.
-            plan: Of the windows.
-            centres: Of the windows, within the stretch.
-            back: R_world_parent' at the centres, accelerometer and gyroscope.
-        """
-        second, first, local = plan.second_derivative, plan.first_derivative, centres
-        derived = derive(self.place, second, local) / self.stretch[0] ** 2
-        left = derived - average(self.force, second, local) - self.gravity
-        residuals.values[part, :3] = np.einsum("wij,wj->wi", back[0], left)
-        residuals.acceleration[part] = derived
-        turned = derive(self.R_gyro, first, local).reshape(-1, 3, 3) / self.stretch[1]
-        residuals.rate[part] = vee(back[1] @ turned)
-        measured = average(self.turned, first, local).reshape(-1, 3, 3)
-        residuals.values[part, 3:] = vee(back[1] @ (turned - measured))
+        """Put the residuals of windows about some samples of the stretch in their places."""
+        second, first = plan.second_derivative, plan.first_derivative
+        back, back_gyro = (np.swapaxes(each[centres], 1, 2) for each in (self.R, self.R_gyro))
+        derived = derive(self.place, second, centres) / self.stretch[0] ** 2
+        left = derived - average(self.force, second, centres) - self.gravity
+        residuals.values[places, :3] = np.einsum("wij,wj->wi", back, left)
+        residuals.acceleration[places] = derived
+        turned = derive(self.R_gyro.reshape(-1, 9), first, centres).reshape(-1, 3, 3)
+        turned = turned / self.stretch[1]
+        residuals.rate[places] = vee(back_gyro @ turned)
+        measured = average(self.turned, first, centres).reshape(-1, 3, 3)
+        residuals.values[places, 3:] = vee(back_gyro @ (turned - measured))

@@ -16,6 +16,7 @@ from imucalib_cli.estimate.layout import Layout, Placed, lay_out
 from imucalib_cli.estimate.robust import SCALE_FLOOR, residual_scales, window_weights
 from imucalib_cli.estimate.scales import Mixture, Problem, integrate, most_likely
 from imucalib_cli.estimate.solve import (
+    ROUGH_STEPS,
     SAME_ROTATION,
     LeanState,
     LeanUnknowns,
@@ -233,7 +234,7 @@ def lean_fit(
         stats = statistics(windowing.plan, centres, both, root, layout.size + 1)
         offset = _offset(layout, options, state)
         problem = _problem(stats, layout, offset, level=1.0)
-        step, inverse, _ = problem.solve(np.zeros(0))
+        step, inverse = problem.solve(np.zeros(0))
         sigmas = np.abs(step) / np.sqrt(np.diag(inverse))
         step = embedded(step, layout.free)
         step[clock] = np.clip(step[clock], -reach, reach)
@@ -278,9 +279,9 @@ def _globally(
         normal = _normal(windowing, rows, weights, scales)
         # The windows stand for those left out too.
         share = len(centres) / len(rows.centres)
-        first, other = (refine(normal, unknowns, each) for each in (lean, runner_up))
+        first, other = (refine(normal, unknowns, each, ROUGH_STEPS) for each in (lean, runner_up))
         if rotation_angle(other.state.R.T @ first.state.R) > SAME_ROTATION:
-            rise = share * (other.cost - first.cost)
+            rise = share * float(other.cost - first.cost)
     return _state_of(lean, layout, time_offset), float(rise)
 
 
@@ -372,7 +373,7 @@ def _whole(model: Model, options: MatchedOptions, state: State, rise: float) -> 
         for _ in range(_LEVEL_PASSES):
             problem = _problem(stats, layout, offset, level=level)
             u = most_likely(problem, u)
-            step, inverse, _ = problem.solve(u)
+            step, inverse = problem.solve(u)
             levels = stats.levels(
                 embedded(step, layout.free), _embedded_matrix(inverse, layout) / level
             )

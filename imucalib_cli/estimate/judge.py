@@ -459,7 +459,8 @@ def _without_prior(value: Floats, C: Floats, std: float) -> float:
     if np.linalg.eigvalsh(alone)[0] <= 0.0:
         return float(np.linalg.norm(value)) / std
     spread = inverse_of(alone)
-    distance = squared_distance(spread @ both @ value, spread + std**2 * np.eye(len(value)))
+    away = spread + std**2 * np.eye(len(value))
+    distance = float(squared_distance(spread @ both @ value, away))
     return float(np.sqrt(max(distance - len(value), 0.0)))
 
 

@@ -222,7 +222,12 @@ class _Chain:
         seen = seen - seen.mean(axis=0)
         values, vectors = np.linalg.eigh(np.einsum("mij,mik->jk", seen, seen) / len(seen))
         kept = values > _CONSTANT
-        return np.eye(3) if kept.all() else np.asarray(vectors.T[kept])
+        if kept.all():
+            return np.eye(3)
+        directions = vectors.T[kept]
+        # Either sign is an eigenvector: the one that a person reads as the axis.
+        largest = np.argmax(np.abs(directions), axis=1, keepdims=True)
+        return np.asarray(directions * np.sign(np.take_along_axis(directions, largest, axis=1)))
 
 
 def _joints_of(path: KinematicPath) -> list[Joint]:

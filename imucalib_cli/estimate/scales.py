@@ -24,8 +24,8 @@ Floats = NDArray[np.float64]
 
 _POINTS: Final = 64
 """Importance points: the mean and covariance they give vary by some per cent of sigma."""
-_NO_WEIGHT: Final = 1e-6
-"""Of a point that adds nothing to the mean."""
+_COVARIANCES: Final = 24
+"""Points, of equal weight, over which the covariance is averaged: it varies less than the mean."""
 _PROFILE: Final = 7
 """Points along the range of a scale at which its likelihood is taken."""
 _FINE: Final = 200
@@ -67,19 +67,26 @@ class Problem:
         """(n,), P's diagonal."""
         return 1.0 / with_learnt(self.std, self.scale, u) ** 2
 
-    def solve(self, u: Floats) -> tuple[Floats, Floats, float]:
-        """Step to the posterior mean, its covariance H^-1, and the log marginal likelihood."""
+    def likelihood(self, u: Floats) -> tuple[float, Floats]:
+        """Log marginal likelihood, and the step to the posterior mean."""
         P = self.precision(u)
         H = self.information + np.diag(P)
         unit = 1.0 / np.sqrt(np.diag(H))
-        L = np.linalg.cholesky(H * np.outer(unit, unit))
-        inverse = np.linalg.inv(L) * unit
-        inverse = inverse.T @ inverse
+        scaled = H * np.outer(unit, unit)
         gradient = self.score + P * self.offset
-        step = -inverse @ gradient
-        log_det = 2.0 * (np.log(np.diag(L)).sum() - np.log(unit).sum())
-        fit = 0.5 * gradient @ -step - 0.5 * P @ self.offset**2
-        return step, inverse, float(fit - 0.5 * log_det + 0.5 * np.log(P).sum())
+        step = -unit * np.linalg.solve(scaled, unit * gradient)
+        log_det = 2.0 * np.log(np.diag(np.linalg.cholesky(scaled)) / unit).sum()
+        fit = gradient @ -step - P @ self.offset**2
+        return float(0.5 * (fit - log_det + np.log(P).sum())), step
+
+    def solve(self, u: Floats) -> tuple[Floats, Floats]:
+        """Step to the posterior mean, and its covariance H^-1."""
+        P = self.precision(u)
+        H = self.information + np.diag(P)
+        unit = 1.0 / np.sqrt(np.diag(H))
+        both = np.outer(unit, unit)
+        inverse = np.linalg.inv(H * both) * both
+        return -inverse @ (self.score + P * self.offset), inverse
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +114,7 @@ def most_likely(problem: Problem, start: Floats | None = None) -> Floats:
     counts = np.array([np.count_nonzero(problem.scale == index) for index in range(k)])
     low, high = problem.bounds.T
     for _ in range(_FIXED_POINTS if k else 0):
-        step, inverse, _ = problem.solve(u)
+        step, inverse = problem.solve(u)
         squares, told = (problem.offset + step) ** 2, np.diag(inverse)
         sums, vague = (
             np.array([each[problem.scale == index].sum() for index in range(k)])
@@ -141,16 +148,21 @@ def integrate(problem: Problem, mode: Floats, B: Floats) -> tuple[Mixture, Float
     points, log_density = np.zeros((1, 0)), np.zeros(1)
     if k:
         points, log_density = _proposal(problem, mode)
-    steps, inverses, values = zip(*(problem.solve(u) for u in points), strict=True)
-    log_weight = np.array(values) - log_density
+    values, steps = (
+        np.array(each) for each in zip(*(problem.likelihood(u) for u in points), strict=True)
+    )
+    log_weight = values - log_density
     weights = np.exp(log_weight - log_weight.max())
     weights /= weights.sum()
-    mean = weights @ np.array(steps)
-    covariance = np.zeros_like(B)
-    for weight, step, inverse, u in zip(weights, steps, inverses, points, strict=True):
-        if weight > _NO_WEIGHT:
-            noise = B + np.diag(problem.precision(u))
-            covariance += weight * (inverse @ noise @ inverse + np.outer(step - mean, step - mean))
+    mean = weights @ steps
+    away = steps - mean
+    covariance = np.asarray(away.T @ (weights[:, None] * away))
+    even = (np.arange(_COVARIANCES) + 0.5) / _COVARIANCES
+    drawn = np.bincount(np.searchsorted(np.cumsum(weights), even).clip(max=len(weights) - 1))
+    for place in np.flatnonzero(drawn):
+        u, share = points[place], drawn[place] / _COVARIANCES
+        _, inverse = problem.solve(u)
+        covariance += share * (inverse @ (B + np.diag(problem.precision(u))) @ inverse)
     return Mixture(points, weights), mean, covariance
 
 
@@ -180,7 +192,7 @@ def _proposal(problem: Problem, mode: Floats) -> tuple[Floats, Floats]:
         for place, value in enumerate(at):
             u = mode.copy()
             u[index] = value
-            height[place] = problem.solve(u)[2]
+            height[place] = problem.likelihood(u)[0]
         fine = np.linspace(low, high, _FINE)
         density = np.exp((np.interp(fine, at, height) - height.max()) / _FLATTER)
         cumulative = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]))])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Literal
 
@@ -99,11 +100,9 @@ class Segments:
         if len(self._A) < _FOLDS or len(pose) < 6:
             return None
         folds = np.array_split(np.arange(len(self._A)), _FOLDS)
-        each = []
-        for fold in folds:
-            A, b = self._A[fold].sum(axis=0), self._b[fold].sum(axis=0)
-            each.append((inverse_of(self._total - A) @ b)[pose])
-        spread = np.array(each) - np.mean(each, axis=0)
+        A, b = (np.array([each[fold].sum(axis=0) for fold in folds]) for each in (self._A, self._b))
+        each = (inverse_of(self._total - A) @ b[:, :, None])[:, pose, 0]
+        spread = each - each.mean(axis=0)
         fold_std = np.sqrt((_FOLDS - 1) / _FOLDS * (spread**2).sum(axis=0))
         half = len(self._A) // 2
         solutions, covariances = [], []
@@ -131,31 +130,49 @@ class Segments:
             if not len(part):
                 continue
             wander = self._wander(part) if kind.endswith("bias") else np.zeros((len(part),) * 2)
-            for cut in range(_LEAST_SEGMENTS, len(self._A) - _LEAST_SEGMENTS + 1):
+            for cut in self._gainful_cuts(part, wander):
                 found = self._change(kind, part, cut, wander)
-                if found is not None and (best is None or found.evidence > best.evidence):
+                if best is None or found.evidence > best.evidence:
                     best = found
-        return best
+        return best if best is not None and best.evidence > DECISIVE else None
 
-    def _change(self, kind: Kind, part: Indices, cut: int, wander: Floats) -> Change | None:
-        """A change of some components at a cut, if it is decisive."""
-        later = slice(cut, None)
-        # Columns of the change are those of its components, from the instant on.
-        cross = self._A_after[cut][:, part]
-        own, inverse = cross[part], self._inverse
-        left = own - cross.T @ inverse @ cross
+    def _price(self, part: Indices) -> float:
+        """Of components that change, in the Bayesian information criterion."""
+        windows = self._fit.statistics.windows / WINDOWS_PER_LENGTH
+        return len(part) * math.log(6.0 * windows)
+
+    def _step(self, part: Indices, cut: slice | int) -> tuple[Floats, Floats, Floats]:
+        """Columns, information and size of a change of some components at each cut.
+
+        Columns of the change are those of its components, from the instant on.
+        """
+        cross = self._A_after[cut][..., part]
+        left = cross[..., part, :] - np.swapaxes(cross, -1, -2) @ self._inverse @ cross
+        size = -(inverse_of(left) @ self._b_after[cut][..., part, None])[..., 0]
+        return cross, left, size
+
+    def _gainful_cuts(self, part: Indices, wander: Floats) -> list[int]:
+        """Cuts at which a change explains decisively more than it costs."""
+        cuts = slice(_LEAST_SEGMENTS, len(self._A) - _LEAST_SEGMENTS + 1)
+        cross, left, size = self._step(part, cuts)
+        gain = squared_distance(size, inverse_of(left) + wander)
+        gainful = gain - self._price(part) >= DECISIVE
         # Components that only one part of the log shows do not count as changed.
-        scale = np.sqrt(np.maximum(np.diag(own), 1e-300))
-        if np.linalg.eigvalsh(left / np.outer(scale, scale))[0] < _UNSEEN:
-            return None
+        own = np.diagonal(cross[:, part], axis1=1, axis2=2)
+        scale = np.sqrt(np.maximum(own, 1e-300))
+        seen = np.linalg.eigvalsh(left / (scale[:, :, None] * scale[:, None, :]))[:, 0]
+        gainful &= seen >= _UNSEEN
+        if self._loud:
+            # Where much is left over, a change is its cause only if it explains a good part of it.
+            left_over = self._fit.statistics.normal[:, :, 0, 0].sum() / self._fit.level
+            gainful &= gain >= _SHARE * left_over
+        return [_LEAST_SEGMENTS + int(place) for place in np.flatnonzero(gainful)]
+
+    def _change(self, kind: Kind, part: Indices, cut: int, wander: Floats) -> Change:
+        """A change of some components at a cut."""
+        later, inverse = slice(cut, None), self._inverse
+        cross, left, size = self._step(part, cut)
         C = inverse_of(left)
-        size = -(C @ self._b_after[cut][part])
-        price = len(part) * np.log(6.0 * self._fit.statistics.windows / WINDOWS_PER_LENGTH)
-        gain = squared_distance(size, C + wander)
-        # Where much is left over, a change is its cause only if it explains a good part of it.
-        left_over = self._fit.statistics.normal[:, :, 0, 0].sum() / self._fit.level
-        if gain - price < DECISIVE or (self._loud and gain < _SHARE * left_over):
-            return None
         # Noise of real logs is louder in some motions: what is left with the change taken into
         # account scatters by that much.
         moved = -(inverse @ cross @ size)
@@ -165,9 +182,7 @@ class Segments:
         each[later] += b[later][:, part]
         scatter = C @ (each.T @ each) @ C * len(each) / (len(each) - 1.0)
         C = np.where(np.trace(scatter @ left) > len(part), scatter, C) + wander
-        evidence = squared_distance(size, C) - price
-        if evidence < DECISIVE:
-            return None
+        evidence = squared_distance(size, C) - self._price(part)
         pose = self._places("translation", "rotation")
         if kind == "mount":  # components that are held have not changed
             every = self._fit.layout.pose
@@ -190,13 +205,12 @@ class Segments:
 
         Means of two halves of a random walk of S steps of variance q differ by S q / 3.
         """
-        each, noise = [], []
-        for A, b in zip(self._A, self._b, strict=True):
-            own = inverse_of(A[np.ix_(part, part)] + 1e-12 * self._total[np.ix_(part, part)])
-            each.append(-(own @ b[part]))
-            noise.append(np.diag(own))
-        steps = np.diff(np.array(each), axis=0) ** 2
-        expected = np.array(noise)[1:] + np.array(noise)[:-1]
+        block = np.ix_(part, part)
+        own = inverse_of(self._A[:, part][:, :, part] + 1e-12 * self._total[block])
+        each = -(own @ self._b[:, part, None])[:, :, 0]
+        noise = np.diagonal(own, axis1=1, axis2=2)
+        steps = np.diff(each, axis=0) ** 2
+        expected = noise[1:] + noise[:-1]
         # The median lets one step, which is looked for, be what it is.
         q = np.maximum(np.median(steps, axis=0) / 0.455 - np.median(expected, axis=0), 0.0)
         return np.diag(q * len(self._A) / 3.0)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -24,16 +23,21 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.options import MatchedOptions
 
 Floats = NDArray[np.float64]
+Indices = NDArray[np.intp]
 
 SAME_ROTATION = 0.02
 """rad: rotations closer than this are one minimum; ten times what noise leaves open."""
-_STEPS = 60
-_ROUGH_STEPS = 8
+_STEPS = 25
+ROUGH_STEPS = 8
 """Steps from each start before the best are carried to their minimum."""
 _RUNNERS = 4
 """Starts that ended elsewhere and are tried as the second minimum."""
 _CONVERGED = 1e-12
 """Step, in the mixed units of the tangent, below which the solve has arrived."""
+_FLAT = 1e-12
+"""Of the cost, which a step lowers it by at a minimum: far below noise."""
+_MOST_DAMPED = 1e6
+"""Steps that are shorter than this makes them are rounding."""
 _WEAKEST_STD = (10.0, 10.0, 1.0)
 """m, m/s², rad/s: wider than any robot's translation and any sensor's biases. They keep what the
 motion does not tell from running away."""
@@ -100,51 +104,57 @@ class LeanUnknowns:
         return replace(state, R=turned_about(state.R, self.R_prior, self.turns))
 
     def offset(self, state: LeanState) -> Floats:
-        """Distance of each tangent component from what its prior expects."""
-        offset = np.zeros(TANGENT)
-        offset[DT] = state.t - self.t_prior
-        offset[DBA], offset[DBG] = state.accel_bias, state.gyro_bias
+        """(..., TANGENT), distance of each component from what its prior expects."""
+        offset = np.zeros((*state.t.shape[:-1], TANGENT))
+        offset[..., DT] = state.t - self.t_prior
+        offset[..., DBA], offset[..., DBG] = state.accel_bias, state.gyro_bias
         if self.prior_information[DPHI].any():
-            offset[DPHI] = rotvec_from_matrix(state.R @ self.R_prior.T)
+            offset[..., DPHI] = rotvec_from_matrix(state.R @ self.R_prior.T)
         if self.gravity_norm > 0.0:
-            offset[DTILT] = tilt_from_down(state.gravity)
+            offset[..., DTILT] = tilt_from_down(state.gravity)
         return np.where(self.prior_information > 0.0, offset, 0.0)
 
 
 def turned_about(R: Floats, R_prior: Floats, turns: NDArray[np.bool_]) -> Floats:
-    """(3, 3), R with only that of its rotation from R_prior which is about axes that may turn."""
+    """(..., 3, 3), R with that of its rotation from R_prior which is about axes that may turn."""
     phi = rotvec_from_matrix(R @ R_prior.T)
     return matrix_from_rotvec(np.where(turns, phi, 0.0)) @ R_prior
 
 
 def tilted(gravity: Floats, tilt: Floats) -> Floats:
-    """(3,), gravity turned by (2,) rad about its :func:`gravity_axes`."""
-    return matrix_from_rotvec(tilt @ gravity_axes(gravity)) @ gravity
+    """(..., 3), gravity turned by (..., 2) rad about its :func:`gravity_axes`."""
+    turn = matrix_from_rotvec((tilt[..., None, :] @ gravity_axes(gravity))[..., 0, :])
+    return np.asarray((turn @ gravity[..., None])[..., 0])
 
 
 def gravity_axes(gravity: Floats) -> Floats:
-    """(2, 3), the two axes about which gravity's direction may turn: x and y where it is -z."""
-    x, y, z = (-gravity / math.sqrt(float(gravity @ gravity))).tolist()
+    """(..., 2, 3), the axes about which gravity's direction may turn: x and y where it is -z."""
+    up = -gravity / np.linalg.norm(gravity, axis=-1, keepdims=True)
+    x, y, z = np.moveaxis(up, -1, 0)
+    zero = np.zeros_like(x)
     # Across the one of the world's axes y and x that is farther from gravity.
-    first = (z, 0.0, -x) if abs(y) < 0.9 else (0.0, -z, y)
-    size = math.sqrt(sum(each * each for each in first))
-    a, b, c = (each / size for each in first)
-    return np.array([[a, b, c], [y * c - z * b, z * a - x * c, x * b - y * a]])
+    first = np.where(
+        np.abs(up[..., 1:2]) < 0.9, np.stack([z, zero, -x], -1), np.stack([zero, -z, y], -1)
+    )
+    first = first / np.linalg.norm(first, axis=-1, keepdims=True)
+    return np.stack([first, cross(up, first)], axis=-2)
 
 
 def tilt_from_down(gravity: Floats) -> Floats:
-    """(2,), rotation vector from -z of the world to gravity, along :func:`gravity_axes`, rad."""
-    down = gravity / np.linalg.norm(gravity)
-    axis = np.array([down[1], -down[0], 0.0])
-    sine = float(np.linalg.norm(axis))
-    angle = float(np.arctan2(sine, -down[2]))
-    axis = axis / sine if sine > 0.0 else np.array([1.0, 0.0, 0.0])
-    return np.asarray(gravity_axes(gravity) @ axis * angle)
+    """(..., 2), rotation vector from -z of the world to gravity, along the gravity_axes, rad."""
+    down = gravity / np.linalg.norm(gravity, axis=-1, keepdims=True)
+    x, y, z = np.moveaxis(down, -1, 0)
+    sine = np.hypot(x, y)
+    angle = np.arctan2(sine, -z)
+    level = sine <= 0.0
+    unit = np.stack([np.where(level, 1.0, y), np.where(level, 0.0, -x), np.zeros_like(x)], -1)
+    turn = unit * (angle / np.where(level, 1.0, sine))[..., None]
+    return np.asarray((gravity_axes(gravity) @ turn[..., None])[..., 0])
 
 
 @dataclass(frozen=True, eq=False)
 class LeanState:
-    """One value of every unknown of the lean system."""
+    """One value of every unknown of the lean system, or a stack of them along leading axes."""
 
     t: Floats
     R: Floats
@@ -155,47 +165,63 @@ class LeanState:
     gravity: Floats
 
     def vector(self) -> Floats:
-        """The columns' coefficients x."""
-        x = np.zeros(columns.COUNT)
-        x[columns.ONE] = 1.0
-        x[columns.T] = self.t
-        x[columns.R] = self.R.reshape(9)
-        x[columns.BA] = self.accel_bias
-        x[columns.BG] = self.gyro_bias
-        x[columns.G] = self.gravity
-        return x
+        """The columns' coefficients x, (..., columns.COUNT)."""
+        one, R = np.ones_like(self.t[..., :1]), self.R.reshape(*self.t.shape[:-1], 9)
+        parts = [one, self.t, R, self.accel_bias, self.gyro_bias, self.gravity]
+        return np.concatenate(parts, axis=-1)
 
     def jacobian(self) -> Floats:
-        """Dx / d(tangent), (columns.COUNT, TANGENT)."""
-        J = np.zeros((columns.COUNT, TANGENT))
-        J[columns.T, DT] = np.eye(3)
-        J[columns.R, DPHI] = (_GENERATORS @ self.R).reshape(3, 9).T
-        J[columns.BA, DBA] = np.eye(3)
-        J[columns.BG, DBG] = np.eye(3)
+        """Dx / d(tangent), (..., columns.COUNT, TANGENT)."""
+        stack = self.t.shape[:-1]
+        J = np.zeros((*stack, columns.COUNT, TANGENT))
+        J[..., columns.T, DT] = J[..., columns.BA, DBA] = J[..., columns.BG, DBG] = np.eye(3)
+        turned = (_GENERATORS @ self.R[..., None, :, :]).reshape(*stack, 3, 9)
+        J[..., columns.R, DPHI] = np.swapaxes(turned, -1, -2)
         if self.gravity.any():
-            J[columns.G, DTILT] = cross(gravity_axes(self.gravity), self.gravity).T
+            swung = cross(gravity_axes(self.gravity), self.gravity[..., None, :])
+            J[..., columns.G, DTILT] = np.swapaxes(swung, -1, -2)
         return J
 
     def moved(self, step: Floats) -> LeanState:
-        """State after a tangent step."""
+        """State after a tangent step, (..., TANGENT)."""
         gravity = self.gravity
         if gravity.any():
-            gravity = tilted(gravity, step[DTILT])
+            gravity = tilted(gravity, step[..., DTILT])
         return LeanState(
-            self.t + step[DT],
-            matrix_from_rotvec(step[DPHI]) @ self.R,
-            self.accel_bias + step[DBA],
-            self.gyro_bias + step[DBG],
+            self.t + step[..., DT],
+            matrix_from_rotvec(step[..., DPHI]) @ self.R,
+            self.accel_bias + step[..., DBA],
+            self.gyro_bias + step[..., DBG],
             gravity,
         )
+
+    def at(self, places: int | Indices) -> LeanState:
+        """One state or some of a stack."""
+        return LeanState(*(each[places] for each in _values(self)))
+
+    def with_more(self, other: LeanState) -> LeanState:
+        """One stack of two."""
+        both = zip(_values(self), _values(other), strict=True)
+        return LeanState(*(np.concatenate(each) for each in both))
+
+    def where(self, chosen: NDArray[np.bool_], other: LeanState) -> LeanState:
+        """Of each of the stack this state where it is chosen, else the other."""
+        both = zip(_values(self), _values(other), strict=True)
+        # Trailing axes first, so that a choice for each of the stack holds for all of its numbers.
+        return LeanState(*(np.where(chosen, one.T, two.T).T for one, two in both))
+
+
+def _values(state: LeanState) -> tuple[Floats, ...]:
+    return state.t, state.R, state.accel_bias, state.gyro_bias, state.gravity
 
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """Where the cost is least."""
+    """Where the cost is least; of a stack of states one by one."""
 
     state: LeanState
-    cost: float
+    cost: Floats
+    """(...), without unit."""
     runner_up: LeanState | None = None
     """The best minimum at another rotation, if there is one."""
 
@@ -213,77 +239,83 @@ def solve_globally(normal: Floats, unknowns: LeanUnknowns) -> Solution:
         known=unknowns.R_prior,
         told=bool(unknowns.prior_information[DPHI].any()),
     )
-    rough = [refine(normal, unknowns, _start(normal, R, unknowns), _ROUGH_STEPS) for R in starts]
-    rough.sort(key=lambda solution: solution.cost)
-    first = refine(normal, unknowns, rough[0].state)
-    apart = [other for other in rough if not _same_rotation(other, first)]
-    for candidate in apart[:_RUNNERS]:
-        other = refine(normal, unknowns, candidate.state)
-        if other.cost < first.cost:
-            first, other = other, first
-        if not _same_rotation(other, first):
-            return replace(first, runner_up=other.state)
-    return first
+    rough = refine(normal, unknowns, _starts(normal, starts, unknowns), ROUGH_STEPS)
+    order = np.argsort(rough.cost)
+    first = refine(normal, unknowns, rough.state.at(order[:1]))
+    apart = order[~_same_rotation(first.state.R, rough.state.R[order])]
+    others = refine(normal, unknowns, rough.state.at(apart[:_RUNNERS]))
+    states, costs = first.state.with_more(others.state), np.append(first.cost, others.cost)
+    best, *ranked = np.argsort(costs)
+    found = Solution(states.at(best), costs[best])
+    runners = [place for place in ranked if not _same_rotation(found.state.R, states.R[place])]
+    return replace(found, runner_up=states.at(runners[0])) if runners else found
 
 
-def _same_rotation(one: Solution, other: Solution) -> bool:
-    return bool(rotation_angle(one.state.R.T @ other.state.R) < SAME_ROTATION)
+def _same_rotation(one: Floats, other: Floats) -> NDArray[np.bool_]:
+    return np.asarray(rotation_angle(np.swapaxes(one, -1, -2) @ other) < SAME_ROTATION)
 
 
 def refine(
     normal: Floats, unknowns: LeanUnknowns, state: LeanState, steps: int = _STEPS
 ) -> Solution:
-    """Levenberg-Marquardt from a state to the minimum of its basin."""
-    free = unknowns.free
-    damping = 1e-9
+    """Levenberg-Marquardt from each state of a stack to the minimum of its basin."""
+    free, prior = unknowns.free, unknowns.prior_information
     nominal = unknowns.offset(state)
     cost = _cost(normal, state, unknowns, nominal)
+    damping, going = np.full_like(cost, 1e-9), np.ones_like(cost, dtype=bool)
     for _ in range(steps):
         J = state.jacobian()
         NJ = normal @ J
-        D = np.eye(TANGENT)
-        D[DPHI, DPHI] = left_jacobian_inverse(nominal[DPHI])
-        H = J.T @ NJ + D.T @ (unknowns.prior_information[:, None] * D)
-        gradient = NJ.T @ state.vector() + D.T @ (unknowns.prior_information * nominal)
+        D = np.zeros((*cost.shape, TANGENT, TANGENT)) + np.eye(TANGENT)
+        D[..., DPHI, DPHI] = left_jacobian_inverse(nominal[..., DPHI])
+        DP = np.swapaxes(D, -1, -2) * prior
+        H = np.swapaxes(J, -1, -2) @ NJ + DP @ D
+        gradient = _times(np.swapaxes(NJ, -1, -2), state.vector()) + _times(DP, nominal)
         information = np.where(np.outer(free, free), H, 0.0)
-        scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
-        unit = information / np.outer(scale, scale) + np.diag(np.where(free, damping, 1.0))
-        step = np.where(free, -np.linalg.solve(unit, gradient / scale * free) / scale, 0.0)
+        scale = np.sqrt(np.maximum(np.diagonal(information, axis1=-2, axis2=-1), 1e-300))
+        unit = information / (scale[..., :, None] * scale[..., None, :])
+        unit += np.eye(TANGENT) * np.where(free, damping[..., None], 1.0)[..., None]
+        solved = np.linalg.solve(unit, (gradient / scale * free)[..., None])[..., 0]
+        step = np.where(free, -solved / scale, 0.0)
         trial = unknowns.admitted(state.moved(step))
         trial_nominal = unknowns.offset(trial)
         trial_cost = _cost(normal, trial, unknowns, trial_nominal)
-        small = float(np.abs(step).max()) < _CONVERGED
-        if trial_cost <= cost * (1 + 1e-15):
-            done = small or cost - trial_cost <= 1e-15 * cost
-            state, cost, nominal = trial, trial_cost, trial_nominal
-            damping = max(damping / 10, 1e-12)
-            if done:
-                break
-        else:
-            damping = max(damping * 10, 1e-6)
-            if damping > 1e6 or small:
-                break
+        small = np.abs(step).max(axis=-1) < _CONVERGED
+        better = going & (trial_cost <= cost * (1 + 1e-15))
+        settled = np.where(better, small | (cost - trial_cost <= _FLAT * cost), small)
+        damping = np.where(better, np.maximum(damping / 10, 1e-12), np.maximum(damping * 10, 1e-6))
+        state = trial.where(better, state)
+        nominal = np.where(better[..., None], trial_nominal, nominal)
+        cost = np.where(better, trial_cost, cost)
+        going &= ~settled & (damping <= _MOST_DAMPED)
+        if not going.any():
+            break
     return Solution(state, cost)
 
 
-def _cost(normal: Floats, state: LeanState, unknowns: LeanUnknowns, nominal: Floats) -> float:
+def _times(matrix: Floats, vector: Floats) -> Floats:
+    return np.asarray((matrix @ vector[..., None])[..., 0])
+
+
+def _cost(normal: Floats, state: LeanState, unknowns: LeanUnknowns, nominal: Floats) -> Floats:
     x = state.vector()
-    return float(x @ normal @ x + unknowns.prior_information @ nominal**2)
+    return np.asarray(((x @ normal) * x).sum(axis=-1) + nominal**2 @ unknowns.prior_information)
 
 
-def _start(normal: Floats, R: Floats, unknowns: LeanUnknowns) -> LeanState:
-    """For a rotation, all other unknowns by linear least squares, gravity scaled to its norm."""
+def _starts(normal: Floats, rotations: list[Floats], unknowns: LeanUnknowns) -> LeanState:
+    """Of each rotation, all other unknowns by linear least squares, gravity of its norm."""
+    R = np.array(rotations)
     held = ~unknowns.free[DT]
     moving = np.r_[np.arange(22)[columns.T][~held], columns.BA, columns.BG, columns.G]
-    known = np.zeros(columns.COUNT)
-    known[columns.ONE], known[columns.R] = 1.0, R.reshape(9)
-    known[columns.T] = np.where(held, unknowns.t_prior, 0.0)
-    x = known.copy()
-    x[moving] = least_squares(normal[np.ix_(moving, moving)], normal[moving] @ known)
-    gravity = np.array([0.0, 0.0, -unknowns.gravity_norm])
-    found = x[columns.G]
-    if unknowns.gravity_norm > 0.0 and unknowns.free[DTILT].all() and found.any():
-        gravity = found * unknowns.gravity_norm / np.linalg.norm(found)
-    accel_bias = np.where(unknowns.free[DBA], x[columns.BA], 0.0)
-    gyro_bias = np.where(unknowns.free[DBG], x[columns.BG], 0.0)
-    return LeanState(x[columns.T], R, accel_bias, gyro_bias, gravity)
+    x = np.zeros((len(R), columns.COUNT))
+    x[:, columns.ONE], x[:, columns.R] = 1.0, R.reshape(-1, 9)
+    x[:, columns.T] = np.where(held, unknowns.t_prior, 0.0)
+    x[:, moving] = least_squares(normal[np.ix_(moving, moving)], normal[moving] @ x.T).T
+    gravity = np.tile([0.0, 0.0, -unknowns.gravity_norm], (len(R), 1))
+    if unknowns.gravity_norm > 0.0 and unknowns.free[DTILT].all():
+        size = np.linalg.norm(x[:, columns.G], axis=1, keepdims=True)
+        pointed = x[:, columns.G] * unknowns.gravity_norm / np.maximum(size, 1e-300)
+        gravity = np.where(size > 0.0, pointed, gravity)
+    accel_bias = np.where(unknowns.free[DBA], x[:, columns.BA], 0.0)
+    gyro_bias = np.where(unknowns.free[DBG], x[:, columns.BG], 0.0)
+    return LeanState(x[:, columns.T], R, accel_bias, gyro_bias, gravity)

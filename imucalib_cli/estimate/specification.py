@@ -31,12 +31,12 @@ from imucalib_cli.estimate.window_choice import MAX_ATTENUATION, attenuation
 from imucalib_cli.estimate.windows import plan_windows, spread
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
+    from imucalib_cli.estimate.design import Model
     from imucalib_cli.estimate.fit import Fit
     from imucalib_cli.estimate.windows import WindowPlan
 
 Floats = NDArray[np.float64]
+Indices = NDArray[np.intp]
 
 FACTORS: Final = (0.5, 2.0)
 _NODES: Final = 16
@@ -73,7 +73,7 @@ class Dependence:
     def sigmas(self) -> float:
         """Size of the difference as a normal deviate of the same probability (Hotelling 1931)."""
         floor = np.diag(np.repeat(np.square(_NEGLIGIBLE), 3))
-        square = squared_distance(self.difference, self.covariance + floor)
+        square = float(squared_distance(self.difference, self.covariance + floor))
         count, freedom = len(self.difference), self.parts - len(self.difference)
         tail = float(fdtrc(count, freedom, square * freedom / (count * (self.parts - 1.0))))
         return float(-ndtri(tail / 2.0)) if tail > 1e-300 else math.sqrt(square)
@@ -84,32 +84,45 @@ def window_dependence(fit: Fit) -> list[Dependence]:
     windowing, own = fit.model.windowing, fit.model.windowing.plan
     if not fit.layout.free[fit.layout.pose].all():
         return []
-    lengths = [2 * round((own.length - 1) * factor / 2) + 1 for factor in FACTORS]
-    plans = [
-        plan_windows(length, own.degree, windowing.grid.dt, hop=own.hop, nodes=_NODES)
-        for length in lengths
-        if length >= _SHORTEST and _sound(fit, length)
-    ]
+    others: list[tuple[Model, Indices]] = []
+    centres = fit.centres[fit.weights > 0.0]
+    for factor in FACTORS:
+        length = 2 * round((own.length - 1) * factor / 2) + 1
+        if length < _SHORTEST or not _sound(fit, length):
+            continue
+        plan = plan_windows(length, own.degree, windowing.grid.dt, hop=own.hop, nodes=_NODES)
+        model = replace(fit.model, windowing=replace(windowing, plan=plan))
+        fitting = spread(np.intersect1d(centres, model.centres(fit.linearised)), _MOST)
+        if _lengths(fitting, plan) >= _FEWEST_PARTS:
+            others.append((model, fitting))
+    if not others:
+        return []
+    every = np.unique(np.concatenate([fitting for _, fitting in others]))
+    plans = tuple(model.windowing.plan for model, _ in others)
+    found = fit.model.residuals(fit.linearised, every, plans)
     base = _Solved.of(fit, fit.parts, fit.statistics.noise_score)
-    return [each for plan in plans for each in _difference(fit, base, plan)]
+    return [
+        _difference(fit, base, model, centres, residuals.values[np.isin(every, centres)])
+        for (model, centres), residuals in zip(others, found, strict=True)
+    ]
 
 
-def _difference(fit: Fit, base: _Solved, plan: WindowPlan) -> Iterator[Dependence]:
+def _lengths(centres: Indices, plan: WindowPlan) -> float:
+    """How many parts with enough windows there is room for."""
+    return float(np.ptp(centres) / (_LENGTHS_PER_PART * plan.length)) if len(centres) else 0.0
+
+
+def _difference(
+    fit: Fit, base: _Solved, model: Model, centres: Indices, residuals: Floats
+) -> Dependence:
     """Solve at another window; the covariance of the difference is from how parts scatter."""
-    windowing = fit.model.windowing
-    model = replace(fit.model, windowing=replace(windowing, plan=plan))
-    centres = np.intersect1d(fit.centres[fit.weights > 0.0], model.centres(fit.linearised))
-    centres = spread(centres, _MOST)
-    room = np.ptp(centres) / (_LENGTHS_PER_PART * plan.length) if len(centres) else 0.0
-    if room < _FEWEST_PARTS:
-        return
-    parts = PARTS if room >= PARTS else _FEWEST_PARTS
-    (residuals,) = model.residuals(fit.linearised, centres)
+    plan = model.windowing.plan
+    parts = PARTS if _lengths(centres, plan) >= PARTS else _FEWEST_PARTS
     weights = fit.weights[np.searchsorted(fit.centres, centres)]
     scales = fit.scales_at(plan)
     matrices = part_matrices(
         centres,
-        with_residuals(columns(model, fit.linearised, centres), residuals.values),
+        with_residuals(columns(model, fit.linearised, centres), residuals),
         whitening(plan, weights, scales),
         fit.layout.size + 1,
     )
@@ -120,8 +133,8 @@ def _difference(fit: Fit, base: _Solved, plan: WindowPlan) -> Iterator[Dependenc
     scatter = each - each.mean(axis=0)
     prior = (other.inverse - base.inverse) * np.sqrt(base.precision)
     changes = embedded(other.step - base.step, fit.layout.free)
-    yield Dependence(
-        seconds=(plan.length - 1) * windowing.grid.dt,
+    return Dependence(
+        seconds=(plan.length - 1) * model.windowing.grid.dt,
         changes=changes,
         difference=changes[fit.layout.pose],
         covariance=parts / (parts - 1.0) * scatter.T @ scatter + prior @ prior.T,
@@ -163,5 +176,4 @@ def _sound(fit: Fit, length: int) -> bool:
     if length > windowing.plan.length:
         return True
     seconds = (length - 1) * windowing.grid.dt
-    share = attenuation(seconds, windowing.grid, windowing.trajectory, windowing.plan.degree)
-    return share <= MAX_ATTENUATION
+    return attenuation(seconds, windowing.grid, windowing.trajectory) <= MAX_ATTENUATION

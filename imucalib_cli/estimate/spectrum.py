@@ -305,12 +305,14 @@ def _bands(length: int) -> list[slice]:
 
 
 def inverse_of(A: Floats) -> Floats:
-    """Inverse of a positive matrix of mixed units; stays positive where A is singular."""
-    diagonal = np.diag(A)
-    scale = 1.0 / np.sqrt(np.maximum(diagonal, 1e-30 * float(diagonal.max(initial=0.0))))
-    values, vectors = np.linalg.eigh(A * np.outer(scale, scale))
-    scaled = vectors * scale[:, None]
-    return np.asarray((scaled / np.maximum(values, 1e-14 * values[-1])) @ scaled.T)
+    """(..., n, n), inverse of positive matrices of mixed units; positive where A is singular."""
+    diagonal = np.diagonal(A, axis1=-2, axis2=-1)
+    least = 1e-30 * diagonal.max(axis=-1, keepdims=True, initial=0.0)
+    scale = 1.0 / np.sqrt(np.maximum(diagonal, least))
+    values, vectors = np.linalg.eigh(A * scale[..., :, None] * scale[..., None, :])
+    scaled = vectors * scale[..., :, None]
+    kept = np.maximum(values, 1e-14 * values[..., -1:])[..., None, :]
+    return np.asarray((scaled / kept) @ np.swapaxes(scaled, -1, -2))
 
 
 def embedded(values: Floats, kept: NDArray[np.bool_]) -> Floats:
@@ -320,8 +322,9 @@ def embedded(values: Floats, kept: NDArray[np.bool_]) -> Floats:
     return full
 
 
-def squared_distance(d: Floats, C: Floats) -> float:
-    """Square d' C^-1 d, for a covariance that may be singular and of mixed units."""
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(C), 1e-300))
-    values, vectors = np.linalg.eigh(C * np.outer(scale, scale))
-    return float(np.sum((vectors.T @ (d * scale)) ** 2 / np.maximum(values, 1e-9)))
+def squared_distance(d: Floats, C: Floats) -> Floats:
+    """(...), squares d' C^-1 d, for covariances that may be singular and of mixed units."""
+    scale = 1.0 / np.sqrt(np.maximum(np.diagonal(C, axis1=-2, axis2=-1), 1e-300))
+    values, vectors = np.linalg.eigh(C * scale[..., :, None] * scale[..., None, :])
+    along = ((d * scale)[..., None, :] @ vectors)[..., 0, :]
+    return np.asarray((along**2 / np.maximum(values, 1e-9)).sum(axis=-1))

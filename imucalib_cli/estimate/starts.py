@@ -51,10 +51,10 @@ def _relaxed_rotation(normal: Floats) -> Floats:
 
 
 def least_squares(matrix: Floats, rhs: Floats) -> Floats:
-    """Minimum-norm x of matrix x = -rhs, columns scaled to one."""
+    """Minimum-norm x, (n,) or (n, m), of matrix x = -rhs, columns of the matrix scaled to one."""
     scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
     inverse = np.linalg.pinv(matrix / np.outer(scale, scale), rcond=1e-10, hermitian=True)
-    return np.asarray(-(inverse @ (rhs / scale)) / scale)
+    return np.asarray(-(inverse / np.outer(scale, scale)) @ rhs)
 
 
 def cube_rotations() -> list[Floats]:

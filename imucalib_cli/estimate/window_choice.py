@@ -40,8 +40,8 @@ MAX_ATTENUATION = 1e-4
 """Share of noise in the lever arm's regressor: 0.01 mm on a 100 mm lever arm."""
 QUIET_ACCEL = 1e-3
 """m/s²: no accelerometer is quieter; a log without noise is no reason for long windows."""
-_ENOUGH = 400
-"""Windows that tell how lively a log is."""
+_ENOUGH, _NODES, _DEGREE = 400, 9, 3
+"""Windows that tell how lively a log is, instants in each, and degree of their polynomials."""
 _ARM = 1.0
 """m: how far joints stand from the parent link, for what their noise does to its position."""
 
@@ -62,7 +62,7 @@ def choose_window(
     elif choice.seconds is not None:
         seconds, reason = choice.seconds, "as asked"
     else:
-        seconds, reason = _automatic(grid, trajectory, degree)
+        seconds, reason = _automatic(grid, trajectory)
     shortest = degree + 2 + (degree + 1) % 2
     length = min(max(2 * round(seconds / grid.dt / 2) + 1, shortest), LONGEST_SAMPLES)
     window = Window(
@@ -73,11 +73,11 @@ def choose_window(
     return length, window
 
 
-def _automatic(grid: ImuGrid, trajectory: Trajectory, degree: int) -> tuple[float, str]:
+def _automatic(grid: ImuGrid, trajectory: Trajectory) -> tuple[float, str]:
     """Shortest length at which the kinematics' noise no longer matters."""
     rotation, position = kinematic_noise(trajectory)
     accel = max(_median_deviation(grid.accel) / NOISE_OF_DEVIATION, QUIET_ACCEL)
-    turning = _lever_power(grid, trajectory, degree)
+    turning = _lever_power(grid, trajectory)
     for seconds in _LENGTHS:
         gain = second_derivative_gain(seconds)
         bent = gain * rotation / turning if turning > 0.0 else 0.0
@@ -90,9 +90,9 @@ def _automatic(grid: ImuGrid, trajectory: Trajectory, degree: int) -> tuple[floa
     return LONGEST_AUTO, "automatic: the longest, the kinematics are noisy"
 
 
-def attenuation(seconds: float, grid: ImuGrid, trajectory: Trajectory, degree: int) -> float:
+def attenuation(seconds: float, grid: ImuGrid, trajectory: Trajectory) -> float:
     """Share of noise in the lever arm's regressor at a window: by it the lever arm is shortened."""
-    turning = _lever_power(grid, trajectory, degree)
+    turning = _lever_power(grid, trajectory)
     noise = second_derivative_gain(seconds) * kinematic_noise(trajectory)[0]
     return noise / turning if turning > 0.0 else 0.0
 
@@ -125,17 +125,15 @@ def _median_deviation(values: Floats) -> float:
     return float(np.median(np.abs(deviation_from_neighbours(values)))) * MAD_TO_STD
 
 
-def _lever_power(grid: ImuGrid, trajectory: Trajectory, degree: int) -> float:
+def _lever_power(grid: ImuGrid, trajectory: Trajectory) -> float:
     """Mean of |D2 R|² over the log, 1/s⁴, at the shortest automatic length."""
-    length = max(2 * round(SHORTEST_AUTO / grid.dt / 2) + 1, degree + 2 + (degree + 1) % 2)
-    pair = matched_filter(length, degree, 2, grid.dt)
-    first = np.arange(0, len(grid.usable) - length, length)
-    first = first[:: max(len(first) // _ENOUGH, 1)]
-    inside = grid.t[first[:, None] + np.arange(length)]
-    inside = inside[trajectory.covered(inside.ravel()).reshape(inside.shape).all(axis=1)]
-    if not inside.size:
+    inside = np.linspace(0.0, SHORTEST_AUTO, _NODES)
+    pair = matched_filter(_NODES, _DEGREE, 2, float(inside[1]))
+    starts = np.arange(grid.t0, grid.t[-1] - SHORTEST_AUTO, SHORTEST_AUTO)
+    t = starts[:: max(len(starts) // _ENOUGH, 1), None] + inside
+    t = t[trajectory.covered(t.ravel()).reshape(t.shape).all(axis=1)]
+    if not t.size:
         return 0.0
-    R, _ = trajectory.poses(inside.ravel())
-    weights = pair.derivative[:length]
-    turned = np.einsum("l,wlc->wc", weights, R.reshape(-1, length, 9))
+    R, _ = trajectory.poses(t.ravel())
+    turned = np.einsum("l,wlc->wc", pair.derivative, R.reshape(-1, _NODES, 9))
     return float(np.mean((turned**2).sum(axis=1)))

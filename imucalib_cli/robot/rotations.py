@@ -124,20 +124,21 @@ def left_jacobian_inverse(rotvec: ArrayLike) -> Floats:
     """Change of a rotation vector by a small rotation put before it: log(exp(d) exp(v)) = v + J d.
 
     Args:
-        rotvec: (3,), rad, of an angle below 2 pi.
+        rotvec: (..., 3), rad, of an angle below 2 pi.
 
     Returns:
-        (3, 3).
+        (..., 3, 3).
 
     Source:
         Sola, Deray, Atchuthan, A micro Lie theory for state estimation in robotics, 2018, eq. 146.
     """
     rotvec = np.asarray(rotvec, dtype=np.float64)
-    angle = float(np.linalg.norm(rotvec))
-    if angle < 1e-9:
-        return np.eye(3) - 0.5 * skew(rotvec)
-    half, K = 0.5 * angle, skew(rotvec / angle)
-    return np.asarray(np.eye(3) - half * K + (1.0 - half / np.tan(half)) * K @ K)
+    half = 0.5 * np.sqrt(np.sum(rotvec * rotvec, axis=-1))[..., None, None]
+    small = half < 1e-4  # the next term of the series is of order four, below rounding
+    safe = np.where(small, 1.0, half)
+    second = np.where(small, 1.0 / 12.0, (1.0 - safe / np.tan(safe)) / (4.0 * safe**2))
+    K = skew(rotvec)
+    return np.asarray(np.eye(3) - 0.5 * K + second * (K @ K))
 
 
 def rotation_angle(R: ArrayLike) -> Floats:

@@ -45,10 +45,15 @@ def lagrange(
     # Offsets from the instant keep digits where stamps are large against their spacing.
     x = nodes - at
     result = np.zeros((len(at), values.shape[1]))
+    near = np.empty_like(result)
     for j in range(points):
-        weight = np.ones(len(at))
+        above, below = np.ones(len(at)), np.ones(len(at))
         for k in range(points):
             if k != j:
-                weight *= x[k] / (x[k] - x[j])
-        result += weight[:, None] * values[first + j]
+                above *= x[k]
+                below *= nodes[k] - nodes[j]
+        # In place, and told that all indices are right: several times faster.
+        values.take(first + j, axis=0, out=near, mode="clip")
+        near *= (above / below)[:, None]
+        result += near
     return result

@@ -196,6 +196,8 @@ def test_what_no_log_can_tell_is_not_looked_for() -> None:
     assert [each.part.stop - each.part.start for each in origins] == [3, 3, 3, 3, 2]
     # What is left of the last one is across the last joint's axis, as its frame has it.
     last = origins[-1].directions
+    # Named "z", it is z and not -z.
+    assert (last[[0, 1], np.abs(last).argmax(axis=1)] > 0.0).all()
     path = case("ur10e").model.windowing.trajectory.path
     step = path.steps[9]
     assert isinstance(step, FixedStep)
