@@ -53,10 +53,19 @@ def _window(sigmas: float, seconds: float, used: float, translation: float, rota
     )
 
 
-def _mount_moved(seconds: float, uncertainty: float, translation: float, rotation: float) -> str:
+def _mount_moved(
+    *,
+    seconds: float,
+    uncertainty: float,
+    translation: float,
+    rotation: float,
+    translation_std: float = 0.0,  # not in results of the first stage
+    rotation_std: float = 0.0,
+) -> str:
     return (
         f"before and after about {seconds:.0f} ± {max(uncertainty, 1.0):.0f} s of the log the "
-        f"IMU's pose differs by {translation * 1e3:.3g} mm and {math.degrees(rotation):.2g} deg, "
+        f"IMU's pose differs by {translation * 1e3:.3g} ± {translation_std * 1e3:.2g} mm and "
+        f"{math.degrees(rotation):.2g} ± {math.degrees(rotation_std):.2g} deg, "
         "beyond what noise and model explain: the mount moved, or the log joins two set-ups; "
         "calibrate each part alone"
     )

@@ -11,6 +11,7 @@ window's centre; a and w are the readings with the sensor's errors taken off.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -33,6 +34,8 @@ Indices = NDArray[np.intp]
 
 BLOCK = 256
 """Windows made at once: what is made of them stays in the processor's cache."""
+_POINTS = 6
+"""Samples whose polynomial tells a pose a little later, as between the robot's own samples."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,13 +126,8 @@ class Model:
             first, last = int(centres[part][0]), int(centres[part][-1])
             span = slice(max(first - reach, 0), min(last + reach + 1, len(grid.usable)))
             local = centres[part] - span.start
-            stamps = np.asarray(grid.t0 + grid.dt * np.arange(span.start, span.stop))
             accel, gyro = self.corrected(state, span)
-            near = self.windowing.trajectory.nearest_covered
-            R, p = chain.poses(near(self.robot_times(stamps, shift_a)))
-            R_gyro = R
-            if shift_g != shift_a:
-                R_gyro, _ = chain.poses(near(self.robot_times(stamps, shift_g)))
+            R, p, R_gyro = self._poses(chain, span, shift_a, shift_g)
             world = _World(
                 R=R,
                 place=p - p[0] + R @ state.t,
@@ -140,9 +138,45 @@ class Model:
                 gravity=state.gravity,
             )
             for plan, residuals in zip(plans, found, strict=True):
-                room = np.minimum(local, len(stamps) - 1 - local) >= plan.length // 2 + MARGIN
+                room = np.minimum(local, len(p) - 1 - local) >= plan.length // 2 + MARGIN
                 world.fill(residuals, part.start + np.flatnonzero(room), plan, local[room])
         return found
+
+    def _poses(
+        self, chain: Chain, span: slice, accel: tuple[float, float], gyro: tuple[float, float]
+    ) -> tuple[Floats, Floats, Floats]:
+        """R_world_parent and p_world_parent for the accelerometer, and R for the gyroscope.
+
+        Args:
+            chain: The parent link.
+            span: Of the grid.
+            accel: Shift and drift of the stamps.
+            gyro: Likewise.
+        """
+        grid, near = self.windowing.grid, self.windowing.trajectory.nearest_covered
+        later = (accel[0] - gyro[0]) / grid.dt if accel[1] == gyro[1] else 0.0
+        beyond = math.ceil(abs(later)) + _POINTS // 2 if later else 0
+        stamps = np.asarray(grid.t0 + grid.dt * np.arange(span.start - beyond, span.stop + beyond))
+        R, p = chain.poses(near(self.robot_times(stamps, accel)))
+        if gyro == accel:
+            return R, p, R
+        inner = slice(beyond, len(p) - beyond)
+        if later:
+            return R[inner], p[inner], _shifted(R, later, inner)
+        return R, p, chain.poses(near(self.robot_times(stamps, gyro)))[0]
+
+
+def _shifted(values: Floats, intervals: float, inner: slice) -> Floats:
+    """Some of even samples (N, ...), so many intervals later, by local polynomials."""
+    whole = math.floor(intervals)
+    places = np.arange(_POINTS) - (_POINTS // 2 - 1)
+    itself = np.eye(_POINTS, dtype=bool)
+    away = np.where(itself, 1.0, intervals - whole - places)
+    weights = np.prod(away / np.where(itself, 1.0, places[:, None] - places), axis=1)
+    found = np.zeros_like(values[inner])
+    for weight, step in zip(weights.tolist(), (places + whole).tolist(), strict=True):
+        found += weight * values[inner.start + step : inner.stop + step]
+    return found
 
 
 @dataclass(frozen=True, eq=False)

@@ -444,6 +444,7 @@ def _problem(stats: Statistics, layout: Layout, offset: Floats, *, level: float)
         std=layout.std[free],
         scale=layout.scale[free],
         bounds=layout.bounds,
+        alike=layout.alike,
     )
 
 

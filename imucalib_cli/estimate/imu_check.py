@@ -68,7 +68,7 @@ def check_imu(
         model: By its data sheet.
         priors: Of the biases, as far as the estimate took them from the sheet, 1 sigma.
     """
-    rows = tidy_rows(imu.t, np.hstack([imu.gyro, imu.accel])).rows
+    rows = tidy_rows(imu.t, imu.gyro, imu.accel).rows
     rate = 1.0 / float(np.median(np.diff(imu.t[rows])))
     values = {"accel": imu.accel[rows], "gyro": imu.gyro[rows]}
     left = residuals.white_equivalent

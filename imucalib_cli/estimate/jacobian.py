@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from imucalib_cli.estimate.design import Model
-    from imucalib_cli.estimate.layout import Placed
+    from imucalib_cli.estimate.layout import Joint, Placed
     from imucalib_cli.estimate.state import State
     from imucalib_cli.estimate.unknowns import Samples
     from imucalib_cli.estimate.windows import WindowPlan
@@ -134,6 +134,23 @@ class _Nodes:
     path: KinematicPath
     gravity: Floats
     """(3,), m/s², world axes."""
+    _twists: dict[Joint, tuple[Floats, Floats, Floats]] = field(default_factory=dict)
+
+    def twist(self, joint: Joint) -> tuple[Floats, Floats, Floats]:
+        """What a unit of a joint turns, shifts, and how it turns the force: (M, 3) each."""
+        if joint not in self._twists:
+            turn, shift = np.zeros_like(self.p), np.zeros_like(self.p)
+            for index in joint.steps:
+                step, (R, p) = self.path.steps[index], self.frames[index]
+                if isinstance(step, JointStep):
+                    axis = step.multiplier * (R @ step.axis)
+                    if step.kind == "prismatic":
+                        shift += axis
+                    else:
+                        turn += axis
+                        shift += cross(axis, self.p + self.lever - p)
+            self._twists[joint] = turn, shift, cross(turn, self.force)
+        return self._twists[joint]
 
 
 @dataclass(eq=False)
@@ -156,12 +173,6 @@ class _Channels:
     """(n, 3), of gravity."""
     clock: list[tuple[slice, Clock]] = field(default_factory=list)
     """Unknowns of the clock: the pose is that of another instant."""
-
-    def add_twist(self, part: slice, turn: Floats, shift: Floats, force: Floats) -> None:
-        """A turn of the parent link and a shift of the IMU; the force is seen turned."""
-        self.shift.append((part, shift))
-        self.turn.append((part, turn))
-        self.force.append((part, cross(turn, force[:, None])))
 
 
 def _block_columns(
@@ -308,17 +319,9 @@ def _(effect: JointCurve, placed: Placed, nodes: _Nodes, channels: _Channels) ->
         return
     q, rate = (each[joint.track][:, joint.column] for each in (nodes.values, nodes.rates))
     curve = effect.basis(q, rate).T[:, :, None]
-    turn, shift = np.zeros((len(q), 3)), np.zeros((len(q), 3))
-    for index in joint.steps:
-        step, (R, p) = nodes.path.steps[index], nodes.frames[index]
-        if isinstance(step, JointStep):
-            axis = step.multiplier * (R @ step.axis)
-            if step.kind == "prismatic":
-                shift += axis
-            else:
-                turn += axis
-                shift += cross(axis, nodes.p + nodes.lever - p)
-    channels.add_twist(placed.part, curve * turn[:, None], curve * shift[:, None], nodes.force)
+    twist = (channels.turn, channels.shift, channels.force)
+    for channel, along in zip(twist, nodes.twist(joint), strict=True):
+        channel.append((placed.part, curve * along[:, None]))
 
 
 def _nodes(model: Model, plan: NodePlan, chain: Chain, state: State, centres: Indices) -> _Nodes:

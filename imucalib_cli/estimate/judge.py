@@ -285,6 +285,11 @@ def _window(evidence: Evidence) -> Iterator[Finding]:
         )
 
 
+def _std_of_length(vector: Floats, std: Floats) -> float:
+    length = float(np.linalg.norm(vector))
+    return float(np.linalg.norm(vector * std)) / length if length > 0.0 else 0.0
+
+
 def _changed(evidence: Evidence) -> Iterator[Finding]:
     """An instant from which the log tells something else."""
     change = evidence.change
@@ -298,7 +303,9 @@ def _changed(evidence: Evidence) -> Iterator[Finding]:
             seconds=change.seconds,
             uncertainty=change.uncertainty,
             translation=float(np.linalg.norm(change.size[:3])),
+            translation_std=_std_of_length(change.size[:3], change.std[:3]),
             rotation=float(np.linalg.norm(change.size[3:])),
+            rotation_std=_std_of_length(change.size[3:], change.std[3:]),
         )
     else:
         yield make(

@@ -79,6 +79,16 @@ class Layout:
     """(k, 2), limits of the learnt scales, logarithms."""
 
     @property
+    def alike(self) -> tuple[tuple[int, int], ...]:
+        """Pairs of learnt scales that are alike in size."""
+        pairs = ((name, SCALES[name].like) for name in self.scales)
+        return tuple(
+            (self.scales.index(one), self.scales.index(other))
+            for one, other in pairs
+            if other in self.scales
+        )
+
+    @property
     def size(self) -> int:
         """Number of components."""
         return len(self.std)

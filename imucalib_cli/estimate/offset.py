@@ -35,36 +35,37 @@ def coarse_time_offset(
         IMU stamp - robot stamp, s, to a few milliseconds, and how clear it was; zero and None
         where nothing turns.
     """
-    step = max(round(_STEP_SECONDS / grid.dt), 1)
-    length = 2 * max(round(_WINDOW_SECONDS / grid.dt / 2), 2) + 1
-    pair = matched_filter(length, 2, 1, grid.dt)
-    reach = len(pair.average) // 2
-    lead = int(np.ceil(most / (grid.dt * step))) * step
+    every = max(round(_STEP_SECONDS / grid.dt), 1)
+    step = every * grid.dt
+    reach, lead = max(round(_WINDOW_SECONDS / step / 2), 2), int(np.ceil(most / step))
     # The robot's own axis reaches beyond the IMU's by the largest offset on either side.
-    count = len(grid.usable)
-    t_robot = np.asarray(grid.t0 + grid.dt * np.arange(-lead - reach, count + lead + reach))
+    count = len(grid.usable) // every
+    t_robot = np.asarray(grid.t0 + step * np.arange(-lead - reach, count + lead + reach))
     covered = trajectory.covered(t_robot)
     if not covered.any():
         return 0.0, None
     poses = np.zeros((len(t_robot), 9))
     poses[covered] = trajectory.poses(t_robot[covered])[0].reshape(-1, 9)
-    centres = np.arange(reach, len(t_robot) - reach, step)
+    centres = np.arange(reach, len(t_robot) - reach)
     clean = _windows_clean(covered, centres, reach)
-    derivative = convolve_at(poses, pair.derivative, centres - length // 2)
+    pair = matched_filter(2 * reach + 1, 2, 1, step)
+    derivative = convolve_at(poses, pair.derivative, centres - reach)
     # |Ro' dR/dt| is sqrt(2) |omega| for any rotation.
     derived = np.linalg.norm(derivative, axis=1) / np.sqrt(2.0)
 
     measured = np.zeros(len(centres))
     measured_clean = np.zeros(len(centres), dtype=bool)
-    inner = centres - lead - reach
-    inside = (inner >= reach) & (inner < count - reach)
-    rate = convolve_at(grid.gyro, pair.average, inner[inside] - reach)
+    pair = matched_filter(2 * reach * every + 1, 2, 1, grid.dt)
+    half = len(pair.average) // 2
+    inner = every * (centres - lead - reach)
+    inside = (inner >= half) & (inner < len(grid.usable) - half)
+    rate = convolve_at(grid.gyro, pair.average, inner[inside] - half)
     measured[inside] = np.linalg.norm(rate, axis=1)
-    measured_clean[inside] = _windows_clean(grid.usable, inner[inside], reach)
-    lag = best_lag(derived, measured, np.stack([clean, measured_clean]), lead // step)
+    measured_clean[inside] = _windows_clean(grid.usable, inner[inside], half)
+    lag = best_lag(derived, measured, np.stack([clean, measured_clean]), lead)
     if lag is None:
         return 0.0, None
-    return (lag.samples + lag.between) * step * grid.dt, lag
+    return (lag.samples + lag.between) * step, lag
 
 
 def _windows_clean(

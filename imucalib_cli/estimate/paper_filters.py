@@ -187,7 +187,7 @@ def _inside(count: int, stretches: list[slice]) -> NDArray[np.bool_]:
 
 
 def _ordered(imu: ImuSamples) -> tuple[Floats, Floats, Floats]:
-    rows = tidy_rows(imu.t, np.hstack([imu.gyro, imu.accel])).rows
+    rows = tidy_rows(imu.t, imu.gyro, imu.accel).rows
     if len(rows) < 2:
         raise InputError(
             "the IMU has no usable samples: look at its stamps with 'imucalib inspect'"

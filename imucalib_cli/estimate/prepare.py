@@ -74,22 +74,22 @@ def clean_imu(imu: ImuSamples) -> CleanImu:
     Raises:
         InputError: Too few usable samples.
     """
-    tidy = tidy_rows(imu.t, np.hstack([imu.gyro, imu.accel]))
+    tidy = tidy_rows(imu.t, imu.gyro, imu.accel)
     if len(tidy.rows) < MIN_IMU_SAMPLES:
         raise InputError(
             f"the IMU has {len(tidy.rows)} usable samples of {len(imu.t)}, need at least "
             f"{MIN_IMU_SAMPLES}: record a longer log, or try --clock log if its stamps repeat"
         )
-    t = imu.t[tidy.rows]
+    t = tidy.of(imu.t)
     sensors = []
     spikes = np.zeros(len(t), dtype=bool)
     for values, floor in (
-        (imu.gyro[tidy.rows], SPIKE_FLOOR_GYRO),
-        (imu.accel[tidy.rows], SPIKE_FLOOR_ACCEL),
+        (tidy.of(imu.gyro), SPIKE_FLOOR_GYRO),
+        (tidy.of(imu.accel), SPIKE_FLOOR_ACCEL),
     ):
-        bad = find_spikes(values, floor)
-        mended = values.copy()
+        bad, mended = find_spikes(values, floor), values
         if bad.any():
+            mended = values.copy()
             mended[bad] = lagrange(t[~bad], values[~bad], t[bad], points=4)
         sensors.append(mended)
         spikes |= bad

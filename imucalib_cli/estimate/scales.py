@@ -14,6 +14,7 @@ INLA, Rue, Martino and Chopin, J. R. Stat. Soc. B 71(2), 2009.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -24,8 +25,8 @@ Floats = NDArray[np.float64]
 
 _POINTS: Final = 64
 """Importance points: the mean and covariance they give vary by some per cent of sigma."""
-_COVARIANCES: Final = 24
-"""Points, of equal weight, over which the covariance is averaged: it varies less than the mean."""
+_NO_WEIGHT: Final = 1e-6
+"""Of a point that adds nothing to the mean."""
 _PROFILE: Final = 7
 """Points along the range of a scale at which its likelihood is taken."""
 _FINE: Final = 200
@@ -37,6 +38,8 @@ _SETTLED: Final = 0.02
 """Change of the logarithm of a scale that ends the search of the mode."""
 _LARGEST_MOVE: Final = 2.0
 """In the logarithm of a scale, of one step."""
+_ALIKE: Final = math.log(2.0)
+"""Standard deviation of the logarithm of the ratio of two scales that are alike."""
 _LEAST_SHARE: Final = 0.05
 """Of a component, that the log tells: less is rounding."""
 
@@ -62,13 +65,15 @@ class Problem:
     """(n,), index of the learnt scale; -1 where the prior is given."""
     bounds: Floats
     """(k, 2), of the logarithms of the scales."""
+    alike: tuple[tuple[int, int], ...] = ()
+    """Pairs of scales that differ by no more than a factor of some size."""
 
     def precision(self, u: Floats) -> Floats:
         """(n,), P's diagonal."""
         return 1.0 / with_learnt(self.std, self.scale, u) ** 2
 
     def likelihood(self, u: Floats) -> tuple[float, Floats]:
-        """Log marginal likelihood, and the step to the posterior mean."""
+        """Log marginal likelihood and prior of the scales, and the step to the posterior mean."""
         P = self.precision(u)
         H = self.information + np.diag(P)
         unit = 1.0 / np.sqrt(np.diag(H))
@@ -77,7 +82,8 @@ class Problem:
         step = -unit * np.linalg.solve(scaled, unit * gradient)
         log_det = 2.0 * np.log(np.diag(np.linalg.cholesky(scaled)) / unit).sum()
         fit = gradient @ -step - P @ self.offset**2
-        return float(0.5 * (fit - log_det + np.log(P).sum())), step
+        apart = sum(((u[one] - u[other]) / _ALIKE) ** 2 for one, other in self.alike)
+        return float(0.5 * (fit - log_det + np.log(P).sum() - apart)), step
 
     def solve(self, u: Floats) -> tuple[Floats, Floats]:
         """Step to the posterior mean, and its covariance H^-1."""
@@ -133,7 +139,8 @@ def most_likely(problem: Problem, start: Floats | None = None) -> Floats:
 def integrate(problem: Problem, mode: Floats, B: Floats) -> tuple[Mixture, Floats, Floats]:
     """Importance points around the mode, weighted by their marginal likelihood.
 
-    The scales have a flat prior in their logarithms between their bounds.
+    The scales have a flat prior in their logarithms between their bounds, but for pairs that are
+    alike: the logarithm of their ratio is normal about zero.
 
     Args:
         problem: The normal equations.
@@ -157,12 +164,10 @@ def integrate(problem: Problem, mode: Floats, B: Floats) -> tuple[Mixture, Float
     mean = weights @ steps
     away = steps - mean
     covariance = np.asarray(away.T @ (weights[:, None] * away))
-    even = (np.arange(_COVARIANCES) + 0.5) / _COVARIANCES
-    drawn = np.bincount(np.searchsorted(np.cumsum(weights), even).clip(max=len(weights) - 1))
-    for place in np.flatnonzero(drawn):
-        u, share = points[place], drawn[place] / _COVARIANCES
-        _, inverse = problem.solve(u)
-        covariance += share * (inverse @ (B + np.diag(problem.precision(u))) @ inverse)
+    for weight, u in zip(weights, points, strict=True):
+        if weight > _NO_WEIGHT:
+            _, inverse = problem.solve(u)
+            covariance += weight * (inverse @ (B + np.diag(problem.precision(u))) @ inverse)
     return Mixture(points, weights), mean, covariance
 
 

@@ -39,8 +39,6 @@ Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 FACTORS: Final = (0.5, 2.0)
-_NODES: Final = 16
-"""Nodes to a window: the test needs no columns as good as the answer's."""
 _LENGTHS_PER_PART: Final = 4
 """Lengths of a window in a part of the log: parts are then nearly independent."""
 _FEWEST_PARTS: Final = 12
@@ -90,7 +88,7 @@ def window_dependence(fit: Fit) -> list[Dependence]:
         length = 2 * round((own.length - 1) * factor / 2) + 1
         if length < _SHORTEST or not _sound(fit, length):
             continue
-        plan = plan_windows(length, own.degree, windowing.grid.dt, hop=own.hop, nodes=_NODES)
+        plan = plan_windows(length, own.degree, windowing.grid.dt, hop=own.hop)
         model = replace(fit.model, windowing=replace(windowing, plan=plan))
         fitting = spread(np.intersect1d(centres, model.centres(fit.linearised)), _MOST)
         if _lengths(fitting, plan) >= _FEWEST_PARTS:

@@ -174,6 +174,8 @@ class Scale:
     low: float
     high: float
     words: str
+    like: str = ""
+    """Another one that it is alike in size to, where both come from the same parts."""
 
 
 def _axes(samples: Samples) -> Floats:
@@ -234,13 +236,17 @@ SCALES: Final[dict[str, Scale]] = {
     "mount_give": Scale(low=3e-7, high=3e-3, words="give of mount and arm"),
     "joint_zero": Scale(low=2e-5, high=5e-3, words="errors of the joint zeros"),
     "length": Scale(low=5e-5, high=3e-3, words="errors of the origins between joints"),
-    "joint_harmonic": Scale(low=5e-6, high=2e-3, words="joint error once a turn"),
+    "joint_harmonic": Scale(
+        low=1e-5, high=2e-3, words="joint error once a turn", like="joint_play"
+    ),
     "joint_lag": Scale(low=5e-6, high=4e-3, words="delays of single joints"),
     "joint_play": Scale(low=3e-6, high=1e-3, words="play of the joints"),
 }
 """From the best that is made to the worst that is sold, in the unit of their entries: sensors
 factory-calibrated over temperature to consumer parts; arms calibrated one by one to hobby arms;
-encoders on the output to those behind a worn gear; delays of a field bus cycle or less."""
+encoders on the output to those behind a worn gear; delays of a field bus cycle or less. A gear's
+error once a turn and its play are made by the same teeth: catalogues of strain wave gears give one
+arc minute for either, within a factor of two."""
 
 TABLE: Final[tuple[Unknown, ...]] = (
     Unknown(

@@ -33,15 +33,14 @@ Indices = NDArray[np.intp]
 WINDOWS_PER_LENGTH = 3
 """Windows overlap so that the filtered signal, band-limited by the window, loses nothing: at three
 to a length, the noise that folds onto slow motion is a ten-thousandth."""
-NODES = 32
-"""Node intervals to a window (design.py): a second derivative on them is within a per cent of the
-exact one."""
+NODES = 18
+"""Node intervals to a window, on which columns are made: six to a hop."""
 _CHUNK = 128
 """Windows made at once: their columns stay in the processor's cache."""
-_STRETCH = 8 * WINDOWS_PER_LENGTH
-"""Windows side by side of those spread over the log."""
-_DIFFERENCE = 2
-"""Samples beyond a window that second differences of readings touch."""
+_STRETCHES = 20
+"""Of windows side by side, where some are spread over the log."""
+_BEYOND = 3
+"""Samples beyond a window that differences of readings and poses a little later touch."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +68,7 @@ class WindowPlan:
     def reach(self) -> int:
         """Grid samples on each side of a centre that anything of a window touches."""
         return max(self.length // 2 + MARGIN, (self.node_length // 2 + MARGIN) * self.node) + (
-            _DIFFERENCE * self.node
+            _BEYOND * self.node
         )
 
     @property
@@ -91,9 +90,7 @@ class WindowPlan:
         return accel, gyro
 
 
-def plan_windows(
-    length: int, degree: int, dt: float, hop: int | None = None, nodes: int = NODES
-) -> WindowPlan:
+def plan_windows(length: int, degree: int, dt: float, hop: int | None = None) -> WindowPlan:
     """Filters for windows of ``length`` samples spaced ``dt`` seconds.
 
     Args:
@@ -101,9 +98,8 @@ def plan_windows(
         degree: Of the fitted polynomial.
         dt: s.
         hop: Grid samples between windows; a third of a window by default.
-        nodes: Intervals of nodes to a window.
     """
-    node = max((length - 1) // nodes, 1)
+    node = max((length - 1) // NODES, 1)
     if hop is None:
         hop = node * max(length // node // WINDOWS_PER_LENGTH, 1)
     while hop % node:
@@ -201,8 +197,9 @@ def spread(centres: Indices, most: int) -> Indices:
     """Windows in stretches evenly over the log, about so many in all; all where there are fewer."""
     if len(centres) <= most:
         return centres
-    starts = np.linspace(0, len(centres) - _STRETCH, max(most // _STRETCH, 1)).astype(np.intp)
-    return centres[np.unique(starts[:, None] + np.arange(_STRETCH))]
+    stretch = max(most // _STRETCHES, 1)
+    starts = np.linspace(0, len(centres) - stretch, _STRETCHES).astype(np.intp)
+    return centres[np.unique(starts[:, None] + np.arange(stretch))]
 
 
 def blocks(centres: Indices, hop: int, most: int) -> Iterator[slice]:

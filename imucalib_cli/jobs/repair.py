@@ -17,11 +17,11 @@ from imucalib_cli.findings import Finding, Severity, reasons, untrusted, warning
 from imucalib_cli.jobs.rest import refuse_dead, refuse_impossible, see_dead_in_motion
 from imucalib_cli.jobs.units import accel_factor, gyro_factor, largest_rate
 from imucalib_cli.robot.path import JointStep
-from imucalib_cli.signals.bursts import bunched_share, rate_stretches, spread_bursts
+from imucalib_cli.signals.bursts import BUNCHED, bunched_share, rate_stretches, spread_bursts
 from imucalib_cli.signals.faults import clear_of, held_robot, sensor_faults
 from imucalib_cli.signals.samples import ImuSamples
 from imucalib_cli.signals.spikes import find_glitches
-from imucalib_cli.signals.stamps import near_stamps, tidy_rows
+from imucalib_cli.signals.stamps import TidyRows, finite_rows, near_stamps, tidy_rows
 from imucalib_cli.signals.trajectory import Trajectory
 from imucalib_cli.signals.turning import BIN, compare_turning
 from imucalib_cli.signals.turns import unwrapped
@@ -33,7 +33,6 @@ if TYPE_CHECKING:
     from imucalib_cli.jobs.request import CalibrationRequest
     from imucalib_cli.logs.streams import ImuStream
     from imucalib_cli.robot.path import KinematicPath, Track
-    from imucalib_cli.signals.stamps import Indices
     from imucalib_cli.signals.stuck import Fault
     from imucalib_cli.signals.turning import Turning
 
@@ -108,19 +107,19 @@ def repair(imu: ImuStream, t: Floats, path: KinematicPath, request: CalibrationR
     refuse_impossible(imu, "accel")
     refuse_dead(imu)
     told: list[Finding] = []
-    values = np.hstack([imu.gyro, imu.accel])
-    t = _even(imu.topic, t, values, told)
+    t = _even(imu.topic, t, told, imu.gyro, imu.accel)
     path = replace(path, tracks=tuple(_even_track(track, told) for track in path.tracks))
     trajectory = Trajectory.of(path)
-    rows = tidy_rows(t, values).rows
+    tidy = tidy_rows(t, imu.gyro, imu.accel)
+    rows = tidy.rows
     if len(rows) < _LEAST_IMU:
         # too few for any of this, as the estimator will say
         refuse_impossible(imu, "gyro")
         samples = ImuSamples(t=t, gyro=imu.gyro, accel=imu.accel)
         return Repaired(samples=samples, path=path, findings=tuple(told))
-    turning = compare_turning(t[rows], imu.gyro[rows], trajectory, _search(request))
+    turning = compare_turning(tidy.of(t), tidy.of(imu.gyro), trajectory, _search(request))
     suspects = list(see_dead_in_motion(imu, turning))
-    largest, wanted = largest_rate(imu.gyro[rows]), request.units.gyro
+    largest, wanted = largest_rate(tidy.of(imu.gyro)), request.units.gyro
     turns = gyro_factor(imu.topic, largest, turning, wanted, most_angle=_most_angle(path))
     if not turns.is_mended:  # the motion knows better what raw counts are
         refuse_impossible(imu, "gyro")
@@ -129,25 +128,26 @@ def repair(imu: ImuStream, t: Floats, path: KinematicPath, request: CalibrationR
     for each in (turns, pulls):
         if each.finding is not None:
             (told if each.is_mended else suspects).append(each.finding)
-    gyro, accel = imu.gyro * turns.value, imu.accel * pulls.value
+    gyro, accel = _times(imu.gyro, turns.value), _times(imu.accel, pulls.value)
     turning = turning.scaled(turns.value)
     if request.units.sign == "down":
         accel = -accel
 
     out = np.zeros(len(rows), dtype=bool)
     ends = () if request.imu is None else request.imu.model.ranges("accel")
-    for fault in sensor_faults(t[rows], gyro[rows], accel[rows], turning, ends):
-        told.append(_fault_of(imu.topic, fault, t[rows]))
+    for fault in sensor_faults(tidy.of(t), tidy.of(gyro), tidy.of(accel), turning, ends):
+        told.append(_fault_of(imu.topic, fault, tidy.of(t)))
         out |= fault.rows
-    out = clear_of(t[rows], out)
+    out = clear_of(tidy.of(t), out)
     if len(rows) - out.sum() < _LEAST_IMU:
         raise InputError(
             f"{told[-1].message}: nothing else is left, so record again", topic=imu.topic
         )
-    keep = np.ones(len(t), dtype=bool)
-    keep[rows[out]] = False
-    sound = turning
+    sound, samples = turning, ImuSamples(t=t, gyro=gyro, accel=accel)
     if out.any():
+        keep = np.ones(len(t), dtype=bool)
+        keep[rows[out]] = False
+        samples = ImuSamples(t=t[keep], gyro=gyro[keep], accel=accel[keep])
         alone = rows[~out]
         sound = compare_turning(t[alone], gyro[alone], trajectory, _search(request))
     # A link may stand still while its publisher is alive and other joints move.
@@ -161,9 +161,9 @@ def repair(imu: ImuStream, t: Floats, path: KinematicPath, request: CalibrationR
         told.append(warning("robot.held", streams=names, stretches=held))
         path = replace(path, tracks=tuple(_without(track, held) for track in path.tracks))
     return Repaired(
-        samples=ImuSamples(t=t[keep], gyro=gyro[keep], accel=accel[keep]),
+        samples=samples,
         path=path,
-        findings=(*_too_much(sound, t[rows][out], held), *told),
+        findings=(*_too_much(sound, tidy.of(t)[out], held), *told),
         gyro_unit=turns.unit,
         accel_unit=pulls.unit,
         samples_at_fault=int(out.sum()),
@@ -181,12 +181,11 @@ def look(imu: ImuStream, t: Floats) -> tuple[Finding, ...]:
             if error.finding is None:
                 raise
             return (error.finding,)
-    values = np.hstack([imu.gyro, imu.accel])
-    t = _even(imu.topic, t, values, said)
-    rows = tidy_rows(t, values).rows
-    if len(rows) >= _LEAST_IMU:
-        faults = sensor_faults(t[rows], imu.gyro[rows], imu.accel[rows], None)
-        said += [_fault_of(imu.topic, fault, t[rows]) for fault in faults]
+    t = _even(imu.topic, t, said, imu.gyro, imu.accel)
+    tidy = tidy_rows(t, imu.gyro, imu.accel)
+    if len(tidy.rows) >= _LEAST_IMU:
+        faults = sensor_faults(tidy.of(t), tidy.of(imu.gyro), tidy.of(imu.accel), None)
+        said += [_fault_of(imu.topic, fault, tidy.of(t)) for fault in faults]
     return tuple(said)
 
 
@@ -195,9 +194,13 @@ def _search(request: CalibrationRequest) -> float:
     return options.max_offset if isinstance(options, MatchedOptions) else _SEARCH
 
 
-def _even(name: str, t: Floats, values: Floats, told: list[Finding]) -> Floats:
+def _times(values: Floats, factor: float) -> Floats:
+    return values if factor == 1.0 else values * factor
+
+
+def _even(name: str, t: Floats, told: list[Finding], *values: Floats) -> Floats:
     """Stamps without their bursts, if they come in bursts."""
-    finite = np.isfinite(t) & np.isfinite(values).all(axis=1)
+    finite = finite_rows(t, *values)
     near = finite.copy()
     near[finite] = near_stamps(t[finite])
     stretches = rate_stretches(t[near])
@@ -211,7 +214,9 @@ def _even(name: str, t: Floats, values: Floats, told: list[Finding]) -> Floats:
             )
         )
         return t
-    spread = spread_bursts(t[near], values[near])
+    if bunched_share(t[near]) < BUNCHED:
+        return t
+    spread = spread_bursts(t[near], np.hstack([each[near] for each in values]))
     if spread is None:
         return t
     told.append(
@@ -230,7 +235,7 @@ def _even(name: str, t: Floats, values: Floats, told: list[Finding]) -> Floats:
 
 
 def _even_track(track: Track, told: list[Finding]) -> Track:
-    t = _even(track.name, track.t, track.values, told)
+    t = _even(track.name, track.t, told, track.values)
     tidy = tidy_rows(t, track.values)
     if tidy.not_finite or tidy.backward or tidy.astray:
         told.append(
@@ -244,22 +249,24 @@ def _even_track(track: Track, told: list[Finding]) -> Track:
             )
         )
     even = track if t is track.t else replace(track, t=t)
-    return _without_glitches(even, tidy.rows, told)
+    return _without_glitches(even, tidy, told)
 
 
-def _without_glitches(track: Track, rows: Indices, told: list[Finding]) -> Track:
+def _without_glitches(track: Track, tidy: TidyRows, told: list[Finding]) -> Track:
     """Leave out single messages in which a joint or pose leaps away and back."""
-    values = track.values[rows]
+    rows, read = tidy.rows, tidy.of(track.values)
+    values = read
     if track.kind == "pose":  # q and -q are one rotation
         signs = np.where(np.sum(values[1:, 3:] * values[:-1, 3:], axis=1) < 0.0, -1.0, 1.0)
         values = values.copy()
         values[1:, 3:] *= np.cumprod(signs)[:, None]
     else:
         values = unwrapped(values)
-        whole = track.values.copy()  # also for who asks for rival publishers later
-        whole[rows] = values
-        track = replace(track, values=whole)
-    leaps = find_glitches(track.t[rows], values, _LEAP)
+        if values is not read:
+            whole = track.values.copy()  # also for who asks for rival publishers later
+            whole[rows] = values
+            track = replace(track, values=whole)
+    leaps = find_glitches(tidy.of(track.t), values, _LEAP)
     if not leaps.any() or np.mean(leaps) > _MOST_LEAPS:
         return track
     count = np.count_nonzero(leaps)

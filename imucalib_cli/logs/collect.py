@@ -16,6 +16,8 @@ from imucalib_cli.logs.slow import SlowDecoder
 from imucalib_cli.logs.wire import Texted, decode
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from numpy.typing import NDArray
 
     from imucalib_cli.logs.storage import Bytes, Channel
@@ -96,13 +98,14 @@ class Collector:
         """Say that what follows comes from the recording's next file."""
         self._file_base = self._arrived
 
-    def finish(self) -> list[TopicData]:
-        """Decode what is left; everything by topic and type."""
+    def finish(self) -> Iterator[TopicData]:
+        """Decode what is left; everything by topic and type, each of which is then forgotten."""
         while self._blocks:
             self._decode(self._blocks.popitem()[1])
-        for data in self.topics.values():
+        for key in sorted(self.topics):
+            data = self.topics.pop(key)
             data.pieces.sort(key=lambda piece: int(piece.arrival[0]))
-        return [self.topics[key] for key in sorted(self.topics)]
+            yield data
 
     def _new_block(self, channel: Channel) -> _Block:
         message_type = MESSAGE_TYPES[channel.type]

@@ -23,7 +23,7 @@ Indices = NDArray[np.intp]
 
 _SHORT = 0.25
 """Intervals below this share of the mean one are those within a burst."""
-_BUNCHED = 0.05
+BUNCHED = 0.05
 """Share of short intervals from which stamps count as bunched; a rare hiccup is not worth it."""
 _LEAST = 200
 """Samples, for a rate."""
@@ -123,7 +123,7 @@ def spread_bursts(t: Floats, values: Floats) -> Spread | None:
         None where stamps are not bunched, or the rate changes from one even stretch to another,
         or the values say that samples were taken when they were stamped.
     """
-    if bunched_share(t) < _BUNCHED or float(np.mean(np.diff(t) < 0)) > 0.01:
+    if bunched_share(t) < BUNCHED or float(np.mean(np.diff(t) < 0)) > 0.01:
         return None
     if rate_stretches(t):
         return None
@@ -163,6 +163,8 @@ def rate_stretches(t: Floats) -> tuple[Stretch, ...]:
         np.median(np.lib.stride_tricks.sliding_window_view(padded, _RATE_FILTER), axis=1)
     )
     other = float(np.log(_OTHER_RATE))
+    if np.ptp(level) < other:
+        return ()
     starts = [0]
     for k in range(1, len(level) - _RATE_SPANS + 1):
         here, ahead = np.median(level[starts[-1] : k]), level[k : k + _RATE_SPANS]
@@ -174,7 +176,7 @@ def rate_stretches(t: Floats) -> tuple[Stretch, ...]:
         steps = np.diff(t[first:end])
         period = float(np.median(steps))
         short = float(np.mean(steps < _SHORT * float(np.mean(steps))))
-        if period <= 0.0 or short > _BUNCHED or t[end - 1] - t[first] < _RATE_SECONDS:
+        if period <= 0.0 or short > BUNCHED or t[end - 1] - t[first] < _RATE_SECONDS:
             return ()
         # Lost messages make the mean interval longer and leave the usual one.
         if found and abs(np.log(period * found[-1].rate)) < other:

@@ -90,40 +90,46 @@ def _leaps(t: Floats, values: Floats, floor: float) -> NDArray[np.bool_]:
     found = np.zeros(len(t), dtype=bool)
     if len(t) < 2 * _BLOCK // 8:
         return found
+    for channel in values.T:  # one by one: a log's memory is for its samples
+        found |= _channel_leaps(t, channel, floor)
+    # Across a hole polynomials say nothing.
+    spread = t[6:] - t[:-6]
+    found[3:-3] &= spread < _MOST_SPREAD * float(np.median(spread))
+    found[:3] = found[-3:] = False
+    return found
+
+
+def _channel_leaps(t: Floats, values: Floats, floor: float) -> NDArray[np.bool_]:
     size = _off_polynomial(t, values, _SIDES)
+    far = size > max(_THRESHOLD * MAD_TO_STD * float(np.median(size)), floor)
+    if not far.any():
+        return far
+    worst = size >= np.maximum.reduce([np.roll(size, shift) for shift in _SIDES])
     # A step or a corner of the motion goes on where one side leads.
     apart = np.minimum(
         _off_polynomial(t, values, (-3, -2, -1)), _off_polynomial(t, values, (1, 2, 3))
     )
-    scale = MAD_TO_STD * np.median(size, axis=0)
-    worst = size >= np.maximum.reduce([np.roll(size, shift, axis=0) for shift in _SIDES])
     # Motion too quick for the rate bends at the neighbours too, without the sample in question.
     bends = np.maximum(
-        np.roll(_off_polynomial(t, values, (-3, -2, 1, 2)), -1, axis=0),
-        np.roll(_off_polynomial(t, values, (-2, -1, 2, 3)), 1, axis=0),
+        np.roll(_off_polynomial(t, values, (-3, -2, 1, 2)), -1),
+        np.roll(_off_polynomial(t, values, (-2, -1, 2, 3)), 1),
     )
-    leap = worst & (size > np.maximum(_THRESHOLD * scale, floor))
-    leap &= (apart > 0.5 * size) & (bends < 0.5 * size)
-    # Across a hole polynomials say nothing.
-    spread = t[6:] - t[:-6]
-    found[3:-3] = leap[3:-3].any(axis=1) & (spread < _MOST_SPREAD * float(np.median(spread)))
-    return found
+    return np.asarray(far & worst & (apart > 0.5 * size) & (bends < 0.5 * size))
 
 
 def _off_polynomial(t: Floats, values: Floats, sides: tuple[int, ...]) -> Floats:
-    """Distance of each sample from the polynomial through some neighbours; 0 at the ends."""
-    at = np.arange(3, len(t) - 3)
-    near = [t[at + shift] - t[at] for shift in sides]
-    predicted = np.zeros_like(values[at])
+    """(N,), distance of each sample from the polynomial through some neighbours; 0 at the ends."""
+    inner = slice(3, len(t) - 3)
+    near = [t[3 + shift : len(t) - 3 + shift] - t[inner] for shift in sides]
+    off = np.zeros_like(values)
+    off[inner] = values[inner]
     for j, shift in enumerate(sides):
-        weight = np.ones(len(at))
+        weight = np.ones(len(t) - 6)
         for k in range(len(sides)):
             if j != k:
                 weight *= near[k] / (near[k] - near[j])
-        predicted += weight[:, None] * values[at + shift]
-    off = np.zeros_like(values)
-    off[at] = np.abs(values[at] - predicted)
-    return off
+        off[inner] -= weight * values[3 + shift : len(t) - 3 + shift]
+    return np.abs(off)
 
 
 def _bridge(work: Floats, found: NDArray[np.bool_]) -> None:
@@ -143,12 +149,15 @@ def deviation_from_neighbours(values: Floats) -> Floats:
     Blind to smooth motion; of unit white noise its standard deviation is 1.394.
 
     Args:
-        values: (N, C), evenly spaced.
+        values: (N,) or (N, C), evenly spaced.
 
     Returns:
-        (N, C).
+        As the values.
     """
-    return np.stack([channel - _prediction(channel) for channel in values.T], axis=1)
+    off = np.empty_like(values)
+    for channel, out in zip(values.T, off.T, strict=True) if values.ndim > 1 else [(values, off)]:
+        out[:] = channel - _prediction(channel)
+    return off
 
 
 def _prediction(x: Floats) -> Floats:

@@ -28,6 +28,8 @@ _WANDER_SAMPLES = 4 * _PHASE_SAMPLES + 1
 _MIN_CONCENTRATION = 0.5
 """|mean exp(i phase)| below which stamps do not gather about ticks (jitter above 0.19 period)."""
 _PERIOD_STEPS = 3
+_SETTLED = 0.01
+"""Periods that ticks may slide by over the log when the period is found."""
 _MAX_SHARED_TICKS = 0.01
 """Share of stamps that round to a tick already taken: more are bursts, not jitter."""
 _WHITE_JITTER = -0.25
@@ -45,15 +47,20 @@ class TidyRows:
     astray: int
     """Stamps far from all others: zero among the dates of today, or in another year."""
 
+    def of(self, values: Floats) -> Floats:
+        """(M, ...), these rows of (N, ...): the same array where they are all, in order."""
+        whole = len(self.rows) == len(values) and not self.backward
+        return values if whole else values[self.rows]
 
-def tidy_rows(t: Floats, values: Floats) -> TidyRows:
+
+def tidy_rows(t: Floats, *values: Floats) -> TidyRows:
     """Rows in time order, without repeated stamps and values that are not finite.
 
     Args:
         t: (N,), s, as recorded.
-        values: (N, C).
+        values: Each (N, C).
     """
-    finite = np.isfinite(t) & np.isfinite(values).all(axis=1)
+    finite = finite_rows(t, *values)
     rows = np.flatnonzero(finite)
     astray = 0
     if len(rows):
@@ -65,6 +72,14 @@ def tidy_rows(t: Floats, values: Floats) -> TidyRows:
         rows = rows[np.argsort(t[rows], kind="stable")]
     keep = np.concatenate([[True], np.diff(t[rows]) > 0]) if len(rows) else np.zeros(0, bool)
     return TidyRows(rows[keep], int((~keep).sum()), backward, int((~finite).sum()), astray)
+
+
+def finite_rows(t: Floats, *values: Floats) -> NDArray[np.bool_]:
+    """(N,), where stamps (N,) and all values, each (N, C), are numbers."""
+    finite = np.isfinite(t)
+    for each in values:
+        finite &= np.isfinite(each).all(axis=1)
+    return finite
 
 
 def near_stamps(t: Floats) -> NDArray[np.bool_]:
@@ -134,7 +149,8 @@ def constant_rate_ticks(t: Floats) -> Ticks | None:
         return None
     ticks, period = counted
     rest = t - ticks * period
-    line = np.polyval(np.polyfit(ticks, rest, 1), ticks)
+    gain, at_zero = _line(ticks, rest)
+    line = gain * ticks + at_zero
     jitter = _rms(rest - line)
     off = np.diff(t) - np.diff(ticks) * period
     white = float(np.sum(off[1:] * off[:-1]) / max(float(np.sum(off**2)), 1e-300))
@@ -151,14 +167,14 @@ def constant_rate_ticks(t: Floats) -> Ticks | None:
 def _count_ticks(t: Floats) -> tuple[Floats, float] | None:
     """Number of each sample's tick, and the period, s; None if stamps are not near ticks."""
     period = sample_interval(t)
-    for _ in range(_PERIOD_STEPS):
+    for _ in range(_PERIOD_STEPS + 1):
         slow = _slow_phase(t, period)
         if slow is None:
             return None
-        period *= 1.0 + float(np.polyfit(t, slow, 1)[0])
-    slow = _slow_phase(t, period)
-    if slow is None:
-        return None
+        gain = _line(t, slow)[0]
+        if abs(gain) * (t[-1] - t[0]) < _SETTLED * period:
+            break
+        period *= 1.0 + gain
     ticks = np.round((t - t[0] - slow) / period)
     # A late stamp may round to its neighbour's tick. Ticks lost so far only ever grow, so a late
     # one stands out of them for a moment, which a median mends and a true loss survives.
@@ -184,6 +200,14 @@ def _running_mean(values: NDArray[Number], width: int) -> NDArray[Number]:
     index = np.arange(len(values))
     low, high = np.maximum(index - half, 0), np.minimum(index + half + 1, len(values))
     return np.asarray((total[high] - total[low]) / (high - low))
+
+
+def _line(x: Floats, y: Floats) -> tuple[float, float]:
+    """Slope and value at zero of the straight line of least squares."""
+    centre = float(x.mean())
+    away = x - centre
+    slope = float(away @ y / max(float(away @ away), 1e-300))
+    return slope, float(y.mean()) - slope * centre
 
 
 def _rms(values: Floats) -> float:

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 MIN_TRACK_SAMPLES = 6
+_BLOCK = 1 << 15
+"""Instants whose poses are made at once."""
 _RATE_SECONDS = 0.02
 """s: half of what a rate is differenced over; long against an encoder's steps."""
 _HELD = 0.5
@@ -51,10 +53,10 @@ class CleanTrack:
 
         A quantised encoder at rest shows none.
         """
-        off = deviation_from_neighbours(self.values)
-        moving = np.abs(np.gradient(self.values, axis=0))
         variance = np.zeros(self.values.shape[1])
-        for channel, (rest, speed) in enumerate(zip(off.T, moving.T, strict=True)):
+        for channel, values in enumerate(self.values.T):
+            rest = deviation_from_neighbours(values)
+            speed = np.abs(np.gradient(values))
             # Not the largest speed: a tracker that jumps once would be all that moves.
             active = speed > 0.2 * np.percentile(speed, 95)
             if active.sum() >= 8:
@@ -62,6 +64,19 @@ class CleanTrack:
                     np.median(np.abs(rest[active])) * MAD_TO_STD / NOISE_OF_DEVIATION
                 ) ** 2
         return variance
+
+
+def _rate_reach(track: CleanTrack) -> int:
+    """Samples to either side that a rate is differenced over."""
+    return max(round(_RATE_SECONDS / track.interval), 1)
+
+
+def _with_rates(track: CleanTrack, stamps: Floats, part: slice) -> Floats:
+    """Values of some samples, and their rates by differences long against their noise."""
+    values, index, reach = track.values[part], np.arange(len(stamps)), _rate_reach(track)
+    later, earlier = np.minimum(index + reach, len(index) - 1), np.maximum(index - reach, 0)
+    rates = (values[later] - values[earlier]) / (stamps[later] - stamps[earlier])[:, None]
+    return np.hstack([values, rates])
 
 
 def clean_track(track: Track) -> CleanTrack:
@@ -76,7 +91,7 @@ def clean_track(track: Track) -> CleanTrack:
             f"{track.name}: {len(tidy.rows)} usable samples of {len(track.t)}, "
             f"need at least {MIN_TRACK_SAMPLES}: record a longer log"
         )
-    t, values = track.t[tidy.rows], track.values[tidy.rows]
+    t, values = tidy.of(track.t), tidy.of(track.values)
     if track.kind == "pose":
         values = values.copy()
         q = values[:, 3:]
@@ -86,7 +101,8 @@ def clean_track(track: Track) -> CleanTrack:
         values = unwrapped(values)
     changes = _changes(values)
     held = len(changes) < len(t)
-    t, values = t[changes], values[changes]
+    if held:
+        t, values = t[changes], values[changes]
     return CleanTrack(track.name, t, values, gap_breaks(t), constant_rate_ticks(t), held)
 
 
@@ -193,31 +209,30 @@ class Trajectory:
 
     def values_and_rates(self, t: Floats) -> tuple[tuple[Floats, ...], tuple[Floats, ...]]:
         """Values of each track at instants (M,), s, and their rates, smoothed over some samples."""
-        both = [
-            lagrange(self._stamps(track), values, t, breaks=breaks)
-            for track, values, breaks in zip(
-                self.tracks, self._with_rates, self._breaks, strict=True
-            )
-        ]
-        halves = [np.split(each, 2, axis=1) for each in both]
-        return tuple(values for values, _ in halves), tuple(rates for _, rates in halves)
+        values: list[Floats] = []
+        rates: list[Floats] = []
+        for track, breaks in zip(self.tracks, self._breaks, strict=True):
+            part = self._samples_around(track, t)
+            stamps = self._stamps(track)[part]
+            inside = breaks[(breaks > part.start) & (breaks < part.stop)] - part.start
+            both = lagrange(stamps, _with_rates(track, stamps, part), t, breaks=inside)
+            for found, half in zip((values, rates), np.split(both, 2, axis=1), strict=True):
+                found.append(half)
+        return tuple(values), tuple(rates)
 
-    @cached_property
-    def _with_rates(self) -> tuple[Floats, ...]:
-        """Each track's values, and their rates by differences long against its noise."""
-        found = []
-        for track in self.tracks:
-            stamps, index = self._stamps(track), np.arange(len(track.t))
-            reach = max(round(_RATE_SECONDS / track.interval), 1)
-            later, earlier = np.minimum(index + reach, len(index) - 1), np.maximum(index - reach, 0)
-            span = (stamps[later] - stamps[earlier])[:, None]
-            rates = (track.values[later] - track.values[earlier]) / span
-            found.append(np.hstack([track.values, rates]))
-        return tuple(found)
+    def _samples_around(self, track: CleanTrack, t: Floats) -> slice:
+        """Samples that values and rates at some instants are made of."""
+        first, last = np.searchsorted(self._stamps(track), [t.min(), t.max()])
+        reach = _rate_reach(track) + MIN_TRACK_SAMPLES
+        return slice(max(int(first) - reach, 0), min(int(last) + reach, len(track.t)))
 
     def poses(self, t: Floats) -> tuple[Floats, Floats]:
         """R_world_parent (M, 3, 3) and p_world_parent (M, 3), m, at instants (M,), s."""
-        return self.path.poses(self.values(t))
+        R, p = np.empty((len(t), 3, 3)), np.empty((len(t), 3))
+        for first in range(0, len(t), _BLOCK):  # what poses are made of takes more than they do
+            block = slice(first, first + _BLOCK)
+            R[block], p[block] = self.path.poses(self.values(t[block]))
+        return R, p
 
     @property
     def gaps(self) -> int:

@@ -119,7 +119,7 @@ def prepare(
         whiten=whiten,
     )
     offset = first.time_offset or 0.0
-    rows = tidy_rows(imu.t, np.hstack([imu.gyro, imu.accel])).rows
+    rows = tidy_rows(imu.t, imu.gyro, imu.accel).rows
     # The offset may still move by a millisecond or so; readings stay on the spline all the same.
     margin = 0.01
     inside = (imu.t[rows] - offset > t[0] + margin) & (imu.t[rows] - offset < t[-1] - margin)

@@ -68,7 +68,7 @@ def gridded(imu: ImuSamples) -> ImuGrid:
     Raises:
         InputError: Too few usable samples.
     """
-    rows = tidy_rows(imu.t, np.hstack([imu.gyro, imu.accel])).rows
+    rows = tidy_rows(imu.t, imu.gyro, imu.accel).rows
     if len(rows) < 10:
         raise InputError(f"{len(rows)} usable IMU samples: record a longer log")
     return imu_grid(imu.t[rows], imu.gyro[rows], imu.accel[rows])

@@ -74,7 +74,7 @@ def calibrate_liang(imu: ImuSamples, camera: CameraObservations, options: LiangO
         InputError: OpenCV is missing; too few moves between standstills at which the target is
             seen; or turns about one axis only.
     """
-    rows = tidy_rows(imu.t, np.hstack([imu.gyro, imu.accel])).rows
+    rows = tidy_rows(imu.t, imu.gyro, imu.accel).rows
     imu = replace(imu, t=imu.t[rows], gyro=imu.gyro[rows], accel=imu.accel[rows])
     stills = standstills(imu.t, imu.gyro, imu.accel, options.still)
     if not stills:
