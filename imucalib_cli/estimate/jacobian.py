@@ -184,7 +184,7 @@ def _block_columns(
     for each in model.layout.placed:
         add_effect(each.unknown.effect, each, nodes, channels)
     filters = _Filters.of(plan, nodes, centres)
-    J = np.zeros((len(centres), 6, model.layout.size))
+    J = np.zeros((len(centres), model.layout.size, 6))
     accel, gyro = slice(0, 3), slice(3, 6)
     for rows, found, weights, sign in (
         (accel, channels.shift, plan.second.derivative, 1.0),
@@ -195,9 +195,9 @@ def _block_columns(
         if found:
             index = np.concatenate([np.arange(part.start, part.stop) for part, _ in found])
             changes = filters.in_parent(np.concatenate([each for _, each in found], 1), weights)
-            J[:, rows, index] += sign * np.moveaxis(changes, 1, 2)
+            J[:, index, rows] += sign * changes
     for part, change in channels.gravity:
-        J[:, accel, part] -= np.moveaxis(change @ filters.R_centre, 1, 2)
+        J[:, part, accel] -= change @ filters.R_centre
     if channels.clock:
         # A later stamp means an earlier pose: one column, times what each entry says.
         turn, shift = -nodes.turning[:, None], -nodes.moving[:, None]
@@ -209,9 +209,9 @@ def _block_columns(
         grid = model.windowing.grid
         age = np.asarray(grid.dt * centres + (grid.t0 - model.middle))
         for part, clock in channels.clock:
-            J[:, accel, part.start] += by_time[:, 0] * clock.accel(age)[:, None]
-            J[:, gyro, part.start] += turned[:, 0] * clock.gyro(age)[:, None]
-    return J, filters.residuals(nodes)
+            J[:, part.start, accel] += by_time[:, 0] * clock.accel(age)[:, None]
+            J[:, part.start, gyro] += turned[:, 0] * clock.gyro(age)[:, None]
+    return np.swapaxes(J, 1, 2), filters.residuals(nodes)
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,6 +19,8 @@ Floats = NDArray[np.float64]
 _STEP_SECONDS = 0.005
 """Resolution of the search; the fine solve takes over from there."""
 _WINDOW_SECONDS = 0.1
+_BLOCK = 1 << 14
+"""Steps of the search whose poses are held at once."""
 
 
 def coarse_time_offset(
@@ -44,14 +46,17 @@ def coarse_time_offset(
     covered = trajectory.covered(t_robot)
     if not covered.any():
         return 0.0, None
-    poses = np.zeros((len(t_robot), 9))
-    poses[covered] = trajectory.poses(t_robot[covered])[0].reshape(-1, 9)
     centres = np.arange(reach, len(t_robot) - reach)
     clean = _windows_clean(covered, centres, reach)
+    derived = np.zeros(len(centres))
     pair = matched_filter(2 * reach + 1, 2, 1, step)
-    derivative = convolve_at(poses, pair.derivative, centres - reach)
-    # |Ro' dR/dt| is sqrt(2) |omega| for any rotation.
-    derived = np.linalg.norm(derivative, axis=1) / np.sqrt(2.0)
+    for first in range(0, len(centres), _BLOCK):
+        part = slice(first, first + _BLOCK + 2 * reach)
+        poses = np.zeros((len(t_robot[part]), 9))
+        poses[covered[part]] = trajectory.poses(t_robot[part][covered[part]])[0].reshape(-1, 9)
+        derivative = convolve_at(poses, pair.derivative, np.arange(len(poses) - 2 * reach))
+        # |Ro' dR/dt| is sqrt(2) |omega| for any rotation.
+        derived[first : first + _BLOCK] = np.linalg.norm(derivative, axis=1) / np.sqrt(2.0)
 
     measured = np.zeros(len(centres))
     measured_clean = np.zeros(len(centres), dtype=bool)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from imucalib_cli.estimate.robust import SCALE_FLOOR
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Iterator
 
     from imucalib_cli.estimate.windows import WindowPlan
 
@@ -41,6 +41,13 @@ _HEARD: Final = 0.03
 """Share of the largest response from which a band counts: below, it is rounding and aliases."""
 
 
+def _runs(numbers: Indices) -> Iterator[tuple[int, slice]]:
+    """Each of ascending numbers, and where it stands."""
+    edges = np.flatnonzero(np.diff(numbers)) + 1
+    for start, stop in zip([0, *edges.tolist()], [*edges.tolist(), len(numbers)], strict=True):
+        yield int(numbers[start]), slice(start, stop)
+
+
 class BandSums:
     """Sums of X^H X over the frequencies of each band, sensor by sensor, for rows X in windows."""
 
@@ -60,12 +67,12 @@ class BandSums:
 
     def add(self, part: slice, rows: Floats) -> None:
         """Take the rows (w, 6, size) of some windows; parts come in order."""
-        for piece in np.unique(self._slots[part] // self.length).tolist():
+        slots = self._slots[part]
+        for piece, inside in _runs(slots // self.length):
             if piece != self._filled:
                 self._transform()
                 self._filled = piece
-            inside = self._slots[part] // self.length == piece
-            at = self._slots[part][inside] - piece * self.length
+            at = slots[inside] - piece * self.length
             self._buffer[:, :, at] = np.moveaxis(rows[inside], 0, 2)
 
     def finished(self) -> Floats:
@@ -231,8 +238,8 @@ class PartSums:
 
     def add(self, part: slice, rows: Floats) -> None:
         """Take the rows (w, 6, size) of some windows."""
-        for index in np.unique(self.number[part]):
-            flat = rows[self.number[part] == index].reshape(-1, rows.shape[2])
+        for index, inside in _runs(self.number[part]):
+            flat = rows[inside].reshape(-1, rows.shape[2])
             self.sums[index] += flat.T @ flat
 
 

@@ -46,9 +46,10 @@ def imu_stream(data: TopicData) -> tuple[ImuStream | None, list[Finding]]:
         )
     joined = _Joined([piece for piece in data.pieces if _frame(piece) == frame])
     gyro, accel = joined.numbers("gyro"), joined.numbers("accel")
-    sound = _is_number(gyro) & _is_number(accel)
-    if not sound.all():
-        count = np.count_nonzero(~sound)
+    numbers = _is_number(gyro) & _is_number(accel)
+    sound: NDArray[np.bool_] | slice = slice(None)  # which copies nothing
+    if not numbers.all():
+        sound, count = numbers, np.count_nonzero(~numbers)
         losses.append(warning("imu.not_finite", topic=data.topic, count=count, limit=_ABSURD))
     stream = ImuStream(
         topic=data.topic,

@@ -77,11 +77,11 @@ def find_glitches(t: Floats, values: Floats, floor: float) -> NDArray[np.bool_]:
     """
     found = np.zeros(len(t), dtype=bool)
     for _ in range(_GLITCH_ROUNDS):
-        kept = np.flatnonzero(~found)
-        new = _leaps(t[kept], values[kept], floor)
+        rest = ~found if found.any() else slice(None)  # a slice copies nothing
+        new = _leaps(t[rest], values[rest], floor)
         if not new.any():
             break
-        found[kept[new]] = True
+        found[np.flatnonzero(~found)[new]] = True
     return found
 
 
