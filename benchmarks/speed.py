@@ -1,9 +1,11 @@
-"""Time of the estimate alone, against what rosbags' reader needs for the same log's IMU topic.
+"""Time and memory of the estimate and of a whole run, against rosbags' reader on the same log.
 
-    python benchmarks/speed.py [LOG URDF]
+    python benchmarks/speed.py [--seconds 74] [LOG URDF]
 
-Without a log, 74 s of RiHIBot at 500 Hz are simulated first. Each is measured in turn, several
-times in one process, imports done; the ratio of the medians is what counts on a shared machine.
+Without a log, RiHIBot at 500 Hz is simulated first (half an hour of it takes two minutes). The
+estimate is measured in this process, imports done; the whole run, and AnyReader decoding its two
+topics, each in a process of its own. Each in turn, several times; the ratio of the medians is what
+counts on a shared machine.
 """
 
 from __future__ import annotations
@@ -14,6 +16,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import argparse
 import statistics
+import subprocess
+import sys
 import tempfile
 import time
 from pathlib import Path
@@ -37,13 +41,32 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 REPEATS = 7
+RUNS = 3
+"""Whole processes of each kind."""
+THEIRS = """
+import sys
+from pathlib import Path
+from rosbags.highlevel import AnyReader
+with AnyReader([Path(sys.argv[1])]) as reader:
+    wanted = [c for c in reader.connections if c.msgtype.endswith(("/Imu", "/JointState"))]
+    for connection, _, raw in reader.messages(connections=wanted):
+        reader.deserialize(raw, connection.msgtype)
+"""
+METER = """
+import resource, subprocess, sys
+subprocess.run(sys.argv[1:], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+usage = resource.getrusage(resource.RUSAGE_CHILDREN)
+print(usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024)
+"""
+"""In a small process: a child's memory counts from that of the process that starts it."""
 
 
-def make_log(folder: Path) -> tuple[Path, Path]:
+def make_log(folder: Path, seconds: float | None) -> tuple[Path, Path]:
     """RiHIBot at 500 Hz with industrial noise."""
     log, urdf = folder / "rihibot.mcap", folder / "rihibot.urdf"
     options = SimulationOptions(
-        physics=PhysicsOptions(imu_rate=500, robot_rate=500), noise=load_grade("industrial")
+        physics=PhysicsOptions(imu_rate=500, robot_rate=500, duration=seconds),
+        noise=load_grade("industrial"),
     )
     simulate(load_system("rihibot"), options, log, urdf=urdf)
     return log, urdf
@@ -57,15 +80,44 @@ def timed(call: Callable[[], object]) -> float:
 
 
 def main() -> None:
-    """Print both times and their ratio."""
+    """Print times, their ratios, and the memory of whole runs."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--seconds", type=float, help="of the simulated log")
     parser.add_argument("log", nargs="?", type=Path)
     parser.add_argument("urdf", nargs="?", type=Path)
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         if arguments.log is None:
-            arguments.log, arguments.urdf = make_log(Path(folder))
+            arguments.log, arguments.urdf = make_log(Path(folder), arguments.seconds)
         measure(arguments.log, arguments.urdf)
+        measure_runs(arguments.log, arguments.urdf)
+
+
+def spent(command: list[str]) -> tuple[float, float]:
+    """CPU seconds and MB of a process."""
+    meter = [sys.executable, "-c", METER, *command]
+    told = subprocess.run(meter, check=True, capture_output=True, text=True).stdout
+    cpu, mb = told.split()[-2:]
+    return float(cpu), float(mb)
+
+
+def measure_runs(log: Path, urdf: Path) -> None:
+    """Measure the whole command on one log."""
+    program = [sys.executable, "-c", "from imucalib_cli.cli.entry import main; main()"]
+    commands = {
+        "imucalib run": [*program, "run", str(log), "--urdf", str(urdf)],
+        "AnyReader, two topics": [sys.executable, "-c", THEIRS, str(log)],
+    }
+    found: dict[str, list[tuple[float, float]]] = {name: [] for name in commands}
+    for _ in range(RUNS):
+        for name, command in commands.items():
+            found[name].append(spent(command))
+    theirs = statistics.median(cpu for cpu, _ in found["AnyReader, two topics"])
+    print("\n| whole process | median CPU s | over AnyReader | MB |")
+    print("|---|---|---|---|")
+    for name, values in found.items():
+        cpu = statistics.median(cpu for cpu, _ in values)
+        print(f"| {name} | {cpu:.2f} | {cpu / theirs:.2f} | {max(mb for _, mb in values):.0f} |")
 
 
 def measure(path: Path, urdf: Path) -> None:

@@ -190,6 +190,23 @@ def _fixed(component: str, step: float, std: float) -> str:
     )
 
 
+def _still(joints: tuple[str, ...], translation: float, rotation: float) -> str:
+    return (
+        f"{', '.join(joints)} do not move in this log: their zeros and lengths cannot be told from "
+        f"the mount, and put {translation * 1e3:.2g} mm and {math.degrees(rotation):.2g} deg into "
+        "sigma; move them too, or say --robot exact or --robot DEG,MM"
+    )
+
+
+def _stated(option: str, unit: str, step: float, std: float) -> str:
+    factor, name = _QUANTITIES.get(unit, (1.0, unit))
+    return (
+        f"the data contradict {option}: left free, it would be "
+        f"{with_std(step * factor, std * factor)} {name} from what is stated; leave the option "
+        "out, or measure again"
+    )
+
+
 def _untested(components: tuple[str, ...]) -> str:
     return (
         f"the log says nothing on {', '.join(components)} beyond what was told by --fix or "
@@ -469,7 +486,9 @@ FIT_MESSAGES: dict[str, str | Callable[..., Any]] = {
     "prior.pose_contradicted": "the data contradict --prior-std: {component} comes out "
     "{sigmas:.0f} standard deviations off the pose told beforehand; measure it again, or give a "
     "larger one",
+    "robot.joints_still": _still,
     "prior.fixed_contradicted": _fixed,
+    "prior.stated_contradicted": _stated,
     "prior.untested": _untested,
     "imu.accel_sign_in_doubt": "gravity comes out far from down, and the motion does not tell "
     "whether world is mounted so or the accelerometer points down at rest: say --accel-sign up or "

@@ -273,13 +273,11 @@ def _quality(texts: EstimatorTexts) -> dict[str, Any]:
 def _robot(text: str) -> str | tuple[float, float]:
     if text in {"nominal", "exact"}:
         return text
-    std = parse_pose_std("--robot", text)
+    allowed = "nominal, exact, or how good joint zeros and lengths are, such as 0.05deg,0.5mm"
+    std = parse_pose_std("--robot", text, allowed)
     zero, length = std[3], std[0]
     if not (0.0 < zero < math.inf and 0.0 < length < math.inf):
-        raise ChoiceError(
-            f"--robot {text}: expected nominal, exact, or how good joint zeros and lengths are, "
-            "such as 0.05deg,0.5mm"
-        )
+        raise ChoiceError(f"--robot {text}: expected {allowed}")
     return zero, length
 
 

@@ -116,12 +116,15 @@ def parse_components(option: str, text: str) -> list[int]:
     return [_COMPONENTS.index(name) for name in names]
 
 
-def parse_pose_std(option: str, text: str) -> list[float]:
+def parse_pose_std(
+    option: str,
+    text: str,
+    allowed: str = "2mm,0.5deg for all components or tx=1mm,rz=0.2deg for some",
+) -> list[float]:
     """Standard deviations of the pose, six, inf where none is given.
 
     ``2mm,0.5deg`` is of every component, ``tx=1mm,rz=0.2deg`` of some.
     """
-    allowed = "2mm,0.5deg for all components or tx=1mm,rz=0.2deg for some"
     std = [math.inf] * 6
     for part in text.split(","):
         name, _, quantity = part.rpartition("=")

@@ -87,7 +87,7 @@ def diagnose(case: Case) -> tuple[Finding, ...]:
         try:
             bench, told = told_on_bench(case, reversed_accel=sign)
         except InputError:
-            return ()
+            return found
         ties = explaining(bench, case, told)
         if ties:
             return (_cause(ties, told, case),)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     Floats = NDArray[np.float64]
+
+StepKind = TypeVar("StepKind", FixedStep, JointStep, PoseStep)
 
 MILLI = 1e-3
 
@@ -46,53 +48,45 @@ def driven_key(path: KinematicPath) -> tuple[object, ...]:
 
 def with_flipped(path: KinematicPath, names: frozenset[str]) -> KinematicPath:
     """The same path with the axes of some joints reversed."""
-    return _map_joints(
-        path,
-        lambda step: (
-            replace(step, multiplier=-step.multiplier, offset=-step.offset)
-            if step.name in names
-            else step
-        ),
-    )
+
+    def change(step: JointStep) -> JointStep:
+        sign = -1.0 if step.name in names else 1.0
+        return replace(step, multiplier=sign * step.multiplier, offset=sign * step.offset)
+
+    return _map_steps(path, JointStep, change)
 
 
 def with_zero(path: KinematicPath, reported: tuple[int, int], zero: float) -> KinematicPath:
     """The same path with a constant, rad, added to a reported position, by (track, column)."""
-    return _map_joints(
-        path,
-        lambda step: (
-            replace(step, offset=step.offset + step.multiplier * zero)
-            if (step.track, step.column) == reported
-            else step
-        ),
-    )
+
+    def change(step: JointStep) -> JointStep:
+        added = step.multiplier * zero if (step.track, step.column) == reported else 0.0
+        return replace(step, offset=step.offset + added)
+
+    return _map_steps(path, JointStep, change)
 
 
 def with_columns(path: KinematicPath, columns: Mapping[tuple[int, int], int]) -> KinematicPath:
     """The same path, joints taking other columns of their track, by (track, column)."""
-    return _map_joints(
+    return _map_steps(
         path,
+        JointStep,
         lambda step: replace(step, column=columns.get((step.track, step.column), step.column)),
     )
 
 
 def with_scaled(path: KinematicPath, kind: str, by: float) -> KinematicPath:
     """The same path, values of one kind of joint in another unit."""
-    return _map_joints(
+    return _map_steps(
         path,
+        JointStep,
         lambda step: replace(step, multiplier=by * step.multiplier) if step.kind == kind else step,
     )
 
 
 def with_origins_in_millimetres(path: KinematicPath) -> KinematicPath:
     """The same path, every constant translation taken as millimetres."""
-    return replace(
-        path,
-        steps=tuple(
-            replace(step, p=MILLI * step.p) if isinstance(step, FixedStep) else step
-            for step in path.steps
-        ),
-    )
+    return _map_steps(path, FixedStep, lambda step: replace(step, p=MILLI * step.p))
 
 
 def origin_lengths(path: KinematicPath) -> dict[str, float]:
@@ -109,14 +103,10 @@ def origin_lengths(path: KinematicPath) -> dict[str, float]:
 
 def with_inverse_poses(path: KinematicPath, tracks: frozenset[int]) -> KinematicPath:
     """The same path, poses of some tracks read the other way round."""
-    return replace(
+    return _map_steps(
         path,
-        steps=tuple(
-            replace(step, inverse=not step.inverse)
-            if isinstance(step, PoseStep) and step.track in tracks
-            else step
-            for step in path.steps
-        ),
+        PoseStep,
+        lambda step: replace(step, inverse=step.inverse != (step.track in tracks)),
     )
 
 
@@ -140,11 +130,12 @@ def with_positions_in_millimetres(path: KinematicPath) -> KinematicPath:
     return _map_poses(path, lambda v: v * np.array([MILLI, MILLI, MILLI, 1, 1, 1, 1]))
 
 
-def _map_joints(path: KinematicPath, change: Callable[[JointStep], Step]) -> KinematicPath:
-    return replace(
-        path,
-        steps=tuple(change(step) if isinstance(step, JointStep) else step for step in path.steps),
-    )
+def _map_steps(
+    path: KinematicPath, kind: type[StepKind], change: Callable[[StepKind], Step]
+) -> KinematicPath:
+    """The same path with every step of one kind changed."""
+    steps = (change(step) if isinstance(step, kind) else step for step in path.steps)
+    return replace(path, steps=tuple(steps))
 
 
 def _map_poses(path: KinematicPath, change: Callable[[Floats], Floats]) -> KinematicPath:

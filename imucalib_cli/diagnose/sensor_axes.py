@@ -7,7 +7,6 @@ have to be changed; whether that is true is judged as every other hypothesis is.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -33,18 +32,6 @@ _SAME: Final = np.radians(10.0)
 _MIRROR: Final = np.diag([1.0, 1.0, -1.0])
 
 
-@dataclass(frozen=True, eq=False)
-class _Free:
-    """One sensor's matrix where nothing binds it."""
-
-    Q: Floats
-    """(3, 3), the orthogonal matrix nearest to it, of either handedness."""
-
-    @property
-    def left_handed(self) -> bool:
-        return float(np.linalg.det(self.Q)) < 0.0
-
-
 def reoriented(rows: WindowRows, path: KinematicPath, gravity: Floats) -> Hypothesis | None:
     """Readings with their axes changed so that one rotation holds for both sensors.
 
@@ -60,57 +47,47 @@ def reoriented(rows: WindowRows, path: KinematicPath, gravity: Floats) -> Hypoth
     gyro = _free_matrix(rows.gyro, [columns.R, columns.BG])
     if accel is None or gyro is None:
         return None
-    # From the accelerometer's axes to the gyroscope's.
-    P = gyro.Q.T @ accel.Q
-    both = accel.left_handed and gyro.left_handed
+    left_accel, left_gyro = (float(np.linalg.det(Q)) < 0.0 for Q in (accel, gyro))
     mirrored = ""
-    if accel.left_handed != gyro.left_handed:
-        mirrored = "accelerometer" if accel.left_handed else "gyroscope"
+    if left_accel != left_gyro:
+        mirrored = "accelerometer" if left_accel else "gyroscope"
+    mirror = _MIRROR if left_accel and left_gyro else np.eye(3)
+
+    def changed(
+        form: str, turn: Floats, which: str = "", sizes: tuple[float, ...] = (), order: str = ""
+    ) -> Hypothesis:
+        """The hypothesis that the right-handed sensor's axes hold for both."""
+        first = which == "accelerometer"
+        return Hypothesis(
+            kind="axes",
+            sizes=sizes,
+            detail=(form, which, order),
+            path=path,
+            accel=mirror @ (turn if first else np.eye(3)),
+            gyro=mirror @ (np.eye(3) if first else turn.T),
+        )
+
+    # From the accelerometer's axes to the gyroscope's.
+    P = gyro.T @ accel
     if _near(P, np.eye(3)):
-        return _Change("left-handed", np.eye(3), both=True).of(path) if both else None
+        return changed("left-handed", np.eye(3)) if left_accel else None
     if _near(P, -np.eye(3)):
         # An accelerometer that finds gravity where it belongs has the right sign.
         down = gravity.any() and gravity[2] < 0.0
-        which = "gyroscope" if down else mirrored
-        return _Change("reversed", -np.eye(3), which=which).of(path)
+        mirror = np.eye(3)
+        return changed("reversed", -np.eye(3), "gyroscope" if down else mirrored)
     S = _signed_axes(P)
     if S is not None:
-        return _Change("exchanged", S, mirrored, both, order=_named(S)).of(path)
+        return changed("exchanged", S, mirrored, order=_named(S))
     angle = float(rotation_angle(-P if mirrored else P))
-    return _Change("turned", P, mirrored, both, sizes=(angle,)).of(path)
+    return changed("turned", P, mirrored, sizes=(angle,))
 
 
-@dataclass(frozen=True, eq=False)
-class _Change:
-    """How the readings are to be changed."""
+def _free_matrix(rows: Floats, parts: list[slice]) -> Floats | None:
+    """The orthogonal matrix, of either handedness, nearest to a sensor's own 3x3 matrix.
 
-    form: str
-    turn: Floats
-    """(3, 3), from the accelerometer's axes to the gyroscope's."""
-    which: str = ""
-    """The sensor that is left-handed."""
-    both: bool = False
-    """Whether both are."""
-    sizes: tuple[float, ...] = ()
-    order: str = ""
-
-    def of(self, path: KinematicPath) -> Hypothesis:
-        """The hypothesis that the right-handed sensor's axes hold for both."""
-        mirror = _MIRROR if self.both else np.eye(3)
-        accel = self.turn if self.which == "accelerometer" else np.eye(3)
-        gyro = np.eye(3) if self.which == "accelerometer" else self.turn.T
-        return Hypothesis(
-            kind="axes",
-            sizes=self.sizes,
-            detail=(self.form, self.which, self.order),
-            path=path,
-            accel=mirror @ accel,
-            gyro=mirror @ gyro,
-        )
-
-
-def _free_matrix(rows: Floats, parts: list[slice]) -> _Free | None:
-    """A sensor's own 3x3 matrix by linear least squares, None where the motion says too little."""
+    By linear least squares; None where the motion says too little.
+    """
     flat = rows.reshape(-1, columns.COUNT)
     which = np.concatenate([np.arange(columns.COUNT)[part] for part in parts])
     normal = flat[:, which].T @ flat[:, which]
@@ -124,7 +101,7 @@ def _free_matrix(rows: Floats, parts: list[slice]) -> _Free | None:
     U, stretch, Vt = np.linalg.svd(M)
     if stretch[-1] <= 0.0 or stretch[0] > _STRETCHED * stretch[-1]:
         return None
-    return _Free(Q=np.asarray(U @ Vt))
+    return np.asarray(U @ Vt)
 
 
 def _near(P: Floats, Q: Floats) -> bool:

@@ -146,8 +146,7 @@ class Estimate:
     window: Window
     residuals: Residuals
     corrections: tuple[Correction, ...] = ()
-    """What was off and has been corrected; the time offset is then the accelerometer's, in the
-    middle of the log."""
+    """What was off and has been corrected."""
     parameters: tuple[Parameter, ...] = ()
     """Every unknown beside the pose."""
     consistency: Consistency | None = None

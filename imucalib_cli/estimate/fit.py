@@ -106,11 +106,6 @@ class Fit:
         return self.model.layout
 
     @property
-    def deviance(self) -> float:
-        """Twice the negative Whittle log-likelihood: what alternatives are compared by."""
-        return self.statistics.deviance(self.levels)
-
-    @property
     def precision(self) -> Floats:
         """Of the free components' priors, learnt scales at their mean."""
         return np.asarray(1.0 / self.layout.std_at(self.scales_found.mean)[self.layout.free] ** 2)
@@ -170,8 +165,6 @@ class Lean:
 
     model: Model
     state: State
-    scales: tuple[float, float]
-    """Residual scale of accelerometer, m/s², and gyroscope, rad/s, in a window."""
     runner_up_rise: float
     """How much worse the best other rotation fits, in chi-squared; inf where there is none."""
     centres: Indices
@@ -216,9 +209,8 @@ def lean_fit(
     if near is None:
         state, rise = _globally(windowing, options, time_offset, layout)
     else:
-        state = _transfer(near.state, near.model.layout, layout)
+        state = transferred(near.state, near.model.layout, layout)
         rise = near.runner_up_rise
-    scales = _FIRST_SCALES
     clock = layout.part("time_offset")
     reach = 0.5 * windowing.plan.length * windowing.grid.dt
     for turn in range(_LEAN_PASSES):
@@ -232,7 +224,7 @@ def lean_fit(
         root = whitening(windowing.plan, weights, _floored(scales))
         both = with_residuals(found, residuals)
         stats = statistics(windowing.plan, centres, both, root, layout.size + 1)
-        offset = _offset(layout, options, state)
+        offset = prior_offset(layout, options, state)
         problem = _problem(stats, layout, offset, level=1.0)
         step, inverse = problem.solve(np.zeros(0))
         sigmas = np.abs(step) / np.sqrt(np.diag(inverse))
@@ -242,7 +234,7 @@ def lean_fit(
         fine = turn > 1 and np.abs(step[clock]).max(initial=0.0) < _TIME_RESOLUTION
         if fine or sigmas.max(initial=0.0) < _SETTLED:
             break
-    return Lean(model, state, scales, rise, centres, residuals)
+    return Lean(model, state, rise, centres, residuals)
 
 
 def whole_fit(lean: Lean, options: MatchedOptions) -> Fit:
@@ -253,7 +245,7 @@ def whole_fit(lean: Lean, options: MatchedOptions) -> Fit:
     """
     windowing = lean.model.windowing
     layout = lay_out(windowing.trajectory, options)
-    state = _transfer(lean.state, lean.model.layout, layout)
+    state = transferred(lean.state, lean.model.layout, layout)
     return _whole(Model(windowing, layout), options, state, lean.runner_up_rise)
 
 
@@ -298,13 +290,12 @@ def _state_of(lean: LeanState, layout: Layout, time_offset: float) -> State:
     return State(lean.R, lean.t, lean.gravity, x, held)
 
 
-def _transfer(state: State, old: Layout, new: Layout) -> State:
+def transferred(state: State, old: Layout, new: Layout) -> State:
     """The same values in another layout."""
     x = np.zeros(new.size)
-    for each in old.placed:
-        part = new.part(each.unknown.name)
-        if part != slice(0, 0):
-            x[part] = state.x[each.part]
+    values = {(each.unknown.name, each.labels): state.x[each.part] for each in old.placed}
+    for each in new.placed:
+        x[each.part] = values.get((each.unknown.name, each.labels), 0.0)
     return replace(state, x=x)
 
 
@@ -369,7 +360,7 @@ def _whole(model: Model, options: MatchedOptions, state: State, rise: float) -> 
         stats = statistics(windowing.plan, centres, both, root, layout.size + 1)
         total = stats.normal.sum(axis=(0, 1))
         stats = stats.calibrated(*calibration_of(total, model, state.x, scales, stats.windows))
-        offset, level = _offset(layout, options, state), 1.0
+        offset, level = prior_offset(layout, options, state), 1.0
         for _ in range(_LEVEL_PASSES):
             problem = _problem(stats, layout, offset, level=level)
             u = most_likely(problem, u)
@@ -436,19 +427,19 @@ def _least_level(residuals: Floats) -> float:
 
 def _problem(stats: Statistics, layout: Layout, offset: Floats, *, level: float) -> Problem:
     """The free components' normal equations with their priors."""
-    free = layout.free
-    return Problem(
-        information=stats.information[np.ix_(free, free)] / level,
-        score=stats.score[free] / level,
-        offset=offset[free],
-        std=layout.std[free],
-        scale=layout.scale[free],
+    problem = Problem(
+        information=stats.information / level,
+        score=stats.score / level,
+        offset=offset,
+        std=layout.std,
+        scale=layout.scale,
         bounds=layout.bounds,
         alike=layout.alike,
     )
+    return problem.of(layout.free)
 
 
-def _offset(layout: Layout, options: MatchedOptions, state: State) -> Floats:
+def prior_offset(layout: Layout, options: MatchedOptions, state: State) -> Floats:
     """Distance of each component from what its prior expects."""
     offset = state.x.copy()
     offset[layout.part("time_offset")] = 0.0

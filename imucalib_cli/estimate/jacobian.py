@@ -1,15 +1,14 @@
 """How the residuals of windows change with each unknown.
 
-Columns need no more than some per cent of accuracy, so they are made on nodes, some thirty to a
-window. What an unknown does is said along the nodes: it turns and shifts the pose, or changes what
+Columns need no more than some per cent of accuracy, so they are made on nodes, a few to a window.
+What an unknown does is said along the nodes: it turns and shifts the pose, or changes what
 the sensors read, or gravity, or the instants. One mechanism makes columns of that.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import singledispatch
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -182,7 +181,7 @@ def _block_columns(
     nodes = _nodes(model, plan, chain, state, centres)
     channels = _Channels()
     for each in model.layout.placed:
-        add_effect(each.unknown.effect, each, nodes, channels)
+        _add(each, nodes, channels)
     filters = _Filters.of(plan, nodes, centres)
     J = np.zeros((len(centres), model.layout.size, 6))
     accel, gyro = slice(0, 3), slice(3, 6)
@@ -259,69 +258,44 @@ class _Filters:
         return e
 
 
-@singledispatch
-def add_effect(effect: Any, placed: Placed, nodes: _Nodes, channels: _Channels) -> None:
+def _add(placed: Placed, nodes: _Nodes, channels: _Channels) -> None:  # noqa: C901 a table
     """Add what one entry of the table does along the nodes."""
-    raise NotImplementedError(effect, placed, nodes, channels)
-
-
-@add_effect.register(Reading)
-def _(effect: Reading, placed: Placed, nodes: _Nodes, channels: _Channels) -> None:
-    basis = np.swapaxes(effect.basis(nodes.samples), 0, 1)
-    # Taking the error off lowers the reading.
-    seen = -(basis @ np.swapaxes(nodes.R_world_imu, 1, 2))
-    (channels.force if effect.sensor == "accel" else channels.rate).append((placed.part, seen))
-
-
-@add_effect.register(Clock)
-def _(effect: Clock, placed: Placed, _: _Nodes, channels: _Channels) -> None:
-    channels.clock.append((placed.part, effect))
-
-
-@add_effect.register(Gravity)
-def _(effect: Gravity, placed: Placed, nodes: _Nodes, channels: _Channels) -> None:
-    if effect.what == "direction":
-        change = cross(gravity_axes(nodes.gravity), nodes.gravity)
-    else:
-        change = nodes.gravity[None] / np.linalg.norm(nodes.gravity)
-    channels.gravity.append((placed.part, change))
-
-
-@add_effect.register(Mount)
-def _(effect: Mount, placed: Placed, nodes: _Nodes, channels: _Channels) -> None:
-    axes = np.swapaxes(nodes.R, 1, 2)  # rows: the parent's axes in the world
-    if effect.what == "translation":
-        channels.shift.append((placed.part, axes))
-    else:
-        channels.force.append((placed.part, cross(axes, nodes.force[:, None])))
-        channels.rate.append((placed.part, cross(axes, nodes.turning[:, None])))
-
-
-@add_effect.register(Origin)
-def _(_: Origin, placed: Placed, nodes: _Nodes, channels: _Channels) -> None:
-    shift = placed.directions @ np.swapaxes(nodes.frames[placed.index][0], 1, 2)
-    channels.shift.append((placed.part, shift))
-
-
-@add_effect.register(PoseScale)
-def _(_: PoseScale, placed: Placed, nodes: _Nodes, channels: _Channels) -> None:
-    shift = np.zeros((len(nodes.p), 1, 3))
-    for index, step in enumerate(nodes.path.steps):
-        if isinstance(step, PoseStep) and step.track == placed.index:
-            shift[:, 0] += nodes.frames[index + 1][1] - nodes.frames[index][1]
-    channels.shift.append((placed.part, shift))
-
-
-@add_effect.register(JointCurve)
-def _(effect: JointCurve, placed: Placed, nodes: _Nodes, channels: _Channels) -> None:
-    joint = placed.joint
-    if joint is None:
-        return
-    q, rate = (each[joint.track][:, joint.column] for each in (nodes.values, nodes.rates))
-    curve = effect.basis(q, rate).T[:, :, None]
-    twist = (channels.turn, channels.shift, channels.force)
-    for channel, along in zip(twist, nodes.twist(joint), strict=True):
-        channel.append((placed.part, curve * along[:, None]))
+    part, effect = placed.part, placed.unknown.effect
+    match effect:
+        case Reading():
+            basis = np.swapaxes(effect.basis(nodes.samples), 0, 1)
+            # Taking the error off lowers the reading.
+            seen = -(basis @ np.swapaxes(nodes.R_world_imu, 1, 2))
+            read = channels.force if effect.sensor == "accel" else channels.rate
+            read.append((part, seen))
+        case Clock():
+            channels.clock.append((part, effect))
+        case Gravity():
+            down = nodes.gravity[None] / np.linalg.norm(nodes.gravity)
+            turned = cross(gravity_axes(nodes.gravity), nodes.gravity)
+            channels.gravity.append((part, turned if effect.what == "direction" else down))
+        case Mount(what="translation"):
+            channels.shift.append((part, np.swapaxes(nodes.R, 1, 2)))
+        case Mount():
+            axes = np.swapaxes(nodes.R, 1, 2)  # rows: the parent's axes in the world
+            channels.force.append((part, cross(axes, nodes.force[:, None])))
+            channels.rate.append((part, cross(axes, nodes.turning[:, None])))
+        case Origin():
+            R, _ = nodes.frames[placed.index]
+            channels.shift.append((part, placed.directions @ np.swapaxes(R, 1, 2)))
+        case PoseScale():
+            shift = np.zeros((len(nodes.p), 1, 3))
+            for index, step in enumerate(nodes.path.steps):
+                if isinstance(step, PoseStep) and step.track == placed.index:
+                    shift[:, 0] += nodes.frames[index + 1][1] - nodes.frames[index][1]
+            channels.shift.append((part, shift))
+        case JointCurve() if placed.joint is not None:
+            track, column = placed.joint.track, placed.joint.column
+            q, rate = nodes.values[track][:, column], nodes.rates[track][:, column]
+            curve = effect.basis(q, rate).T[:, :, None]
+            twist = (channels.turn, channels.shift, channels.force)
+            for channel, along in zip(twist, nodes.twist(placed.joint), strict=True):
+                channel.append((part, curve * along[:, None]))
 
 
 def _nodes(model: Model, plan: NodePlan, chain: Chain, state: State, centres: Indices) -> _Nodes:

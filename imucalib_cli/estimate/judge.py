@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from imucalib_cli.estimate.layout import still_joints
 from imucalib_cli.estimate.observability import (
     ROTATION_LIMIT,
     TRANSLATION_LIMIT,
@@ -16,7 +18,8 @@ from imucalib_cli.estimate.observability import (
 )
 from imucalib_cli.estimate.solve import tilt_from_down
 from imucalib_cli.estimate.spectrum import inverse_of, squared_distance
-from imucalib_cli.estimate.unknowns import Clock, Gravity, Mount, Reading
+from imucalib_cli.estimate.told import stated_wrongly
+from imucalib_cli.estimate.unknowns import SCALES, TABLE, Clock, Gravity, Mount, Reading
 from imucalib_cli.estimate.window_choice import kinematic_noise, second_derivative_gain
 from imucalib_cli.findings import Finding, Severity, note, untrusted, warning
 from imucalib_cli.robot.rotations import rotvec_from_matrix
@@ -28,7 +31,6 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.fit import Fit
     from imucalib_cli.estimate.layout import Placed
     from imucalib_cli.estimate.options import MatchedOptions
-    from imucalib_cli.estimate.prepare import CleanImu
     from imucalib_cli.estimate.segments import Change
     from imucalib_cli.estimate.specification import Dependence
     from imucalib_cli.estimate.stamps import Attempt
@@ -87,7 +89,6 @@ class Evidence:
 
     fit: Fit
     attempt: Attempt
-    clean: CleanImu
     options: MatchedOptions
     dependence: tuple[Dependence, ...]
     change: Change | None
@@ -142,10 +143,35 @@ def of_findings(evidence: Evidence) -> Floats:
         added += np.outer(worst.difference, worst.difference)
     change = evidence.change
     if change is not None:
-        # The truth is with one part or the other, the estimate somewhere between them.
-        apart = change.size / 2.0 if change.kind == "mount" else change.moves_pose
+        # The truth is with one part or the other, the estimate with one of them or between them.
+        apart = change.size if change.kind == "mount" else change.moves_pose
         added += np.outer(apart, apart)
-    return added
+        if change.kind == "mount":
+            added += np.diag(change.std**2)
+    return added + _of_still_joints(evidence.fit)
+
+
+def _of_still_joints(fit: Fit) -> Floats:
+    """(6, 6), what errors of joints that do not move put into the mount, which no log tells."""
+    still = still_joints(fit.model.windowing.trajectory, fit.state.t)
+    zero, length = (_mean_square(fit, name) for name in ("joint_zero", "length"))
+    added = zero * still.zeros.T @ still.zeros
+    added[:3, :3] += length * still.origins * np.eye(3)
+    return np.asarray(added)
+
+
+def _mean_square(fit: Fit, scale: str) -> float:
+    """Of errors of one kind: as learnt, as stated, or over all robots where the log has none."""
+    robot = fit.options.robot
+    if robot == "exact":
+        return 0.0
+    if isinstance(robot, tuple):
+        return (robot[0] if scale == "joint_zero" else robot[1]) ** 2
+    if scale in fit.layout.scales:
+        logs = fit.scales_found.points[:, fit.layout.scales.index(scale)]
+        return float(fit.scales_found.weights @ np.exp(2.0 * logs))
+    low, high = SCALES[scale].low, SCALES[scale].high
+    return (high**2 - low**2) / (2.0 * math.log(high / low))
 
 
 def unobservable(fit: Fit) -> tuple[UnobservableDirection, ...]:
@@ -175,6 +201,15 @@ def _pose(fit: Fit, matrix: Floats) -> Floats:
     return np.asarray(matrix[np.ix_(places, places)])
 
 
+_STATED_BY: Final = {
+    "gravity_norm": "--gravity",
+    "gravity_direction": "--gravity fixed",
+    "time_offset": "--time-offset",
+    "accel_bias": "--accel-bias",
+    "gyro_bias": "--gyro-bias",
+}
+
+
 def findings(evidence: Evidence, *, unknown: bool) -> tuple[Finding, ...]:
     """Every finding of a fit, the grave ones first.
 
@@ -185,18 +220,19 @@ def findings(evidence: Evidence, *, unknown: bool) -> tuple[Finding, ...]:
     contradicted = list(_contradicted_priors(evidence))
     found = [
         *contradicted,
-        # A pose that is held where it is not fits no part of the log as it fits another.
+        # What is held where it is not is taken up by whatever looks like it.
         *(() if contradicted else _changed(evidence)),
         *_unexplained(evidence),
-        *_implausible(evidence),
+        *(() if contradicted else _implausible(evidence)),
         *_window(evidence),
         *(() if unknown else _undecided(evidence)),
         *_residuals(evidence),
         *_left_out(evidence),
-        *_found(evidence),
+        *(() if contradicted else _found(evidence)),
         *_resting_on_priors(evidence),
         *_stamps(evidence),
         *_offset(evidence),
+        *_still(evidence),
         *(() if unknown else _gravity(evidence)),
     ]
     return tuple(sorted(found, key=lambda each: each.severity is not Severity.UNTRUSTED))
@@ -334,7 +370,11 @@ def _errors(evidence: Evidence) -> Iterator[tuple[Placed, Floats, Floats, Floats
         if not fit.layout.free[part].all():
             continue
         value = fit.value(each, evidence.options)
-        C = fit.covariance[part, part]
+        # An error that another window does not see is not surely one.
+        C = fit.covariance[part, part].copy()
+        if evidence.dependence:
+            changes = np.array([other.changes[part] for other in evidence.dependence])
+            C += np.diag((changes**2).max(axis=0))
         moves = fit.covariance[pose, part] @ inverse_of(C) @ value
         yield each, value, C, moves
 
@@ -357,7 +397,7 @@ def _implausible(evidence: Evidence) -> Iterator[Finding]:
                 "unknown.implausible",
                 name=each.unknown.name,
                 words=each.unknown.words,
-                unit=each.unknown.unit,
+                unit=each.unit,
                 label=each.labels[worst],
                 value=value[worst],
                 std=std[worst],
@@ -399,7 +439,7 @@ def _found(evidence: Evidence) -> Iterator[Finding]:
             "unknown.found",
             name=each.unknown.name,
             words=each.unknown.words,
-            unit=each.unknown.unit,
+            unit=each.unit,
             labels=tuple(each.labels),
             values=tuple(value.tolist()),
             stds=tuple(std.tolist()),
@@ -419,17 +459,23 @@ def _contradicted_priors(evidence: Evidence) -> Iterator[Finding]:
     ):
         if not 0.0 < std < np.inf:
             continue
-        value = (
-            tilt_from_down(fit.state.gravity)
-            if name == "gravity_direction"
-            else fit.state.x[fit.layout.part(name)]
-        )
-        if not len(value):
-            continue
         part = fit.layout.part(name)
+        if part == slice(0, 0):
+            continue
+        value = (
+            tilt_from_down(fit.state.gravity) if name == "gravity_direction" else fit.state.x[part]
+        )
         sigmas = _without_prior(value, fit.covariance[part, part], std)
         if sigmas > DISTRUST_SIGMAS:
             yield untrusted("prior.contradicted", option=option, sigmas=sigmas)
+    for wrong in stated_wrongly(fit):
+        yield untrusted(
+            "prior.stated_contradicted",
+            option=_STATED_BY[wrong.name],
+            unit=next(each.unit for each in TABLE if each.name == wrong.name),
+            step=wrong.step,
+            std=wrong.std,
+        )
     known = options.pose
     if known is None or known.R_parent_imu is None or known.t_parent_imu is None:
         return
@@ -532,7 +578,7 @@ def _resting_on_priors(evidence: Evidence) -> Iterator[Finding]:
 
 
 def _stamps(evidence: Evidence) -> Iterator[Finding]:
-    clean, attempt = evidence.clean, evidence.attempt
+    attempt, clean = evidence.attempt, evidence.attempt.clean
     if evidence.sign == "reversed":
         yield warning("imu.accel_reversed")
     if clean.repeated or clean.backward or clean.not_finite or clean.astray:
@@ -550,6 +596,16 @@ def _stamps(evidence: Evidence) -> Iterator[Finding]:
     for track in evidence.fit.model.windowing.trajectory.tracks:
         if track.held:
             yield warning("stream.held_values", stream=track.name)
+
+
+def _still(evidence: Evidence) -> Iterator[Finding]:
+    """Joints that do not move, where that is most of sigma."""
+    fit = evidence.fit
+    joints = still_joints(fit.model.windowing.trajectory, fit.state.t).joints
+    added, own = np.diag(_of_still_joints(fit)), np.diag(_pose(fit, fit.covariance))
+    if (added > own).any():
+        std = np.sqrt([added[:3].sum(), added[3:].sum()])
+        yield warning("robot.joints_still", joints=joints, translation=std[0], rotation=std[1])
 
 
 def _offset(evidence: Evidence) -> Iterator[Finding]:

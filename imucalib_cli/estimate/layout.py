@@ -64,6 +64,12 @@ class Placed:
     directions: Floats = field(default_factory=lambda: np.eye(3))
     """(k, 3), of an origin: those that are no part of the mount."""
 
+    @property
+    def unit(self) -> str:
+        """Of its components: positions of sliding joints are lengths."""
+        slides = self.joint is not None and self.joint.sliding and self.unknown.unit == "rad"
+        return "m" if slides else self.unknown.unit
+
 
 @dataclass(frozen=True, eq=False)
 class Layout:
@@ -181,6 +187,27 @@ class _Chain:
     def _inside(self, step: int) -> bool:
         return self._first < step < self._last
 
+    def still(self, t_parent_imu: Floats) -> Still:
+        """What stands still behind the last step that moves."""
+        steps = list(enumerate(self._path.steps))
+        behind = [i for i, step in steps[self._last + 1 :] if isinstance(step, JointStep)]
+        if not behind:
+            return Still((), np.zeros((0, 6)), 0)
+        R_parent, p_parent = (each[0] for each in self._frames[-1])
+        zeros = []
+        for index in (self._last, *behind):
+            step, (R, p) = self._path.steps[index], self._frames[index]
+            if not isinstance(step, JointStep):
+                continue
+            axis = R_parent.T @ R[0] @ step.axis
+            turn = axis if step.kind == "revolute" else np.zeros(3)
+            lever = t_parent_imu + R_parent.T @ (p_parent - p[0])
+            shift = np.cross(turn, lever) if step.kind == "revolute" else axis
+            zeros.append(np.concatenate([shift, turn]))
+        fixed = [i for i, step in steps[self._last + 1 : behind[-1]] if isinstance(step, FixedStep)]
+        names = tuple(self._path.steps[i].name for i in behind)  # type: ignore[union-attr]
+        return Still(names, np.array(zeros).reshape(-1, 6), len(fixed))
+
     def places(self, unknown: Unknown) -> Iterator[Placed]:
         """Where the robot has an unknown."""
         effect, nowhere = unknown.effect, slice(0, 0)
@@ -238,6 +265,23 @@ class _Chain:
         # Either sign is an eigenvector: the one that a person reads as the axis.
         largest = np.argmax(np.abs(directions), axis=1, keepdims=True)
         return np.asarray(directions * np.sign(np.take_along_axis(directions, largest, axis=1)))
+
+
+@dataclass(frozen=True, eq=False)
+class Still:
+    """Constants of the robot behind the last joint that moves in a log, as the mount has them."""
+
+    joints: tuple[str, ...]
+    """Names of the joints that stand still."""
+    zeros: Floats
+    """(k, 6), what the zero of each does to the mount, and that of the last that moves: m, rad."""
+    origins: int
+    """Origins, each of which adds its error to the translation."""
+
+
+def still_joints(trajectory: Trajectory, t_parent_imu: Floats) -> Still:
+    """Joints between the last that moves and the parent link: their zeros look like the mount."""
+    return _Chain(trajectory).still(t_parent_imu)
 
 
 def _joints_of(path: KinematicPath) -> list[Joint]:

@@ -73,7 +73,6 @@ def calibrate_matched(imu: ImuSamples, path: KinematicPath, options: MatchedOpti
     evidence = judge.Evidence(
         fit=fit,
         attempt=attempt,
-        clean=clean,
         options=options,
         dependence=dependence,
         over_noise=over_noise,
@@ -191,7 +190,7 @@ def _parameters(fit: Fit, options: MatchedOptions) -> tuple[Parameter, ...]:
                 Parameter(
                     name=each.unknown.name,
                     label=label,
-                    unit=each.unknown.unit,
+                    unit=each.unit,
                     value=float(value),
                     std=float(std[place]),
                     prior_std=float(prior[place]),

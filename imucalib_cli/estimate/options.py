@@ -88,7 +88,8 @@ class MatchedOptions:
         if unknown.group in self._held_groups():
             return np.zeros(1)
         if unknown.name in told:
-            return np.asarray(np.minimum(told[unknown.name], unknown.std))
+            given = told[unknown.name]
+            return np.asarray(np.where(np.isfinite(given), given, unknown.std))
         if unknown.scale is None:
             return np.array(unknown.std)
         return np.array(told[unknown.scale]) if unknown.scale in told else None

@@ -15,7 +15,7 @@ INLA, Rue, Martino and Chopin, J. R. Stat. Soc. B 71(2), 2009.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -68,6 +68,17 @@ class Problem:
     alike: tuple[tuple[int, int], ...] = ()
     """Pairs of scales that differ by no more than a factor of some size."""
 
+    def of(self, kept: NDArray[np.bool_]) -> Problem:
+        """Of some of the components, the others held."""
+        return replace(
+            self,
+            information=self.information[np.ix_(kept, kept)],
+            score=self.score[kept],
+            offset=self.offset[kept],
+            std=self.std[kept],
+            scale=self.scale[kept],
+        )
+
     def precision(self, u: Floats) -> Floats:
         """(n,), P's diagonal."""
         return 1.0 / with_learnt(self.std, self.scale, u) ** 2
@@ -103,6 +114,8 @@ class Mixture:
     """(m, k)."""
     weights: Floats
     """(m,), of unit sum."""
+    log_likelihood: float
+    """Marginal, of the data, over all scales; up to a constant of the point of linearisation."""
 
     @property
     def mean(self) -> Floats:
@@ -160,6 +173,7 @@ def integrate(problem: Problem, mode: Floats, B: Floats) -> tuple[Mixture, Float
     )
     log_weight = values - log_density
     weights = np.exp(log_weight - log_weight.max())
+    log_likelihood = float(log_weight.max() + np.log(weights.mean()))
     weights /= weights.sum()
     mean = weights @ steps
     away = steps - mean
@@ -168,7 +182,7 @@ def integrate(problem: Problem, mode: Floats, B: Floats) -> tuple[Mixture, Float
         if weight > _NO_WEIGHT:
             _, inverse = problem.solve(u)
             covariance += weight * (inverse @ (B + np.diag(problem.precision(u))) @ inverse)
-    return Mixture(points, weights), mean, covariance
+    return Mixture(points, weights, log_likelihood), mean, covariance
 
 
 def _even_points(count: int, dimensions: int) -> Floats:

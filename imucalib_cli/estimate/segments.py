@@ -74,7 +74,8 @@ class Segments:
         self._free, self._fit = free, fit
         normal = fit.parts
         self._A = normal[:, 1:, 1:][:, free][:, :, free] / fit.level
-        b = normal[:, 1:, 0][:, free] / fit.level
+        noise = fit.statistics.noise_score / len(normal)
+        b = (normal[:, 1:, 0] - noise)[:, free] / fit.level
         P = fit.precision
         self._P = np.diag(P)
         self._total = self._A.sum(axis=0) + self._P

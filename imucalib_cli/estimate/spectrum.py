@@ -169,11 +169,6 @@ class Statistics:
         """(2, bands), whether the window's kernel lets a band through."""
         return np.asarray(self.response > _HEARD * self.response.max(axis=1, keepdims=True))
 
-    def deviance(self, levels: Floats) -> float:
-        """Twice the negative Whittle log-likelihood with each band's level profiled out."""
-        log_levels = np.log(np.maximum(levels, 1e-300))
-        return float(np.sum((self.freedom * log_levels)[self.heard]))
-
     def whiteness(self, levels: Floats) -> tuple[float, float]:
         """Loudest band over the median one, accelerometer and gyroscope; 1 is white."""
         accel, gyro = (

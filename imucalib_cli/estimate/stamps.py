@@ -105,6 +105,7 @@ def _next_attempt(
     windowing = near.lean.model.windowing
     trajectory = windowing.trajectory.with_ticks(ticks[1])
     grid = clean.grid(trajectory.interval, use_ticks=ticks[0])
-    plan = plan_windows(windowing.plan.length, options.degree, grid.dt)
+    length = 2 * round(near.window.seconds / grid.dt / 2) + 1
+    plan = plan_windows(length, options.degree, grid.dt)
     lean = lean_fit(Windowing(grid, trajectory, plan), options, 0.0, near.lean)
     return replace(near, lean=lean, imu_ticks=ticks[0], robot_ticks=ticks[1])

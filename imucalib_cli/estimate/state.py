@@ -100,9 +100,10 @@ class Chain:
     def values_and_rates(self, t: Floats) -> tuple[tuple[Floats, ...], tuple[Floats, ...]]:
         """Values of every track, errors taken off, and their rates."""
         values, rates = self.trajectory.values_and_rates(t)
+        reported = tuple(each.copy() for each in values) if self.curves else values
         for joint, curve, size in self.curves:
-            q, rate = values[joint.track][:, joint.column], rates[joint.track][:, joint.column]
-            q += size @ curve.basis(q.copy(), rate)
+            q, rate = (each[joint.track][:, joint.column] for each in (reported, rates))
+            values[joint.track][:, joint.column] += size @ curve.basis(q, rate)
         return self._scaled(values), rates
 
     def _scaled(self, values: tuple[Floats, ...]) -> tuple[Floats, ...]:

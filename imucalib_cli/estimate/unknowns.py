@@ -1,4 +1,4 @@
-"""The table of unknowns: every quantity that the estimate finds beside nothing, one entry each.
+"""The table of unknowns: every quantity that is estimated, one entry each.
 
 Each entry has a prior that physics or data sheets give. No entry is switched on or off by a test of
 its own: it is always there, and its prior decides how far it may go. Entries that share a ``scale``
@@ -173,7 +173,6 @@ class Scale:
 
     low: float
     high: float
-    words: str
     like: str = ""
     """Another one that it is alike in size to, where both come from the same parts."""
 
@@ -229,18 +228,16 @@ _XYZ: Final = ("x", "y", "z")
 _PAIRS: Final = tuple(f"{gyro} by {accel}" for gyro in "xyz" for accel in "xyz")
 
 SCALES: Final[dict[str, Scale]] = {
-    "sensor_scale": Scale(low=1e-5, high=2e-2, words="scale errors of the sensors' axes"),
-    "sensor_axes": Scale(low=1e-5, high=2e-2, words="turn of gyroscope against accelerometer"),
-    "g_sensitivity": Scale(low=1e-7, high=3e-4, words="g-sensitivity of the gyroscope"),
-    "driver_filter": Scale(low=3e-7, high=3e-4, words="low-pass filters of the driver"),
-    "mount_give": Scale(low=3e-7, high=3e-3, words="give of mount and arm"),
-    "joint_zero": Scale(low=2e-5, high=5e-3, words="errors of the joint zeros"),
-    "length": Scale(low=5e-5, high=3e-3, words="errors of the origins between joints"),
-    "joint_harmonic": Scale(
-        low=1e-5, high=2e-3, words="joint error once a turn", like="joint_play"
-    ),
-    "joint_lag": Scale(low=5e-6, high=4e-3, words="delays of single joints"),
-    "joint_play": Scale(low=3e-6, high=1e-3, words="play of the joints"),
+    "sensor_scale": Scale(low=1e-5, high=2e-2),
+    "sensor_axes": Scale(low=1e-5, high=2e-2),
+    "g_sensitivity": Scale(low=1e-7, high=3e-4),
+    "driver_filter": Scale(low=3e-7, high=3e-4),
+    "mount_give": Scale(low=3e-7, high=3e-3),
+    "joint_zero": Scale(low=2e-5, high=5e-3),
+    "length": Scale(low=5e-5, high=3e-3),
+    "joint_harmonic": Scale(low=1e-5, high=2e-3, like="joint_play"),
+    "joint_lag": Scale(low=5e-6, high=4e-3),
+    "joint_play": Scale(low=3e-6, high=1e-3),
 }
 """From the best that is made to the worst that is sold, in the unit of their entries: sensors
 factory-calibrated over temperature to consumer parts; arms calibrated one by one to hobby arms;
@@ -317,6 +314,7 @@ TABLE: Final[tuple[Unknown, ...]] = (
         std=0.02,
         healthy=0.06,
         effect=Gravity("magnitude"),
+        least=0.045,
         words="magnitude of gravity less the nominal one",
     ),
     Unknown(

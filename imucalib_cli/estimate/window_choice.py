@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 
 from imucalib_cli.estimate.estimate import Window
 from imucalib_cli.signals.kernels import matched_filter
-from imucalib_cli.signals.spikes import MAD_TO_STD, NOISE_OF_DEVIATION, deviation_from_neighbours
 
 if TYPE_CHECKING:
     from imucalib_cli.estimate.options import WindowChoice
@@ -76,13 +75,13 @@ def choose_window(
 def _automatic(grid: ImuGrid, trajectory: Trajectory) -> tuple[float, str]:
     """Shortest length at which the kinematics' noise no longer matters."""
     rotation, position = kinematic_noise(trajectory)
-    accel = max(_median_deviation(grid.accel) / NOISE_OF_DEVIATION, QUIET_ACCEL)
+    accel = max(grid.noise[0], QUIET_ACCEL)
     turning = _lever_power(grid, trajectory)
     for seconds in _LENGTHS:
         gain = second_derivative_gain(seconds)
         bent = gain * rotation / turning if turning > 0.0 else 0.0
         # White noise through the second derivative's kernel keeps 10/7 dt/T of its variance.
-        drowned = gain * position > (10.0 / 7.0) * accel**2 * grid.dt / seconds
+        drowned = gain * position > (10.0 / 7.0) * accel**2 * grid.refine * grid.dt / seconds
         if bent <= MAX_ATTENUATION and not drowned:
             if seconds == SHORTEST_AUTO:
                 return seconds, "automatic: noise of the kinematics is small at the shortest length"
@@ -119,10 +118,6 @@ def kinematic_noise(trajectory: Trajectory) -> tuple[float, float]:
             rotation += 2.0 * 4.0 * float(variance[3:].sum()) * track.interval
             position += float(variance[:3].sum()) * track.interval
     return rotation, position
-
-
-def _median_deviation(values: Floats) -> float:
-    return float(np.median(np.abs(deviation_from_neighbours(values)))) * MAD_TO_STD
 
 
 def _lever_power(grid: ImuGrid, trajectory: Trajectory) -> float:

@@ -15,7 +15,7 @@ from imucalib_cli.robot.rotations import quaternion_from_matrix, rotvec_from_mat
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from imucalib_cli.estimate.estimate import UnobservableDirection
+    from imucalib_cli.estimate.estimate import Estimate, UnobservableDirection
 
 Floats = NDArray[np.float64]
 
@@ -147,16 +147,17 @@ def _nuisances(calibration: Calibration) -> Iterator[str]:
     else:
         number = f"{with_std(offset * 1e3, estimate.time_offset_std * 1e3)} ms"
     sense = "late" if offset > 0 else "early"
+    told = abs(offset) > 2.0 * (estimate.time_offset_std or 0.0)
     if any(each.name == "clock_drift" for each in estimate.corrections):
         number += " in the middle of the log"
     stamps = "times of receipt" if calibration.provenance.clock == "log" else "stamps"
     yield (
         f"  time offset     {number}: t_robot = t_imu - ({offset:.6f} s)"
-        + (f", the IMU's {stamps} are {sense}" if offset else "")
+        + (f", the IMU's {stamps} are {sense}" if told else "")
     )
     yield f"  accel bias      {_bias(estimate.accel_bias, estimate.accel_bias_std)} m/s²"
     yield f"  gyro bias       {_bias(estimate.gyro_bias, estimate.gyro_bias_std)} rad/s"
-    yield f"  gravity         {_gravity(estimate.gravity_world, calibration.provenance.world)}"
+    yield f"  gravity         {_gravity(estimate, calibration.provenance.world)}"
 
 
 def _bias(value: Floats, std: Floats | None) -> str:
@@ -165,12 +166,15 @@ def _bias(value: Floats, std: Floats | None) -> str:
     return ", ".join(with_std(v, s) for v, s in zip(value, std, strict=True))
 
 
-def _gravity(gravity_world: Floats, world: str) -> str:
+def _gravity(estimate: Estimate, world: str) -> str:
+    gravity_world = estimate.gravity_world
     norm = float(np.linalg.norm(gravity_world))
     if norm == 0.0:
         return "none"
+    found = next((each for each in estimate.parameters if each.name == "gravity_norm"), None)
+    size = f"{norm:.5f}" if found is None else with_std(norm, found.std)
     tilt = math.degrees(math.atan2(float(np.hypot(*gravity_world[:2])), -float(gravity_world[2])))
-    return f"{norm:.5f} m/s², {figures(tilt, 2)} deg off -z of {world}"
+    return f"{size} m/s², {figures(tilt, 2)} deg off -z of {world}"
 
 
 def _fit(calibration: Calibration) -> Iterator[str]:

@@ -62,18 +62,38 @@ def _(scene: Scene) -> Seen:
     return scene.run_arm(part(noisy(ARM), 0.0, 2.0))
 
 
-@provokes("one-axis")
-def _(scene: Scene) -> Seen:
+def moving_only(*joints: int) -> Recording:
+    """The arm's plan, the other joints held where they start."""
     system = load_system(ARM)
     assert system.arm is not None
     start = system.arm.start_deg
     moves = [
-        replace(move, to_deg=(*start[:5], 90.0 * (-1.0) ** i))
+        replace(
+            move,
+            to_deg=tuple(
+                90.0 * (-1.0) ** i + 30.0 * j if j in joints else angle
+                for j, angle in enumerate(start)
+            ),
+        )
         for i, move in enumerate(system.arm.moves)
     ]
-    one = replace(system, arm=replace(system.arm, moves=tuple(moves)))
-    physics = PhysicsOptions(duration=20.0, imu_rate=RATE, robot_rate=RATE)
-    return scene.run_arm(record(one, physics))
+    few = replace(system, arm=replace(system.arm, moves=tuple(moves)))
+    return record(few, PhysicsOptions(duration=20.0, imu_rate=RATE, robot_rate=RATE))
+
+
+@provokes("one-axis")
+def _(scene: Scene) -> Seen:
+    return scene.run_arm(moving_only(5))
+
+
+@provokes("joints-still")
+def _(scene: Scene) -> Seen:
+    return scene.run_arm(moving_only(3, 4))
+
+
+@provokes("stated-contradicted")
+def _(scene: Scene) -> Seen:
+    return scene.run_arm(noisy(ARM), "--gravity", "9.7")
 
 
 @provokes("require")

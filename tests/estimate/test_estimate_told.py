@@ -1,0 +1,76 @@
+"""What the user states exactly is believed where it is true, and contradicted where it is not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from imucalib_cli.estimate.matched import calibrate_matched
+from imucalib_cli.estimate.options import MatchedOptions
+from imucalib_cli.robot.path import JointStep, KinematicPath
+from tests.estimate.estimate_arm import GRAVITY, INDUSTRIAL, MOUNT, Moves, make_log
+from tests.estimate.estimate_faults import nees
+
+UNLIKELY = 27.9
+"""chi-squared, six degrees of freedom, p = 1e-4."""
+MOVES = Moves(seed=4, seconds=24.0)
+BIASED: dict[str, Any] = {"accel_bias_std": 0.0}
+WRONG: dict[str, tuple[dict[str, Any], str, float]] = {
+    "gravity": ({"gravity_norm": 9.7, "gravity_std": 0.0}, "--gravity", GRAVITY - 9.7),
+    "offset": ({"time_offset": 0.012}, "--time-offset", -0.012),
+    "bias": (BIASED, "--accel-bias", 0.1),
+}
+
+
+@pytest.mark.parametrize("what", WRONG)
+def test_a_wrong_value_is_contradicted_with_its_size_and_nothing_else_is_blamed(what: str) -> None:
+    stated, option, step = WRONG[what]
+    log = make_log(MOVES).noisy(1, INDUSTRIAL)
+    estimate = calibrate_matched(log.imu, log.path, MatchedOptions(**stated))
+    assert not estimate.trusted
+    (found,) = (each for each in estimate.findings if each.code == "prior.stated_contradicted")
+    assert found.values["option"] == option
+    assert float(str(found.values["step"])) == pytest.approx(
+        step, abs=4.0 * float(str(found.values["std"]))
+    )
+    codes = {each.code for each in estimate.findings}
+    assert not codes & {"unknown.found", "unknown.implausible"}
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_true_values_are_believed(seed: int) -> None:
+    log = make_log(MOVES).noisy(seed, INDUSTRIAL)
+    options = MatchedOptions(gravity="fixed", gravity_std=0.0, time_offset=0.0)
+    estimate = calibrate_matched(log.imu, log.path, options)
+    assert estimate.trusted
+    assert nees(estimate, MOUNT) < UNLIKELY
+
+
+def with_zeros(path: KinematicPath, zeros: dict[int, float]) -> KinematicPath:
+    """The same path, constants added to the positions of some joints."""
+    steps = tuple(
+        replace(step, offset=step.offset + zeros.get(step.column, 0.0))
+        if isinstance(step, JointStep)
+        else step
+        for step in path.steps
+    )
+    return replace(path, steps=steps)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_zeros_of_joints_that_stand_still_are_in_sigma(seed: int) -> None:
+    """They turn what is found as the mount, and no log without their motion tells."""
+    rng = np.random.default_rng(seed)
+    moves = replace(MOVES, amplitude=(*MOVES.amplitude[:3], 0.0, 0.0, 0.0))
+    log = make_log(moves).noisy(seed, INDUSTRIAL)
+    wrong = with_zeros(log.path, {joint: 1e-3 * float(rng.normal()) for joint in range(1, 6)})
+    estimate = calibrate_matched(log.imu, wrong, MatchedOptions())
+    (found,) = (each for each in estimate.findings if each.code == "robot.joints_still")
+    assert found.values["joints"] == ("j3", "j4", "j5")
+    assert nees(estimate, MOUNT) < UNLIKELY
+    exact = calibrate_matched(log.imu, log.path, MatchedOptions(robot="exact"))
+    assert "robot.joints_still" not in {each.code for each in exact.findings}
+    assert nees(exact, MOUNT) < UNLIKELY
