@@ -29,6 +29,7 @@ GENERIC: Final = frozenset(
         "windows.motion_left_out",
         "window.dependent",
         "unknown.implausible",
+        "prior.stated_contradicted",
         "change.mount",
         "change.clock",
         "change.gyro_bias",

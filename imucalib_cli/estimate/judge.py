@@ -370,6 +370,8 @@ def _errors(evidence: Evidence) -> Iterator[tuple[Placed, Floats, Floats, Floats
         if not fit.layout.free[part].all():
             continue
         value = fit.value(each, evidence.options)
+        if each.unknown.positive and (value < 0.0).all():
+            continue
         # An error that another window does not see is not surely one.
         C = fit.covariance[part, part].copy()
         if evidence.dependence:
@@ -428,7 +430,7 @@ def _found(evidence: Evidence) -> Iterator[Finding]:
             continue
         if evidence.clock_stepped and isinstance(effect, Clock):
             continue
-        if (value < each.unknown.least).all():
+        if (np.abs(value) < each.unknown.least).all():
             continue
         std = np.sqrt(np.diag(C))
         clear = np.abs(value) > TELL_SIGMAS * std

@@ -154,8 +154,10 @@ class Unknown:
     effect: Effect
     healthy: float = np.inf
     """Largest value, in the unit, that a sound robot and a sound sensor have."""
-    least: float = -np.inf
-    """Values below it are not named: something else makes them, such as interpolation."""
+    least: float = 0.0
+    """Values smaller than it are not named: it is no fault, or interpolation looks like it."""
+    positive: bool = False
+    """Whether a value below zero can only be something else that looks like it."""
     words: str
     """What it is, for people."""
     among: Group | None = None
@@ -347,7 +349,7 @@ TABLE: Final[tuple[Unknown, ...]] = (
         scale="driver_filter",
         healthy=1e-3,
         effect=Reading("accel", lambda s: _second_derivative(s.accel, s.dt)),
-        least=0.0,
+        positive=True,
         words="low-pass filter of the accelerometer beside its delay",
     ),
     Unknown(
@@ -356,7 +358,7 @@ TABLE: Final[tuple[Unknown, ...]] = (
         scale="driver_filter",
         healthy=1e-3,
         effect=Reading("gyro", lambda s: _second_derivative(s.gyro, s.dt)),
-        least=0.0,
+        positive=True,
         words="low-pass filter of the gyroscope beside its delay",
     ),
     Unknown(
@@ -403,6 +405,7 @@ TABLE: Final[tuple[Unknown, ...]] = (
         healthy=1e-4,
         effect=Reading("accel", _swayed),
         least=1e-4,
+        positive=True,
         words="give of the mount or the arm",
     ),
     Unknown(

@@ -131,7 +131,8 @@ def test_turning_about_the_vertical_hides_height_and_heading(noisy: bool) -> Non
     assert along(translations[0], axis) > 0.999
     assert len(rotations) == 1
     assert along(rotations[0], axis) > 0.999
-    assert_known_across(estimate, log, axis, kind="rotation", std=2e-3)
+    # The zeros of five joints that stand still are in it.
+    assert_known_across(estimate, log, axis, kind="rotation", std=3e-3)
     assert_covers(estimate, log)
 
 

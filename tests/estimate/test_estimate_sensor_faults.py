@@ -92,10 +92,11 @@ FAULTS = {
         size=TURN,
         ideal=0.0,
     ),
+    # Farther off than anywhere on Earth, which is no fault.
     "another gravity": Fault(
-        flaws=Flaws(gravity=9.78),
+        flaws=Flaws(gravity=9.86),
         name="gravity_norm",
-        size=(9.78,),
+        size=(9.86,),
         ideal=9.80665,
     ),
 }
@@ -200,8 +201,8 @@ PAIRS: dict[str, tuple[Flaws, dict[str, tuple[float, ...]]]] = {
         {"accel_scale": SCALE, "gyro_misalignment": TURN},
     ),
     "delay and gravity": (
-        Flaws(gyro_delay=4e-3, gravity=9.78),
-        {"gyro_delay": (4e-3,), "gravity_norm": (9.78,)},
+        Flaws(gyro_delay=4e-3, gravity=9.86),
+        {"gyro_delay": (4e-3,), "gravity_norm": (9.86,)},
     ),
 }
 
