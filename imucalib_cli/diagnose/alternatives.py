@@ -26,7 +26,12 @@ from imucalib_cli.estimate.segments import DECISIVE
 from imucalib_cli.estimate.solve import LeanState
 from imucalib_cli.estimate.stamps import best_attempt
 from imucalib_cli.estimate.unknowns import LEAN, TABLE, JointCurve, Unknown
-from imucalib_cli.estimate.windows import Windowing, plan_windows
+from imucalib_cli.estimate.windows import (
+    Windowing,
+    odd_length,
+    plan_windows,
+    shortest_length,
+)
 from imucalib_cli.signals.samples import ImuSamples
 from imucalib_cli.signals.trajectory import CleanTrack, Trajectory, clean_track
 
@@ -237,7 +242,7 @@ def trial_of(hypothesis: Hypothesis, lean: Lean) -> Trial:
 def short_windows(full: Windowing, seconds: float) -> Windowing:
     """The same streams in shorter windows, half a window apart."""
     dt, degree = full.grid.dt, full.plan.degree
-    length = max(2 * round(seconds / dt / 2) + 1, degree + 2 + (degree + 1) % 2)
+    length = max(odd_length(seconds / dt), shortest_length(degree))
     plan = plan_windows(length, degree, dt, hop=max(length // 2, 1))
     return Windowing(full.grid, full.trajectory, plan)
 

@@ -225,7 +225,7 @@ def lean_fit(
         both = with_residuals(found, residuals)
         stats = statistics(windowing.plan, centres, both, root, layout.size + 1)
         offset = prior_offset(layout, options, state)
-        problem = _problem(stats, layout, offset, level=1.0)
+        problem = problem_of(layout, stats.information, stats.score, offset).of(layout.free)
         step, inverse = problem.solve(np.zeros(0))
         sigmas = np.abs(step) / np.sqrt(np.diag(inverse))
         step = embedded(step, layout.free)
@@ -296,7 +296,11 @@ def transferred(state: State, old: Layout, new: Layout) -> State:
     values = {(each.unknown.name, each.labels): state.x[each.part] for each in old.placed}
     for each in new.placed:
         x[each.part] = values.get((each.unknown.name, each.labels), 0.0)
-    return replace(state, x=x)
+    offset = new.part("time_offset")
+    if offset == slice(0, 0) or old.part("time_offset") != slice(0, 0):
+        return replace(state, x=x)
+    x[offset] = state.held_offset
+    return replace(state, x=x, held_offset=0.0)
 
 
 def _enough(model: Model, state: State) -> Indices:
@@ -362,7 +366,8 @@ def _whole(model: Model, options: MatchedOptions, state: State, rise: float) -> 
         stats = stats.calibrated(*calibration_of(total, model, state.x, scales, stats.windows))
         offset, level = prior_offset(layout, options, state), 1.0
         for _ in range(_LEVEL_PASSES):
-            problem = _problem(stats, layout, offset, level=level)
+            A, b = stats.information / level, stats.score / level
+            problem = problem_of(layout, A, b, offset).of(layout.free)
             u = most_likely(problem, u)
             step, inverse = problem.solve(u)
             levels = stats.levels(
@@ -425,18 +430,17 @@ def _least_level(residuals: Floats) -> float:
     )
 
 
-def _problem(stats: Statistics, layout: Layout, offset: Floats, *, level: float) -> Problem:
-    """The free components' normal equations with their priors."""
-    problem = Problem(
-        information=stats.information / level,
-        score=stats.score / level,
+def problem_of(layout: Layout, information: Floats, score: Floats, offset: Floats) -> Problem:
+    """Normal equations, in units of the noise, of all components with their priors."""
+    return Problem(
+        information=information,
+        score=score,
         offset=offset,
         std=layout.std,
         scale=layout.scale,
         bounds=layout.bounds,
         alike=layout.alike,
     )
-    return problem.of(layout.free)
 
 
 def prior_offset(layout: Layout, options: MatchedOptions, state: State) -> Floats:

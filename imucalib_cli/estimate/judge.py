@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
@@ -19,7 +20,7 @@ from imucalib_cli.estimate.observability import (
 from imucalib_cli.estimate.solve import tilt_from_down
 from imucalib_cli.estimate.spectrum import inverse_of, squared_distance
 from imucalib_cli.estimate.told import stated_wrongly
-from imucalib_cli.estimate.unknowns import SCALES, TABLE, Clock, Gravity, Mount, Reading
+from imucalib_cli.estimate.unknowns import SCALES, Clock, Gravity, Mount, Reading
 from imucalib_cli.estimate.window_choice import kinematic_noise, second_derivative_gain
 from imucalib_cli.findings import Finding, Severity, note, untrusted, warning
 from imucalib_cli.robot.rotations import rotvec_from_matrix
@@ -102,6 +103,18 @@ class Evidence:
         """Whether the clocks were set within the log: a drift is then what the step looks like."""
         return self.change is not None and self.change.kind == "clock"
 
+    @cached_property
+    def still(self) -> tuple[tuple[str, ...], Floats]:
+        """Joints that do not move, and what their errors put into the mount, (6, 6).
+
+        No log tells these errors from the mount.
+        """
+        found = still_joints(self.fit.model.windowing.trajectory, self.fit.state.t)
+        zero, length = (_mean_square(self.fit, name) for name in ("joint_zero", "length"))
+        added = zero * found.zeros.T @ found.zeros
+        added[:3, :3] += length * found.origins * np.eye(3)
+        return found.joints, np.asarray(added)
+
     @property
     def hangs_most(self) -> Dependence | None:
         """The window on which the answer hangs most."""
@@ -148,16 +161,7 @@ def of_findings(evidence: Evidence) -> Floats:
         added += np.outer(apart, apart)
         if change.kind == "mount":
             added += np.diag(change.std**2)
-    return added + _of_still_joints(evidence.fit)
-
-
-def _of_still_joints(fit: Fit) -> Floats:
-    """(6, 6), what errors of joints that do not move put into the mount, which no log tells."""
-    still = still_joints(fit.model.windowing.trajectory, fit.state.t)
-    zero, length = (_mean_square(fit, name) for name in ("joint_zero", "length"))
-    added = zero * still.zeros.T @ still.zeros
-    added[:3, :3] += length * still.origins * np.eye(3)
-    return np.asarray(added)
+    return added + evidence.still[1]
 
 
 def _mean_square(fit: Fit, scale: str) -> float:
@@ -199,15 +203,6 @@ def _pose(fit: Fit, matrix: Floats) -> Floats:
     """(6, 6), of the mount."""
     places = fit.layout.pose
     return np.asarray(matrix[np.ix_(places, places)])
-
-
-_STATED_BY: Final = {
-    "gravity_norm": "--gravity",
-    "gravity_direction": "--gravity fixed",
-    "time_offset": "--time-offset",
-    "accel_bias": "--accel-bias",
-    "gyro_bias": "--gyro-bias",
-}
 
 
 def findings(evidence: Evidence, *, unknown: bool) -> tuple[Finding, ...]:
@@ -473,8 +468,8 @@ def _contradicted_priors(evidence: Evidence) -> Iterator[Finding]:
     for wrong in stated_wrongly(fit):
         yield untrusted(
             "prior.stated_contradicted",
-            option=_STATED_BY[wrong.name],
-            unit=next(each.unit for each in TABLE if each.name == wrong.name),
+            option=wrong.option,
+            unit=wrong.unit,
             step=wrong.step,
             std=wrong.std,
         )
@@ -602,9 +597,8 @@ def _stamps(evidence: Evidence) -> Iterator[Finding]:
 
 def _still(evidence: Evidence) -> Iterator[Finding]:
     """Joints that do not move, where that is most of sigma."""
-    fit = evidence.fit
-    joints = still_joints(fit.model.windowing.trajectory, fit.state.t).joints
-    added, own = np.diag(_of_still_joints(fit)), np.diag(_pose(fit, fit.covariance))
+    joints, covariance = evidence.still
+    added, own = np.diag(covariance), np.diag(_pose(evidence.fit, evidence.fit.covariance))
     if (added > own).any():
         std = np.sqrt([added[:3].sum(), added[3:].sum()])
         yield warning("robot.joints_still", joints=joints, translation=std[0], rotation=std[1])

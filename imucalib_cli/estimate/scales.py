@@ -83,12 +83,16 @@ class Problem:
         """(n,), P's diagonal."""
         return 1.0 / with_learnt(self.std, self.scale, u) ** 2
 
+    def _scaled(self, P: Floats) -> tuple[Floats, Floats]:
+        """H of unit diagonal, and the units (n,) that make it so."""
+        H = self.information + np.diag(P)
+        unit = 1.0 / np.sqrt(np.diag(H))
+        return H * np.outer(unit, unit), unit
+
     def likelihood(self, u: Floats) -> tuple[float, Floats]:
         """Log marginal likelihood and prior of the scales, and the step to the posterior mean."""
         P = self.precision(u)
-        H = self.information + np.diag(P)
-        unit = 1.0 / np.sqrt(np.diag(H))
-        scaled = H * np.outer(unit, unit)
+        scaled, unit = self._scaled(P)
         gradient = self.score + P * self.offset
         step = -unit * np.linalg.solve(scaled, unit * gradient)
         log_det = 2.0 * np.log(np.diag(np.linalg.cholesky(scaled)) / unit).sum()
@@ -99,10 +103,8 @@ class Problem:
     def solve(self, u: Floats) -> tuple[Floats, Floats]:
         """Step to the posterior mean, and its covariance H^-1."""
         P = self.precision(u)
-        H = self.information + np.diag(P)
-        unit = 1.0 / np.sqrt(np.diag(H))
-        both = np.outer(unit, unit)
-        inverse = np.linalg.inv(H * both) * both
+        scaled, unit = self._scaled(P)
+        inverse = np.linalg.inv(scaled) * np.outer(unit, unit)
         return -inverse @ (self.score + P * self.offset), inverse
 
 

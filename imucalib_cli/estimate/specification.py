@@ -28,7 +28,7 @@ from imucalib_cli.estimate.spectrum import (
     whitening,
 )
 from imucalib_cli.estimate.window_choice import MAX_ATTENUATION, attenuation
-from imucalib_cli.estimate.windows import plan_windows, spread
+from imucalib_cli.estimate.windows import odd_length, plan_windows, spread
 
 if TYPE_CHECKING:
     from imucalib_cli.estimate.design import Model
@@ -85,7 +85,7 @@ def window_dependence(fit: Fit) -> list[Dependence]:
     others: list[tuple[Model, Indices]] = []
     centres = fit.centres[fit.weights > 0.0]
     for factor in FACTORS:
-        length = 2 * round((own.length - 1) * factor / 2) + 1
+        length = odd_length((own.length - 1) * factor)
         if length < _SHORTEST or not _sound(fit, length):
             continue
         plan = plan_windows(length, own.degree, windowing.grid.dt, hop=own.hop)

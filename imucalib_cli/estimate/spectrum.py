@@ -16,9 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.estimate.robust import SCALE_FLOOR
+from imucalib_cli.estimate.windows import runs
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterable
 
     from imucalib_cli.estimate.windows import WindowPlan
 
@@ -41,13 +42,6 @@ _HEARD: Final = 0.03
 """Share of the largest response from which a band counts: below, it is rounding and aliases."""
 
 
-def _runs(numbers: Indices) -> Iterator[tuple[int, slice]]:
-    """Each of ascending numbers, and where it stands."""
-    edges = np.flatnonzero(np.diff(numbers)) + 1
-    for start, stop in zip([0, *edges.tolist()], [*edges.tolist(), len(numbers)], strict=True):
-        yield int(numbers[start]), slice(start, stop)
-
-
 class BandSums:
     """Sums of X^H X over the frequencies of each band, sensor by sensor, for rows X in windows."""
 
@@ -68,7 +62,7 @@ class BandSums:
     def add(self, part: slice, rows: Floats) -> None:
         """Take the rows (w, 6, size) of some windows; parts come in order."""
         slots = self._slots[part]
-        for piece, inside in _runs(slots // self.length):
+        for piece, inside in runs(slots // self.length):
             if piece != self._filled:
                 self._transform()
                 self._filled = piece
@@ -233,7 +227,7 @@ class PartSums:
 
     def add(self, part: slice, rows: Floats) -> None:
         """Take the rows (w, 6, size) of some windows."""
-        for index, inside in _runs(self.number[part]):
+        for index, inside in runs(self.number[part]):
             flat = rows[inside].reshape(-1, rows.shape[2])
             self.sums[index] += flat.T @ flat
 

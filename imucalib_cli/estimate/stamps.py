@@ -12,7 +12,7 @@ from imucalib_cli.estimate.offset import coarse_time_offset
 from imucalib_cli.estimate.options import WindowChoice
 from imucalib_cli.estimate.robust import residual_scales
 from imucalib_cli.estimate.window_choice import choose_window
-from imucalib_cli.estimate.windows import Windowing, plan_windows
+from imucalib_cli.estimate.windows import Windowing, odd_length, plan_windows
 
 if TYPE_CHECKING:
     from imucalib_cli.estimate.estimate import Window
@@ -105,7 +105,7 @@ def _next_attempt(
     windowing = near.lean.model.windowing
     trajectory = windowing.trajectory.with_ticks(ticks[1])
     grid = clean.grid(trajectory.interval, use_ticks=ticks[0])
-    length = 2 * round(near.window.seconds / grid.dt / 2) + 1
+    length = odd_length(near.window.seconds / grid.dt)
     plan = plan_windows(length, options.degree, grid.dt)
     lean = lean_fit(Windowing(grid, trajectory, plan), options, 0.0, near.lean)
     return replace(near, lean=lean, imu_ticks=ticks[0], robot_ticks=ticks[1])

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from imucalib_cli.estimate.solve import gravity_axes
+from imucalib_cli.estimate.solve import tilted
 from imucalib_cli.estimate.unknowns import Gravity, JointCurve, Mount, Origin, PoseScale
 from imucalib_cli.robot.path import FixedStep
 from imucalib_cli.robot.rotations import matrix_from_rotvec
@@ -43,7 +43,7 @@ class State:
         for each, direction in layout.of(Gravity):
             part = step[each.part]
             if direction.what == "direction":
-                gravity = matrix_from_rotvec(part @ gravity_axes(self.gravity)) @ gravity
+                gravity = tilted(gravity, part)
             else:
                 gravity = gravity * (1.0 + part[0] / np.linalg.norm(self.gravity))
             x[each.part] = 0.0

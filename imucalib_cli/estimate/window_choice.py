@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.estimate.estimate import Window
+from imucalib_cli.estimate.windows import odd_length, shortest_length
 from imucalib_cli.signals.kernels import matched_filter
 
 if TYPE_CHECKING:
@@ -62,8 +63,8 @@ def choose_window(
         seconds, reason = choice.seconds, "as asked"
     else:
         seconds, reason = _automatic(grid, trajectory)
-    shortest = degree + 2 + (degree + 1) % 2
-    length = min(max(2 * round(seconds / grid.dt / 2) + 1, shortest), LONGEST_SAMPLES)
+    length = max(odd_length(seconds / grid.dt), shortest_length(degree))
+    length = min(length, LONGEST_SAMPLES)
     window = Window(
         samples=(length - 1) // grid.refine + 1,
         seconds=(length - 1) * grid.dt,

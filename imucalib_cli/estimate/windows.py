@@ -61,8 +61,7 @@ class WindowPlan:
     @property
     def node_length(self) -> int:
         """Nodes per window, odd."""
-        shortest = self.degree + 2 + (self.degree + 1) % 2
-        return max(2 * round((self.length - 1) / self.node / 2) + 1, shortest)
+        return max(odd_length((self.length - 1) / self.node), shortest_length(self.degree))
 
     @property
     def reach(self) -> int:
@@ -208,9 +207,25 @@ def blocks(centres: Indices, hop: int, most: int) -> Iterator[slice]:
         return
     apart = np.diff(centres) > 2 * WINDOWS_PER_LENGTH * hop
     number = (centres - centres[0]) // (hop * most) + np.concatenate([[0], np.cumsum(apart)])
-    edges = np.flatnonzero(np.diff(number)) + 1
-    for start, stop in zip([0, *edges], [*edges, len(centres)], strict=True):
-        yield slice(int(start), int(stop))
+    for _, part in runs(number):
+        yield part
+
+
+def runs(numbers: Indices) -> Iterator[tuple[int, slice]]:
+    """Each of ascending numbers, and where it stands."""
+    edges = (np.flatnonzero(np.diff(numbers)) + 1).tolist()
+    for start, stop in zip([0, *edges], [*edges, len(numbers)], strict=True):
+        yield int(numbers[start]), slice(start, stop)
+
+
+def odd_length(intervals: float) -> int:
+    """Odd number of samples that span about so many intervals."""
+    return 2 * round(intervals / 2) + 1
+
+
+def shortest_length(degree: int) -> int:
+    """Least odd number of samples that a polynomial of a degree does not go through."""
+    return degree + 2 + (degree + 1) % 2
 
 
 def derive(values: Floats, pair: MatchedFilter, centres: Indices) -> Floats:

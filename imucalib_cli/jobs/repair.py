@@ -17,7 +17,7 @@ from imucalib_cli.findings import Finding, Severity, reasons, untrusted, warning
 from imucalib_cli.jobs.rest import refuse_dead, refuse_impossible, see_dead_in_motion
 from imucalib_cli.jobs.units import accel_factor, gyro_factor, largest_rate
 from imucalib_cli.robot.path import JointStep
-from imucalib_cli.signals.bursts import BUNCHED, bunched_share, rate_stretches, spread_bursts
+from imucalib_cli.signals.bursts import bunched_share, rate_stretches, spread_bursts
 from imucalib_cli.signals.faults import clear_of, held_robot, sensor_faults
 from imucalib_cli.signals.samples import ImuSamples
 from imucalib_cli.signals.spikes import find_glitches
@@ -203,7 +203,8 @@ def _even(name: str, t: Floats, told: list[Finding], *values: Floats) -> Floats:
     finite = finite_rows(t, *values)
     near = finite.copy()
     near[finite] = near_stamps(t[finite])
-    stretches = rate_stretches(t[near])
+    rows = slice(None) if near.all() else near  # a slice copies nothing
+    stretches = rate_stretches(t[rows])
     if stretches:
         told.append(
             warning(
@@ -214,23 +215,21 @@ def _even(name: str, t: Floats, told: list[Finding], *values: Floats) -> Floats:
             )
         )
         return t
-    if bunched_share(t[near]) < BUNCHED:
-        return t
-    spread = spread_bursts(t[near], np.hstack([each[near] for each in values]))
+    spread = spread_bursts(t[rows], *(each[rows] for each in values))
     if spread is None:
         return t
     told.append(
         warning(
             "stamps.bunched",
             stream=name,
-            share=bunched_share(t[near]),
+            share=bunched_share(t[rows]),
             period=spread.period,
             batch=spread.batch,
             lost=spread.lost,
         )
     )
     even = t.copy()
-    even[near] = spread.t
+    even[rows] = spread.t
     return even
 
 

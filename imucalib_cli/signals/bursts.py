@@ -23,7 +23,7 @@ Indices = NDArray[np.intp]
 
 _SHORT = 0.25
 """Intervals below this share of the mean one are those within a burst."""
-BUNCHED = 0.05
+_BUNCHED = 0.05
 """Share of short intervals from which stamps count as bunched; a rare hiccup is not worth it."""
 _LEAST = 200
 """Samples, for a rate."""
@@ -112,24 +112,24 @@ def bunched_share(t: Floats) -> float:
     return float(np.mean(steps < _SHORT * _usual_period(t)))
 
 
-def spread_bursts(t: Floats, values: Floats) -> Spread | None:
+def spread_bursts(t: Floats, *values: Floats) -> Spread | None:
     """Find when the samples of a constant-rate device were taken, from when they arrived.
 
     Args:
         t: (N,), s, finite, in the order of the messages, repeated stamps included.
-        values: (N, C), which tell whether samples are evenly spaced.
+        values: Each (N, C), which tell whether samples are evenly spaced.
 
     Returns:
         None where stamps are not bunched, or the rate changes from one even stretch to another,
         or the values say that samples were taken when they were stamped.
     """
-    if bunched_share(t) < BUNCHED or float(np.mean(np.diff(t) < 0)) > 0.01:
+    if bunched_share(t) < _BUNCHED or float(np.mean(np.diff(t) < 0)) > 0.01:
         return None
     if rate_stretches(t):
         return None
     t = np.maximum.accumulate(t)
     period = _usual_period(t)
-    if not _evenly_sampled(t, values, period):
+    if not _evenly_sampled(t, np.hstack(values), period):
         return None
     single = _Units(t, np.arange(len(t)), 1)
     found = _straight(t, single, period)
@@ -176,7 +176,7 @@ def rate_stretches(t: Floats) -> tuple[Stretch, ...]:
         steps = np.diff(t[first:end])
         period = float(np.median(steps))
         short = float(np.mean(steps < _SHORT * float(np.mean(steps))))
-        if period <= 0.0 or short > BUNCHED or t[end - 1] - t[first] < _RATE_SECONDS:
+        if period <= 0.0 or short > _BUNCHED or t[end - 1] - t[first] < _RATE_SECONDS:
             return ()
         # Lost messages make the mean interval longer and leave the usual one.
         if found and abs(np.log(period * found[-1].rate)) < other:

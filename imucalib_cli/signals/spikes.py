@@ -154,10 +154,9 @@ def deviation_from_neighbours(values: Floats) -> Floats:
     Returns:
         As the values.
     """
-    off = np.empty_like(values)
-    for channel, out in zip(values.T, off.T, strict=True) if values.ndim > 1 else [(values, off)]:
-        out[:] = channel - _prediction(channel)
-    return off
+    return np.asarray(
+        np.apply_along_axis(lambda channel: channel - _prediction(channel), 0, values)
+    )
 
 
 def _prediction(x: Floats) -> Floats:

@@ -167,12 +167,12 @@ def constant_rate_ticks(t: Floats) -> Ticks | None:
 def _count_ticks(t: Floats) -> tuple[Floats, float] | None:
     """Number of each sample's tick, and the period, s; None if stamps are not near ticks."""
     period = sample_interval(t)
-    for _ in range(_PERIOD_STEPS + 1):
+    for step in range(_PERIOD_STEPS + 1):
         slow = _slow_phase(t, period)
         if slow is None:
             return None
         gain = _line(t, slow)[0]
-        if abs(gain) * (t[-1] - t[0]) < _SETTLED * period:
+        if step == _PERIOD_STEPS or abs(gain) * (t[-1] - t[0]) < _SETTLED * period:
             break
         period *= 1.0 + gain
     ticks = np.round((t - t[0] - slow) / period)
