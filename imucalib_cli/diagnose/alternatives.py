@@ -23,7 +23,6 @@ from imucalib_cli.estimate.judge import own_noise
 from imucalib_cli.estimate.offset import coarse_time_offset
 from imucalib_cli.estimate.prepare import clean_imu
 from imucalib_cli.estimate.segments import DECISIVE
-from imucalib_cli.estimate.solve import LeanState
 from imucalib_cli.estimate.stamps import best_attempt
 from imucalib_cli.estimate.unknowns import LEAN, TABLE, JointCurve, Unknown
 from imucalib_cli.estimate.windows import (
@@ -251,16 +250,6 @@ def trimmed_rms(values: Floats) -> float:
     """Root mean square size of rows, the largest few left out."""
     squares = np.sort((values**2).sum(axis=1))
     return float(np.sqrt(np.mean(squares[: max(int(len(squares) * (1 - _TRIMMED)), 1)])))
-
-
-def lean_vector(lean: Lean) -> Floats:
-    """Coefficients of the lean linear system's columns."""
-    state, layout = lean.state, lean.model.layout
-    biases = []
-    for name in ("accel_bias", "gyro_bias"):
-        value = state.x[layout.part(name)]
-        biases.append(state.R @ value if len(value) else np.zeros(3))
-    return LeanState(state.t, state.R, biases[0], biases[1], state.gravity).vector()
 
 
 def told_on_bench(case: Case, *, reversed_accel: bool) -> tuple[Bench, Trial]:

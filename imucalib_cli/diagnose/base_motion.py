@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from imucalib_cli.diagnose.alternatives import (
-    lean_vector,
-    short_windows,
-    trimmed_rms,
-)
+from imucalib_cli.diagnose.alternatives import short_windows, trimmed_rms
 from imucalib_cli.diagnose.edits import joints_of
-from imucalib_cli.estimate import columns
 from imucalib_cli.estimate.judge import own_noise
 from imucalib_cli.findings import Finding, untrusted
 
@@ -42,16 +38,14 @@ def find_motion_at_rest(told: Trial) -> Finding | None:
     Args:
         told: The kinematics as told, fitted.
     """
-    full = told.lean.model.windowing
+    state, full = told.lean.state, told.lean.model.windowing
     windowing = short_windows(full, _WINDOW)
-    centres = windowing.centres(told.offset)
+    model = replace(told.lean.model, windowing=windowing)
+    centres = model.centres(state)
     if not len(centres):
         return None
-    rows, x = windowing.rows(told.offset, centres), lean_vector(told.lean)
-    speed = np.linalg.norm(rows.gyro[:, :, columns.ONE], axis=1)
-    push = np.linalg.norm(
-        rows.accel[:, :, columns.ONE] + rows.accel[:, :, columns.T] @ x[columns.T], axis=1
-    )
+    (found,) = model.residuals(state, centres)
+    speed, push = (np.linalg.norm(each, axis=1) for each in (found.rate, found.acceleration))
     still = (speed < _STILL[1]) & (push < _STILL[0])
     # Windows on either side must stand still too.
     calm = still.copy()
@@ -59,11 +53,11 @@ def find_motion_at_rest(told: Trial) -> Finding | None:
     calm[:-1] &= still[1:]
     if calm.sum() < _LEAST:
         return None
-    accel, gyro = rows.residuals(x)
+    accel, gyro = found.values[:, :3], found.values[:, 3:]
     turning = min(
         trimmed_rms(gyro[calm] - np.median(gyro[calm], axis=0)),
         # A bias that changes once, or a sensor that is reset, is no motion.
-        trimmed_rms(_less_a_step(gyro[calm] @ told.lean.state.R)),
+        trimmed_rms(_less_a_step(gyro[calm] @ state.R)),
     )
     # What is constant in a pause is bias, tilt or scale: gravity lies differently in the next.
     pushing = trimmed_rms(_within_pauses(accel[calm], np.flatnonzero(calm)))

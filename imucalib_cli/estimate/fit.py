@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
+from imucalib_cli.estimate import columns as lean_columns
 from imucalib_cli.estimate.design import Model, Residuals
 from imucalib_cli.estimate.jacobian import columns, plan_nodes
 from imucalib_cli.estimate.layout import Layout, Placed, lay_out
@@ -18,12 +19,10 @@ from imucalib_cli.estimate.scales import Mixture, Problem, integrate, most_likel
 from imucalib_cli.estimate.solve import (
     ROUGH_STEPS,
     SAME_ROTATION,
-    LeanState,
-    LeanUnknowns,
+    Known,
+    Solution,
     refine,
     solve_globally,
-    tilt_from_down,
-    turned_about,
 )
 from imucalib_cli.estimate.spectrum import (
     PARTS,
@@ -36,7 +35,7 @@ from imucalib_cli.estimate.spectrum import (
     statistics,
     whitening,
 )
-from imucalib_cli.estimate.state import State
+from imucalib_cli.estimate.state import State, tilt_from_down, turned_about
 from imucalib_cli.estimate.unknowns import LEAN, Gravity, Reading, Unknown
 from imucalib_cli.estimate.windows import spread
 from imucalib_cli.robot.rotations import rotation_angle, rotvec_from_matrix
@@ -255,39 +254,43 @@ def _globally(
     centres = windowing.centres(time_offset)
     _see_enough(windowing, centres, time_offset)
     rows = windowing.rows(time_offset, spread(centres, _FEW))
-    unknowns = LeanUnknowns.of(options)
+    known, scales = Known.of(options), _FIRST_SCALES
     weights = np.ones(len(rows.centres))
-    found = solve_globally(_normal(windowing, rows, weights, _FIRST_SCALES), unknowns)
-    lean, runner_up = found.state, found.runner_up
-    scales = _FIRST_SCALES
+    found = solve_globally(_normal(windowing, rows, weights, scales), known)
+    lean, runner_up = found, found.runner_up
     for turn in range(_REWEIGHTS):
-        residuals = np.concatenate(rows.residuals(lean.vector()), axis=1)
+        residuals = np.concatenate(rows.residuals(lean.x), axis=1)
         scales = residual_scales(residuals)
         motion = (rows.accel[:, :, 1:4] ** 2).sum(axis=(1, 2))
         weights = window_weights(residuals, motion, redescend=turn > 0)
-        lean = refine(_normal(windowing, rows, weights, scales), unknowns, lean).state
+        lean = _refined(_normal(windowing, rows, weights, scales), known, lean.x)
     rise = np.inf
     if runner_up is not None:
         normal = _normal(windowing, rows, weights, scales)
         # The windows stand for those left out too.
         share = len(centres) / len(rows.centres)
-        first, other = (refine(normal, unknowns, each, ROUGH_STEPS) for each in (lean, runner_up))
-        if rotation_angle(other.state.R.T @ first.state.R) > SAME_ROTATION:
+        first, other = (_refined(normal, known, each) for each in (lean.x, runner_up))
+        if rotation_angle(other.R.T @ first.R) > SAME_ROTATION:
             rise = share * float(other.cost - first.cost)
     return _state_of(lean, layout, time_offset), float(rise)
 
 
-def _state_of(lean: LeanState, layout: Layout, time_offset: float) -> State:
+def _refined(normal: Floats, known: Known, x: Floats) -> Solution:
+    """The minimum nearby with gravity of its magnitude."""
+    return refine(normal, known.pointing(x[lean_columns.G]), x, ROUGH_STEPS)
+
+
+def _state_of(lean: Solution, layout: Layout, time_offset: float) -> State:
     x = np.zeros(layout.size)
     for name, value in (
-        ("accel_bias", lean.R.T @ lean.accel_bias),
-        ("gyro_bias", lean.R.T @ lean.gyro_bias),
+        ("accel_bias", lean.R.T @ lean.x[lean_columns.BA]),
+        ("gyro_bias", lean.R.T @ lean.x[lean_columns.BG]),
         ("time_offset", np.array([time_offset])),
     ):
         part = layout.part(name)
         x[part] = value[: part.stop - part.start]
     held = 0.0 if layout.part("time_offset") != slice(0, 0) else time_offset
-    return State(lean.R, lean.t, lean.gravity, x, held)
+    return State(lean.R, lean.x[lean_columns.T], lean.x[lean_columns.G], x, held)
 
 
 def transferred(state: State, old: Layout, new: Layout) -> State:

@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.estimate.design import BLOCK
-from imucalib_cli.estimate.solve import gravity_axes
-from imucalib_cli.estimate.state import Chain
+from imucalib_cli.estimate.state import Chain, gravity_axes
 from imucalib_cli.estimate.unknowns import (
     Clock,
     Gravity,

@@ -17,8 +17,8 @@ from imucalib_cli.estimate.observability import (
     excitation,
     unobservable_directions,
 )
-from imucalib_cli.estimate.solve import tilt_from_down
 from imucalib_cli.estimate.spectrum import inverse_of, squared_distance
+from imucalib_cli.estimate.state import tilt_from_down
 from imucalib_cli.estimate.told import stated_wrongly
 from imucalib_cli.estimate.unknowns import SCALES, Clock, Gravity, Mount, Reading
 from imucalib_cli.estimate.window_choice import kinematic_noise, second_derivative_gain

@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from imucalib_cli.estimate.solve import tilted
 from imucalib_cli.estimate.unknowns import Gravity, JointCurve, Mount, Origin, PoseScale
 from imucalib_cli.robot.path import FixedStep
-from imucalib_cli.robot.rotations import matrix_from_rotvec
+from imucalib_cli.robot.rotations import cross, matrix_from_rotvec, rotvec_from_matrix
 
 if TYPE_CHECKING:
     from imucalib_cli.estimate.layout import Joint, Layout
@@ -114,3 +113,40 @@ class Chain:
     def poses(self, t: Floats) -> tuple[Floats, Floats]:
         """R_world_parent (M, 3, 3) and p_world_parent (M, 3), m."""
         return self.path.poses(self.values(t))
+
+
+def turned_about(R: Floats, R_prior: Floats, turns: NDArray[np.bool_]) -> Floats:
+    """(..., 3, 3), R with that of its rotation from R_prior which is about axes that may turn."""
+    phi = rotvec_from_matrix(R @ R_prior.T)
+    return matrix_from_rotvec(np.where(turns, phi, 0.0)) @ R_prior
+
+
+def tilted(gravity: Floats, tilt: Floats) -> Floats:
+    """(..., 3), gravity turned by (..., 2) rad about its :func:`gravity_axes`."""
+    turn = matrix_from_rotvec((tilt[..., None, :] @ gravity_axes(gravity))[..., 0, :])
+    return np.asarray((turn @ gravity[..., None])[..., 0])
+
+
+def gravity_axes(gravity: Floats) -> Floats:
+    """(..., 2, 3), the axes about which gravity's direction may turn: x and y where it is -z."""
+    up = -gravity / np.linalg.norm(gravity, axis=-1, keepdims=True)
+    x, y, z = np.moveaxis(up, -1, 0)
+    zero = np.zeros_like(x)
+    # Across the one of the world's axes y and x that is farther from gravity.
+    first = np.where(
+        np.abs(up[..., 1:2]) < 0.9, np.stack([z, zero, -x], -1), np.stack([zero, -z, y], -1)
+    )
+    first = first / np.linalg.norm(first, axis=-1, keepdims=True)
+    return np.stack([first, cross(up, first)], axis=-2)
+
+
+def tilt_from_down(gravity: Floats) -> Floats:
+    """(..., 2), rotation vector from -z of the world to gravity, along the gravity_axes, rad."""
+    down = gravity / np.linalg.norm(gravity, axis=-1, keepdims=True)
+    x, y, z = np.moveaxis(down, -1, 0)
+    sine = np.hypot(x, y)
+    angle = np.arctan2(sine, -z)
+    level = sine <= 0.0
+    unit = np.stack([np.where(level, 1.0, y), np.where(level, 0.0, -x), np.zeros_like(x)], -1)
+    turn = unit * (angle / np.where(level, 1.0, sine))[..., None]
+    return np.asarray((gravity_axes(gravity) @ turn[..., None])[..., 0])

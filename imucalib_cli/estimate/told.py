@@ -26,8 +26,8 @@ from imucalib_cli.estimate.jacobian import columns
 from imucalib_cli.estimate.layout import lay_out
 from imucalib_cli.estimate.scales import integrate, most_likely
 from imucalib_cli.estimate.segments import DECISIVE
-from imucalib_cli.estimate.solve import tilt_from_down
 from imucalib_cli.estimate.spectrum import part_matrices, whitening
+from imucalib_cli.estimate.state import tilt_from_down
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

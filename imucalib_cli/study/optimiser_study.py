@@ -21,7 +21,7 @@ from imucalib_cli.estimate.options import MatchedOptions, PaperOptions, WindowCh
 from imucalib_cli.estimate.paper_filters import filtered_instants
 from imucalib_cli.estimate.prepare import clean_imu
 from imucalib_cli.estimate.robust import residual_scales
-from imucalib_cli.estimate.solve import LeanUnknowns, solve_globally
+from imucalib_cli.estimate.solve import Known, solve_globally
 from imucalib_cli.estimate.window_choice import choose_window
 from imucalib_cli.estimate.windows import Windowing, plan_windows
 from imucalib_cli.results.pose_error import pose_error
@@ -210,10 +210,10 @@ def _weighted(windowing: Windowing, gravity_world: Floats) -> PoseCost:
     centres = windowing.centres(0.0)
     rows = windowing.rows(0.0, centres)
     gains = windowing.plan.noise_gains
-    unknowns = LeanUnknowns.of(pose_only(float(np.linalg.norm(gravity_world))))
+    known = Known.of(pose_only(float(np.linalg.norm(gravity_world))))
     accel, gyro = (scale / gain for scale, gain in zip(_FIRST_SCALES, gains, strict=True))
     normal = rows.normal_matrix(accel, gyro, np.ones(len(centres)))
-    x = solve_globally(normal, unknowns).state.vector()
+    x = solve_globally(normal, known).x
     accel, gyro = residual_scales(np.concatenate(rows.residuals(x), axis=1))
     gravity = x[columns.G]
     return matched_cost(rows, gravity, accel / gains[0], gyro / gains[1])

@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from imucalib_cli.estimate.solve import LeanUnknowns, solve_globally
+from imucalib_cli.estimate import columns
+from imucalib_cli.estimate.solve import Known, solve_globally
 from imucalib_cli.robot.rotations import matrix_from_rotvec, rotvec_from_matrix
 from imucalib_cli.study.contest import pose_only
 from imucalib_cli.study.least_absolute import (
@@ -147,11 +148,11 @@ def _by_statistics(cost: PoseCost, guess: Pose) -> tuple[Pose, int]:
     """Our reduced solve: one pass over the residuals, then all rotations on their statistics."""
     del guess
     # Gravity is in the residuals' constant part already.
-    unknowns = LeanUnknowns.of(pose_only(0.0))
+    known = Known.of(pose_only(0.0))
     # Priors, however weak, presume residuals in units of their noise.
-    unknowns = replace(unknowns, prior_information=np.zeros_like(unknowns.prior_information))
-    state = solve_globally(cost.normal_matrix, unknowns).state
-    return Pose(state.t, state.R), 1
+    known = replace(known, std=np.where(known.std > 0.0, np.inf, 0.0))
+    found = solve_globally(cost.normal_matrix, known)
+    return Pose(found.x[columns.T], found.R), 1
 
 
 def _by_reweighting(cost: PoseCost, guess: Pose) -> tuple[Pose, int]:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -12,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from imucalib_cli.estimate import columns as lean_columns
+from imucalib_cli.estimate import columns as lean
 from imucalib_cli.estimate.design import Model
 from imucalib_cli.estimate.fit import with_residuals
 from imucalib_cli.estimate.jacobian import columns
@@ -21,17 +19,9 @@ from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.estimate.prepare import clean_imu
 from imucalib_cli.estimate.robust import window_weights
-from imucalib_cli.estimate.solve import (
-    DTILT,
-    TANGENT,
-    LeanState,
-    LeanUnknowns,
-    refine,
-    solve_globally,
-)
+from imucalib_cli.estimate.solve import Known, cube_rotations, refine, solve_globally
 from imucalib_cli.estimate.spectrum import part_matrices, statistics, whitening
-from imucalib_cli.estimate.starts import cube_rotations
-from imucalib_cli.estimate.state import State
+from imucalib_cli.estimate.state import State, gravity_axes, tilt_from_down, tilted
 from imucalib_cli.estimate.windows import Windowing, WindowRows, plan_windows
 from imucalib_cli.robot.rotations import nearest_rotation
 from imucalib_cli.signals.trajectory import Trajectory
@@ -46,42 +36,28 @@ from tests.estimate.estimate_arm import (
 Floats = NDArray[np.float64]
 
 
-def random_state(seed: int, gravity: Floats | None = None) -> LeanState:
-    rng = np.random.default_rng(seed)
-    R = Rotation.random(rng=rng).as_matrix()
-    if gravity is None:
-        gravity = Rotation.random(rng=rng).apply([0, 0, GRAVITY])
-    biases = rng.normal(size=(2, 3)) * [[0.3], [0.02]]
-    return LeanState(rng.normal(size=3), R, biases[0], biases[1], gravity)
-
-
-@given(st.integers(0, 2**32 - 1))
-@settings(deadline=None, max_examples=25)
-def test_jacobian_is_the_difference_of_moved_states(seed: int) -> None:
-    state, h = random_state(seed), 1e-6
-    steps = h * np.eye(TANGENT)
-    differences = [(state.moved(s).vector() - state.moved(-s).vector()) / (2 * h) for s in steps]
-    np.testing.assert_allclose(state.jacobian(), np.stack(differences, axis=1), atol=1e-8)
-
-
 @pytest.mark.parametrize(
-    "gravity", [(0, 0, -1), (0, 0, 1), (1, 0, 0), (0.6, -0.8, 0), (0, 0.9, 0.1)]
+    "direction", [(0, 0, -1), (0, 0, 1), (1, 0, 0), (0.6, -0.8, 0), (0, 0.9, 0.1)]
 )
-def test_tilt_spans_the_sphere_wherever_gravity_points(gravity: tuple[float, ...]) -> None:
-    state = random_state(1, GRAVITY * np.array(gravity) / np.linalg.norm(gravity))
-    turned = state.jacobian()[lean_columns.G, DTILT]
-    assert np.linalg.svd(turned, compute_uv=False)[-1] > 0.4 * GRAVITY
-    step = np.zeros(TANGENT)
-    step[DTILT] = 0.3, -0.2
-    assert np.linalg.norm(state.moved(step).gravity) == pytest.approx(GRAVITY)
+def test_tilt_spans_the_sphere_wherever_gravity_points(direction: tuple[float, ...]) -> None:
+    gravity = GRAVITY * np.array(direction) / np.linalg.norm(direction)
+    axes = gravity_axes(gravity)
+    np.testing.assert_allclose(axes @ axes.T, np.eye(2), atol=1e-14)
+    np.testing.assert_allclose(axes @ gravity, 0.0, atol=1e-14 * GRAVITY)
+    turned = tilted(gravity, np.array([0.3, -0.2]))
+    expected = Rotation.from_rotvec([0.3, -0.2] @ axes).apply(gravity)
+    np.testing.assert_allclose(turned, expected, atol=1e-13)
 
 
-def test_rotation_is_perturbed_on_the_left() -> None:
-    state = random_state(2)
-    step = np.zeros(TANGENT)
-    step[3:6] = 0.02, -0.03, 0.01
-    expected = Rotation.from_rotvec(step[3:6]).as_matrix() @ state.R
-    np.testing.assert_allclose(state.moved(step).R, expected, atol=1e-15)
+@given(st.floats(-3.1, 3.1), st.floats(0.0, 3.1))
+@settings(deadline=None, max_examples=25)
+def test_tilt_from_down_leads_back_to_down(heading: float, angle: float) -> None:
+    turn = Rotation.from_rotvec([angle * np.cos(heading), angle * np.sin(heading), 0.0])
+    gravity = turn.apply([0.0, 0.0, -GRAVITY])
+    tilt = tilt_from_down(gravity)
+    assert np.linalg.norm(tilt) == pytest.approx(angle, abs=1e-7)
+    # The axis of that turn is the same seen from down and from gravity.
+    np.testing.assert_allclose(tilted(gravity, -tilt), [0.0, 0.0, -GRAVITY], atol=1e-6)
 
 
 @pytest.fixture(scope="module")
@@ -108,52 +84,67 @@ def normal_of(rows: WindowRows) -> Floats:
     return rows.normal_matrix(0.02, 0.002, np.ones(len(rows.centres)))
 
 
+def random_x(seed: int) -> Floats:
+    """Coefficients of the lean columns for some pose, biases and gravity."""
+    rng = np.random.default_rng(seed)
+    R, gravity = (Rotation.random(rng=rng) for _ in range(2))
+    biases = rng.normal(size=(2, 3)) * [[0.3], [0.02]]
+    down = gravity.apply([0, 0, GRAVITY])
+    return np.r_[1.0, rng.normal(size=3), R.as_matrix().ravel(), biases[0], biases[1], down]
+
+
 def test_the_lean_rows_are_the_whole_models(log: Log, rows: WindowRows) -> None:
     """Both read in the parent's axes at each window's centre; biases in different frames."""
-    lean = random_state(3)
+    x = random_x(3)
+    R = x[lean.R].reshape(3, 3)
     windowing = windowing_of(log)
     layout = lay_out(windowing.trajectory, MatchedOptions())
-    x = np.zeros(layout.size)
-    x[layout.part("accel_bias")] = lean.R.T @ lean.accel_bias
-    x[layout.part("gyro_bias")] = lean.R.T @ lean.gyro_bias
-    state = State(lean.R, lean.t, lean.gravity, x)
+    values = np.zeros(layout.size)
+    values[layout.part("accel_bias")] = R.T @ x[lean.BA]
+    values[layout.part("gyro_bias")] = R.T @ x[lean.BG]
+    state = State(R, x[lean.T], x[lean.G], values)
     (whole,) = Model(windowing, layout).residuals(state, rows.centres)
-    for one, part in zip(rows.residuals(lean.vector()), (slice(0, 3), slice(3, 6)), strict=True):
+    for one, part in zip(rows.residuals(x), (slice(0, 3), slice(3, 6)), strict=True):
         np.testing.assert_allclose(one, whole.values[:, part], atol=1e-9 * np.abs(one).max())
 
 
 def test_every_start_reaches_the_one_optimum(log: Log, rows: WindowRows) -> None:
     normal = normal_of(rows)
-    unknowns = LeanUnknowns.of(MatchedOptions())
-    best = solve_globally(normal, unknowns)
-    assert np.linalg.norm(rotation_error(best.state.R, log.mount.R)) < 2e-3
+    known = Known.of(MatchedOptions())
+    best = solve_globally(normal, known)
+    assert np.linalg.norm(rotation_error(best.R, log.mount.R)) < 2e-3
     for R in cube_rotations():
-        found = refine(normal, unknowns, replace(best.state, R=R, t=np.zeros(3)), 200)
+        start = np.zeros(lean.COUNT)
+        start[lean.ONE], start[lean.R] = 1.0, R.ravel()
+        found = refine(normal, known, start, 200)
         # Downhill from anywhere: to the optimum, or to where another rotation is a minimum.
         assert found.cost > best.cost * (1 - 1e-9)
-        turned = np.linalg.norm(rotation_error(found.state.R, best.state.R))
+        turned = np.linalg.norm(rotation_error(found.R, best.R))
         assert turned < 1e-6 or found.cost > 100 * best.cost
 
 
 def test_the_optimum_is_scipys(rows: WindowRows) -> None:
     """The same cost, minimised by scipy over its own parametrisation from the truth nearby."""
     normal = normal_of(rows)
-    unknowns = LeanUnknowns.of(MatchedOptions())
-    best = solve_globally(normal, unknowns).state
-    values, vectors = np.linalg.eigh(normal[:22, :22])
+    free = Known.of(MatchedOptions())
+    found = solve_globally(normal, free)
+    known = free.pointing(found.x[lean.G])
+    assert np.linalg.norm(known.mean[lean.G]) == pytest.approx(GRAVITY)
+    best = refine(normal, known, found.x)
+    np.testing.assert_array_equal(best.x[lean.G], known.mean[lean.G])
+    values, vectors = np.linalg.eigh(normal)
     root = (vectors * np.sqrt(np.maximum(values, 0.0))).T
 
     def residuals(z: Floats) -> Floats:
         R = Rotation.from_rotvec(z[3:6]).as_matrix()
-        g = Rotation.from_rotvec([z[12], z[13], 0.0]).apply([0, 0, -GRAVITY])
-        return np.asarray(root @ np.r_[1.0, z[:3], R.ravel(), z[6:12], g])
+        return np.asarray(root @ np.r_[1.0, z[:3], R.ravel(), z[6:12], best.x[lean.G]])
 
-    start = np.r_[best.t, Rotation.from_matrix(best.R).as_rotvec(), np.zeros(8)]
-    found = least_squares(residuals, start, x_scale="jac", xtol=1e-14, ftol=1e-14, gtol=1e-14).x
-    np.testing.assert_allclose(best.t, found[:3], atol=1e-6)
-    R = Rotation.from_rotvec(found[3:6]).as_matrix()
+    start = np.r_[best.x[lean.T], Rotation.from_matrix(best.R).as_rotvec(), np.zeros(6)]
+    z = least_squares(residuals, start, x_scale="jac", xtol=1e-14, ftol=1e-14, gtol=1e-14).x
+    np.testing.assert_allclose(best.x[lean.T], z[:3], atol=1e-6)
+    R = Rotation.from_rotvec(z[3:6]).as_matrix()
     np.testing.assert_allclose(rotation_error(best.R, R), 0.0, atol=1e-7)
-    np.testing.assert_allclose(best.accel_bias, found[6:9], atol=1e-5)
+    np.testing.assert_allclose(best.x[lean.BA], z[6:9], atol=1e-5)
 
 
 def test_cube_rotations_are_the_group_of_24() -> None:
@@ -180,8 +171,9 @@ def test_bands_and_parts_add_up_to_the_whole(log: Log, rows: WindowRows) -> None
     windowing = windowing_of(log)
     layout = lay_out(windowing.trajectory, MatchedOptions(robot="exact", sensor_model="ideal"))
     model = Model(windowing, layout)
-    lean = random_state(3)
-    state = State(lean.R, lean.t, lean.gravity, np.zeros(layout.size))
+    x = random_x(3)
+    R = x[lean.R].reshape(3, 3)
+    state = State(R, x[lean.T], x[lean.G], np.zeros(layout.size))
     (residuals,) = model.residuals(state, rows.centres)
     weights = np.random.default_rng(0).uniform(0, 1, len(rows.centres))
     root = whitening(windowing.plan, weights, (0.3, 0.1))
@@ -203,19 +195,20 @@ def test_bands_and_parts_add_up_to_the_whole(log: Log, rows: WindowRows) -> None
         np.testing.assert_allclose(sums / unit, whole / unit, atol=1e-12)
 
 
-def unknowns_of(**options: object) -> LeanUnknowns:
-    return LeanUnknowns.of(MatchedOptions(**options))  # type: ignore[arg-type]
+def known_of(**options: object) -> Known:
+    return Known.of(MatchedOptions(**options))  # type: ignore[arg-type]
 
 
-def test_a_prior_is_information_and_zero_removes() -> None:
-    told = unknowns_of(accel_bias_std=0.05, gyro_bias_std=0.0, tilt_std=0.01)
-    np.testing.assert_allclose(told.prior_information[6:9], 1 / 0.05**2)
-    assert not told.free[9:12].any()
-    np.testing.assert_allclose(told.prior_information[12:14], 1 / 0.01**2)
-    assert not unknowns_of(gravity="fixed").free[12:14].any()
-    assert not unknowns_of(gravity="none").free[12:14].any()
-    assert unknowns_of(gravity="none").gravity_norm == 0.0
-    assert not unknowns_of(tilt_std=0.0).free[12:14].any()
+def test_zero_holds_and_gravity_is_held_where_it_is_known() -> None:
+    told = known_of(accel_bias_std=0.05, gyro_bias_std=0.0, tilt_std=0.01)
+    np.testing.assert_array_equal(told.std[lean.BA], 0.05)
+    np.testing.assert_array_equal(told.std[lean.BG], 0.0)
+    np.testing.assert_allclose(told.std[lean.G], 0.01 * GRAVITY)
+    for held in (known_of(gravity="fixed"), known_of(tilt_std=0.0)):
+        np.testing.assert_array_equal(held.std[lean.G], 0.0)
+        np.testing.assert_array_equal(held.mean[lean.G], [0.0, 0.0, -GRAVITY])
+    none = known_of(gravity="none")
+    np.testing.assert_array_equal([none.std[lean.G], none.mean[lean.G]], 0.0)
 
 
 def test_priors_pull_as_hard_as_they_should(log: Log) -> None:
@@ -252,12 +245,11 @@ def test_a_prior_on_tilt_holds_the_vertical() -> None:
 
 
 def test_weights_drop_what_is_far_off_and_nothing_else(rows: WindowRows) -> None:
-    best = solve_globally(normal_of(rows), LeanUnknowns.of(MatchedOptions()))
-    x = best.state.vector()
+    x = solve_globally(normal_of(rows), Known.of(MatchedOptions())).x
     accel = rows.accel.copy()
-    accel[200:230, :, lean_columns.ONE] += 3.0
+    accel[200:230, :, lean.ONE] += 3.0
     spoiled = np.concatenate(WindowRows(rows.centres, accel, rows.gyro).residuals(x), axis=1)
-    motion = (accel[:, :, lean_columns.T] ** 2).sum(axis=(1, 2))
+    motion = (accel[:, :, lean.T] ** 2).sum(axis=(1, 2))
     weights = window_weights(spoiled, motion, redescend=True)
     np.testing.assert_array_equal(weights[200:230], 0.0)
     others = np.delete(weights, np.s_[200:230])
