@@ -11,7 +11,6 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Final, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.diagnose import edits
 from imucalib_cli.diagnose.hypotheses import Hypothesis, Kind, double_faults, single_faults
@@ -37,13 +36,13 @@ from imucalib_cli.signals.trajectory import CleanTrack, Trajectory, clean_track
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
+    from imucalib_cli.arrays import Floats
     from imucalib_cli.diagnose.hypotheses import Case
     from imucalib_cli.estimate.fit import Lean
     from imucalib_cli.estimate.options import MatchedOptions
     from imucalib_cli.estimate.windows import WindowRows
     from imucalib_cli.robot.path import KinematicPath, Track
 
-Floats = NDArray[np.float64]
 
 _SECONDS: Final = 60.0
 """s: of longer logs the liveliest stretch of the IMU is enough to tell gross faults by."""

@@ -6,7 +6,6 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.diagnose.alternatives import short_windows, trimmed_rms
 from imucalib_cli.diagnose.edits import joints_of
@@ -14,9 +13,9 @@ from imucalib_cli.estimate.judge import own_noise
 from imucalib_cli.findings import Finding, untrusted
 
 if TYPE_CHECKING:
+    from imucalib_cli.arrays import Floats, Indices
     from imucalib_cli.diagnose.alternatives import Trial
 
-Floats = NDArray[np.float64]
 
 _WINDOW: Final = 0.2
 """s: short, for pauses between moves are."""
@@ -91,7 +90,7 @@ def _less_a_step(values: Floats) -> Floats:
     return np.concatenate([part - np.median(part, axis=0) for part in parts])
 
 
-def _within_pauses(values: Floats, index: NDArray[np.intp]) -> Floats:
+def _within_pauses(values: Floats, index: Indices) -> Floats:
     """Values less their mean over each run of consecutive windows."""
     pause = np.concatenate([[0], np.cumsum(np.diff(index) > 1)])
     count = np.bincount(pause)

@@ -12,9 +12,8 @@ from imucalib_cli.robot.path import FixedStep, JointStep, KinematicPath, PoseSte
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from numpy.typing import NDArray
+    from imucalib_cli.arrays import Floats
 
-    Floats = NDArray[np.float64]
 
 StepKind = TypeVar("StepKind", FixedStep, JointStep, PoseStep)
 

@@ -7,21 +7,18 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
 from imucalib_cli.diagnose import edits
 from imucalib_cli.errors import ImucalibError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
+    from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.estimate import Estimate
     from imucalib_cli.estimate.options import MatchedOptions
     from imucalib_cli.robot.path import KinematicPath
     from imucalib_cli.signals.samples import ImuSamples
 
-Floats = NDArray[np.float64]
 Kind = Literal[
     "offset", "link", "order", "unit", "inverse", "quaternion", "conjugate", "axes", "sign", "zero"
 ]

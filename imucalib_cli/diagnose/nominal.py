@@ -6,15 +6,14 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.findings import Finding, warning
 from imucalib_cli.robot.rotations import rotation_angle
 
 if TYPE_CHECKING:
+    from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.estimate import Estimate
 
-Floats = NDArray[np.float64]
 
 _NEAR = (0.01, math.radians(3.0))
 """m and rad: as well as a drawing knows a mount."""

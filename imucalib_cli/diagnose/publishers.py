@@ -9,7 +9,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.diagnose.edits import label_of, topic_of
 from imucalib_cli.findings import Finding, untrusted
@@ -17,9 +16,9 @@ from imucalib_cli.robot.path import JointStep, PoseStep
 from imucalib_cli.signals.spikes import MAD_TO_STD
 
 if TYPE_CHECKING:
+    from imucalib_cli.arrays import Floats
     from imucalib_cli.robot.path import KinematicPath, Track
 
-Floats = NDArray[np.float64]
 
 _JUMPS = 0.15
 """Share of messages that jump away, or back."""

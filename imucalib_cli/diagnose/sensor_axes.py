@@ -10,17 +10,16 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.diagnose.hypotheses import Hypothesis
 from imucalib_cli.estimate import columns
 from imucalib_cli.robot.rotations import rotation_angle
 
 if TYPE_CHECKING:
+    from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.windows import WindowRows
     from imucalib_cli.robot.path import KinematicPath
 
-Floats = NDArray[np.float64]
 
 _UNEXCITED: Final = 1e-7
 """Eigenvalue of a sensor's scaled normal matrix below which the motion says too little."""

@@ -16,7 +16,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.estimate.state import Chain
 from imucalib_cli.estimate.unknowns import Clock, Reading, Samples
@@ -25,12 +24,11 @@ from imucalib_cli.robot.rotations import skew, vee
 from imucalib_cli.signals.kernels import MARGIN
 
 if TYPE_CHECKING:
+    from imucalib_cli.arrays import Floats, Indices
     from imucalib_cli.estimate.layout import Layout
     from imucalib_cli.estimate.state import State
     from imucalib_cli.estimate.windows import Windowing, WindowPlan
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 BLOCK = 256
 """Windows made at once: what is made of them stays in the processor's cache."""

@@ -5,16 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
 from imucalib_cli.findings import reasons, status, warnings
 
 if TYPE_CHECKING:
+    from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.imu_check import ImuCheck
     from imucalib_cli.findings import Finding
 
-Floats = NDArray[np.float64]
 CorrectionName = Literal[
     "clock_drift", "gyro_delay", "accel_scale", "gyro_scale", "gyro_misalignment", "gravity_norm"
 ]

@@ -7,7 +7,6 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.estimate import columns as lean_columns
@@ -43,11 +42,10 @@ from imucalib_cli.robot.rotations import rotation_angle, rotvec_from_matrix
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
+    from imucalib_cli.arrays import Floats, Indices
     from imucalib_cli.estimate.options import MatchedOptions
     from imucalib_cli.estimate.windows import Windowing, WindowPlan, WindowRows
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 _FIRST_SCALES: Final = (0.05, 0.005)
 """m/s² and rad/s: how the sensors are weighted before residuals tell."""

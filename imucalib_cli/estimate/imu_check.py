@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.signals.stamps import tidy_rows
 from imucalib_cli.signals.stuck import noise
@@ -23,7 +22,6 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.imu_model import ImuModel, Sensor
     from imucalib_cli.signals.samples import ImuSamples
 
-Floats = NDArray[np.float64]
 
 _SENSORS: tuple[Sensor, Sensor] = ("accel", "gyro")
 

@@ -11,7 +11,6 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.estimate.design import BLOCK
 from imucalib_cli.estimate.state import Chain, gravity_axes
@@ -33,6 +32,7 @@ from imucalib_cli.signals.kernels import convolve_at, matched_filter
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from imucalib_cli.arrays import Floats, Indices
     from imucalib_cli.estimate.design import Model
     from imucalib_cli.estimate.layout import Joint, Placed
     from imucalib_cli.estimate.state import State
@@ -41,8 +41,6 @@ if TYPE_CHECKING:
     from imucalib_cli.robot.path import KinematicPath
     from imucalib_cli.signals.kernels import MatchedFilter
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 _TOGETHER = 16
 """Windows filtered by one matrix product."""

@@ -8,7 +8,6 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.estimate.layout import still_joints
 from imucalib_cli.estimate.observability import (
@@ -28,6 +27,7 @@ from imucalib_cli.robot.rotations import rotvec_from_matrix
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from imucalib_cli.arrays import Bools, Floats, Indices
     from imucalib_cli.estimate.estimate import UnobservableDirection
     from imucalib_cli.estimate.fit import Fit
     from imucalib_cli.estimate.layout import Placed
@@ -37,7 +37,6 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.stamps import Attempt
     from imucalib_cli.estimate.windows import Windowing
 
-Floats = NDArray[np.float64]
 Sign = Literal["as read", "reversed", "in doubt"]
 
 WARN_SIGMAS: Final = 3.0
@@ -514,7 +513,7 @@ def _without_prior(value: Floats, C: Floats, std: float) -> float:
     return float(np.sqrt(max(distance - len(value), 0.0)))
 
 
-def _pulled(fit: Fit, held: NDArray[np.intp]) -> Iterator[Finding]:
+def _pulled(fit: Fit, held: Indices) -> Iterator[Finding]:
     """Where the data would take components that are held, if they plainly would.
 
     A component that the motion does not show is neither confirmed nor contradicted: noise of the
@@ -537,7 +536,7 @@ def _pulled(fit: Fit, held: NDArray[np.intp]) -> Iterator[Finding]:
     )
 
 
-def _free_step(fit: Fit, held: NDArray[np.intp]) -> tuple[Floats, Floats]:
+def _free_step(fit: Fit, held: Indices) -> tuple[Floats, Floats]:
     """Where components of the mount that are held would go if they were free, and how surely."""
     places = fit.layout.pose[held]
     free = np.flatnonzero(fit.layout.free)
@@ -549,7 +548,7 @@ def _free_step(fit: Fit, held: NDArray[np.intp]) -> tuple[Floats, Floats]:
     return -(C @ score[places]), C
 
 
-def _unseen(fit: Fit, held: NDArray[np.intp]) -> NDArray[np.bool_]:
+def _unseen(fit: Fit, held: Indices) -> Bools:
     """Which held components of the mount the motion does not determine."""
     std = np.sqrt(np.diag(_pose(fit, excitation(fit, everything=True)))[held])
     return np.asarray(std > np.where(held < 3, TRANSLATION_LIMIT, ROTATION_LIMIT))

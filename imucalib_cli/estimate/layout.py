@@ -6,7 +6,6 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Final, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.estimate.scales import with_learnt
 from imucalib_cli.estimate.unknowns import (
@@ -23,11 +22,11 @@ from imucalib_cli.robot.path import FixedStep, JointStep, PoseStep
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from imucalib_cli.arrays import Bools, Floats, Indices
     from imucalib_cli.estimate.options import MatchedOptions
     from imucalib_cli.robot.path import KinematicPath
     from imucalib_cli.signals.trajectory import Trajectory
 
-Floats = NDArray[np.float64]
 E = TypeVar("E")
 
 STILL_JOINT: Final = 5e-3
@@ -78,7 +77,7 @@ class Layout:
     placed: tuple[Placed, ...]
     std: Floats
     """(n,), prior, 1 sigma; 0 holds a component; nan where a learnt scale tells."""
-    scale: NDArray[np.intp]
+    scale: Indices
     """(n,), index into ``scales``; -1 where the prior is given."""
     scales: tuple[str, ...]
     bounds: Floats
@@ -100,7 +99,7 @@ class Layout:
         return len(self.std)
 
     @property
-    def free(self) -> NDArray[np.bool_]:
+    def free(self) -> Bools:
         """(n,), which components may move."""
         return np.asarray((self.std != 0.0) | (self.scale >= 0))
 
@@ -112,7 +111,7 @@ class Layout:
         return slice(0, 0)
 
     @property
-    def pose(self) -> NDArray[np.intp]:
+    def pose(self) -> Indices:
         """(6,), components of the mount: translation, rotation."""
         return np.asarray(np.r_[self.part("translation"), self.part("rotation")], dtype=np.intp)
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.estimate import judge
 from imucalib_cli.estimate.estimate import Correction, Estimate, Parameter, Residuals
@@ -19,13 +18,13 @@ from imucalib_cli.estimate.unknowns import Gravity, Mount
 from imucalib_cli.signals.trajectory import Trajectory
 
 if TYPE_CHECKING:
+    from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.fit import Fit
     from imucalib_cli.estimate.options import MatchedOptions
     from imucalib_cli.estimate.stamps import Attempt
     from imucalib_cli.robot.path import KinematicPath
     from imucalib_cli.signals.samples import ImuSamples
 
-Floats = NDArray[np.float64]
 
 _FAR_FROM_DOWN: Final = 0.5
 """Cosine to -z of the world below which gravity is suspect: 60 degrees."""

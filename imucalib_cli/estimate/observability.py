@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.estimate.estimate import UnobservableDirection
 from imucalib_cli.estimate.unknowns import LEAN
@@ -14,9 +13,9 @@ from imucalib_cli.estimate.window_choice import kinematic_noise, second_derivati
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.fit import Fit
 
-Floats = NDArray[np.float64]
 
 COMMON_SCALE: Final = (1e-3, 5e-5)
 """m/s² and rad/s: residuals of a window that an ordinary IMU would leave."""

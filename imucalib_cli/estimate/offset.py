@@ -5,16 +5,15 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.signals.kernels import convolve_at, matched_filter
 from imucalib_cli.signals.lag import Lag, best_lag
 
 if TYPE_CHECKING:
+    from imucalib_cli.arrays import Bools, Indices
     from imucalib_cli.signals.grid import ImuGrid
     from imucalib_cli.signals.trajectory import Trajectory
 
-Floats = NDArray[np.float64]
 
 _STEP_SECONDS = 0.005
 """Resolution of the search; the fine solve takes over from there."""
@@ -73,8 +72,6 @@ def coarse_time_offset(
     return (lag.samples + lag.between) * step, lag
 
 
-def _windows_clean(
-    usable: NDArray[np.bool_], centres: NDArray[np.intp], reach: int
-) -> NDArray[np.bool_]:
+def _windows_clean(usable: Bools, centres: Indices, reach: int) -> Bools:
     holes = np.concatenate([[0], np.cumsum(~usable)])
     return np.asarray(holes[centres + reach + 1] == holes[centres - reach])

@@ -7,12 +7,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 if TYPE_CHECKING:
+    from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.unknowns import Unknown
 
-Floats = NDArray[np.float64]
 
 STANDARD_GRAVITY = 9.80665
 """m/s², CGPM 1901."""
@@ -34,9 +33,9 @@ class PosePrior:
 
     std: tuple[float, ...] = (math.inf,) * 6
     """tx ty tz in m, rx ry rz in rad, parent frame: inf leaves a component free, 0 fixes it."""
-    R_parent_imu: NDArray[np.float64] | None = None
+    R_parent_imu: Floats | None = None
     """(3, 3); None until the URDF has told."""
-    t_parent_imu: NDArray[np.float64] | None = None
+    t_parent_imu: Floats | None = None
     """(3,), m, likewise."""
 
 
@@ -140,9 +139,9 @@ class PaperOptions:
     exclusion_threshold: float | None = None
     """Second difference of the derived position above which a sample is dropped, m/s²;
     None takes the method's default, 0 drops nothing."""
-    R_initial: NDArray[np.float64] | None = None
+    R_initial: Floats | None = None
     """(3, 3), initial guess of R_parent_imu; None is the identity."""
-    t_initial: NDArray[np.float64] | None = None
+    t_initial: Floats | None = None
     """(3,), initial guess of t_parent_imu, m; None is zero."""
     residual: Literal["l1", "components"] = "l1"
     """One L1 sum per instant (N residuals), or the 6 N components."""

@@ -11,7 +11,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.estimate.estimate import Estimate, Residuals
@@ -20,11 +19,11 @@ from imucalib_cli.findings import Severity, texts
 from imucalib_cli.robot.rotations import matrix_from_rotvec, rotvec_from_matrix
 
 if TYPE_CHECKING:
+    from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.options import PaperOptions
     from imucalib_cli.robot.path import KinematicPath
     from imucalib_cli.signals.samples import ImuSamples
 
-Floats = NDArray[np.float64]
 
 _TOLERANCE = 1e-10
 """ftol, xtol and gtol of the solver."""

@@ -12,7 +12,6 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.estimate.estimate import Window
@@ -22,10 +21,10 @@ from imucalib_cli.signals.stamps import gap_breaks, tidy_rows
 from imucalib_cli.signals.trajectory import Trajectory
 
 if TYPE_CHECKING:
+    from imucalib_cli.arrays import Bools, Floats
     from imucalib_cli.robot.path import KinematicPath
     from imucalib_cli.signals.samples import ImuSamples
 
-Floats = NDArray[np.float64]
 
 DEFAULT_EXCLUSION = 6.25
 """m/s²: the authors' 1e-4 m between successive samples, at 250 Hz."""
@@ -39,7 +38,7 @@ class Instants:
 
     t: Floats
     """(N,), on the robot's clock, s."""
-    kept: NDArray[np.bool_]
+    kept: Bools
     """(N,), not excluded as a start or a stop, and with a measurement beside it."""
     R: Floats
     """(N, 3, 3), R_world_parent."""
@@ -179,7 +178,7 @@ def _stretches(t: Floats, length: int) -> list[slice]:
     return [slice(a, b) for a, b in pairwise(edges) if b - a >= length]
 
 
-def _inside(count: int, stretches: list[slice]) -> NDArray[np.bool_]:
+def _inside(count: int, stretches: list[slice]) -> Bools:
     inside = np.zeros(count, dtype=bool)
     for part in stretches:
         inside[part] = True
@@ -215,9 +214,7 @@ def _window_length(options: PaperOptions, dt: float) -> int:
     return max(samples + (samples + 1) % 2, shortest)
 
 
-def _steady(
-    p_world_imu: Floats, R_world_imu: Floats, dt: float, limit: float | None
-) -> NDArray[np.bool_]:
+def _steady(p_world_imu: Floats, R_world_imu: Floats, dt: float, limit: float | None) -> Bools:
     """Samples away from starts and stops, told by second differences of the derived pose."""
     keep = np.ones(len(p_world_imu), dtype=bool)
     limit = DEFAULT_EXCLUSION if limit is None else limit

@@ -7,7 +7,6 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.signals.grid import ImuGrid, imu_grid
@@ -17,9 +16,9 @@ from imucalib_cli.signals.stamps import Ticks, constant_rate_ticks, tidy_rows
 from imucalib_cli.signals.stuck import noise as white_noise
 
 if TYPE_CHECKING:
+    from imucalib_cli.arrays import Floats
     from imucalib_cli.signals.samples import ImuSamples
 
-Floats = NDArray[np.float64]
 
 MIN_IMU_SAMPLES = 50
 SPIKE_FLOOR_ACCEL = 0.2

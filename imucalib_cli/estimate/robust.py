@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.signals.spikes import MAD_TO_STD
 
-Floats = NDArray[np.float64]
+if TYPE_CHECKING:
+    from imucalib_cli.arrays import Floats
 
 SCALE_FLOOR = (2e-4, 1e-5)
 """m/s² and rad/s: below what any IMU resolves within a window, so no reason for doubt."""

@@ -16,12 +16,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+if TYPE_CHECKING:
+    from imucalib_cli.arrays import Bools, Floats, Indices
 
 _POINTS: Final = 64
 """Importance points: the mean and covariance they give vary by some per cent of sigma."""
@@ -44,7 +44,7 @@ _LEAST_SHARE: Final = 0.05
 """Of a component, that the log tells: less is rounding."""
 
 
-def with_learnt(std: Floats, scale: NDArray[np.intp], u: Floats) -> Floats:
+def with_learnt(std: Floats, scale: Indices, u: Floats) -> Floats:
     """(n,), standard deviations of priors, those that are learnt put in from their logarithms."""
     return np.asarray(np.where(scale >= 0, np.exp(u)[scale], std) if len(u) else std)
 
@@ -61,14 +61,14 @@ class Problem:
     """(n,), value at that point less the prior's mean."""
     std: Floats
     """(n,), prior where it is given."""
-    scale: NDArray[np.intp]
+    scale: Indices
     """(n,), index of the learnt scale; -1 where the prior is given."""
     bounds: Floats
     """(k, 2), of the logarithms of the scales."""
     alike: tuple[tuple[int, int], ...] = ()
     """Pairs of scales that differ by no more than a factor of some size."""
 
-    def of(self, kept: NDArray[np.bool_]) -> Problem:
+    def of(self, kept: Bools) -> Problem:
         """Of some of the components, the others held."""
         return replace(
             self,

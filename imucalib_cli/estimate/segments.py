@@ -7,17 +7,15 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.estimate.estimate import Consistency
 from imucalib_cli.estimate.spectrum import PARTS, embedded, inverse_of, squared_distance
 from imucalib_cli.estimate.windows import WINDOWS_PER_LENGTH
 
 if TYPE_CHECKING:
+    from imucalib_cli.arrays import Floats, Indices
     from imucalib_cli.estimate.fit import Fit
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 _FOLDS: Final = 12
 """Parts that are left out in turn."""

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.estimate import columns
 from imucalib_cli.estimate.state import turned_about
@@ -26,9 +25,9 @@ from imucalib_cli.robot.rotations import (
 )
 
 if TYPE_CHECKING:
+    from imucalib_cli.arrays import Bools, Floats
     from imucalib_cli.estimate.options import MatchedOptions
 
-Floats = NDArray[np.float64]
 
 SAME_ROTATION = 0.02
 """rad: rotations closer than this are one minimum; ten times what noise leaves open."""
@@ -78,7 +77,7 @@ class Known:
         if known is not None and known.R_parent_imu is not None and known.t_parent_imu is not None:
             R, t, pose_std = known.R_parent_imu, known.t_parent_imu, np.array(known.std)
         std, mean = np.full(columns.COUNT, np.inf), np.zeros(columns.COUNT)
-        stds = (pose_std[:3], options.accel_bias_std, options.gyro_bias_std)
+        stds = (pose_std[:3], np.array(options.accel_bias_std), np.array(options.gyro_bias_std))
         parts = (columns.T, columns.BA, columns.BG)
         for part, given, weakest in zip(parts, stds, _WEAKEST_STD, strict=True):
             std[part] = np.minimum(given, weakest)
@@ -89,7 +88,7 @@ class Known:
         return cls(std, mean, pose_std[3:], R, norm)
 
     @property
-    def turns(self) -> NDArray[np.bool_]:
+    def turns(self) -> Bools:
         """(3,), about which of the parent's axes the rotation may leave R."""
         return np.asarray(self.turn_std > 0.0)
 
@@ -259,5 +258,5 @@ def _precision(std: Floats) -> Floats:
     return np.divide(1.0, std**2, out=np.zeros(len(std)), where=std > 0.0)
 
 
-def _same_rotation(one: Floats, other: Floats) -> NDArray[np.bool_]:
+def _same_rotation(one: Floats, other: Floats) -> Bools:
     return np.asarray(rotation_angle(np.swapaxes(one, -1, -2) @ other) < SAME_ROTATION)

@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import fdtrc, ndtri
 
 from imucalib_cli.estimate.fit import calibration_of, with_residuals
@@ -31,12 +30,11 @@ from imucalib_cli.estimate.window_choice import MAX_ATTENUATION, attenuation
 from imucalib_cli.estimate.windows import odd_length, plan_windows, spread
 
 if TYPE_CHECKING:
+    from imucalib_cli.arrays import Floats, Indices
     from imucalib_cli.estimate.design import Model
     from imucalib_cli.estimate.fit import Fit
     from imucalib_cli.estimate.windows import WindowPlan
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 FACTORS: Final = (0.5, 2.0)
 _LENGTHS_PER_PART: Final = 4

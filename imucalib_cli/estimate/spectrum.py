@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.estimate.robust import SCALE_FLOOR
 from imucalib_cli.estimate.windows import runs
@@ -21,10 +20,9 @@ from imucalib_cli.estimate.windows import runs
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
+    from imucalib_cli.arrays import Bools, Floats, Indices
     from imucalib_cli.estimate.windows import WindowPlan
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 PARTS: Final = 48
 """Parts of equal duration that a log is held against itself by."""
@@ -159,7 +157,7 @@ class Statistics:
         return np.asarray(np.einsum("sb,sbpq->pq", weights, self.normal[:, :, 1:, 1:]))
 
     @property
-    def heard(self) -> NDArray[np.bool_]:
+    def heard(self) -> Bools:
         """(2, bands), whether the window's kernel lets a band through."""
         return np.asarray(self.response > _HEARD * self.response.max(axis=1, keepdims=True))
 
@@ -311,7 +309,7 @@ def inverse_of(A: Floats) -> Floats:
     return np.asarray((scaled / kept) @ np.swapaxes(scaled, -1, -2))
 
 
-def embedded(values: Floats, kept: NDArray[np.bool_]) -> Floats:
+def embedded(values: Floats, kept: Bools) -> Floats:
     """(n,), values of the components that are kept, the others zero."""
     full = np.zeros(len(kept))
     full[kept] = values

@@ -6,18 +6,16 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.estimate.unknowns import Gravity, JointCurve, Mount, Origin, PoseScale
 from imucalib_cli.robot.path import FixedStep
 from imucalib_cli.robot.rotations import cross, matrix_from_rotvec, rotvec_from_matrix
 
 if TYPE_CHECKING:
+    from imucalib_cli.arrays import Bools, Floats
     from imucalib_cli.estimate.layout import Joint, Layout
     from imucalib_cli.robot.path import KinematicPath, Step
     from imucalib_cli.signals.trajectory import Trajectory
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +113,7 @@ class Chain:
         return self.path.poses(self.values(t))
 
 
-def turned_about(R: Floats, R_prior: Floats, turns: NDArray[np.bool_]) -> Floats:
+def turned_about(R: Floats, R_prior: Floats, turns: Bools) -> Floats:
     """(..., 3, 3), R with that of its rotation from R_prior which is about axes that may turn."""
     phi = rotvec_from_matrix(R @ R_prior.T)
     return matrix_from_rotvec(np.where(turns, phi, 0.0)) @ R_prior

@@ -25,14 +25,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.robot.rotations import cross
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-Floats = NDArray[np.float64]
+    from imucalib_cli.arrays import Floats
+
 Sensor = Literal["accel", "gyro"]
 Group = Literal["mount", "bias", "gravity", "offset", "sensor", "robot"]
 

@@ -17,7 +17,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.estimate.estimate import Window
 from imucalib_cli.estimate.windows import odd_length, shortest_length
@@ -28,7 +27,6 @@ if TYPE_CHECKING:
     from imucalib_cli.signals.grid import ImuGrid
     from imucalib_cli.signals.trajectory import Trajectory
 
-Floats = NDArray[np.float64]
 
 SHORTEST_AUTO = 0.2
 LONGEST_AUTO = 1.0

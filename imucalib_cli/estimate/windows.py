@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.estimate import columns
 from imucalib_cli.robot.rotations import vee
@@ -24,11 +23,10 @@ from imucalib_cli.signals.kernels import MARGIN, MatchedFilter, convolve_at, mat
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from imucalib_cli.arrays import Bools, Floats, Indices
     from imucalib_cli.signals.grid import ImuGrid
     from imucalib_cli.signals.trajectory import Trajectory
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 WINDOWS_PER_LENGTH = 3
 """Windows overlap so that the filtered signal, band-limited by the window, loses nothing: at three
@@ -113,7 +111,7 @@ def plan_windows(length: int, degree: int, dt: float, hop: int | None = None) ->
     )
 
 
-def window_centres(plan: WindowPlan, usable: NDArray[np.bool_]) -> Indices:
+def window_centres(plan: WindowPlan, usable: Bools) -> Indices:
     """Centres, multiples of the hop, of the windows all of whose samples are usable."""
     reach = plan.reach
     if len(usable) < 2 * reach + 1:

@@ -90,7 +90,8 @@ def random_x(seed: int) -> Floats:
     R, gravity = (Rotation.random(rng=rng) for _ in range(2))
     biases = rng.normal(size=(2, 3)) * [[0.3], [0.02]]
     down = gravity.apply([0, 0, GRAVITY])
-    return np.r_[1.0, rng.normal(size=3), R.as_matrix().ravel(), biases[0], biases[1], down]
+    parts = (rng.normal(size=3), R.as_matrix().ravel(), biases[0], biases[1], down)
+    return np.concatenate([[1.0], *parts])
 
 
 def test_the_lean_rows_are_the_whole_models(log: Log, rows: WindowRows) -> None:

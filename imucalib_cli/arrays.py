@@ -1,0 +1,10 @@
+"""Names of array types; shapes, units and frames are told where arrays are used."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.intp]
+Bools = NDArray[np.bool_]
