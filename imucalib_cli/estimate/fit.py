@@ -12,7 +12,7 @@ from imucalib_cli.errors import InputError
 from imucalib_cli.estimate import columns as lean_columns
 from imucalib_cli.estimate.design import Model, Residuals
 from imucalib_cli.estimate.jacobian import columns, plan_nodes
-from imucalib_cli.estimate.layout import Layout, Placed, lay_out
+from imucalib_cli.estimate.layout import Layout, Placed, lay_out, places_of
 from imucalib_cli.estimate.robust import SCALE_FLOOR, residual_scales, window_weights
 from imucalib_cli.estimate.scales import Mixture, Problem, integrate, most_likely
 from imucalib_cli.estimate.solve import (
@@ -481,7 +481,7 @@ def _noise_of_columns(
         found = [pairs for pairs in model.layout.of(Reading) if pairs[1].sensor == name]
         if not found:
             continue
-        places = np.concatenate([np.arange(each.part.start, each.part.stop) for each, _ in found])
+        places = places_of(each.part for each, _ in found)
         answers = np.concatenate([effect.own_response(nodes.dt) for _, effect in found])
         kernels = np.array([[nodes.kernel(pair, axis) for axis in each] for each in answers])
         margin = (kernels.shape[2] - len(plain)) // 2

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from imucalib_cli.estimate.design import BLOCK
+from imucalib_cli.estimate.layout import places_of
 from imucalib_cli.estimate.state import Chain, gravity_axes
 from imucalib_cli.estimate.unknowns import (
     Clock,
@@ -189,7 +190,7 @@ def _block_columns(
         (gyro, channels.rate, plan.first.average, -1.0),
     ):
         if found:
-            index = np.concatenate([np.arange(part.start, part.stop) for part, _ in found])
+            index = places_of(part for part, _ in found)
             changes = filters.in_parent(np.concatenate([each for _, each in found], 1), weights)
             J[:, index, rows] += sign * changes
     for part, change in channels.gravity:

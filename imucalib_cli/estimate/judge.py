@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
 
-from imucalib_cli.estimate.layout import still_joints
+from imucalib_cli.estimate.layout import places_of
 from imucalib_cli.estimate.observability import (
     ROTATION_LIMIT,
     TRANSLATION_LIMIT,
@@ -19,7 +17,7 @@ from imucalib_cli.estimate.observability import (
 from imucalib_cli.estimate.spectrum import inverse_of, squared_distance
 from imucalib_cli.estimate.state import tilt_from_down
 from imucalib_cli.estimate.told import stated_wrongly
-from imucalib_cli.estimate.unknowns import SCALES, Clock, Gravity, Mount, Reading
+from imucalib_cli.estimate.unknowns import Clock, Gravity, Mount, Reading
 from imucalib_cli.estimate.window_choice import kinematic_noise, second_derivative_gain
 from imucalib_cli.findings import Finding, Severity, note, untrusted, warning
 from imucalib_cli.robot.rotations import rotvec_from_matrix
@@ -102,18 +100,6 @@ class Evidence:
         """Whether the clocks were set within the log: a drift is then what the step looks like."""
         return self.change is not None and self.change.kind == "clock"
 
-    @cached_property
-    def still(self) -> tuple[tuple[str, ...], Floats]:
-        """Joints that do not move, and what their errors put into the mount, (6, 6).
-
-        No log tells these errors from the mount.
-        """
-        found = still_joints(self.fit.model.windowing.trajectory, self.fit.state.t)
-        zero, length = (_mean_square(self.fit, name) for name in ("joint_zero", "length"))
-        added = zero * found.zeros.T @ found.zeros
-        added[:3, :3] += length * found.origins * np.eye(3)
-        return found.joints, np.asarray(added)
-
     @property
     def hangs_most(self) -> Dependence | None:
         """The window on which the answer hangs most."""
@@ -160,21 +146,7 @@ def of_findings(evidence: Evidence) -> Floats:
         added += np.outer(apart, apart)
         if change.kind == "mount":
             added += np.diag(change.std**2)
-    return added + evidence.still[1]
-
-
-def _mean_square(fit: Fit, scale: str) -> float:
-    """Of errors of one kind: as learnt, as stated, or over all robots where the log has none."""
-    robot = fit.options.robot
-    if robot == "exact":
-        return 0.0
-    if isinstance(robot, tuple):
-        return (robot[0] if scale == "joint_zero" else robot[1]) ** 2
-    if scale in fit.layout.scales:
-        logs = fit.scales_found.points[:, fit.layout.scales.index(scale)]
-        return float(fit.scales_found.weights @ np.exp(2.0 * logs))
-    low, high = SCALES[scale].low, SCALES[scale].high
-    return (high**2 - low**2) / (2.0 * math.log(high / low))
+    return added
 
 
 def unobservable(fit: Fit) -> tuple[UnobservableDirection, ...]:
@@ -595,12 +567,18 @@ def _stamps(evidence: Evidence) -> Iterator[Finding]:
 
 
 def _still(evidence: Evidence) -> Iterator[Finding]:
-    """Joints that do not move, where that is most of sigma."""
-    joints, covariance = evidence.still
-    added, own = np.diag(covariance), np.diag(_pose(evidence.fit, evidence.fit.covariance))
-    if (added > own).any():
-        std = np.sqrt([added[:3].sum(), added[3:].sum()])
-        yield warning("robot.joints_still", joints=joints, translation=std[0], rotation=std[1])
+    """Joints that do not move, where what they hide is most of sigma."""
+    fit, layout = evidence.fit, evidence.fit.layout
+    hidden = places_of(each.part for each in layout.placed if each.hidden)
+    if not len(hidden):
+        return
+    across = fit.covariance[np.ix_(layout.pose, hidden)]
+    by_hidden = np.diag(across @ inverse_of(fit.covariance[np.ix_(hidden, hidden)]) @ across.T)
+    if (by_hidden > 0.5 * np.diag(_pose(fit, fit.covariance))).any():
+        std = np.sqrt([by_hidden[:3].sum(), by_hidden[3:].sum()])
+        yield warning(
+            "robot.joints_still", joints=layout.still, translation=std[0], rotation=std[1]
+        )
 
 
 def _offset(evidence: Evidence) -> Iterator[Finding]:

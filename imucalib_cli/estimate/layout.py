@@ -20,7 +20,7 @@ from imucalib_cli.estimate.unknowns import (
 from imucalib_cli.robot.path import FixedStep, JointStep, PoseStep
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
 
     from imucalib_cli.arrays import Bools, Floats, Indices
     from imucalib_cli.estimate.options import MatchedOptions
@@ -62,6 +62,9 @@ class Placed:
     """The step of an origin, or the track of a pose stream."""
     directions: Floats = field(default_factory=lambda: np.eye(3))
     """(k, 3), of an origin: those that are no part of the mount."""
+    hidden: bool = False
+    """Whether no log tells it from the mount: of joints that do not move behind the last that does,
+    and the zero of that one."""
 
     @property
     def unit(self) -> str:
@@ -82,6 +85,8 @@ class Layout:
     scales: tuple[str, ...]
     bounds: Floats
     """(k, 2), limits of the learnt scales, logarithms."""
+    still: tuple[str, ...] = ()
+    """Joints that do not move behind the last that does."""
 
     @property
     def alike(self) -> tuple[tuple[int, int], ...]:
@@ -113,7 +118,7 @@ class Layout:
     @property
     def pose(self) -> Indices:
         """(6,), components of the mount: translation, rotation."""
-        return np.asarray(np.r_[self.part("translation"), self.part("rotation")], dtype=np.intp)
+        return places_of((self.part("translation"), self.part("rotation")))
 
     def of(self, kind: type[E]) -> Iterator[tuple[Placed, E]]:
         """Entries whose effect is of a kind, with it."""
@@ -124,6 +129,11 @@ class Layout:
     def std_at(self, log_scales: Floats) -> Floats:
         """(n,), prior with learnt scales put in."""
         return with_learnt(self.std, self.scale, log_scales)
+
+
+def places_of(parts: Iterable[slice]) -> Indices:
+    """Components of several parts of a layout, in one."""
+    return np.concatenate([np.zeros(0, np.intp), *(np.arange(p.start, p.stop) for p in parts)])
 
 
 def lay_out(
@@ -162,7 +172,8 @@ def lay_out(
     std = np.concatenate(stds) if stds else np.zeros(0)
     limits = [(SCALES[name].low, min(SCALES[name].high, options.largest(name))) for name in scales]
     bounds = np.log(np.array(limits).reshape(-1, 2))
-    return Layout(tuple(placed), std, np.array(scale, dtype=np.intp), tuple(scales), bounds)
+    scale_of = np.array(scale, dtype=np.intp)
+    return Layout(tuple(placed), std, scale_of, tuple(scales), bounds, joints.still)
 
 
 class _Chain:
@@ -181,31 +192,14 @@ class _Chain:
                 self._moving.add(joint.name)
                 moving += joint.steps
         self._first, self._last = (min(moving), max(moving)) if moving else (0, 0)
+        behind = [joint for joint in self._joints if moving and max(joint.steps) > self._last]
+        self.still = tuple(joint.name for joint in behind)
+        # Without still joints the last zero is the mount's by definition, and so is what follows.
+        self._end = max((max(joint.steps) + 1 for joint in behind), default=self._last)
         self._frames = path.frames(values)
 
     def _inside(self, step: int) -> bool:
-        return self._first < step < self._last
-
-    def still(self, t_parent_imu: Floats) -> Still:
-        """What stands still behind the last step that moves."""
-        steps = list(enumerate(self._path.steps))
-        behind = [i for i, step in steps[self._last + 1 :] if isinstance(step, JointStep)]
-        if not behind:
-            return Still((), np.zeros((0, 6)), 0)
-        R_parent, p_parent = (each[0] for each in self._frames[-1])
-        zeros = []
-        for index in (self._last, *behind):
-            step, (R, p) = self._path.steps[index], self._frames[index]
-            if not isinstance(step, JointStep):
-                continue
-            axis = R_parent.T @ R[0] @ step.axis
-            turn = axis if step.kind == "revolute" else np.zeros(3)
-            lever = t_parent_imu + R_parent.T @ (p_parent - p[0])
-            shift = np.cross(turn, lever) if step.kind == "revolute" else axis
-            zeros.append(np.concatenate([shift, turn]))
-        fixed = [i for i, step in steps[self._last + 1 : behind[-1]] if isinstance(step, FixedStep)]
-        names = tuple(self._path.steps[i].name for i in behind)  # type: ignore[union-attr]
-        return Still(names, np.array(zeros).reshape(-1, 6), len(fixed))
+        return self._first < step < self._end
 
     def places(self, unknown: Unknown) -> Iterator[Placed]:
         """Where the robot has an unknown."""
@@ -213,12 +207,14 @@ class _Chain:
         if isinstance(effect, JointCurve):
             for joint in self._joints_of(effect):
                 labels = _named(joint.name, unknown.labels)
-                yield Placed(unknown, nowhere, labels, joint=joint)
+                hidden = max(joint.steps) >= self._last and not effect.every
+                yield Placed(unknown, nowhere, labels, joint=joint, hidden=hidden)
         elif isinstance(effect, Origin):
             for index, directions in self._origins():
                 axes = unknown.labels if len(directions) == 3 else _axis_names(directions)
                 labels = _named(self._name_after(index), axes)
-                yield Placed(unknown, nowhere, labels, index=index, directions=directions)
+                hidden = index > self._last
+                yield Placed(unknown, nowhere, labels, None, index, directions, hidden)
         elif isinstance(effect, PoseScale):
             used = (step.track for step in self._path.steps if isinstance(step, PoseStep))
             for track in dict.fromkeys(used):
@@ -242,7 +238,8 @@ class _Chain:
         """Constant steps between the first and the last that move, with what is not the mount's."""
         for index, step in enumerate(self._path.steps):
             if isinstance(step, FixedStep) and self._inside(index):
-                directions = self._turning(index)
+                # Behind the last that moves nothing turns, and all of it looks like the mount.
+                directions = self._turning(index) if index < self._last else np.eye(3)
                 if len(directions):
                     yield index, directions
 
@@ -264,23 +261,6 @@ class _Chain:
         # Either sign is an eigenvector: the one that a person reads as the axis.
         largest = np.argmax(np.abs(directions), axis=1, keepdims=True)
         return np.asarray(directions * np.sign(np.take_along_axis(directions, largest, axis=1)))
-
-
-@dataclass(frozen=True, eq=False)
-class Still:
-    """Constants of the robot behind the last joint that moves in a log, as the mount has them."""
-
-    joints: tuple[str, ...]
-    """Names of the joints that stand still."""
-    zeros: Floats
-    """(k, 6), what the zero of each does to the mount, and that of the last that moves: m, rad."""
-    origins: int
-    """Origins, each of which adds its error to the translation."""
-
-
-def still_joints(trajectory: Trajectory, t_parent_imu: Floats) -> Still:
-    """Joints between the last that moves and the parent link: their zeros look like the mount."""
-    return _Chain(trajectory).still(t_parent_imu)
 
 
 def _joints_of(path: KinematicPath) -> list[Joint]:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Final, Literal
 import numpy as np
 
 from imucalib_cli.estimate.estimate import Consistency
+from imucalib_cli.estimate.layout import places_of
 from imucalib_cli.estimate.spectrum import PARTS, embedded, inverse_of, squared_distance
 from imucalib_cli.estimate.windows import WINDOWS_PER_LENGTH
 
@@ -89,8 +90,7 @@ class Segments:
         self._edges = np.linspace(first, last, PARTS + 1)
 
     def _places(self, *names: str) -> Indices:
-        parts = [self._fit.layout.part(name) for name in names]
-        wanted = np.concatenate([np.arange(part.start, part.stop) for part in parts])
+        wanted = places_of(self._fit.layout.part(name) for name in names)
         return np.flatnonzero(np.isin(self._free, wanted))
 
     def consistency(self, whiteness: tuple[float, float]) -> Consistency | None:

@@ -217,10 +217,15 @@ def test_a_moving_base_shows_the_first_joints_zero_and_its_own_place() -> None:
 def test_a_joint_that_stands_still_is_a_link() -> None:
     moves = Moves(seconds=SECONDS, amplitude=(0.5, 0.4, 0.0, 0.9, 0.9, 0.0))
     trajectory = Trajectory.of(make_log(moves).path)
-    joints = owners(lay_out(trajectory, MatchedOptions()), JointCurve)
+    layout = lay_out(trajectory, MatchedOptions())
+    joints = owners(layout, JointCurve)
     assert joint_names(joints["joint_lag"]) == ["j0", "j1", "j3", "j4"]
-    # Between the first and the last that move, its zero turns all that follows.
-    assert joint_names(joints["joint_zero"]) == ["j1", "j2", "j3"]
+    # Behind the first that moves, its zero turns all that follows.
+    assert joint_names(joints["joint_zero"]) == ["j1", "j2", "j3", "j4", "j5"]
+    # Behind the last that moves, and of that one, no log tells them from the mount.
+    assert layout.still == ("j5",)
+    hidden = [each.labels for each in layout.placed if each.hidden]
+    assert hidden == [("j4",), ("j5",), ("j5 x", "j5 y", "j5 z")]
 
 
 def test_options_take_entries_out() -> None:
