@@ -32,7 +32,7 @@ from imucalib_cli.estimate.spectrum import (
     inverse_of,
     part_matrices,
     statistics,
-    whitening,
+    whitened,
 )
 from imucalib_cli.estimate.state import State, tilt_from_down, turned_about
 from imucalib_cli.estimate.unknowns import LEAN, Gravity, Reading, Unknown
@@ -40,8 +40,6 @@ from imucalib_cli.estimate.windows import spread
 from imucalib_cli.robot.rotations import rotation_angle, rotvec_from_matrix
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
-
     from imucalib_cli.arrays import Floats, Indices
     from imucalib_cli.estimate.options import MatchedOptions
     from imucalib_cli.estimate.windows import Windowing, WindowPlan, WindowRows
@@ -102,10 +100,15 @@ class Fit:
         """Of the components."""
         return self.model.layout
 
-    @property
-    def precision(self) -> Floats:
-        """Of the free components' priors, learnt scales at their mean."""
-        return np.asarray(1.0 / self.layout.std_at(self.scales_found.mean)[self.layout.free] ** 2)
+    def problem(self, total: Floats, noise_score: Floats) -> Problem:
+        """Normal equations about the point of linearisation, in units of the noise.
+
+        Args:
+            total: (n + 1, n + 1), normal matrix of [e J].
+            noise_score: (n,), of J'e, that is noise.
+        """
+        A, b = total[1:, 1:] / self.level, (total[1:, 0] - noise_score) / self.level
+        return problem_of(self.layout, A, b, self.prior_offset)
 
     @cached_property
     def parts(self) -> Floats:
@@ -121,16 +124,15 @@ class Fit:
             return self.statistics.parts
         heard = window_weights(self.residuals.values, self.residuals.motion, redescend=False)
         weights[lost[number]] = heard[lost[number]]
-        matrices = part_matrices(
-            self.centres,
-            with_residuals(
-                columns(self.model, self.linearised, self.centres), self.residuals.values
-            ),
-            whitening(self.model.windowing.plan, weights, self.residual_scales),
-            self.layout.size + 1,
+        rows = whitened(
+            self.model.windowing.plan,
+            columns(self.model, self.linearised, self.centres),
+            self.residuals.values,
+            weights,
+            self.residual_scales,
         )
         T = self.statistics.calibration
-        return np.asarray(T @ matrices @ T.T)
+        return np.asarray(T @ part_matrices(self.centres, rows, self.layout.size + 1) @ T.T)
 
     def scales_at(self, plan: WindowPlan) -> tuple[float, float]:
         """Residual scales that the same noise leaves in other windows, m/s² and rad/s."""
@@ -218,11 +220,10 @@ def lean_fit(
         # A window's own measured motion, of which the robust weights need only the order.
         motion = np.concatenate([(J[:, :3, :3] ** 2).sum(axis=(1, 2)) for _, J, _ in found])
         weights = window_weights(residuals, motion, redescend=turn > 1)
-        root = whitening(windowing.plan, weights, _floored(scales))
-        both = with_residuals(found, residuals)
-        stats = statistics(windowing.plan, centres, both, root, layout.size + 1)
+        rows = whitened(windowing.plan, found, residuals, weights, _floored(scales))
+        normal = part_matrices(centres, rows, layout.size + 1).sum(axis=0)
         offset = prior_offset(layout, options, state)
-        problem = problem_of(layout, stats.information, stats.score, offset).of(layout.free)
+        problem = problem_of(layout, normal[1:, 1:], normal[1:, 0], offset)
         step, inverse = problem.solve(np.zeros(0))
         sigmas = np.abs(step) / np.sqrt(np.diag(inverse))
         step = embedded(step, layout.free)
@@ -329,14 +330,6 @@ def _normal(
     return rows.normal_matrix(scales[0] / accel, scales[1] / gyro, weights)
 
 
-def with_residuals(
-    found: Iterable[tuple[slice, Floats, Floats]], residuals: Floats
-) -> Iterator[tuple[slice, Floats]]:
-    """[e J] of parts of the windows, (w, 6, n + 1)."""
-    for part, J, _ in found:
-        yield part, np.concatenate([residuals[part, :, None], J], axis=2)
-
-
 def _admitted(state: State, layout: Layout, options: MatchedOptions) -> State:
     """The state with its rotation brought back to what held components allow."""
     free, known = layout.free[layout.part("rotation")], options.pose
@@ -360,15 +353,16 @@ def _whole(model: Model, options: MatchedOptions, state: State, rise: float) -> 
         (residuals,) = model.residuals(state, centres)
         scales = _floored(residual_scales(residuals.values))
         weights = window_weights(residuals.values, residuals.motion, redescend=True)
-        root = whitening(windowing.plan, weights, scales)
-        both = with_residuals(columns(model, state, centres), residuals.values)
-        stats = statistics(windowing.plan, centres, both, root, layout.size + 1)
+        rows = whitened(
+            windowing.plan, columns(model, state, centres), residuals.values, weights, scales
+        )
+        stats = statistics(windowing.plan, centres, rows, weights, layout.size + 1)
         total = stats.normal.sum(axis=(0, 1))
-        stats = stats.calibrated(*calibration_of(total, model, state.x, scales, stats.windows))
+        stats = stats.calibrated(*_calibration_of(total, model, state.x, scales, stats.windows))
         offset, level = prior_offset(layout, options, state), 1.0
         for _ in range(_LEVEL_PASSES):
             A, b = stats.information / level, stats.score / level
-            problem = problem_of(layout, A, b, offset).of(layout.free)
+            problem = problem_of(layout, A, b, offset)
             u = most_likely(problem, u)
             step, inverse = problem.solve(u)
             levels = stats.levels(
@@ -432,8 +426,8 @@ def _least_level(residuals: Floats) -> float:
 
 
 def problem_of(layout: Layout, information: Floats, score: Floats, offset: Floats) -> Problem:
-    """Normal equations, in units of the noise, of all components with their priors."""
-    return Problem(
+    """Normal equations, in units of the noise, of the free components with their priors."""
+    every = Problem(
         information=information,
         score=score,
         offset=offset,
@@ -442,6 +436,7 @@ def problem_of(layout: Layout, information: Floats, score: Floats, offset: Float
         bounds=layout.bounds,
         alike=layout.alike,
     )
+    return every.of(layout.free)
 
 
 def prior_offset(layout: Layout, options: MatchedOptions, state: State) -> Floats:
@@ -459,6 +454,34 @@ def prior_offset(layout: Layout, options: MatchedOptions, state: State) -> Float
     offset[layout.part("translation")] = state.t - known.t_parent_imu
     offset[layout.part("rotation")] = rotvec_from_matrix(state.R @ known.R_parent_imu.T)
     return offset
+
+
+def part_statistics(
+    model: Model,
+    state: State,
+    centres: Indices,
+    *,
+    residuals: Floats,
+    weights: Floats,
+    scales: tuple[float, float],
+) -> tuple[Floats, Floats]:
+    """Normal matrices (PARTS, n + 1, n + 1) of [e J], calibrated, and what noise adds to J'e.
+
+    Args:
+        model: The windows and the layout.
+        state: Point of linearisation.
+        centres: (W,).
+        residuals: (W, 6).
+        weights: (W,).
+        scales: Of the residuals.
+    """
+    rows = whitened(
+        model.windowing.plan, columns(model, state, centres), residuals, weights, scales
+    )
+    matrices = part_matrices(centres, rows, model.layout.size + 1)
+    total, windows = matrices.sum(axis=0), float(weights.sum())
+    T, noise_score = _calibration_of(total, model, state.x, scales, windows)
+    return np.asarray(T @ matrices @ T.T), noise_score
 
 
 def _noise_of_columns(
@@ -492,7 +515,7 @@ def _noise_of_columns(
     return on_information, on_score
 
 
-def calibration_of(
+def _calibration_of(
     total: Floats, model: Model, x: Floats, scales: tuple[float, float], windows: float
 ) -> tuple[Floats, Floats]:
     """What noisy columns are multiplied by to be the mean of what the true ones may be.

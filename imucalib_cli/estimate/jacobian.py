@@ -43,10 +43,6 @@ if TYPE_CHECKING:
     from imucalib_cli.signals.kernels import MatchedFilter
 
 
-_TOGETHER = 16
-"""Windows filtered by one matrix product."""
-
-
 def columns(model: Model, state: State, centres: Indices) -> Iterator[tuple[slice, Floats, Floats]]:
     """Derivatives of the residuals (W, 6, n) by the layout's components, block by block.
 
@@ -67,8 +63,6 @@ class NodePlan:
     """Grid samples between nodes."""
     dt: float
     """s, likewise."""
-    hop: int
-    """Nodes between windows."""
     first: MatchedFilter
     second: MatchedFilter
     box: Floats
@@ -97,7 +91,6 @@ def plan_nodes(plan: WindowPlan, dt: float) -> NodePlan:
     return NodePlan(
         every=every,
         dt=every * dt,
-        hop=plan.hop // every,
         first=matched_filter(length, degree, 1, every * dt),
         second=matched_filter(length, degree, 2, every * dt),
         box=box,
@@ -180,7 +173,8 @@ def _block_columns(
     channels = _Channels()
     for each in model.layout.placed:
         _add(each, nodes, channels)
-    filters = _Filters.of(plan, nodes, centres)
+    at = centres // plan.every - nodes.first
+    filters = _Filters(plan, at, nodes.R[at])
     J = np.zeros((len(centres), model.layout.size, 6))
     accel, gyro = slice(0, 3), slice(3, 6)
     for rows, found, weights, sign in (
@@ -216,26 +210,14 @@ class _Filters:
     """The windows of a stretch of nodes."""
 
     plan: NodePlan
-    first: int
-    """Node of the first centre, within the stretch."""
-    count: int
-    """Windows on the even grid of windows."""
-    chosen: Indices
-    """Of these, those that are wanted."""
+    at: Indices
+    """(W,), nodes of the centres, within the stretch."""
     R_centre: Floats
     """(W, 3, 3), R_world_parent at the centres."""
 
-    @classmethod
-    def of(cls, plan: NodePlan, nodes: _Nodes, centres: Indices) -> _Filters:
-        """For some centres, ascending."""
-        at = centres // plan.every - nodes.first
-        chosen = (at - at[0]) // plan.hop
-        return cls(plan, int(at[0]), int(chosen[-1]) + 1, chosen, nodes.R[at])
-
     def sums(self, values: Floats, weights: Floats) -> Floats:
         """Weighted sums of nodes, (W, C)."""
-        start = self.first - len(weights) // 2
-        return np.asarray(_sums(values, weights, start, self.plan.hop, self.count)[self.chosen])
+        return convolve_at(values, weights, self.at - len(weights) // 2)
 
     def in_parent(self, values: Floats, weights: Floats) -> Floats:
         """Sums of (M, n, 3), in the parent's axes at each centre: (W, n, 3)."""
@@ -341,17 +323,3 @@ def _nodes(model: Model, plan: NodePlan, chain: Chain, state: State, centres: In
         path=chain.path,
         gravity=state.gravity,
     )
-
-
-def _sums(values: Floats, weights: Floats, start: int, hop: int, count: int) -> Floats:
-    """Weighted sums of rows, (count, C), each beginning ``hop`` rows after the one before."""
-    together = min(_TOGETHER, count)
-    spread = np.zeros((together, (together - 1) * hop + len(weights)))
-    for row in range(together):
-        spread[row, row * hop : row * hop + len(weights)] = weights
-    found = np.empty((count, values.shape[1]))
-    for begins in range(0, count, together):
-        at = min(begins, count - together)
-        begin = start + at * hop
-        found[at : at + together] = spread @ values[begin : begin + spread.shape[1]]
-    return found

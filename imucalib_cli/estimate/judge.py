@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
 
+from imucalib_cli.estimate.fit import problem_of
 from imucalib_cli.estimate.layout import places_of
 from imucalib_cli.estimate.observability import (
     ROTATION_LIMIT,
@@ -510,14 +511,16 @@ def _pulled(fit: Fit, held: Indices) -> Iterator[Finding]:
 
 def _free_step(fit: Fit, held: Indices) -> tuple[Floats, Floats]:
     """Where components of the mount that are held would go if they were free, and how surely."""
-    places = fit.layout.pose[held]
-    free = np.flatnonzero(fit.layout.free)
-    every = np.concatenate([free, places])
-    A = fit.statistics.information[np.ix_(every, every)] / fit.level
-    A[np.diag_indices(len(free))] += fit.precision
-    score = fit.statistics.score / fit.level + fit.statistics.information @ fit.step / fit.level
-    C = inverse_of(A)[len(free) :, len(free) :]
-    return -(C @ score[places]), C
+    layout, stats, places = fit.layout, fit.statistics, fit.layout.pose[held]
+    std = layout.std.copy()
+    std[places] = np.inf
+    about = replace(layout, std=std)
+    offset = fit.prior_offset + fit.step
+    score = stats.score + stats.information @ fit.step
+    problem = problem_of(about, stats.information / fit.level, score / fit.level, offset)
+    step, C = problem.solve(fit.scales_found.mean)
+    at = np.searchsorted(np.flatnonzero(about.free), places)
+    return step[at], C[np.ix_(at, at)]
 
 
 def _unseen(fit: Fit, held: Indices) -> Bools:

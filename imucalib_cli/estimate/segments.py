@@ -71,16 +71,14 @@ class Segments:
         self._loud = loud
         free = np.flatnonzero(fit.layout.free)
         self._free, self._fit = free, fit
-        normal = fit.parts
-        self._A = normal[:, 1:, 1:][:, free][:, :, free] / fit.level
-        noise = fit.statistics.noise_score / len(normal)
-        b = (normal[:, 1:, 0] - noise)[:, free] / fit.level
-        P = fit.precision
-        self._P = np.diag(P)
-        self._total = self._A.sum(axis=0) + self._P
-        self._inverse = inverse_of(self._total)
+        normal, noise = fit.parts, fit.statistics.noise_score
+        problem, u = fit.problem(normal.sum(axis=0), noise), fit.scales_found.mean
+        self._P = np.diag(problem.precision(u))
+        self._total = problem.information + self._P
         # A mount that moved late is an outlier to the fit, and so its weights are not used here.
-        step = -self._inverse @ (b.sum(axis=0) + P * fit.prior_offset[free])
+        step, self._inverse = problem.solve(u)
+        self._A = normal[:, 1:, 1:][:, free][:, :, free] / fit.level
+        b = (normal[:, 1:, 0] - noise / len(normal))[:, free] / fit.level
         self._b = b + self._A @ step
         self._A_after, self._b_after = (
             np.cumsum(each[::-1], axis=0)[::-1] for each in (self._A, self._b)

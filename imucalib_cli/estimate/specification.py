@@ -17,15 +17,8 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from scipy.special import fdtrc, ndtri
 
-from imucalib_cli.estimate.fit import calibration_of, with_residuals
-from imucalib_cli.estimate.jacobian import columns
-from imucalib_cli.estimate.spectrum import (
-    PARTS,
-    embedded,
-    part_matrices,
-    squared_distance,
-    whitening,
-)
+from imucalib_cli.estimate.fit import part_statistics
+from imucalib_cli.estimate.spectrum import PARTS, embedded, squared_distance
 from imucalib_cli.estimate.window_choice import MAX_ATTENUATION, attenuation
 from imucalib_cli.estimate.windows import odd_length, plan_windows, spread
 
@@ -115,16 +108,15 @@ def _difference(
     plan = model.windowing.plan
     parts = PARTS if _lengths(centres, plan) >= PARTS else _FEWEST_PARTS
     weights = fit.weights[np.searchsorted(fit.centres, centres)]
-    scales = fit.scales_at(plan)
-    matrices = part_matrices(
+    found = part_statistics(
+        model,
+        fit.linearised,
         centres,
-        with_residuals(columns(model, fit.linearised, centres), residuals),
-        whitening(plan, weights, scales),
-        fit.layout.size + 1,
+        residuals=residuals,
+        weights=weights,
+        scales=fit.scales_at(plan),
     )
-    total, windows = matrices.sum(axis=0), float(weights.sum())
-    T, noise_score = calibration_of(total, model, fit.linearised.x, scales, windows)
-    other = _Solved.of(fit, T @ matrices @ T.T, noise_score)
+    other = _Solved.of(fit, *found)
     each = (base.influence - other.influence).reshape(parts, PARTS // parts, 6).sum(axis=1)
     scatter = each - each.mean(axis=0)
     prior = (other.inverse - base.inverse) * np.sqrt(base.precision)
@@ -154,16 +146,12 @@ class _Solved:
     @classmethod
     def of(cls, fit: Fit, matrices: Floats, noise_score: Floats) -> _Solved:
         """Solve with the fit's learnt scales and priors."""
-        free = np.flatnonzero(fit.layout.free)
-        P = fit.precision
-        total = matrices.sum(axis=0)
-        A, b = total[1:, 1:], total[1:, 0] - noise_score
-        score = b[free] / fit.level + P * fit.prior_offset[free]
-        inverse = np.linalg.inv(A[np.ix_(free, free)] / fit.level + np.diag(P))
-        step = -(inverse @ score)
+        free, u = np.flatnonzero(fit.layout.free), fit.scales_found.mean
+        problem = fit.problem(matrices.sum(axis=0), noise_score)
+        step, inverse = problem.solve(u)
         inverse = inverse[np.searchsorted(free, fit.layout.pose)]
         each = matrices[:, 1:, 0][:, free] / fit.level
-        return cls(step, -(each @ inverse.T), np.asarray(inverse), P)
+        return cls(step, -(each @ inverse.T), np.asarray(inverse), problem.precision(u))
 
 
 def _sound(fit: Fit, length: int) -> bool:

@@ -18,10 +18,13 @@ from imucalib_cli.estimate.robust import SCALE_FLOOR
 from imucalib_cli.estimate.windows import runs
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Iterator
 
     from imucalib_cli.arrays import Bools, Floats, Indices
     from imucalib_cli.estimate.windows import WindowPlan
+
+    Rows = Iterable[tuple[slice, Floats]]
+    """Of parts of the windows, in order, (w, 6, n + 1)."""
 
 
 PARTS: Final = 48
@@ -171,33 +174,26 @@ class Statistics:
 
 
 def statistics(
-    plan: WindowPlan,
-    centres: Indices,
-    columns: Iterable[tuple[slice, Floats]],
-    root: Floats,
-    size: int,
+    plan: WindowPlan, centres: Indices, rows: Rows, weights: Floats, size: int
 ) -> Statistics:
     """Accumulate the normal matrices over the log.
 
     Args:
         plan: Of the windows.
         centres: (W,), grid indices, ascending.
-        columns: Of parts of the windows, in order: [e J], (w, 6, n + 1).
-        root: (W, 6), of :func:`whitening`.
+        rows: Whitened [e J].
+        weights: (W,), by which they are.
         size: n + 1.
     """
     bands = BandSums((centres - centres[0]) // plan.hop, size)
     parts = PartSums(centres, size)
-    for part, both in columns:
-        rows = both * root[part, :, None]
-        bands.add(part, rows)
-        parts.add(part, rows)
+    for part, both in rows:
+        bands.add(part, both)
+        parts.add(part, both)
     response = np.stack(
         [bands.mean_response(pair.average, pair.average, plan.hop) for pair in plan.filters]
     )
-    # The whitening's mean is the weights'.
-    weights = (root[:, 0] / max(float(root[:, 0].max()), 1e-300)) ** 2
-    windows = float(weights.sum())
+    windows = float(weights.sum()) / max(float(weights.max()), 1e-300)
     freedom = bands.freedom(windows)
     return Statistics(
         normal=bands.finished(),
@@ -230,13 +226,11 @@ class PartSums:
             self.sums[index] += flat.T @ flat
 
 
-def part_matrices(
-    centres: Indices, columns: Iterable[tuple[slice, Floats]], root: Floats, size: int
-) -> Floats:
+def part_matrices(centres: Indices, rows: Rows, size: int) -> Floats:
     """Normal matrices (PARTS, n + 1, n + 1) of [e J] alone, as :func:`statistics` has them."""
     parts = PartSums(centres, size)
-    for part, both in columns:
-        parts.add(part, both * root[part, :, None])
+    for part, both in rows:
+        parts.add(part, both)
     return parts.sums
 
 
@@ -274,10 +268,26 @@ def _bounded(residuals: Floats) -> Floats:
     return np.asarray(residuals * np.minimum(1.0, most / np.maximum(size, 1e-300))[:, None])
 
 
-def whitening(plan: WindowPlan, weights: Floats, scales: tuple[float, float]) -> Floats:
-    """(W, 6), what rows are multiplied by: overlapping windows then count every sample once."""
-    gains = np.array(plan.noise_gains) / np.array(scales)
-    return np.asarray(np.sqrt(weights)[:, None] * np.repeat(gains, 3))
+def whitened(
+    plan: WindowPlan,
+    found: Iterable[tuple[slice, Floats, Floats]],
+    residuals: Floats,
+    weights: Floats,
+    scales: tuple[float, float],
+) -> Iterator[tuple[slice, Floats]]:
+    """Rows [e J] of windows, (w, 6, n + 1): overlapping windows then count every sample once.
+
+    Args:
+        plan: Of the windows.
+        found: Columns J of parts of the windows, in order.
+        residuals: (W, 6), e.
+        weights: (W,).
+        scales: Of the residuals, m/s² and rad/s.
+    """
+    gains = np.repeat(np.array(plan.noise_gains) / np.array(scales), 3)
+    root = np.sqrt(weights)[:, None] * gains
+    for part, J, _ in found:
+        yield part, np.concatenate([residuals[part, :, None], J], axis=2) * root[part, :, None]
 
 
 def _one_sided(length: int) -> Floats:

@@ -14,19 +14,16 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from imucalib_cli.estimate.fit import (
-    calibration_of,
     lean_fit,
+    part_statistics,
     prior_offset,
     problem_of,
     transferred,
     whole_fit,
-    with_residuals,
 )
-from imucalib_cli.estimate.jacobian import columns
-from imucalib_cli.estimate.layout import lay_out
+from imucalib_cli.estimate.layout import lay_out, places_of
 from imucalib_cli.estimate.scales import integrate, most_likely
 from imucalib_cli.estimate.segments import DECISIVE
-from imucalib_cli.estimate.spectrum import part_matrices, whitening
 from imucalib_cli.estimate.state import tilt_from_down
 
 if TYPE_CHECKING:
@@ -113,24 +110,18 @@ def stated_wrongly(fit: Fit) -> Iterator[Wrong]:
             continue
         model = replace(fit.model, layout=layout)
         state = transferred(fit.linearised, fit.layout, layout)
-        matrices = part_matrices(
+        matrices, noise_score = part_statistics(
+            model,
+            state,
             fit.centres,
-            with_residuals(columns(model, state, fit.centres), fit.residuals.values),
-            whitening(model.windowing.plan, fit.weights, fit.residual_scales),
-            layout.size + 1,
+            residuals=fit.residuals.values,
+            weights=fit.weights,
+            scales=fit.residual_scales,
         )
-        total, windows = matrices.sum(axis=0), fit.statistics.windows
-        T, noise_score = calibration_of(total, model, state.x, fit.residual_scales, windows)
-        total = T @ total @ T.T
-        problem = problem_of(
-            layout,
-            total[1:, 1:] / fit.level,
-            (total[1:, 0] - noise_score) / fit.level,
-            prior_offset(layout, freed, state),
-        )
-        held = layout.free.copy()
-        held[asked] = False
-        gain = _log_likelihood(problem.of(layout.free)) - _log_likelihood(problem.of(held))
+        total, offset = matrices.sum(axis=0) / fit.level, prior_offset(layout, freed, state)
+        problem = problem_of(layout, total[1:, 1:], total[1:, 0] - noise_score / fit.level, offset)
+        others = ~np.isin(np.flatnonzero(layout.free), places_of([asked]))
+        gain = _log_likelihood(problem) - _log_likelihood(problem.of(others))
         if 2.0 * gain > DECISIVE:
             yield _refitted(fit, statement, freed)
 

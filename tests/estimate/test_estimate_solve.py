@@ -12,7 +12,6 @@ from scipy.spatial.transform import Rotation
 
 from imucalib_cli.estimate import columns as lean
 from imucalib_cli.estimate.design import Model
-from imucalib_cli.estimate.fit import with_residuals
 from imucalib_cli.estimate.jacobian import columns
 from imucalib_cli.estimate.layout import lay_out
 from imucalib_cli.estimate.matched import calibrate_matched
@@ -20,7 +19,7 @@ from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.estimate.prepare import clean_imu
 from imucalib_cli.estimate.robust import window_weights
 from imucalib_cli.estimate.solve import Known, cube_rotations, refine, solve_globally
-from imucalib_cli.estimate.spectrum import part_matrices, statistics, whitening
+from imucalib_cli.estimate.spectrum import part_matrices, statistics, whitened
 from imucalib_cli.estimate.state import State, gravity_axes, tilt_from_down, tilted
 from imucalib_cli.estimate.windows import Windowing, WindowRows, plan_windows
 from imucalib_cli.robot.rotations import nearest_rotation
@@ -177,20 +176,22 @@ def test_bands_and_parts_add_up_to_the_whole(log: Log, rows: WindowRows) -> None
     state = State(R, x[lean.T], x[lean.G], np.zeros(layout.size))
     (residuals,) = model.residuals(state, rows.centres)
     weights = np.random.default_rng(0).uniform(0, 1, len(rows.centres))
-    root = whitening(windowing.plan, weights, (0.3, 0.1))
 
     def both() -> list[tuple[slice, Floats]]:
-        return list(with_residuals(columns(model, state, rows.centres), residuals.values))
+        found = columns(model, state, rows.centres)
+        return list(whitened(windowing.plan, found, residuals.values, weights, (0.3, 0.1)))
 
-    flat = np.concatenate([values for _, values in both()]) * root[:, :, None]
+    flat = np.concatenate([values for _, values in both()])
+    gains = np.array(windowing.plan.noise_gains) / (0.3, 0.1) * np.sqrt(weights)[:, None]
+    np.testing.assert_allclose(flat[:, :, 0], residuals.values * np.repeat(gains, 3, axis=1))
     whole = np.einsum("wij,wik->jk", flat, flat)
     size = layout.size + 1
-    found = statistics(windowing.plan, rows.centres, both(), root, size)
+    found = statistics(windowing.plan, rows.centres, both(), weights, size)
     scale = np.sqrt(np.diag(whole))
     for sums in (
         found.normal.sum(axis=(0, 1)),
         found.parts.sum(axis=0),
-        part_matrices(rows.centres, both(), root, size).sum(axis=0),
+        part_matrices(rows.centres, both(), size).sum(axis=0),
     ):
         unit = np.outer(scale, scale)
         np.testing.assert_allclose(sums / unit, whole / unit, atol=1e-12)
