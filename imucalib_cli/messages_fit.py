@@ -481,8 +481,6 @@ FIT_MESSAGES: dict[str, str | Callable[..., Any]] = {
     "change.accel_bias": _bias_step("accelerometer", "m/s²"),
     "unknown.found": _unknown_found,
     "unknown.implausible": _implausible,
-    "prior.contradicted": "the data contradict {option}: the value found is {sigmas:.0f} standard "
-    "deviations off; give a larger one, or leave the option out",
     "prior.pose_contradicted": "the data contradict --prior-std: {component} comes out "
     "{sigmas:.0f} standard deviations off the pose told beforehand; measure it again, or give a "
     "larger one",

@@ -43,7 +43,6 @@ _FOLLOWING: Final = GENERIC | {
     "offset.undetermined",
     "unknown.found",
     "gravity.tilted",
-    "prior.contradicted",
     "prior.pose_contradicted",
     "prior.fixed_contradicted",
     "imu.accel_reversed",

@@ -421,22 +421,6 @@ def _found(evidence: Evidence) -> Iterator[Finding]:
 def _contradicted_priors(evidence: Evidence) -> Iterator[Finding]:
     """Priors and fixed components that the data contradict."""
     fit, options = evidence.fit, evidence.options
-    for option, name, std in (
-        ("--accel-bias", "accel_bias", options.accel_bias_std),
-        ("--gyro-bias", "gyro_bias", options.gyro_bias_std),
-        ("--tilt-std", "gravity_direction", options.tilt_std),
-    ):
-        if not 0.0 < std < np.inf:
-            continue
-        part = fit.layout.part(name)
-        if part == slice(0, 0):
-            continue
-        value = (
-            tilt_from_down(fit.state.gravity) if name == "gravity_direction" else fit.state.x[part]
-        )
-        sigmas = _without_prior(value, fit.covariance[part, part], std)
-        if sigmas > DISTRUST_SIGMAS:
-            yield untrusted("prior.contradicted", option=option, sigmas=sigmas)
     for wrong in stated_wrongly(fit):
         yield untrusted(
             "prior.stated_contradicted",
@@ -466,24 +450,6 @@ def _contradicted_priors(evidence: Evidence) -> Iterator[Finding]:
     held = np.flatnonzero(pose_std == 0.0)
     if len(held):
         yield from _pulled(fit, held)
-
-
-def _without_prior(value: Floats, C: Floats, std: float) -> float:
-    """How many sigmas the data alone are from a prior about zero.
-
-    Args:
-        value: (k,), with the prior.
-        C: (k, k), its covariance.
-        std: Of the prior.
-    """
-    both = inverse_of(C)
-    alone = both - np.eye(len(value)) / std**2
-    if np.linalg.eigvalsh(alone)[0] <= 0.0:
-        return float(np.linalg.norm(value)) / std
-    spread = inverse_of(alone)
-    away = spread + std**2 * np.eye(len(value))
-    distance = float(squared_distance(spread @ both @ value, away))
-    return float(np.sqrt(max(distance - len(value), 0.0)))
 
 
 def _pulled(fit: Fit, held: Indices) -> Iterator[Finding]:

@@ -1,9 +1,9 @@
-"""What the user states exactly, held against the data.
+"""What the user states of sensor, clock and gravity, held against the data.
 
 A value that is held where it is not is taken up by whatever looks like it: a wrong gravity by
 scales of the accelerometer, a wrong time offset by delays of all joints. So each such value is set
 free beside the fit, and believed wrong where that is decisively more likely: the marginal
-likelihood with it free, over that with it held, learnt scales integrated over in both.
+likelihood with it free, over that with it as stated, learnt scales integrated over in both.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from imucalib_cli.estimate.fit import Fit
+    from imucalib_cli.estimate.layout import Layout
     from imucalib_cli.estimate.options import MatchedOptions
     from imucalib_cli.estimate.scales import Problem
 
@@ -61,10 +62,16 @@ _STATEMENTS: Final = (
     _Statement(
         name="gravity_direction",
         option="--gravity fixed",
-        is_made=lambda options: (
-            _has_gravity(options) and (options.gravity == "fixed" or options.tilt_std == 0.0)
-        ),
+        is_made=lambda options: _has_gravity(options) and options.gravity == "fixed",
         freed={"gravity": "tilt", "tilt_std": np.inf},
+    ),
+    _Statement(
+        name="gravity_direction",
+        option="--tilt-std",
+        is_made=lambda options: (
+            _has_gravity(options) and options.gravity == "tilt" and options.tilt_std < np.inf
+        ),
+        freed={"tilt_std": np.inf},
     ),
     _Statement(
         name="time_offset",
@@ -75,13 +82,13 @@ _STATEMENTS: Final = (
     _Statement(
         name="accel_bias",
         option="--accel-bias",
-        is_made=lambda options: options.accel_bias_std == 0.0,
+        is_made=lambda options: options.accel_bias_std < np.inf,
         freed={"accel_bias_std": np.inf},
     ),
     _Statement(
         name="gyro_bias",
         option="--gyro-bias",
-        is_made=lambda options: options.gyro_bias_std == 0.0,
+        is_made=lambda options: options.gyro_bias_std < np.inf,
         freed={"gyro_bias_std": np.inf},
     ),
 )
@@ -99,7 +106,7 @@ class Wrong:
 
 
 def stated_wrongly(fit: Fit) -> Iterator[Wrong]:
-    """Entries that are held by what the user states, and that the data would take elsewhere."""
+    """Entries of which the user states something, and that the data would take elsewhere."""
     for statement in _STATEMENTS:
         if not statement.is_made(fit.options):
             continue
@@ -118,12 +125,23 @@ def stated_wrongly(fit: Fit) -> Iterator[Wrong]:
             weights=fit.weights,
             scales=fit.residual_scales,
         )
-        total, offset = matrices.sum(axis=0) / fit.level, prior_offset(layout, freed, state)
+        total, offset = matrices.sum(axis=0) / fit.level, prior_offset(layout, fit.options, state)
         problem = problem_of(layout, total[1:, 1:], total[1:, 0] - noise_score / fit.level, offset)
-        others = ~np.isin(np.flatnonzero(layout.free), places_of([asked]))
-        gain = _log_likelihood(problem) - _log_likelihood(problem.of(others))
+        about = np.isin(np.flatnonzero(layout.free), places_of([asked]))
+        std = _stated_std(fit.options, layout, statement.name)
+        stated = (
+            replace(problem, std=np.where(about, std, problem.std)) if std else problem.of(~about)
+        )
+        gain = _log_likelihood(problem) - _log_likelihood(stated)
         if 2.0 * gain > DECISIVE:
             yield _refitted(fit, statement, freed)
+
+
+def _stated_std(options: MatchedOptions, layout: Layout, name: str) -> float:
+    """Standard deviation that the user gives an entry; 0 where its value is exact."""
+    (unknown,) = (each.unknown for each in layout.placed if each.unknown.name == name)
+    given = options.prior_std(unknown)
+    return 0.0 if given is None else float(np.max(given))
 
 
 def _refitted(fit: Fit, statement: _Statement, freed: MatchedOptions) -> Wrong:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions
@@ -22,6 +23,7 @@ WRONG: dict[str, tuple[dict[str, Any], str, float]] = {
     "gravity": ({"gravity_norm": 9.7, "gravity_std": 0.0}, "--gravity", GRAVITY - 9.7),
     "offset": ({"time_offset": 0.012}, "--time-offset", -0.012),
     "bias": (BIASED, "--accel-bias", 0.1),
+    "bias within": ({"accel_bias_std": 3e-3}, "--accel-bias", 0.1),
 }
 
 
@@ -38,6 +40,17 @@ def test_a_wrong_value_is_contradicted_with_its_size_and_nothing_else_is_blamed(
     )
     codes = {each.code for each in estimate.findings}
     assert not codes & {"unknown.found", "unknown.implausible"}
+
+
+def test_a_base_that_is_not_as_level_as_stated_is_told() -> None:
+    gravity = Rotation.from_rotvec([0.03, 0.0, 0.0]).apply([0.0, 0.0, -GRAVITY])
+    log = make_log(MOVES, gravity_world=gravity).noisy(1, INDUSTRIAL)
+    estimate = calibrate_matched(log.imu, log.path, MatchedOptions(tilt_std=1e-3))
+    (found,) = (each for each in estimate.findings if each.code == "prior.stated_contradicted")
+    assert found.values["option"] == "--tilt-std"
+    assert abs(float(str(found.values["step"]))) == pytest.approx(0.03, abs=1e-4)
+    level = calibrate_matched(log.imu, log.path, MatchedOptions(tilt_std=0.03))
+    assert level.trusted
 
 
 @pytest.mark.parametrize("seed", range(3))
