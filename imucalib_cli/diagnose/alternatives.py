@@ -227,7 +227,7 @@ class Bench:
 
 def trial_of(hypothesis: Hypothesis, lean: Lean) -> Trial:
     """A fit, and what it leaves of what there was to explain."""
-    (residuals,) = lean.model.residuals(lean.state, lean.centres)
+    residuals = lean.residuals
     return Trial(
         hypothesis=hypothesis,
         lean=lean,

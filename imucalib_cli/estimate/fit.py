@@ -14,7 +14,7 @@ from imucalib_cli.estimate.design import Model, Residuals
 from imucalib_cli.estimate.jacobian import columns, plan_nodes
 from imucalib_cli.estimate.layout import Layout, Placed, lay_out, places_of
 from imucalib_cli.estimate.robust import SCALE_FLOOR, residual_scales, window_weights
-from imucalib_cli.estimate.scales import Mixture, Problem, integrate, most_likely
+from imucalib_cli.estimate.scales import Problem, integrate, most_likely
 from imucalib_cli.estimate.solve import (
     ROUGH_STEPS,
     SAME_ROTATION,
@@ -74,8 +74,8 @@ class Fit:
     """The posterior mean."""
     covariance: Floats
     """(n, n), of the layout's components: of mount and gravity about ``state``."""
-    scales_found: Mixture
-    """Of the learnt standard deviations, logarithms."""
+    u: Floats
+    """(k,), logarithms of the learnt standard deviations."""
     statistics: Statistics
     linearised: State
     """The point of linearisation of ``statistics``."""
@@ -167,13 +167,12 @@ class Lean:
     runner_up_rise: float
     """How much worse the best other rotation fits, in chi-squared; inf where there is none."""
     centres: Indices
-    residuals: Floats
-    """(W, 6), m/s² and rad/s, parent frame."""
+    residuals: Residuals
 
     @property
     def deviance(self) -> float:
         """Twice the negative Whittle log-likelihood of a window: what alternatives differ in."""
-        return deviance(self.model.windowing.plan, self.centres, self.residuals)
+        return deviance(self.model.windowing.plan, self.centres, self.residuals.values)
 
     def evidence_over(self, other: Lean) -> float:
         """Fall of the information criterion against another model of the same log.
@@ -214,13 +213,12 @@ def lean_fit(
     reach = 0.5 * windowing.plan.length * windowing.grid.dt
     for turn in range(_LEAN_PASSES):
         centres = spread(_enough(model, state), _FEW)
-        found = list(columns(model, state, centres))
-        residuals = np.concatenate([e for _, _, e in found])
-        scales = residual_scales(residuals)
-        # A window's own measured motion, of which the robust weights need only the order.
-        motion = np.concatenate([(J[:, :3, :3] ** 2).sum(axis=(1, 2)) for _, J, _ in found])
-        weights = window_weights(residuals, motion, redescend=turn > 1)
-        rows = whitened(windowing.plan, found, residuals, weights, _floored(scales))
+        (residuals,) = model.residuals(state, centres)
+        scales = _floored(residual_scales(residuals.values))
+        weights = window_weights(residuals.values, residuals.motion, redescend=turn > 1)
+        rows = whitened(
+            windowing.plan, columns(model, state, centres), residuals.values, weights, scales
+        )
         normal = part_matrices(centres, rows, layout.size + 1).sum(axis=0)
         offset = prior_offset(layout, options, state)
         problem = problem_of(layout, normal[1:, 1:], normal[1:, 0], offset)
@@ -376,14 +374,14 @@ def _whole(model: Model, options: MatchedOptions, state: State, rise: float) -> 
             break
         state = _admitted(state.moved(layout, embedded(step, layout.free)), layout, options)
     B = stats.score_covariance(levels)[np.ix_(layout.free, layout.free)] / level**2
-    mixture, mean, covariance = integrate(problem, u, B)
-    step = embedded(mean, layout.free)
+    posterior = integrate(problem, u, B)
+    step = embedded(posterior.step, layout.free)
     return Fit(
         model=model,
         options=options,
         state=_admitted(state.moved(layout, step), layout, options),
-        covariance=_embedded_matrix(covariance, layout),
-        scales_found=mixture,
+        covariance=_embedded_matrix(posterior.covariance, layout),
+        u=posterior.u,
         statistics=stats,
         linearised=state,
         step=step,

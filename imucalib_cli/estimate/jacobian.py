@@ -27,7 +27,7 @@ from imucalib_cli.estimate.unknowns import (
 )
 from imucalib_cli.estimate.windows import blocks
 from imucalib_cli.robot.path import JointStep, PoseStep
-from imucalib_cli.robot.rotations import cross, skew, vee
+from imucalib_cli.robot.rotations import cross, vee
 from imucalib_cli.signals.kernels import convolve_at, matched_filter
 
 if TYPE_CHECKING:
@@ -43,16 +43,13 @@ if TYPE_CHECKING:
     from imucalib_cli.signals.kernels import MatchedFilter
 
 
-def columns(model: Model, state: State, centres: Indices) -> Iterator[tuple[slice, Floats, Floats]]:
-    """Derivatives of the residuals (W, 6, n) by the layout's components, block by block.
-
-    With them the residuals on the nodes (W, 6), good enough for a first solution.
-    """
+def columns(model: Model, state: State, centres: Indices) -> Iterator[tuple[slice, Floats]]:
+    """Derivatives of the residuals (W, 6, n) by the layout's components, block by block."""
     plan = model.windowing.plan
     nodes = plan_nodes(plan, model.windowing.grid.dt)
     chain = Chain.of(model.windowing.trajectory, model.layout, state.x)
     for part in blocks(centres, plan.hop, BLOCK):
-        yield part, *_block_columns(model, nodes, chain, state, centres[part])
+        yield part, _block_columns(model, nodes, chain, state, centres[part])
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,8 +109,6 @@ class _Nodes:
     R_world_imu: Floats
     force: Floats
     """(M, 3), ideal specific force, world axes."""
-    rate_read: Floats
-    """(M, 3), measured, parent axes, rad/s."""
     turning: Floats
     """(M, 3), rate of the parent link, world axes, rad/s."""
     moving: Floats
@@ -167,8 +162,8 @@ class _Channels:
 
 def _block_columns(
     model: Model, plan: NodePlan, chain: Chain, state: State, centres: Indices
-) -> tuple[Floats, Floats]:
-    """Columns (W, 6, n) and residuals (W, 6) of a few hundred windows."""
+) -> Floats:
+    """Columns (W, 6, n) of a few hundred windows."""
     nodes = _nodes(model, plan, chain, state, centres)
     channels = _Channels()
     for each in model.layout.placed:
@@ -202,7 +197,7 @@ def _block_columns(
         for part, clock in channels.clock:
             J[:, part.start, accel] += by_time[:, 0] * clock.accel(age)[:, None]
             J[:, part.start, gyro] += turned[:, 0] * clock.gyro(age)[:, None]
-    return np.swapaxes(J, 1, 2), filters.residuals(nodes)
+    return np.swapaxes(J, 1, 2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -223,19 +218,6 @@ class _Filters:
         """Sums of (M, n, 3), in the parent's axes at each centre: (W, n, 3)."""
         flat = self.sums(values.reshape(len(values), -1), weights)
         return np.asarray(flat.reshape(len(flat), -1, 3) @ self.R_centre)
-
-    def residuals(self, nodes: _Nodes) -> Floats:
-        """(W, 6), the equations themselves as the nodes have them."""
-        plan, back = self.plan, np.swapaxes(self.R_centre, 1, 2)
-        left = self.sums(nodes.p + nodes.lever, plan.second.derivative) - nodes.gravity
-        left = left - self.sums(nodes.force, plan.second.average)
-        turned = (nodes.R @ skew(nodes.rate_read)).reshape(-1, 9)
-        spun = self.sums(nodes.R.reshape(-1, 9), plan.first.derivative)
-        spun = spun - self.sums(turned, plan.first.average)
-        e = np.empty((len(left), 6))
-        e[:, :3] = np.einsum("wij,wj->wi", back, left)
-        e[:, 3:] = vee(back @ spun.reshape(-1, 3, 3))
-        return e
 
 
 def _add(placed: Placed, nodes: _Nodes, channels: _Channels) -> None:  # noqa: C901 a table
@@ -304,7 +286,7 @@ def _nodes(model: Model, plan: NodePlan, chain: Chain, state: State, centres: In
     turning = vee(spin) / (2 * dt)
     place = p + lever
     moving = (place[2:] - place[:-2]) / (2 * dt)
-    accel, gyro = model.less_errors(state, samples)
+    accel, _ = model.less_errors(state, samples)
     R_world_imu = R @ state.R
     return _Nodes(
         first=first,
@@ -318,7 +300,6 @@ def _nodes(model: Model, plan: NodePlan, chain: Chain, state: State, centres: In
         moving=with_ends(moving),
         frames=frames,
         values=values,
-        rate_read=gyro @ state.R.T,
         rates=rates,
         path=chain.path,
         gravity=state.gravity,

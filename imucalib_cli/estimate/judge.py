@@ -484,7 +484,7 @@ def _free_step(fit: Fit, held: Indices) -> tuple[Floats, Floats]:
     offset = fit.prior_offset + fit.step
     score = stats.score + stats.information @ fit.step
     problem = problem_of(about, stats.information / fit.level, score / fit.level, offset)
-    step, C = problem.solve(fit.scales_found.mean)
+    step, C = problem.solve(fit.u)
     at = np.searchsorted(np.flatnonzero(about.free), places)
     return step[at], C[np.ix_(at, at)]
 
@@ -518,14 +518,8 @@ def _stamps(evidence: Evidence) -> Iterator[Finding]:
     attempt, clean = evidence.attempt, evidence.attempt.clean
     if evidence.sign == "reversed":
         yield warning("imu.accel_reversed")
-    if clean.repeated or clean.backward or clean.not_finite or clean.astray:
-        yield warning(
-            "imu.samples_left_out",
-            repeated=clean.repeated,
-            not_finite=clean.not_finite,
-            astray=clean.astray,
-            backward=clean.backward,
-        )
+    if any(clean.tidy.left_out.values()):
+        yield warning("imu.samples_left_out", **clean.tidy.left_out)
     if attempt.imu_ticks and clean.ticks is not None:
         yield warning("stamps.imu_ticks", jitter=clean.ticks.jitter)
     if attempt.robot_ticks:

@@ -175,7 +175,7 @@ def _rms(values: Floats) -> Floats:
 def _parameters(fit: Fit, options: MatchedOptions) -> tuple[Parameter, ...]:
     """Every component beside the mount, with what was known of it and what the log taught."""
     std = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
-    prior = fit.layout.std_at(fit.scales_found.mean)
+    prior = fit.layout.std_at(fit.u)
     found = []
     for each in fit.layout.placed:
         if isinstance(each.unknown.effect, Mount) or each.unknown.name == "gravity_direction":

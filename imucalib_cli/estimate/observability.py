@@ -55,7 +55,7 @@ def excitation(fit: Fit, *, everything: bool = False) -> Floats:
         # What else is unknown has a prior, and hangs together with the pose through it.
         free[each.part] &= each.unknown.name in lean
     pose = [layout.part("translation"), layout.part("rotation")]
-    std = layout.std_at(fit.scales_found.mean)
+    std = layout.std_at(fit.u)
     if everything:
         for part, weakest in zip(pose, WEAKEST_STD.values(), strict=True):
             free[part] = True

@@ -12,7 +12,7 @@ from imucalib_cli.errors import InputError
 from imucalib_cli.signals.grid import ImuGrid, imu_grid
 from imucalib_cli.signals.interpolate import lagrange
 from imucalib_cli.signals.spikes import find_spikes
-from imucalib_cli.signals.stamps import Ticks, constant_rate_ticks, tidy_rows
+from imucalib_cli.signals.stamps import Ticks, TidyRows, constant_rate_ticks, tidy_rows
 from imucalib_cli.signals.stuck import noise as white_noise
 
 if TYPE_CHECKING:
@@ -37,10 +37,7 @@ class CleanImu:
     gyro: Floats
     accel: Floats
     spikes: int
-    repeated: int
-    backward: int
-    not_finite: int
-    astray: int
+    tidy: TidyRows
 
     def grid(self, robot_interval: float, *, use_ticks: bool) -> ImuGrid:
         """Even grid as fine as the finer of the two streams.
@@ -98,8 +95,5 @@ def clean_imu(imu: ImuSamples) -> CleanImu:
         gyro=sensors[0],
         accel=sensors[1],
         spikes=int(spikes.sum()),
-        repeated=tidy.repeated,
-        backward=tidy.backward,
-        not_finite=tidy.not_finite,
-        astray=tidy.astray,
+        tidy=tidy,
     )

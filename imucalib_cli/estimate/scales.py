@@ -109,20 +109,17 @@ class Problem:
 
 
 @dataclass(frozen=True, eq=False)
-class Mixture:
-    """Points in the logarithms of the scales with their weights."""
+class Posterior:
+    """Of all components, learnt scales integrated over."""
 
-    points: Floats
-    """(m, k)."""
-    weights: Floats
-    """(m,), of unit sum."""
+    step: Floats
+    """(n,), mean, from the point of linearisation."""
+    covariance: Floats
+    """(n, n)."""
+    u: Floats
+    """(k,), mean logarithm of each scale."""
     log_likelihood: float
-    """Marginal, of the data, over all scales; up to a constant of the point of linearisation."""
-
-    @property
-    def mean(self) -> Floats:
-        """(k,), mean logarithm of each scale."""
-        return np.asarray(self.weights @ self.points)
+    """Marginal, of the data; up to a constant of the point of linearisation."""
 
 
 def most_likely(problem: Problem, start: Floats | None = None) -> Floats:
@@ -151,7 +148,7 @@ def most_likely(problem: Problem, start: Floats | None = None) -> Floats:
     return np.asarray(u)
 
 
-def integrate(problem: Problem, mode: Floats, B: Floats) -> tuple[Mixture, Floats, Floats]:
+def integrate(problem: Problem, mode: Floats, B: Floats) -> Posterior:
     """Importance points around the mode, weighted by their marginal likelihood.
 
     The scales have a flat prior in their logarithms between their bounds, but for pairs that are
@@ -163,8 +160,8 @@ def integrate(problem: Problem, mode: Floats, B: Floats) -> tuple[Mixture, Float
         B: (n, n), covariance of the score, in units of the noise.
 
     Returns:
-        The points; the mean step (n,); its covariance (n, n), the mean of (A + P)^-1 (B + P)
-        (A + P)^-1 over the points, and the scatter of their steps.
+        The covariance is the mean of (A + P)^-1 (B + P) (A + P)^-1 over the points, and the scatter
+        of their steps.
     """
     k = len(mode)
     points, log_density = np.zeros((1, 0)), np.zeros(1)
@@ -184,7 +181,7 @@ def integrate(problem: Problem, mode: Floats, B: Floats) -> tuple[Mixture, Float
         if weight > _NO_WEIGHT:
             _, inverse = problem.solve(u)
             covariance += weight * (inverse @ (B + np.diag(problem.precision(u))) @ inverse)
-    return Mixture(points, weights, log_likelihood), mean, covariance
+    return Posterior(mean, covariance, np.asarray(weights @ points), log_likelihood)
 
 
 def _even_points(count: int, dimensions: int) -> Floats:

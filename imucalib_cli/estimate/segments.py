@@ -72,11 +72,11 @@ class Segments:
         free = np.flatnonzero(fit.layout.free)
         self._free, self._fit = free, fit
         normal, noise = fit.parts, fit.statistics.noise_score
-        problem, u = fit.problem(normal.sum(axis=0), noise), fit.scales_found.mean
-        self._P = np.diag(problem.precision(u))
+        problem = fit.problem(normal.sum(axis=0), noise)
+        self._P = np.diag(problem.precision(fit.u))
         self._total = problem.information + self._P
         # A mount that moved late is an outlier to the fit, and so its weights are not used here.
-        step, self._inverse = problem.solve(u)
+        step, self._inverse = problem.solve(fit.u)
         self._A = normal[:, 1:, 1:][:, free][:, :, free] / fit.level
         b = (normal[:, 1:, 0] - noise / len(normal))[:, free] / fit.level
         self._b = b + self._A @ step

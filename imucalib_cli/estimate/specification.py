@@ -146,12 +146,12 @@ class _Solved:
     @classmethod
     def of(cls, fit: Fit, matrices: Floats, noise_score: Floats) -> _Solved:
         """Solve with the fit's learnt scales and priors."""
-        free, u = np.flatnonzero(fit.layout.free), fit.scales_found.mean
+        free = np.flatnonzero(fit.layout.free)
         problem = fit.problem(matrices.sum(axis=0), noise_score)
-        step, inverse = problem.solve(u)
+        step, inverse = problem.solve(fit.u)
         inverse = inverse[np.searchsorted(free, fit.layout.pose)]
         each = matrices[:, 1:, 0][:, free] / fit.level
-        return cls(step, -(each @ inverse.T), np.asarray(inverse), problem.precision(u))
+        return cls(step, -(each @ inverse.T), np.asarray(inverse), problem.precision(fit.u))
 
 
 def _sound(fit: Fit, length: int) -> bool:

@@ -270,7 +270,7 @@ def _bounded(residuals: Floats) -> Floats:
 
 def whitened(
     plan: WindowPlan,
-    found: Iterable[tuple[slice, Floats, Floats]],
+    columns: Rows,
     residuals: Floats,
     weights: Floats,
     scales: tuple[float, float],
@@ -279,14 +279,14 @@ def whitened(
 
     Args:
         plan: Of the windows.
-        found: Columns J of parts of the windows, in order.
+        columns: J.
         residuals: (W, 6), e.
         weights: (W,).
         scales: Of the residuals, m/s² and rad/s.
     """
     gains = np.repeat(np.array(plan.noise_gains) / np.array(scales), 3)
     root = np.sqrt(weights)[:, None] * gains
-    for part, J, _ in found:
+    for part, J in columns:
         yield part, np.concatenate([residuals[part, :, None], J], axis=2) * root[part, :, None]
 
 

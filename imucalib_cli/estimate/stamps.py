@@ -43,13 +43,8 @@ class Attempt:
 
     @property
     def misfit(self) -> float:
-        """Residual scale of both sensors: lower means the stamps were taken better.
-
-        On every sample: nodes average what jitter does.
-        """
-        lean = self.lean
-        (residuals,) = lean.model.residuals(lean.state, lean.centres)
-        return float(np.log(residual_scales(residuals.values)).sum())
+        """Residual scale of both sensors: lower means the stamps were taken better."""
+        return float(np.log(residual_scales(self.lean.residuals.values)).sum())
 
 
 def best_attempt(clean: CleanImu, trajectory: Trajectory, options: MatchedOptions) -> Attempt:

@@ -165,5 +165,4 @@ def _refitted(fit: Fit, statement: _Statement, freed: MatchedOptions) -> Wrong:
 
 def _log_likelihood(problem: Problem) -> float:
     """Marginal, learnt scales integrated over."""
-    mixture, _, _ = integrate(problem, most_likely(problem), problem.information)
-    return mixture.log_likelihood
+    return integrate(problem, most_likely(problem), problem.information).log_likelihood

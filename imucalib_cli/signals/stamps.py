@@ -47,6 +47,12 @@ class TidyRows:
     astray: int
     """Stamps far from all others: zero among the dates of today, or in another year."""
 
+    @property
+    def left_out(self) -> dict[str, int]:
+        """How many rows are not used, and how often stamps went backwards, by name."""
+        names = ("repeated", "backward", "not_finite", "astray")
+        return {name: getattr(self, name) for name in names}
+
     def of(self, values: Floats) -> Floats:
         """(M, ...), these rows of (N, ...): the same array where they are all, in order."""
         whole = len(self.rows) == len(values) and not self.backward

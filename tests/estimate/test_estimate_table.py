@@ -155,7 +155,7 @@ def test_columns_are_differences_of_the_exact_residuals(robot: str, name: str) -
     placed = [each for each in layout.placed if each.unknown.name == name]
     assert placed or name == "pose_scale", "the robot has no such unknown"
     centres = model.centres(state)[5:-5:4]
-    J = np.concatenate([J for _, J, _ in columns(model, state, centres)])
+    J = np.concatenate([J for _, J in columns(model, state, centres)])
     step = 1e-5
     for each in placed:
         # Play steps faster than from node to node.
