@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 _FOLDS: Final = 12
 """Parts that are left out in turn."""
-_LEAST_SEGMENTS: Final = 3
+_LEAST_SEGMENTS: Final = 2
 """At either end of a log, that a change is searched from: a part of the log, not a shock."""
 DECISIVE: Final = 20.0
 """Difference of the Bayesian information criterion from which an alternative is believed: odds of
@@ -37,7 +37,7 @@ _KINDS: Final[dict[Kind, tuple[str, ...]]] = {
     "gyro_bias": ("gyro_bias",),
     "accel_bias": ("accel_bias",),
 }
-"""What may change at an instant, by entries of the table."""
+"""What may change at an instant, by entries of the table, the gravest first."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -120,18 +120,24 @@ class Segments:
         )
 
     def change(self) -> Change | None:
-        """The most decisive change of mount, clock or bias; None if there is none."""
-        best: Change | None = None
+        """The most decisive change of mount, clock or bias; None if there is none.
+
+        Of kinds that the log cannot tell apart it is the gravest: a mount turned looks like a bias.
+        """
+        best: dict[Kind, Change] = {}
         for kind, names in _KINDS.items():
             part = self._places(*names)
             if not len(part):
                 continue
             wander = self._wander(part) if kind.endswith("bias") else np.zeros((len(part),) * 2)
-            for cut in self._gainful_cuts(part, wander):
-                found = self._change(kind, part, cut, wander)
-                if best is None or found.evidence > best.evidence:
-                    best = found
-        return best if best is not None and best.evidence > DECISIVE else None
+            found = [
+                self._change(kind, part, cut, wander) for cut in self._gainful_cuts(part, wander)
+            ]
+            if found:
+                best[kind] = max(found, key=lambda each: each.evidence)
+        most = max((each.evidence for each in best.values()), default=0.0)
+        alike = (each for each in best.values() if most - each.evidence < DECISIVE)
+        return next(alike) if most > DECISIVE else None
 
     def _price(self, part: Indices) -> float:
         """Of components that change, in the Bayesian information criterion."""
@@ -144,16 +150,18 @@ class Segments:
         Columns of the change are those of its components, from the instant on.
         """
         cross = self._A_after[cut][..., part]
-        left = cross[..., part, :] - np.swapaxes(cross, -1, -2) @ self._inverse @ cross
+        # A change is no larger than its components may be.
+        own = cross[..., part, :] + self._P[np.ix_(part, part)]
+        left = own - np.swapaxes(cross, -1, -2) @ self._inverse @ cross
         size = -(inverse_of(left) @ self._b_after[cut][..., part, None])[..., 0]
         return cross, left, size
 
     def _gainful_cuts(self, part: Indices, wander: Floats) -> list[int]:
-        """Cuts at which a change explains decisively more than it costs."""
+        """Cuts at which a change explains more than it costs."""
         cuts = slice(_LEAST_SEGMENTS, len(self._A) - _LEAST_SEGMENTS + 1)
         cross, left, size = self._step(part, cuts)
         gain = squared_distance(size, inverse_of(left) + wander)
-        gainful = gain - self._price(part) >= DECISIVE
+        gainful = gain > self._price(part)
         # Components that only one part of the log shows do not count as changed.
         own = np.diagonal(cross[:, part], axis1=1, axis2=2)
         scale = np.sqrt(np.maximum(own, 1e-300))
