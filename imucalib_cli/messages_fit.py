@@ -508,6 +508,12 @@ FIT_MESSAGES: dict[str, str | Callable[..., Any]] = {
         f"gravity is {math.degrees(tilt):.0f} deg off -z of the world: true for a base mounted so, "
         "else joint signs, frames or the accelerometer's sign are wrong"
     ),
+    "paper.not_converged": "the solver did not converge: give a better --initial guess",
+    "paper.undetermined": "the motion does not determine the pose: rotate about two axes at least",
+    "paper.unexplained": "the solution leaves {force:.2g} m/s² and {rate:.2g} rad/s unexplained, "
+    "another minimum perhaps: give a better --initial guess or use --method matched",
+    "paper.gaps": "the method assumes a constant rate; the log has {count} gaps, each side of "
+    "which was filtered alone: prefer --method matched",
     **{f"cause.{kind}": _cause for kind in _CAUSES},
     "cause.publishers": _publishers,
     "cause.base_moves": _base_moves,

@@ -46,11 +46,11 @@ TELL_SIGMAS: Final = 5.0
 """From which an error of sensor or robot is named: it stands clear of its own sigma."""
 _AMBIGUOUS: Final = 25.0
 """Least rise of chi-squared of a second rotation that is really worse: five sigma."""
-_UNEXPLAINED_GYRO: Final = 0.3
+UNEXPLAINED_GYRO: Final = 0.3
 """Share of the measured rotation left in the residuals from which model and log do not match."""
-_UNEXPLAINED_ACCEL: Final = 1.0
+UNEXPLAINED_ACCEL: Final = 1.0
 """m/s², averaged over a window: no sensor is as noisy as that."""
-_STANDSTILL_GYRO: Final = 0.02
+STANDSTILL_GYRO: Final = 0.02
 """rad/s: a log that turns less than this tells nothing about mismatch."""
 _CLEAR_LAG: Final = 0.8
 """Correlation of the two rates at the right time offset: even a bad model keeps it."""
@@ -211,7 +211,7 @@ def _unexplained(evidence: Evidence) -> Iterator[Finding]:
     turning = fit.residuals.turning
     left = float(np.sqrt(np.mean(fit.residuals.values[:, 3:] ** 2)))
     lag = evidence.attempt.lag
-    if turning > _STANDSTILL_GYRO and left > _UNEXPLAINED_GYRO * turning:
+    if turning > STANDSTILL_GYRO and left > UNEXPLAINED_GYRO * turning:
         far = lag is not None and lag.correlation < _CLEAR_LAG
         yield untrusted(
             "fit.rotation_unexplained",
@@ -219,7 +219,7 @@ def _unexplained(evidence: Evidence) -> Iterator[Finding]:
             max_offset=evidence.options.max_offset if far else None,
         )
     force_left = float(np.sqrt(np.mean(fit.residuals.values[:, :3] ** 2)))
-    if force_left > _UNEXPLAINED_ACCEL:
+    if force_left > UNEXPLAINED_ACCEL:
         yield untrusted("fit.acceleration_unexplained", left=force_left)
 
 

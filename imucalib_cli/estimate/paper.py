@@ -14,8 +14,9 @@ import numpy as np
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.estimate.estimate import Estimate, Residuals
+from imucalib_cli.estimate.judge import STANDSTILL_GYRO, UNEXPLAINED_ACCEL, UNEXPLAINED_GYRO
 from imucalib_cli.estimate.paper_filters import filtered_instants
-from imucalib_cli.findings import Severity, texts
+from imucalib_cli.findings import untrusted, warning
 from imucalib_cli.robot.rotations import matrix_from_rotvec, rotvec_from_matrix
 
 if TYPE_CHECKING:
@@ -31,12 +32,6 @@ _FEWEST = 12
 """Instants below which nothing is solved."""
 _SINGULAR = 1e-6
 """Ratio of the Jacobian's singular values below which the motion does not determine the pose."""
-_UNEXPLAINED_ACCEL = 1.0
-"""m/s², left over an instant's filter: no sensor is as noisy as that."""
-_UNEXPLAINED_GYRO = 0.3
-"""Share of the measured rotation left from which the solution does not match the log."""
-_STANDSTILL_GYRO = 0.02
-"""rad/s: a log that turns less than this tells nothing about mismatch."""
 
 
 def calibrate_paper(imu: ImuSamples, path: KinematicPath, options: PaperOptions) -> Estimate:
@@ -84,27 +79,20 @@ def calibrate_paper(imu: ImuSamples, path: KinematicPath, options: PaperOptions)
     R_parent_imu = matrix_from_rotvec(found.x[3:])
     left = instants.differences(found.x, options.gravity_norm)
     values = np.linalg.svd(np.asarray(found.jac), compute_uv=False)
-    distrust = []
+    found_out = []
     if found.status <= 0:
-        distrust.append("the solver did not converge: give a better --initial guess")
+        found_out.append(untrusted("paper.not_converged"))
     if values[-1] < _SINGULAR * values[0]:
-        distrust.append("the motion does not determine the pose: rotate about two axes at least")
+        found_out.append(untrusted("paper.undetermined"))
     force_left = float(np.sqrt(np.mean(left[:, :3] ** 2)))
     rate = float(np.sqrt(np.mean(instants.gyro**2)))
     rate_left = float(np.sqrt(np.mean(left[:, 3:] ** 2)))
-    if force_left > _UNEXPLAINED_ACCEL or (
-        rate > _STANDSTILL_GYRO and rate_left > _UNEXPLAINED_GYRO * rate
+    if force_left > UNEXPLAINED_ACCEL or (
+        rate > STANDSTILL_GYRO and rate_left > UNEXPLAINED_GYRO * rate
     ):
-        distrust.append(
-            f"the solution leaves {force_left:.2g} m/s² and {rate_left:.2g} rad/s unexplained, "
-            "another minimum perhaps: give a better --initial guess or use --method matched"
-        )
-    warnings = []
+        found_out.append(untrusted("paper.unexplained", force=force_left, rate=rate_left))
     if gaps:
-        warnings.append(
-            f"the method assumes a constant rate; the log has {gaps} gaps, each side of which was "
-            "filtered alone: prefer --method matched"
-        )
+        found_out.append(warning("paper.gaps", count=gaps))
     return Estimate(
         method="paper",
         R_parent_imu=R_parent_imu,
@@ -126,6 +114,6 @@ def calibrate_paper(imu: ImuSamples, path: KinematicPath, options: PaperOptions)
             samples_replaced=0,
             gaps=gaps,
         ),
-        findings=(*texts(Severity.UNTRUSTED, distrust), *texts(Severity.WARNING, warnings)),
+        findings=tuple(found_out),
         notes={"evaluations": float(found.nfev), "cost": float(found.cost)},
     )
