@@ -16,7 +16,6 @@ from imucalib_cli.estimate.layout import Layout, Placed, lay_out, places_of
 from imucalib_cli.estimate.robust import SCALE_FLOOR, residual_scales, window_weights
 from imucalib_cli.estimate.scales import Problem, integrate, most_likely
 from imucalib_cli.estimate.solve import (
-    ROUGH_STEPS,
     SAME_ROTATION,
     Known,
     Solution,
@@ -274,7 +273,7 @@ def _globally(
 
 def _refined(normal: Floats, known: Known, x: Floats) -> Solution:
     """The minimum nearby with gravity of its magnitude."""
-    return refine(normal, known.pointing(x[lean_columns.G]), x, ROUGH_STEPS)
+    return refine(normal, known.pointing(x[lean_columns.G]), x)
 
 
 def _state_of(lean: Solution, layout: Layout, time_offset: float) -> State:

@@ -32,16 +32,8 @@ if TYPE_CHECKING:
 SAME_ROTATION = 0.02
 """rad: rotations closer than this are one minimum; ten times what noise leaves open."""
 _STEPS = 25
-ROUGH_STEPS = 8
-"""Steps from each start before the best are carried to their minimum."""
-_RUNNERS = 4
-"""Starts that ended elsewhere and are tried as the second minimum."""
 _CONVERGED = 1e-12
 """rad: a step below which the solve has arrived."""
-_FLAT = 1e-12
-"""Of the cost, which a step lowers it by at a minimum: far below noise."""
-_MOST_DAMPED = 1e6
-"""Steps that are shorter than this makes them are rounding."""
 _WEAKEST_STD = (10.0, 10.0, 1.0)
 """m, m/s², rad/s: wider than any robot's translation and any sensor's biases. They keep what the
 motion does not tell from running away."""
@@ -128,16 +120,12 @@ def solve_globally(normal: Floats, known: Known) -> Solution:
     rotations = np.array(_start_rotations(normal, known))
     starts = np.zeros((len(rotations), columns.COUNT))
     starts[:, columns.ONE], starts[:, columns.R] = 1.0, rotations.reshape(-1, 9)
-    rough = refine(normal, known, starts, ROUGH_STEPS)
-    order = np.argsort(rough.cost)
-    first = refine(normal, known, rough.x[order[:1]])
-    apart = order[~_same_rotation(first.R, rough.R[order])]
-    others = refine(normal, known, rough.x[apart[:_RUNNERS]])
-    both = Solution(np.concatenate([first.x, others.x]), np.append(first.cost, others.cost))
-    best, *ranked = np.argsort(both.cost)
-    runners = [place for place in ranked if not _same_rotation(both.R[best], both.R[place])]
-    runner_up = both.x[runners[0]] if runners else None
-    return Solution(both.x[best], both.cost[best], runner_up)
+    found = refine(normal, known, starts)
+    order = np.argsort(found.cost)
+    best, R = order[0], found.R[order]
+    others = order[rotation_angle(np.swapaxes(R[0], -1, -2) @ R) > SAME_ROTATION]
+    runner_up = found.x[others[0]] if len(others) else None
+    return Solution(found.x[best], found.cost[best], runner_up)
 
 
 def refine(normal: Floats, known: Known, x: Floats, steps: int = _STEPS) -> Solution:
@@ -151,7 +139,7 @@ def refine(normal: Floats, known: Known, x: Floats, steps: int = _STEPS) -> Solu
         return ((v @ S) * v).sum(axis=-1) + off**2 @ prior, off
 
     cost, off = valued(v)
-    damping, going = np.full_like(cost, 1e-9), np.ones_like(cost, dtype=bool)
+    damping = np.full_like(cost, 1e-9)
     for _ in range(steps):
         turned = (_GENERATORS @ _rotation(v)[..., None, :, :]).reshape(*cost.shape, 3, 9)
         DP = np.swapaxes(left_jacobian_inverse(off), -1, -2) * prior
@@ -164,15 +152,12 @@ def refine(normal: Floats, known: Known, x: Floats, steps: int = _STEPS) -> Solu
         step = np.where(free, -solved / scale, 0.0)
         trial = _turned(v, step, known)
         trial_cost, trial_off = valued(trial)
-        small = np.abs(step).max(axis=-1) < _CONVERGED
-        better = going & (trial_cost <= cost * (1 + 1e-15))
-        settled = np.where(better, small | (cost - trial_cost <= _FLAT * cost), small)
+        better = trial_cost <= cost
         damping = np.where(better, np.maximum(damping / 10, 1e-12), np.maximum(damping * 10, 1e-6))
         v = np.where(better[..., None], trial, v)
         off = np.where(better[..., None], trial_off, off)
         cost = np.where(better, trial_cost, cost)
-        going &= ~settled & (damping <= _MOST_DAMPED)
-        if not going.any():
+        if np.abs(step).max() < _CONVERGED:
             break
     return Solution(v @ back.T, cost)
 
@@ -256,7 +241,3 @@ def _times(matrix: Floats, vector: Floats) -> Floats:
 def _precision(std: Floats) -> Floats:
     """1 / std², zero for what is held."""
     return np.divide(1.0, std**2, out=np.zeros(len(std)), where=std > 0.0)
-
-
-def _same_rotation(one: Floats, other: Floats) -> Bools:
-    return np.asarray(rotation_angle(np.swapaxes(one, -1, -2) @ other) < SAME_ROTATION)
