@@ -474,6 +474,9 @@ FIT_MESSAGES: dict[str, str | Callable[..., Any]] = {
     "windows.motion_left_out": "windows with {share:.0%} of the motion do not fit the rest and "
     "were left out: frames, joint order or stamps may be wrong in parts of the log",
     "windows.left_out": _left_out,
+    "windows.between_gaps": "only {share:.0%} of the time of both streams lies in filter windows, "
+    "the rest is lost to gaps ({imu} in the IMU's stamps, {robot} in the robot's): record without "
+    "losses, or choose a shorter --window",
     "window.dependent": _window,
     "change.mount": _mount_moved,
     "change.clock": _clock_step,

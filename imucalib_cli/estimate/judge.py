@@ -62,6 +62,8 @@ _DROPPED_MOTION: Final = 0.2
 """Share of the motion in windows left out from which the rest no longer speaks for the log."""
 _DROPPED: Final = 0.05
 """Share of windows left out from which it is said."""
+_MOST_OF_LOG: Final = 0.5
+"""Share of the time of both streams that lies in windows, below which more is lost than used."""
 _PLAIN: Final = (0.1, 0.02)
 """m/s² and rad/s: residuals of a window that no filter, only a wrong model leaves."""
 _TILTED: Final = np.radians(20.0)
@@ -195,6 +197,7 @@ def findings(evidence: Evidence, *, unknown: bool) -> tuple[Finding, ...]:
         *(() if unknown else _undecided(evidence)),
         *_residuals(evidence),
         *_left_out(evidence),
+        *_gaps(evidence),
         *(() if contradicted else _found(evidence)),
         *_resting_on_priors(evidence),
         *_stamps(evidence),
@@ -269,6 +272,17 @@ def _left_out(evidence: Evidence) -> Iterator[Finding]:
             start=float(first) if dense else None,
             end=float(last) if dense else None,
         )
+
+
+def _gaps(evidence: Evidence) -> Iterator[Finding]:
+    """Streams so full of holes that most of the log is lost: its motion is not what is missing."""
+    model = evidence.fit.model
+    windowing, grid = model.windowing, model.windowing.grid
+    gaps = grid.gaps, windowing.trajectory.gaps
+    shared = np.ptp(np.clip(windowing.trajectory.span, grid.t0, grid.t[-1]))
+    share = len(evidence.fit.centres) * windowing.plan.hop * grid.dt / max(float(shared), grid.dt)
+    if share < _MOST_OF_LOG and any(gaps):
+        yield warning("windows.between_gaps", share=share, imu=gaps[0], robot=gaps[1])
 
 
 def _window(evidence: Evidence) -> Iterator[Finding]:

@@ -51,6 +51,17 @@ def _(scene: Scene) -> Seen:
     return scene.run_arm(replace(noisy(ARM), imu=early.imu, robot=late.robot))
 
 
+@provokes("between-gaps")
+def _(scene: Scene) -> Seen:
+    """A third of a second of the robot's messages is lost in every 0.8 s."""
+    recording = noisy(ARM)
+    robot = robot_of(recording)
+    kept = robot.t % 0.8 > 0.35
+    return scene.run_arm(
+        with_robot(recording, **{name: getattr(robot, name)[kept] for name in JOINTS})
+    )
+
+
 @provokes("too-few-samples")
 def _(scene: Scene) -> Seen:
     return scene.run_arm(part(noisy(ARM), 3.0, 3.2))
