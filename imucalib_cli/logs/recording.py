@@ -81,11 +81,11 @@ def _is_log(head: bytes) -> bool:
 
 def _open_file(path: Path, head: bytes) -> Storage:
     if head.startswith(_MCAP):
-        from imucalib_cli.logs.mcap_file import McapFile
+        from imucalib_cli.logs.mcap.file import McapFile
 
         return McapFile(path)
     if head.startswith(_BAG):
-        from imucalib_cli.logs.bag_file import BagFile
+        from imucalib_cli.logs.bag.file import BagFile
 
         return BagFile(path)
     if head.startswith(_DB3):

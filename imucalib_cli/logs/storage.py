@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+
+from imucalib_cli.logs.damage import Tally
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -34,6 +36,12 @@ class Channel:
     count: int = 0
     start_ns: int = 0
     end_ns: int = 0
+
+    @classmethod
+    def counted(cls, tally: Tally | None, **described: Any) -> Channel:
+        """A channel with what was counted of it; None for nothing."""
+        seen = tally or Tally(start_ns=0)
+        return cls(count=seen.count, start_ns=seen.start_ns, end_ns=seen.end_ns, **described)
 
 
 class Sink(Protocol):
