@@ -89,7 +89,7 @@ def _open_file(path: Path, head: bytes) -> Storage:
 
         return BagFile(path)
     if head.startswith(_DB3):
-        from imucalib_cli.logs.db3_file import Db3File
+        from imucalib_cli.logs.db3.file import Db3File
 
         return Db3File(path)
     if head.startswith(_ZSTD):
