@@ -18,13 +18,13 @@ from imucalib_cli.findings import Finding, warning
 from imucalib_cli.logs.damage import DamageError, Tally, seek
 from imucalib_cli.logs.inflate import Inflated, Scratch, inflate, inflate_file
 from imucalib_cli.logs.messages import normalise_type
-from imucalib_cli.logs.storage import Bytes, Channel, Located, add_by_length
+from imucalib_cli.logs.reader import Bytes, Channel, Located, add_by_length
 
 if TYPE_CHECKING:
     from collections.abc import Collection
     from pathlib import Path
 
-    from imucalib_cli.logs.storage import Progress, Sink
+    from imucalib_cli.logs.reader import Progress, Sink
 
 Index = dict[int, NDArray[np.int64]]
 """Channel to the receive times (ns) and the offsets in the chunk of its messages, (n, 2)."""
@@ -139,7 +139,7 @@ class Payloads:
 
 
 class ChunkedFile(ABC):
-    """One file of chunks; see :class:`~imucalib_cli.logs.storage.Storage`.
+    """One file of chunks; see :class:`~imucalib_cli.logs.reader.LogFile`.
 
     Args:
         path: The file; its magic has been checked.
@@ -149,8 +149,10 @@ class ChunkedFile(ABC):
     """
 
     MAGIC: ClassVar[bytes]
-    NAME: ClassVar[str]
-    """What it is called in a sentence."""
+    FORMAT: ClassVar[str]
+    IS_TEXT: ClassVar[bool] = False
+    PART: ClassVar[str]
+    """What one file is called where it is cut short."""
 
     def __init__(self, path: Path) -> None:
         from imucalib_cli.logs.scan import scan

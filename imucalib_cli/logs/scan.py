@@ -55,7 +55,7 @@ class _Scan:
         """Where the next record behind damage begins; None if there is none."""
         found = self._grammar.find_record(self._file, self._search_from)
         if found is None:
-            what, size = self._grammar.NAME, self._grammar.size
+            what, size = self._grammar.PART, self._grammar.size
             self._losses.append(warning("log.cut_short", what=what, byte=at, size=size))
             return None
         if found > at:

@@ -35,7 +35,7 @@ from imucalib_cli.logs.chunks import (
     Record,
 )
 from imucalib_cli.logs.damage import DamageError, Tally, seek
-from imucalib_cli.logs.storage import Bytes, cut
+from imucalib_cli.logs.reader import Bytes, cut
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -53,7 +53,8 @@ class BagFile(ChunkedFile):
     """One ROS 1 bag."""
 
     MAGIC = MAGIC
-    NAME = "bag"
+    FORMAT = "a ROS 1 bag"
+    PART = "bag"
 
     def __init__(self, path: Path) -> None:
         self._is_indexed = False

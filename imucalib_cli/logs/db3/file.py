@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import sqlite3
 from contextlib import closing
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 from urllib.parse import quote
 
 import numpy as np
@@ -16,14 +16,13 @@ from imucalib_cli.logs.damage import Tally
 from imucalib_cli.logs.db3.salvage import salvage
 from imucalib_cli.logs.db3.wal import pages_left_out
 from imucalib_cli.logs.messages import normalise_type
-from imucalib_cli.logs.storage import Channel, Located, Progress, Sink, add_by_length
+from imucalib_cli.logs.reader import Channel, Located, Progress, Sink, add_by_length
 from imucalib_cli.logs.unpacked import copy_with_companions, copy_with_page_count
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Sequence
     from pathlib import Path
 
-    from imucalib_cli.logs.db3.salvage import Row
 
 _MAGIC = b"SQLite format 3\x00"
 _BROKEN = (sqlite3.DatabaseError, MemoryError)
@@ -43,6 +42,9 @@ class Db3File:
     Raises:
         InputError: It has no tables of rosbag2.
     """
+
+    FORMAT: ClassVar[str] = "a ROS 2 .db3"
+    IS_TEXT: ClassVar[bool] = False
 
     def __init__(self, path: Path) -> None:
         self.path = path

@@ -32,7 +32,7 @@ from imucalib_cli.logs.mcap.records import (
     RECORD_HEAD,
 )
 from imucalib_cli.logs.mcap.search import find_record, is_record
-from imucalib_cli.logs.storage import Bytes, cut
+from imucalib_cli.logs.reader import Bytes, cut
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -51,7 +51,8 @@ class McapFile(ChunkedFile):
     """One MCAP file."""
 
     MAGIC = MAGIC
-    NAME = "file"
+    FORMAT = "an MCAP file"
+    PART = "file"
 
     def _summary(self, file: BinaryIO) -> Contents | None:
         if self.size < len(MAGIC) + _FOOTER_SIZE:

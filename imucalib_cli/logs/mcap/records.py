@@ -12,7 +12,7 @@ from imucalib_cli.logs.damage import Cursor, DamageError
 
 if TYPE_CHECKING:
     from imucalib_cli.logs.chunks import Index
-    from imucalib_cli.logs.storage import Bytes
+    from imucalib_cli.logs.reader import Bytes
 
 MAGIC = b"\x89MCAP0\r\n"
 FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK = 0x02, 0x03, 0x04, 0x05, 0x06

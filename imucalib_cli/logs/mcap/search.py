@@ -17,12 +17,12 @@ from imucalib_cli.logs.mcap.records import (
     RECORD_HEAD,
     parse_chunk_head,
 )
-from imucalib_cli.logs.storage import cut
+from imucalib_cli.logs.reader import cut
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from imucalib_cli.logs.storage import Bytes
+    from imucalib_cli.logs.reader import Bytes
 
 _SEARCHED = 1 << 22
 _CHAIN = 3

@@ -1,23 +1,28 @@
-"""What every storage offers: channels, and their payloads in bulk."""
+"""What the reader of every format offers: channels, and their messages in bulk."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.logs.damage import Tally
+from imucalib_cli.logs.messages import MESSAGE_TYPES
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from imucalib_cli.findings import Finding
-    from imucalib_cli.logs.streams import Nanoseconds
+    from imucalib_cli.logs.streams import Floats, Nanoseconds
+
+ENCODINGS = frozenset({"cdr", "ros1", "text"})
+"""Encodings that can be decoded; ``text`` is of formats whose reader gives numbers itself."""
 
 Bytes = NDArray[np.uint8]
+Labels = dict[str, str | tuple[str, ...]]
 Progress = Callable[[float], None]
 
 
@@ -30,12 +35,17 @@ class Channel:
     type: str
     """Normalised, sensor_msgs/Imu."""
     encoding: str
-    """``cdr``, ``ros1``, or whatever else the file says."""
+    """``cdr``, ``ros1``, ``text`` or whatever else the file says."""
     definition: str = ""
     """The type's definition in .msg form where the file embeds it."""
     count: int = 0
     start_ns: int = 0
     end_ns: int = 0
+
+    @property
+    def readable(self) -> bool:
+        """Whether streams can be made of it."""
+        return is_readable(self.type, self.encoding)
 
     @classmethod
     def counted(cls, tally: Tally | None, **described: Any) -> Channel:
@@ -44,8 +54,27 @@ class Channel:
         return cls(count=seen.count, start_ns=seen.start_ns, end_ns=seen.end_ns, **described)
 
 
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """Decoded rows of a topic that share all their texts."""
+
+    arrival: NDArray[np.int64]
+    """(n,), position in the file: orders rows of equal receive time."""
+    log_ns: Nanoseconds
+    stamp_ns: Nanoseconds
+    texts: Labels
+    """By the names that :mod:`~imucalib_cli.logs.messages` gives the type's fields."""
+    numbers: dict[str, Floats]
+    """(n, k) each, by the same names."""
+
+
+def is_readable(type_name: str, encoding: str) -> bool:
+    """Whether streams can be made of messages of a type, in an encoding."""
+    return type_name in MESSAGE_TYPES and encoding in ENCODINGS
+
+
 class Sink(Protocol):
-    """Takes payloads as a storage comes upon them."""
+    """Takes messages as a reader comes upon them: payloads, or what is decoded already."""
 
     def add(
         self, channel: Channel, arrival: NDArray[np.int64], log_ns: Nanoseconds, rows: Bytes
@@ -59,14 +88,36 @@ class Sink(Protocol):
             rows: (n, L); may be a view of a buffer that is used again after the call.
         """
 
+    def add_decoded(self, channel: Channel, piece: Piece, bad: int = 0) -> None:
+        """Take rows of a format that has no payloads, and the count of those that are no rows."""
 
-class Storage(Protocol):
-    """One file of a log."""
+
+class LogFile(Protocol):
+    """One file of a log, or a folder that is one.
+
+    Args:
+        path: The file; :meth:`matches` has looked at it.
+
+    Raises:
+        InputError: Nothing of it can be read.
+        OSError: It cannot be opened.
+    """
+
+    FORMAT: ClassVar[str]
+    """What the format is called in a sentence."""
+    IS_TEXT: ClassVar[bool]
+    """Whether such a file may lie beside a log without being part of it."""
 
     path: Path
     channels: tuple[Channel, ...]
     losses: list[Finding]
     """What was found damaged so far; who opened the file adds its name."""
+
+    def __init__(self, path: Path) -> None: ...
+
+    @classmethod
+    def matches(cls, head: bytes, path: Path) -> bool:
+        """Whether a file that begins with these bytes is of the format; a folder has none."""
 
     def read(self, wanted: Collection[int], sink: Sink, progress: Progress) -> None:
         """Give the sink all messages of the wanted channels, in one pass."""
