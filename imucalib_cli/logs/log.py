@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 
 from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.findings import Finding, warning, warnings
+from imucalib_cli.logs.csv_file import CsvFile
 from imucalib_cli.logs.messages import MESSAGE_TYPES
-from imucalib_cli.logs.open import open_files
+from imucalib_cli.logs.open import READERS, open_files
 from imucalib_cli.logs.reader import is_readable
 
 if TYPE_CHECKING:
@@ -203,12 +204,13 @@ class Log:
         return str(self.paths[0]) if self.paths else "the log"
 
 
-def open_log(paths: Sequence[Path]) -> Log:
+def open_log(paths: Sequence[Path], csv_columns: Sequence[str] = ()) -> Log:
     """Open one recording.
 
     Args:
         paths: A file or folder, or the files of one recording, of any format that
             :data:`~imucalib_cli.logs.open.READERS` has, told apart by content.
+        csv_columns: Names of the columns of tables without a header.
 
     Raises:
         InputError: A path is missing, unreadable, or not a log.
@@ -218,7 +220,8 @@ def open_log(paths: Sequence[Path]) -> Log:
     twice = [path for path, real in zip(paths, known, strict=True) if known.count(real) > 1]
     if twice:
         raise ChoiceError(f"{twice[0]} is given twice: name each file of the recording once")
-    return Log([file for path in paths for file in open_files(path)])
+    readers = [*READERS, CsvFile.with_columns(csv_columns)] if csv_columns else READERS
+    return Log([file for path in paths for file in open_files(path, readers)])
 
 
 def _start_ns(file: LogFile) -> int:
@@ -256,8 +259,12 @@ def _see_after(file: LogFile, channel: Channel, other: LogFile, before: Channel)
 
 
 def _overlaps(files: Sequence[LogFile]) -> tuple[Finding, ...]:
-    """Files, by their start, that begin well before another ends, as parts of one do not."""
+    """Files, by their start, that begin well before another ends, as parts of one do not.
+
+    Tables do: there is one for each sensor.
+    """
     filled = [each for each in files if any(channel.count for channel in each.channels)]
+    filled = [each for each in filled if not each.IS_TEXT]
     last: LogFile | None = None
     found = []
     for file in filled:

@@ -10,8 +10,10 @@ from typing import TYPE_CHECKING
 from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.findings import warning
 from imucalib_cli.logs.bag.file import BagFile
+from imucalib_cli.logs.csv_file import NAMES, CsvFile
 from imucalib_cli.logs.db3.file import Db3File
 from imucalib_cli.logs.mcap.file import McapFile
+from imucalib_cli.logs.tum_euroc import EurocFolder, TumFile
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -21,7 +23,7 @@ if TYPE_CHECKING:
     Readers = Sequence[type[LogFile]]
 
 
-READERS: list[type[LogFile]] = [McapFile, BagFile, Db3File]
+READERS: list[type[LogFile]] = [McapFile, BagFile, Db3File, CsvFile, TumFile, EurocFolder]
 """Every format that can be read: a format is one file of this room and one name here."""
 
 _ZSTD = b"\x28\xb5\x2f\xfd"
@@ -106,6 +108,8 @@ def _open_file(path: Path, head: bytes, readers: Readers) -> LogFile:
         return reader(path)
     if not head:
         raise InputError(f"{path} is empty: record or copy it again")
+    if path.suffix.lower() == ".csv":
+        raise InputError(f"{path} has no header of known columns: {NAMES}, or use --csv-columns")
     raise InputError(f"{path} is not a log: expected {_known(readers)}")
 
 
@@ -136,7 +140,7 @@ def _open_folder(folder: Path, readers: Readers) -> list[LogFile]:
             losses.append(warning("log.part_unusable", reason=str(error)))
     if not files:
         raise unusable[0]
-    files[0].losses += losses
+    files[0].losses.extend(losses)
     return files
 
 

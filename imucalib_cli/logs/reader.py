@@ -109,9 +109,14 @@ class LogFile(Protocol):
     """Whether such a file may lie beside a log without being part of it."""
 
     path: Path
-    channels: tuple[Channel, ...]
-    losses: list[Finding]
-    """What was found damaged so far; who opened the file adds its name."""
+
+    @property
+    def channels(self) -> tuple[Channel, ...]:
+        """What it holds."""
+
+    @property
+    def losses(self) -> list[Finding]:
+        """What was found damaged so far; who opened the file adds its name."""
 
     def __init__(self, path: Path) -> None: ...
 
