@@ -73,10 +73,15 @@ def parse_fields(raw: bytes | memoryview) -> Fields:
     Raises:
         DamageError: A length does not fit.
     """
-    cursor = Cursor(raw)
+    raw = bytes(raw)
     found = {}
-    while cursor.left:
-        name, _, value = bytes(cursor.take(cursor.number(4))).partition(b"=")
+    at = 0
+    while at < len(raw):
+        start = at + 4
+        at = start + int.from_bytes(raw[at:start], "little")
+        if at > len(raw):
+            raise DamageError("a length points beyond its record")
+        name, _, value = raw[start:at].partition(b"=")
         found[name.decode("utf-8", "replace")] = value
     return found
 
