@@ -12,7 +12,8 @@ from imucalib_cli.cli.recording_options import CsvColumns, csv_columns
 
 def inspect_command(
     logs: Annotated[
-        list[Path], typer.Argument(metavar="LOG...", help="One recording: bag, db3, MCAP or tables.")
+        list[Path],
+        typer.Argument(metavar="LOG...", help="One recording: bag, db3, MCAP or tables."),
     ],
     *,
     urdf: Annotated[

@@ -21,11 +21,11 @@ from imucalib_cli.jobs.reading import gather_sources, moving_streams
 from imucalib_cli.jobs.repair import look, repair
 from imucalib_cli.jobs.request import CalibrationRequest
 from imucalib_cli.logs.clock import choose_clock
-from imucalib_cli.logs.health import guess_units, stamp_health
 from imucalib_cli.logs.log import LogData, open_log
 from imucalib_cli.logs.messages import TF_TYPES
 from imucalib_cli.logs.select import candidates, select_topics
 from imucalib_cli.robot.urdf import load_robot, preload
+from imucalib_cli.signals.health import guess_units, stamp_health
 from imucalib_cli.signals.samples import ImuSamples
 
 if TYPE_CHECKING:
