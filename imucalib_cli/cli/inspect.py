@@ -7,16 +7,19 @@ import typer
 
 from imucalib_cli.cli.output import deliver, is_terminal
 from imucalib_cli.cli.quantities import parse_choice
+from imucalib_cli.cli.recording_options import CsvColumns, csv_columns
 
 
 def inspect_command(
     logs: Annotated[
-        list[Path], typer.Argument(metavar="LOG...", help="One recording: bag, db3 or MCAP.")
+        list[Path],
+        typer.Argument(metavar="LOG...", help="One recording: bag, db3, MCAP or tables."),
     ],
     *,
     urdf: Annotated[
         Path | None, typer.Option("--urdf", help="Also say what of the log is in this URDF.")
     ] = None,
+    columns: CsvColumns = None,
     fmt: Annotated[
         str, typer.Option("--format", metavar="text|json", help="Form of the report.")
     ] = "text",
@@ -34,6 +37,6 @@ def inspect_command(
 
     parse_choice("--format", fmt, ("text", "json"))
     with ProgressBar(enabled=is_terminal(sys.stderr) and not quiet) as bar:
-        report = inspect(tuple(logs), urdf, bar.report)
+        report = inspect(tuple(logs), urdf, bar.report, csv_columns(columns))
     inputs = [*logs, *([urdf] if urdf is not None else [])]
     deliver(report.as_json() if fmt == "json" else report.as_text(), output, inputs=inputs)

@@ -20,6 +20,22 @@ if TYPE_CHECKING:
 SOURCES = "What to read"
 
 
+CsvColumns = Annotated[
+    str | None,
+    typer.Option(
+        "--csv-columns",
+        metavar="NAME,NAME,...",
+        help="Columns of a CSV table without a header: t,gx,gy,gz,ax,ay,az; - for none.",
+        rich_help_panel=SOURCES,
+    ),
+]
+
+
+def csv_columns(text: str | None) -> tuple[str, ...]:
+    """Names of columns as the user wrote them."""
+    return tuple(each.strip() for each in text.split(",")) if text else ()
+
+
 @dataclass(frozen=True, kw_only=True)
 class RecordingOptions:
     """What to read, as the user wrote it."""
@@ -28,6 +44,7 @@ class RecordingOptions:
         Path | None,
         typer.Option("--urdf", help="The robot's URDF.", rich_help_panel=SOURCES),
     ] = None
+    csv_columns: CsvColumns = None
     imu_topic: Annotated[
         list[str] | None,
         typer.Option(
@@ -143,6 +160,7 @@ def calibration_request(
     )
     return CalibrationRequest(
         logs=tuple(logs),
+        csv_columns=csv_columns(recording.csv_columns),
         urdf=recording.urdf,
         imu_topics=tuple(recording.imu_topic or ()),
         joint_topics=tuple(recording.joint_topic or ()),

@@ -21,11 +21,11 @@ from imucalib_cli.jobs.reading import gather_sources, moving_streams
 from imucalib_cli.jobs.repair import look, repair
 from imucalib_cli.jobs.request import CalibrationRequest
 from imucalib_cli.logs.clock import choose_clock
-from imucalib_cli.logs.health import guess_units, stamp_health
 from imucalib_cli.logs.log import LogData, open_log
 from imucalib_cli.logs.messages import TF_TYPES
 from imucalib_cli.logs.select import candidates, select_topics
 from imucalib_cli.robot.urdf import load_robot, preload
+from imucalib_cli.signals.health import guess_units, stamp_health
 from imucalib_cli.signals.samples import ImuSamples
 
 if TYPE_CHECKING:
@@ -41,7 +41,10 @@ if TYPE_CHECKING:
 
 
 def inspect(
-    logs: tuple[Path, ...], urdf: Path | None = None, progress: Progress | None = None
+    logs: tuple[Path, ...],
+    urdf: Path | None = None,
+    progress: Progress | None = None,
+    csv_columns: tuple[str, ...] = (),
 ) -> Inspection:
     """Describe a recording and find the command that calibrates it.
 
@@ -49,19 +52,21 @@ def inspect(
         logs: One recording, as for calibrate.
         urdf: Of the robot, to be held against the log.
         progress: As for calibrate.
+        csv_columns: Likewise.
 
     Raises:
         InputError: A file cannot be read at all; a log that cannot be calibrated is described.
     """
     if urdf is not None:
         preload()
-    log = open_log(logs)
+    log = open_log(logs, csv_columns)
     names = {
         topic.name for kind in ("imu", "joints", "pose") for topic in candidates(log.topics, kind)
     }
     data = log.read(names, None if progress is None else lambda share: progress("reading", share))
     robot = None if urdf is None else load_robot(urdf)
-    request, problem = _request(log, logs, urdf)
+    request = CalibrationRequest(logs=logs, csv_columns=csv_columns, urdf=urdf)
+    request, problem = _request(log, request)
     clock = choose_clock(moving_streams(_chosen(data, request)), "auto")
     findings, hints, options = _imus(data, robot, clock, request, problem)
     commands, placeholders = _command(request, findings, data, options)
@@ -82,10 +87,9 @@ def inspect(
 
 
 def _request(
-    log: Log, logs: tuple[Path, ...], urdf: Path | None
+    log: Log, request: CalibrationRequest
 ) -> tuple[CalibrationRequest, ImucalibError | None]:
     """The plainest request that selects topics; of several pose topics the one with most rows."""
-    request = CalibrationRequest(logs=logs, urdf=urdf)
     try:
         select_topics(log.topics)
     except ChoiceError:
@@ -231,7 +235,7 @@ def _command(
     """The commands for the IMUs that can be calibrated, and what to replace in them."""
     if not findings or not any((*data.joints.values(), *data.poses.values())):
         return (), ""
-    words = ["imucalib", "run", *(shlex.quote(str(path)) for path in request.logs)]
+    words = ["imucalib", "run", *_inputs(request)]
     placeholders = []
     good = [finding for finding in findings if finding.problem is None]
     asked = [finding for finding in findings if finding.needs_choice]
@@ -262,6 +266,13 @@ def _command(
         if len(commands) > 1:
             placeholders.append("FRAME by the link or frame that carries that IMU")
     return tuple(commands), ", ".join(placeholders)
+
+
+def _inputs(request: CalibrationRequest) -> list[str]:
+    words = [shlex.quote(str(path)) for path in request.logs]
+    if request.csv_columns:
+        words.append(f"--csv-columns {shlex.quote(','.join(request.csv_columns))}")
+    return words
 
 
 def _health(data: LogData) -> tuple[Health, ...]:

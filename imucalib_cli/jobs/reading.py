@@ -68,7 +68,7 @@ def read_recording(request: CalibrationRequest, progress: Progress | None = None
     """
     if request.urdf is not None:
         preload()
-    log = open_log(request.logs)
+    log = open_log(request.logs, request.csv_columns)
     chosen = select_topics(
         log.topics, request.imu_topics, request.joint_topics, request.pose_topics
     )

@@ -35,6 +35,7 @@ def recorded_options(request: CalibrationRequest) -> dict[str, Scalar]:
     written: dict[str, Scalar] = {
         "method": "matched" if isinstance(options, MatchedOptions) else "paper"
     }
+    written |= {"csv_columns": ",".join(request.csv_columns)} if request.csv_columns else {}
     for field in fields(options):
         if field.name == "either_sign":
             continue  # accel_sign tells

@@ -41,6 +41,8 @@ class CalibrationRequest:
 
     logs: tuple[Path, ...]
     """One recording: a path, or the files of a split one."""
+    csv_columns: tuple[str, ...] = ()
+    """Names of the columns of tables without a header."""
     urdf: Path | None = None
     imu_topics: tuple[str, ...] = ()
     """Empty: every IMU in the log."""

@@ -10,16 +10,15 @@ import numpy as np
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.findings import Finding, untrusted, warning
-from imucalib_cli.logs.health import guess_units
+from imucalib_cli.signals.health import MOST_RATE, NEAR, STANDARD_GRAVITY, guess_units
 from imucalib_cli.signals.turning import AGREE
 
 if TYPE_CHECKING:
     from imucalib_cli.logs.streams import ImuStream
     from imucalib_cli.signals.turning import Turning
 
-_G = 9.80665
 _DEG = 180.0 / math.pi
-ACCEL_FACTORS = {"m/s2": 1.0, "g": _G, "mg": _G / 1000.0}
+ACCEL_FACTORS = {"m/s2": 1.0, "g": STANDARD_GRAVITY, "mg": STANDARD_GRAVITY / 1000.0}
 GYRO_FACTORS = {"rad/s": 1.0, "deg/s": 1.0 / _DEG}
 """What a unit that the user may state is multiplied by."""
 
@@ -46,8 +45,6 @@ KNOWN_RATIOS = (
     ),
 )
 """What the ratio of two rates of turning may be; any other constant factor is told, not mended."""
-_NEAR = 0.15
-"""Share by which a ratio may miss that of two units: scale errors, motion at rest."""
 _CLEAR = 0.5
 """Correlation of the two rates of turning from which their ratio means something."""
 _FAR = 5.0
@@ -56,8 +53,6 @@ _CONSTANT = 0.2
 """Relative scatter of a bin's ratio up to which it is one constant factor, not another motion."""
 _MOST_ANGLE = 4.0 * math.pi
 """rad by which a joint may turn in a log: beyond, its positions are rather in degrees."""
-_MOST_RATE = 40.0
-"""rad/s; gyroscopes for robots end at 2000 °/s, 34.9 rad/s."""
 
 AccelUnit = Literal["auto", "m/s2", "g", "mg"]
 GyroUnit = Literal["auto", "rad/s", "deg/s"]
@@ -136,7 +131,7 @@ def gyro_factor(
                 known=[f"{each.ratio:.3g} for {each.unit}" for each in KNOWN_RATIOS],
             )
         )
-    if gyro_largest > _MOST_RATE:
+    if gyro_largest > MOST_RATE:
         raise InputError(
             untrusted("imu.gyro_too_fast", topic=topic, largest=gyro_largest, ratio=ratio)
         )
@@ -145,7 +140,7 @@ def gyro_factor(
 
 def _known(ratio: float, turning: Turning) -> KnownRatio | None:
     for each in KNOWN_RATIOS:
-        if abs(ratio / each.ratio - 1.0) < _NEAR and turning.correlation > each.least_correlation:
+        if abs(ratio / each.ratio - 1.0) < NEAR and turning.correlation > each.least_correlation:
             return each
     return None
 
@@ -169,7 +164,7 @@ def accel_factor(imu: ImuStream, wanted: AccelUnit, *, gravity: float) -> Factor
     """
     if wanted != "auto":
         return Factor(unit=wanted, value=ACCEL_FACTORS[wanted])
-    guess = guess_units(imu, gravity or _G)
+    guess = guess_units(imu, gravity or STANDARD_GRAVITY)
     rest = {"topic": imu.topic, "norm": guess.accel_at_rest}
     kept = Factor(unit="m/s2", value=1.0)
     if gravity == 0.0:

@@ -9,7 +9,7 @@ import numpy as np
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from imucalib_cli.logs.storage import Bytes
+    from imucalib_cli.logs.reader import Bytes
 
 _STEP = 1 << 16
 """Bytes asked of a decompressor at a time: small enough that the allocator reuses them."""

@@ -8,19 +8,18 @@ from typing import TYPE_CHECKING
 
 from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.findings import Finding, warning, warnings
+from imucalib_cli.logs.csv_file import CsvFile
 from imucalib_cli.logs.messages import MESSAGE_TYPES
-from imucalib_cli.logs.recording import open_storages
+from imucalib_cli.logs.open import READERS, open_files
+from imucalib_cli.logs.reader import is_readable
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
     from pathlib import Path
 
-    from imucalib_cli.logs.collect import TopicData
-    from imucalib_cli.logs.storage import Channel, Storage
+    from imucalib_cli.logs.decode import TopicData
+    from imucalib_cli.logs.reader import Channel, LogFile
     from imucalib_cli.logs.streams import ImuStream, JointStream, PoseStream
-
-ENCODINGS = frozenset({"cdr", "ros1"})
-"""Encodings that can be decoded."""
 
 _MOST_TOLD = 8
 """Losses of one file; a damaged disk makes thousands."""
@@ -48,7 +47,7 @@ class Topic:
     @property
     def readable(self) -> bool:
         """Whether :meth:`Log.read` can make streams of it."""
-        return self.type in MESSAGE_TYPES and self.encoding in ENCODINGS
+        return is_readable(self.type, self.encoding)
 
 
 @dataclass(kw_only=True)
@@ -77,22 +76,22 @@ class Log:
         topics: Its topics, by name.
     """
 
-    def __init__(self, storages: Sequence[Storage]) -> None:
-        self._storages = sorted(storages, key=_start_ns)
-        self.paths = tuple(each.path for each in self._storages)
-        self.topics = _topics(self._storages)
+    def __init__(self, files: Sequence[LogFile]) -> None:
+        self._files = sorted(files, key=_start_ns)
+        self.paths = tuple(each.path for each in self._files)
+        self.topics = _topics(self._files)
 
     @property
     def findings(self) -> tuple[Finding, ...]:
         """What was found damaged so far."""
         told = []
-        for storage in self._storages:
-            losses = storage.losses[:_MOST_TOLD]
-            more = len(storage.losses) - len(losses)
+        for file in self._files:
+            losses = file.losses[:_MOST_TOLD]
+            more = len(file.losses) - len(losses)
             if more:
                 losses.append(warning("log.more_losses", count=more))
-            file = str(storage.path)
-            told += [replace(loss, values={"file": file, **loss.values}) for loss in losses]
+            name = {"file": str(file.path)}
+            told += [replace(loss, values={**name, **loss.values}) for loss in losses]
         return tuple(told)
 
     def read(
@@ -109,32 +108,27 @@ class Log:
                 same time: they are two recordings.
             InputError: A topic's type or encoding cannot be read, or the file went away.
         """
-        from imucalib_cli.logs.assemble import imu_stream, joint_streams, pose_streams
-        from imucalib_cli.logs.collect import Collector
+        from imucalib_cli.logs.decode import Collector, imu_stream, joint_streams, pose_streams
 
         wanted = set(topics)
         self._check(wanted)
-        _see_one_recording(self._storages, wanted)
+        _see_one_recording(self._files, wanted)
         collector = Collector()
-        for number, storage in enumerate(self._storages):
+        for number, file in enumerate(self._files):
             channels = [
-                each.number
-                for each in storage.channels
-                if each.topic in wanted
-                and each.type in MESSAGE_TYPES
-                and each.encoding in ENCODINGS
+                each.number for each in file.channels if each.topic in wanted and each.readable
             ]
             if channels:
-                share = _share(progress, number, len(self._storages))
+                share = _share(progress, number, len(self._files))
                 try:
-                    storage.read(channels, collector, share)
+                    file.read(channels, collector, share)
                 except OSError as error:
                     raise InputError(
-                        f"{storage.path} cannot be read any more: {error.strerror or error}"
+                        f"{file.path} cannot be read any more: {error.strerror or error}"
                     ) from error
             collector.next_file()
         data = self._nothing_of(wanted)
-        losses = [*self.findings, *_overlaps(self._storages)]
+        losses = [*self.findings, *_overlaps(self._files)]
         for found in collector.finish():
             name = found.topic
             losses += self._shortfall(found)
@@ -210,12 +204,13 @@ class Log:
         return str(self.paths[0]) if self.paths else "the log"
 
 
-def open_log(paths: Sequence[Path]) -> Log:
+def open_log(paths: Sequence[Path], csv_columns: Sequence[str] = ()) -> Log:
     """Open one recording.
 
     Args:
-        paths: A file or folder, or the files of a split recording: ROS 1 bag, ROS 2 folder (or
-            its metadata.yaml), .db3 or .mcap, told apart by content rather than by suffix.
+        paths: A file or folder, or the files of one recording, of any format that
+            :data:`~imucalib_cli.logs.open.READERS` has, told apart by content.
+        csv_columns: Names of the columns of tables without a header.
 
     Raises:
         InputError: A path is missing, unreadable, or not a log.
@@ -225,70 +220,74 @@ def open_log(paths: Sequence[Path]) -> Log:
     twice = [path for path, real in zip(paths, known, strict=True) if known.count(real) > 1]
     if twice:
         raise ChoiceError(f"{twice[0]} is given twice: name each file of the recording once")
-    return Log([storage for path in paths for storage in open_storages(path)])
+    readers = [*READERS, CsvFile.with_columns(csv_columns)] if csv_columns else READERS
+    return Log([file for path in paths for file in open_files(path, readers)])
 
 
-def _start_ns(storage: Storage) -> int:
-    return min((each.start_ns for each in storage.channels if each.count), default=0)
+def _start_ns(file: LogFile) -> int:
+    return min((each.start_ns for each in file.channels if each.count), default=0)
 
 
-def _end_ns(storage: Storage) -> int:
-    return max((each.end_ns for each in storage.channels if each.count), default=0)
+def _end_ns(file: LogFile) -> int:
+    return max((each.end_ns for each in file.channels if each.count), default=0)
 
 
-def _see_one_recording(storages: Sequence[Storage], wanted: set[str]) -> None:
+def _see_one_recording(files: Sequence[LogFile], wanted: set[str]) -> None:
     """Two IMUs cannot be told apart by their topic once their samples are mixed."""
-    heard: dict[str, tuple[Storage, Channel]] = {}
-    for storage in storages:
-        for channel in storage.channels:
-            known = MESSAGE_TYPES.get(channel.type)
-            if channel.topic not in wanted or not channel.count or known is None:
+    heard: dict[str, tuple[LogFile, Channel]] = {}
+    for file in files:
+        for channel in file.channels:
+            if channel.topic not in wanted or not channel.count or not channel.readable:
                 continue
-            if known.kind != "imu" or channel.encoding not in ENCODINGS:
+            if MESSAGE_TYPES[channel.type].kind != "imu":
                 continue
             if channel.topic in heard:
                 other, before = heard[channel.topic]
-                if other is not storage:
-                    _see_after(storage, channel, other, before)
-            heard[channel.topic] = storage, channel
+                if other is not file:
+                    _see_after(file, channel, other, before)
+            heard[channel.topic] = file, channel
 
 
-def _see_after(storage: Storage, channel: Channel, other: Storage, before: Channel) -> None:
+def _see_after(file: LogFile, channel: Channel, other: LogFile, before: Channel) -> None:
     shorter = min(each.end_ns - each.start_ns for each in (channel, before)) * 1e-9
     overlap = (min(channel.end_ns, before.end_ns) - max(channel.start_ns, before.start_ns)) * 1e-9
     if overlap > max(_MAX_OVERLAP_S, _MAX_OVERLAP_SHARE * shorter):
         raise ChoiceError(
-            f"{other.path} and {storage.path} both hold {channel.topic} over the same "
+            f"{other.path} and {file.path} both hold {channel.topic} over the same "
             f"{overlap:.3g} s: they are two recordings, run on each alone"
         )
 
 
-def _overlaps(storages: Sequence[Storage]) -> tuple[Finding, ...]:
-    """Files, by their start, that begin well before another ends, as parts of one do not."""
-    filled = [each for each in storages if any(channel.count for channel in each.channels)]
-    last: Storage | None = None
+def _overlaps(files: Sequence[LogFile]) -> tuple[Finding, ...]:
+    """Files, by their start, that begin well before another ends, as parts of one do not.
+
+    Tables do: there is one for each sensor.
+    """
+    filled = [each for each in files if any(channel.count for channel in each.channels)]
+    filled = [each for each in filled if not each.IS_TEXT]
+    last: LogFile | None = None
     found = []
-    for storage in filled:
+    for file in filled:
         if last is not None:
-            overlap = (_end_ns(last) - _start_ns(storage)) * 1e-9
+            overlap = (_end_ns(last) - _start_ns(file)) * 1e-9
             if overlap > _MAX_OVERLAP_S:
                 found.append(
                     warning(
                         "log.files_overlap",
                         first=str(last.path),
-                        second=str(storage.path),
+                        second=str(file.path),
                         seconds=overlap,
                     )
                 )
-        if last is None or _end_ns(storage) > _end_ns(last):
-            last = storage
+        if last is None or _end_ns(file) > _end_ns(last):
+            last = file
     return tuple(found)
 
 
-def _topics(storages: Sequence[Storage]) -> tuple[Topic, ...]:
+def _topics(files: Sequence[LogFile]) -> tuple[Topic, ...]:
     groups: dict[tuple[str, str, str], list[Channel]] = {}
-    for storage in storages:
-        for channel in storage.channels:
+    for file in files:
+        for channel in file.channels:
             groups.setdefault((channel.topic, channel.type, channel.encoding), []).append(channel)
     topics = []
     for (name, type_name, encoding), channels in sorted(groups.items()):

@@ -11,12 +11,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from imucalib_cli.logs import messages
-from imucalib_cli.logs.wire import Element, Texted, WireError
+from imucalib_cli.logs.wire import Element, WireError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from rosbags.typesys.store import Typestore
+
+    from imucalib_cli.logs.reader import Labels
 
 _TF_MESSAGE = "geometry_msgs/TransformStamped[] transforms"
 
@@ -95,7 +97,7 @@ def _parts(
 
 def _element(message: Any, fields: tuple[messages.Field, ...]) -> Element:
     stamp = 0
-    texts: Texted = {}
+    texts: Labels = {}
     numbers = {}
     for each in fields:
         match each:

@@ -33,11 +33,11 @@ from imucalib_cli.logs.messages import (
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
+    from imucalib_cli.logs.reader import Labels
     from imucalib_cli.logs.streams import Floats, Nanoseconds
 
 Rows = NDArray[np.uint8]
 """(N, L): N payloads of one length."""
-Texted = dict[str, str | tuple[str, ...]]
 
 _MAX_SHAPES = 64
 """Distinct structures in one block after which the rest goes message by message."""
@@ -57,7 +57,7 @@ class Element:
     rows: NDArray[np.intp]
     """(n,), which messages of the block they come from."""
     stamp_ns: Nanoseconds
-    texts: Texted
+    texts: Labels
     numbers: dict[str, Floats]
     """(n, k) each."""
 
@@ -71,7 +71,7 @@ class _Place:
     """Where one element's values lie in the payload."""
 
     stamp: int = -1
-    texts: Texted = field(default_factory=dict)
+    texts: Labels = field(default_factory=dict)
     numbers: dict[str, tuple[int, int]] = field(default_factory=dict)
 
 

@@ -21,13 +21,13 @@ from imucalib_cli.signals.spikes import MAD_TO_STD
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-_SHORT = 0.25
+SHORT = 0.25
 """Intervals below this share of the mean one are those within a burst."""
-_BUNCHED = 0.05
+BUNCHED = 0.05
 """Share of short intervals from which stamps count as bunched; a rare hiccup is not worth it."""
 _LEAST = 200
 """Samples, for a rate."""
-_SPAN = 128
+SPAN = 128
 """Samples over which the rate is looked at; the median over the log is blind to holes."""
 _SAME_STEP = 0.35
 """Mean square step of the values across short intervals over that across all: 1 for a device
@@ -109,7 +109,7 @@ def bunched_share(t: Floats) -> float:
     if len(t) < _LEAST:
         return 0.0
     steps = np.diff(t)
-    return float(np.mean(steps < _SHORT * _usual_period(t)))
+    return float(np.mean(steps < SHORT * _usual_period(t)))
 
 
 def spread_bursts(t: Floats, *values: Floats) -> Spread | None:
@@ -123,7 +123,7 @@ def spread_bursts(t: Floats, *values: Floats) -> Spread | None:
         None where stamps are not bunched, or the rate changes from one even stretch to another,
         or the values say that samples were taken when they were stamped.
     """
-    if bunched_share(t) < _BUNCHED or float(np.mean(np.diff(t) < 0)) > 0.01:
+    if bunched_share(t) < BUNCHED or float(np.mean(np.diff(t) < 0)) > 0.01:
         return None
     if rate_stretches(t):
         return None
@@ -175,8 +175,8 @@ def rate_stretches(t: Floats) -> tuple[Stretch, ...]:
     for first, end in pairwise(bounds):
         steps = np.diff(t[first:end])
         period = float(np.median(steps))
-        short = float(np.mean(steps < _SHORT * float(np.mean(steps))))
-        if period <= 0.0 or short > _BUNCHED or t[end - 1] - t[first] < _RATE_SECONDS:
+        short = float(np.mean(steps < SHORT * float(np.mean(steps))))
+        if period <= 0.0 or short > BUNCHED or t[end - 1] - t[first] < _RATE_SECONDS:
             return ()
         # Lost messages make the mean interval longer and leave the usual one.
         if found and abs(np.log(period * found[-1].rate)) < other:
@@ -192,7 +192,7 @@ def _better(plain: Spread | None, other: Spread | None) -> Spread | None:
 
 
 def _usual_period(t: Floats) -> float:
-    span = min(_SPAN, len(t) - 1)
+    span = min(SPAN, len(t) - 1)
     return float(np.median(t[span:] - t[:-span])) / span
 
 
@@ -204,7 +204,7 @@ def _evenly_sampled(t: Floats, values: Floats, period: float) -> bool:
     size = np.minimum(size, 3.0 * np.percentile(size, 95, axis=0) + 1e-300)
     scale = np.sqrt(np.mean(size**2, axis=0))
     power = np.sum((size / np.where(scale > 0, scale, 1.0)) ** 2, axis=1)
-    short = np.diff(t) < _SHORT * period
+    short = np.diff(t) < SHORT * period
     everywhere = float(np.mean(power))
     return everywhere > 0.0 and float(np.mean(power[short])) > _SAME_STEP * everywhere
 
@@ -223,7 +223,7 @@ class _Units:
 
 def _batches(t: Floats, period: float) -> _Units | None:
     """Batches, if most bursts have one size or a multiple of it."""
-    starts = np.concatenate([[0], np.flatnonzero(np.diff(t) >= _SHORT * period) + 1])
+    starts = np.concatenate([[0], np.flatnonzero(np.diff(t) >= SHORT * period) + 1])
     sizes = np.diff(np.concatenate([starts, [len(t)]]))
     batch = int(np.argmax(np.bincount(sizes)))
     whole = np.abs(sizes / batch - np.round(sizes / batch)) < 1e-9

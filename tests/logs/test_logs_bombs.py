@@ -15,7 +15,7 @@ import pytest
 import zstandard
 
 from imucalib_cli.errors import InputError
-from imucalib_cli.logs import collect, unpacked
+from imucalib_cli.logs import decode, unpacked
 from imucalib_cli.logs.log import open_log
 from tests.logs.logs_samples import mixed_messages, write_mcap
 
@@ -72,7 +72,7 @@ def test_messages_that_unpack_to_gigabytes_are_left_out(
     for each in said[::2]:
         each.raw = bomb
     path = written(said, "mcap-none")
-    monkeypatch.setattr(collect, "_BLOCK_BYTES", 1 << 26)  # else a block holds few of them
+    monkeypatch.setattr(decode, "_BLOCK_BYTES", 1 << 26)  # else a block holds few of them
     with limited(1 << 29):
         data = open_log([path]).read(["/imu"])
     assert len(data.imus["/imu"]) == 100

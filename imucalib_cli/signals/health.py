@@ -8,21 +8,18 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from imucalib_cli.findings import Finding, warning, warnings
+from imucalib_cli.signals.bursts import BUNCHED, SHORT, SPAN
+from imucalib_cli.signals.stamps import GAP_INTERVALS, GAP_SECONDS
 
 if TYPE_CHECKING:
     from imucalib_cli.logs.streams import Floats, ImuStream, Nanoseconds
 
 _NS = 1_000_000_000
-_GAP_INTERVALS = 3.0
-_GAP_LEAST_S = 0.010
-_SHORT = 0.25
-_BUNCHED = 0.05
-"""Share of intervals shorter than a quarter of the usual from which stamps are bunched."""
-_SPAN = 128
-_G = 9.80665
-_NEAR = 0.15
-"""Share by which |accel| at rest may miss gravity: bias, scale errors, motion."""
-_MAX_RATE = 40.0
+STANDARD_GRAVITY = 9.80665
+NEAR = 0.15
+"""Share by which |accel| at rest, or a ratio of two rates, may miss that of a unit: bias, scale
+errors, motion."""
+MOST_RATE = 40.0
 """rad/s; industrial and MEMS gyroscopes end at 2000 °/s, 34.9 rad/s."""
 
 
@@ -78,9 +75,9 @@ def stamp_health(stamp_ns: Nanoseconds) -> StampHealth:
         )
     low, median, high = (float(x) for x in np.percentile(forward, (25, 50, 75)))
     usual = _usual_interval(stamps)
-    if np.mean(steps < _SHORT * usual) < _BUNCHED:
+    if np.mean(steps < SHORT * usual) < BUNCHED:
         usual = median
-    between = float(np.median(forward[forward >= _SHORT * usual]))  # of bursts, if there are any
+    between = float(np.median(forward[forward >= SHORT * usual]))  # of bursts, if there are any
     return StampHealth(
         count=len(stamp_ns),
         duration=float(stamps.max() - stamps.min()) / _NS,
@@ -88,17 +85,17 @@ def stamp_health(stamp_ns: Nanoseconds) -> StampHealth:
         median_interval=median,
         jitter=(high - low) / 1.349,  # the quartiles of a normal distribution
         longest_gap=float(forward.max()),
-        gaps=int(np.count_nonzero(forward > max(_GAP_INTERVALS * between, _GAP_LEAST_S))),
+        gaps=int(np.count_nonzero(forward > max(GAP_INTERVALS * between, GAP_SECONDS))),
         duplicates=int(np.count_nonzero(steps == 0)),
         backwards=int(np.count_nonzero(steps < 0)),
         zeros=zeros,
-        bursts=int(np.count_nonzero(forward < _SHORT * usual)),
+        bursts=int(np.count_nonzero(forward < SHORT * usual)),
     )
 
 
 def _usual_interval(stamps: Nanoseconds) -> float:
     """Mean interval, holes aside, s."""
-    span = min(_SPAN, len(stamps) - 1)
+    span = min(SPAN, len(stamps) - 1)
     took: Floats = (stamps[span:] - stamps[:-span]) / _NS
     usual = np.abs(took) <= 1.5 * max(float(np.median(took)), 1e-9)
     return max(float(np.mean(took[usual])) / span, 1e-9) if usual.any() else 1e-9
@@ -125,7 +122,7 @@ class UnitGuess:
         return warnings(self.findings)
 
 
-def guess_units(stream: ImuStream, gravity: float = _G) -> UnitGuess:
+def guess_units(stream: ImuStream, gravity: float = STANDARD_GRAVITY) -> UnitGuess:
     """Guess the units of an IMU from what it says at rest.
 
     The calmest tenth of the stretches of half a second counts, by the spread of both sensors.
@@ -155,7 +152,7 @@ def guess_units(stream: ImuStream, gravity: float = _G) -> UnitGuess:
     gyro_norm = float(np.median(np.linalg.norm(gyro[calm].mean(axis=1), axis=1)))
     largest = float(np.percentile(np.linalg.norm(stream.gyro, axis=1), 99.9))
     accel_unit = _accel_unit(accel_norm, gravity)
-    gyro_unit: Literal["rad/s", "deg/s"] = "deg/s" if largest > _MAX_RATE else "rad/s"
+    gyro_unit: Literal["rad/s", "deg/s"] = "deg/s" if largest > MOST_RATE else "rad/s"
     findings = []
     rest = {"topic": stream.topic, "norm": accel_norm}
     if accel_unit in {"g", "mg"}:
@@ -188,11 +185,11 @@ def _relative(values: Floats) -> Floats:
 def _accel_unit(
     norm: float, gravity: float
 ) -> Literal["m/s²", "g", "mg", "m/s², no gravity", "unknown"]:
-    if abs(norm / gravity - 1.0) < _NEAR:
+    if abs(norm / gravity - 1.0) < NEAR:
         return "m/s²"
-    in_g = norm * _G / gravity
-    if abs(in_g - 1.0) < _NEAR:
+    in_g = norm * STANDARD_GRAVITY / gravity
+    if abs(in_g - 1.0) < NEAR:
         return "g"
-    if abs(in_g - 1000.0) < 1000.0 * _NEAR:
+    if abs(in_g - 1000.0) < 1000.0 * NEAR:
         return "mg"
     return "m/s², no gravity" if norm < 0.05 * gravity else "unknown"

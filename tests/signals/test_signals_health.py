@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from imucalib_cli.logs.health import guess_units, stamp_health
 from imucalib_cli.logs.streams import ImuStream
+from imucalib_cli.signals.health import guess_units, stamp_health
 
 START = 1_700_000_000_000_000_000
 

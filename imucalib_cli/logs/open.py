@@ -1,4 +1,4 @@
-"""From a path to the files of a recording, by what they contain."""
+"""The formats of logs, and from a path to the files of a recording, by what they contain."""
 
 from __future__ import annotations
 
@@ -9,19 +9,30 @@ from typing import TYPE_CHECKING
 
 from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.findings import warning
+from imucalib_cli.logs.bag.file import BagFile
+from imucalib_cli.logs.csv_file import NAMES, CsvFile
+from imucalib_cli.logs.db3.file import Db3File
+from imucalib_cli.logs.mcap.file import McapFile
+from imucalib_cli.logs.tum_euroc import EurocFolder, TumFile
 
 if TYPE_CHECKING:
-    from imucalib_cli.logs.storage import Storage
+    from collections.abc import Sequence
 
-_MCAP = b"\x89MCAP0\r\n"
-_BAG = b"#ROSBAG V2.0\n"
-_DB3 = b"SQLite format 3\x00"
+    from imucalib_cli.logs.reader import LogFile
+
+    Readers = Sequence[type[LogFile]]
+
+
+READERS: list[type[LogFile]] = [McapFile, BagFile, Db3File, CsvFile, TumFile, EurocFolder]
+"""Every format that can be read: a format is one file of this room and one name here."""
+
 _ZSTD = b"\x28\xb5\x2f\xfd"
+_HEAD = 4096
+"""Bytes of a file that formats are told by."""
 _LARGEST_METADATA = 1 << 24
-_KNOWN = "a ROS 1 bag, a ROS 2 folder or .db3, or an MCAP file"
 
 
-def open_storages(path: Path) -> list[Storage]:
+def open_files(path: Path, readers: Readers = READERS) -> list[LogFile]:
     """Open the files of a recording.
 
     Raises:
@@ -30,11 +41,11 @@ def open_storages(path: Path) -> list[Storage]:
     """
     try:
         if stat.S_ISDIR(_mode(path)):
-            return _open_folder(path)
+            return _open_folder(path, readers)
         head = _head(path)
         if path.suffix in {".yaml", ".yml"} and b"rosbag2_bagfile_information" in head:
-            return _open_folder(path.parent)
-        return [_open_file(path, head)]
+            return _open_folder(path.parent, readers)
+        return [_open_file(path, head, readers)]
     except FileNotFoundError as error:
         raise InputError(f"{path} {_why_missing(path)}") from error
     except PermissionError as error:
@@ -72,26 +83,14 @@ def _why_missing(path: Path) -> str:
 def _head(path: Path) -> bytes:
     _mode(path)
     with path.open("rb") as file:
-        return file.read(512)
+        return file.read(_HEAD)
 
 
-def _is_log(head: bytes) -> bool:
-    return head.startswith((_MCAP, _BAG, _DB3, _ZSTD))
+def _reader(path: Path, head: bytes, readers: Readers) -> type[LogFile] | None:
+    return next((each for each in readers if each.matches(head, path)), None)
 
 
-def _open_file(path: Path, head: bytes) -> Storage:
-    if head.startswith(_MCAP):
-        from imucalib_cli.logs.mcap_file import McapFile
-
-        return McapFile(path)
-    if head.startswith(_BAG):
-        from imucalib_cli.logs.bag_file import BagFile
-
-        return BagFile(path)
-    if head.startswith(_DB3):
-        from imucalib_cli.logs.db3_file import Db3File
-
-        return Db3File(path)
+def _open_file(path: Path, head: bytes, readers: Readers) -> LogFile:
     if head.startswith(_ZSTD):
         from imucalib_cli.logs.unpacked import unpack
 
@@ -99,37 +98,50 @@ def _open_file(path: Path, head: bytes) -> Storage:
         head = _head(unpacked)
         if head.startswith(_ZSTD):
             raise InputError(f"{path} is compressed twice: unpack it with zstd -d")
-        storage = _open_file(unpacked, head)
-        storage.path = path
+        file = _open_file(unpacked, head, readers)
+        file.path = path
         if loss is not None:
-            storage.losses.append(loss)
-        return storage
+            file.losses.append(loss)
+        return file
+    reader = _reader(path, head, readers)
+    if reader is not None:
+        return reader(path)
     if not head:
         raise InputError(f"{path} is empty: record or copy it again")
-    raise InputError(f"{path} is not a log: expected {_KNOWN}")
+    if path.suffix.lower() == ".csv":
+        raise InputError(f"{path} has no header of known columns: {NAMES}, or use --csv-columns")
+    raise InputError(f"{path} is not a log: expected {_known(readers)}")
 
 
-def _open_folder(folder: Path) -> list[Storage]:
+def _known(readers: Readers) -> str:
+    *names, last = dict.fromkeys(each.FORMAT for each in readers)
+    return f"{', '.join(names)} or {last}, or a folder of them"
+
+
+def _open_folder(folder: Path, readers: Readers) -> list[LogFile]:
+    reader = _reader(folder, b"", readers)
+    if reader is not None:
+        return [reader(folder)]
     named = _listed(folder) or []
     missing = [each for each in named if not each.is_file()]
-    found = _guessed(folder) if len(missing) == len(named) else named
+    found = _guessed(folder, readers) if len(missing) == len(named) else named
     if not found:
-        raise InputError(f"{folder} holds no log: expected {_KNOWN}")
-    storages: list[Storage] = []
+        raise InputError(f"{folder} holds no log: expected {_known(readers)}")
+    files: list[LogFile] = []
     losses = [warning("log.part_missing", name=each.name) for each in missing]
     unusable: list[InputError] = []
     for path in found:
         if path in missing:
             continue
         try:
-            storages.append(_open_file(path, _head(path)))
+            files.append(_open_file(path, _head(path), readers))
         except InputError as error:  # what a crash left of the last part costs only that part
             unusable.append(error)
             losses.append(warning("log.part_unusable", reason=str(error)))
-    if not storages:
+    if not files:
         raise unusable[0]
-    storages[0].losses += losses
-    return storages
+    files[0].losses.extend(losses)
+    return files
 
 
 def _listed(folder: Path) -> list[Path] | None:
@@ -154,9 +166,18 @@ def _listed(folder: Path) -> list[Path] | None:
     return [folder / name for name in named if name] or None
 
 
-def _guessed(folder: Path) -> list[Path]:
+def _guessed(folder: Path, readers: Readers) -> list[Path]:
     """Log files of a folder without metadata: one recording, if their names say so."""
-    logs = [each for each in sorted(folder.iterdir()) if each.is_file() and _is_log(_head(each))]
+    logs, tables = [], []
+    for path in sorted(each for each in folder.iterdir() if each.is_file()):
+        head = _head(path)
+        reader = _reader(path, head, readers)
+        if head.startswith(_ZSTD) or (reader is not None and not reader.IS_TEXT):
+            logs.append(path)
+        elif reader is not None:
+            tables.append(path)
+    if not logs:
+        return tables  # one for each sensor, whatever they are called
     recordings = {re.sub(r"(_\d+)?(\.\w+)*$", "", each.name) for each in logs}
     if len(recordings) > 1:
         names = ", ".join(each.name for each in logs)

@@ -1,28 +1,181 @@
-"""Decoded pieces to streams: one per frame, set of joints or edge of the tf tree."""
+"""Messages to streams: one per IMU, set of joints or edge of the tf tree.
+
+Payloads are gathered in small blocks of one topic and one length, decoded as soon as a block is
+full and let go: memory follows the numbers that are kept, not the bytes that pass.
+"""
 
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
 from imucalib_cli.findings import Finding, warning
-from imucalib_cli.logs.messages import TF_TYPES
+from imucalib_cli.logs.messages import MESSAGE_TYPES, TF_TYPES, MessageType
+from imucalib_cli.logs.reader import Piece
+from imucalib_cli.logs.slow import SlowDecoder
 from imucalib_cli.logs.streams import ImuStream, JointStream, PoseStream
+from imucalib_cli.logs.wire import decode
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Iterator
 
     from numpy.typing import NDArray
 
-    from imucalib_cli.logs.collect import Piece, TopicData
+    from imucalib_cli.logs.reader import Bytes, Channel
     from imucalib_cli.logs.streams import Floats, Nanoseconds
 
+_BLOCK_BYTES = 1 << 22
+_BLOCK_PIECES = 4096
+_ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
+_LARGEST_MESSAGE = 1 << 24
+"""Bytes a message of these types may unpack to."""
+_UNPACKED = 1 << 26
+"""Bytes of unpacked messages that are held before they are decoded."""
 _ABSURD = 1e9
 """Far beyond any sensor and any place on Earth in any unit: damage, whose square may overflow."""
 _TOLD = 0.5
 """Share of messages in which a joint has a position, if it has an encoder."""
+
+
+@dataclass(eq=False)
+class TopicData:
+    """Everything decoded of one topic."""
+
+    topic: str
+    type: str
+    message_type: MessageType
+    pieces: list[Piece] = field(default_factory=list)
+    messages: int = 0
+    undecoded: int = 0
+
+
+@dataclass(eq=False)
+class _Block:
+    channel: Channel
+    decoder: SlowDecoder
+    into: TopicData
+    arrival: list[NDArray[np.int64]] = field(default_factory=list)
+    log_ns: list[Nanoseconds] = field(default_factory=list)
+    rows: list[Bytes] = field(default_factory=list)
+    size: int = 0
+
+
+class Collector:
+    """A :class:`~imucalib_cli.logs.reader.Sink` that decodes."""
+
+    def __init__(self) -> None:
+        self.topics: dict[tuple[str, str], TopicData] = {}
+        self._blocks: dict[tuple[str, str, str, str, int], _Block] = {}
+        self._file_base = 0
+        self._arrived = 0
+
+    def add(
+        self, channel: Channel, arrival: NDArray[np.int64], log_ns: Nanoseconds, rows: Bytes
+    ) -> None:
+        """Take payloads of one length; see :class:`~imucalib_cli.logs.reader.Sink`."""
+        if not len(rows):
+            return
+        length = rows.shape[1]
+        key = (channel.topic, channel.type, channel.encoding, channel.definition, length)
+        block = self._blocks.get(key)
+        if block is None:
+            block = self._blocks[key] = self._new_block(channel)
+        block.arrival.append(arrival + self._file_base)
+        block.log_ns.append(log_ns)
+        block.rows.append(rows)
+        block.size += rows.size
+        self._arrived = max(self._arrived, int(arrival.max(initial=0)) + self._file_base + 1)
+        if block.size > _BLOCK_BYTES or len(block.rows) > _BLOCK_PIECES:
+            self._decode(block)
+
+    def add_decoded(self, channel: Channel, piece: Piece, bad: int = 0) -> None:
+        """Take decoded rows; see :class:`~imucalib_cli.logs.reader.Sink`."""
+        into = self._topic(channel)
+        into.messages += len(piece.log_ns) + bad
+        into.undecoded += bad
+        if len(piece.log_ns):
+            arrival = piece.arrival + self._file_base
+            self._arrived = max(self._arrived, int(arrival.max()) + 1)
+            into.pieces.append(replace(piece, arrival=arrival))
+
+    def next_file(self) -> None:
+        """Say that what follows comes from the recording's next file."""
+        self._file_base = self._arrived
+
+    def finish(self) -> Iterator[TopicData]:
+        """Decode what is left; everything by topic and type, each of which is then forgotten."""
+        while self._blocks:
+            self._decode(self._blocks.popitem()[1])
+        for key in sorted(self.topics):
+            data = self.topics.pop(key)
+            data.pieces.sort(key=lambda piece: int(piece.arrival[0]))
+            yield data
+
+    def _new_block(self, channel: Channel) -> _Block:
+        into = self._topic(channel)
+        decoder = SlowDecoder(channel.type, into.message_type, channel.encoding, channel.definition)
+        return _Block(channel, decoder, into)
+
+    def _topic(self, channel: Channel) -> TopicData:
+        into = TopicData(channel.topic, channel.type, MESSAGE_TYPES[channel.type])
+        return self.topics.setdefault((channel.topic, channel.type), into)
+
+    def _add_packed(
+        self, channel: Channel, arrival: NDArray[np.int64], log_ns: Nanoseconds, rows: Bytes
+    ) -> None:
+        """Unpack messages that rosbag2 compressed one by one."""
+        import zstandard
+
+        decompressor = zstandard.ZstdDecompressor()
+        by_length: dict[int, list[tuple[int, bytes]]] = {}
+        held = 0
+        for number, row in enumerate(rows):
+            try:
+                reader = decompressor.stream_reader(row.tobytes())
+                payload = reader.read(_LARGEST_MESSAGE)
+            except zstandard.ZstdError:
+                payload = b""
+            by_length.setdefault(len(payload), []).append((number, payload))
+            held += len(payload)
+            if held > _UNPACKED or number == len(rows) - 1:
+                for length, found in by_length.items():
+                    which = np.array([each for each, _ in found])
+                    joined = np.frombuffer(b"".join(each for _, each in found), dtype=np.uint8)
+                    unpacked = joined.reshape(len(found), length)
+                    self.add(channel, arrival[which], log_ns[which], unpacked)
+                by_length, held = {}, 0
+
+    def _decode(self, block: _Block) -> None:
+        if not block.rows:
+            return
+        arrival, log_ns = np.concatenate(block.arrival), np.concatenate(block.log_ns)
+        rows = block.rows[0] if len(block.rows) == 1 else np.concatenate(block.rows)
+        block.arrival, block.log_ns, block.rows, block.size = [], [], [], 0
+        if block.channel.encoding == "cdr" and rows.shape[1] > len(_ZSTD_MAGIC):
+            packed = (rows[:, :4] == np.frombuffer(_ZSTD_MAGIC, dtype=np.uint8)).all(axis=1)
+            if packed.any():
+                at = arrival[packed] - self._file_base
+                self._add_packed(block.channel, at, log_ns[packed], rows[packed])
+                arrival, log_ns, rows = arrival[~packed], log_ns[~packed], rows[~packed]
+        into = block.into
+        into.messages += len(rows)
+        decoded = np.zeros(len(rows), dtype=bool)
+        for each in decode(rows, into.message_type, block.channel.encoding, block.decoder):
+            decoded[each.rows] = True
+            if each.texts and len(each.rows):
+                into.pieces.append(
+                    Piece(
+                        arrival[each.rows],
+                        log_ns[each.rows],
+                        each.stamp_ns,
+                        each.texts,
+                        each.numbers,
+                    )
+                )
+        into.undecoded += int(np.count_nonzero(~decoded))
 
 
 def imu_stream(data: TopicData) -> tuple[ImuStream | None, list[Finding]]:

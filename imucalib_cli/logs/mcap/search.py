@@ -7,14 +7,22 @@ from typing import TYPE_CHECKING, BinaryIO
 import numpy as np
 
 from imucalib_cli.logs.damage import DamageError
-from imucalib_cli.logs.mcap_chunks import HEAD_ROOM, parse_chunk_head
-from imucalib_cli.logs.mcap_records import CHUNK, FOOTER, LENGTHS, MAGIC, PRIVATE, RECORD_HEAD
-from imucalib_cli.logs.storage import cut
+from imucalib_cli.logs.mcap.records import (
+    CHUNK,
+    FOOTER,
+    HEAD_ROOM,
+    LENGTHS,
+    MAGIC,
+    PRIVATE,
+    RECORD_HEAD,
+    parse_chunk_head,
+)
+from imucalib_cli.logs.reader import cut
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from imucalib_cli.logs.storage import Bytes
+    from imucalib_cli.logs.reader import Bytes
 
 _SEARCHED = 1 << 22
 _CHAIN = 3
@@ -67,7 +75,7 @@ def is_record(file: BinaryIO, at: int, size: int) -> bool:
         if not known or not least <= length <= largest or end > size:
             return False
         if opcode == CHUNK:
-            return _is_chunk(head, length)
+            return _is_chunk(head, at, end)
         if opcode == FOOTER:
             file.seek(end)
             return file.read(len(MAGIC)) == MAGIC
@@ -75,12 +83,9 @@ def is_record(file: BinaryIO, at: int, size: int) -> bool:
     return True
 
 
-def _is_chunk(head: bytes, length: int) -> bool:
+def _is_chunk(head: bytes, at: int, end: int) -> bool:
     try:
-        chunk = parse_chunk_head(head)
+        chunk = parse_chunk_head(head, at)
     except DamageError:
         return False
-    return (
-        chunk.compression in _COMPRESSIONS
-        and length == chunk.size - RECORD_HEAD.size + chunk.packed
-    )
+    return chunk.compression in _COMPRESSIONS and end == chunk.start + chunk.packed

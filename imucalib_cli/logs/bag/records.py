@@ -1,0 +1,127 @@
+"""The records of a ROS 1 bag, every length checked."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, BinaryIO
+
+import numpy as np
+
+from imucalib_cli.logs.damage import Cursor, DamageError, seek
+
+if TYPE_CHECKING:
+    from imucalib_cli.logs.chunks import Catalogue, Index
+
+MAGIC = b"#ROSBAG V2.0\n"
+MESSAGE, BAG, INDEX, CHUNK, CHUNK_INFO, CONNECTION = 2, 3, 4, 5, 6, 7
+LARGEST_HEADER = 1 << 20
+_HEAD_ROOM = 256
+"""Bytes that hold most headers."""
+
+Fields = dict[str, bytes]
+
+
+def read_head(file: BinaryIO, at: int) -> tuple[Fields, int, int]:
+    """Header fields of the record at a position, and where and how long its data are.
+
+    Raises:
+        DamageError: It is not whole, its data aside.
+    """
+    seek(file, at)
+    raw = file.read(_HEAD_ROOM)
+    head_size = size_of(raw)
+    if head_size > LARGEST_HEADER:
+        raise DamageError("a record's header is too long")
+    if len(raw) < head_size + 8:
+        seek(file, at)
+        raw = file.read(head_size + 8)
+    if len(raw) < head_size + 8:
+        raise DamageError("a record is cut short")
+    end = 4 + head_size
+    return parse_fields(raw[4:end]), at + end + 4, size_of(raw[end : end + 4])
+
+
+def op_of(head: Fields) -> int:
+    """Kind of a record; 0 if it does not say."""
+    return (head.get("op") or b"\0")[0]
+
+
+def number_of(head: Fields, name: str) -> int:
+    """A field that is a number; 0 if it is not there."""
+    return int.from_bytes(head.get(name, b"")[:8], "little")
+
+
+def time_of(head: Fields, name: str = "time") -> int:
+    """A field that is a time, seconds and nanoseconds of 4 bytes each, as ns."""
+    raw = head.get(name, b"")
+    return int.from_bytes(raw[:4], "little") * 10**9 + int.from_bytes(raw[4:8], "little")
+
+
+def size_of(raw: bytes | memoryview) -> int:
+    """A length of 4 bytes.
+
+    Raises:
+        DamageError: There are fewer.
+    """
+    if len(raw) < 4:
+        raise DamageError("a record is cut short")
+    return int.from_bytes(raw[:4], "little")
+
+
+def parse_fields(raw: bytes | memoryview) -> Fields:
+    """Fields ``name=value`` of a header.
+
+    Raises:
+        DamageError: A length does not fit.
+    """
+    raw = bytes(raw)
+    found = {}
+    at = 0
+    while at < len(raw):
+        start = at + 4
+        at = start + int.from_bytes(raw[at:start], "little")
+        if at > len(raw):
+            raise DamageError("a length points beyond its record")
+        name, _, value = raw[start:at].partition(b"=")
+        found[name.decode("utf-8", "replace")] = value
+    return found
+
+
+def describe(catalogue: Catalogue, head: Fields, data: bytes | memoryview) -> None:
+    """Take a connection record; the first of its number counts.
+
+    Raises:
+        DamageError: It is not whole.
+    """
+    number = number_of(head, "conn")
+    if number in catalogue.publishers:
+        return
+    fields = {
+        name: value.decode("utf-8", "replace")
+        # The topic in the record's own header is the one after remapping.
+        for name, value in {**parse_fields(data), "topic": head.get("topic", b"")}.items()
+    }
+    definition = fields.get("message_definition", "")
+    catalogue.schemas[number] = (fields.get("type", ""), definition)
+    catalogue.publishers[number] = (number, fields["topic"], "ros1")
+
+
+def walk(data: memoryview, catalogue: Catalogue) -> tuple[Index, int]:
+    """See :meth:`~imucalib_cli.logs.chunks.ChunkedFile.walk`."""
+    cursor = Cursor(data)
+    found: dict[int, list[tuple[int, int]]] = {}
+    at = 0
+    try:
+        while cursor.left:
+            at = cursor.at
+            head = parse_fields(cursor.take(cursor.number(4)))
+            body = cursor.take(cursor.number(4))
+            op = op_of(head)
+            if op == CONNECTION:
+                describe(catalogue, head, body)
+            elif op == MESSAGE:
+                entry = (time_of(head), at)
+                found.setdefault(number_of(head, "conn"), []).append(entry)
+        at = cursor.at
+    except DamageError:
+        pass
+    return {number: np.array(rows, dtype=np.int64) for number, rows in found.items()}, at

@@ -1,0 +1,348 @@
+"""Files made of chunks, as bags and MCAP are: one model, and one pass over the wanted chunks.
+
+What differs between the two is a grammar: how a record looks, and where an index stands.
+"""
+
+from __future__ import annotations
+
+import zlib
+from abc import ABC, abstractmethod
+from contextlib import suppress
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, BinaryIO, ClassVar, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imucalib_cli.findings import Finding, warning
+from imucalib_cli.logs.damage import DamageError, Tally, seek
+from imucalib_cli.logs.inflate import Inflated, Scratch, inflate, inflate_file
+from imucalib_cli.logs.messages import normalise_type
+from imucalib_cli.logs.reader import Bytes, Channel, Located, add_by_length
+
+if TYPE_CHECKING:
+    from collections.abc import Collection
+    from pathlib import Path
+
+    from imucalib_cli.logs.reader import Progress, Sink
+
+Index = dict[int, NDArray[np.int64]]
+"""Channel to the receive times (ns) and the offsets in the chunk of its messages, (n, 2)."""
+
+_CHECKED_SHARE = 0.5
+"""Checksums are checked where wanted messages make up this share of a chunk: elsewhere it would
+cost more than reading, mostly over images nobody asked for."""
+
+
+@dataclass(kw_only=True)
+class Chunk:
+    """Where a run of messages lies."""
+
+    start: int
+    """Of the chunk's record in the file, or of the first message where there is no chunk."""
+    length: int = 0
+    """Bytes of messages that stand outside of any chunk; 0 for a chunk."""
+    index_at: dict[int, int] | None = None
+    """Channel to the file offset of its message index; None where nothing says what it holds."""
+    index: Index | None = None
+    """Where a scan found the messages."""
+    end: int = 0
+    """Of its record in the file, once that has been read."""
+
+    def may_hold(self, channels: Collection[int]) -> bool:
+        """Whether it can have messages of a channel."""
+        known = self.index_at if self.index is None else self.index
+        return known is None or not known.keys().isdisjoint(channels)
+
+
+@dataclass(frozen=True)
+class ChunkHead:
+    """What a chunk's record says before its messages."""
+
+    start: int
+    """Of the packed bytes in the file."""
+    packed: int
+    """Bytes in the file."""
+    claimed: int
+    """Bytes, unpacked."""
+    compression: str
+    checksum: int = 0
+    """CRC-32 of the unpacked bytes; 0 for none."""
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether its messages stand in the file as they are."""
+        return self.compression in {"", "none"}
+
+
+@dataclass(frozen=True)
+class Record:
+    """One record of a file, as a scan comes upon it."""
+
+    kind: Literal["chunk", "message", "other", "end"]
+    end: int
+    """Where the next one begins."""
+    search_from: int
+    """From where to search if no record begins there: a wrong length leads astray."""
+    is_whole: bool = True
+    chunk: ChunkHead | None = None
+    channel: int = 0
+    log_ns: int = 0
+
+
+@dataclass
+class Catalogue:
+    """Channels and their types by number, as records bring them."""
+
+    schemas: dict[int, tuple[str, str]] = field(default_factory=dict)
+    """Name and definition."""
+    publishers: dict[int, tuple[int, str, str]] = field(default_factory=dict)
+    """Schema number, topic, message encoding."""
+
+    def channels(self, tallies: dict[int, Tally]) -> tuple[Channel, ...]:
+        """All channels with what was counted."""
+        found = []
+        for number, (schema, topic, encoding) in sorted(self.publishers.items()):
+            name, definition = self.schemas.get(schema, ("", ""))
+            found.append(
+                Channel.counted(
+                    tallies.get(number),
+                    number=number,
+                    topic=topic,
+                    type=normalise_type(name),
+                    encoding=encoding,
+                    definition=definition,
+                )
+            )
+        return tuple(found)
+
+
+@dataclass
+class Contents:
+    """What a file turned out to hold."""
+
+    chunks: list[Chunk] = field(default_factory=list)
+    catalogue: Catalogue = field(default_factory=Catalogue)
+    tallies: dict[int, Tally] = field(default_factory=dict)
+    losses: list[Finding] = field(default_factory=list)
+
+
+@dataclass(frozen=True, eq=False)
+class Payloads:
+    """Where the payloads of some messages lie in a chunk's unpacked bytes, (n,) each."""
+
+    starts: NDArray[np.int64]
+    sizes: NDArray[np.int64]
+    log_ns: NDArray[np.int64]
+    sound: NDArray[np.bool_]
+    """Whether the bytes at the offset begin with a message of the right channel."""
+
+
+class ChunkedFile(ABC):
+    """One file of chunks; see :class:`~imucalib_cli.logs.reader.LogFile`.
+
+    Args:
+        path: The file; its magic has been checked.
+
+    Raises:
+        OSError: The file cannot be opened.
+    """
+
+    MAGIC: ClassVar[bytes]
+    FORMAT: ClassVar[str]
+    IS_TEXT: ClassVar[bool] = False
+    PART: ClassVar[str]
+    """What one file is called where it is cut short."""
+
+    def __init__(self, path: Path) -> None:
+        from imucalib_cli.logs.scan import scan
+
+        self.path = path
+        self._file = path
+        self.size = path.stat().st_size
+        self._scratch = Scratch()
+        self._packed = Scratch()
+        contents = None
+        with path.open("rb") as file:
+            with suppress(DamageError):
+                contents = self._summary(file)
+            if contents is None:
+                contents = scan(self, file)
+        self._chunks = contents.chunks
+        self.channels = contents.catalogue.channels(contents.tallies)
+        self.losses = contents.losses
+
+    @classmethod
+    def matches(cls, head: bytes, path: Path) -> bool:  # noqa: ARG003 - content decides
+        """Whether a file that begins so is of this kind."""
+        return head.startswith(cls.MAGIC)
+
+    @abstractmethod
+    def _summary(self, file: BinaryIO) -> Contents | None:
+        """What the index of a properly closed file says; None where it does not say enough.
+
+        Raises:
+            DamageError: The index is damaged.
+        """
+
+    @abstractmethod
+    def _chunk_head(self, file: BinaryIO, at: int) -> ChunkHead:
+        """Read the beginning of a chunk's record.
+
+        Raises:
+            DamageError: There is no chunk.
+        """
+
+    @abstractmethod
+    def _message_index(self, file: BinaryIO, chunk: Chunk, channels: Collection[int]) -> Index:
+        """Read where messages lie, for those of the channels the chunk holds.
+
+        Raises:
+            DamageError: The message index is not where or what it should be.
+        """
+
+    @abstractmethod
+    def _locate(
+        self,
+        data: Bytes,
+        entries: NDArray[np.int64],
+        owner: NDArray[np.int64],
+        limits: NDArray[np.int64],
+    ) -> Payloads:
+        """Find the payloads of messages.
+
+        Args:
+            data: Unpacked bytes of the chunk.
+            entries: (n, 2), receive times and offsets as the index has them.
+            owner: (n,), whose messages they should be.
+            limits: (n,), up to where the data are sound from each offset on.
+        """
+
+    @abstractmethod
+    def walk(self, data: Bytes, catalogue: Catalogue) -> tuple[Index, int]:
+        """Go through the records of a chunk one by one, up to the first that is not whole.
+
+        Returns:
+            Where its messages are, and up to where its records are whole.
+        """
+
+    @abstractmethod
+    def record(self, file: BinaryIO, at: int, contents: Contents) -> Record:
+        """Take the record at a position of the file; what it describes goes into the contents.
+
+        Raises:
+            DamageError: There is none.
+        """
+
+    @abstractmethod
+    def find_record(self, file: BinaryIO, start: int) -> int | None:
+        """Where the next sound record begins, at ``start`` or behind; None if there is none."""
+
+    def unpack(self, file: BinaryIO, chunk: Chunk) -> tuple[Inflated, int]:
+        """The bytes of a chunk, lazily, valid until the next one; and their checksum or 0.
+
+        Raises:
+            DamageError: There is no chunk.
+            ValueError: Its compression is not known.
+        """
+        if chunk.length:
+            return inflate_file(file, chunk.start, chunk.length, self._scratch), 0
+        head = self._chunk_head(file, chunk.start)
+        chunk.end = head.start + head.packed
+        size = max(0, min(chunk.end, self.size) - head.start)
+        if head.is_plain:
+            return inflate_file(file, head.start, size, self._scratch, head.claimed), head.checksum
+        packed = self._packed.reserve(size).data[:size]
+        seek(file, head.start)
+        got = file.readinto(packed)  # type: ignore[attr-defined]
+        return inflate(head.compression, packed[:got], head.claimed, self._scratch), head.checksum
+
+    def read(self, wanted: Collection[int], sink: Sink, progress: Progress) -> None:
+        """Give the sink all messages of the wanted channels, in one pass.
+
+        Chunks without them are not read, the others unpacked up to the last of them.
+        """
+        channels = {each.number: each for each in self.channels if each.number in wanted}
+        needed = [each for each in self._chunks if each.may_hold(channels)]
+        base = 0
+        with self._file.open("rb", buffering=0) as file:
+            for done, chunk in enumerate(needed):
+                progress(done / len(needed))
+                try:
+                    base += self._read_chunk(file, chunk, channels, sink, base)
+                except (DamageError, ValueError) as error:
+                    self._lose(warning("log.chunk_unreadable", byte=chunk.start, reason=str(error)))
+        progress(1.0)
+
+    def _read_chunk(
+        self, file: BinaryIO, chunk: Chunk, channels: dict[int, Channel], sink: Sink, base: int
+    ) -> int:
+        """Give the sink the messages of one chunk; how many bytes it takes up, unpacked."""
+        inflated, checksum = self.unpack(file, chunk)
+        index = self._index(file, chunk, channels, inflated)
+        index = {number: index[number] for number in channels if len(index.get(number, ()))}
+        if not index:
+            return 0
+        entries = np.concatenate(list(index.values()))
+        counts = [len(each) for each in index.values()]
+        owner = np.repeat(list(index), counts)
+        data, limits = inflated.around(entries[:, 1])
+        found = self._locate(data, entries, owner, limits)
+        ends = found.starts + found.sizes
+        if (ends > limits).any() or not found.sound.all():
+            data = inflated.upto(int(min(ends.max(), inflated.claimed)))
+            limits = np.full(len(entries), len(data))
+            found = self._locate(data, entries, owner, limits)
+            ends = found.starts + found.sizes
+        sound = found.sound & (ends <= limits)
+        if checksum and (ends - entries[:, 1])[sound].sum() > _CHECKED_SHARE * inflated.claimed:
+            data = inflated.upto()
+            if inflated.complete and zlib.crc32(data.data) != checksum:
+                raise DamageError("its checksum is wrong")
+        lost = len(sound) - int(np.count_nonzero(sound))
+        if lost:
+            self._lose(warning("log.chunk_messages_damaged", count=lost, byte=chunk.start))
+        stop = 0
+        for number, count in zip(index, counts, strict=True):
+            start, stop = stop, stop + count
+            here: slice | NDArray[np.intp] = slice(start, stop)
+            if lost:
+                here = np.flatnonzero(sound[start:stop]) + start
+            located = Located(data, found.starts[here], found.sizes[here], found.log_ns[here])
+            add_by_length(sink, channels[number], base, located)
+        return len(data)
+
+    def _index(
+        self, file: BinaryIO, chunk: Chunk, channels: Collection[int], inflated: Inflated
+    ) -> Index:
+        """Where messages are: as a scan found, as a message index says, or by a walk."""
+        if chunk.index is not None:
+            return chunk.index
+        if chunk.index_at is not None:
+            with suppress(DamageError):
+                return self._message_index(file, chunk, channels)
+        index, sound = self.walk(inflated.upto(), Catalogue())
+        if sound < inflated.claimed:
+            size = inflated.claimed
+            self._lose(warning("log.chunk_damaged", byte=chunk.start, lost=size - sound, size=size))
+        return index
+
+    def _time(self, file: BinaryIO, contents: Contents) -> None:
+        """Times of each channel's first and last messages, from the chunks at both ends.
+
+        Raises:
+            DamageError: A message index is damaged.
+        """
+        for number, tally in contents.tallies.items():
+            holding = [each for each in contents.chunks if number in (each.index_at or ())]
+            times = Tally()
+            for chunk in holding[:1] + holding[1:][-1:]:
+                found = self._message_index(file, chunk, {number})
+                if number in found:
+                    times.add(found[number][:, 0])
+            if times.count:
+                tally.start_ns, tally.end_ns = times.start_ns, times.end_ns
+
+    def _lose(self, what: Finding) -> None:
+        if what not in self.losses:
+            self.losses.append(what)

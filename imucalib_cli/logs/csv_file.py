@@ -1,0 +1,298 @@
+"""Tables of text: an IMU, joints or poses, one row a time, its columns named in a header.
+
+Columns are known by their names, in the spellings of common tools (:data:`_SPELLINGS`); joints are
+called ``joint.NAME``, or anything in a file that has nothing else.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from array import array
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from imucalib_cli.errors import InputError
+from imucalib_cli.logs.damage import Tally
+from imucalib_cli.logs.reader import Channel, Labels, Piece
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterable, Sequence
+    from pathlib import Path
+
+    from imucalib_cli.findings import Finding
+    from imucalib_cli.logs.reader import Progress, Sink
+
+_SPELLINGS = {
+    "gyro": ("xyz", "g|w|gyr|gyro|omega|angular_velocity|w_rs_s"),
+    "accel": ("xyz", "a|acc|accel|linear_acceleration|a_rs_s"),
+    "position": ("xyz", "|p|t|pos|position|translation|p_rs_r"),
+    "quaternion": ("xyzw", "q|quat|quaternion|orientation|rotation|q_rs"),
+}
+"""Axes of each quantity, and what may stand in front of them: gx, gyro_x, angular_velocity.x."""
+_KINDS: dict[str, tuple[str, tuple[str, ...], Labels]] = {
+    "imu": ("sensor_msgs/Imu", ("gyro", "accel"), {"frame_id": ""}),
+    "pose": ("geometry_msgs/PoseStamped", ("position", "quaternion"), {"frame_id": "world"}),
+}
+"""Type, quantities and texts of what is not joints."""
+_PLACES = {
+    prefix + separator + axis: (quantity, number)
+    for quantity, (axes, prefixes) in _SPELLINGS.items()
+    for prefix in prefixes.split("|")
+    for separator in (("", "_", ".") if prefix else ("",))
+    for number, axis in enumerate(axes)
+}
+_UNITS = {"ns": 1, "us": 10**3, "ms": 10**6, "s": 10**9}
+"""Nanoseconds."""
+_TIME = re.compile(r"(?:t|time|stamp|timestamp)(?:_(ns|us|ms|s))?")
+_JOINT = re.compile(r"joint[.:/](.+)")
+_LONGEST_STEP_S = 1.0
+"""Rows further apart, in seconds nobody named, are in another unit: such a log is of no use."""
+NAMES = (
+    "name a column t (or t_ns), and gx gy gz ax ay az of an IMU, joint.NAME of joints, or "
+    "x y z qx qy qz qw of a pose"
+)
+"""What a user may do about columns that are not known."""
+_EARLIEST = ((10**17, "ns"), (10**14, "us"), (10**11, "ms"))
+"""Times since 1970 of at least these are in these units: as seconds they are millennia away."""
+
+
+@dataclass(frozen=True)
+class _Layout:
+    """What the columns of a table hold."""
+
+    time: int
+    unit: str
+    """Of the times; empty where the header does not say."""
+    groups: tuple[tuple[str, tuple[int, ...], tuple[str, ...]], ...]
+    """Kind, columns in the order of its quantities, and the names of joints."""
+
+
+class CsvFile:
+    """One table.
+
+    Args:
+        path: The file; its header has been looked at.
+        topic: What its rows are called; empty for the file's name.
+        unit: Of times whose unit the header does not say.
+        first_number: Of its channels.
+
+    Raises:
+        InputError: The unit of its times is not clear.
+    """
+
+    FORMAT: ClassVar[str] = "a CSV table"
+    IS_TEXT: ClassVar[bool] = True
+    COLUMNS: ClassVar[tuple[str, ...]] = ()
+    """Names of the columns where the file has no header."""
+
+    def __init__(self, path: Path, topic: str = "", unit: str = "", first_number: int = 0) -> None:
+        self.path = path
+        self.losses: list[Finding] = []
+        self._topic = topic
+        self._first_number = first_number
+        with path.open(encoding="utf-8-sig", errors="replace") as file:
+            filled = (line for line in file if line.strip())
+            names, separator, lines = _header(filled, self.COLUMNS)
+            layout = _layout(names)
+            if layout is None:
+                raise InputError(f"{path}: its columns are not known: {NAMES}")
+            self._layout = layout
+            self._times = [array("q") for _ in layout.groups]
+            self._values = [array("d") for _ in layout.groups]
+            self._bad = [0] * len(layout.groups)
+            self._take(lines, separator, layout.unit or unit)
+
+    @classmethod
+    def matches(cls, head: bytes, path: Path) -> bool:  # noqa: ARG003 - content decides
+        """Whether a file begins with a header whose columns are known."""
+        if b"\0" in head:
+            return False
+        lines = [line for line in head.decode("utf-8-sig", "replace").splitlines() if line.strip()]
+        if not lines:
+            return False
+        names, separator, _ = _header(iter(lines[:1]), ())
+        if cls.COLUMNS:
+            return len(names) == len(cls.COLUMNS) and _is_number(names[0])
+        return len(names) > 1 and separator != " " and _layout(names) is not None
+
+    @classmethod
+    def with_columns(cls, names: Sequence[str]) -> type[CsvFile]:
+        """A reader of tables without a header.
+
+        Raises:
+            InputError: The names say too little.
+        """
+        if _layout(list(names)) is None:
+            raise InputError(f"--csv-columns {','.join(names)}: {NAMES}")
+        return type("HeadlessCsvFile", (cls,), {"COLUMNS": tuple(names)})
+
+    @property
+    def channels(self) -> tuple[Channel, ...]:
+        """An IMU, joint states and poses, as far as the columns hold them."""
+        base = self._topic or "/" + re.sub(r"\W+", "_", self.path.stem)
+        endings = {"imu": "/imu", "joints": "/joint_states", "pose": "/pose"}
+        found = []
+        for number, (kind, _, _) in enumerate(self._layout.groups):
+            tally = Tally()
+            tally.add(np.array(self._times[number], dtype=np.int64))
+            tally.count += self._bad[number]
+            found.append(
+                Channel.counted(
+                    tally,
+                    number=self._first_number + number,
+                    topic=base + (endings[kind] if len(self._layout.groups) > 1 else ""),
+                    type=_KINDS[kind][0] if kind in _KINDS else "sensor_msgs/JointState",
+                    encoding="text",
+                )
+            )
+        return tuple(found)
+
+    def read(self, wanted: Collection[int], sink: Sink, progress: Progress) -> None:
+        """Give the sink the rows of the wanted channels."""
+        for number, channel in enumerate(self.channels):
+            if channel.number in wanted:
+                sink.add_decoded(channel, self._piece(number), self._bad[number])
+        progress(1.0)
+
+    def _piece(self, number: int) -> Piece:
+        kind, columns, joints = self._layout.groups[number]
+        times = np.array(self._times[number], dtype=np.int64)
+        values = np.array(self._values[number]).reshape(len(times), len(columns))
+        arrival = np.arange(len(times))
+        if kind not in _KINDS:
+            texts: Labels = {"name": joints, "frame_id": ""}
+            return Piece(arrival, times, times, texts, {"position": values})
+        _, quantities, texts = _KINDS[kind]
+        numbers = {}
+        for quantity in quantities:
+            width = len(_SPELLINGS[quantity][0])
+            numbers[quantity], values = values[:, :width], values[:, width:]
+        return Piece(arrival, times, times, texts, numbers)
+
+    def _take(self, lines: Iterable[str], separator: str, unit: str) -> None:
+        """Keep the numbers of all rows.
+
+        A group whose cells are all empty has no row there, as where tables of several sensors
+        were joined by their times.
+        """
+        named = bool(unit)
+        width = 1 + max(self._layout.time, *(max(each[1]) for each in self._layout.groups))
+        for line in lines:
+            if line.startswith(("#", "%")):
+                continue
+            cells = _cells(line, separator)
+            try:
+                time = cells[self._layout.time]
+                unit = unit or _guess(float(time))
+                stamp = _nanoseconds(time, unit)
+            except (ValueError, OverflowError, IndexError):
+                self._bad = [each + 1 for each in self._bad]
+                continue
+            cells += [""] * (width - len(cells))
+            for number, (_, columns, _) in enumerate(self._layout.groups):
+                texts = [cells[each] for each in columns]
+                try:
+                    values = [float(each) for each in texts]
+                except ValueError:
+                    self._bad[number] += any(texts)
+                    continue
+                self._times[number].append(stamp)
+                self._values[number].extend(values)
+        if not named and unit == "s":
+            self._see_seconds()
+
+    def _see_seconds(self) -> None:
+        for times in self._times:
+            steps = np.diff(np.array(times, dtype=np.int64))
+            typical = float(np.median(steps)) * 1e-9 if len(steps) else 0.0
+            if typical > _LONGEST_STEP_S:
+                raise InputError(
+                    f"{self.path}: its rows would be {typical:g} s apart: say the unit of its "
+                    "times in the name of their column, t_ns, t_us, t_ms or t_s"
+                )
+
+
+def _header(lines: Iterable[str], columns: Sequence[str]) -> tuple[list[str], str, Iterable[str]]:
+    """Names of the columns, what separates them, and the lines that follow."""
+    rest = iter(lines)
+    first = next(rest, "")
+    separator = max(",;\t ", key=lambda each: (each != " ") * first.count(each))
+    separator = separator if separator in first else " "
+    if columns:
+        return list(columns), separator, _with_first(first, rest)
+    return _cells(first.lstrip("#% \t"), separator), separator, rest
+
+
+def _with_first(first: str, rest: Iterable[str]) -> Iterable[str]:
+    yield first
+    yield from rest
+
+
+def _cells(line: str, separator: str) -> list[str]:
+    if '"' in line:
+        line = line.replace('"', "")
+    if separator == " ":
+        return line.split()
+    return [each.strip() for each in line.split(separator)]
+
+
+def _layout(names: Sequence[str]) -> _Layout | None:
+    """What columns of these names hold; None if it is nothing, or no time is among them."""
+    columns = [each.removeprefix("field.").partition("[") for each in names]
+    bare = [each[0].strip() for each in columns]
+    times = {k: known for k, name in enumerate(bare) if (known := _TIME.fullmatch(name.lower()))}
+    places: dict[tuple[str, int], int] = {}
+    for k, name in enumerate(bare):
+        if name.lower() in _PLACES:
+            places.setdefault(_PLACES[name.lower()], k)
+    groups: list[tuple[str, tuple[int, ...], tuple[str, ...]]] = []
+    for kind, (_, quantities, _) in _KINDS.items():
+        wanted = [(each, axis) for each in quantities for axis in range(len(_SPELLINGS[each][0]))]
+        if places.keys() >= set(wanted):
+            groups.append((kind, tuple(places[each] for each in wanted), ()))
+    joints = {known[1]: k for k, name in enumerate(bare) if (known := _JOINT.fullmatch(name))}
+    if not groups and not joints:
+        further = {name: k for k, name in enumerate(bare) if k not in times}
+        joints = {name: k for name, k in further.items() if name.strip("-")}
+    if joints:
+        groups.append(("joints", tuple(joints.values()), tuple(joints)))
+    if not times or not groups:
+        return None
+    time, known = next(iter(times.items()))
+    unit = known[1] or columns[time][2].rstrip("] ")
+    return _Layout(time, unit if unit in _UNITS else "", tuple(groups))
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _guess(time: float) -> str:
+    """Unit of a time, by its size."""
+    if not math.isfinite(time):
+        raise ValueError(time)
+    return next((unit for least, unit in _EARLIEST if abs(time) >= least), "s")
+
+
+def _nanoseconds(text: str, unit: str) -> int:
+    """A time in ns, exact where it is written in decimals.
+
+    Raises:
+        ValueError, OverflowError: It is none, or too far away.
+    """
+    whole, _, fraction = text.partition(".")
+    if whole.isdecimal() and (fraction.isdecimal() or not fraction):
+        found = int(whole) * _UNITS[unit]
+        found += int(fraction[:9].ljust(9, "0")) * _UNITS[unit] // 10**9
+    else:
+        found = round(float(text) * _UNITS[unit])
+    if abs(found) >= 1 << 63:
+        raise OverflowError(text)
+    return found

@@ -1,0 +1,249 @@
+"""rosbag2's SQLite files, through SQLite as far as that gets."""
+
+from __future__ import annotations
+
+import contextlib
+import sqlite3
+from contextlib import closing
+from typing import TYPE_CHECKING, Any, ClassVar
+from urllib.parse import quote
+
+import numpy as np
+
+from imucalib_cli.errors import InputError
+from imucalib_cli.findings import Finding, warning
+from imucalib_cli.logs.damage import Tally
+from imucalib_cli.logs.db3.salvage import salvage
+from imucalib_cli.logs.db3.wal import pages_left_out
+from imucalib_cli.logs.messages import normalise_type
+from imucalib_cli.logs.reader import Channel, Located, Progress, Sink, add_by_length
+from imucalib_cli.logs.unpacked import copy_with_companions, copy_with_page_count
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterator, Sequence
+    from pathlib import Path
+
+
+_MAGIC = b"SQLite format 3\x00"
+_BROKEN = (sqlite3.DatabaseError, MemoryError)
+"""What SQLite raises on damage: it takes some of it for a lack of memory."""
+_FETCH = 1024
+"""Rows taken at a time."""
+_COUNTED = 100
+"""Topics counted in one pass: each takes three of the 2000 columns SQLite allows."""
+
+
+class Db3File:
+    """One .db3 file.
+
+    Args:
+        path: The file; its magic has been checked.
+
+    Raises:
+        InputError: It has no tables of rosbag2.
+    """
+
+    FORMAT: ClassVar[str] = "a ROS 2 .db3"
+    IS_TEXT: ClassVar[bool] = False
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._file = path
+        self.losses: list[Finding] = []
+        # mode=ro rather than immutable: a -wal left by a crash still counts.
+        self._mode = "mode=ro"
+        try:
+            self.channels = self._open()
+        except _BROKEN as error:
+            raise InputError(f"{path} is no readable rosbag2 database: {error}") from error
+
+    @classmethod
+    def matches(cls, head: bytes, path: Path) -> bool:  # noqa: ARG003 - content decides
+        """Whether a file that begins so is of this kind."""
+        return head.startswith(_MAGIC)
+
+    def _open(self) -> tuple[Channel, ...]:
+        beside = [self.path.with_name(self.path.name + end) for end in ("-wal", "-journal")]
+        try:
+            return self._channels()
+        except sqlite3.OperationalError:
+            if not any(each.exists() for each in beside):
+                raise
+            # What is beside has to be taken in, which needs a folder that can be written to.
+            self._file = copy_with_companions(self.path)
+            self._mode = "mode=rw"
+            with contextlib.suppress(*_BROKEN):
+                return self._channels()
+        except _BROKEN:
+            pass
+        # SQLite refuses a file that is shorter than its header says; one that says what is there
+        # is read up to the first missing page.
+        self._file = copy_with_page_count(self.path)
+        self._mode = "mode=ro"
+        self.losses.append(warning("log.database_cut_short"))
+        left = [each.name for each in beside if each.exists()]
+        if left:
+            self.losses.append(warning("log.database_companion", name=left[0]))
+        return self._channels()
+
+    @contextlib.contextmanager
+    def _database(self) -> Iterator[sqlite3.Connection]:
+        path = quote(str(self._file.absolute()))
+        # SQLite makes these to read a file in WAL mode and would leave them behind.
+        made = [self._file.with_name(self._file.name + end) for end in ("-shm", "-wal")]
+        made = [each for each in made if not each.exists()]
+        with closing(sqlite3.connect(f"file:{path}?{self._mode}", uri=True)) as database:
+            database.text_factory = lambda text: text.decode("utf-8", "replace")
+            yield database
+        for each in made:
+            with contextlib.suppress(OSError):
+                if each.name.endswith("-shm") or not each.stat().st_size:
+                    each.unlink()
+
+    def _channels(self) -> tuple[Channel, ...]:
+        with self._database() as database:
+            topics = database.execute(
+                "SELECT id, name, type, serialization_format FROM topics "
+                "WHERE typeof(id) = 'integer'"
+            ).fetchall()
+            numbers = [each[0] for each in topics]
+            tallies = _counted(database, numbers)
+            if tallies is None:
+                tallies = {}
+                for rows in self._rows(database, numbers, "x''"):
+                    for number, log_ns in zip(*_sound(rows)[:2], strict=True):
+                        tallies.setdefault(number, Tally()).add(np.array([log_ns]))
+            definitions = _definitions(database)
+            left, total = pages_left_out(self._file)
+            if left:
+                self.losses.append(warning("log.database_wal", left=left, total=total))
+        found = []
+        for number, *described in topics:
+            if not all(isinstance(each, str) for each in described):
+                self.losses.append(warning("log.database_topic", number=number))
+                continue
+            topic, type_name, encoding = described
+            found.append(
+                Channel.counted(
+                    tallies.get(number),
+                    number=number,
+                    topic=topic,
+                    type=normalise_type(type_name),
+                    encoding=encoding,
+                    definition=definitions.get(type_name, ""),
+                )
+            )
+        return tuple(found)
+
+    def read(self, wanted: Collection[int], sink: Sink, progress: Progress) -> None:
+        """Give the sink all messages of the wanted channels, in one scan."""
+        channels = {each.number: each for each in self.channels if each.number in wanted}
+        total = max(1, sum(each.count for each in channels.values()))
+        done = base = 0
+        progress(0.0)
+        try:
+            with self._database() as database:
+                for rows in self._rows(database, channels):
+                    base += _give(rows, base, channels, sink)
+                    done += len(rows)
+                    progress(min(1.0, done / total))
+        except _BROKEN as error:
+            raise InputError(f"{self.path} cannot be read any more: {error}") from error
+        progress(1.0)
+
+    def _rows(
+        self, database: sqlite3.Connection, wanted: Collection[int], payload: str = "data"
+    ) -> Iterator[Sequence[Any]]:
+        """Topic's id, receive time and payload of rows, in blocks; of any type where damaged.
+
+        SQLite reads up to the first damage, in the order of ids; behind it each page counts that
+        is a sound one of messages.
+        """
+        marks = ", ".join(map(str, wanted))
+        # Without ORDER BY and with a plus, which keeps it from going through any index.
+        source = f"topic_id, timestamp, {payload} FROM messages WHERE +topic_id IN ({marks})"
+        done = 0
+        try:
+            found = database.execute(f"SELECT {source}")
+            while rows := found.fetchmany(_FETCH):
+                yield rows
+                done += len(rows)
+        except _BROKEN as error:
+            self._lose(warning("log.database_damaged", reason=str(error)))
+        else:
+            return
+        last: Any = -(1 << 63)
+        with contextlib.suppress(*_BROKEN):
+            # The block that met the damage is lost as a whole: take its rows one by one.
+            skipped = max(0, done - 1)
+            found = database.execute(f"SELECT rowid, {source} LIMIT -1 OFFSET {skipped}")
+            for number, (last, *row) in enumerate(found, start=skipped):  # noqa: B007 - used below
+                if number >= done:
+                    yield [row]
+        if isinstance(last, int) and (last > -(1 << 63) or not done):
+            keep = wanted if payload == "data" else ()
+            yield from salvage(self._file, last, keep)
+
+    def _lose(self, what: Finding) -> None:
+        if what not in self.losses:
+            self.losses.append(what)
+
+
+def _counted(database: sqlite3.Connection, numbers: Sequence[int]) -> dict[int, Tally] | None:
+    """Count and times of each topic; None where the messages are damaged."""
+    tallies = {}
+    for first in range(0, len(numbers), _COUNTED):
+        some = numbers[first : first + _COUNTED]
+        # GROUP BY would sort all rows.
+        columns = ", ".join(
+            f"{each} FILTER (WHERE topic_id = {number})"
+            for number in some
+            for each in ("COUNT(*)", "MIN(timestamp)", "MAX(timestamp)")
+        )
+        try:
+            (values,) = database.execute(f"SELECT {columns} FROM messages")  # noqa: S608 - ints
+        except _BROKEN:
+            return None
+        for number, count, start_ns, end_ns in zip(
+            some, values[::3], values[1::3], values[2::3], strict=True
+        ):
+            if count and not isinstance(start_ns, int) & isinstance(end_ns, int):
+                return None
+            tallies[number] = Tally(count, start_ns or 0, end_ns or 0)
+    return tallies
+
+
+def _sound(rows: Sequence[Any]) -> tuple[Sequence[int], Sequence[int], Sequence[bytes]]:
+    """Topics' ids, receive times and payloads of the rows that have integers and bytes there.
+
+    SQLite stores anything anywhere.
+    """
+    topics, times, payloads = zip(*rows, strict=True) if rows else ((), (), ())
+    if {*map(type, topics), *map(type, times)} <= {int} and {*map(type, payloads)} <= {bytes}:
+        return topics, times, payloads
+    return _sound([row for row in rows if [type(each) for each in row] == [int, int, bytes]])
+
+
+def _give(rows: Sequence[Any], base: int, channels: dict[int, Channel], sink: Sink) -> int:
+    """Give the sink the rows of each channel; how many bytes they take up."""
+    topics, times, payloads = _sound(rows)
+    data = np.frombuffer(b"".join(payloads) + b"\0", dtype=np.uint8)
+    sizes = np.fromiter(map(len, payloads), dtype=np.int64, count=len(payloads))
+    starts = np.cumsum(sizes) - sizes
+    owner, log_ns = np.array(topics), np.array(times, dtype=np.int64)
+    for number, channel in channels.items():
+        here = np.flatnonzero(owner == number)
+        located = Located(data, starts[here], sizes[here], log_ns[here])
+        add_by_length(sink, channel, base, located)
+    return len(data)
+
+
+def _definitions(database: sqlite3.Connection) -> dict[str, str]:
+    """Embedded definitions by type; early files have none."""
+    with contextlib.suppress(*_BROKEN):
+        rows = database.execute(
+            "SELECT topic_type, encoded_message_definition FROM message_definitions "
+            "WHERE encoding = 'ros2msg'"
+        ).fetchall()
+        return {name: text for name, text in rows if isinstance(text, str)}
+    return {}

@@ -1,0 +1,134 @@
+"""Rows of a damaged rosbag2 database, from every page that still reads as a leaf of its messages.
+
+SQLite stops at the first page that is not sound; the pages behind it are as good as before. The
+format is that of sqlite.org/fileformat2.html: a leaf holds rows, and what does not fit into it
+goes on in a chain of overflow pages.
+"""
+
+from __future__ import annotations
+
+import os
+from typing import TYPE_CHECKING, BinaryIO
+
+from imucalib_cli.logs.damage import DamageError
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterator
+    from pathlib import Path
+
+Row = tuple[int, int, bytes]
+"""Topic's id, receive time in ns, payload."""
+
+_LEAF = 13
+_WIDTHS = {1: 1, 2: 2, 3: 3, 4: 4, 5: 6, 6: 8, 8: 0, 9: 0}
+"""Bytes of an integer by its serial type; types 8 and 9 are the numbers 0 and 1 themselves."""
+
+
+def salvage(path: Path, after: int, wanted: Collection[int]) -> Iterator[list[Row]]:
+    """Rows of the wanted topics that are whole, page by page.
+
+    Args:
+        path: The database.
+        after: Rows with larger ids count.
+        wanted: Ids of topics; others come without payload.
+    """
+    with path.open("rb", buffering=0) as file:
+        pages = _Pages(file)
+        seen: set[int] = set()
+        for number in range(1, pages.count):
+            try:
+                rows = pages.rows(number, wanted)
+            except (DamageError, IndexError):
+                continue
+            # A page that SQLite has freed may hold rows again.
+            found = {each: row for each, row in rows if each > after and each not in seen}
+            seen.update(found)
+            yield list(found.values())
+
+
+class _Pages:
+    def __init__(self, file: BinaryIO) -> None:
+        self._handle = file.fileno()
+        header = os.pread(self._handle, 100, 0).ljust(100, b"\0")
+        page_size = int.from_bytes(header[16:18], "big")
+        self._size = 65536 if page_size == 1 else max(page_size, 512)
+        self._usable = max(self._size - header[20], 480)
+        total = os.fstat(self._handle).st_size
+        self.count = total // self._size
+        self._left = total
+        """Bytes of overflow pages still to be read: each belongs to one row, chains may not."""
+
+    def rows(self, number: int, wanted: Collection[int]) -> list[tuple[int, Row]]:
+        """All rows of a page, by their ids.
+
+        Raises:
+            DamageError, IndexError: It is no leaf of the messages, or not a sound one.
+        """
+        page = self._read(number)
+        if page[0] != _LEAF:
+            return []
+        count = int.from_bytes(page[3:5], "big")
+        places = (int.from_bytes(page[8 + 2 * k : 10 + 2 * k], "big") for k in range(count))
+        return [self._row(page, at, wanted) for at in places]
+
+    def _read(self, number: int) -> bytes:
+        page = os.pread(self._handle, self._size, number * self._size)
+        if len(page) < self._size:
+            raise DamageError("a page is missing")
+        return page
+
+    def _row(self, page: bytes, at: int, wanted: Collection[int]) -> tuple[int, Row]:
+        total, at = _varint(page, at)
+        row_id, start = _varint(page, at)
+        head_size, *kinds = page[start : start + 4]
+        kind, head_end = _varint(page, start + 4)
+        # The id is kept as the key, so null; then topic, time and the bytes of the message.
+        if kinds[0] != 0 or head_end != start + head_size or kind < 12 or kind % 2:
+            raise DamageError("a row is not a message")
+        topic, at = _integer(page, kinds[1], head_end)
+        log_ns, at = _integer(page, kinds[2], at)
+        size = (kind - 12) // 2
+        if at + size != start + total:
+            raise DamageError("a row's lengths contradict each other")
+        most = self._usable - 35
+        least = (self._usable - 12) * 32 // 255 - 23
+        kept = least + (total - least) % (self._usable - 4)
+        local = total if total <= most else kept if kept <= most else least
+        end = start + local
+        if end > self._usable:
+            raise DamageError("a row is longer than its page")
+        payload = page[at:end] if topic in wanted else b""
+        if topic in wanted and local < total:
+            payload += self._overflow(int.from_bytes(page[end : end + 4], "big"), total - local)
+        return row_id, (topic, log_ns, payload)
+
+    def _overflow(self, number: int, size: int) -> bytes:
+        self._left -= size
+        if self._left < 0:
+            raise DamageError("a row is longer than the file")
+        parts = []
+        while size > 0:
+            page = self._read(number - 1)
+            number = int.from_bytes(page[:4], "big")
+            parts.append(page[4 : min(4 + size, self._usable)])
+            size -= len(parts[-1])
+        return b"".join(parts)
+
+
+def _varint(page: bytes, at: int) -> tuple[int, int]:
+    """An integer of variable length, and where it ends; rosbag2 needs 8 bytes at most."""
+    value = 0
+    for end in range(at, at + 8):
+        value = value << 7 | page[end] & 127
+        if page[end] < 128:
+            return value, end + 1
+    raise DamageError("a length is too large")
+
+
+def _integer(page: bytes, kind: int, at: int) -> tuple[int, int]:
+    if kind not in _WIDTHS:
+        raise DamageError("a number is no integer")
+    if kind > 6:
+        return kind - 8, at
+    end = at + _WIDTHS[kind]
+    return int.from_bytes(page[at:end], "big", signed=True), end

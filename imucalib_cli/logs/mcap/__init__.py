@@ -1,0 +1,1 @@
+"""MCAP files (mcap.dev/spec)."""

@@ -1,0 +1,203 @@
+"""MCAP files of any profile: their summary, message indexes and records."""
+
+from __future__ import annotations
+
+import struct
+from typing import TYPE_CHECKING, BinaryIO
+
+import numpy as np
+
+from imucalib_cli.findings import warning
+from imucalib_cli.logs.chunks import (
+    Catalogue,
+    Chunk,
+    ChunkedFile,
+    ChunkHead,
+    Contents,
+    Index,
+    Payloads,
+    Record,
+)
+from imucalib_cli.logs.damage import Cursor, DamageError, Tally, seek
+from imucalib_cli.logs.mcap import records
+from imucalib_cli.logs.mcap.records import (
+    CHUNK,
+    DATA_END,
+    FOOTER,
+    HEAD_ROOM,
+    LENGTHS,
+    MAGIC,
+    MESSAGE,
+    MESSAGE_HEAD,
+    RECORD_HEAD,
+)
+from imucalib_cli.logs.mcap.search import find_record, is_record
+from imucalib_cli.logs.reader import Bytes, cut
+
+if TYPE_CHECKING:
+    from collections.abc import Collection
+
+    from numpy.typing import NDArray
+
+_INDEX_HEAD = struct.Struct("<BQHI")
+_LARGEST_INDEX = 1 << 26
+"""Message indexes of one chunk beyond this are read one channel at a time."""
+_FOOTER_SIZE = RECORD_HEAD.size + 20 + len(MAGIC)
+_LARGEST_SUMMARY = 1 << 28
+"""Bytes: that of ten thousand chunks has a few million."""
+
+
+class McapFile(ChunkedFile):
+    """One MCAP file."""
+
+    MAGIC = MAGIC
+    FORMAT = "an MCAP file"
+    PART = "file"
+
+    def _summary(self, file: BinaryIO) -> Contents | None:
+        if self.size < len(MAGIC) + _FOOTER_SIZE:
+            return None
+        file.seek(self.size - _FOOTER_SIZE)
+        footer = Cursor(file.read(_FOOTER_SIZE))
+        if footer.number(1) != FOOTER or footer.number(8) != 20:
+            return None
+        start = footer.number(8)
+        length = self.size - _FOOTER_SIZE - start
+        if start < len(MAGIC) or not 0 <= length <= _LARGEST_SUMMARY:
+            return None
+        file.seek(start)
+        summary = Cursor(file.read(length))
+        contents = Contents()
+        counts: dict[int, int] = {}
+        chunk_count = 0
+        spans = []
+        while summary.left >= RECORD_HEAD.size:
+            opcode, length = RECORD_HEAD.unpack(summary.take(RECORD_HEAD.size))
+            body = summary.take(length)
+            if opcode == records.CHUNK_INDEX:
+                cursor = Cursor(body)
+                spans.append((cursor.number(8), cursor.number(8)))
+                start, _ = cursor.number(8), cursor.number(8)
+                index_at = records.parse_map(cursor)
+                contents.chunks.append(Chunk(start=start, index_at=index_at or None))
+            elif opcode == records.STATISTICS:
+                chunk_count, counts = records.parse_statistics(body)
+            else:
+                records.describe(contents.catalogue, opcode, body)
+        if not counts or not chunk_count == len(contents.chunks) > 0:
+            return None
+        if not counts.keys() <= contents.catalogue.publishers.keys():
+            return None
+        contents.chunks.sort(key=lambda chunk: chunk.start)
+        # Where there is no message index, every channel lasts as long as the file.
+        first, last = min(span[0] for span in spans), max(span[1] for span in spans)
+        contents.tallies = {number: Tally(count, first, last) for number, count in counts.items()}
+        self._time(file, contents)
+        return contents
+
+    def _chunk_head(self, file: BinaryIO, at: int) -> ChunkHead:
+        if at >= self.size:
+            raise DamageError("it lies beyond the end of the file")
+        file.seek(at)
+        return records.parse_chunk_head(file.read(HEAD_ROOM), at)
+
+    def _message_index(self, file: BinaryIO, chunk: Chunk, channels: Collection[int]) -> Index:
+        index_at = chunk.index_at or {}
+        found = {}
+        first = min(index_at.values())
+        span = max(index_at.values()) - first + _INDEX_HEAD.size
+        together = b""
+        if span < _LARGEST_INDEX:
+            # One read for all channels: their indexes stand in a row behind the chunk. The last
+            # one's length is not known beforehand; most are smaller than this.
+            seek(file, first)
+            together = file.read(span + 4096)
+        for channel in channels:
+            if channel not in index_at:
+                continue
+            at = index_at[channel] - first
+            raw = together
+            if at + _INDEX_HEAD.size > len(raw):
+                seek(file, first + at)
+                raw, at = file.read(_INDEX_HEAD.size), 0
+                if len(raw) < _INDEX_HEAD.size:
+                    raise DamageError("the message index is cut short")
+            opcode, _, number, size = _INDEX_HEAD.unpack_from(raw, at)
+            is_index = opcode == records.MESSAGE_INDEX and number == channel
+            if not is_index or size % 16 or size > _LARGEST_INDEX:
+                raise DamageError("no message index where the chunk index says")
+            start = at + _INDEX_HEAD.size
+            if start + size > len(raw):
+                seek(file, index_at[channel] + _INDEX_HEAD.size)
+                raw, start = file.read(size), 0
+            if start + size > len(raw):
+                raise DamageError("the message index is cut short")
+            entries = np.frombuffer(raw, dtype="<i8", count=size // 8, offset=start)
+            found[channel] = entries.reshape(-1, 2)
+        return found
+
+    def _locate(
+        self,
+        data: Bytes,
+        entries: NDArray[np.int64],
+        owner: NDArray[np.int64],
+        limits: NDArray[np.int64],
+    ) -> Payloads:
+        offsets = entries[:, 1]
+        starts = offsets + MESSAGE_HEAD.itemsize
+        inside = (offsets >= 0) & (starts <= limits)
+        if inside.all():
+            heads = cut(data, offsets, MESSAGE_HEAD.itemsize).view(MESSAGE_HEAD)[:, 0]
+        else:
+            heads = np.zeros(len(offsets), dtype=MESSAGE_HEAD)
+            here = cut(data, offsets[inside], MESSAGE_HEAD.itemsize)
+            heads[inside] = here.view(MESSAGE_HEAD)[:, 0]
+        # A length beyond any chunk is damage, whatever it would be as a signed number.
+        sizes = np.minimum(heads["length"], 1 << 40).astype(np.int64) - records.LEAST_MESSAGE
+        sound = (heads["opcode"] == MESSAGE) & (heads["channel"] == owner) & (sizes >= 0)
+        return Payloads(starts, sizes, heads["log_time"].astype(np.int64), sound)
+
+    def walk(self, data: Bytes, catalogue: Catalogue) -> tuple[Index, int]:
+        """See :class:`~imucalib_cli.logs.chunks.ChunkedFile`."""
+        return records.walk(data, catalogue)
+
+    def record(self, file: BinaryIO, at: int, contents: Contents) -> Record:
+        """See :class:`~imucalib_cli.logs.chunks.ChunkedFile`."""
+        file.seek(at)
+        head = file.read(HEAD_ROOM)
+        if len(head) < RECORD_HEAD.size:
+            raise DamageError("a record is cut short")
+        opcode, length = RECORD_HEAD.unpack_from(head)
+        end = at + RECORD_HEAD.size + length
+        whole = end <= self.size
+        if opcode == CHUNK:
+            chunk = records.parse_chunk_head(head, at)
+            whole &= end == chunk.start + chunk.packed
+            return Record("chunk", end, end if whole else at + 1, is_whole=whole, chunk=chunk)
+        least, largest = LENGTHS.get(opcode, (0, 1 << 40))
+        if opcode == 0 or not whole or not least <= length <= largest:
+            raise DamageError("a record is cut short")
+        if opcode in {DATA_END, FOOTER}:
+            return Record("end", end, at + 1, is_whole=self._is_end(file, end))
+        if opcode == MESSAGE:
+            channel, log_ns = records.message_key(head)
+            return Record("message", end, at + 1, channel=channel, log_ns=log_ns)
+        if opcode in {records.SCHEMA, records.CHANNEL}:
+            file.seek(at + RECORD_HEAD.size)
+            try:
+                records.describe(contents.catalogue, opcode, file.read(length))
+            except DamageError:
+                return Record("other", end, at + 1, is_whole=False)
+        elif opcode not in LENGTHS and opcode < records.PRIVATE:
+            contents.losses.append(warning("log.record_unknown", kind=opcode, byte=at))
+        return Record("other", end, at + 1)
+
+    def _is_end(self, file: BinaryIO, at: int) -> bool:
+        """Behind the end of the data there is the summary, the magic or nothing."""
+        file.seek(at)
+        rest = file.read(len(MAGIC))
+        return rest in {b"", MAGIC[: len(rest)]} or is_record(file, at, self.size)
+
+    def find_record(self, file: BinaryIO, start: int) -> int | None:
+        """See :class:`~imucalib_cli.logs.chunks.ChunkedFile`."""
+        return find_record(file, start, self.size)

@@ -1,0 +1,135 @@
+"""The records of an MCAP file that matter here, every length checked."""
+
+from __future__ import annotations
+
+import struct
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from imucalib_cli.logs.chunks import Catalogue, ChunkHead
+from imucalib_cli.logs.damage import Cursor, DamageError
+
+if TYPE_CHECKING:
+    from imucalib_cli.logs.chunks import Index
+    from imucalib_cli.logs.reader import Bytes
+
+MAGIC = b"\x89MCAP0\r\n"
+FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK = 0x02, 0x03, 0x04, 0x05, 0x06
+MESSAGE_INDEX, CHUNK_INDEX, STATISTICS, DATA_END = 0x07, 0x08, 0x0B, 0x0F
+
+RECORD_HEAD = struct.Struct("<BQ")
+"""Opcode and length of what follows."""
+HEAD_ROOM = 128
+"""Bytes that hold a chunk's head, its compression's name included."""
+MESSAGE_HEAD = np.dtype(
+    [
+        ("opcode", "u1"),
+        ("length", "<u8"),
+        ("channel", "<u2"),
+        ("sequence", "<u4"),
+        ("log_time", "<u8"),
+        ("publish_time", "<u8"),
+    ]
+)
+"""A message record up to its payload."""
+LEAST_MESSAGE = MESSAGE_HEAD.itemsize - RECORD_HEAD.size
+"""Length of a message record without payload."""
+LENGTHS = {
+    0x01: (8, 1 << 20),
+    FOOTER: (20, 20),
+    SCHEMA: (14, 1 << 26),
+    CHANNEL: (16, 1 << 26),
+    MESSAGE: (LEAST_MESSAGE, 1 << 40),
+    CHUNK: (40, 1 << 40),
+    MESSAGE_INDEX: (6, 1 << 32),
+    CHUNK_INDEX: (64, 1 << 26),
+    0x09: (36, 1 << 40),
+    0x0A: (44, 1 << 20),
+    STATISTICS: (46, 1 << 22),
+    0x0C: (8, 1 << 30),
+    0x0D: (20, 1 << 20),
+    0x0E: (17, 17),
+    DATA_END: (4, 4),
+}
+"""Opcodes, and the least and the largest length that makes sense."""
+PRIVATE = 0x80
+"""Opcodes from here on are anyone's own."""
+
+
+def describe(catalogue: Catalogue, opcode: int, body: bytes | memoryview) -> None:
+    """Take a schema or channel record; others pass.
+
+    Raises:
+        DamageError: It is not whole.
+    """
+    cursor = Cursor(body)
+    if opcode == SCHEMA:
+        number = cursor.number(2)
+        name, encoding = cursor.text(), cursor.text()
+        data = cursor.take(cursor.number(4))
+        text = str(data, "utf-8", "replace") if encoding in {"ros1msg", "ros2msg"} else ""
+        catalogue.schemas[number] = (name, text)
+    elif opcode == CHANNEL:
+        number, schema = cursor.number(2), cursor.number(2)
+        catalogue.publishers[number] = (schema, cursor.text(), cursor.text())
+
+
+def message_key(raw: bytes | memoryview) -> tuple[int, int]:
+    """Channel and receive time, ns, of the message record that begins so."""
+    channel = int.from_bytes(raw[9:11], "little")
+    return channel, int.from_bytes(raw[15:23], "little", signed=True)
+
+
+def parse_chunk_head(raw: bytes, at: int) -> ChunkHead:
+    """Parse the beginning of a chunk record that stands at a position of the file.
+
+    Raises:
+        DamageError: It is none.
+    """
+    head = Cursor(raw)
+    if head.number(1) != CHUNK:
+        raise DamageError("no chunk where the index says")
+    head.take(8 + 8 + 8)
+    claimed, checksum = head.number(8), head.number(4)
+    compression = head.text()
+    packed = head.number(8)
+    return ChunkHead(at + head.at, packed, claimed, compression, checksum)
+
+
+def parse_statistics(body: memoryview) -> tuple[int, dict[int, int]]:
+    """Number of chunks and messages of each channel, from a Statistics record."""
+    cursor = Cursor(body)
+    cursor.take(8 + 2 + 4 + 4 + 4)
+    chunks = cursor.number(4)
+    cursor.take(16)
+    return chunks, parse_map(cursor)
+
+
+def parse_map(cursor: Cursor) -> dict[int, int]:
+    """Numbers by channel."""
+    entries = cursor.take(cursor.number(4))
+    return dict(struct.iter_unpack("<HQ", entries[: len(entries) // 10 * 10]))
+
+
+def walk(data: Bytes, catalogue: Catalogue) -> tuple[Index, int]:
+    """See :meth:`~imucalib_cli.logs.chunks.ChunkedFile.walk`."""
+    view = data.data
+    found: dict[int, list[tuple[int, int]]] = {}
+    at, end = 0, len(view)
+    unpack = RECORD_HEAD.unpack_from
+    while at + RECORD_HEAD.size <= end:
+        opcode, length = unpack(view, at)
+        body = at + RECORD_HEAD.size
+        if opcode == 0 or length > end - body:
+            break
+        if opcode == MESSAGE and length >= LEAST_MESSAGE:
+            channel, log_ns = message_key(view[at : at + 23])
+            found.setdefault(channel, []).append((log_ns, at))
+        elif opcode in {SCHEMA, CHANNEL}:
+            try:
+                describe(catalogue, opcode, view[body : body + length])
+            except DamageError:
+                break
+        at = body + length
+    return {channel: np.array(rows, dtype=np.int64) for channel, rows in found.items()}, at

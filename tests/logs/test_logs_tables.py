@@ -1,0 +1,285 @@
+"""Tables of text: CSV, TUM trajectories and EuRoC folders."""
+
+from __future__ import annotations
+
+import random
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from imucalib_cli.errors import ImucalibError, InputError
+from imucalib_cli.logs import log as logs
+from imucalib_cli.logs.log import LogData, open_log
+from imucalib_cli.logs.open import READERS
+from imucalib_cli.logs.reader import Channel, Piece
+from tests.logs.logs_samples import mixed_messages, write_log
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterable
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from imucalib_cli.findings import Finding
+    from imucalib_cli.logs.reader import Progress, Sink
+
+COUNT = 50
+START_NS = 1_403_636_580_838_555_648
+STAMPS = START_NS + 5_000_123 * np.arange(COUNT)
+VALUES = np.random.default_rng(5).normal(size=(COUNT, 6))
+POSES = np.random.default_rng(6).normal(size=(COUNT, 7))
+POSES[:, 3:] /= np.linalg.norm(POSES[:, 3:], axis=1)[:, None]
+IMU_HEADER = "t_ns,gx,gy,gz,ax,ay,az"
+EUROC_IMU = (
+    "#timestamp [ns],w_RS_S_x [rad s^-1],w_RS_S_y [rad s^-1],w_RS_S_z [rad s^-1],"
+    "a_RS_S_x [m s^-2],a_RS_S_y [m s^-2],a_RS_S_z [m s^-2]"
+)
+ROSTOPIC = "%time," + ",".join(
+    f"field.{name}.{axis}" for name in ("angular_velocity", "linear_acceleration") for axis in "xyz"
+)
+EUROC_POSE = (
+    "#timestamp, p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m], q_RS_w [], q_RS_x [], q_RS_y [], "
+    "q_RS_z [], v_RS_R_x [m s^-1], b_w_RS_S_x [rad s^-1], b_a_RS_S_x [m s^-2]"
+)
+
+
+def seconds(ns: int) -> str:
+    return f"{ns // 10**9}.{ns % 10**9:09d}"
+
+
+def lines(stamps: Iterable[Any], values: NDArray[Any], separator: str = ",") -> str:
+    rows = zip(stamps, values.tolist(), strict=True)
+    return "".join(separator.join([str(t), *map(repr, row)]) + "\n" for t, row in rows)
+
+
+def read(path: Path, *more: Path, columns: tuple[str, ...] = ()) -> LogData:
+    log = open_log([path, *more], columns)
+    return log.read(each.name for each in log.topics)
+
+
+def write(path: Path, text: str) -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text)
+    return path
+
+
+def assert_imu(data: LogData, topic: str) -> None:
+    imu = data.imus[topic]
+    np.testing.assert_array_equal(imu.header_ns, STAMPS)
+    np.testing.assert_array_equal(imu.log_ns, STAMPS)
+    np.testing.assert_array_equal(imu.gyro, VALUES[:, :3])
+    np.testing.assert_array_equal(imu.accel, VALUES[:, 3:])
+
+
+def assert_pose(data: LogData, topic: str) -> None:
+    (pose,) = data.poses[topic]
+    np.testing.assert_array_equal(pose.header_ns, STAMPS)
+    np.testing.assert_array_equal(pose.position, POSES[:, :3])
+    np.testing.assert_allclose(pose.quaternion_xyzw, POSES[:, 3:], rtol=0, atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("header", "separator"),
+    [
+        (IMU_HEADER, ","),
+        (EUROC_IMU, ","),
+        ("timestamp;gyro_x;gyro_y;gyro_z;acc_x;acc_y;acc_z", ";"),
+        ("Time [ns]\tGyro.x\tGyro.y\tGyro.z\tAccel.x\tAccel.y\tAccel.z", "\t"),
+        (ROSTOPIC, ","),
+        ('"t_ns","wx","wy","wz","ax","ay","az"', ","),
+        ("\ufeff# t_ns, wx, wy, wz, ax, ay, az", ","),
+    ],
+)
+def test_an_imu_is_known_by_the_names_of_its_columns(
+    tmp_path: Path, header: str, separator: str
+) -> None:
+    path = write(tmp_path / "imu.csv", f"{header}\n{lines(STAMPS, VALUES, separator)}")
+    data = read(path)
+    assert_imu(data, "/imu")
+    assert data.losses == ()
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("s", 10**9), ("ms", 10**6), ("us", 10**3)])
+@pytest.mark.parametrize("named", [False, True])
+def test_times_are_exact_in_every_unit(
+    tmp_path: Path, unit: str, factor: int, *, named: bool
+) -> None:
+    """A float64 of seconds since 1970 would be off by 100 ns."""
+    digits = len(str(factor)) - 1
+    stamps = [f"{ns // factor}.{ns % factor:0{digits}d}" for ns in STAMPS.tolist()]
+    header = IMU_HEADER.replace("t_ns", f"t_{unit}" if named else "t")
+    assert_imu(read(write(tmp_path / "imu.csv", f"{header}\n{lines(stamps, VALUES)}")), "/imu")
+
+
+def test_times_of_no_clear_unit_are_refused(tmp_path: Path) -> None:
+    header = IMU_HEADER.replace("t_ns", "t")
+    path = write(tmp_path / "imu.csv", f"{header}\n{lines(range(0, 250, 5), VALUES)}")
+    with pytest.raises(InputError, match=r"imu\.csv.*5 s apart.*t_ns, t_us, t_ms or t_s"):
+        open_log([path])
+    path.write_text(path.read_text().replace("t,", "t_ms,", 1))
+    assert np.diff(read(path).imus["/imu"].header_ns).tolist() == [5_000_000] * (COUNT - 1)
+
+
+def test_columns_may_be_named_by_the_user(tmp_path: Path) -> None:
+    odd = np.column_stack((VALUES[:, :3], np.full(COUNT, 36.6), VALUES[:, 3:]))
+    path = write(tmp_path / "imu.csv", lines(STAMPS, odd))
+    columns = ("t_ns", "gx", "gy", "gz", "-", "ax", "ay", "az")
+    assert_imu(read(path, columns=columns), "/imu")
+    with pytest.raises(InputError, match=r"imu\.csv .*--csv-columns"):
+        open_log([path])
+    with pytest.raises(InputError, match=r"imu\.csv .*--csv-columns"):
+        open_log([path], columns[:-1])
+    with pytest.raises(InputError, match=r"--csv-columns a,b: name a column t"):
+        open_log([path], ("a", "b"))
+
+
+def test_joints_are_every_other_column(tmp_path: Path) -> None:
+    path = write(tmp_path / "joints.csv", f"t_ns,shoulder,w_x\n{lines(STAMPS, VALUES[:, :2])}")
+    (joints,) = read(path).joints["/joints"]
+    assert joints.names == ("shoulder", "w_x")
+    np.testing.assert_array_equal(joints.position, VALUES[:, :2])
+
+
+def test_one_table_may_hold_everything(tmp_path: Path) -> None:
+    """Joined by time: a row holds one sensor, the cells of the others are empty."""
+    header = f"{IMU_HEADER},temperature,joint.elbow,joint.wrist"
+    rows = [header]
+    for k in range(COUNT):
+        values = ",".join(map(repr, VALUES[k].tolist()))
+        rows += [f"{STAMPS[k]},{values},36.6,,", f"{STAMPS[k] + 1},,,,,,,,{k}.5,-1e-3"]
+    data = read(write(tmp_path / "robot 1.csv", "\n".join(rows)))
+    assert_imu(data, "/robot_1/imu")
+    (joints,) = data.joints["/robot_1/joint_states"]
+    assert joints.names == ("elbow", "wrist")
+    np.testing.assert_array_equal(joints.header_ns, STAMPS + 1)
+    np.testing.assert_array_equal(joints.position[:, 0], np.arange(COUNT) + 0.5)
+    assert data.losses == ()
+
+
+def test_rows_that_are_none_are_left_out_and_counted(tmp_path: Path) -> None:
+    good = lines(STAMPS, VALUES).splitlines()
+    bad = ["12,1,2,3,4,5", "x,1,2,3,4,5,6", "13,1,2,3,4,5,six", "9" * 30 + ",1,2,3,4,5,6", "nan"]
+    path = write(
+        tmp_path / "imu.csv", "\n".join([IMU_HEADER, *good[:9], *bad, "# note", *good[9:]])
+    )
+    data = read(path)
+    assert_imu(data, "/imu")
+    assert data.losses == ("/imu: 5 of 55 messages do not fit sensor_msgs/Imu and are left out",)
+
+
+def test_tum_trajectory_beside_an_imu(tmp_path: Path) -> None:
+    poses = "# timestamp tx ty tz qx qy qz qw\n" + lines(map(seconds, STAMPS.tolist()), POSES, " ")
+    data = read(
+        write(tmp_path / "imu.csv", f"{IMU_HEADER}\n{lines(STAMPS, VALUES)}"),
+        write(tmp_path / "groundtruth.txt", poses),
+    )
+    assert_imu(data, "/imu")
+    assert_pose(data, "/groundtruth")
+    assert data.losses == ()
+
+
+def test_euroc_folder(tmp_path: Path) -> None:
+    """Headers as in the published data set; images and positions alone are left alone."""
+    mav = tmp_path / "MH_01" / "mav0"
+    write(mav / "imu0" / "data.csv", f"{EUROC_IMU}\n{lines(STAMPS, VALUES)}")
+    ordered = np.column_stack((POSES[:, :3], POSES[:, 6], POSES[:, 3:6], VALUES[:, :3]))
+    name = "state_groundtruth_estimate0"
+    write(mav / name / "data.csv", f"{EUROC_POSE}\n{lines(STAMPS, ordered)}")
+    write(mav / "cam0" / "data.csv", "#timestamp [ns],filename\n1403636579763555584,1.png\n")
+    write(mav / "leica0" / "data.csv", "#timestamp [ns],p_RS_R_x [m]\n1403636579763555584,1.0\n")
+    data = read(tmp_path / "MH_01")
+    assert_imu(data, "/imu0")
+    assert_pose(data, f"/{name}")
+    assert (list(data.imus), list(data.joints), list(data.poses)) == (["/imu0"], [], [f"/{name}"])
+    assert data.losses == ()
+
+
+def test_a_folder_of_tables_is_one_recording(tmp_path: Path) -> None:
+    write(tmp_path / "imu.csv", f"{IMU_HEADER}\n{lines(STAMPS, VALUES)}")
+    write(tmp_path / "joints.csv", f"t_ns,elbow\n{lines(STAMPS, VALUES[:, :1])}")
+    write(tmp_path / "README.txt", "What this is.\n")
+    data = read(tmp_path)
+    assert_imu(data, "/imu")
+    assert list(data.joints) == ["/joints"]
+
+
+def test_tables_beside_a_log_are_no_part_of_it(tmp_path: Path) -> None:
+    write(tmp_path / "notes.csv", f"{IMU_HEADER}\n{lines(STAMPS, VALUES)}")
+    write_log(tmp_path / "log.mcap", mixed_messages(5), "mcap-none")
+    assert [path.name for path in open_log([tmp_path]).paths] == ["log.mcap"]
+
+
+@pytest.mark.parametrize(
+    "text", ["", "t,\n", "a,b,c\n1,2,3\n", "filename,timestamp\n", "1 2 3 4 5 6 7 8\n", "{}"]
+)
+def test_other_text_is_no_log(tmp_path: Path, text: str) -> None:
+    path = write(tmp_path / "x.csv", text)
+    try:
+        data = read(path)
+    except InputError as error:
+        assert "x.csv" in str(error)  # noqa: PT017 - either way is right
+    else:
+        assert not data.imus
+
+
+def test_damage_never_raises_anything_but_our_errors(tmp_path: Path) -> None:
+    rng = random.Random(3)  # noqa: S311 - no secret
+    header = f"{IMU_HEADER},joint.elbow"
+    rows = np.column_stack((VALUES, VALUES[:, 0]))
+    sound = f"{header}\n{lines(STAMPS, rows)}".encode()
+    tum = lines(map(seconds, STAMPS.tolist()), POSES, " ").encode()
+    path = tmp_path / "damaged.csv"
+    read_at_all = 0
+    for _ in range(400):
+        raw = bytearray(rng.choice((sound, tum)))
+        for _ in range(rng.randint(1, 6)):
+            at = rng.choice((rng.randrange(60), rng.randrange(len(raw))))
+            fill = rng.choice((b"\0", b"\xff", b",", b"\n", b"-", b"e9", b"9" * 400, b'"', b"inf"))
+            raw[at : at + rng.choice((0, 1, 5))] = fill
+        path.write_bytes(raw[: rng.choice((len(raw), len(raw) // 2))])
+        try:
+            read(path)
+            read_at_all += 1
+        except ImucalibError as error:
+            assert "\n" not in str(error)  # noqa: PT017 - either way is right
+    assert 150 < read_at_all < 350
+
+
+class NpyFile:
+    """A format of somebody's own, as CONTRIBUTING describes one: time and six values a row."""
+
+    FORMAT = "a NumPy file"
+    IS_TEXT = False
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.losses: list[Finding] = []
+        self._rows = np.load(path)
+        first, last = self._rows["ns"][[0, -1]].tolist()
+        imu = Channel(number=7, topic="/npy", type="sensor_msgs/Imu", encoding="text")
+        self.channels = (replace(imu, count=len(self._rows), start_ns=first, end_ns=last),)
+
+    @classmethod
+    def matches(cls, head: bytes, path: Path) -> bool:  # noqa: ARG003
+        return head.startswith(b"\x93NUMPY")
+
+    def read(self, wanted: Collection[int], sink: Sink, progress: Progress) -> None:  # noqa: ARG002
+        stamps, values = self._rows["ns"], self._rows["values"]
+        numbers = {"gyro": values[:, :3], "accel": values[:, 3:]}
+        piece = Piece(np.arange(len(stamps)), stamps, stamps, {"frame_id": "imu"}, numbers)
+        sink.add_decoded(self.channels[0], piece)
+        progress(1.0)
+
+
+def test_a_format_is_one_class_and_one_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(logs, "READERS", [*READERS, NpyFile])
+    rows = np.zeros(COUNT, dtype=[("ns", np.int64), ("values", np.float64, 6)])
+    rows["ns"], rows["values"] = STAMPS, VALUES
+    np.save(tmp_path / "log.npy", rows)
+    data = read(tmp_path / "log.npy")
+    assert_imu(data, "/npy")
+    assert data.losses == ()
