@@ -24,7 +24,7 @@ from imucalib_cli.logs.clock import choose_clock
 from imucalib_cli.logs.log import LogData, open_log
 from imucalib_cli.logs.messages import TF_TYPES
 from imucalib_cli.logs.select import candidates, select_topics
-from imucalib_cli.robot.urdf import load_robot, preload
+from imucalib_cli.robot.urdf import load_robot
 from imucalib_cli.signals.health import guess_units, stamp_health
 from imucalib_cli.signals.samples import ImuSamples
 
@@ -57,8 +57,6 @@ def inspect(
     Raises:
         InputError: A file cannot be read at all; a log that cannot be calibrated is described.
     """
-    if urdf is not None:
-        preload()
     log = open_log(logs, csv_columns)
     names = {
         topic.name for kind in ("imu", "joints", "pose") for topic in candidates(log.topics, kind)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -17,7 +16,7 @@ from imucalib_cli.logs.log import open_log
 from imucalib_cli.logs.select import select_topics
 from imucalib_cli.robot.frames import Edge
 from imucalib_cli.robot.path import Track
-from imucalib_cli.robot.urdf import load_robot, preload
+from imucalib_cli.robot.urdf import load_robot
 from imucalib_cli.signals.samples import ImuSamples
 
 if TYPE_CHECKING:
@@ -60,39 +59,35 @@ class Recording:
 
 
 def read_recording(request: CalibrationRequest, progress: Progress | None = None) -> Recording:
-    """Open, choose topics, read them in one pass, load the URDF meanwhile.
+    """Open, choose topics, read them in one pass, load the URDF.
 
     Raises:
         InputError: A file cannot be used, or the log has no IMU or nothing that tells motion.
         ChoiceError: A topic is not there or must be chosen.
     """
-    if request.urdf is not None:
-        preload()
     log = open_log(request.logs, request.csv_columns)
     chosen = select_topics(
         log.topics, request.imu_topics, request.joint_topics, request.pose_topics
     )
     files = Fingerprints(log.paths)
-    with ThreadPoolExecutor(max_workers=1) as background:
-        robot = background.submit(load_robot, request.urdf) if request.urdf is not None else None
-        data = log.read(
-            chosen.all, None if progress is None else lambda share: progress("reading", share)
-        )
-        imus = tuple(imu for imu in data.imus.values() if len(imu))
-        _see_imus_used(imus, chosen.imus, data, request)
-        clock = choose_clock(moving_streams(data), request.clock)
-        _see_stamps_advance(imus, clock)
-        sources, doubles = gather_sources(data, clock, chosen.unasked)
-        return Recording(
-            imus=imus,
-            joints=data.joints,
-            sources=sources,
-            clock=clock,
-            robot=None if robot is None else robot.result(),
-            paths=log.paths,
-            files=files,
-            findings=(*data.findings, *clock.findings, *doubles),
-        )
+    data = log.read(
+        chosen.all, None if progress is None else lambda share: progress("reading", share)
+    )
+    imus = tuple(imu for imu in data.imus.values() if len(imu))
+    _see_imus_used(imus, chosen.imus, data, request)
+    clock = choose_clock(moving_streams(data), request.clock)
+    _see_stamps_advance(imus, clock)
+    sources, doubles = gather_sources(data, clock, chosen.unasked)
+    return Recording(
+        imus=imus,
+        joints=data.joints,
+        sources=sources,
+        clock=clock,
+        robot=None if request.urdf is None else load_robot(request.urdf),
+        paths=log.paths,
+        files=files,
+        findings=(*data.findings, *clock.findings, *doubles),
+    )
 
 
 def _see_imus_used(

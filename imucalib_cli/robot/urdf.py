@@ -9,12 +9,14 @@ from __future__ import annotations
 
 import difflib
 import hashlib
+import importlib.util
 import logging
-import threading
-from contextlib import contextmanager, suppress
+import sys
+from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from io import BytesIO
+from types import ModuleType
 from typing import TYPE_CHECKING, Any, Literal, cast
 
 import numpy as np
@@ -29,7 +31,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 Floats = NDArray[np.float64]
-_LEVELS = threading.RLock()
 JointKind = Literal["fixed", "revolute", "continuous", "prismatic", "floating", "planar"]
 
 
@@ -199,41 +200,50 @@ def parse_robot(data: bytes, path: Path) -> Robot:
     )
 
 
-def preload() -> threading.Thread:
-    """Import yourdfpy in the background, to be waited for by the first :func:`load_robot`.
+class _NoMeshes(ModuleType):
+    """What yourdfpy finds for the names of trimesh's types in its annotations."""
 
-    The import takes longer than most logs take to read; joining the thread is not needed.
-    """
-    thread = threading.Thread(target=_import_early, name="preload-yourdfpy", daemon=True)
-    thread.start()
-    return thread
+    def __getattr__(self, name: str) -> type:
+        return object
 
 
-def _import_early() -> None:
-    with suppress(ImportError):  # load_robot meets it again, in the user's thread
-        _yourdfpy()
-
-
+@cache
 def _yourdfpy() -> Any:
-    with _quiet():
-        import yourdfpy
+    # A copy of our own of yourdfpy that imports nothing of trimesh but its transformations: meshes
+    # and scenes are not used, and importing them costs half a second and 70 MB. The process
+    # is left as it was, so that who imports yourdfpy beside us has all of it.
+    ours = ("yourdfpy", "trimesh")
 
-    return yourdfpy
+    def taken_out() -> dict[str, ModuleType]:
+        names = [name for name in sys.modules if name.partition(".")[0] in ours]
+        return {name: sys.modules.pop(name) for name in names}
+
+    with _quiet():
+        spec = importlib.util.find_spec("trimesh")
+        before = taken_out()
+        if spec is not None:
+            standing_in = _NoMeshes("trimesh")
+            standing_in.__path__ = list(spec.submodule_search_locations or ())
+            sys.modules["trimesh"] = standing_in
+        try:
+            return importlib.import_module("yourdfpy")
+        finally:
+            taken_out()
+            sys.modules.update(before)
 
 
 @contextmanager
 def _quiet() -> Iterator[None]:
     """Keep yourdfpy and trimesh from writing to stderr: our own check has said it better."""
     loggers = [logging.getLogger(name) for name in ("yourdfpy", "trimesh")]
-    with _LEVELS:  # else the preloading thread could restore the levels it did not find
-        before = [logger.level for logger in loggers]
-        for logger in loggers:
-            logger.setLevel(logging.CRITICAL + 1)
-        try:
-            yield
-        finally:
-            for logger, level in zip(loggers, before, strict=True):
-                logger.setLevel(level)
+    before = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        for logger, level in zip(loggers, before, strict=True):
+            logger.setLevel(level)
 
 
 def _joint(parsed: Any) -> Joint:

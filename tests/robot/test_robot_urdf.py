@@ -7,12 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
+import yourdfpy
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.robot import urdf_xml
-from imucalib_cli.robot.urdf import Mimic, load_robot, preload
+from imucalib_cli.robot.urdf import Mimic, load_robot
 
 DATA = Path(__file__).parent / "data"
 
@@ -194,8 +196,8 @@ def test_loading_is_silent_and_lazy() -> None:
     code = (
         "import sys; from pathlib import Path; import imucalib_cli.robot.urdf as u\n"
         "assert not {'yourdfpy', 'trimesh', 'scipy'} & set(sys.modules)\n"
-        f"u.preload(); u.load_robot(Path({str(DATA / 'panda.urdf')!r}))\n"
-        "assert 'yourdfpy' in sys.modules\n"
+        f"u.load_robot(Path({str(DATA / 'panda.urdf')!r}))\n"
+        "assert not {'trimesh', 'scipy', 'networkx'} & set(sys.modules)\n"
     )
     done = subprocess.run(
         [sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, check=False
@@ -203,9 +205,11 @@ def test_loading_is_silent_and_lazy() -> None:
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
-def test_preloading_leaves_yourdfpy_imported() -> None:
-    preload().join()
-    assert "yourdfpy" in sys.modules
+def test_who_imports_yourdfpy_beside_us_has_all_of_it() -> None:
+    load_robot(DATA / "panda.urdf")
+    model = yourdfpy.URDF.load(str(DATA / "panda.urdf"), load_meshes=False)
+    assert isinstance(model.scene, trimesh.Scene)
+    assert sys.modules["trimesh"] is trimesh
 
 
 @given(
