@@ -14,7 +14,7 @@ import numpy as np
 from msgspec import UNSET, Meta, UnsetType
 
 from imucalib_cli.results.codec import json_schema
-from imucalib_cli.results.from_estimate import number, numbers
+from imucalib_cli.results.from_estimate import plain
 from imucalib_cli.results.pose_comparison import Verdict
 from imucalib_cli.results.result import (
     Matrix6,
@@ -279,7 +279,7 @@ class KalibrAnswer(Tree, frozen=True):
 
 def within_entry(within: Tolerance) -> Within:
     """A tolerance in its units."""
-    return Within(number(within.translation * 1e3), number(math.degrees(within.rotation)))
+    return Within(plain(within.translation * 1e3), plain(math.degrees(within.rotation)))
 
 
 def part_entries(
@@ -295,21 +295,21 @@ def part_entries(
 
 def _part(apart: PoseComparison, part: Part, unit: str) -> dict[str, Any]:
     scale = part.scale
-    std = None if part.covariance is None else numbers(np.sqrt(np.diag(part.covariance)) * scale)
+    std = None if part.covariance is None else plain(np.sqrt(np.diag(part.covariance)) * scale)
     return {
-        f"difference_{unit}": number(part.norm * scale),
-        f"sigma_{unit}": None if part.sigma is None else number(part.sigma * scale),
-        f"between_{unit}": None if part.bounds is None else numbers(np.array(part.bounds) * scale),
-        f"vector_{unit}": numbers(part.vector * scale),
+        f"difference_{unit}": plain(part.norm * scale),
+        f"sigma_{unit}": None if part.sigma is None else plain(part.sigma * scale),
+        f"between_{unit}": None if part.bounds is None else plain(np.array(part.bounds) * scale),
+        f"vector_{unit}": plain(part.vector * scale),
         f"std_{unit}": std,
-        "unknown_directions": [numbers(direction) for direction in part.unknown],
+        "unknown_directions": plain(part.unknown),
         "test": test_entry(apart.test(part)),
     }
 
 
 def test_entry(test: Test | None) -> TestEntry | None:
     """A chi-squared test, if there is one."""
-    return None if test is None else TestEntry(number(test.chi2), test.freedom, test.p_value)
+    return None if test is None else TestEntry(plain(test.chi2), test.freedom, test.p_value)
 
 
 def significance_entry(apart: PoseComparison) -> Significance | None:
@@ -322,18 +322,18 @@ def significance_entry(apart: PoseComparison) -> Significance | None:
     if not known:
         return None
     sigmas, kind = max(known)
-    return Significance(kind, number(sigmas))
+    return Significance(kind, plain(sigmas))
 
 
 def distance_entry(error: PoseError) -> Distance:
     """A distance between poses in its units."""
     return Distance(
-        distance_mm=number(error.translation * 1e3),
-        angle_deg=number(math.degrees(error.rotation)),
+        distance_mm=plain(error.translation * 1e3),
+        angle_deg=plain(math.degrees(error.rotation)),
         averaged=Averaged(
             metric="ATOM compareTransforms: |mean of x y z|, mean of |roll| |pitch| |yaw|",
-            translation_mm=number(error.averaged_translation * 1e3),
-            rotation_deg=number(math.degrees(error.averaged_rotation)),
+            translation_mm=plain(error.averaged_translation * 1e3),
+            rotation_deg=plain(math.degrees(error.averaged_rotation)),
         ),
     )
 

@@ -7,7 +7,7 @@ What the motion did not determine is null in ``transform``; its conditional valu
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from msgspec import UNSET
@@ -37,6 +37,7 @@ from imucalib_cli.results.result import (
     Tangent,
     TimeOffset,
     Transform,
+    Tree,
     Unobservable,
     Whiteness,
     WindowEntry,
@@ -49,11 +50,12 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from imucalib_cli.estimate.estimate import Consistency, Estimate, Residuals
-    from imucalib_cli.estimate.imu_check import ImuCheck, SensorCheck
     from imucalib_cli.findings import Finding
     from imucalib_cli.results.pose import Nominal
 
     Floats = NDArray[np.float64]
+
+T = TypeVar("T", bound=Tree)
 
 
 def result_of(
@@ -89,12 +91,12 @@ def result_of(
             rotation_rpy=None if turned else pose.rotation_rpy,
         ),
         partial=pose if turned or not all(known) else UNSET,
-        covariance=None if covariance is None else [numbers(row) for row in covariance],
-        std=None if covariance is None else _std(covariance),
-        time_offset=TimeOffset(number(estimate.time_offset), number(estimate.time_offset_std)),
-        accel_bias=_bias(estimate.accel_bias, estimate.accel_bias_std),
-        gyro_bias=_bias(estimate.gyro_bias, estimate.gyro_bias_std),
-        gravity_world=numbers(estimate.gravity_world),
+        covariance=None if covariance is None else plain(covariance),
+        std=None if covariance is None else Std(*_tangent(np.sqrt(np.diag(covariance)))),
+        time_offset=TimeOffset(plain(estimate.time_offset), plain(estimate.time_offset_std)),
+        accel_bias=Bias(plain(estimate.accel_bias), plain(estimate.accel_bias_std)),
+        gyro_bias=Bias(plain(estimate.gyro_bias), plain(estimate.gyro_bias_std)),
+        gravity_world=plain(estimate.gravity_world),
         diagnostics=_diagnostics(estimate, nominal),
         provenance=provenance,
     )
@@ -126,7 +128,7 @@ def known_directions(
             axis = vector * np.sign(vector[np.argmax(np.abs(vector))])
             value = float(axis @ t_parent_imu) if kind == "translation" else None
             std = float(np.sqrt(max(variance, 0.0)))
-            found.append(Observable(kind, numbers(axis), number(value), number(std)))
+            found.append(Observable(kind, plain(axis), plain(value), plain(std)))
     return found
 
 
@@ -139,11 +141,8 @@ def _across(directions: list[list[float]]) -> Floats:
 
 
 def _diagnostics(estimate: Estimate, nominal: Nominal | None) -> Diagnostics:
-    residuals, window = estimate.residuals, estimate.window
-    unobservable = [
-        Unobservable(each.kind, numbers(each.direction_parent), number(each.std), each.motion)
-        for each in estimate.unobservable
-    ]
+    residuals, check = estimate.residuals, estimate.imu_check
+    unobservable = [_copied(Unobservable, each) for each in estimate.unobservable]
     # a sigma that something contradicts tells nothing about any direction
     covariance = None if estimate.distrust else estimate.covariance
     return Diagnostics(
@@ -154,28 +153,23 @@ def _diagnostics(estimate: Estimate, nominal: Nominal | None) -> Diagnostics:
         distrust=list(estimate.distrust),
         warnings=list(estimate.warnings),
         sigma_source=estimate.sigma_source,
-        corrections={
-            each.name: CorrectionEntry(numbers(each.value), numbers(each.std))
-            for each in estimate.corrections
-        },
+        corrections={each.name: _copied(CorrectionEntry, each) for each in estimate.corrections},
         parameters=[
-            ParameterEntry(
-                name=each.name,
-                label=each.label,
-                unit=each.unit,
-                value=number(each.value),
-                std=number(each.std),
-                prior_std=number(each.prior_std),
-                prior_learnt=each.learnt,
-            )
-            for each in estimate.parameters
+            _copied(ParameterEntry, each, prior_learnt=each.learnt) for each in estimate.parameters
         ],
         nominal=None if nominal is None else _nominal(estimate, nominal),
-        window=WindowEntry(int(window.samples), number(window.seconds), window.reason),
-        residual_rms=ResidualRms(numbers(residuals.accel_rms), numbers(residuals.gyro_rms)),
+        window=_copied(WindowEntry, estimate.window, samples=int(estimate.window.samples)),
+        residual_rms=ResidualRms(plain(residuals.accel_rms), plain(residuals.gyro_rms)),
         residual_normalised=_normalised(residuals),
         consistency=None if estimate.consistency is None else _consistency(estimate.consistency),
-        imu_model=None if estimate.imu_check is None else _imu_model(estimate.imu_check),
+        imu_model=None
+        if check is None
+        else _copied(
+            ImuModelEntry,
+            check,
+            accel=_copied(SensorCheckEntry, check.accel),
+            gyro=_copied(SensorCheckEntry, check.gyro),
+        ),
         windows_used=int(residuals.windows_used),
         windows_dropped=int(residuals.windows_dropped),
         samples_replaced=int(residuals.samples_replaced),
@@ -186,7 +180,7 @@ def _diagnostics(estimate: Estimate, nominal: Nominal | None) -> Diagnostics:
 
 def pose_entry(R: ArrayLike, t: ArrayLike) -> Pose:
     """A pose as results write it: R (3, 3), t (3,), m."""
-    return Pose(numbers(t), numbers(quaternion_from_matrix(R)), numbers(rpy_from_matrix(R)))
+    return Pose(plain(t), plain(quaternion_from_matrix(R)), plain(rpy_from_matrix(R)))
 
 
 def finding_entry(finding: Finding) -> FindingEntry:
@@ -203,26 +197,15 @@ def _value(value: Any) -> Any:
     return [_value(each) for each in value] if isinstance(value, tuple) else _scalar(value)
 
 
-def _std(covariance: Floats) -> Std:
-    std = np.sqrt(np.diag(covariance))
-    return Std(numbers(std[:3] * 1e3), numbers(np.degrees(std[3:])))
-
-
-def _bias(value: ArrayLike, std: ArrayLike | None) -> Bias:
-    return Bias(numbers(value), None if std is None else numbers(std))
-
-
 def _nominal(estimate: Estimate, nominal: Nominal) -> NominalEntry:
-    pose = pose_entry(nominal.R_parent_imu, nominal.t_parent_imu)
-    apart = float(np.linalg.norm(estimate.t_parent_imu - nominal.t_parent_imu))
-    turn = float(rotation_angle(nominal.R_parent_imu.T @ estimate.R_parent_imu))
-    return NominalEntry(
+    apart = np.linalg.norm(estimate.t_parent_imu - nominal.t_parent_imu)
+    turn = rotation_angle(nominal.R_parent_imu.T @ estimate.R_parent_imu)
+    return _copied(
+        NominalEntry,
+        pose_entry(nominal.R_parent_imu, nominal.t_parent_imu),
         joint=nominal.joint,
-        translation=pose.translation,
-        rotation_xyzw=pose.rotation_xyzw,
-        rotation_rpy=pose.rotation_rpy,
-        distance_mm=number(apart * 1e3),
-        distance_deg=number(math.degrees(turn)),
+        distance_mm=plain(float(apart) * 1e3),
+        distance_deg=plain(math.degrees(float(turn))),
     )
 
 
@@ -230,44 +213,42 @@ def _normalised(residuals: Residuals) -> ResidualNormalised | None:
     accel, gyro = residuals.accel_normalised, residuals.gyro_normalised
     if accel is None or gyro is None:
         return None
-    return ResidualNormalised(numbers(accel), numbers(gyro))
-
-
-def _imu_model(check: ImuCheck) -> ImuModelEntry:
-    def sensor(each: SensorCheck) -> SensorCheckEntry:
-        return SensorCheckEntry(
-            expected=number(each.expected),
-            measured=number(each.measured),
-            in_windows=number(each.in_windows),
-            bias_prior=number(each.bias_prior),
-        )
-
-    return ImuModelEntry(check.name, number(check.rate), sensor(check.accel), sensor(check.gyro))
+    return ResidualNormalised(plain(accel), plain(gyro))
 
 
 def _consistency(parts: Consistency) -> ConsistencyEntry:
-    fold, halves = np.asarray(parts.fold_std), np.asarray(parts.halves_difference)
-    return ConsistencyEntry(
+    return _copied(
+        ConsistencyEntry,
+        parts,
         folds=parts.folds,
-        fold_std=Tangent(numbers(fold[:3] * 1e3), numbers(np.degrees(fold[3:]))),
-        halves=Halves(
-            numbers(halves[:3] * 1e3), numbers(np.degrees(halves[3:])), number(parts.halves_sigmas)
-        ),
-        segment_chi2=number(parts.segment_chi2),
-        whiteness=Whiteness(number(parts.whiteness[0]), number(parts.whiteness[1])),
+        fold_std=Tangent(*_tangent(parts.fold_std)),
+        halves=Halves(*_tangent(parts.halves_difference), plain(parts.halves_sigmas)),
+        whiteness=Whiteness(*plain(parts.whiteness)),
     )
 
 
-def numbers(values: ArrayLike) -> Any:
-    """A list of numbers, null where one is not finite."""
-    return [number(value) for value in np.asarray(values, dtype=np.float64).ravel()]
+def _tangent(values: ArrayLike) -> tuple[Any, Any]:
+    """Millimetres and degrees of six components in m and rad."""
+    six = np.asarray(values, dtype=np.float64)
+    return plain(six[:3] * 1e3), plain(np.degrees(six[3:]))
 
 
-def number(value: float | None) -> Any:
-    """A number that JSON has, or null."""
-    if value is None or not math.isfinite(value):
-        return None
-    return float(value) + 0.0  # minus zero reads as if it meant something
+def _copied(kind: type[T], source: object, **given: Any) -> T:
+    """A tree that takes from an object whatever has the same name, but what is given."""
+    names = [name for name in kind.__struct_fields__ if name not in given]
+    return kind(**given, **{name: plain(getattr(source, name)) for name in names})
+
+
+def plain(value: Any) -> Any:
+    """Texts as they are; numbers and arrays of them as floats, null where one is not finite."""
+    if value is None or isinstance(value, str):
+        return value
+    if isinstance(value, (np.ndarray, list, tuple)):
+        return [plain(each) for each in value]
+    number = float(value)
+    return (
+        number + 0.0 if math.isfinite(number) else None
+    )  # minus zero reads as if it meant something
 
 
 def scalars(values: Mapping[str, object]) -> dict[str, Scalar]:
@@ -276,15 +257,8 @@ def scalars(values: Mapping[str, object]) -> dict[str, Scalar]:
 
 
 def _scalar(value: object) -> Scalar:
-    if isinstance(value, str):
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, float) and not math.isfinite(value):
         return str(value)
-    if value is None or isinstance(value, (bool, int)):
-        return value
-    if isinstance(value, np.bool_):
-        return bool(value)
-    if isinstance(value, np.integer):
-        return int(value)
-    if isinstance(value, (float, np.floating)):
-        plain = float(value)
-        return plain if math.isfinite(plain) else str(plain)
-    return str(value)
+    return value if value is None or isinstance(value, (bool, int, float)) else str(value)

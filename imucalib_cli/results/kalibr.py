@@ -30,7 +30,7 @@ from imucalib_cli.results.answers import (
     test_entry,
 )
 from imucalib_cli.results.codec import FARTHEST, convert, load_yaml
-from imucalib_cli.results.from_estimate import number, pose_entry
+from imucalib_cli.results.from_estimate import plain, pose_entry
 from imucalib_cli.results.pose import fixed_transform, pose_error
 from imucalib_cli.results.pose_comparison import PoseComparison, compare_poses
 from imucalib_cli.results.result import SCHEMA, Result, Tree, Vector3
@@ -271,12 +271,12 @@ def compare_with_kalibr(
 
     apart = compare_poses(found, found.exactly(*theirs))
     our_pose = OurPose(
-        file=file, time_offset=number(result.time_offset.seconds), **entries(ours, our_error)
+        file=file, time_offset=plain(result.time_offset.seconds), **entries(ours, our_error)
     )
     kalibr_pose = KalibrPose(
         file=kalibr.file,
         camera=kalibr.camera,
-        timeshift_cam_imu=number(kalibr.timeshift),
+        timeshift_cam_imu=plain(kalibr.timeshift),
         **entries(theirs, their_error),
     )
     times = None if kalibr.timeshift is None else _time_shifts(result, kalibr.timeshift, truth)
@@ -305,7 +305,7 @@ def compare_with_kalibr(
 
 def _time_shifts(result: Result, shift: float, truth: TruePose | None) -> TimeShifts:
     def milliseconds(value: float | None, true: float | None = 0.0) -> Any:
-        return None if value is None or true is None else number((value - true) * 1e3)
+        return None if value is None or true is None else plain((value - true) * 1e3)
 
     offset = result.time_offset.seconds
     return TimeShifts(
@@ -322,8 +322,8 @@ def _truth_entry(truth: TruePose) -> TruthPose:
         file=truth.file,
         T_camera_imu=None if truth.T_camera_imu is None else pose_entry(*truth.T_camera_imu),
         T_parent_imu=pose_entry(*truth.T_parent_imu),
-        time_offset=number(truth.time_offset),
-        timeshift_cam_imu=number(truth.timeshift),
+        time_offset=plain(truth.time_offset),
+        timeshift_cam_imu=plain(truth.timeshift),
     )
 
 

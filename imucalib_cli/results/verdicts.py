@@ -17,7 +17,7 @@ from imucalib_cli.results.answers import (
     test_entry,
     within_entry,
 )
-from imucalib_cli.results.from_estimate import numbers, pose_entry
+from imucalib_cli.results.from_estimate import plain, pose_entry
 from imucalib_cli.results.pose_comparison import PoseComparison, compare_poses
 from imucalib_cli.results.requirement import CODES, Tolerance
 from imucalib_cli.results.result import SCHEMA
@@ -154,7 +154,7 @@ def diff(
         rotation=rotation,
         significance=significance_entry(apart),
         test=test_entry(test),
-        covariance=None if covariance is None else [numbers(row) for row in covariance],
+        covariance=plain(covariance),
         warnings=_warnings(first, second),
         first=_side(*first),
         second=_side(*second),
