@@ -145,13 +145,14 @@ def result_from(document: object, name: str) -> Result:
     Raises:
         InputError: A key is missing or has a value that cannot be; it is named.
     """
-    schema = document.get("schema", SCHEMA) if isinstance(document, dict) else SCHEMA
+    if not isinstance(document, dict):
+        _fail(name, "", f"should be a mapping; is this {RESULT}?")
+    if "schema" not in document:  # it says what the rest should be, so it comes first
+        _fail(name, "schema", f"is missing; is this {RESULT}?")
+    schema = document["schema"]
     if isinstance(schema, int) and schema is not True and schema != SCHEMA:
-        _fail(
-            name,
-            "schema",
-            f"is {schema}, this version reads {SCHEMA}: use the imucalib it came from",
-        )
+        said = f"is {schema}, this version reads {SCHEMA}: use the imucalib it came from"
+        _fail(name, "schema", said)
     result = convert(document, Result, name, RESULT)
     for place, complaint in _contradictions(result):
         _fail(name, place, complaint)
@@ -161,7 +162,6 @@ def result_from(document: object, name: str) -> Result:
             f"{name}: the covariance of {result.child} is none: it is not symmetric, or gives a "
             "variance below zero; was it edited?"
         )
-    assert isinstance(document, dict)  # noqa: S101 - convert has seen to it
     return _completed(result, document["diagnostics"])
 
 

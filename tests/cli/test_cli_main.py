@@ -74,11 +74,11 @@ def test_schema_is_a_valid_schema(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["schema"]) == 0
     schema = json.loads(capsys.readouterr().out)
     jsonschema.Draft202012Validator.check_schema(schema)
-    assert schema["$defs"]["document"]["properties"]["schema"] == {"const": 1}
+    assert schema["$defs"]["Result"]["properties"]["schema"] == {"enum": [1]}
     assert main(["schema", "comparison"]) == 0
     schema = json.loads(capsys.readouterr().out)
     jsonschema.Draft202012Validator.check_schema(schema)
-    assert set(schema["$defs"]) >= {"verify", "diff"}
+    assert set(schema["$defs"]) >= {"VerifyAnswer", "DiffAnswer", "KalibrAnswer"}
     assert main(["schema", "log"]) == 2
 
 
