@@ -9,7 +9,7 @@ import math
 import re
 import reprlib
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, NoReturn, TypeVar
 
 import msgspec
 import numpy as np
@@ -17,7 +17,7 @@ import yaml
 from msgspec import UNSET
 
 from imucalib_cli.errors import InputError
-from imucalib_cli.findings import TEXT, Severity
+from imucalib_cli.findings import TEXT
 from imucalib_cli.results.from_estimate import known_directions
 from imucalib_cli.results.pose import is_covariance
 from imucalib_cli.results.result import SCHEMA, FindingEntry, Pose, Result, Tree
@@ -108,7 +108,7 @@ def to_json(documents: Sequence[Tree | Document]) -> str:
     return json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-def load_yaml(text: str, name: str, kind: str = "YAML") -> list[Any]:
+def load_yaml(text: str, name: str, complaint: str) -> list[Any]:
     """Documents of a YAML stream, which JSON is too; empty ones are left out.
 
     Raises:
@@ -118,7 +118,7 @@ def load_yaml(text: str, name: str, kind: str = "YAML") -> list[Any]:
         return [part for part in yaml.load_all(text, Loader=_Loader) if part is not None]
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         reason = " ".join(str(error).split())
-        raise InputError(f"{name}: {kind}: {reason}") from error
+        raise InputError(f"{name}: {complaint}: {reason}") from error
 
 
 def read_results(text: str, name: str) -> list[Result]:
@@ -150,19 +150,25 @@ def result_from(document: object, name: str) -> Result:
     if "schema" not in document:  # it says what the rest should be, so it comes first
         _fail(name, "schema", f"is missing; is this {RESULT}?")
     schema = document["schema"]
-    if isinstance(schema, int) and schema is not True and schema != SCHEMA:
+    if isinstance(schema, int) and not isinstance(schema, bool) and schema != SCHEMA:
         said = f"is {schema}, this version reads {SCHEMA}: use the imucalib it came from"
         _fail(name, "schema", said)
     result = convert(document, Result, name, RESULT)
+    written = document["diagnostics"]
+    if "findings" not in written:
+        result = _with(result, findings=_uncoded(result))
     for place, complaint in _contradictions(result):
         _fail(name, place, complaint)
-    covariance = result.uncertain_pose.covariance
-    if covariance is not None and not is_covariance(covariance):
+    pose = result.uncertain_pose
+    if pose.covariance is not None and not is_covariance(pose.covariance):
         raise InputError(
             f"{name}: the covariance of {result.child} is none: it is not symmetric, or gives a "
             "variance below zero; was it edited?"
         )
-    return _completed(result, document["diagnostics"])
+    if "observable" in written or result.diagnostics.distrust:
+        return result
+    known = known_directions(pose.t, pose.covariance, result.diagnostics.unobservable)
+    return _with(result, observable=known)
 
 
 def convert(document: object, kind: type[T], name: str, what: str, where: str = "") -> T:
@@ -272,7 +278,7 @@ def _contradictions(result: Result) -> Iterator[tuple[str, str]]:
         yield "status", f"is {result.status}, but the diagnostics say {status}"
     grave = sum(each.severity == "untrusted" for each in diagnostics.findings)
     counts = grave, len(diagnostics.findings) - grave
-    if diagnostics.findings and counts != (len(diagnostics.distrust), len(diagnostics.warnings)):
+    if counts != (len(diagnostics.distrust), len(diagnostics.warnings)):
         said = "are not those of distrust and warnings: edit both or neither"
         yield "diagnostics.findings", said
 
@@ -309,32 +315,27 @@ def _rotation_contradictions(pose: Pose, place: str) -> Iterator[tuple[str, str]
         yield f"{place}.rotation_rpy", f"{said}neither"
 
 
-def _completed(result: Result, written: Document) -> Result:
-    """A result with what earlier versions did not write."""
-    diagnostics = result.diagnostics
-    changes: dict[str, Any] = {}
-    if "findings" not in written:
-        changes["findings"] = [*map(_uncoded, diagnostics.distrust)] + [
-            FindingEntry(TEXT, "warning", {"text": each}, each) for each in diagnostics.warnings
-        ]
-    if "observable" not in written and not diagnostics.distrust:
-        pose = result.uncertain_pose
-        known = known_directions(pose.t, pose.covariance, diagnostics.unobservable)
-        changes["observable"] = known
-    if not changes:
-        return result
-    return msgspec.structs.replace(
-        result, diagnostics=msgspec.structs.replace(diagnostics, **changes)
-    )
+def _with(result: Result, **changes: Any) -> Result:
+    """A result with other diagnostics."""
+    diagnostics = msgspec.structs.replace(result.diagnostics, **changes)
+    return msgspec.structs.replace(result, diagnostics=diagnostics)
 
 
-def _uncoded(reason: str) -> FindingEntry:
-    """A stored reason without a code: the one place where a sentence is looked at.
+def _uncoded(result: Result) -> list[FindingEntry]:
+    """Findings of a result that was written without codes: the one place that looks at sentences.
 
     A result that misses --require is not wrong, and must still answer `verify` and `diff`.
     """
-    code = "require.text" if reason.startswith(_OLD_REQUIREMENT) else TEXT
-    return FindingEntry(code, Severity.UNTRUSTED.value, {"text": reason}, reason)
+
+    def entry(severity: Literal["warning", "untrusted"], said: str) -> FindingEntry:
+        missed = severity == "untrusted" and said.startswith(_OLD_REQUIREMENT)
+        return FindingEntry("require.text" if missed else TEXT, severity, {"text": said}, said)
+
+    diagnostics = result.diagnostics
+    return [
+        *(entry("untrusted", reason) for reason in diagnostics.distrust),
+        *(entry("warning", warning) for warning in diagnostics.warnings),
+    ]
 
 
 def json_schema(title: str, description: str, *kinds: type[Tree]) -> str:

@@ -23,11 +23,11 @@ Status = Literal["ok", "untrusted"]
 Kind = Literal["translation", "rotation"]
 Vector3 = Annotated[list[float], Meta(min_length=3, max_length=3)]
 Vector3OrNull = Annotated[list[float | None], Meta(min_length=3, max_length=3)]
+_NUMBER = {"type": "number"}
+_WITH_W_AT_LEAST_0 = {"prefixItems": [_NUMBER, _NUMBER, _NUMBER, _NUMBER | {"minimum": 0}]}
 Quaternion = Annotated[
     list[float],
-    Meta(
-        min_length=4, max_length=4, extra_json_schema={"prefixItems": [{}, {}, {}, {"minimum": 0}]}
-    ),
+    Meta(min_length=4, max_length=4, extra_json_schema=_WITH_W_AT_LEAST_0),
 ]
 UpTo3 = Annotated[list[float], Meta(min_length=1, max_length=3)]
 Matrix6 = Annotated[

@@ -342,6 +342,14 @@ def test_a_spoilt_finding_is_an_input_error(changes: dict[str, Any], complaint: 
         result_from(document, "f")
 
 
+def test_reasons_whose_findings_were_taken_out_are_an_input_error() -> None:
+    """Nobody would hear of them: decisions rest on findings."""
+    document = to_document(make_result(findings=texts(Severity.UNTRUSTED, ["it wobbles"])))
+    document["diagnostics"]["findings"] = []
+    with pytest.raises(InputError, match="findings are not those of distrust and warnings"):
+        result_from(document, "f")
+
+
 def test_values_that_hold_themselves_are_an_input_error() -> None:
     text = to_yaml([to_document(make_result())])
     for values in ("{share: &a [*a]}", "{share: [[[1]]]}"):

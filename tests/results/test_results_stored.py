@@ -49,7 +49,7 @@ def test_old_results_still_answer(
 
 @pytest.mark.parametrize("name", ["first", "without_parameters"])
 def test_old_results_are_verified(name: str, capsys: pytest.CaptureFixture[str]) -> None:
-    """The sample's URDF has the IMU 5 mm and 1 degree from where it is."""
+    """The sample's URDF has the IMU turned by 1 degree."""
     (path,) = (str(each) for each in STORED if each.stem == name)
     assert main(["verify", path, "--urdf", str(SAMPLES / "rihibot.urdf")]) == 4
     assert "the rotation is off by 1.0" in capsys.readouterr().err
