@@ -38,6 +38,7 @@ _OLD_REQUIREMENT = "--require asks for "
 """How the reasons of --require begin in results that were written without codes."""
 _LONGEST = 300
 """Characters of a complaint: it may quote a value of any length."""
+_SURROGATE = re.compile("[\ud800-\udfff]")
 _SHOWN = reprlib.Repr()
 """For values of a file: an alias may stand for gigabytes of text."""
 _SHOWN.maxstring = _SHOWN.maxother = 100
@@ -172,7 +173,7 @@ def result_from(document: object, name: str) -> Result:
 
 
 def convert(document: object, kind: type[T], name: str, what: str, where: str = "") -> T:
-    """A tree from a parsed document, all numbers finite.
+    """A tree from a parsed document, all of which can be written again.
 
     Args:
         document: Of dicts, lists and scalars.
@@ -189,8 +190,8 @@ def convert(document: object, kind: type[T], name: str, what: str, where: str = 
     except msgspec.ValidationError as error:
         place, complaint = _complaint(str(error), document, kind, what)
         _fail(name, f"{where}.{place}".strip("."), complaint)
-    for place, value in _not_finite(msgspec.to_builtins(tree), where):
-        _fail(name, place, f"should be a finite number, not {value!r}")
+    for place, complaint in _unwritable(msgspec.to_builtins(tree), where):
+        _fail(name, place, complaint)
     return tree
 
 
@@ -254,16 +255,19 @@ def _value_at(document: Any, keys: list[str]) -> Any:
     return document
 
 
-def _not_finite(node: Any, place: str) -> Iterator[tuple[str, float]]:
-    """Places of numbers that JSON does not have."""
+def _unwritable(node: Any, place: str) -> Iterator[tuple[str, str]]:
+    """Places of what JSON or UTF-8 does not have, and the complaint."""
     if isinstance(node, dict):
         for key, value in node.items():
-            yield from _not_finite(value, f"{place}.{key}".removeprefix("."))
+            yield from _unwritable(key, place)
+            yield from _unwritable(value, f"{place}.{key}".removeprefix("."))
     elif isinstance(node, list):
         for index, value in enumerate(node):
-            yield from _not_finite(value, f"{place}[{index}]")
+            yield from _unwritable(value, f"{place}[{index}]")
     elif isinstance(node, float) and not math.isfinite(node):
-        yield place, node
+        yield place, f"should be a finite number, not {node!r}"
+    elif isinstance(node, str) and _SURROGATE.search(node):
+        yield place, "has half of a character, which no file can hold: take it out"
 
 
 def _contradictions(result: Result) -> Iterator[tuple[str, str]]:

@@ -456,6 +456,14 @@ def test_numbers_that_cannot_be_are_refused(path: tuple[Any, ...], value: Any, p
     assert str(caught.value).startswith("edited.yaml: ")
 
 
+def test_half_a_character_is_an_input_error() -> None:
+    """JSON and YAML can name it, UTF-8 cannot write it."""
+    document = to_document(make_result())
+    document["diagnostics"]["notes"]["unit"] = "\ud800"
+    with pytest.raises(InputError, match=r"notes\.unit has half of a character"):
+        read_results(json.dumps(document), "f")
+
+
 def test_what_the_transform_shows_must_be_what_partial_says() -> None:
     text = _edited(("transform", "translation", 0), 0.5, unobservable=(UP,))
     with pytest.raises(InputError, match="is not that of partial"):
