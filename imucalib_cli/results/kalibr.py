@@ -56,6 +56,7 @@ _ROUNDING = 1e-4
 """How far from orthonormal a rotation may be that was rounded when it was copied."""
 KALIBR = "the -camchain-imucam.yaml that kalibr_calibrate_imu_camera writes"
 TRUTH = "the truth.yaml that imucalib simulate writes beside a log"
+"""What the two files should be, for messages."""
 
 
 class _Camera(Tree, frozen=True):
