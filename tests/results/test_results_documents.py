@@ -311,6 +311,13 @@ def test_sentences_of_results_without_codes_are_read() -> None:
     assert again == result
 
 
+def test_what_is_known_all_the_same_is_worked_out_where_it_was_not_written() -> None:
+    result = make_result(unobservable=(UP,))
+    document = to_document(result)
+    assert len(document["diagnostics"].pop("observable")) == 5
+    assert result_from(document, "f") == result
+
+
 def test_a_finding_of_a_later_version_is_told_as_it_was() -> None:
     document = to_document(make_result())
     document["diagnostics"]["findings"] = [
