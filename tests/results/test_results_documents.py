@@ -318,6 +318,15 @@ def test_what_is_known_all_the_same_is_worked_out_where_it_was_not_written() -> 
     assert result_from(document, "f") == result
 
 
+def test_a_sigma_that_something_contradicts_makes_no_direction_known() -> None:
+    doubts = texts(Severity.UNTRUSTED, ["it wobbles"])
+    result = make_result(unobservable=(UP,), findings=doubts)
+    assert result.diagnostics.observable == []
+    document = to_document(result)
+    del document["diagnostics"]["observable"]
+    assert result_from(document, "f") == result
+
+
 def test_a_finding_of_a_later_version_is_told_as_it_was() -> None:
     document = to_document(make_result())
     document["diagnostics"]["findings"] = [
