@@ -18,9 +18,9 @@ from imucalib_cli.cli.output import (
 from imucalib_cli.errors import ChoiceError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable
 
-    from imucalib_cli.errors import ImucalibError
+    from imucalib_cli.jobs.verify import Answers
 
 CODES = {
     "yes": EXIT_OK,
@@ -49,24 +49,19 @@ def see_answer_writable(output: str | None, inputs: Iterable[Path]) -> None:
 
 
 def give_answers(
-    documents: Sequence[dict[str, Any]],
-    failures: Sequence[ImucalibError],
-    *,
-    fmt: str,
-    output: str | None,
-    inputs: Iterable[Path],
-    quiet: bool,
+    given: Answers[Any], *, fmt: str, output: str | None, inputs: Iterable[Path], quiet: bool
 ) -> int:
-    """Write documents and sentences; the exit code is that of the worst IMU."""
-    from imucalib_cli.results.text import to_json, to_yaml
+    """Write answers and a sentence each; the exit code is that of the worst IMU."""
+    from imucalib_cli.results.codec import to_json, to_yaml
 
-    if documents:
-        text = to_json(list(documents)) if fmt == "json" else to_yaml(list(documents))
-        deliver(text, None if output is None else Path(output), inputs=inputs)
-    for document in documents:
+    answers, failures = given.answers, given.failures
+    if answers:
+        text = to_json(answers) if fmt == "json" else to_yaml(answers)
+        deliver(text, None if output is None else Path(output), inputs=[*inputs, *given.files])
+    for answer in answers:
         if not quiet:
-            say(document["verdict"], document["reason"])
+            say(answer.verdict, answer.reason)
     for failure in failures:
         say("error", failure)
-    verdicts = [CODES[document["verdict"]] for document in documents]
+    verdicts = [CODES[answer.verdict] for answer in answers]
     return worst([*verdicts, *(exit_code(failure) for failure in failures)])

@@ -64,12 +64,11 @@ def compare_command(
     inputs.append(urdf)
     see_answer_writable(output, inputs)
 
-    from imucalib_cli.jobs.compare import compare_with_kalibr
-    from imucalib_cli.results.side_by_side_document import side_by_side_document
-    from imucalib_cli.results.side_by_side_summary import summarise_side_by_side
-    from imucalib_cli.results.text import to_json, to_yaml
+    from imucalib_cli.jobs.compare import compare_files
+    from imucalib_cli.results.codec import to_json, to_yaml
+    from imucalib_cli.results.kalibr import summarise_comparison
 
-    sides = compare_with_kalibr(
+    compared = compare_files(
         result,
         kalibr,
         urdf,
@@ -78,20 +77,21 @@ def compare_command(
         imu=imu,
         truth=truth,
     )
+    answer = compared.answer
     match fmt:
         case "summary":
-            text = summarise_side_by_side(sides)
+            text = summarise_comparison(compared)
         case "json":
-            text = to_json([side_by_side_document(sides)])
+            text = to_json([answer])
         case _:
-            text = to_yaml([side_by_side_document(sides)])
+            text = to_yaml([answer])
     deliver(text, None if output is None else Path(output), inputs=inputs)
     if not quiet:
         if fmt != "summary":
-            say("compared", sides.reason)
-        for warning in sides.warnings:
+            say("compared", answer.reason)
+        for warning in answer.warnings:
             say("warning", warning)
-    trusted = sides.side.calibration.status == "ok"
+    trusted = answer.status == "ok"
     if not trusted and not quiet:
         say("warning", f"{result}: the result should not be trusted, so neither should this")
     raise typer.Exit(EXIT_OK if trusted else EXIT_UNTRUSTED)

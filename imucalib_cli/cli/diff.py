@@ -39,22 +39,13 @@ def diff_command(
     inputs += [] if urdf is None else [urdf]
     see_answer_writable(output, inputs)
 
-    from imucalib_cli.jobs.diff import diff
-    from imucalib_cli.results.comparison_document import comparison_document
-    from imucalib_cli.results.verification import WITHIN
+    from imucalib_cli.jobs.diff import diff_results
+    from imucalib_cli.results.verdicts import WITHIN
 
     tolerance = None if within is None else parse_tolerance("--within", within, default=WITHIN)
-    found = diff(first, second, urdf=urdf, within=tolerance)
+    answers = diff_results(first, second, urdf=urdf, within=tolerance)
     if not quiet:
-        for comparison in found.comparisons:
-            for warning in comparison.warnings:
+        for answer in answers.answers:
+            for warning in answer.warnings:
                 say("warning", warning)
-    code = give_answers(
-        [comparison_document(comparison) for comparison in found.comparisons],
-        found.failures,
-        fmt=fmt,
-        output=output,
-        inputs=inputs,
-        quiet=quiet,
-    )
-    raise typer.Exit(code)
+    raise typer.Exit(give_answers(answers, fmt=fmt, output=output, inputs=inputs, quiet=quiet))

@@ -15,8 +15,8 @@ from imucalib_cli.errors import ChoiceError, ImucalibError, InputError, Untruste
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from imucalib_cli.results.calibration import Calibration
     from imucalib_cli.results.formats import Format
+    from imucalib_cli.results.result import Result
 
 EXIT_OK, EXIT_INPUT, EXIT_USAGE, EXIT_UNTRUSTED, EXIT_NO = 0, 1, 2, 3, 4
 EXIT_INTERRUPTED, EXIT_BROKEN_PIPE = 130, 141
@@ -90,7 +90,7 @@ def is_folder(output: str | None) -> bool:
 
 def deliver_into(
     folder: Path,
-    calibrations: Sequence[Calibration],
+    results: Sequence[Result],
     log: Path,
     fmt: Format,
     *,
@@ -108,15 +108,15 @@ def deliver_into(
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"{folder}: cannot be made: {error.strerror}") from error
-    children = [calibration.child for calibration in calibrations]
+    children = [result.child for result in results]
     written = []
-    for calibration in calibrations:
-        child = calibration.child
+    for result in results:
+        child = result.child
         # two IMUs may share a frame_id; their topics differ
         if children.count(child) > 1:
-            child = calibration.provenance.imu_topic
+            child = result.imu_topic
         name = f"{_log_name(log)}.{_file_name(child)}{SUFFIXES[fmt]}"
-        deliver(render([calibration], fmt, force=force), folder / name, inputs=inputs)
+        deliver(render([result], fmt, force=force), folder / name, inputs=inputs)
         written.append(folder / name)
     return written
 

@@ -10,7 +10,7 @@ from imucalib_cli.errors import ChoiceError
 
 if TYPE_CHECKING:
     from imucalib_cli.estimate.options import WindowChoice
-    from imucalib_cli.results.calibration import Tolerance
+    from imucalib_cli.results.requirement import Tolerance
 
 _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6}
 _METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6}
@@ -76,7 +76,7 @@ def parse_tolerance(option: str, text: str, *, default: Tolerance | None = None)
         text: What the user wrote; one of the two may be left out.
         default: What is left out; without it that is no bound.
     """
-    from imucalib_cli.results.calibration import Tolerance
+    from imucalib_cli.results.requirement import Tolerance
 
     allowed = "a length, an angle or both, such as 1mm,0.1deg"
     length = angle = None

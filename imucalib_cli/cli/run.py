@@ -122,13 +122,13 @@ def _write(
 
     codes = [exit_code(failure) for failure in outcome.failures]
     usable = []
-    for calibration in outcome.calibrations:
-        if calibration.status != "ok":
+    for result in outcome.results:
+        if result.status != "ok":
             codes.append(EXIT_UNTRUSTED)
         try:
             if fmt in {"urdf", "tf"}:
-                refuse_untrusted(calibration, fmt, force=force)
-            usable.append(calibration)
+                refuse_untrusted(result, fmt, force=force)
+            usable.append(result)
         except UntrustedError as error:
             say("error", error)
     if usable and is_folder(output) and output is not None:
@@ -143,16 +143,15 @@ def _tell(outcome: "Outcome", *, told: bool) -> None:
     """To a human the whole story, to a log file only what needs attention."""
     from imucalib_cli.results.summary import summarise, unobservable_lines
 
-    for calibration in outcome.calibrations:
+    for result in outcome.results:
         if is_terminal(sys.stderr):
             if not told:
-                sys.stderr.write(summarise(calibration, colour=wants_colour(sys.stderr)))
+                sys.stderr.write(summarise(result, colour=wants_colour(sys.stderr)))
             continue
-        estimate = calibration.estimate
         # the cause, where one was found, before what comes of it
-        for reason in estimate.distrust:
-            say("untrusted", f"{calibration.child}: {reason}")
-        for line in unobservable_lines(calibration):
-            say("untrusted", f"{calibration.child}: {line}")
-        for warning in estimate.warnings:
+        for reason in result.diagnostics.distrust:
+            say("untrusted", f"{result.child}: {reason}")
+        for line in unobservable_lines(result):
+            say("untrusted", f"{result.child}: {line}")
+        for warning in result.diagnostics.warnings:
             say("warning", warning)

@@ -1,6 +1,5 @@
 """``imucalib schema``: the contract of what is written, for programs."""
 
-from importlib.resources import files
 from typing import Annotated
 
 import typer
@@ -19,5 +18,6 @@ def schema_command(
 ) -> None:
     """Print the JSON Schema (2020-12) of the result, or of the answers of verify, diff, compare."""
     parse_choice("schema", which, ("result", "comparison"))
-    schema = files("imucalib_cli.results").joinpath(f"{which}.schema.json")
-    deliver(schema.read_text(encoding="utf-8"), None)
+    from imucalib_cli.results.answers import schema_of
+
+    deliver(schema_of("result" if which == "result" else "comparison"), None)

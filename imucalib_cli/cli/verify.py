@@ -17,7 +17,8 @@ from imucalib_cli.errors import ChoiceError
 
 if TYPE_CHECKING:
     from imucalib_cli.jobs.verify import Answers
-    from imucalib_cli.results.calibration import Tolerance
+    from imucalib_cli.results.answers import VerifyAnswer
+    from imucalib_cli.results.requirement import Tolerance
 
 
 _OF_RESULTS = {"--urdf", "--imu-link", "--imu-topic"}
@@ -52,7 +53,7 @@ def verify_command(
     """Is the pose of the IMU in this URDF right? Exit 0 yes, 4 no, 3 cannot tell."""
     parse_choice("--format", fmt, ("yaml", "json"))
     from imucalib_cli.jobs.result_files import is_result
-    from imucalib_cli.results.verification import WITHIN
+    from imucalib_cli.results.verdicts import WITHIN
 
     tolerance = WITHIN if within is None else parse_tolerance("--within", within, default=WITHIN)
     urdf = [] if recording.urdf is None else [recording.urdf]
@@ -69,19 +70,10 @@ def verify_command(
     else:
         answers = _of_logs(inputs[: len(logs)], recording, estimator, tolerance, quiet=quiet)
     if not quiet:
-        _warn(answers)
-
-    from imucalib_cli.results.comparison_document import verification_document
-
-    code = give_answers(
-        [verification_document(verification) for verification in answers.verifications],
-        answers.failures,
-        fmt=fmt,
-        output=output,
-        inputs=[*inputs, *answers.files],
-        quiet=quiet,
-    )
-    raise typer.Exit(code)
+        for answer in answers.answers:
+            for warning in answer.found.diagnostics.warnings:
+                say("warning", warning)
+    raise typer.Exit(give_answers(answers, fmt=fmt, output=output, inputs=inputs, quiet=quiet))
 
 
 def _of_logs(
@@ -91,7 +83,7 @@ def _of_logs(
     within: "Tolerance",
     *,
     quiet: bool,
-) -> "Answers":
+) -> "Answers[VerifyAnswer]":
     from imucalib_cli.cli.progress import ProgressBar
     from imucalib_cli.jobs.verify import verify_recording
 
@@ -102,7 +94,7 @@ def _of_logs(
 
 def _of_results(
     names: list[str], recording: RecordingOptions, estimator: EstimatorTexts, within: "Tolerance"
-) -> "Answers":
+) -> "Answers[VerifyAnswer]":
     from imucalib_cli.jobs.verify import verify_results
 
     for option in (*given_options(recording), *given_options(estimator)):
@@ -123,9 +115,3 @@ def _of_results(
 
 def _other(logs: list[str], results: list[str]) -> str:
     return next(name for name in logs if name not in results)
-
-
-def _warn(answers: "Answers") -> None:
-    for verification in answers.verifications:
-        for warning in verification.calibration.estimate.warnings:
-            say("warning", warning)

@@ -10,7 +10,7 @@ import numpy as np
 
 from imucalib_cli.digits import figures
 from imucalib_cli.errors import ChoiceError, ImucalibError
-from imucalib_cli.jobs.result_files import display_name, read_results
+from imucalib_cli.jobs.result_files import display_name, read_result_file
 from imucalib_cli.results.formats import refuse_untrusted
 from imucalib_cli.results.urdf_edit import JointOrigin, joint_for, replace_origin
 from imucalib_cli.robot.rotations import matrix_from_rpy, rotation_angle
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from imucalib_cli.results.calibration import Calibration
+    from imucalib_cli.results.result import Result
     from imucalib_cli.robot.urdf import Robot
 
 
@@ -51,26 +51,26 @@ def apply(result: str, urdf: Path, *, imus: Sequence[str] = (), force: bool = Fa
         InputError: A file cannot be used.
         ChoiceError: An IMU is not in the file, or two results are for one joint.
     """
-    calibrations = _chosen(read_results(result), imus, display_name(result))
+    results = _chosen(read_result_file(result), imus, display_name(result))
     robot = load_robot(urdf)
     origins: dict[str, JointOrigin] = {}
     changes: list[str] = []
     failures: list[ImucalibError] = []
-    for calibration in calibrations:
+    for each in results:
         try:
-            refuse_untrusted(calibration, "URDF", force=force)
-            origin = _origin(robot, calibration)
+            refuse_untrusted(each, "URDF", force=force)
+            origin = joint_for(robot, each.parent, each.child, each.pose.R, each.pose.t)
         except ImucalibError as error:
             failures.append(error)
             continue
         if origin.joint in origins:
-            topics = ", ".join(c.provenance.imu_topic for c in calibrations)
+            topics = ", ".join(each.imu_topic for each in results)
             raise ChoiceError(
                 f"{display_name(result)}: two results are for joint '{origin.joint}': choose one "
                 f"with --imu, of: {topics}"
             )
         origins[origin.joint] = origin
-        changes.append(_change(robot, calibration, origin))
+        changes.append(_change(robot, each.child, origin))
     content = urdf.read_bytes() if origins else None
     for origin in origins.values():
         if content is not None:
@@ -78,35 +78,20 @@ def apply(result: str, urdf: Path, *, imus: Sequence[str] = (), force: bool = Fa
     return Applied(content=content, changes=tuple(changes), failures=tuple(failures))
 
 
-def _chosen(calibrations: list[Calibration], imus: Sequence[str], name: str) -> list[Calibration]:
+def _chosen(results: list[Result], imus: Sequence[str], name: str) -> list[Result]:
     """Results of the named frames or topics."""
     for imu in imus:
-        if not any(imu in _names(calibration) for calibration in calibrations):
-            there = ", ".join(f"{c.child} ({c.provenance.imu_topic})" for c in calibrations)
+        if not any(imu in {each.child, each.imu_topic} for each in results):
+            there = ", ".join(f"{each.child} ({each.imu_topic})" for each in results)
             raise ChoiceError(f"--imu {imu}: not in {name}; there are: {there}")
-    return [c for c in calibrations if not imus or not _names(c).isdisjoint(imus)]
+    return [each for each in results if not imus or {each.child, each.imu_topic} & set(imus)]
 
 
-def _names(calibration: Calibration) -> set[str]:
-    return {calibration.child, calibration.provenance.imu_topic}
-
-
-def _origin(robot: Robot, calibration: Calibration) -> JointOrigin:
-    estimate = calibration.estimate
-    return joint_for(
-        robot,
-        calibration.parent,
-        calibration.child,
-        estimate.R_parent_imu,
-        estimate.t_parent_imu,
-    )
-
-
-def _change(robot: Robot, calibration: Calibration, origin: JointOrigin) -> str:
-    joint = robot.joint_above[calibration.child]
+def _change(robot: Robot, child: str, origin: JointOrigin) -> str:
+    joint = robot.joint_above[child]
     shift = float(np.linalg.norm(np.array(origin.xyz) - joint.p_origin))
     turn = float(rotation_angle(joint.R_origin.T @ matrix_from_rpy(origin.rpy)))
     return (
-        f"joint '{origin.joint}' ({calibration.child} on {joint.parent}): its origin moved by "
+        f"joint '{origin.joint}' ({child} on {joint.parent}): its origin moved by "
         f"{figures(shift * 1e3, 3)} mm and {figures(math.degrees(turn), 3)} deg"
     )

@@ -19,12 +19,9 @@ from imucalib_cli.jobs.reading import read_recording
 from imucalib_cli.jobs.recorded_options import recorded_options
 from imucalib_cli.jobs.repair import repair
 from imucalib_cli.logs.select import check_joint_topics
-from imucalib_cli.results.calibration import (
-    Calibration,
-    Provenance,
-    SourceFile,
-)
+from imucalib_cli.results.from_estimate import result_of, scalars
 from imucalib_cli.results.requirement import require
+from imucalib_cli.results.result import Provenance, SourceFile, Topics
 from imucalib_cli.robot.path import JointStep
 
 if TYPE_CHECKING:
@@ -35,6 +32,7 @@ if TYPE_CHECKING:
     from imucalib_cli.jobs.request import CalibrationRequest, Progress
     from imucalib_cli.logs.clock import Clock
     from imucalib_cli.logs.streams import ImuStream
+    from imucalib_cli.results.result import Result
     from imucalib_cli.robot.path import KinematicPath
     from imucalib_cli.signals.samples import ImuSamples
 
@@ -43,7 +41,7 @@ if TYPE_CHECKING:
 class Outcome:
     """What came out: a result for each IMU that could be calibrated, an error for each other."""
 
-    calibrations: tuple[Calibration, ...]
+    results: tuple[Result, ...]
     files: tuple[Path, ...]
     """That the recording is made of; never to be written to."""
     failures: tuple[ImucalibError, ...] = ()
@@ -67,18 +65,16 @@ def calibrate(request: CalibrationRequest, progress: Progress | None = None) -> 
             f"--imu-link {request.imu_link} is the link of one IMU, the log has several: choose "
             f"one with --imu-topic: {topics}"
         )
-    calibrations: list[Calibration] = []
+    results: list[Result] = []
     failures: list[ImucalibError] = []
     for imu in recording.imus:
         if progress is not None:
             progress(f"estimating {imu.topic}", None)
         try:
-            calibrations.append(_calibrate_one(recording, imu, request))
+            results.append(_calibrate_one(recording, imu, request))
         except ImucalibError as error:
             failures.append(_about(error, imu, several=len(recording.imus) > 1))
-    return Outcome(
-        calibrations=tuple(calibrations), files=recording.paths, failures=tuple(failures)
-    )
+    return Outcome(results=tuple(results), files=recording.paths, failures=tuple(failures))
 
 
 def _about(error: ImucalibError, imu: ImuStream, *, several: bool) -> ImucalibError:
@@ -86,9 +82,7 @@ def _about(error: ImucalibError, imu: ImuStream, *, several: bool) -> ImucalibEr
     return error.about(imu.topic) if several and error.topic != imu.topic else error
 
 
-def _calibrate_one(
-    recording: Recording, imu: ImuStream, request: CalibrationRequest
-) -> Calibration:
+def _calibrate_one(recording: Recording, imu: ImuStream, request: CalibrationRequest) -> Result:
     samples = recording.samples(imu)
     motion = find_motion(recording.sources, recording.robot, imu.frame_id, request)
     check_joint_topics(recording.joints, _driven(motion.path))
@@ -110,14 +104,17 @@ def _calibrate_one(
     told = replace(request, estimator=options) if isinstance(options, MatchedOptions) else request
     estimate = checked(estimate, mended.samples, request.imu, wrong)
     estimate = mended.told(explain(estimate, mended, motion, recording, request))
-    calibration = Calibration(
+    findings = (*recording.findings, *missing, *estimate.findings)
+    estimate = replace(estimate, findings=findings)
+    if request.require is not None:
+        estimate = require(estimate, motion.parent, request.require)
+    return result_of(
+        estimate,
         parent=motion.parent,
         child=motion.child,
-        estimate=replace(estimate, findings=(*recording.findings, *missing, *estimate.findings)),
         nominal=motion.nominal,
         provenance=_provenance(recording, imu, motion, told),
     )
-    return calibration if request.require is None else require(calibration, request.require)
 
 
 def _estimate(
@@ -207,14 +204,14 @@ def _provenance(
 ) -> Provenance:
     robot = recording.robot
     return Provenance(
+        tool="imucalib",
         version=__version__,
-        files=recording.files.result(),
+        files=list(recording.files.result()),
         urdf=None
         if robot is None
         else SourceFile(path=printable(robot.source), sha256=robot.sha256),
-        imu_topic=imu.topic,
-        motion=motion.topics,
+        topics=Topics(imu=imu.topic, motion=list(motion.topics)),
         world=motion.path.world,
         clock=recording.clock.kind,
-        options=recorded_options(request),
+        options=scalars(recorded_options(request)),
     )

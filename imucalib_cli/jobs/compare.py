@@ -5,24 +5,26 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from imucalib_cli.errors import ChoiceError
-from imucalib_cli.jobs.result_files import display_name, read_results, read_text
-from imucalib_cli.results.kalibr_result import read_kalibr
-from imucalib_cli.results.movement import Side
-from imucalib_cli.results.side_by_side import OPTICAL, SideBySide, side_by_side
-from imucalib_cli.results.true_pose import read_truth
+from imucalib_cli.jobs.result_files import display_name, read_result_file, read_text
+from imucalib_cli.results.kalibr import (
+    KALIBR,
+    OPTICAL,
+    TRUTH,
+    KalibrComparison,
+    compare_with_kalibr,
+    read_kalibr,
+    read_truth,
+)
 from imucalib_cli.robot.urdf import load_robot
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from imucalib_cli.results.calibration import Calibration
+    from imucalib_cli.results.result import Result
     from imucalib_cli.robot.urdf import Robot
 
-_KALIBR = "the -camchain-imucam.yaml that kalibr_calibrate_imu_camera writes"
-_TRUTH = "the truth.yaml that imucalib simulate writes beside a log"
 
-
-def compare_with_kalibr(
+def compare_files(
     result: str,
     kalibr: str,
     urdf: Path,
@@ -31,7 +33,7 @@ def compare_with_kalibr(
     camera_link: str | None = None,
     imu: str | None = None,
     truth: str | None = None,
-) -> SideBySide:
+) -> KalibrComparison:
     """Compare one result with Kalibr's.
 
     Args:
@@ -51,26 +53,23 @@ def compare_with_kalibr(
     """
     if [result, kalibr, truth].count("-") > 1:
         raise ChoiceError("standard input can be one of the files, not two: name the others")
-    calibration = _chosen(read_results(result), display_name(result), imu)
-    told = read_kalibr(read_text(kalibr, _KALIBR), display_name(kalibr), camera)
+    ours = _chosen(read_result_file(result), display_name(result), imu)
+    theirs = read_kalibr(read_text(kalibr, KALIBR), display_name(kalibr), camera)
     true = None
     if truth is not None:
-        true = read_truth(read_text(truth, _TRUTH), display_name(truth))
+        true = read_truth(read_text(truth, TRUTH), display_name(truth))
     robot = load_robot(urdf)
     link = camera_link or _only_optical(robot)
-    ours = Side(name=display_name(result), calibration=calibration)
-    return side_by_side(ours, told, robot, link, true)
+    return compare_with_kalibr(
+        display_name(result), ours, theirs, robot, camera_link=link, truth=true
+    )
 
 
-def _chosen(calibrations: list[Calibration], name: str, imu: str | None) -> Calibration:
-    def names(calibration: Calibration) -> set[str]:
-        return {calibration.child, calibration.provenance.imu_topic}
-
-    candidates = [c for c in calibrations if imu is None or imu in names(c)]
+def _chosen(results: list[Result], name: str, imu: str | None) -> Result:
+    candidates = [r for r in results if imu is None or imu in {r.child, r.imu_topic}]
     if len(candidates) == 1:
         return candidates[0]
-    listed = ", ".join(c.provenance.imu_topic for c in calibrations)
-    said = f"{name} has results of {listed}"
+    said = f"{name} has results of {', '.join(r.imu_topic for r in results)}"
     raise ChoiceError(f"{said}: choose one with --imu" if imu is None else f"--imu {imu}: {said}")
 
 

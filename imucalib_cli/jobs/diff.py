@@ -2,34 +2,30 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from imucalib_cli.errors import ChoiceError, ImucalibError
-from imucalib_cli.jobs.result_files import display_name, read_results
-from imucalib_cli.results.movement import Comparison, Side, compare
-from imucalib_cli.results.uncertain_pose import UncertainPose, of_child, pose_of, seen_from
+from imucalib_cli.jobs.result_files import display_name, read_result_file
+from imucalib_cli.jobs.verify import Answers
+from imucalib_cli.results.verdicts import diff
 from imucalib_cli.robot.urdf import load_robot
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from imucalib_cli.results.calibration import Calibration, Tolerance
+    from imucalib_cli.results.answers import DiffAnswer
+    from imucalib_cli.results.pose import UncertainPose
+    from imucalib_cli.results.requirement import Tolerance
+    from imucalib_cli.results.result import Result
     from imucalib_cli.robot.urdf import Robot
 
-
-@dataclass(frozen=True, kw_only=True)
-class Comparisons:
-    """An answer for each IMU that is in both files, an error for each other."""
-
-    comparisons: tuple[Comparison, ...]
-    failures: tuple[ImucalibError, ...]
+    Pair = tuple[Result | None, Result | None]
 
 
-def diff(
+def diff_results(
     first: str, second: str, *, urdf: Path | None = None, within: Tolerance | None = None
-) -> Comparisons:
+) -> Answers[DiffAnswer]:
     """Compare every IMU of one file with the same IMU of another.
 
     The same IMU is the one of the same frame and topic, else of the same frame, else of the same
@@ -48,72 +44,65 @@ def diff(
     if first == second == "-":
         raise ChoiceError("standard input can be one of the two results, not both: name a file")
     names = display_name(first), display_name(second)
-    sides = [
-        [Side(name=name, calibration=c) for c in read_results(argument)]
-        for argument, name in zip((first, second), names, strict=True)
-    ]
+    pairs = _pairs(read_result_file(first), read_result_file(second))
     robot = None if urdf is None else load_robot(urdf)
-    comparisons: list[Comparison] = []
+    answers: list[DiffAnswer] = []
     failures: list[ImucalibError] = []
-    for a, b in _pairs(*sides):
+    for a, b in pairs:
         try:
             if a is None or b is None:
-                raise ChoiceError(_without_partner(a or b, names[1] if b is None else names[0]))
-            comparisons.append(compare(a, b, _in_the_same_frames(a, b, robot), within))
+                raise _without_partner(a, b, names)
+            sides = (names[0], a), (names[1], b)
+            answers.append(diff(*sides, _in_the_same_frames(a, b, names, robot), within))
         except ImucalibError as error:
             failures.append(error)
-    return Comparisons(comparisons=tuple(comparisons), failures=tuple(failures))
+    return Answers(answers=tuple(answers), failures=tuple(failures))
 
 
-def _pairs(first: list[Side], second: list[Side]) -> list[tuple[Side | None, Side | None]]:
+def _pairs(first: list[Result], second: list[Result]) -> list[Pair]:
     """Every result once, with its partner or None."""
     if len(first) == len(second) == 1:
         return [(first[0], second[0])]
-    keys: tuple[Callable[[Calibration], object], ...] = (
-        lambda c: (c.child, c.provenance.imu_topic),
-        lambda c: c.child,
-        lambda c: c.provenance.imu_topic,
+    keys: tuple[Callable[[Result], object], ...] = (
+        lambda result: (result.child, result.imu_topic),
+        lambda result: result.child,
+        lambda result: result.imu_topic,
     )
-    partner: dict[int, Side] = {}
+    partner: dict[int, Result] = {}
     left = list(second)
     for key in keys:
-        for side in first:
-            if id(side) in partner:
+        for result in first:
+            if id(result) in partner:
                 continue
-            rivals = [s for s in first if id(s) not in partner and _same(s, side, key)]
-            candidates = [s for s in left if _same(s, side, key)]
+            rivals = [r for r in first if id(r) not in partner and key(r) == key(result)]
+            candidates = [place for place, r in enumerate(left) if key(r) == key(result)]
             if len(candidates) == len(rivals) == 1:
-                partner[id(side)] = candidates[0]
-                left.remove(candidates[0])
-    found: list[tuple[Side | None, Side | None]] = [(s, partner.get(id(s))) for s in first]
-    return found + [(None, s) for s in left]
+                partner[id(result)] = left.pop(candidates[0])
+    found: list[Pair] = [(result, partner.get(id(result))) for result in first]
+    return found + [(None, result) for result in left]
 
 
-def _same(one: Side, other: Side, key: Callable[[Calibration], object]) -> bool:
-    return key(one.calibration) == key(other.calibration)
-
-
-def _without_partner(side: Side | None, other: str) -> str:
-    if side is None:  # of each pair one is there
-        return ""
-    calibration = side.calibration
-    return (
-        f"{side.name} has a result of {calibration.child} ({calibration.provenance.imu_topic}), "
-        f"{other} has none to go with it: compare results of the same IMUs"
+def _without_partner(a: Result | None, b: Result | None, names: tuple[str, str]) -> ChoiceError:
+    here, there = names if b is None else names[::-1]
+    result = a or b
+    imu = "" if result is None else f"{result.child} ({result.imu_topic})"
+    return ChoiceError(
+        f"{here} has a result of {imu}, {there} has none to go with it: compare results of the "
+        "same IMUs"
     )
 
 
 def _in_the_same_frames(
-    first: Side, second: Side, robot: Robot | None
+    first: Result, second: Result, names: tuple[str, str], robot: Robot | None
 ) -> tuple[UncertainPose, UncertainPose]:
     """Both poses, the second in the first one's frames."""
-    a, b = pose_of(first.calibration), pose_of(second.calibration)
+    a, b = first.uncertain_pose, second.uncertain_pose
     if (a.parent, a.child) == (b.parent, b.child):
         return a, b
     if robot is None:
         raise ChoiceError(
-            f"{first.name} is of {a.child} in {a.parent}, {second.name} of {b.child} in "
-            f"{b.parent}: give --urdf if fixed joints lead from one to the other, or run again "
-            "with the same --parent"
+            f"{names[0]} is of {a.child} in {a.parent}, {names[1]} of {b.child} in {b.parent}: "
+            "give --urdf if fixed joints lead from one to the other, or run again with the same "
+            "--parent"
         )
-    return a, seen_from(of_child(b, a.child, robot), a.parent, robot)
+    return a, b.of_child(a.child, robot).seen_from(a.parent, robot)

@@ -6,7 +6,8 @@ import json
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING
 
-from imucalib_cli.results.document import finding_entry
+from imucalib_cli.results.codec import to_document
+from imucalib_cli.results.from_estimate import finding_entry
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -100,12 +101,12 @@ class Inspection:
         imus = tuple(replace(imu, units=replace(imu.units, findings=())) for imu in self.imus)
         content = asdict(replace(self, findings=(), imus=imus))
         content |= {
-            "findings": [finding_entry(finding) for finding in self.findings],
+            "findings": [to_document(finding_entry(finding)) for finding in self.findings],
             "warnings": self.warnings,
         }
         for imu, entry in zip(self.imus, content["imus"], strict=True):
             entry["units"] |= {
-                "findings": [finding_entry(finding) for finding in imu.units.findings],
+                "findings": [to_document(finding_entry(finding)) for finding in imu.units.findings],
                 "warnings": imu.units.warnings,
             }
         return json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"

@@ -11,7 +11,7 @@ from imucalib_cli.errors import ChoiceError, InputError, UntrustedError
 from imucalib_cli.findings import untrusted
 from imucalib_cli.jobs.static import is_static
 from imucalib_cli.jobs.told import nothing_told, see_told
-from imucalib_cli.results.calibration import Nominal
+from imucalib_cli.results.pose import Nominal
 from imucalib_cli.robot.build import find_base, is_still, joint_path, moving_base_path
 from imucalib_cli.robot.frames import Edge, frame_path
 from imucalib_cli.robot.mount import Mount, find_mount

@@ -7,7 +7,7 @@ import threading
 from typing import TYPE_CHECKING
 
 from imucalib_cli.errors import InputError
-from imucalib_cli.results.calibration import SourceFile
+from imucalib_cli.results.result import SourceFile
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

@@ -12,7 +12,8 @@ from imucalib_cli.estimate.options import MatchedOptions, WindowChoice
 
 if TYPE_CHECKING:
     from imucalib_cli.jobs.request import CalibrationRequest
-    from imucalib_cli.results.calibration import Scalar, Tolerance
+    from imucalib_cli.results.requirement import Tolerance
+    from imucalib_cli.results.result import Scalar
 
 _UNTOLD: dict[str, str] = {
     "time_offset": "auto",

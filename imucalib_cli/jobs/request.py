@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from imucalib_cli.estimate.imu_model import ImuModel, Sensor
-    from imucalib_cli.results.calibration import Tolerance
+    from imucalib_cli.results.requirement import Tolerance
 
     Progress = Callable[[str, float | None], None]
 

@@ -7,14 +7,11 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
-import numpy as np
-
 from imucalib_cli.errors import InputError
-from imucalib_cli.results.reader import read_calibrations
-from imucalib_cli.results.uncertain_pose import is_covariance
+from imucalib_cli.results.codec import read_results
 
 if TYPE_CHECKING:
-    from imucalib_cli.results.calibration import Calibration
+    from imucalib_cli.results.result import Result
 
 _LARGEST = 1 << 24
 """Bytes; results have a few thousand for each IMU."""
@@ -39,25 +36,13 @@ def is_result(name: str) -> bool:
         return path.suffix.lower() in _SUFFIXES
 
 
-def read_results(name: str) -> list[Calibration]:
+def read_result_file(name: str) -> list[Result]:
     """Results of a file, or of standard input for ``-``; at least one.
 
     Raises:
         InputError: The file cannot be read or holds no result.
     """
-    calibrations = read_calibrations(read_text(name), display_name(name))
-    for calibration in calibrations:
-        covariance = calibration.estimate.covariance
-        if (
-            covariance is not None
-            and np.isfinite(covariance).all()
-            and not is_covariance(covariance)
-        ):
-            raise InputError(
-                f"{display_name(name)}: the covariance of {calibration.child} is none: it is not "
-                "symmetric, or gives a variance below zero; was it edited?"
-            )
-    return calibrations
+    return read_results(read_text(name), display_name(name))
 
 
 def display_name(name: str) -> str:

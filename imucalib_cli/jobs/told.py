@@ -5,8 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from imucalib_cli.errors import ChoiceError
-from imucalib_cli.results.calibration import Nominal
-from imucalib_cli.results.uncertain_pose import fixed_transform
+from imucalib_cli.results.pose import Nominal, fixed_transform
 from imucalib_cli.robot.urdf import near_matches
 
 if TYPE_CHECKING:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 from imucalib_cli.errors import ChoiceError, ImucalibError
 from imucalib_cli.jobs.calibrate import calibrate
-from imucalib_cli.jobs.result_files import display_name, read_results
+from imucalib_cli.jobs.result_files import display_name, read_result_file
 from imucalib_cli.jobs.told import nothing_told, told_by
-from imucalib_cli.results.calibration import SourceFile
-from imucalib_cli.results.verification import WITHIN, Verification, verify
+from imucalib_cli.results.result import SourceFile
+from imucalib_cli.results.verdicts import WITHIN, verify
 from imucalib_cli.robot.urdf import load_robot
 
 if TYPE_CHECKING:
@@ -18,14 +18,17 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from imucalib_cli.jobs.request import CalibrationRequest, Progress
-    from imucalib_cli.results.calibration import Calibration, Tolerance
+    from imucalib_cli.results.answers import VerifyAnswer
+    from imucalib_cli.results.requirement import Tolerance
+
+Answer = TypeVar("Answer")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Answers:
+class Answers(Generic[Answer]):
     """An answer for each IMU that could be looked at, an error for each other."""
 
-    verifications: tuple[Verification, ...]
+    answers: tuple[Answer, ...]
     failures: tuple[ImucalibError, ...] = ()
     files: tuple[Path, ...] = ()
     """That were read; never to be written to."""
@@ -33,7 +36,7 @@ class Answers:
 
 def verify_recording(
     request: CalibrationRequest, within: Tolerance = WITHIN, progress: Progress | None = None
-) -> Answers:
+) -> Answers[VerifyAnswer]:
     """Calibrate every IMU of a recording and compare each with what was told of it.
 
     Raises:
@@ -42,12 +45,12 @@ def verify_recording(
     """
     outcome = calibrate(replace(request, needs_nominal=True), progress)
     answers = []
-    for calibration in outcome.calibrations:
-        told = calibration.nominal
+    for result in outcome.results:
+        told = result.nominal
         if told is None:  # needs_nominal has seen to it
-            raise ChoiceError(nothing_told(calibration.parent, calibration.child))
-        answers.append(verify(calibration, told, within, calibration.provenance.urdf))
-    return Answers(verifications=tuple(answers), failures=outcome.failures, files=outcome.files)
+            raise ChoiceError(nothing_told(result.parent, result.child))
+        answers.append(verify(result, told, within, result.provenance.urdf))
+    return Answers(answers=tuple(answers), failures=outcome.failures, files=outcome.files)
 
 
 def verify_results(
@@ -57,7 +60,7 @@ def verify_results(
     *,
     imu_link: str | None = None,
     imu_topics: Sequence[str] = (),
-) -> Answers:
+) -> Answers[VerifyAnswer]:
     """Compare results of earlier runs with what a URDF tells.
 
     Args:
@@ -71,15 +74,13 @@ def verify_results(
         InputError: A file cannot be used.
         ChoiceError: A topic is in no result, or the link of one IMU was named for several.
     """
-    found: list[tuple[str, Calibration]] = [
-        (name, calibration) for name in names for calibration in read_results(name)
-    ]
-    known = tuple(dict.fromkeys(c.provenance.imu_topic for _, c in found))
+    found = [(name, result) for name in names for result in read_result_file(name)]
+    known = tuple(dict.fromkeys(result.imu_topic for _, result in found))
     for topic in imu_topics:
         if topic not in known:
             raise ChoiceError(f"--imu-topic {topic}: no result is of it, only {', '.join(known)}")
     if imu_topics:
-        found = [pair for pair in found if pair[1].provenance.imu_topic in imu_topics]
+        found = [pair for pair in found if pair[1].imu_topic in imu_topics]
     if imu_link is not None and len(found) > 1:
         raise ChoiceError(
             f"--imu-link {imu_link} is the link of one IMU, there are several results: choose one "
@@ -87,13 +88,13 @@ def verify_results(
         )
     robot = load_robot(urdf)
     source = SourceFile(path=str(urdf), sha256=robot.sha256)
-    answers: list[Verification] = []
+    answers: list[VerifyAnswer] = []
     failures: list[ImucalibError] = []
-    for name, calibration in found:
+    for name, result in found:
         try:
-            told = told_by(robot, calibration.parent, imu_link or calibration.child)
+            told = told_by(robot, result.parent, imu_link or result.child)
         except ImucalibError as error:
             failures.append(error.about(display_name(name)))
         else:
-            answers.append(verify(calibration, told, within, source))
-    return Answers(verifications=tuple(answers), failures=tuple(failures))
+            answers.append(verify(result, told, within, source))
+    return Answers(answers=tuple(answers), failures=tuple(failures))

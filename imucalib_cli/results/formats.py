@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING, Literal
 from xml.sax.saxutils import quoteattr
 
 from imucalib_cli.errors import UntrustedError
-from imucalib_cli.results.document import to_document
+from imucalib_cli.results.codec import to_json, to_yaml
 from imucalib_cli.results.summary import summarise
-from imucalib_cli.results.text import to_json, to_yaml
 from imucalib_cli.results.urdf_edit import joint_snippet
-from imucalib_cli.robot.rotations import quaternion_from_matrix, rpy_from_matrix
 
 if TYPE_CHECKING:
-    from imucalib_cli.results.calibration import Calibration
+    from collections.abc import Sequence
+
+    from imucalib_cli.results.result import Result
 
 Format = Literal["yaml", "json", "urdf", "tf", "summary"]
 SUFFIXES: dict[Format, str] = {
@@ -26,11 +26,11 @@ SUFFIXES: dict[Format, str] = {
 """Of the files that ``-o FOLDER/`` writes; a <joint> alone is no URDF and is not called one."""
 
 
-def render(calibrations: list[Calibration], fmt: Format, *, force: bool = False) -> str:
+def render(results: Sequence[Result], fmt: Format, *, force: bool = False) -> str:
     """Text of the results in a format.
 
     Args:
-        calibrations: One for each IMU, at least one.
+        results: One for each IMU, at least one.
         fmt: yaml, json and summary tell the whole result; urdf is a <joint> for each IMU; tf is
             one line for each IMU with the named arguments of ROS 2's static_transform_publisher.
         force: Give a pose as urdf or tf although it should not be trusted.
@@ -40,53 +40,47 @@ def render(calibrations: list[Calibration], fmt: Format, *, force: bool = False)
     """
     match fmt:
         case "yaml":
-            return to_yaml([to_document(calibration) for calibration in calibrations])
+            return to_yaml(results)
         case "json":
-            return to_json([to_document(calibration) for calibration in calibrations])
+            return to_json(results)
         case "summary":
-            return "\n".join(summarise(calibration) for calibration in calibrations)
+            return "\n".join(summarise(result) for result in results)
         case "urdf":
-            return "".join(_joint(calibration, force=force) for calibration in calibrations)
+            return "".join(_joint(result, force=force) for result in results)
         case "tf":
-            return "".join(_tf(calibration, force=force) for calibration in calibrations)
+            return "".join(_tf(result, force=force) for result in results)
 
 
-def refuse_untrusted(calibration: Calibration, use: str, *, force: bool) -> None:
+def refuse_untrusted(result: Result, use: str, *, force: bool) -> None:
     """Raise UntrustedError unless the pose may be used, or the user insists."""
-    if calibration.status == "ok" or force:
+    if result.status == "ok" or force:
         return
-    estimate = calibration.estimate
+    diagnostics = result.diagnostics
     reasons = [
-        *(f"{d.kind} not determined" for d in estimate.unobservable),
-        *estimate.distrust,
+        *(f"{each.kind} not determined" for each in diagnostics.unobservable),
+        *diagnostics.distrust,
     ]
     raise UntrustedError(
-        f"{calibration.child} in {calibration.parent}: result is untrusted "
+        f"{result.child} in {result.parent}: result is untrusted "
         f"({'; '.join(dict.fromkeys(reasons))}), so no {use}; --force gives it all the same"
     )
 
 
-def _joint(calibration: Calibration, *, force: bool) -> str:
-    refuse_untrusted(calibration, "URDF joint", force=force)
-    estimate = calibration.estimate
-    snippet = joint_snippet(
-        calibration.parent,
-        calibration.child,
-        list(estimate.t_parent_imu),
-        list(rpy_from_matrix(estimate.R_parent_imu)),
-    )
-    if calibration.nominal is None or not calibration.nominal.joint:
+def _joint(result: Result, *, force: bool) -> str:
+    refuse_untrusted(result, "URDF joint", force=force)
+    pose, nominal = result.pose, result.diagnostics.nominal
+    snippet = joint_snippet(result.parent, result.child, pose.translation, pose.rotation_rpy)
+    if nominal is None or not nominal.joint:
         return snippet
     # the URDF has the link already, and its joint has a name
     _, joint = snippet.split("\n", 1)
-    made_up = quoteattr(f"{calibration.child}_joint")
-    return joint.replace(made_up, quoteattr(calibration.nominal.joint), 1)
+    made_up = quoteattr(f"{result.child}_joint")
+    return joint.replace(made_up, quoteattr(nominal.joint), 1)
 
 
-def _tf(calibration: Calibration, *, force: bool) -> str:
-    refuse_untrusted(calibration, "tf arguments", force=force)
-    estimate = calibration.estimate
+def _tf(result: Result, *, force: bool) -> str:
+    refuse_untrusted(result, "tf arguments", force=force)
     names = ("x", "y", "z", "qx", "qy", "qz", "qw")
-    values = (*estimate.t_parent_imu, *quaternion_from_matrix(estimate.R_parent_imu))
+    values = (*result.pose.translation, *result.pose.rotation_xyzw)
     numbers = " ".join(f"--{n} {v + 0.0:.12g}" for n, v in zip(names, values, strict=True))
-    return f"{numbers} --frame-id {calibration.parent} --child-frame-id {calibration.child}\n"
+    return f"{numbers} --frame-id {result.parent} --child-frame-id {result.child}\n"

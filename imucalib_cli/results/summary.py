@@ -9,13 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.digits import figures, sigma, with_std
-from imucalib_cli.results.calibration import Calibration, KnownDirection, distance_to
-from imucalib_cli.robot.rotations import quaternion_from_matrix, rotvec_from_matrix, rpy_from_matrix
+from imucalib_cli.robot.rotations import (
+    matrix_from_quaternion,
+    quaternion_from_matrix,
+    rotvec_from_matrix,
+    rpy_from_matrix,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from imucalib_cli.estimate.estimate import Estimate, UnobservableDirection
+    from imucalib_cli.results.result import Bias, Observable, Result, Unobservable
 
 Floats = NDArray[np.float64]
 
@@ -25,40 +29,39 @@ _MANY = 3
 _GREEN, _RED, _RESET = "\x1b[32m", "\x1b[31m", "\x1b[0m"
 
 
-def summarise(calibration: Calibration, *, colour: bool = False) -> str:
+def summarise(result: Result, *, colour: bool = False) -> str:
     """Some thirty lines about one IMU, with a newline at the end.
 
     Args:
-        calibration: The result.
+        result: Of the IMU.
         colour: Whether to colour the verdict with ANSI codes.
     """
-    return "\n".join(_lines(calibration, colour=colour)) + "\n"
+    return "\n".join(_lines(result, colour=colour)) + "\n"
 
 
-def _lines(calibration: Calibration, *, colour: bool) -> Iterator[str]:
-    parent, child = calibration.parent, calibration.child
-    trusted = calibration.status == "ok"
+def _lines(result: Result, *, colour: bool) -> Iterator[str]:
+    trusted = result.status == "ok"
     verdict = "ok" if trusted else "UNTRUSTED, do not use as it stands"
     if colour:
         verdict = f"{_GREEN if trusted else _RED}{verdict}{_RESET}"
-    origin = calibration.provenance
-    yield f"{child} in {parent}: {verdict}"
+    origin, diagnostics = result.provenance, result.diagnostics
+    yield f"{result.child} in {result.parent}: {verdict}"
     files = ", ".join(file.path for file in origin.files)
-    yield f"  from {files}: {origin.imu_topic} with {', '.join(origin.motion)}"
-    yield from (f"  not trusted: {reason}" for reason in calibration.estimate.distrust)
-    yield from (f"  {line}" for line in unobservable_lines(calibration))
+    yield f"  from {files}: {origin.topics.imu} with {', '.join(origin.topics.motion)}"
+    yield from (f"  not trusted: {reason}" for reason in diagnostics.distrust)
+    yield from (f"  {line}" for line in unobservable_lines(result))
     yield ""
-    yield from _pose(calibration)
+    yield from _pose(result)
     yield ""
-    yield from _sigmas(calibration)
-    yield from _nuisances(calibration)
-    yield from _fit(calibration)
-    yield from (f"  warning: {warning}" for warning in calibration.estimate.warnings)
+    yield from _sigmas(result)
+    yield from _nuisances(result)
+    yield from _fit(result)
+    yield from (f"  warning: {warning}" for warning in diagnostics.warnings)
 
 
-def unobservable_lines(calibration: Calibration) -> Iterator[str]:
+def unobservable_lines(result: Result) -> Iterator[str]:
     """What was not determined: a line for each direction, or one where one cause is behind many."""
-    directions = calibration.estimate.unobservable
+    directions = result.diagnostics.unobservable
     if len(directions) > _MANY and len({each.motion for each in directions}) == 1:
         # one cause behind them all: which way they point says nothing
         kinds = dict.fromkeys(each.kind for each in directions)
@@ -68,38 +71,37 @@ def unobservable_lines(calibration: Calibration) -> Iterator[str]:
             for kind in kinds
         )
         yield f"not determined: {' and '.join(sigmas)}; {directions[0].motion}"
-        directions = ()
+        directions = []
     for direction in directions:
         axis = _numbers(direction.direction_parent, 2)
         how = "along" if direction.kind == "translation" else "about"
         yield (
-            f"not determined: {direction.kind} {how} ({axis}) of {calibration.parent}, "
+            f"not determined: {direction.kind} {how} ({axis}) of {result.parent}, "
             f"sigma {_direction_std(direction)}; {direction.motion}"
         )
-    if known := calibration.known_directions:
+    if known := result.diagnostics.observable:
         yield f"known all the same: {'; '.join(_known(direction) for direction in known)}"
 
 
-def _known(direction: KnownDirection) -> str:
+def _known(direction: Observable) -> str:
     axis = _numbers(direction.direction_parent, 2)
     if direction.value is None:
         return f"rotation about ({axis}) to ± {figures(math.degrees(direction.std), 2)} deg"
     return f"place along ({axis}) {with_std(direction.value * 1e3, direction.std * 1e3)} mm"
 
 
-def _direction_std(direction: UnobservableDirection) -> str:
-    if direction.std is None or not math.isfinite(direction.std):
+def _direction_std(direction: Unobservable) -> str:
+    if direction.std is None:
         return "unbounded"
     if direction.kind == "translation":
         return f"{figures(direction.std * 1e3, 2)} mm"
     return f"{figures(math.degrees(direction.std), 2)} deg"
 
 
-def _pose(calibration: Calibration) -> Iterator[str]:
-    parent, child = calibration.parent, calibration.child
-    R, t = calibration.estimate.R_parent_imu, calibration.estimate.t_parent_imu
-    known = calibration.known_rotation and all(calibration.known_translation)
-    given = "" if known else "  (conditional: some of it is not determined, see above)"
+def _pose(result: Result) -> Iterator[str]:
+    parent, child = result.parent, result.child
+    R, t = result.pose.R, result.pose.t
+    given = "  (conditional: some of it is not determined, see above)" if result.partial else ""
     yield f"  pose of {child} in {parent}: p_{parent} = R p_{child} + t{given}"
     yield from _paste(R, t)
     yield f'    <origin xyz="{_numbers(t, 6)}" rpy="{_numbers(rpy_from_matrix(R), 6)}"/>'
@@ -115,109 +117,113 @@ def _paste(R: Floats, t: Floats) -> Iterator[str]:
     yield f"    quaternion xyzw {_numbers(quaternion_from_matrix(R), 8)}"
 
 
-def _sigmas(calibration: Calibration) -> Iterator[str]:
-    translation_std, rotation_std = calibration.translation_std, calibration.rotation_std
-    if translation_std is None or rotation_std is None:
-        yield f"  sigma           none: --method {calibration.estimate.method} states no covariance"
+def _sigmas(result: Result) -> Iterator[str]:
+    if result.std is None:
+        method = result.diagnostics.method
+        yield f"  sigma           none: --method {method} states no covariance"
         return
-    millimetres = calibration.estimate.t_parent_imu * 1e3
     for axis, value, std, known in zip(
-        _AXES, millimetres, translation_std * 1e3, calibration.known_translation, strict=True
+        _AXES,
+        result.pose.t * 1e3,
+        result.std.translation_mm,
+        result.transform.translation,
+        strict=True,
     ):
-        text = f"{with_std(value, std)} mm" if known else "not determined"
+        text = "not determined" if known is None else f"{with_std(value, std)} mm"
         if std == 0.0:
             text = f"{figures(value, 6)} mm, held as told by --fix"
         yield f"  {axis:<15} {text}"
-    if calibration.known_rotation:
-        stds = " ".join("held" if std == 0.0 else sigma(std) for std in np.degrees(rotation_std))
-        yield f"  rotation        ± {stds} deg about x, y, z of {calibration.parent}"
-    else:
+    if result.transform.rotation_xyzw is None:
         yield "  rotation        not determined"
-    source = calibration.estimate.sigma_source
-    if source == "segments":
+    else:
+        stds = " ".join(
+            "held" if std == 0.0 else sigma(math.nan if std is None else std)
+            for std in result.std.rotation_deg
+        )
+        yield f"  rotation        ± {stds} deg about x, y, z of {result.parent}"
+    if result.diagnostics.sigma_source == "segments":
         yield "  sigmas are 1 sigma; set by how segments of the log scatter: the robot model, not"
         yield "                  the noise, limits this result"
 
 
-def _nuisances(calibration: Calibration) -> Iterator[str]:
-    estimate = calibration.estimate
-    offset = estimate.time_offset
-    if estimate.time_offset_std is None:
+def _nuisances(result: Result) -> Iterator[str]:
+    offset, std = result.time_offset.seconds, result.time_offset.std
+    if std is None:
         number = f"{offset * 1e3:g} ms, not estimated"
     else:
-        number = f"{with_std(offset * 1e3, estimate.time_offset_std * 1e3)} ms"
+        number = f"{with_std(offset * 1e3, std * 1e3)} ms"
     sense = "late" if offset > 0 else "early"
-    told = abs(offset) > 2.0 * (estimate.time_offset_std or 0.0)
-    if any(each.name == "clock_drift" for each in estimate.corrections):
+    significant = abs(offset) > 2.0 * (std or 0.0)
+    if "clock_drift" in result.diagnostics.corrections:
         number += " in the middle of the log"
-    stamps = "times of receipt" if calibration.provenance.clock == "log" else "stamps"
+    stamps = "times of receipt" if result.provenance.clock == "log" else "stamps"
     yield (
         f"  time offset     {number}: t_robot = t_imu - ({offset:.6f} s)"
-        + (f", the IMU's {stamps} are {sense}" if told else "")
+        + (f", the IMU's {stamps} are {sense}" if significant else "")
     )
-    yield f"  accel bias      {_bias(estimate.accel_bias, estimate.accel_bias_std)} m/s²"
-    yield f"  gyro bias       {_bias(estimate.gyro_bias, estimate.gyro_bias_std)} rad/s"
-    yield f"  gravity         {_gravity(estimate, calibration.provenance.world)}"
+    yield f"  accel bias      {_bias(result.accel_bias)} m/s²"
+    yield f"  gyro bias       {_bias(result.gyro_bias)} rad/s"
+    yield f"  gravity         {_gravity(result)}"
 
 
-def _bias(value: Floats, std: Floats | None) -> str:
-    if std is None:
-        return f"{_numbers(value, 6)} (not estimated)"
-    return ", ".join(with_std(v, s) for v, s in zip(value, std, strict=True))
+def _bias(bias: Bias) -> str:
+    if bias.std is None:
+        return f"{_numbers(bias.value, 6)} (not estimated)"
+    return ", ".join(with_std(v, s) for v, s in zip(bias.value, bias.std, strict=True))
 
 
-def _gravity(estimate: Estimate, world: str) -> str:
-    gravity_world = estimate.gravity_world
-    norm = float(np.linalg.norm(gravity_world))
+def _gravity(result: Result) -> str:
+    x, y, z = result.gravity_world
+    norm = float(np.linalg.norm(result.gravity_world))
     if norm == 0.0:
         return "none"
-    found = next((each for each in estimate.parameters if each.name == "gravity_norm"), None)
+    parameters = result.diagnostics.parameters
+    found = next((each for each in parameters if each.name == "gravity_norm"), None)
     size = f"{norm:.5f}" if found is None else with_std(norm, found.std)
-    tilt = math.degrees(math.atan2(float(np.hypot(*gravity_world[:2])), -float(gravity_world[2])))
-    return f"{size} m/s², {figures(tilt, 2)} deg off -z of {world}"
+    tilt = math.degrees(math.atan2(math.hypot(x, y), -z))
+    return f"{size} m/s², {figures(tilt, 2)} deg off -z of {result.provenance.world}"
 
 
-def _fit(calibration: Calibration) -> Iterator[str]:
-    estimate = calibration.estimate
-    window, residuals = estimate.window, estimate.residuals
+def _fit(result: Result) -> Iterator[str]:
+    diagnostics = result.diagnostics
+    window, rms = diagnostics.window, diagnostics.residual_rms
     seconds = figures(window.seconds, 3)
     yield f"  window          {window.samples} samples, {seconds} s: {window.reason}"
     yield (
-        f"  windows         {residuals.windows_used} used, {residuals.windows_dropped} dropped, "
-        f"{residuals.samples_replaced} spikes bridged, {residuals.gaps} gaps"
+        f"  windows         {diagnostics.windows_used} used, {diagnostics.windows_dropped} "
+        f"dropped, {diagnostics.samples_replaced} spikes bridged, {diagnostics.gaps} gaps"
     )
     yield (
-        f"  residual rms    accel {_numbers(residuals.accel_rms, 5)} m/s², "
-        f"gyro {_numbers(residuals.gyro_rms, 6)} rad/s"
+        f"  residual rms    accel {_numbers(rms.accel, 5)} m/s², gyro {_numbers(rms.gyro, 6)} rad/s"
     )
-    check = estimate.imu_check
-    if check is not None:
+    if (model := diagnostics.imu_model) is not None:
         yield (
-            f"  noise           accel {check.accel.measured:.2g} m/s², gyro "
-            f"{check.gyro.measured:.2g} rad/s in a sample; {check.accel.expected:.2g} and "
-            f"{check.gyro.expected:.2g} by the data sheet of {check.name}"
+            f"  noise           accel {model.accel.measured:.2g} m/s², gyro "
+            f"{model.gyro.measured:.2g} rad/s in a sample; {model.accel.expected:.2g} and "
+            f"{model.gyro.expected:.2g} by the data sheet of {model.name}"
         )
-    parts = estimate.consistency
-    if parts is not None:
-        apart = float(np.linalg.norm(parts.halves_difference[:3])) * 1e3
-        turned = math.degrees(float(np.linalg.norm(parts.halves_difference[3:])))
+    if (parts := diagnostics.consistency) is not None:
+        apart = float(np.linalg.norm(parts.halves.translation_mm))
+        turned = float(np.linalg.norm(parts.halves.rotation_deg))
         yield (
             f"  consistency     first and second half {figures(apart, 2)} mm and "
-            f"{figures(turned, 2)} deg apart, {figures(parts.halves_sigmas, 2)} sigma"
+            f"{figures(turned, 2)} deg apart, {figures(parts.halves.sigmas, 2)} sigma"
         )
-    nominal = calibration.nominal
-    if nominal is None:
+    if (nominal := diagnostics.nominal) is None:
         return
-    distance = distance_to(calibration, nominal)
     where = f"joint {nominal.joint}" if nominal.joint else "what URDF or tf say"
-    shift = (estimate.t_parent_imu - nominal.t_parent_imu) * 1e3
-    turn = np.degrees(rotvec_from_matrix(estimate.R_parent_imu @ nominal.R_parent_imu.T))
+    shift = (result.pose.t - nominal.translation) * 1e3
+    R_nominal = matrix_from_quaternion(nominal.rotation_xyzw)
+    turn = np.degrees(rotvec_from_matrix(result.pose.R @ R_nominal.T))
     yield (
-        f"  from nominal    {figures(distance.translation * 1e3, 3)} mm and "
-        f"{figures(math.degrees(distance.rotation), 3)} deg away from {where}: "
-        f"({_numbers(shift, 2)}) mm, ({_numbers(turn, 3)}) deg in {calibration.parent}"
+        f"  from nominal    {figures(nominal.distance_mm, 3)} mm and "
+        f"{figures(nominal.distance_deg, 3)} deg away from {where}: "
+        f"({_numbers(shift, 2)}) mm, ({_numbers(turn, 3)}) deg in {result.parent}"
     )
 
 
-def _numbers(values: Sequence[float] | Floats, places: int) -> str:
-    return " ".join(f"{round(float(value), places) + 0.0:.{places}f}" for value in values)
+def _numbers(values: Sequence[float | None] | Floats, places: int) -> str:
+    return " ".join(
+        "nan" if value is None else f"{round(float(value), places) + 0.0:.{places}f}"
+        for value in values
+    )

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.results.atomic import write_whole
-from imucalib_cli.results.text import to_yaml
+from imucalib_cli.results.codec import to_yaml
 from imucalib_cli.simulate.camera import camera_mount
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from imucalib_cli.errors import InputError
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions, PaperOptions, WindowChoice
 from imucalib_cli.estimate.paper import calibrate_paper
-from imucalib_cli.results.pose_error import PoseError, pose_error
+from imucalib_cli.results.pose import PoseError, pose_error
 from imucalib_cli.robot.rotations import matrix_from_rpy
 from imucalib_cli.study.systems import robot_model
 from imucalib_cli.study.trial import streams_of

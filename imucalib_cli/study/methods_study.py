@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from imucalib_cli.results.pose_error import pose_error
+from imucalib_cli.results.pose import pose_error
 from imucalib_cli.robot.rotations import matrix_from_rpy
 from imucalib_cli.simulate.camera import camera_mount
 from imucalib_cli.simulate.camera_config import load_camera

@@ -24,7 +24,7 @@ from imucalib_cli.estimate.robust import residual_scales
 from imucalib_cli.estimate.solve import Known, solve_globally
 from imucalib_cli.estimate.window_choice import choose_window
 from imucalib_cli.estimate.windows import Windowing, plan_windows
-from imucalib_cli.results.pose_error import pose_error
+from imucalib_cli.results.pose import pose_error
 from imucalib_cli.signals.trajectory import Trajectory
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.study.bound import bound_columns

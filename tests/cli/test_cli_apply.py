@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,14 +9,13 @@ import pytest
 
 from imucalib_cli.cli.main import main
 from imucalib_cli.findings import Severity, texts
-from imucalib_cli.results.document import to_document
-from imucalib_cli.results.text import to_yaml
+from imucalib_cli.results.codec import to_yaml
 from tests.cli.test_cli_diff import make
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from imucalib_cli.results.calibration import Calibration
+    from imucalib_cli.results.result import Result
 
 URDF = """<robot name="r"><link name="hand"/><link name="left"/><link name="right"/>
 <joint name="left_joint" type="fixed"><parent link="hand"/><child link="left"/>
@@ -26,7 +24,7 @@ URDF = """<robot name="r"><link name="hand"/><link name="left"/><link name="righ
 </robot>"""
 
 
-def imu(child: str, **more: Any) -> Calibration:
+def imu(child: str, **more: Any) -> Result:
     return make(child=child, topic=f"/{child}", **more)
 
 
@@ -39,9 +37,9 @@ def urdf(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def apply(urdf: Path, tmp_path: Path) -> Any:
-    def apply(calibrations: list[Calibration], *options: str) -> int:
+    def apply(results: list[Result], *options: str) -> int:
         result = tmp_path / "result.yaml"
-        result.write_text(to_yaml([to_document(c) for c in calibrations]))
+        result.write_text(to_yaml(results))
         return main(["apply", str(result), "--urdf", str(urdf), *options])
 
     return apply
@@ -93,7 +91,7 @@ def test_choices_that_are_the_users(
 ) -> None:
     assert apply([imu("left"), imu("right")], "--imu", "front") == 2
     assert "there are: left (/left), right (/right)" in capsys.readouterr().err
-    twice = replace(imu("left"), provenance=imu("other").provenance)
+    twice = make(child="left", topic="/other")
     assert apply([imu("left"), twice]) == 2
     out, err = capsys.readouterr()
     assert out == ""
@@ -104,7 +102,6 @@ def test_choices_that_are_the_users(
 
 
 def test_the_turn_is_told_in_degrees(apply: Any, capsys: pytest.CaptureFixture[str]) -> None:
-    turned = imu("left")
     R = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    assert apply([replace(turned, estimate=replace(turned.estimate, R_parent_imu=R))]) == 0
+    assert apply([imu("left", R_parent_imu=R)]) == 0
     assert "moved by 3 mm and 90 deg" in capsys.readouterr().err

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import json
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,12 +13,11 @@ import pytest
 import yaml
 
 from imucalib_cli.cli.main import main
-from imucalib_cli.results.document import to_document
-from imucalib_cli.results.text import to_json, to_yaml
-from tests.results.test_results_documents import UP, make_calibration
+from imucalib_cli.results.codec import to_json, to_yaml
+from tests.results.test_results_documents import UP, make_result
 
 if TYPE_CHECKING:
-    from imucalib_cli.results.calibration import Calibration
+    from imucalib_cli.results.result import Result
 
 ROOT = Path(__file__).parents[2]
 SCHEMA = json.loads((ROOT / "docs/comparison.schema.json").read_text())
@@ -39,23 +37,16 @@ def make(
     topic: str = "/imu",
     log: str = "a",
     **more: Any,
-) -> Calibration:
-    made = make_calibration(
-        t_parent_imu=HERE + shift, R_parent_imu=np.eye(3), **{"covariance": SMALL, **more}
-    )
-    provenance = replace(
-        made.provenance,
-        imu_topic=topic,
-        files=(replace(made.provenance.files[0], sha256=log * 64),),
-    )
-    return replace(made, child=child, parent=parent, provenance=provenance)
+) -> Result:
+    found = {"R_parent_imu": np.eye(3), "covariance": SMALL, **more}
+    names: Any = {"child": child, "parent": parent, "topic": topic, "log": log}
+    return make_result(t_parent_imu=HERE + shift, **names, **found)
 
 
 @pytest.fixture
 def write(tmp_path: Path) -> Any:
-    def write(name: str, *calibrations: Calibration) -> Path:
-        documents = [to_document(calibration) for calibration in calibrations]
-        text = to_json(documents) if name.endswith("json") else to_yaml(documents)
+    def write(name: str, *results: Result) -> Path:
+        text = to_json(results) if name.endswith("json") else to_yaml(results)
         (tmp_path / name).write_text(text)
         return tmp_path / name
 
@@ -153,8 +144,7 @@ def test_other_frames_need_the_urdf(
     # p_hand = (0.1 0 0) + Rz(90 deg) p_plate, and the chip 20 mm further along z
     R = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     in_plate = R.T @ (HERE - [0.1, 0.0, 0.0]) + [0.0, 0.0, 0.02]
-    moved = make(in_plate - HERE, parent="plate", child="chip", log="b")
-    moved = replace(moved, estimate=replace(moved.estimate, R_parent_imu=R.T))
+    moved = make(in_plate - HERE, parent="plate", child="chip", log="b", R_parent_imu=R.T)
     second = write("b.yaml", moved)
     assert diff(first, second) == 2
     assert "is of imu_link in hand, " in (err := capsys.readouterr().err)

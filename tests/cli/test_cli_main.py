@@ -19,10 +19,9 @@ import typer
 from imucalib_cli import __version__
 from imucalib_cli.cli.main import app, main
 from imucalib_cli.cli.output import worst
-from imucalib_cli.results.document import to_document
-from imucalib_cli.results.text import to_yaml
+from imucalib_cli.results.codec import to_yaml
 from tests.conftest import LogWriter
-from tests.results.test_results_documents import make_calibration
+from tests.results.test_results_documents import make_result
 
 ROOT = Path(__file__).parents[2]
 HEAVY = ("numpy", "scipy", "rosbags", "yourdfpy", "yaml", "mujoco", "cv2", "matplotlib")
@@ -75,11 +74,11 @@ def test_schema_is_a_valid_schema(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["schema"]) == 0
     schema = json.loads(capsys.readouterr().out)
     jsonschema.Draft202012Validator.check_schema(schema)
-    assert schema["$defs"]["document"]["properties"]["schema"] == {"const": 1}
+    assert schema["$defs"]["Result"]["properties"]["schema"] == {"enum": [1]}
     assert main(["schema", "comparison"]) == 0
     schema = json.loads(capsys.readouterr().out)
     jsonschema.Draft202012Validator.check_schema(schema)
-    assert set(schema["$defs"]) >= {"verify", "diff"}
+    assert set(schema["$defs"]) >= {"VerifyAnswer", "DiffAnswer", "KalibrAnswer"}
     assert main(["schema", "log"]) == 2
 
 
@@ -210,7 +209,7 @@ def test_words_that_nobody_takes_change_no_exit_code(
 
 def _result(folder: Path) -> Path:
     path = folder / "result.yaml"
-    path.write_text(to_yaml([to_document(make_calibration(t_parent_imu=np.zeros(3)))]))
+    path.write_text(to_yaml([make_result(t_parent_imu=np.zeros(3))]))
     return path
 
 

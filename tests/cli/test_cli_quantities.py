@@ -21,7 +21,7 @@ from imucalib_cli.cli.quantities import (
     parse_window,
 )
 from imucalib_cli.errors import ChoiceError
-from imucalib_cli.results.calibration import Tolerance
+from imucalib_cli.results.requirement import Tolerance
 
 
 @pytest.mark.parametrize(

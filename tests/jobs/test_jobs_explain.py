@@ -28,9 +28,9 @@ LOG, URDF = SAMPLES / "rihibot.mcap", SAMPLES / "rihibot.urdf"
 
 def test_the_wrong_parent_is_answered_with_the_right_command() -> None:
     request = CalibrationRequest(logs=(LOG,), urdf=URDF, parent="forearm_link")
-    (calibration,) = calibrate(request).calibrations
-    assert calibration.status == "untrusted"
-    first = calibration.estimate.distrust[0]
+    (result,) = calibrate(request).results
+    assert result.status == "untrusted"
+    first = result.diagnostics.distrust[0]
     assert first.startswith("the IMU moves as wrist_3_link does, not as forearm_link")
     assert "--parent wrist_3_link" in first
 
@@ -41,24 +41,24 @@ def test_a_reversed_axis_and_an_inverted_mount_in_the_urdf(tmp_path: Path) -> No
     axis = text.index('<axis xyz="0 0 1"', joint)
     reversed_axis = tmp_path / "reversed.urdf"
     reversed_axis.write_text(text[:axis] + text[axis:].replace("0 0 1", "0 0 -1", 1))
-    (calibration,) = calibrate(CalibrationRequest(logs=(LOG,), urdf=reversed_axis)).calibrations
-    assert calibration.status == "untrusted"
-    assert "joint elbow_joint turns the other way" in calibration.estimate.distrust[0]
+    (result,) = calibrate(CalibrationRequest(logs=(LOG,), urdf=reversed_axis)).results
+    assert result.status == "untrusted"
+    assert "joint elbow_joint turns the other way" in result.diagnostics.distrust[0]
 
     # T_imu_parent instead of T_parent_imu; the rotation, a half turn, is its own inverse, so that
     # the translation alone tells.
-    (right,) = calibrate(CalibrationRequest(logs=(LOG,), urdf=URDF)).calibrations
-    R, t = right.estimate.R_parent_imu, right.estimate.t_parent_imu
+    (right,) = calibrate(CalibrationRequest(logs=(LOG,), urdf=URDF)).results
+    R, t = right.pose.R, right.pose.t
     joint = text.index('<joint name="imu_joint"')
     start = text.index("xyz=", joint)
     end = text.index("/>", start)
     xyz = " ".join(f"{value:.6f}" for value in -R.T @ t)
     inverted = tmp_path / "inverted.urdf"
     inverted.write_text(f'{text[:start]}xyz="{xyz}" rpy="3.1415927 0 1.5707963" {text[end:]}')
-    (calibration,) = calibrate(CalibrationRequest(logs=(LOG,), urdf=inverted)).calibrations
-    assert calibration.status == "ok"
+    (result,) = calibrate(CalibrationRequest(logs=(LOG,), urdf=inverted)).results
+    assert result.status == "ok"
     assert "joint imu_joint seems to hold the pose of the parent in the IMU" in "".join(
-        calibration.estimate.warnings
+        result.diagnostics.warnings
     )
 
 

@@ -67,10 +67,10 @@ def test_impossible_spikes_end_in_a_result_or_a_sentence(
     request = CalibrationRequest(logs=(log_writer.write(),), urdf=arm_urdf)
     outcome = calibrate(request)
     if spike > 1e9:  # left out where the log is read
-        told = [w for each in outcome.calibrations for w in each.estimate.warnings]
+        told = [w for each in outcome.results for w in each.diagnostics.warnings]
         assert any(w.startswith("/imu/data: 4 messages whose values are not finite") for w in told)
     for failure in outcome.failures:
         assert isinstance(failure, ImucalibError)
-    for calibration in outcome.calibrations:
-        assert np.isfinite(calibration.estimate.t_parent_imu).all()
-    assert len(outcome.calibrations) + len(outcome.failures) == 1
+    for result in outcome.results:
+        assert np.isfinite(result.pose.t).all()
+    assert len(outcome.results) + len(outcome.failures) == 1

@@ -11,10 +11,9 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2, ortho_group
 
 from imucalib_cli.errors import ChoiceError
-from imucalib_cli.results.chi_squared import chance_of_more
-from imucalib_cli.results.difference import difference
-from imucalib_cli.results.norm_bounds import norm_bounds
-from imucalib_cli.results.uncertain_pose import UncertainPose, of_child, seen_from
+from imucalib_cli.results.bounds import chance_of_more, norm_bounds
+from imucalib_cli.results.pose import UncertainPose
+from imucalib_cli.results.pose_comparison import compare_poses
 from imucalib_cli.robot.urdf import load_robot
 
 if TYPE_CHECKING:
@@ -127,7 +126,7 @@ def test_the_covariance_is_that_of_perturbed_poses(angle: float) -> None:
     R2 = Rotation.from_rotvec(angle * axis / np.linalg.norm(axis)) * R1
     t1, t2 = rng.normal(size=(2, 3))
     C1, C2 = spd(rng, 1e-3), spd(rng, 1e-3)
-    found = difference(make_pose(R1, t1, C1), make_pose(R2, t2, C2))
+    found = compare_poses(make_pose(R1, t1, C1), make_pose(R2, t2, C2))
 
     def outcome(d1: Floats, d2: Floats) -> Floats:
         A = Rotation.from_rotvec(d1[3:]) * R1
@@ -150,7 +149,7 @@ def test_chi_squared_is_that_of_the_whole_vector() -> None:
     R, C = Rotation.random(rng=rng), spd(rng, 1e-3)
     d = rng.multivariate_normal(np.zeros(6), C)
     moved = make_pose(Rotation.from_rotvec(d[3:]) * R, d[:3], C)
-    test = difference(make_pose(R, np.zeros(3), np.zeros((6, 6))), moved).significance()
+    test = compare_poses(make_pose(R, np.zeros(3), np.zeros((6, 6))), moved).test()
     assert test is not None
     assert test.freedom == 6
     assert test.chi2 == pytest.approx(d @ np.linalg.solve(C, d), rel=1e-2)
@@ -161,12 +160,12 @@ def test_what_one_of_the_two_does_not_know_is_no_evidence() -> None:
     C = np.diag([1e-8, 1e-8, 100.0, 1e-10, 1e-10, 1e-10])
     first = make_pose(Rotation.identity(), [0, 0, 0.3], C, along=[0.0, 0.0, 1.0])
     second = make_pose(Rotation.identity(), [2e-4, 0, -5.0], np.eye(6) * 1e-8)
-    test = difference(first, second).significance()
+    test = compare_poses(first, second).test()
     assert test is not None
     assert test.freedom == 5
     assert test.chi2 == pytest.approx(2e-4**2 / 2e-8, rel=1e-6)
     nothing = make_pose(Rotation.identity(), [0, 0, 0], None)
-    assert difference(first, nothing).significance() is None
+    assert compare_poses(first, nothing).test() is None
 
 
 @pytest.mark.parametrize("unknown_in", ["first", "second"])
@@ -182,12 +181,12 @@ def test_a_turn_about_the_unknown_axis_is_none(unknown_in: str) -> None:
     else:
         first = make_pose(any_turn * tilt.inv(), [0, 0, 0], wide, about=z)
         second = make_pose(Rotation.identity(), [0, 0, 0], np.zeros((6, 6)))
-    found = difference(first, second)
+    found = compare_poses(first, second)
     np.testing.assert_allclose(found.rotation.vector, [0.03, 0.0, 0.0], atol=1e-12)
     assert found.rotation.bounds is not None
     assert found.rotation.bounds[0] == pytest.approx(0.03 - 2e-4, abs=1e-6)
     assert found.rotation.bounds[1] == math.pi
-    test = found.significance(found.rotation)
+    test = found.test(found.rotation)
     assert test is not None
     assert test.freedom == 2
     assert test.chi2 == pytest.approx((0.03 / 1e-4) ** 2, rel=1e-2)
@@ -199,9 +198,9 @@ def test_axes_a_few_degrees_apart_are_one_and_more_are_two() -> None:
     C = np.eye(6) * 1e-8
     z, near, far = [0.0, 0.0, 1.0], [0.0, math.sin(0.02), math.cos(0.02)], [0.0, 1.0, 0.0]
     first = make_pose(Rotation.identity(), [0, 0, 0], C, about=z)
-    same = difference(first, make_pose(Rotation.identity(), [0, 0, 0], C, about=near))
+    same = compare_poses(first, make_pose(Rotation.identity(), [0, 0, 0], C, about=near))
     assert same.rotation.meaningful
-    other = difference(first, make_pose(Rotation.identity(), [0, 0, 0], C, about=far))
+    other = compare_poses(first, make_pose(Rotation.identity(), [0, 0, 0], C, about=far))
     assert not other.rotation.meaningful
 
 
@@ -233,7 +232,7 @@ def test_other_frames_carry_pose_and_covariance_along(robot: Robot) -> None:
     R_hp, p_hp = Rotation.from_euler("xyz", [0.4, -0.5, 0.6]), np.array([0.1, -0.2, 0.3])
     R_if, p_if = Rotation.from_euler("xyz", [1, 2, 3]), np.array([0.01, 0.02, -0.03])
     pose = make_pose(R, t, C, parent="plate", about=[1.0, 0, 0], along=[0, 0, 1.0])
-    found = seen_from(of_child(pose, "imu_frame", robot), "hand", robot)
+    found = pose.of_child("imu_frame", robot).seen_from("hand", robot)
 
     def outcome(d: Floats, _: Floats) -> Floats:
         A = Rotation.from_rotvec(d[3:]) * R
@@ -264,4 +263,4 @@ def test_other_frames_carry_pose_and_covariance_along(robot: Robot) -> None:
 def test_frames_that_cannot_be_exchanged(child: str, parent: str, words: str, robot: Robot) -> None:
     pose = make_pose(Rotation.identity(), [0, 0, 0], np.eye(6), parent="plate")
     with pytest.raises(ChoiceError, match=words):
-        seen_from(of_child(pose, child, robot), parent, robot)
+        pose.of_child(child, robot).seen_from(parent, robot)

@@ -12,18 +12,17 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import ortho_group
 
 from imucalib_cli.findings import Severity, texts
-from imucalib_cli.results.calibration import Nominal, Tolerance
-from imucalib_cli.results.movement import Comparison, Side, compare
-from imucalib_cli.results.requirement import require
-from imucalib_cli.results.uncertain_pose import pose_of
-from imucalib_cli.results.verification import Verification, verify
-from tests.results.test_results_documents import ROLL, UP, make_calibration
+from imucalib_cli.results.pose import Nominal
+from imucalib_cli.results.requirement import Tolerance, require
+from imucalib_cli.results.verdicts import diff, verify
+from tests.results.test_results_documents import ROLL, UP, make_estimate, make_result
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from imucalib_cli.estimate.estimate import UnobservableDirection
-    from imucalib_cli.results.calibration import Calibration
+    from imucalib_cli.results.answers import DiffAnswer, VerifyAnswer
+    from imucalib_cli.results.result import Result
 
 R_TOLD = Rotation.from_euler("xyz", [0.5, -1.0, 2.0])
 T_TOLD = np.array([0.1, -0.2, 0.3])
@@ -34,9 +33,9 @@ TIGHT = Tolerance(translation=1e-3, rotation=1e-3)
 
 def found_at(
     shift: Any = (0.0, 0.0, 0.0), turn: Any = (0.0, 0.0, 0.0), covariance: Any = SMALL, **more: Any
-) -> Calibration:
+) -> Result:
     """A result that differs from TOLD by a shift, m, and a turn, rad, in the parent frame."""
-    return make_calibration(
+    return make_result(
         t_parent_imu=T_TOLD + shift,
         R_parent_imu=(Rotation.from_rotvec(turn) * R_TOLD).as_matrix(),
         covariance=covariance,
@@ -44,13 +43,13 @@ def found_at(
     )
 
 
-def answer(calibration: Calibration, within: Tolerance = TIGHT) -> Verification:
+def answer(calibration: Result, within: Tolerance = TIGHT) -> VerifyAnswer:
     return verify(calibration, TOLD, within)
 
 
-def moved(first: Calibration, second: Calibration, within: Tolerance | None = None) -> Comparison:
-    a, b = Side(name="a.yaml", calibration=first), Side(name="b.yaml", calibration=second)
-    return compare(a, b, (pose_of(first), pose_of(second)), within)
+def moved(first: Result, second: Result, within: Tolerance | None = None) -> DiffAnswer:
+    poses = first.uncertain_pose, second.uncertain_pose
+    return diff(("a.yaml", first), ("b.yaml", second), poses, within)
 
 
 @pytest.mark.parametrize("part", ["translation", "rotation"])
@@ -77,7 +76,7 @@ def test_two_sigma_on_either_side_of_the_tolerance_decide(
         found = answer(found_at(turn=off * direction, covariance=noise))
     else:
         found = answer(found_at(off * direction, covariance=noise))
-    assert (found.verdict, getattr(found, part)) == (verdict, verdict)
+    assert (found.verdict, getattr(found, part).verdict) == (verdict, verdict)
 
 
 def test_near_zero_the_largest_sigma_counts_not_the_one_along_the_difference() -> None:
@@ -153,9 +152,9 @@ def test_a_move_of_many_sigma_is_seen_and_told() -> None:
     first, second = found_at(), found_at([0.0, 3e-3, 0.0])
     found = moved(first, second)
     assert found.verdict == "moved"
-    assert found.significance is not None
-    assert found.significance.chi2 == pytest.approx(9e-6 / 2e-10)
-    np.testing.assert_allclose(found.difference.translation.vector, [0.0, 3e-3, 0.0], atol=1e-15)
+    assert found.test is not None
+    assert found.test.chi2 == pytest.approx(9e-6 / 2e-10)
+    np.testing.assert_allclose(found.translation.vector_mm, [0.0, 3.0, 0.0], atol=1e-12)
     assert "imu_link in wrist_3_link has moved: 3.000 ± 0.014 mm" in found.reason
     assert moved(first, second, Tolerance(translation=5e-3, rotation=1.0)).verdict == "not moved"
     assert moved(first, second, Tolerance(translation=2e-3, rotation=1.0)).verdict == "moved"
@@ -183,7 +182,8 @@ def test_a_result_that_contradicts_itself_answers_nothing(distrust: str) -> None
 
 
 def test_a_sigma_above_what_was_required_still_answers() -> None:
-    demanding = require(found_at([0.5, 0.0, 0.0]), Tolerance(translation=1e-9))
+    far = make_estimate(t_parent_imu=T_TOLD + np.array([0.5, 0.0, 0.0]), covariance=SMALL)
+    demanding = make_result(estimate=require(far, "wrist_3_link", Tolerance(translation=1e-9)))
     assert demanding.status == "untrusted"
     assert answer(demanding).verdict == "no"
     assert moved(found_at(), demanding).verdict == "moved"
@@ -260,14 +260,14 @@ def test_the_sentence_of_a_no_has_the_figures() -> None:
         "wrist_3_link (3.000 0.000 -4.000) mm"
     ) in found.reason
     assert "the rotation is off by 1.00000 ± 0.00006 deg" in found.reason
-    assert found.difference.rotation.norm == pytest.approx(math.radians(1.0))
+    assert found.rotation.difference_deg == pytest.approx(1.0)
 
 
 def test_a_rotation_by_half_a_turn_is_plainly_wrong() -> None:
     for angle in (math.pi, math.pi - 1e-9, 3.0):
         found = answer(found_at(turn=[0.0, angle, 0.0], covariance=SMALL * 1e4))
         assert found.verdict == "no"
-        assert found.difference.rotation.norm == pytest.approx(angle)
+        assert found.rotation.difference_deg == pytest.approx(math.degrees(angle))
 
 
 def test_one_log_behind_both_results_is_said() -> None:
@@ -275,9 +275,7 @@ def test_one_log_behind_both_results_is_said() -> None:
 
 
 def test_what_was_told_to_the_estimator_is_no_finding() -> None:
-    known = found_at()
-    options: dict[str, Any] = {"pose.std": "inf inf 0 inf inf 0.01"}
-    known = replace(known, provenance=replace(known.provenance, options=options))
+    known = found_at(options={"pose.std": "inf inf 0 inf inf 0.01"})
     found = answer(known)
     assert found.verdict == "yes"
     assert found.reason.endswith("; told beforehand, not found by the log alone: tz, rz")

@@ -10,7 +10,7 @@ import pytest
 
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions
-from imucalib_cli.results.pose_error import pose_error
+from imucalib_cli.results.pose import pose_error
 from imucalib_cli.simulate.load import load_system
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions

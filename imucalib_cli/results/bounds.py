@@ -1,4 +1,4 @@
-"""How near to zero and how far from it an uncertain vector may be.
+"""How far an uncertain vector may be from zero, and how often chance alone gives a chi-squared.
 
 All vectors within ``sigmas`` standard deviations of a vector d fill an ellipsoid about it. The
 nearest of them to the origin and the farthest bound the norm. Where |d| is many sigma they are
@@ -9,6 +9,8 @@ away, but not nearer than the other components allow.
 """
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,3 +77,26 @@ def _root(levers: Floats, offsets: Floats, high: float) -> float:
         else:
             high = middle
     return high
+
+
+def chance_of_more(chi2: float, freedom: int) -> float:
+    """Probability that chi-squared with these degrees of freedom exceeds a value.
+
+    The regularised gamma function Q(k/2, x/2) for whole k (Abramowitz and Stegun 26.4.4, 26.4.5).
+
+    Args:
+        chi2: At least zero.
+        freedom: At least zero; with none there is nothing to exceed and the answer is 1.
+    """
+    if freedom == 0 or chi2 <= 0.0:
+        return 1.0
+    half = 0.5 * chi2
+    if half > 700.0:  # exp underflows
+        return 0.0
+    odd = freedom % 2
+    total = math.erfc(math.sqrt(half)) if odd else 0.0
+    power = 0.5 if odd else 0.0
+    while power < 0.5 * freedom - 0.25:
+        total += math.exp(power * math.log(half) - half - math.lgamma(power + 1.0))
+        power += 1.0
+    return min(total, 1.0)

@@ -1,7 +1,8 @@
-"""The difference of two poses of one IMU, what is known of it, and in which directions."""
+"""Two poses of one IMU: how far apart they are, and how surely. verify, diff and compare ask it."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Literal
@@ -9,28 +10,52 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from imucalib_cli.results.calibration import AFFECTED
-from imucalib_cli.results.chi_squared import chance_of_more
-from imucalib_cli.results.norm_bounds import norm_bounds
+from imucalib_cli.digits import decimals, figures, with_std
+from imucalib_cli.results.bounds import chance_of_more, norm_bounds
+from imucalib_cli.results.pose import AFFECTED
 from imucalib_cli.robot.rotations import (
+    left_jacobian_inverse,
     matrix_from_rotvec,
     quaternion_from_matrix,
     rotvec_from_matrix,
-    skew,
 )
 
 if TYPE_CHECKING:
-    from imucalib_cli.results.uncertain_pose import UncertainPose
+    from imucalib_cli.results.pose import UncertainPose
+    from imucalib_cli.results.requirement import Tolerance
 
 Floats = NDArray[np.float64]
+Verdict = Literal["yes", "no", "unknown"]
+"""Whether two poses are one."""
 
 SIGMAS = 2.0
 """Half-width of what is taken to be possible, in standard deviations."""
+SIGNIFICANT = math.erfc(SIGMAS / math.sqrt(2.0))
+"""Chance of a difference beyond SIGMAS of one component. A difference that noise gives more often
+than that is no difference, however small the tolerance: of three components together one often
+exceeds two sigma."""
+RARE = 0.01
+"""Chance below which a difference is not noise, where no tolerance is given: one false alarm in a
+hundred comparisons."""
+_UNITS = {"translation": ("mm", 1e3), "rotation": ("deg", math.degrees(1.0))}
+"""Of each part: its unit, and how many of it a metre or a radian is."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Test:
+    """Chi-squared of a difference against none at all, in the directions that are known."""
+
+    __test__ = False  # not one of pytest's
+
+    chi2: float
+    freedom: int
+    p_value: float
+    """Chance that noise alone gives as much."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Part:
-    """The translation or the rotation of a difference."""
+    """The translation or the rotation of a difference, with its figures in words."""
 
     kind: Literal["translation", "rotation"]
     vector: Floats
@@ -42,6 +67,16 @@ class Part:
     meaningful: bool
     """Whether its covariance means anything: none does that was propagated from a rotation which
     is not known."""
+
+    @property
+    def unit(self) -> str:
+        """For people."""
+        return _UNITS[self.kind][0]
+
+    @property
+    def scale(self) -> float:
+        """How many of the unit a metre or a radian is."""
+        return _UNITS[self.kind][1]
 
     @property
     def norm(self) -> float:
@@ -68,6 +103,11 @@ class Part:
         return None if self.bounds is None else (self.bounds[1] - self.norm) / SIGMAS
 
     @property
+    def determined(self) -> bool:
+        """Whether both poses are known in every direction."""
+        return self.meaningful and not len(self.unknown)
+
+    @property
     def basis(self) -> Floats:
         """(3 - k, 3), orthonormal directions in which both poses are known."""
         if not self.meaningful:
@@ -76,19 +116,46 @@ class Part:
             return np.eye(3)
         return np.asarray(np.linalg.svd(self.unknown, full_matrices=True)[2][len(self.unknown) :])
 
+    def __str__(self) -> str:
+        """Such as ``4.389 ± 0.010 mm``."""
+        sigma = self.sigma
+        if sigma is None or not sigma > 0.0:
+            return f"{figures(self.norm * self.scale, 3)} {self.unit} (no sigma)"
+        return f"{with_std(self.norm * self.scale, sigma * self.scale)} {self.unit}"
 
-@dataclass(frozen=True, kw_only=True)
-class Significance:
-    """Chi-squared of a difference against none at all, in the directions that are known."""
+    @property
+    def in_sigmas(self) -> str:
+        """Such as ``431 sigma``; empty where that means nothing."""
+        if self.sigma is None or not self.sigma > 0.0:
+            return ""
+        return f"{figures(self.norm / self.sigma, 3)} sigma"
 
-    chi2: float
-    freedom: int
-    p_value: float
-    """Chance that noise alone gives as much."""
+    @property
+    def vector_words(self) -> str:
+        """Such as ``(-2.510 -1.993 -2.997) mm``."""
+        return f"({' '.join(self._rounded(float(x)) for x in self.vector)}) {self.unit}"
+
+    @property
+    def range_words(self) -> str:
+        """What is possible within two sigma, such as ``4.369 to 4.409 mm``."""
+        if self.bounds is None:
+            return "anything"
+        return f"{' to '.join(map(self._rounded, self.bounds))} {self.unit}"
+
+    def bound_words(self, bound: float) -> str:
+        """A bound in the part's unit."""
+        return f"{bound * self.scale:.6g} {self.unit}"
+
+    def _rounded(self, value: float) -> str:
+        """A value in the unit, to the decimals that the norm's sigma earns."""
+        places = (
+            3 if self.sigma is None or not self.sigma > 0.0 else decimals(self.sigma * self.scale)
+        )
+        return f"{round(value * self.scale, places) + 0.0:.{max(places, 0)}f}"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Difference:
+class PoseComparison:
     """Second pose less the first, in the first one's parent frame."""
 
     translation: Part
@@ -101,7 +168,7 @@ class Difference:
         """Translation and rotation."""
         return self.translation, self.rotation
 
-    def significance(self, *chosen: Part) -> Significance | None:
+    def test(self, *chosen: Part) -> Test | None:
         """Test parts of the difference (default: both) together against no difference.
 
         Returns:
@@ -120,10 +187,65 @@ class Difference:
         rows[: sizes[0], :3], rows[sizes[0] :, 3:] = bases
         value = rows @ np.concatenate([part.vector for part in self.parts])
         chi2 = _squared(value, rows @ self.covariance @ rows.T)
-        return Significance(chi2=chi2, freedom=len(rows), p_value=chance_of_more(chi2, len(rows)))
+        return Test(chi2=chi2, freedom=len(rows), p_value=chance_of_more(chi2, len(rows)))
+
+    def judge(self, part: Part, bound: float) -> Verdict:
+        """Whether a part is within a bound: yes or no where two sigma leave no doubt.
+
+        A direction that is not known withholds a yes, but not a no from the others.
+        """
+        if part.bounds is None:
+            return "unknown"
+        test = self.test(part)
+        if (
+            test is not None
+            and part.meaningful
+            and part.bounds[0] > bound
+            and test.p_value < SIGNIFICANT
+        ):
+            return "no"
+        return "yes" if part.determined and part.bounds[1] <= bound else "unknown"
+
+    def verdict(self, within: Tolerance | None) -> Verdict:
+        """Whether the poses are one: a no from a part is a no, a yes takes both.
+
+        Without a tolerance they are not if chi-squared of the difference, in the directions that
+        both know, is rarer than RARE in noise; and are if nothing is unknown and that is not so.
+        """
+        if within is not None:
+            parts = {
+                self.judge(self.translation, within.translation),
+                self.judge(self.rotation, within.rotation),
+            }
+            return "no" if "no" in parts else "unknown" if "unknown" in parts else "yes"
+        test = self.test()
+        if test is None:
+            return "unknown"
+        if test.p_value < RARE:
+            return "no"
+        return "yes" if all(part.determined for part in self.parts) else "unknown"
+
+    def __str__(self) -> str:
+        """Both norms with their sigma."""
+        return " and ".join(map(str, self.parts))
+
+    @property
+    def farthest_words(self) -> str:
+        """How far apart both may be within two sigma, such as ``0.033 mm and 0.0004 deg``."""
+        return " and ".join(
+            f"{figures(part.bounds[1] * part.scale, 2)} {part.unit}"
+            for part in self.parts
+            if part.bounds is not None
+        )
+
+    @property
+    def in_sigmas(self) -> str:
+        """How many sigma each part is; empty where that means nothing."""
+        said = (part.in_sigmas for part in self.parts if part.meaningful)
+        return " and ".join(filter(None, said))
 
 
-def difference(first: UncertainPose, second: UncertainPose) -> Difference:
+def compare_poses(first: UncertainPose, second: UncertainPose) -> PoseComparison:
     """How the second pose differs from the first: of the same frames, with independent errors.
 
     The translation is t2 - t1, the rotation vector that of R2 R1^T; both in the parent frame. To
@@ -143,27 +265,24 @@ def difference(first: UncertainPose, second: UncertainPose) -> Difference:
         seen = axes if len(second.unknown_rotation) else axes @ turn.T
     phi = rotvec_from_matrix(turn)
     J = np.eye(6)
-    J[3:, 3:] = _inverse_left_jacobian(phi)
+    J[3:, 3:] = left_jacobian_inverse(phi)
     covariance = None
     if first.covariance is not None and second.covariance is not None:
         E = np.eye(6)
         E[3:, 3:] = turn
         covariance = J @ (second.covariance + E @ first.covariance @ E.T) @ J.T
-    translation, rotation = (
-        (None, None) if covariance is None else (covariance[:3, :3], covariance[3:, 3:])
-    )
-    return Difference(
+    return PoseComparison(
         translation=Part(
             kind="translation",
             vector=second.t - first.t,
-            covariance=translation,
+            covariance=None if covariance is None else covariance[:3, :3],
             unknown=_distinct(first.unknown_translation, second.unknown_translation),
             meaningful=len(axes) == 0,
         ),
         rotation=Part(
             kind="rotation",
             vector=phi,
-            covariance=rotation,
+            covariance=None if covariance is None else covariance[3:, 3:],
             unknown=_distinct(seen @ J[3:, 3:].T),
             meaningful=len(axes) < 2,
         ),
@@ -186,17 +305,6 @@ def _untwist(turn: Floats, axis: Floats) -> float:
     """Angle s about an axis at which exp(s axis) turn is nearest to the identity, rad."""
     x, y, z, w = quaternion_from_matrix(turn)
     return float(-2.0 * np.arctan2(axis @ (x, y, z), w))
-
-
-def _inverse_left_jacobian(phi: Floats) -> Floats:
-    """J^-1 with log(exp(d) exp(phi)) = phi + J^-1 d + ...; (3, 3)."""
-    angle = float(np.linalg.norm(phi))
-    K = skew(phi)
-    if angle < 1e-4:  # the next term is beyond rounding
-        second = 1.0 / 12.0
-    else:
-        second = (1.0 - 0.5 * angle / np.tan(0.5 * angle)) / angle**2
-    return np.asarray(np.eye(3) - 0.5 * K + second * (K @ K))
 
 
 def _squared(value: Floats, covariance: Floats) -> float:

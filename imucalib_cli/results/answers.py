@@ -1,0 +1,361 @@
+"""The answers of verify, diff and compare: trees from which text and JSON Schema come.
+
+Fields are written in this order under these names. A text below a field is its description in
+the JSON Schema. Differences are found - told (verify), second - first (diff) or Kalibr's - ours
+(compare), in the parent frame.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import numpy as np
+from msgspec import UNSET, Meta, UnsetType
+
+from imucalib_cli.results.codec import json_schema
+from imucalib_cli.results.from_estimate import plain
+from imucalib_cli.results.pose_comparison import Verdict
+from imucalib_cli.results.result import (
+    Matrix6,
+    Pose,
+    Quaternion,
+    Result,
+    SourceFile,
+    Status,
+    Tree,
+    Vector3,
+)
+
+if TYPE_CHECKING:
+    from imucalib_cli.results.pose import PoseError
+    from imucalib_cli.results.pose_comparison import Part, PoseComparison, Test
+    from imucalib_cli.results.requirement import Tolerance
+
+Size = Annotated[float, Meta(ge=0)]
+Range = Annotated[list[float], Meta(min_length=2, max_length=2)]
+
+
+class Within(Tree, frozen=True):
+    """What is near enough."""
+
+    translation_mm: float
+    rotation_deg: float
+
+
+class TestEntry(Tree, frozen=True):
+    """Chi-squared of a difference against none, in what both poses know."""
+
+    chi2: float | None
+    """null where a sigma is zero."""
+    degrees_of_freedom: int
+    p_value: float
+    """Chance that noise alone differs as much."""
+
+
+class TranslationEntry(Tree, frozen=True, kw_only=True):
+    """How far the translation differs, and how surely."""
+
+    verdict: Verdict | UnsetType = UNSET
+    """Of verify alone."""
+    difference_mm: Size
+    """Norm of the translation."""
+    sigma_mm: float | None
+    """1 sigma of it, such that difference + 2 sigma is the farther of between; null without
+    covariance."""
+    between_mm: Range | None
+    """Nearest and farthest within two sigma."""
+    vector_mm: Vector3
+    """Parent frame."""
+    std_mm: Vector3 | None
+    """1 sigma along the parent's axes."""
+    unknown_directions: list[Vector3]
+    """Unit vectors along which nothing is known."""
+    test: TestEntry | None
+
+
+class RotationEntry(Tree, frozen=True, kw_only=True):
+    """How far the rotation differs, and how surely."""
+
+    verdict: Verdict | UnsetType = UNSET
+    """Of verify alone."""
+    difference_deg: Size
+    """Geodesic angle."""
+    sigma_deg: float | None
+    """1 sigma of it, such that difference + 2 sigma is the farther of between; null without
+    covariance."""
+    between_deg: Range | None
+    """Nearest and farthest within two sigma."""
+    vector_deg: Vector3
+    """Rotation vector, parent frame."""
+    std_deg: Vector3 | None
+    """1 sigma about the parent's axes."""
+    unknown_directions: list[Vector3]
+    """Unit vectors about which nothing is known."""
+    test: TestEntry | None
+
+
+class Significance(Tree, frozen=True):
+    """Of the part that differs by more sigma."""
+
+    of: Literal["translation", "rotation"]
+    sigmas: float | None
+    """Norm over its sigma; null where sigma is zero."""
+
+
+class ToldPose(Tree, frozen=True):
+    """The pose in question."""
+
+    joint: str
+    """The URDF's fixed joint; empty where no single joint says so."""
+    translation: Vector3
+    """m."""
+    rotation_xyzw: Quaternion
+    rotation_rpy: Vector3
+    """rad."""
+    urdf: SourceFile | None
+    """null where the log's own frames told the pose."""
+
+
+class VerifyAnswer(Tree, frozen=True):
+    """Whether a told pose is where a log, or a result, shows the IMU."""
+
+    schema: Literal[1]
+    comparison: Literal["verify"]
+    verdict: Verdict
+    """Text: YAML writers must quote yes and no."""
+    reason: str
+    """The verdict in a sentence with its figures, and what to do where there is something to do."""
+    parent: str
+    child: str
+    within: Within
+    translation: TranslationEntry
+    rotation: RotationEntry
+    significance: Significance | None
+    told: ToldPose
+    found: Result
+
+
+class Side(Tree, frozen=True):
+    """One of the two results."""
+
+    file: str
+    status: Status
+    parent: str
+    child: str
+    imu: str
+    """Topic."""
+    logs: list[SourceFile]
+
+
+class DiffAnswer(Tree, frozen=True):
+    """Whether a mount has moved between two results."""
+
+    schema: Literal[1]
+    comparison: Literal["diff"]
+    verdict: Literal["moved", "not moved", "unknown"]
+    reason: str
+    """The verdict in a sentence with its figures."""
+    parent: str
+    child: str
+    within: Within | None
+    """null: significance was asked for."""
+    translation: TranslationEntry
+    rotation: RotationEntry
+    significance: Significance | None
+    test: TestEntry | None
+    """Of translation and rotation together, in what both results know."""
+    covariance: Matrix6 | None
+    """Of the difference: m2, m rad, rad2."""
+    warnings: list[str]
+    first: Side
+    second: Side
+
+
+class Averaged(Tree, frozen=True):
+    """The published comparison's metric: signs cancel in it."""
+
+    metric: str
+    translation_mm: float
+    rotation_deg: float
+
+
+class Distance(Tree, frozen=True):
+    """How far one pose is from another."""
+
+    distance_mm: float
+    angle_deg: float
+    """Geodesic."""
+    averaged: Averaged
+
+
+class FramePoses(Tree, frozen=True):
+    """One pose of the IMU in both frames."""
+
+    T_camera_imu: Pose
+    T_parent_imu: Pose
+
+
+class OurPose(Tree, frozen=True):
+    """The result of imucalib."""
+
+    file: str
+    T_camera_imu: Pose
+    T_parent_imu: Pose
+    from_nominal: Distance | None
+    error: Distance | None
+    """Off the truth, in the frame that the pose was estimated in."""
+    time_offset: float | None
+    """s, IMU stamp - robot stamp."""
+
+
+class KalibrPose(Tree, frozen=True):
+    """The result of Kalibr."""
+
+    file: str
+    camera: str
+    T_camera_imu: Pose
+    T_parent_imu: Pose
+    from_nominal: Distance | None
+    error: Distance | None
+    """Off the truth, in the frame that the pose was estimated in."""
+    timeshift_cam_imu: float | None
+    """s, IMU stamp - camera stamp."""
+
+
+class TruthPose(Tree, frozen=True):
+    """What is true about a simulated log."""
+
+    file: str
+    T_camera_imu: Pose | None
+    T_parent_imu: Pose
+    time_offset: float | None
+    timeshift_cam_imu: float | None
+
+
+class TimeShifts(Tree, frozen=True):
+    """Of the IMU's stamps: ours against the robot's, Kalibr's against the camera's."""
+
+    difference_ms: float
+    """Kalibr's timeshift_cam_imu - our time_offset: robot stamp - camera stamp of the same instant,
+    if both are right."""
+    sigma_ms: float | None
+    """Of ours; null where it has none."""
+    camera_offset_ms: float
+    """Camera stamp - robot stamp of the same instant, if both are right: - difference_ms."""
+    imucalib_error_ms: float | None
+    """Our time_offset - the true one; null without a truth."""
+    kalibr_error_ms: float | None
+    """Kalibr's timeshift_cam_imu - the true one; null without a truth that knows the camera."""
+
+
+class KalibrAnswer(Tree, frozen=True):
+    """A result of ours and one of Kalibr, in the camera's frame and in the parent link's."""
+
+    schema: Literal[1]
+    comparison: Literal["kalibr"]
+    status: Status
+    """Of our result."""
+    reason: str
+    """The figures in a sentence."""
+    parent: str
+    child: str
+    camera_link: str
+    """The camera's optical frame."""
+    urdf: str
+    translation: TranslationEntry
+    rotation: RotationEntry
+    test: TestEntry | None
+    """Of translation and rotation together. All sigmas are ours: Kalibr's file has none."""
+    time: TimeShifts | None
+    """null where Kalibr estimated no time shift."""
+    warnings: list[str]
+    imucalib: OurPose
+    kalibr: KalibrPose
+    nominal: FramePoses | None
+    """What the URDF says."""
+    truth: TruthPose | None
+
+
+def within_entry(within: Tolerance) -> Within:
+    """A tolerance in its units."""
+    return Within(plain(within.translation * 1e3), plain(math.degrees(within.rotation)))
+
+
+def part_entries(
+    apart: PoseComparison, *verdicts: Verdict
+) -> tuple[TranslationEntry, RotationEntry]:
+    """Translation and rotation of a difference, and the verdicts on them where there are any."""
+    translation, rotation = verdicts or (UNSET, UNSET)
+    return (
+        TranslationEntry(verdict=translation, **_part(apart, apart.translation, "mm")),
+        RotationEntry(verdict=rotation, **_part(apart, apart.rotation, "deg")),
+    )
+
+
+def _part(apart: PoseComparison, part: Part, unit: str) -> dict[str, Any]:
+    scale = part.scale
+    std = None if part.covariance is None else plain(np.sqrt(np.diag(part.covariance)) * scale)
+    return {
+        f"difference_{unit}": plain(part.norm * scale),
+        f"sigma_{unit}": None if part.sigma is None else plain(part.sigma * scale),
+        f"between_{unit}": None if part.bounds is None else plain(np.array(part.bounds) * scale),
+        f"vector_{unit}": plain(part.vector * scale),
+        f"std_{unit}": std,
+        "unknown_directions": plain(part.unknown),
+        "test": test_entry(apart.test(part)),
+    }
+
+
+def test_entry(test: Test | None) -> TestEntry | None:
+    """A chi-squared test, if there is one."""
+    return None if test is None else TestEntry(plain(test.chi2), test.freedom, test.p_value)
+
+
+def significance_entry(apart: PoseComparison) -> Significance | None:
+    """How many sigma the difference is, and which part is so many."""
+    known = [
+        (part.norm / part.sigma if part.sigma > 0.0 else math.inf, part.kind)
+        for part in apart.parts
+        if part.sigma is not None and part.meaningful
+    ]
+    if not known:
+        return None
+    sigmas, kind = max(known)
+    return Significance(kind, plain(sigmas))
+
+
+def distance_entry(error: PoseError) -> Distance:
+    """A distance between poses in its units."""
+    return Distance(
+        distance_mm=plain(error.translation * 1e3),
+        angle_deg=plain(math.degrees(error.rotation)),
+        averaged=Averaged(
+            metric="ATOM compareTransforms: |mean of x y z|, mean of |roll| |pitch| |yaw|",
+            translation_mm=plain(error.averaged_translation * 1e3),
+            rotation_deg=plain(math.degrees(error.averaged_rotation)),
+        ),
+    )
+
+
+def schema_of(which: Literal["result", "comparison"]) -> str:
+    """JSON Schema of what ``run`` writes, or of what ``verify``, ``diff`` and ``compare`` do."""
+    several = "With --format json several IMUs give an array of these objects, with YAML a stream."
+    if which == "result":
+        return json_schema(
+            "imucalib result, schema 1",
+            "Pose of one IMU in its parent link. Adding a key keeps the schema number, changing "
+            "one raises it. SI units and radians unless a key says otherwise; quaternions are "
+            "x y z w with w >= 0; covariances are in the order tx ty tz rx ry rz, parent frame, "
+            f"rotation perturbed as exp([phi]x) R. {several}",
+            Result,
+        )
+    return json_schema(
+        "imucalib verify, diff and compare, schema 1",
+        "Answer for one IMU. Adding a key keeps the schema number, changing one raises it. "
+        "Differences are found - told (verify), second - first (diff) or Kalibr's - ours "
+        f"(compare), in the parent frame. {several}",
+        VerifyAnswer,
+        DiffAnswer,
+        KalibrAnswer,
+    )

@@ -1,0 +1,375 @@
+"""Trees as YAML and JSON text, read back with checks that name file and key, and their schemas."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import json
+import math
+import re
+import reprlib
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any, Literal, NoReturn, TypeVar
+
+import msgspec
+import numpy as np
+import yaml
+from msgspec import UNSET
+
+from imucalib_cli.errors import InputError
+from imucalib_cli.findings import TEXT
+from imucalib_cli.results.from_estimate import known_directions
+from imucalib_cli.results.pose import is_covariance
+from imucalib_cli.results.result import SCHEMA, FindingEntry, Pose, Result, Tree
+from imucalib_cli.robot.rotations import matrix_from_rpy, rotvec_from_matrix
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+Document = dict[str, Any]
+T = TypeVar("T")
+
+FARTHEST = 100.0
+"""m; no IMU sits farther from the frame that carries it."""
+ROTATIONS_AGREE = 1e-6
+"""rad between the quaternion and the angles of one rotation."""
+RESULT = "a result of `imucalib run`"
+_OLD_REQUIREMENT = "--require asks for "
+"""How the reasons of --require begin in results that were written without codes."""
+_LONGEST = 300
+"""Characters of a complaint: it may quote a value of any length."""
+_SURROGATE = re.compile("[\ud800-\udfff]")
+_SHOWN = reprlib.Repr()
+"""For values of a file: an alias may stand for gigabytes of text."""
+_SHOWN.maxstring = _SHOWN.maxother = 100
+_WORDS = {
+    "bool | int | float | str": "a number or a text",
+    "object": "a mapping",
+    "array": "a list",
+    "float": "a number",
+    "int": "an integer",
+    "str": "a text",
+    "bool": "true or false",
+}
+"""What msgspec calls a type, and what a user does."""
+
+
+class _Dumper(yaml.SafeDumper):
+    """Vectors on one line, everything else one item a line, nothing aliased."""
+
+    def ignore_aliases(self, data: Any) -> bool:
+        del data
+        return True
+
+
+def _represent_list(dumper: yaml.SafeDumper, values: list[Any]) -> yaml.Node:
+    vector = all(value is None or isinstance(value, (int, float)) for value in values)
+    return dumper.represent_sequence("tag:yaml.org,2002:seq", values, flow_style=vector)
+
+
+_Dumper.add_representer(list, _represent_list)
+
+
+class _Loader(yaml.SafeLoader):
+    """YAML 1.1's safe loader that also takes 1e-05 for a number, as JSON and YAML 1.2 write it."""
+
+
+_Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:float",
+    re.compile(r"^[-+]?[0-9]+(?:\.[0-9]*)?[eE][-+]?[0-9]+$"),
+    list("-+0123456789"),
+)
+
+
+def to_document(tree: Tree) -> Document:
+    """A tree as dicts, lists and scalars."""
+    document: Document = msgspec.to_builtins(tree)
+    return document
+
+
+def to_yaml(documents: Sequence[Tree | Document]) -> str:
+    """One document, or a stream of several separated by ``---``."""
+    parts = (
+        yaml.dump(
+            document,
+            Dumper=_Dumper,
+            sort_keys=False,
+            default_flow_style=False,
+            allow_unicode=True,
+            width=10_000,  # a vector that is broken over lines is no longer readable
+        )
+        for document in map(msgspec.to_builtins, documents)
+    )
+    return "---\n".join(parts)
+
+
+def to_json(documents: Sequence[Tree | Document]) -> str:
+    """One object, or an array of several."""
+    content = msgspec.to_builtins(documents[0] if len(documents) == 1 else documents)
+    return json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def load_yaml(text: str, name: str, complaint: str) -> list[Any]:
+    """Documents of a YAML stream, which JSON is too; empty ones are left out.
+
+    Raises:
+        InputError: It cannot be parsed.
+    """
+    try:
+        return [part for part in yaml.load_all(text, Loader=_Loader) if part is not None]
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        reason = " ".join(str(error).split())
+        raise InputError(f"{name}: {complaint}: {reason}") from error
+
+
+def read_results(text: str, name: str) -> list[Result]:
+    """Results of one file: a YAML stream, a JSON object or a JSON array.
+
+    Args:
+        text: Content of the file.
+        name: What to call the file in a message.
+
+    Raises:
+        InputError: It is not a result of this tool, is damaged, or is of a newer schema.
+    """
+    loaded = load_yaml(text, name, "neither YAML nor JSON")
+    if len(loaded) == 1 and isinstance(loaded[0], list):
+        loaded = loaded[0]
+    if not loaded:
+        raise InputError(f"{name}: empty, so no result to read; write one with `imucalib run`")
+    return [result_from(part, name) for part in loaded]
+
+
+def result_from(document: object, name: str) -> Result:
+    """One result from its parsed document, checked.
+
+    Raises:
+        InputError: A key is missing or has a value that cannot be; it is named.
+    """
+    if not isinstance(document, dict):
+        _fail(name, "", f"should be a mapping; is this {RESULT}?")
+    if "schema" not in document:  # it says what the rest should be, so it comes first
+        _fail(name, "schema", f"is missing; is this {RESULT}?")
+    schema = document["schema"]
+    if isinstance(schema, int) and not isinstance(schema, bool) and schema != SCHEMA:
+        said = f"is {schema}, this version reads {SCHEMA}: use the imucalib it came from"
+        _fail(name, "schema", said)
+    result = convert(document, Result, name, RESULT)
+    written = document["diagnostics"]
+    if "findings" not in written:
+        result = _with(result, findings=_uncoded(result))
+    for place, complaint in _contradictions(result):
+        _fail(name, place, complaint)
+    pose = result.uncertain_pose
+    if pose.covariance is not None and not is_covariance(pose.covariance):
+        raise InputError(
+            f"{name}: the covariance of {result.child} is none: it is not symmetric, or gives a "
+            "variance below zero; was it edited?"
+        )
+    if "observable" in written or result.diagnostics.distrust:
+        return result
+    known = known_directions(pose.t, pose.covariance, result.diagnostics.unobservable)
+    return _with(result, observable=known)
+
+
+def convert(document: object, kind: type[T], name: str, what: str, where: str = "") -> T:
+    """A tree from a parsed document, all of which can be written again.
+
+    Args:
+        document: Of dicts, lists and scalars.
+        kind: Of the tree.
+        name: What to call the file in a message.
+        what: What the file should be, for a message.
+        where: Of the document in the file.
+
+    Raises:
+        InputError: A key is missing or has a value that cannot be; it is named.
+    """
+    try:
+        tree = msgspec.convert(document, kind)
+    except msgspec.ValidationError as error:
+        place, complaint = _complaint(str(error), document, kind, what)
+        _fail(name, f"{where}.{place}".strip("."), complaint)
+    for place, complaint in _unwritable(msgspec.to_builtins(tree), where):
+        _fail(name, place, complaint)
+    return tree
+
+
+def _fail(name: str, place: str, complaint: str) -> NoReturn:
+    if len(complaint) > _LONGEST:
+        complaint = complaint[:_LONGEST] + "…"
+    raise InputError(f"{name}: {place or 'document'} {complaint}")
+
+
+def _complaint(error: str, document: object, kind: Any, what: str) -> tuple[str, str]:
+    """Place and complaint of msgspec's message, such as "Expected `int`, got `str` - at `$.a`"."""
+    said, _, path = error.partition(" - at ")
+    place = path.removeprefix("`key` in ").strip("`").removeprefix("$").removeprefix(".")
+    if missing := re.match(r"Object missing required field `(.*)`", said):
+        return ".".join(filter(None, (place, missing[1]))), f"is missing; is this {what}?"
+    if path.startswith("`key` in "):
+        odd = "this version does not know" if said.startswith("Invalid") else "is no text"
+        return place, f"has a key that {odd}: leave it out"
+    wanted = said.removeprefix("Expected ").partition(", got ")[0]
+    if wanted == "`object`":
+        return place, f"should be a mapping; is this {what}?"
+    keys = re.findall(r"[^.\[\]]+|(?<=\[)\.\.\.", place)
+    declared = _declared(kind, keys)
+    if "enum" in declared:
+        wanted = " or ".join(map(str, declared["enum"]))
+    elif "of length" in wanted and declared.get("minItems") == declared.get("maxItems"):
+        wanted = f"a list of {declared['minItems']}"
+    elif wanted == "Number out of range":
+        wanted = "a finite number"
+    else:
+        for word, plain in _WORDS.items():
+            wanted = re.sub(rf"\b{re.escape(word)}\b", plain, wanted)
+        wanted = wanted.replace(" | ", " or ").replace("`", "")
+    value = _value_at(document, keys)
+    shown = "" if value is UNSET else f", not {_SHOWN.repr(value)}"
+    return place, f"should be {wanted}{shown}"
+
+
+def _declared(kind: Any, keys: list[str]) -> Document:
+    """JSON Schema of what stands at a place of a tree; empty where the place is not that exact."""
+    (node,), parts = msgspec.json.schema_components([kind])
+    for key in [*keys, ""]:
+        for _ in range(2):  # null or a tree, and the tree
+            node = next(
+                (each for each in node.get("anyOf", []) if len(each) > 1 or "$ref" in each), node
+            )
+            node = parts.get(node.get("$ref", "").rpartition("/")[2], node)
+        if key:
+            inside = node.get("properties", {}).get(key) or node.get("additionalProperties")
+            node = node.get("items") or inside or {}
+    return dict(node)
+
+
+def _value_at(document: Any, keys: list[str]) -> Any:
+    """What stands at a place; UNSET where the place is not that exact."""
+    try:
+        for key in keys:
+            document = document[int(key) if isinstance(document, list) else key]
+    except (KeyError, ValueError, TypeError, IndexError):
+        return UNSET
+    return document
+
+
+def _unwritable(node: Any, place: str) -> Iterator[tuple[str, str]]:
+    """Places of what JSON or UTF-8 does not have, and the complaint."""
+    if isinstance(node, dict):
+        for key, value in node.items():
+            yield from _unwritable(key, place)
+            yield from _unwritable(value, f"{place}.{key}".removeprefix("."))
+    elif isinstance(node, list):
+        for index, value in enumerate(node):
+            yield from _unwritable(value, f"{place}[{index}]")
+    elif isinstance(node, float) and not math.isfinite(node):
+        yield place, f"should be a finite number, not {node!r}"
+    elif isinstance(node, str) and _SURROGATE.search(node):
+        yield place, "has half of a character, which no file can hold: take it out"
+
+
+def _contradictions(result: Result) -> Iterator[tuple[str, str]]:
+    """Places of a result that contradict each other, as edits by hand leave them."""
+    yield from _pose_contradictions(result)
+    diagonal = [row[place] for place, row in enumerate(result.covariance or [])]
+    if any(variance is not None and variance < 0.0 for variance in diagonal):
+        yield "covariance", "should have no negative number on its diagonal"
+    diagnostics = result.diagnostics
+    status = "untrusted" if diagnostics.unobservable or diagnostics.distrust else "ok"
+    if result.status != status:
+        yield "status", f"is {result.status}, but the diagnostics say {status}"
+    grave = sum(each.severity == "untrusted" for each in diagnostics.findings)
+    counts = grave, len(diagnostics.findings) - grave
+    if counts != (len(diagnostics.distrust), len(diagnostics.warnings)):
+        said = "are not those of distrust and warnings: edit both or neither"
+        yield "diagnostics.findings", said
+
+
+def _pose_contradictions(result: Result) -> Iterator[tuple[str, str]]:
+    transform, nominal = result.transform, result.diagnostics.nominal
+    for key in ("translation", "rotation_xyzw", "rotation_rpy"):
+        shown = getattr(transform, key) or [None]
+        if result.partial is UNSET:
+            if None in shown:
+                yield f"transform.{key}", "should have no null"
+        elif any(
+            x not in {None, y} for x, y in zip(shown, getattr(result.partial, key), strict=False)
+        ):
+            yield f"transform.{key}", "is not that of partial: edit both or neither"
+    place = "transform" if result.partial is UNSET else "partial"
+    yield from _rotation_contradictions(result.pose, place)
+    if math.hypot(*result.pose.translation) > FARTHEST:
+        yield f"{place}.translation", f"should be within {FARTHEST:g} m of the parent frame"
+    if nominal is not None:
+        pose = Pose(nominal.translation, nominal.rotation_xyzw, nominal.rotation_rpy)
+        yield from _rotation_contradictions(pose, "diagnostics.nominal")
+
+
+def _rotation_contradictions(pose: Pose, place: str) -> Iterator[tuple[str, str]]:
+    norm = math.hypot(*pose.rotation_xyzw)
+    if abs(norm - 1.0) > 1e-6:
+        yield f"{place}.rotation_xyzw", f"should have norm 1, not {norm:.6g}"
+        return
+    # the angles are for readers only, so whoever edits them alone would wonder why nothing happens
+    turn = rotvec_from_matrix(matrix_from_rpy(pose.rotation_rpy).T @ pose.R)
+    if float(np.linalg.norm(turn)) > ROTATIONS_AGREE:
+        said = "is not the rotation of rotation_xyzw, which is the one that counts: edit both or "
+        yield f"{place}.rotation_rpy", f"{said}neither"
+
+
+def _with(result: Result, **changes: Any) -> Result:
+    """A result with other diagnostics."""
+    diagnostics = msgspec.structs.replace(result.diagnostics, **changes)
+    return msgspec.structs.replace(result, diagnostics=diagnostics)
+
+
+def _uncoded(result: Result) -> list[FindingEntry]:
+    """Findings of a result that was written without codes: the one place that looks at sentences.
+
+    A result that misses --require is not wrong, and must still answer `verify` and `diff`.
+    """
+
+    def entry(severity: Literal["warning", "untrusted"], said: str) -> FindingEntry:
+        missed = severity == "untrusted" and said.startswith(_OLD_REQUIREMENT)
+        return FindingEntry("require.text" if missed else TEXT, severity, {"text": said}, said)
+
+    diagnostics = result.diagnostics
+    return [
+        *(entry("untrusted", reason) for reason in diagnostics.distrust),
+        *(entry("warning", warning) for warning in diagnostics.warnings),
+    ]
+
+
+def json_schema(title: str, description: str, *kinds: type[Tree]) -> str:
+    """JSON Schema (2020-12) of a document of one of some kinds, or of an array of such."""
+    places, parts = msgspec.json.schema_components(kinds, ref_template="#/$defs/{name}")
+    for kind in Tree.__subclasses__():
+        if kind.__name__ in parts:
+            _describe(parts[kind.__name__], kind)
+    schema = {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": title,
+        "description": description,
+        "oneOf": [
+            {"$ref": "#/$defs/document"},
+            {"type": "array", "minItems": 1, "items": {"$ref": "#/$defs/document"}},
+        ],
+        "$defs": {"document": {"oneOf": list(places)}, **parts},
+    }
+    return json.dumps(schema, indent=2) + "\n"
+
+
+def _describe(part: Document, kind: type[Tree]) -> None:
+    """Take the texts of a class and of its fields into its schema."""
+    (declared,) = ast.parse(inspect.getsource(kind)).body
+    assert isinstance(declared, ast.ClassDef)  # noqa: S101 - a tree is a class
+    part["description"] = " ".join((ast.get_docstring(declared) or "").split())
+    for field, text in pairwise(declared.body):
+        match field, text:
+            case (
+                ast.AnnAssign(target=ast.Name(id=name)),
+                ast.Expr(value=ast.Constant(value=str(said))),
+            ):
+                part["properties"][name]["description"] = " ".join(said.split())

@@ -1,0 +1,264 @@
+"""From an estimate and its names to the result, and numbers and findings as results write them.
+
+What the motion did not determine is null in ``transform``; its conditional values stand in
+``partial``. Numbers are finite or null, so that the document is valid JSON.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+from msgspec import UNSET
+
+from imucalib_cli.results.pose import AFFECTED
+from imucalib_cli.results.result import (
+    SCHEMA,
+    Bias,
+    ConsistencyEntry,
+    CorrectionEntry,
+    Diagnostics,
+    FindingEntry,
+    Halves,
+    ImuModelEntry,
+    Kind,
+    NominalEntry,
+    Observable,
+    ParameterEntry,
+    Pose,
+    Provenance,
+    ResidualNormalised,
+    ResidualRms,
+    Result,
+    Scalar,
+    SensorCheckEntry,
+    Std,
+    Tangent,
+    TimeOffset,
+    Transform,
+    Tree,
+    Unobservable,
+    Whiteness,
+    WindowEntry,
+)
+from imucalib_cli.robot.rotations import quaternion_from_matrix, rotation_angle, rpy_from_matrix
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from imucalib_cli.estimate.estimate import Consistency, Estimate, Residuals
+    from imucalib_cli.findings import Finding
+    from imucalib_cli.results.pose import Nominal
+
+    Floats = NDArray[np.float64]
+
+T = TypeVar("T", bound=Tree)
+
+
+def result_of(
+    estimate: Estimate,
+    *,
+    parent: str,
+    child: str,
+    nominal: Nominal | None,
+    provenance: Provenance,
+) -> Result:
+    """The result of one IMU.
+
+    Args:
+        estimate: What was found.
+        parent: Link that carries the IMU.
+        child: The IMU's frame.
+        nominal: What the URDF, or the log's own frames, say about the same pose.
+        provenance: Where the estimate came from.
+    """
+    pose = pose_entry(estimate.R_parent_imu, estimate.t_parent_imu)
+    lost = [each.direction_parent for each in estimate.unobservable if each.kind == "translation"]
+    known = np.all(np.abs(np.reshape(lost, (-1, 3))) < AFFECTED, axis=0).tolist()
+    turned = any(each.kind == "rotation" for each in estimate.unobservable)
+    covariance = estimate.covariance
+    return Result(
+        schema=SCHEMA,
+        status="ok" if estimate.trusted else "untrusted",
+        transform=Transform(
+            parent=parent,
+            child=child,
+            translation=[x if k else None for x, k in zip(pose.translation, known, strict=True)],
+            rotation_xyzw=None if turned else pose.rotation_xyzw,
+            rotation_rpy=None if turned else pose.rotation_rpy,
+        ),
+        partial=pose if turned or not all(known) else UNSET,
+        covariance=None if covariance is None else plain(covariance),
+        std=None if covariance is None else Std(*_tangent(np.sqrt(np.diag(covariance)))),
+        time_offset=TimeOffset(plain(estimate.time_offset), plain(estimate.time_offset_std)),
+        accel_bias=Bias(plain(estimate.accel_bias), plain(estimate.accel_bias_std)),
+        gyro_bias=Bias(plain(estimate.gyro_bias), plain(estimate.gyro_bias_std)),
+        gravity_world=plain(estimate.gravity_world),
+        diagnostics=_diagnostics(estimate, nominal),
+        provenance=provenance,
+    )
+
+
+def known_directions(
+    t_parent_imu: Floats, covariance: Floats | None, unobservable: list[Unobservable]
+) -> list[Observable]:
+    """What the motion determined all the same, where it left something undetermined.
+
+    Across the undetermined directions, in which the covariance is that of the estimate.
+
+    Args:
+        t_parent_imu: (3,), m.
+        covariance: (6, 6); None where there is none.
+        unobservable: Directions that were not determined.
+    """
+    if covariance is None or not unobservable:
+        return []
+    found: list[Observable] = []
+    kinds: tuple[tuple[Kind, slice], ...] = (
+        ("translation", slice(0, 3)),
+        ("rotation", slice(3, 6)),
+    )
+    for kind, part in kinds:
+        basis = _across([each.direction_parent for each in unobservable if each.kind == kind])
+        values, vectors = np.linalg.eigh(basis.T @ covariance[part, part] @ basis)
+        for variance, vector in zip(values, (basis @ vectors).T, strict=True):
+            axis = vector * np.sign(vector[np.argmax(np.abs(vector))])
+            value = float(axis @ t_parent_imu) if kind == "translation" else None
+            std = float(np.sqrt(max(variance, 0.0)))
+            found.append(Observable(kind, plain(axis), plain(value), plain(std)))
+    return found
+
+
+def _across(directions: list[list[float]]) -> Floats:
+    """(3, K), orthonormal basis of what is orthogonal to some directions."""
+    if not directions:
+        return np.eye(3)
+    _, sizes, Vt = np.linalg.svd(np.array(directions))
+    return np.asarray(Vt[int((sizes > AFFECTED).sum()) :].T)
+
+
+def _diagnostics(estimate: Estimate, nominal: Nominal | None) -> Diagnostics:
+    residuals, check = estimate.residuals, estimate.imu_check
+    unobservable = [_copied(Unobservable, each) for each in estimate.unobservable]
+    # a sigma that something contradicts tells nothing about any direction
+    covariance = None if estimate.distrust else estimate.covariance
+    return Diagnostics(
+        method=estimate.method,
+        unobservable=unobservable,
+        observable=known_directions(estimate.t_parent_imu, covariance, unobservable),
+        findings=[finding_entry(finding) for finding in estimate.findings],
+        distrust=list(estimate.distrust),
+        warnings=list(estimate.warnings),
+        sigma_source=estimate.sigma_source,
+        corrections={each.name: _copied(CorrectionEntry, each) for each in estimate.corrections},
+        parameters=[
+            _copied(ParameterEntry, each, prior_learnt=each.learnt) for each in estimate.parameters
+        ],
+        nominal=None if nominal is None else _nominal(estimate, nominal),
+        window=_copied(WindowEntry, estimate.window, samples=int(estimate.window.samples)),
+        residual_rms=ResidualRms(plain(residuals.accel_rms), plain(residuals.gyro_rms)),
+        residual_normalised=_normalised(residuals),
+        consistency=None if estimate.consistency is None else _consistency(estimate.consistency),
+        imu_model=None
+        if check is None
+        else _copied(
+            ImuModelEntry,
+            check,
+            accel=_copied(SensorCheckEntry, check.accel),
+            gyro=_copied(SensorCheckEntry, check.gyro),
+        ),
+        windows_used=int(residuals.windows_used),
+        windows_dropped=int(residuals.windows_dropped),
+        samples_replaced=int(residuals.samples_replaced),
+        gaps=int(residuals.gaps),
+        notes=scalars(estimate.notes),
+    )
+
+
+def pose_entry(R: ArrayLike, t: ArrayLike) -> Pose:
+    """A pose as results write it: R (3, 3), t (3,), m."""
+    return Pose(plain(t), plain(quaternion_from_matrix(R)), plain(rpy_from_matrix(R)))
+
+
+def finding_entry(finding: Finding) -> FindingEntry:
+    """A finding: what decisions rest on, and the words."""
+    return FindingEntry(
+        code=finding.code,
+        severity=finding.severity.value,
+        values={name: _value(value) for name, value in finding.values.items()},
+        message=str(finding.message),
+    )
+
+
+def _value(value: Any) -> Any:
+    return [_value(each) for each in value] if isinstance(value, tuple) else _scalar(value)
+
+
+def _nominal(estimate: Estimate, nominal: Nominal) -> NominalEntry:
+    apart = np.linalg.norm(estimate.t_parent_imu - nominal.t_parent_imu)
+    turn = rotation_angle(nominal.R_parent_imu.T @ estimate.R_parent_imu)
+    return _copied(
+        NominalEntry,
+        pose_entry(nominal.R_parent_imu, nominal.t_parent_imu),
+        joint=nominal.joint,
+        distance_mm=plain(float(apart) * 1e3),
+        distance_deg=plain(math.degrees(float(turn))),
+    )
+
+
+def _normalised(residuals: Residuals) -> ResidualNormalised | None:
+    accel, gyro = residuals.accel_normalised, residuals.gyro_normalised
+    if accel is None or gyro is None:
+        return None
+    return ResidualNormalised(plain(accel), plain(gyro))
+
+
+def _consistency(parts: Consistency) -> ConsistencyEntry:
+    return _copied(
+        ConsistencyEntry,
+        parts,
+        folds=parts.folds,
+        fold_std=Tangent(*_tangent(parts.fold_std)),
+        halves=Halves(*_tangent(parts.halves_difference), plain(parts.halves_sigmas)),
+        whiteness=Whiteness(*plain(parts.whiteness)),
+    )
+
+
+def _tangent(values: ArrayLike) -> tuple[Any, Any]:
+    """Millimetres and degrees of six components in m and rad."""
+    six = np.asarray(values, dtype=np.float64)
+    return plain(six[:3] * 1e3), plain(np.degrees(six[3:]))
+
+
+def _copied(kind: type[T], source: object, **given: Any) -> T:
+    """A tree that takes from an object whatever has the same name, but what is given."""
+    names = [name for name in kind.__struct_fields__ if name not in given]
+    return kind(**given, **{name: plain(getattr(source, name)) for name in names})
+
+
+def plain(value: Any) -> Any:
+    """Texts as they are; numbers and arrays of them as floats, null where one is not finite."""
+    if value is None or isinstance(value, str):
+        return value
+    if isinstance(value, (np.ndarray, list, tuple)):
+        return [plain(each) for each in value]
+    number = float(value)
+    return (
+        number + 0.0 if math.isfinite(number) else None
+    )  # minus zero reads as if it meant something
+
+
+def scalars(values: Mapping[str, object]) -> dict[str, Scalar]:
+    """Notes or options: they may hold numpy scalars and infinities, a document may not."""
+    return {name: _scalar(value) for name, value in values.items()}
+
+
+def _scalar(value: object) -> Scalar:
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value)
+    return value if value is None or isinstance(value, (bool, int, float)) else str(value)

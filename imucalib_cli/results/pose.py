@@ -1,0 +1,183 @@
+"""Poses of an IMU: what is and is not known of one, and the same pose seen from other frames."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imucalib_cli.errors import ChoiceError
+from imucalib_cli.robot.mount import rigid_transform
+from imucalib_cli.robot.rotations import rotation_angle, rpy_from_matrix, skew
+
+if TYPE_CHECKING:
+    from imucalib_cli.robot.urdf import Robot
+
+Floats = NDArray[np.float64]
+
+AFFECTED = 0.05
+"""A translation component is unknown if an undetermined direction has at least this share of it
+(3 degrees off the axis): less is the noise of the direction itself."""
+_ROUNDING = 1e-6
+"""Of a correlation."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Nominal:
+    """What the URDF or the log's own frames say about the pose of an IMU."""
+
+    joint: str
+    """Name of the URDF's fixed joint; empty where no single joint says so."""
+    R_parent_imu: Floats
+    """(3, 3)."""
+    t_parent_imu: Floats
+    """(3,), m."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class UncertainPose:
+    """T_parent_child with its covariance, in the tangent of docs/conventions.md."""
+
+    parent: str
+    child: str
+    R: Floats
+    """(3, 3), R_parent_child."""
+    t: Floats
+    """(3,), m."""
+    covariance: Floats | None
+    """(6, 6), wide along what is not known; None where nothing is known of the error."""
+    unknown_translation: Floats
+    """(m, 3), unit vectors of the parent along which the translation was not determined."""
+    unknown_rotation: Floats
+    """(n, 3), unit vectors of the parent about which the rotation was not determined."""
+
+    def exactly(self, R: Floats, t: Floats) -> UncertainPose:
+        """A pose of the same frames that is given without an uncertainty: R (3, 3), t (3,), m."""
+        nothing = np.zeros((0, 3))
+        return replace(
+            self,
+            R=R,
+            t=t,
+            covariance=np.zeros((6, 6)),
+            unknown_translation=nothing,
+            unknown_rotation=nothing,
+        )
+
+    def seen_from(self, parent: str, robot: Robot) -> UncertainPose:
+        """Express the pose in another parent, through fixed joints alone.
+
+        Raises:
+            ChoiceError: A frame is not in the URDF, or a joint between the parents moves.
+        """
+        if self.parent == parent:
+            return self
+        R, p = fixed_transform(robot, parent, self.parent)
+        turn = np.kron(np.eye(2), R)
+        return replace(
+            self,
+            parent=parent,
+            R=R @ self.R,
+            t=p + R @ self.t,
+            covariance=None if self.covariance is None else turn @ self.covariance @ turn.T,
+            unknown_translation=self.unknown_translation @ R.T,
+            unknown_rotation=self.unknown_rotation @ R.T,
+        )
+
+    def of_child(self, child: str, robot: Robot) -> UncertainPose:
+        """The pose of another frame of the same sensor, on fixed joints below or above it.
+
+        Frames of which neither is below the other are two mounts, and the URDF's opinion of both
+        is just what is in question.
+
+        Raises:
+            ChoiceError: They are such frames, or a frame is not in the URDF, or a joint between
+                them moves.
+        """
+        if self.child == child:
+            return self
+        R, p = fixed_transform(robot, self.child, child)
+        if len({upwards for _, upwards in robot.route(self.child, child)}) != 1:
+            raise ChoiceError(
+                f"'{self.child}' and '{child}' hang on {robot.source} each by its own joint, so "
+                "they are two mounts: compare results of the same IMU"
+            )
+        lever = self.R @ p
+        J = np.eye(6)
+        J[:3, 3:] = -skew(lever)
+        return replace(
+            self,
+            child=child,
+            R=self.R @ R,
+            t=self.t + lever,
+            covariance=None if self.covariance is None else J @ self.covariance @ J.T,
+        )
+
+
+def is_covariance(matrix: Floats) -> bool:
+    """Whether a matrix is symmetric and no combination of components has a negative variance.
+
+    Rounding in the last digits that a file keeps is allowed for.
+    """
+    scale = np.sqrt(np.abs(np.diag(matrix)))
+    scale = np.where(scale > 0.0, scale, 1.0)
+    correlation = matrix / np.outer(scale, scale)
+    if not np.allclose(correlation, correlation.T, rtol=0.0, atol=_ROUNDING):
+        return False
+    return bool(np.linalg.eigvalsh(correlation)[0] > -_ROUNDING)
+
+
+def fixed_transform(robot: Robot, a: str, b: str) -> tuple[Floats, Floats]:
+    """R_a_b and p_a_b of a URDF where fixed joints alone lie between two links.
+
+    Raises:
+        ChoiceError: A link is not there, or a joint between them moves.
+    """
+    from imucalib_cli.robot.urdf import near_matches
+
+    for link in (a, b):
+        if link not in robot.links:
+            raise ChoiceError(f"'{link}' is not in {robot.source}{near_matches(link, robot.links)}")
+    between = rigid_transform(robot, a, b)
+    if between is None:
+        moving = next(joint for joint, _ in robot.route(a, b) if joint.kind != "fixed")
+        raise ChoiceError(
+            f"'{b}' moves relative to '{a}' in {robot.source}: the {moving.kind} joint "
+            f"'{moving.name}' is between them"
+        )
+    return between
+
+
+@dataclass(frozen=True, kw_only=True)
+class PoseError:
+    """Distance of an estimated pose from the true one."""
+
+    translation: float
+    """Norm of the difference, m."""
+    rotation: float
+    """Geodesic angle, rad."""
+    averaged_translation: float
+    """Absolute mean of the three components, m, as the authors' tool (ATOM, compareTransforms)
+    reports it: never more than the norm over the root of three, and zero where signs cancel."""
+    averaged_rotation: float
+    """Mean of the absolute roll, pitch and yaw, rad, of the same source."""
+
+
+def pose_error(R: Floats, t: Floats, R_true: Floats, t_true: Floats) -> PoseError:
+    """Compare two poses of the same frame in the same parent; which parent makes no difference.
+
+    Args:
+        R: (3, 3), estimated.
+        t: (3,), estimated, m.
+        R_true: (3, 3).
+        t_true: (3,), m.
+    """
+    # inv(T_true) T: the difference as seen in the true frame
+    t_apart, R_apart = R_true.T @ (t - t_true), R_true.T @ R
+    return PoseError(
+        translation=float(np.linalg.norm(t_apart)),
+        rotation=float(rotation_angle(R_apart)),
+        averaged_translation=float(abs(np.mean(t_apart))),
+        averaged_rotation=float(np.mean(np.abs(rpy_from_matrix(R_apart)))),
+    )

@@ -1,0 +1,425 @@
+"""The frozen result of one IMU: one tree from which codec, checks and JSON Schema come.
+
+Fields are written in this order under these names. A text below a field is its description in
+the JSON Schema. SI units and radians unless a name says otherwise; quaternions are x y z w with
+w >= 0. A number that is not known is null.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from msgspec import UNSET, Meta, Struct, UnsetType
+from numpy.typing import NDArray
+
+from imucalib_cli.estimate.estimate import CorrectionName
+from imucalib_cli.results.pose import Nominal, UncertainPose
+from imucalib_cli.robot.rotations import matrix_from_quaternion
+
+Floats = NDArray[np.float64]
+Scalar = bool | int | float | str | None
+Status = Literal["ok", "untrusted"]
+Kind = Literal["translation", "rotation"]
+Vector3 = Annotated[list[float], Meta(min_length=3, max_length=3)]
+Vector3OrNull = Annotated[list[float | None], Meta(min_length=3, max_length=3)]
+_NUMBER = {"type": "number"}
+_WITH_W_AT_LEAST_0 = {"prefixItems": [_NUMBER, _NUMBER, _NUMBER, _NUMBER | {"minimum": 0}]}
+Quaternion = Annotated[
+    list[float],
+    Meta(min_length=4, max_length=4, extra_json_schema=_WITH_W_AT_LEAST_0),
+]
+UpTo3 = Annotated[list[float], Meta(min_length=1, max_length=3)]
+Matrix6 = Annotated[
+    list[Annotated[list[float | None], Meta(min_length=6, max_length=6)]],
+    Meta(min_length=6, max_length=6),
+]
+Value = (
+    Scalar
+    | Annotated[
+        list[Scalar | Annotated[list[Scalar], Meta(max_length=10)]], Meta(max_length=10_000)
+    ]
+)
+"""Of a finding. Bounded: YAML can name more items than a file holds."""
+
+SCHEMA: Literal[1] = 1
+"""Version of the document; adding a key keeps it, changing one raises it."""
+
+
+class Tree(Struct, frozen=True):
+    """A mapping of the document."""
+
+
+class Pose(Tree, frozen=True):
+    """A pose in the three ways a result writes it."""
+
+    translation: Vector3
+    """m."""
+    rotation_xyzw: Quaternion
+    rotation_rpy: Vector3
+    """rad, as URDF has it: Rz(yaw) Ry(pitch) Rx(roll)."""
+
+    @property
+    def R(self) -> Floats:
+        """(3, 3)."""
+        return matrix_from_quaternion(self.rotation_xyzw)
+
+    @property
+    def t(self) -> Floats:
+        """(3,), m."""
+        return np.array(self.translation)
+
+
+class Transform(Tree, frozen=True):
+    """T_parent_child: p_parent = R p_child + t. Null where the motion did not determine it."""
+
+    parent: str
+    child: str
+    translation: Vector3OrNull
+    """m."""
+    rotation_xyzw: Quaternion | None
+    rotation_rpy: Vector3 | None
+    """rad, as URDF has it: Rz(yaw) Ry(pitch) Rx(roll)."""
+
+
+class Std(Tree, frozen=True):
+    """1 sigma along and about the parent's axes."""
+
+    translation_mm: Vector3OrNull
+    rotation_deg: Vector3OrNull
+
+
+class TimeOffset(Tree, frozen=True):
+    """IMU stamp - robot stamp of the same instant: t_robot = t_imu - seconds."""
+
+    seconds: float
+    std: float | None
+    """null where it was not estimated."""
+
+
+class Bias(Tree, frozen=True):
+    """Of one sensor, IMU frame."""
+
+    value: Vector3
+    std: Vector3OrNull | None
+    """null where it was not estimated."""
+
+
+class Unobservable(Tree, frozen=True):
+    """A direction of the pose that the motion did not determine."""
+
+    kind: Kind
+    direction_parent: Vector3
+    """Unit vector in the parent frame: along it, or about it."""
+    std: float | None
+    """1 sigma along it, m or rad; null where nothing bounds it."""
+    motion: str
+    """What motion would determine it."""
+
+
+class Observable(Tree, frozen=True):
+    """A direction of the pose that the motion determined although it left others open."""
+
+    kind: Kind
+    direction_parent: Vector3
+    """Unit vector in the parent frame: along it, or about it."""
+    value: float | None
+    """Where the IMU is along it, m; null for rotation."""
+    std: float
+    """1 sigma, m or rad."""
+
+
+class FindingEntry(Tree, frozen=True):
+    """What was found out about the log, the robot or the result, with a code for programs."""
+
+    code: str
+    """Short and stable, such as stamps.bunched; text for a sentence without a code."""
+    severity: Literal["note", "warning", "untrusted"]
+    """untrusted makes the status untrusted; the others do not."""
+    values: dict[str, Value]
+    """The numbers, SI units and radians unless a name says otherwise, and names of topics, streams,
+    joints and files; nan and inf are texts."""
+    message: str
+    """The finding in words."""
+
+
+class ParameterEntry(Tree, frozen=True):
+    """An unknown beside the pose: what was known of it, and what the log taught."""
+
+    name: str
+    """Entry of the table of unknowns (docs/method.md)."""
+    label: str
+    """Axis, joint or origin; empty where there is one component."""
+    unit: str
+    value: float | None
+    std: float | None
+    """1 sigma."""
+    prior_std: float | None
+    """1 sigma beforehand, about zero or the nominal value."""
+    prior_learnt: bool
+    """Whether the size of the prior is learnt from the log."""
+
+
+class CorrectionEntry(Tree, frozen=True):
+    """What was off and has been corrected, by its name.
+
+    clock_drift: s/s, what the IMU's clock gains on the robot's. gyro_delay: s, stamp of the
+    gyroscope - stamp of the accelerometer for the same instant. accel_scale, gyro_scale: measured
+    over true, IMU axes. gyro_misalignment: rad, rotation vector from the gyroscope's axes to the
+    accelerometer's, whose pose the transform is. gravity_norm: m/s2.
+    """
+
+    value: UpTo3
+    std: UpTo3
+
+
+class NominalEntry(Tree, frozen=True):
+    """The pose that the URDF (or /tf_static) has, and how far the found one is from it."""
+
+    joint: str
+    """The URDF's fixed joint; empty where no single joint says so."""
+    translation: Vector3
+    """m."""
+    rotation_xyzw: Quaternion
+    rotation_rpy: Vector3
+    """rad."""
+    distance_mm: float
+    distance_deg: float
+
+
+class WindowEntry(Tree, frozen=True):
+    """The filter window that was used and why."""
+
+    samples: int
+    seconds: float
+    reason: str
+
+
+class ResidualRms(Tree, frozen=True):
+    """Root mean square of the window residuals, parent axes."""
+
+    accel: Vector3OrNull
+    """m/s2."""
+    gyro: Vector3OrNull
+    """rad/s."""
+
+
+class ResidualNormalised(Tree, frozen=True):
+    """residual_rms over what the sensor's own white noise leaves in a window; 1 is noise alone."""
+
+    accel: Vector3
+    gyro: Vector3
+
+
+class Tangent(Tree, frozen=True):
+    """Along and about the parent's axes."""
+
+    translation_mm: Vector3
+    rotation_deg: Vector3
+
+
+class Halves(Tree, frozen=True):
+    """Pose by the second half of the log less pose by the first."""
+
+    translation_mm: Vector3
+    """Along the parent's axes."""
+    rotation_deg: Vector3
+    """About the parent's axes."""
+    sigmas: float
+    """Root mean square of the difference in sigmas; 1 is chance."""
+
+
+class Whiteness(Tree, frozen=True):
+    """Loudest band of the residuals' spectrum over the median band; 1 is white."""
+
+    accel: float
+    gyro: float
+
+
+class ConsistencyEntry(Tree, frozen=True):
+    """How well the parts of the log agree; null where it is too short to be cut."""
+
+    folds: int
+    """Contiguous segments of the log."""
+    fold_std: Tangent
+    """Standard deviation of the pose by leaving each segment out in turn (jackknife)."""
+    halves: Halves
+    segment_chi2: float
+    """Scatter of the segments over what noise explains; 1 is noise alone."""
+    whiteness: Whiteness
+
+
+class SensorCheckEntry(Tree, frozen=True):
+    """Standard deviations of a sample's white noise, m/s2 or rad/s."""
+
+    expected: float
+    """By the sheet's density: density * sqrt(rate / 2)."""
+    measured: float
+    """By how far samples stand off their neighbours."""
+    in_windows: float | None
+    """White noise that would leave of the windows what the fit leaves; null where the method does
+    not tell."""
+    bias_prior: float | None
+    """1 sigma of the bias that was taken from the sheet; null where none was."""
+
+
+class ImuModelEntry(Tree, frozen=True):
+    """The log against the data sheet of the IMU named by --imu-model."""
+
+    name: str
+    rate: float
+    """Of the log, Hz."""
+    accel: SensorCheckEntry
+    gyro: SensorCheckEntry
+
+
+class Diagnostics(Tree, frozen=True, kw_only=True):
+    """The evidence. What has a default is not in results of earlier versions."""
+
+    method: Literal["matched", "paper"]
+    unobservable: list[Unobservable]
+    observable: list[Observable] = []
+    """Where something is unobservable: what the motion determined all the same."""
+    findings: list[FindingEntry] = []
+    """distrust and warnings are the messages of these: of severity untrusted, and of the others."""
+    distrust: list[str]
+    warnings: list[str]
+    sigma_source: Literal["noise", "segments"]
+    """noise; segments in results of earlier versions, whose sigma was widened by the scatter of
+    parts of the log."""
+    corrections: dict[CorrectionName, CorrectionEntry] = {}
+    """What of the sensor or the clocks stands clear of its sigma and has been corrected, by name;
+    the time offset is the gyroscope's, in the middle of the log."""
+    parameters: list[ParameterEntry] = []
+    """Every unknown beside the pose that was found with it."""
+    nominal: NominalEntry | None
+    window: WindowEntry
+    residual_rms: ResidualRms
+    residual_normalised: ResidualNormalised | None = None
+    """null where the method does not tell."""
+    consistency: ConsistencyEntry | None = None
+    imu_model: ImuModelEntry | None = None
+    """null where none was named."""
+    windows_used: int
+    windows_dropped: int
+    samples_replaced: int
+    gaps: int
+    notes: dict[str, Scalar]
+    """Further diagnostics by name, for the record."""
+
+
+class SourceFile(Tree, frozen=True):
+    """A file that was read."""
+
+    path: str
+    """As the user named it."""
+    sha256: Annotated[str, Meta(pattern="^[0-9a-f]{64}$")]
+    """Hexadecimal, of the file's bytes."""
+
+
+class Topics(Tree, frozen=True):
+    """What was read of the log."""
+
+    imu: str
+    motion: list[str]
+    """Topics that say how the parent link moves."""
+
+
+class Provenance(Tree, frozen=True):
+    """Where a result came from: enough to make it again."""
+
+    tool: Literal["imucalib"]
+    version: str
+    files: list[SourceFile]
+    urdf: SourceFile | None
+    topics: Topics
+    world: str
+    """Frame that gravity_world is expressed in."""
+    clock: str
+    """Which stamps were used: header or log."""
+    options: dict[str, Scalar]
+
+
+class Result(Tree, frozen=True, kw_only=True):
+    """Pose of one IMU in its parent link.
+
+    Covariances are in the order tx ty tz rx ry rz, parent frame, rotation perturbed as
+    exp([phi]x) R.
+    """
+
+    schema: Literal[1]
+    status: Status
+    """untrusted: something was not determined or contradicts the result; see
+    diagnostics.unobservable and diagnostics.distrust."""
+    transform: Transform
+    partial: Pose | UnsetType = UNSET
+    """Only where transform has nulls: all values, on condition that the undetermined directions are
+    where they stand here."""
+    covariance: Matrix6 | None
+    """6x6, m2, m rad, rad2; null where the method states none."""
+    std: Std | None
+    time_offset: TimeOffset
+    accel_bias: Bias
+    """m/s2."""
+    gyro_bias: Bias
+    """rad/s."""
+    gravity_world: Vector3
+    """m/s2, in the world frame; zero where there is none."""
+    diagnostics: Diagnostics
+    provenance: Provenance
+
+    @property
+    def parent(self) -> str:
+        """Link that carries the IMU."""
+        return self.transform.parent
+
+    @property
+    def child(self) -> str:
+        """The IMU's frame."""
+        return self.transform.child
+
+    @property
+    def imu_topic(self) -> str:
+        """Of the log."""
+        return self.provenance.topics.imu
+
+    @property
+    def pose(self) -> Pose:
+        """The pose; where some of it is not determined, the conditional one."""
+        if self.partial is not UNSET:
+            return self.partial
+        shown: Any = self.transform  # without nulls then: the reader has seen to it
+        return Pose(shown.translation, shown.rotation_xyzw, shown.rotation_rpy)
+
+    @property
+    def nominal(self) -> Nominal | None:
+        """What the URDF or the log's own frames say about the same pose."""
+        said = self.diagnostics.nominal
+        if said is None:
+            return None
+        pose = Pose(said.translation, said.rotation_xyzw, said.rotation_rpy)
+        return Nominal(joint=said.joint, R_parent_imu=pose.R, t_parent_imu=pose.t)
+
+    @property
+    def uncertain_pose(self) -> UncertainPose:
+        """The pose with its covariance; one with numbers missing counts as none."""
+        covariance = None
+        if self.covariance is not None:
+            covariance = np.array(self.covariance, dtype=np.float64)
+            if not np.isfinite(covariance).all():
+                covariance = None
+        pose, directions = self.pose, self.diagnostics.unobservable
+
+        def axes(kind: Kind) -> Floats:
+            found = [each.direction_parent for each in directions if each.kind == kind]
+            return np.reshape(np.array(found, dtype=np.float64), (-1, 3))
+
+        return UncertainPose(
+            parent=self.parent,
+            child=self.child,
+            R=pose.R,
+            t=pose.t,
+            covariance=covariance,
+            unknown_translation=axes("translation"),
+            unknown_rotation=axes("rotation"),
+        )

@@ -1,0 +1,259 @@
+"""Is a told pose right (verify)? Has a mount moved (diff)? Yes, no, or the results cannot tell."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Literal
+
+from imucalib_cli.digits import figures
+from imucalib_cli.findings import warning
+from imucalib_cli.results.answers import (
+    DiffAnswer,
+    Side,
+    ToldPose,
+    VerifyAnswer,
+    part_entries,
+    significance_entry,
+    test_entry,
+    within_entry,
+)
+from imucalib_cli.results.from_estimate import plain, pose_entry
+from imucalib_cli.results.pose_comparison import PoseComparison, compare_poses
+from imucalib_cli.results.requirement import CODES, Tolerance
+from imucalib_cli.results.result import SCHEMA
+from imucalib_cli.results.summary import unobservable_lines
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from imucalib_cli.results.pose import Nominal, UncertainPose
+    from imucalib_cli.results.pose_comparison import Test, Verdict
+    from imucalib_cli.results.result import Result, SourceFile
+
+_MOVED: dict[Verdict, Literal["moved", "not moved", "unknown"]] = {
+    "yes": "not moved",
+    "no": "moved",
+    "unknown": "unknown",
+}
+"""What diff calls a verdict on whether two poses are one."""
+WITHIN = Tolerance(translation=5e-3, rotation=math.radians(0.5))
+"""Default tolerance."""
+
+
+def verify(
+    result: Result, told: Nominal, within: Tolerance = WITHIN, urdf: SourceFile | None = None
+) -> VerifyAnswer:
+    """Decide whether a told pose is right within a tolerance.
+
+    For translation and rotation alike: yes if everything within two sigma of what was found lies
+    within the tolerance of what was told, no if nothing does, else unknown. A no from one of them
+    is a no; a yes takes both. A result that contradicts itself answers nothing.
+
+    Args:
+        result: What a log shows.
+        told: The pose in question, in the result's parent frame.
+        within: What is near enough; finite.
+        urdf: Where it was told; None where the log's own frames did.
+    """
+    found = result.uncertain_pose
+    apart = compare_poses(found.exactly(told.R_parent_imu, told.t_parent_imu), found)
+    bounds = (within.translation, within.rotation)
+    verdicts = tuple(map(apart.judge, apart.parts, bounds))
+    doubts = _contradictions(result)
+    verdict: Verdict = "unknown" if doubts else apart.verdict(within)
+    asked = _tolerance_words(within)
+    place = f"{result.child} in {result.parent}"
+    source = "the log's own frames say" if urdf is None else f"{urdf.path} says"
+    by = f"{source} (joint '{told.joint}')" if told.joint else source
+    match verdict:
+        case "yes":
+            said = f"{place} is where {by}, within {asked}: {apart} away"
+        case "no":
+            faults = (
+                f"the {part.kind} is off by {part} ({part.in_sigmas}), more than "
+                f"{part.bound_words(bound)}; as a vector in {found.parent} {part.vector_words}"
+                for part, bound, answer in zip(apart.parts, bounds, verdicts, strict=True)
+                if answer == "no"
+            )
+            said = f"{place} is not where {by}: {'; '.join(faults)}"
+        case "unknown":
+            why = doubts or _open_questions(result, apart, within)
+            said = f"cannot tell whether {place} is where {by}, within {asked}: {'; '.join(why)}"
+    translation, rotation = part_entries(apart, *verdicts)
+    pose = pose_entry(told.R_parent_imu, told.t_parent_imu)
+    return VerifyAnswer(
+        schema=SCHEMA,
+        comparison="verify",
+        verdict=verdict,
+        reason=said + _given_beforehand(result),
+        parent=result.parent,
+        child=result.child,
+        within=within_entry(within),
+        translation=translation,
+        rotation=rotation,
+        significance=significance_entry(apart),
+        told=ToldPose(
+            joint=told.joint,
+            translation=pose.translation,
+            rotation_xyzw=pose.rotation_xyzw,
+            rotation_rpy=pose.rotation_rpy,
+            urdf=urdf,
+        ),
+        found=result,
+    )
+
+
+def diff(
+    first: tuple[str, Result],
+    second: tuple[str, Result],
+    poses: tuple[UncertainPose, UncertainPose],
+    within: Tolerance | None = None,
+) -> DiffAnswer:
+    """Decide whether the mount moved between two results.
+
+    With a tolerance, as ``verify`` does; without one, by the significance of the difference
+    (:meth:`PoseComparison.verdict`).
+
+    Args:
+        first: The earlier result, after the name of its file.
+        second: The later one, likewise.
+        poses: Of both, expressed in the same frames.
+        within: How far a mount may move.
+    """
+    apart = compare_poses(*poses)
+    test = apart.test()
+    sides = (first, second)
+    doubts = [f"{name}: {said}" for name, result in sides for said in _contradictions(result)]
+    verdict: Verdict = "unknown" if doubts else apart.verdict(within)
+    place = f"{poses[0].child} in {poses[0].parent}"
+    figures_said = f"{apart} apart{_chance(test)}"
+    allowed = "" if within is None else f", within {_tolerance_words(within)}"
+    match verdict:
+        case "no":
+            said = f"{place} has moved: {figures_said}{allowed}"
+        case "yes":
+            said = (
+                f"{place} has not moved{allowed}: {figures_said}; within two sigma it moved by no "
+                f"more than {apart.farthest_words}"
+            )
+        case "unknown":
+            why = doubts or [f"{n}: {gap}" for n, r in sides for gap in _gaps(r)]
+            why = why or [_too_wide(apart, within)]
+            said = f"cannot tell whether {place} has moved: {figures_said}; {'; '.join(why)}"
+    translation, rotation = part_entries(apart)
+    covariance = apart.covariance
+    return DiffAnswer(
+        schema=SCHEMA,
+        comparison="diff",
+        verdict=_MOVED[verdict],
+        reason=said,
+        parent=poses[0].parent,
+        child=poses[0].child,
+        within=None if within is None else within_entry(within),
+        translation=translation,
+        rotation=rotation,
+        significance=significance_entry(apart),
+        test=test_entry(test),
+        covariance=plain(covariance),
+        warnings=_warnings(first, second),
+        first=_side(*first),
+        second=_side(*second),
+    )
+
+
+def _contradictions(result: Result) -> list[str]:
+    """Reasons against a result that make its sigma worthless, and so every answer from it.
+
+    Directions that were not determined are none of them, nor is a sigma that is larger than
+    someone required: both are in the covariance.
+    """
+    return [
+        f"the result contradicts itself or its model: {finding.message}"
+        for finding in result.diagnostics.findings
+        if finding.severity == "untrusted" and finding.code not in CODES
+    ]
+
+
+def _gaps(result: Result) -> Iterator[str]:
+    """What a result does not know."""
+    if result.covariance is None:
+        yield f"--method {result.diagnostics.method} states no sigma: use --method matched"
+    yield from unobservable_lines(result)
+
+
+def _open_questions(result: Result, apart: PoseComparison, within: Tolerance) -> Iterator[str]:
+    """Why neither yes nor no."""
+    if apart.covariance is None:
+        yield (
+            f"--method {result.diagnostics.method} states no sigma, and the pose found is "
+            f"{apart} away: use --method matched"
+        )
+        return
+    yield from unobservable_lines(result)
+    remedy = "record longer or livelier motion"
+    if result.diagnostics.sigma_source == "segments":
+        remedy = (
+            "the robot model, not noise, sets sigma, so correct the URDF's lengths and joint zeros"
+        )
+    for part, bound in zip(apart.parts, (within.translation, within.rotation), strict=True):
+        if part.determined and apart.judge(part, bound) == "unknown":
+            yield (
+                f"the {part.kind} is off by {part}, so by {part.range_words} within two sigma, and "
+                f"the tolerance of {part.bound_words(bound)} lies in between: {remedy}, or ask for "
+                "another tolerance"
+            )
+
+
+def _given_beforehand(result: Result) -> str:
+    """A clause on components of the pose that were told to the estimator, not found by it.
+
+    They agree with what was told for the simple reason that it was told.
+    """
+    stds = str(result.provenance.options.get("pose.std", "")).split()
+    names = [
+        name
+        for name, std in zip(("tx", "ty", "tz", "rx", "ry", "rz"), stds, strict=False)
+        if std != "inf"
+    ]
+    return f"; told beforehand, not found by the log alone: {', '.join(names)}" if names else ""
+
+
+def _tolerance_words(within: Tolerance) -> str:
+    """Such as ``5 mm and 0.5 deg``."""
+    return f"{within.translation * 1e3:.6g} mm and {math.degrees(within.rotation):.6g} deg"
+
+
+def _chance(test: Test | None) -> str:
+    if test is None:
+        return ""
+    chance = "less than 1e-12" if test.p_value < 1e-12 else figures(test.p_value, 2)
+    return (
+        f" (chi-squared {figures(test.chi2, 3)} with {test.freedom} degrees of freedom, p {chance})"
+    )
+
+
+def _too_wide(apart: PoseComparison, within: Tolerance | None) -> str:
+    asked = "" if within is None else f", and {_tolerance_words(within)} is allowed"
+    return (
+        f"within two sigma it is up to {apart.farthest_words}{asked}: record longer or livelier "
+        "motion"
+    )
+
+
+def _warnings(first: tuple[str, Result], second: tuple[str, Result]) -> list[str]:
+    """What sigma cannot know of two results."""
+    one, other = ({file.sha256 for file in r.provenance.files} for _, r in (first, second))
+    if not one & other:
+        return []
+    return [warning("diff.same_log", first=first[0], second=second[0]).message]
+
+
+def _side(name: str, result: Result) -> Side:
+    return Side(
+        file=name,
+        status=result.status,
+        parent=result.parent,
+        child=result.child,
+        imu=result.imu_topic,
+        logs=result.provenance.files,
+    )

@@ -1,0 +1,62 @@
+"""Results that earlier versions wrote: of the sample log, before the keys that the name says."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+from imucalib_cli.cli.main import main
+from imucalib_cli.results.codec import read_results, to_document
+
+STORED = sorted((Path(__file__).parent / "stored").glob("*.yaml"))
+SAMPLES = Path(__file__).parents[2] / "sample_data"
+
+
+@pytest.mark.parametrize("path", STORED, ids=lambda path: path.stem)
+def test_every_key_of_an_old_result_is_read_and_kept(path: Path) -> None:
+    text = path.read_text()
+    (result,) = read_results(text, path.name)
+    _assert_kept(yaml.safe_load(text), to_document(result))
+
+
+def _assert_kept(old: object, new: object) -> None:
+    if isinstance(old, dict):
+        assert isinstance(new, dict)
+        assert [key for key in new if key in old] == list(old)  # in the same order, too
+        for key, value in old.items():
+            _assert_kept(value, new[key])
+    else:
+        assert old == new
+
+
+@pytest.mark.parametrize(
+    ("name", "code", "words"),
+    [
+        ("first", 0, "not moved: imu_link in wrist_3_link has not moved"),
+        ("without_codes", 3, "the result contradicts itself or its model: the IMU moves as"),
+        ("without_parameters", 0, "not moved: imu_link in wrist_3_link has not moved"),
+    ],
+)
+def test_old_results_still_answer(
+    name: str, code: int, words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (path,) = (str(each) for each in STORED if each.stem == name)
+    assert main(["diff", path, path]) == code
+    assert words in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["first", "without_parameters"])
+def test_old_results_are_verified(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """The sample's URDF has the IMU turned by 1 degree."""
+    (path,) = (str(each) for each in STORED if each.stem == name)
+    assert main(["verify", path, "--urdf", str(SAMPLES / "rihibot.urdf")]) == 4
+    assert "the rotation is off by 1.0" in capsys.readouterr().err
+
+
+def test_a_reason_without_a_code_is_known_as_a_requirement_or_as_a_contradiction() -> None:
+    (result,) = read_results(STORED[1].read_text(), STORED[1].name)
+    codes = {each.code for each in result.diagnostics.findings if each.severity == "untrusted"}
+    assert STORED[1].stem == "without_codes"
+    assert codes == {"text", "require.text"}
