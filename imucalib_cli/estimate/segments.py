@@ -26,6 +26,9 @@ DECISIVE: Final = 20.0
 """Difference of the Bayesian information criterion from which an alternative is believed: odds of
 e^10 to one, and fewer than one false alarm in a thousand sound logs over all that is tried."""
 
+_APART: Final = PARTS // 8
+"""Parts, over which the walk of a bias is measured: far enough to stand clear of the noise, near
+enough that a step lies between fewer than half of all pairs."""
 _SHARE: Final = 0.2
 """Of what a fit leaves over, that a change explains which is its cause."""
 _UNSEEN: Final = 1e-6
@@ -214,8 +217,8 @@ class Segments:
         own = inverse_of(self._A[:, part][:, :, part] + 1e-12 * self._total[block])
         each = -(own @ self._b[:, part, None])[:, :, 0]
         noise = np.diagonal(own, axis1=1, axis2=2)
-        steps = np.diff(each, axis=0) ** 2
-        expected = noise[1:] + noise[:-1]
+        steps = (each[_APART:] - each[:-_APART]) ** 2
+        expected = noise[_APART:] + noise[:-_APART]
         # The median lets one step, which is looked for, be what it is.
-        q = np.maximum(np.median(steps, axis=0) / 0.455 - np.median(expected, axis=0), 0.0)
-        return np.diag(q * len(self._A) / 3.0)
+        walked = np.maximum(np.median(steps, axis=0) / 0.455 - np.median(expected, axis=0), 0.0)
+        return np.diag(walked / _APART * len(self._A) / 3.0)
