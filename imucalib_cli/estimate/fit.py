@@ -49,6 +49,8 @@ _FIRST_SCALES: Final = (0.05, 0.005)
 _REWEIGHTS: Final = 3
 _FEW: Final = 480
 """Windows that are enough for a first solution."""
+_MORE: Final = 8
+"""Times as many with each solution that follows, until they are all."""
 _HELD: Final = 1e-12
 """Of any unit: smaller than what holds a component."""
 _LEAN_PASSES: Final = 8
@@ -345,8 +347,8 @@ def _whole(model: Model, options: MatchedOptions, state: State, rise: float) -> 
     u = layout.bounds.mean(axis=1)
     curvature = _curvature(layout, windowing.plan.length * windowing.grid.dt)[layout.free]
     for turn in range(_FULL_PASSES):
-        centres = _enough(model, state)
-        centres = centres if turn else spread(centres, _FEW)
+        every = _enough(model, state)
+        centres = spread(every, _FEW * _MORE**turn)
         (residuals,) = model.residuals(state, centres)
         scales = _floored(residual_scales(residuals.values))
         weights = window_weights(residuals.values, residuals.motion, redescend=True)
@@ -369,7 +371,8 @@ def _whole(model: Model, options: MatchedOptions, state: State, rise: float) -> 
         sigmas = np.abs(step) / np.sqrt(np.diag(inverse))
         # What a step leaves is of second order: as small beside it as it is beside its curvature.
         bent = float((np.abs(step) / curvature).max())
-        if turn == _FULL_PASSES - 1 or (turn and sigmas.max() * bent < _SETTLED):
+        settled = len(centres) == len(every) and sigmas.max() * bent < _SETTLED
+        if turn == _FULL_PASSES - 1 or (turn and settled):
             break
         state = _admitted(state.moved(layout, embedded(step, layout.free)), layout, options)
     B = stats.score_covariance(levels)[np.ix_(layout.free, layout.free)] / level**2
