@@ -429,7 +429,9 @@ TABLE: Final[tuple[Unknown, ...]] = (
         name="joint_lag",
         unit="s",
         scale="joint_lag",
-        healthy=0.02,
+        # A cycle of a slow controller. From there on its second order, of which no column knows,
+        # is more than the zeros of an ordinary arm are off.
+        healthy=0.01,
         effect=JointCurve(lambda _, rate: rate[None]),
         words="delay of a joint's position",
     ),

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions
+from imucalib_cli.signals.interpolate import lagrange
 from tests.estimate.estimate_arm import (
     EXACT,
     INDUSTRIAL,
@@ -100,3 +101,26 @@ def test_the_wrong_unit_of_acceleration_is_not_trusted() -> None:
     log = make_log().noisy(0)
     estimate = calibrate(log.with_imu(log.imu.t, log.imu.gyro, log.imu.accel / 9.80665))
     assert not estimate.trusted
+
+
+def test_joints_that_are_stamped_tens_of_milliseconds_apart_are_not_trusted() -> None:
+    """Each is found with its size; the first order that is modelled no longer is enough."""
+    log = make_log(Moves(seed=4, seconds=24.0)).noisy(1, INDUSTRIAL)
+    lead = np.array([0.02, 0.05, 0.03, 0.06, 0.02, 0.04])
+    (track,) = log.path.tracks
+    shifted = [
+        lagrange(track.t, track.values, track.t + late)[:, column]
+        for column, late in enumerate(lead)
+    ]
+    path = replace(log.path, tracks=(replace(track, values=np.stack(shifted, axis=1)),))
+    estimate = calibrate_matched(log.imu, path, MatchedOptions())
+    assert not estimate.trusted
+    named = {
+        str(each.values["label"]): float(str(each.values["value"]))
+        for each in estimate.findings
+        if each.code == "unknown.implausible"
+    }
+    # Their mean is the time offset, and what each is off it is told.
+    assert named
+    for label, value in named.items():
+        assert value == pytest.approx(lead.mean() - lead[int(label[1:])], abs=5e-3)
