@@ -147,7 +147,7 @@ class Estimate:
     parameters: tuple[Parameter, ...] = ()
     """Every unknown beside the pose."""
     consistency: Consistency | None = None
-    """None where the log is too short to be cut, or the method does not tell."""
+    """None where a component of the pose is held, or the method does not tell."""
     unobservable: tuple[UnobservableDirection, ...] = ()
     sigma_source: Literal["noise", "segments"] = "noise"
     """What set the covariance: noise, or the scatter of segments (model error)."""

@@ -259,7 +259,7 @@ def _globally(
     for turn in range(_REWEIGHTS):
         residuals = np.concatenate(rows.residuals(lean.x), axis=1)
         scales = residual_scales(residuals)
-        motion = (rows.accel[:, :, 1:4] ** 2).sum(axis=(1, 2))
+        motion = (rows.accel[:, :, lean_columns.T] ** 2).sum(axis=(1, 2))
         weights = window_weights(residuals, motion, redescend=turn > 0)
         lean = _refined(_normal(windowing, rows, weights, scales), known, lean.x)
     rise = np.inf
@@ -370,8 +370,8 @@ def _whole(model: Model, options: MatchedOptions, state: State, rise: float) -> 
             level = max(_level(stats, layout, levels, inverse), _least_level(residuals.values))
         sigmas = np.abs(step) / np.sqrt(np.diag(inverse))
         # What a step leaves is of second order: as small beside it as it is beside its curvature.
-        bent = float((np.abs(step) / curvature).max())
-        settled = len(centres) == len(every) and sigmas.max() * bent < _SETTLED
+        bent = float((np.abs(step) / curvature).max(initial=0.0))
+        settled = len(centres) == len(every) and sigmas.max(initial=0.0) * bent < _SETTLED
         if turn == _FULL_PASSES - 1 or (turn and settled):
             break
         state = _admitted(state.moved(layout, embedded(step, layout.free)), layout, options)

@@ -137,6 +137,15 @@ class _Nodes:
             self._twists[joint] = turn, shift, cross(turn, self.force)
         return self._twists[joint]
 
+    def as_mount(self, placed: Placed) -> Floats:
+        """(k, 6), what hidden components do to the mount: its translation and rotation."""
+        turn = np.zeros((len(placed.labels), 3))
+        if placed.joint is None:
+            shift = placed.directions @ self.frames[placed.index][0][0].T
+        else:
+            turn, shift = (each[:1] for each in self.twist(placed.joint)[:2])
+        return np.hstack([shift @ self.R[0], turn @ self.R[0]])
+
 
 @dataclass(eq=False)
 class _Channels:
@@ -166,8 +175,10 @@ def _block_columns(
     """Columns (W, 6, n) of a few hundred windows."""
     nodes = _nodes(model, plan, chain, state, centres)
     channels = _Channels()
+    hidden = [each for each in model.layout.placed if each.hidden]
     for each in model.layout.placed:
-        _add(each, nodes, channels)
+        if not each.hidden:
+            _add(each, nodes, channels)
     at = centres // plan.every - nodes.first
     filters = _Filters(plan, at, nodes.R[at])
     J = np.zeros((len(centres), model.layout.size, 6))
@@ -197,6 +208,8 @@ def _block_columns(
         for part, clock in channels.clock:
             J[:, part.start, accel] += by_time[:, 0] * clock.accel(age)[:, None]
             J[:, part.start, gyro] += turned[:, 0] * clock.gyro(age)[:, None]
+    for each in hidden:  # exactly, for a log that is sharp enough would tell a difference
+        J[:, each.part] = nodes.as_mount(each) @ J[:, model.layout.pose]
     return np.swapaxes(J, 1, 2)
 
 

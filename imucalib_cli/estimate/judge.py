@@ -278,9 +278,11 @@ def _gaps(evidence: Evidence) -> Iterator[Finding]:
     """Streams so full of holes that most of the log is lost: its motion is not what is missing."""
     model = evidence.fit.model
     windowing, grid = model.windowing, model.windowing.grid
-    gaps = grid.gaps, windowing.trajectory.gaps
-    shared = np.ptp(np.clip(windowing.trajectory.span, grid.t0, grid.t[-1]))
-    share = len(evidence.fit.centres) * windowing.plan.hop * grid.dt / max(float(shared), grid.dt)
+    gaps, length = (grid.gaps, windowing.trajectory.gaps), windowing.plan.length
+    span = np.array(windowing.trajectory.span) + model.shifts(evidence.fit.state)[1][0]
+    shared = float(np.ptp(np.clip(span, grid.t0, grid.t[-1])))
+    inside = np.minimum(np.diff(evidence.fit.centres), length).sum() + length
+    share = float(inside) * grid.dt / max(shared, grid.dt)
     if share < _MOST_OF_LOG and any(gaps):
         yield warning("windows.between_gaps", share=share, imu=gaps[0], robot=gaps[1])
 

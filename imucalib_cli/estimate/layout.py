@@ -235,7 +235,7 @@ class _Chain:
                 yield joint
 
     def _origins(self) -> Iterator[tuple[int, Floats]]:
-        """Constant steps between the first and the last that move, with what is not the mount's."""
+        """Constant steps behind the first that moves, with what of them is not the mount."""
         for index, step in enumerate(self._path.steps):
             if isinstance(step, FixedStep) and self._inside(index):
                 # Behind the last that moves nothing turns, and all of it looks like the mount.

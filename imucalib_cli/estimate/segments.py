@@ -86,6 +86,7 @@ class Segments:
         self._A_after, self._b_after = (
             np.cumsum(each[::-1], axis=0)[::-1] for each in (self._A, self._b)
         )
+        self._empty = np.asarray(~self._A.any(axis=(1, 2)))
         grid = fit.model.windowing.grid
         first, last = (grid.t0 + grid.dt * fit.centres[[0, -1]]).tolist()
         self._edges = np.linspace(first, last, PARTS + 1)
@@ -95,9 +96,9 @@ class Segments:
         return np.flatnonzero(np.isin(self._free, wanted))
 
     def consistency(self, whiteness: tuple[float, float]) -> Consistency | None:
-        """Folds and halves of the pose; None where the pose is not free or the log too short."""
+        """Folds and halves of the pose; None where it is not free."""
         pose = self._places("translation", "rotation")
-        if len(self._A) < _FOLDS or len(pose) < 6:
+        if len(pose) < 6:
             return None
         folds = np.array_split(np.arange(len(self._A)), _FOLDS)
         A, b = (np.array([each[fold].sum(axis=0) for fold in folds]) for each in (self._A, self._b))
@@ -192,6 +193,11 @@ class Segments:
         C = np.where(np.trace(scatter @ left) > len(part), scatter, C) + wander
         evidence = squared_distance(size, C) - self._price(part)
         pose = self._places("translation", "rotation")
+        low = high = cut  # in a gap, of which no part tells when
+        while low > 1 and self._empty[low - 1]:
+            low -= 1
+        while high < len(self._A) - 1 and self._empty[high]:
+            high += 1
         if kind == "mount":  # components that are held have not changed
             every = self._fit.layout.pose
             seen = np.isin(every, self._free[part])
@@ -200,12 +206,12 @@ class Segments:
             std = np.sqrt(np.diag(C))
         return Change(
             kind=kind,
-            seconds=float(self._edges[cut]),
-            uncertainty=float(self._edges[cut + 1] - self._edges[cut - 1]) / 2.0,
+            seconds=float(self._edges[[low, high]].mean()),
+            uncertainty=float(self._edges[high + 1] - self._edges[low - 1]) / 2.0,
             size=size,
             std=std,
             evidence=float(evidence),
-            moves_pose=moved[pose] if len(pose) == 6 else np.zeros(6),
+            moves_pose=embedded(moved[pose], self._fit.layout.free[self._fit.layout.pose]),
         )
 
     def _wander(self, part: Indices) -> Floats:
@@ -213,12 +219,15 @@ class Segments:
 
         Means of two halves of a random walk of S steps of variance q differ by S q / 3.
         """
-        block = np.ix_(part, part)
-        own = inverse_of(self._A[:, part][:, :, part] + 1e-12 * self._total[block])
+        own = inverse_of(self._A[:, part][:, :, part])
         each = -(own @ self._b[:, part, None])[:, :, 0]
         noise = np.diagonal(own, axis1=1, axis2=2)
-        steps = (each[_APART:] - each[:-_APART]) ** 2
-        expected = noise[_APART:] + noise[:-_APART]
+        full = ~self._empty
+        pairs = np.flatnonzero(full[_APART:] & full[:-_APART])
+        if not len(pairs):
+            return np.zeros((len(part), len(part)))
+        steps = (each[pairs + _APART] - each[pairs]) ** 2
+        expected = noise[pairs + _APART] + noise[pairs]
         # The median lets one step, which is looked for, be what it is.
         walked = np.maximum(np.median(steps, axis=0) / 0.455 - np.median(expected, axis=0), 0.0)
         return np.diag(walked / _APART * len(self._A) / 3.0)

@@ -135,7 +135,7 @@ def refine(normal: Floats, known: Known, x: Floats, steps: int = _STEPS) -> Solu
 
     def valued(v: Floats) -> tuple[Floats, Floats]:
         """Cost, and distance of the rotation from what its prior expects, (..., 3)."""
-        off = rotvec_from_matrix(_rotation(v) @ known.R.T) * (prior > 0.0)
+        off = rotvec_from_matrix(_rotation(v) @ known.R.T)
         return ((v @ S) * v).sum(axis=-1) + off**2 @ prior, off
 
     cost, off = valued(v)

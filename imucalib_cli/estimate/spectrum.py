@@ -311,7 +311,7 @@ def _bands(length: int) -> list[slice]:
 def inverse_of(A: Floats) -> Floats:
     """(..., n, n), inverse of positive matrices of mixed units; positive where A is singular."""
     diagonal = np.diagonal(A, axis1=-2, axis2=-1)
-    least = 1e-30 * diagonal.max(axis=-1, keepdims=True, initial=0.0)
+    least = np.maximum(1e-30 * diagonal.max(axis=-1, keepdims=True, initial=0.0), 1e-300)
     scale = 1.0 / np.sqrt(np.maximum(diagonal, least))
     values, vectors = np.linalg.eigh(A * scale[..., :, None] * scale[..., None, :])
     scaled = vectors * scale[..., :, None]

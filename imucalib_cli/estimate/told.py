@@ -146,7 +146,7 @@ def _stated_std(options: MatchedOptions, layout: Layout, name: str) -> float:
 
 def _refitted(fit: Fit, statement: _Statement, freed: MatchedOptions) -> Wrong:
     """Where the whole fit takes an entry that is free."""
-    stated = fit.linearised.held_offset
+    stated = fit.model.shifts(fit.linearised)[1][0]
     free = whole_fit(lean_fit(fit.model.windowing, freed, stated), freed)
     (placed,) = (each for each in free.layout.placed if each.unknown.name == statement.name)
     value, std = free.value(placed, freed), free.of(statement.name)[1]

@@ -9,7 +9,7 @@ To add an unknown, add one entry to TABLE. What an entry does is one of a few ki
 
 - ``Reading``: the sensor's reading is the ideal one plus value times basis(samples).
 - ``JointCurve``: a joint's position is the reported one plus value times basis(q, dq/dt).
-- ``Origin``: a constant translation of the chain, between the first and the last step that move.
+- ``Origin``: a constant translation of the chain, behind the first step that moves.
 - ``PoseScale``: positions of a pose stream, relative.
 - ``Clock``: stamps of a sensor are later by value times basis(age).
 - ``Gravity``, ``Mount``: gravity in the world, and the pose that is wanted.
@@ -85,7 +85,7 @@ class JointCurve:
     basis: Callable[[Floats, Floats], Floats]
     """Of (M,) positions, rad or m, and (M,) rates; gives (size, M)."""
     every: bool = True
-    """For every joint that moves; else only for those between the first and the last that do."""
+    """For every joint that moves; else for those behind the first that does, but the last."""
     sliding: bool = True
     """For sliding joints too."""
     only: str | None = None
