@@ -411,7 +411,8 @@ def _level(stats: Statistics, layout: Layout, levels: Floats, inverse: Floats) -
     """Level of the noise as the unknowns meet it: one number for its colour."""
     free = np.ix_(layout.free, layout.free)
     B, A = stats.score_covariance(levels)[free], stats.information[free]
-    return float(np.sum(inverse * B) / max(np.sum(inverse * A), 1e-300))
+    # Where all is held there is nothing that meets the noise.
+    return float(np.sum(inverse * B) / np.sum(inverse * A)) if layout.free.any() else 1.0
 
 
 def _least_level(residuals: Floats) -> float:

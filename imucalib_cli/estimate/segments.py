@@ -219,7 +219,8 @@ class Segments:
 
         Means of two halves of a random walk of S steps of variance q differ by S q / 3.
         """
-        own = inverse_of(self._A[:, part][:, :, part])
+        empty = self._empty[:, None, None]
+        own = inverse_of(np.where(empty, np.eye(len(part)), self._A[:, part][:, :, part]))
         each = -(own @ self._b[:, part, None])[:, :, 0]
         noise = np.diagonal(own, axis1=1, axis2=2)
         full = ~self._empty
