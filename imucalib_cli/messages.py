@@ -403,6 +403,12 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "imu.gyro_too_fast": _gyro_too_fast,
     "imu.accel_unit_converted": "{topic}: accel at rest is {norm:.4g}: taken as {unit} and "
     "multiplied by {factor:.6g} (--accel-unit m/s2 keeps it)",
+    "imu.accel_unit_contradicted": "{topic}: accel at rest is {norm:.4g}, which is gravity in "
+    "{unit}, yet --accel-unit {stated} was given, which makes it {times:.3g} times gravity: leave "
+    "the option out",
+    "imu.gyro_unit_contradicted": "{topic}: gyro reads {ratio:.3g} times the rate at which the "
+    "robot turns, which is {unit}, yet --gyro-unit {stated} was given, which would read "
+    "{expected:.3g} times: leave the option out",
     "imu.accel_unit_unknown": "{topic}: accel at rest is {norm:.4g}, neither gravity nor a unit "
     "that is known: mend its scale, or say --accel-unit or --gravity",
     "imu.gravity_unasked": "{topic}: accel at rest is {norm:.4g}, which is gravity in {unit}, yet "

@@ -65,6 +65,8 @@ class Repaired:
     """IMU samples that were left out as frozen or saturated."""
     suspects: tuple[Finding, ...] = ()
     """What does no harm to a good fit, and is the likely cause of a poor one."""
+    contradicted: tuple[Finding, ...] = ()
+    """Units that the user states and the data contradict."""
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -126,7 +128,7 @@ def repair(imu: ImuStream, t: Floats, path: KinematicPath, request: CalibrationR
     gravity = request.estimator.gravity_norm if request.wants_gravity else 0.0
     pulls = accel_factor(imu, request.units.accel, gravity=gravity)
     for each in (turns, pulls):
-        if each.finding is not None:
+        if each.finding is not None and not each.contradicted:
             (told if each.is_mended else suspects).append(each.finding)
     gyro, accel = _times(imu.gyro, turns.value), _times(imu.accel, pulls.value)
     turning = turning.scaled(turns.value)
@@ -168,6 +170,7 @@ def repair(imu: ImuStream, t: Floats, path: KinematicPath, request: CalibrationR
         accel_unit=pulls.unit,
         samples_at_fault=int(out.sum()),
         suspects=tuple(suspects),
+        contradicted=(*turns.contradicted, *pulls.contradicted),
     )
 
 
