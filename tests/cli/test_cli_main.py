@@ -59,6 +59,14 @@ def test_version(capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr().out == f"imucalib {__version__}\n"
 
 
+def test_the_package_runs_as_the_command_does() -> None:
+    """Where pip's scripts are not on the PATH."""
+    command = [sys.executable, "-m", "imucalib_cli", "schema", "moon"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert done.stderr.startswith("error: schema moon: ")
+
+
 def test_no_arguments_show_the_help_and_exit_2(capsys: pytest.CaptureFixture[str]) -> None:
     assert main([]) == 2
     captured = capsys.readouterr()
