@@ -12,7 +12,7 @@ from imucalib_cli.cli.estimator_options import EstimatorTexts
 from imucalib_cli.cli.option_groups import given_options, takes
 from imucalib_cli.cli.output import is_terminal, say
 from imucalib_cli.cli.quantities import parse_choice, parse_tolerance
-from imucalib_cli.cli.recording_options import RecordingOptions, calibration_request
+from imucalib_cli.cli.recording_options import RecordingOptions, calibration_request, typed_frame
 from imucalib_cli.errors import ChoiceError
 
 if TYPE_CHECKING:
@@ -116,7 +116,7 @@ def _of_results(
         names,
         recording.urdf,
         within,
-        imu_link=recording.imu_link,
+        imu_link=typed_frame(recording.imu_link),
         imu_topics=recording.imu_topic or (),
     )
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from imucalib_cli.digits import figures
 from imucalib_cli.errors import ChoiceError, ImucalibError
-from imucalib_cli.jobs.result_files import display_name, read_results
+from imucalib_cli.jobs.result_files import display_name, names_of, read_results
 from imucalib_cli.results.formats import refuse_untrusted
 from imucalib_cli.results.urdf_edit import JointOrigin, joint_for, replace_origin
 from imucalib_cli.robot.rotations import matrix_from_rpy, rotation_angle
@@ -81,14 +81,10 @@ def apply(result: str, urdf: Path, *, imus: Sequence[str] = (), force: bool = Fa
 def _chosen(calibrations: list[Calibration], imus: Sequence[str], name: str) -> list[Calibration]:
     """Results of the named frames or topics."""
     for imu in imus:
-        if not any(imu in _names(calibration) for calibration in calibrations):
+        if not any(imu in names_of(calibration) for calibration in calibrations):
             there = ", ".join(f"{c.child} ({c.provenance.imu_topic})" for c in calibrations)
             raise ChoiceError(f"--imu {imu}: not in {name}; there are: {there}")
-    return [c for c in calibrations if not imus or not _names(c).isdisjoint(imus)]
-
-
-def _names(calibration: Calibration) -> set[str]:
-    return {calibration.child, calibration.provenance.imu_topic}
+    return [c for c in calibrations if not imus or not names_of(c).isdisjoint(imus)]
 
 
 def _origin(robot: Robot, calibration: Calibration) -> JointOrigin:

@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from imucalib_cli.errors import ChoiceError
-from imucalib_cli.jobs.result_files import display_name, read_results, read_text
+from imucalib_cli.jobs.result_files import display_name, names_of, read_results, read_text
 from imucalib_cli.results.kalibr_result import read_kalibr
 from imucalib_cli.results.movement import Side
 from imucalib_cli.results.side_by_side import OPTICAL, SideBySide, side_by_side
 from imucalib_cli.results.true_pose import read_truth
-from imucalib_cli.robot.urdf import load_robot
+from imucalib_cli.robot.urdf import frame_name, load_robot
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -57,16 +57,13 @@ def compare_with_kalibr(
     if truth is not None:
         true = read_truth(read_text(truth, _TRUTH), display_name(truth))
     robot = load_robot(urdf)
-    link = camera_link or _only_optical(robot)
+    link = _only_optical(robot) if camera_link is None else frame_name(camera_link)
     ours = Side(name=display_name(result), calibration=calibration)
     return side_by_side(ours, told, robot, link, true)
 
 
 def _chosen(calibrations: list[Calibration], name: str, imu: str | None) -> Calibration:
-    def names(calibration: Calibration) -> set[str]:
-        return {calibration.child, calibration.provenance.imu_topic}
-
-    candidates = [c for c in calibrations if imu is None or imu in names(c)]
+    candidates = [c for c in calibrations if imu is None or imu in names_of(c)]
     if len(candidates) == 1:
         return candidates[0]
     listed = ", ".join(c.provenance.imu_topic for c in calibrations)

@@ -60,6 +60,11 @@ def read_results(name: str) -> list[Calibration]:
     return calibrations
 
 
+def names_of(calibration: Calibration) -> set[str]:
+    """By what a user may call an IMU: its frame, with a leading slash or without, or its topic."""
+    return {calibration.child, f"/{calibration.child}", calibration.provenance.imu_topic}
+
+
 def display_name(name: str) -> str:
     """What to call an argument in a sentence."""
     return "standard input" if name == "-" else name

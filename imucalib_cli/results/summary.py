@@ -129,14 +129,24 @@ def _sigmas(calibration: Calibration) -> Iterator[str]:
             text = f"{figures(value, 6)} mm, held as told by --fix"
         yield f"  {axis:<15} {text}"
     if calibration.known_rotation:
-        stds = " ".join("held" if std == 0.0 else sigma(std) for std in np.degrees(rotation_std))
-        yield f"  rotation        ± {stds} deg about x, y, z of {calibration.parent}"
+        yield f"  rotation        {_rotation(np.degrees(rotation_std), calibration.parent)}"
     else:
         yield "  rotation        not determined"
     source = calibration.estimate.sigma_source
     if source == "segments":
         yield "  sigmas are 1 sigma; set by how segments of the log scatter: the robot model, not"
         yield "                  the noise, limits this result"
+
+
+def _rotation(stds: Floats, parent: str) -> str:
+    """Of the axes that were found a sigma each; those that are held, once and in words."""
+    found = [axis for axis, std in zip(_AXES, stds, strict=True) if std != 0.0]
+    held = ", ".join(axis for axis in _AXES if axis not in found)
+    words = f"held about {held} of {parent}, as told by --fix"
+    if not found:
+        return words
+    sigmas = " ".join(sigma(std) for std in stds if std != 0.0)
+    return f"± {sigmas} deg about {', '.join(found)} of {parent}{'; ' + words if held else ''}"
 
 
 def _nuisances(calibration: Calibration) -> Iterator[str]:
