@@ -132,10 +132,30 @@ def _sigmas(calibration: Calibration) -> Iterator[str]:
         yield f"  rotation        {_rotation(np.degrees(rotation_std), calibration.parent)}"
     else:
         yield "  rotation        not determined"
+    yield from _least_known(calibration)
     source = calibration.estimate.sigma_source
     if source == "segments":
         yield "  sigmas are 1 sigma; set by how segments of the log scatter: the robot model, not"
         yield "                  the noise, limits this result"
+
+
+def _least_known(calibration: Calibration) -> Iterator[str]:
+    """Where a log that determined the place told least of it, and what would tell more.
+
+    The place along a direction is felt in turns about axes across it.
+    """
+    covariance = calibration.estimate.covariance
+    if covariance is None or not all(calibration.known_translation):
+        return
+    variances, directions = np.linalg.eigh(covariance[:3, :3])
+    if variances[-1] <= 0.0:  # all of it is held
+        return
+    axis = directions[:, -1] * np.sign(directions[np.argmax(np.abs(directions[:, -1])), -1])
+    yield (
+        f"  least known     along ({_numbers(axis, 2)}) of {calibration.parent}, ± "
+        f"{sigma(float(np.sqrt(variances[-1])) * 1e3)} mm: faster turns about axes across it tell "
+        "more"
+    )
 
 
 def _rotation(stds: Floats, parent: str) -> str:

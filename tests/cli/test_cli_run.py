@@ -523,3 +523,30 @@ def test_axes_that_are_held_are_told_once(
     assert run(arm_log, "--urdf", arm_urdf, "--format", "summary") == 0
     (line,) = (line for line in capsys.readouterr().out.splitlines() if " rotation " in line)
     assert line.split("rotation", 1)[1].strip() == words
+
+
+@pytest.mark.parametrize(
+    ("std", "told"),
+    [
+        ((1e-3, 20e-3, 1e-3), ["along (0.00 1.00 0.00) of hand, ± 20 mm: faster turns about axes"]),
+        ((0.0, 0.0, 0.0), []),
+        ((1e-3, 10.0, 1e-3), []),
+    ],
+    ids=["loose", "held", "not determined"],
+)
+def test_where_the_place_is_least_known_is_told(
+    *,
+    estimator: Estimator,
+    arm_log: Path,
+    arm_urdf: Path,
+    capsys: pytest.CaptureFixture[str],
+    std: tuple[float, float, float],
+    told: list[str],
+) -> None:
+    covariance = np.diag([*(each**2 for each in std), 1e-10, 1e-10, 1e-10])
+    hidden = (SIDEWAYS,) if max(std) > 1.0 else ()
+    estimator.estimate = replace(ESTIMATE, covariance=covariance, unobservable=hidden)
+    run(arm_log, "--urdf", arm_urdf, "--format", "summary")
+    lines = [line for line in capsys.readouterr().out.splitlines() if "least known" in line]
+    assert len(lines) == len(told)
+    assert all(words in line for words, line in zip(told, lines, strict=True))
