@@ -95,7 +95,7 @@ def unobservable_directions(covariance: Floats, excitation: Floats) -> list[Unob
     swept = [_swept(matrix, rotation) for matrix in (covariance, excitation)]
     # The one turn that is unknown is that about the one axis that the motion has already.
     turns_about = rotation[0].direction_parent if len(rotation) == 1 else None
-    return [*_beyond("translation", *swept, turns_about), *rotation]
+    return [*_beyond("translation", swept[0], swept[1], turns_about), *rotation]
 
 
 def _swept(covariance: Floats, rotation: Sequence[UnobservableDirection]) -> Floats:

@@ -17,7 +17,6 @@ _MCAP = b"\x89MCAP0\r\n"
 _BAG = b"#ROSBAG V2.0\n"
 _DB3 = b"SQLite format 3\x00"
 _ZSTD = b"\x28\xb5\x2f\xfd"
-_LARGEST_METADATA = 1 << 24
 _KNOWN = "a ROS 1 bag, a ROS 2 folder or .db3, or an MCAP file"
 
 
@@ -137,19 +136,17 @@ def _listed(folder: Path) -> list[Path] | None:
     metadata = folder / "metadata.yaml"
     if not metadata.is_file():
         return None
-    import yaml
+    from imucalib_cli.guarded_yaml import load_one, read_bounded
 
-    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
     try:
         with metadata.open("rb") as file:
-            text = file.read(_LARGEST_METADATA).decode("utf-8", "replace")
-        content = yaml.load(text, loader)  # noqa: S506 - a safe one
+            content = load_one(read_bounded(file, "replace"))
         names = content["rosbag2_bagfile_information"]["relative_file_paths"]
         if not isinstance(names, list):
             return None
         # Early rosbag2 wrote the folder's name in front.
         named = dict.fromkeys(Path(name).name for name in names)
-    except (yaml.YAMLError, KeyError, TypeError, ValueError, RecursionError):
+    except (KeyError, TypeError, ValueError):
         return None
     return [folder / name for name in named if name] or None
 

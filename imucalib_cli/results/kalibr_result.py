@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
 from imucalib_cli.errors import ChoiceError, InputError
+from imucalib_cli.guarded_yaml import YamlError, load_one
 from imucalib_cli.results.node import Node
 from imucalib_cli.robot.rotations import nearest_rotation
 
@@ -49,10 +49,9 @@ def read_kalibr(text: str, name: str, camera: str = "cam0") -> KalibrResult:
         ChoiceError: It has no such camera.
     """
     try:
-        loaded: Any = yaml.safe_load(text)
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        reason = " ".join(str(error).split())
-        raise InputError(f"{name}: not YAML: {reason}") from error
+        loaded: Any = load_one(text)
+    except YamlError as error:
+        raise InputError(f"{name}: not YAML: {error}") from error
     cameras = [k for k in loaded if str(k).startswith("cam")] if isinstance(loaded, dict) else []
     if not cameras:
         raise InputError(

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import math
-import re
 from typing import get_args
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
@@ -32,6 +30,7 @@ from imucalib_cli.findings import (
     untrusted,
     warnings,
 )
+from imucalib_cli.guarded_yaml import YamlError, load_yaml
 from imucalib_cli.messages import MESSAGES
 from imucalib_cli.results.calibration import (
     SCHEMA,
@@ -71,26 +70,14 @@ def read_calibrations(text: str, name: str) -> list[Calibration]:
     """
     try:
         # JSON is YAML 1.2, so one parser reads both
-        loaded = [part for part in yaml.load_all(text, Loader=_Loader) if part is not None]
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        reason = " ".join(str(error).split())
-        raise InputError(f"{name}: neither YAML nor JSON: {reason}") from error
+        loaded = [part for part in load_yaml(text) if part is not None]
+    except YamlError as error:
+        raise InputError(f"{name}: neither YAML nor JSON: {error}") from error
     if len(loaded) == 1 and isinstance(loaded[0], list):
         loaded = loaded[0]
     if not loaded:
         raise InputError(f"{name}: empty, so no result to read; write one with `imucalib run`")
     return [from_document(part, name) for part in loaded]
-
-
-class _Loader(yaml.SafeLoader):
-    """YAML 1.1's safe loader that also takes 1e-05 for a number, as JSON and YAML 1.2 write it."""
-
-
-_Loader.add_implicit_resolver(
-    "tag:yaml.org,2002:float",
-    re.compile(r"^[-+]?[0-9]+(?:\.[0-9]*)?[eE][-+]?[0-9]+$"),
-    list("-+0123456789"),
-)
 
 
 def from_document(document: object, name: str) -> Calibration:

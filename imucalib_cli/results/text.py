@@ -7,16 +7,27 @@ from typing import TYPE_CHECKING, Any
 
 import yaml
 
+from imucalib_cli.guarded_yaml import NUMBERS
+
 if TYPE_CHECKING:
     from imucalib_cli.results.document import Document
 
 
-class _Dumper(yaml.SafeDumper):
-    """Vectors on one line, everything else one item a line, nothing aliased."""
+class PlainDumper(yaml.SafeDumper):
+    """Nothing aliased, and every text quoted that a reader could take for a number."""
 
     def ignore_aliases(self, data: Any) -> bool:
+        """Write what stands in two places twice."""
         del data
         return True
+
+
+for _number in NUMBERS:
+    PlainDumper.add_implicit_resolver(*_number)
+
+
+class _Dumper(PlainDumper):
+    """Vectors on one line, everything else one item a line."""
 
 
 def _represent_list(dumper: yaml.SafeDumper, values: list[Any]) -> yaml.Node:

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
+from imucalib_cli.guarded_yaml import YamlError, load_one
 from imucalib_cli.results.node import Node
 from imucalib_cli.robot.rotations import matrix_from_quaternion
 
@@ -40,10 +40,9 @@ def read_truth(text: str, name: str) -> TruePose:
         InputError: It is no such file, or a value in it cannot be.
     """
     try:
-        loaded = yaml.safe_load(text)
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        reason = " ".join(str(error).split())
-        raise InputError(f"{name}: not YAML: {reason}") from error
+        loaded = load_one(text)
+    except YamlError as error:
+        raise InputError(f"{name}: not YAML: {error}") from error
     if not isinstance(loaded, dict) or not {"transform", "time_offset"} <= set(loaded):
         raise InputError(
             f"{name}: holds no transform and time_offset: it should be the truth.yaml that "

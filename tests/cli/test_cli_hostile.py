@@ -31,4 +31,4 @@ def test_a_pipe_for_a_log_is_one_line_at_once(
 
 def test_an_endless_result_is_refused(arm_urdf: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["apply", "/dev/zero", "--urdf", str(arm_urdf)]) == 1
-    assert "more than 16 MB: it should be a result of imucalib run" in capsys.readouterr().err
+    assert "more than 4 MB: it should be a result of imucalib run" in capsys.readouterr().err

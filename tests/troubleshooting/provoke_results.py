@@ -10,6 +10,7 @@ from imucalib_cli.simulate.noise import corrupt
 from tests.troubleshooting.scene import Scene, Seen, clean, joint, noisy, provokes
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
 
 ARM, BODY = "rihibot", "barbot"
@@ -29,6 +30,21 @@ def edited(path: Path, pattern: str, new: str) -> Path:
     assert count == 1
     path.write_text(text)
     return path
+
+
+def apply_text(content: str) -> Callable[[Scene], Seen]:
+    """`imucalib apply` of a file that is no result."""
+
+    def provocation(scene: Scene) -> Seen:
+        scene.path("result.yaml").write_text(content)
+        return scene.cli("apply", scene.path("result.yaml"), "--urdf", scene.urdf())
+
+    return provocation
+
+
+provokes("yaml-alias")(apply_text("a: &a [*a]\n"))
+provokes("yaml-deep")(apply_text("a: " + "[" * 100))
+provokes("yaml-twice")(apply_text("schema: 1\nschema: 1\n"))
 
 
 def verify(scene: Scene, *arguments: object) -> Seen:
