@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from imucalib_cli.cli.output import (
@@ -11,14 +10,13 @@ from imucalib_cli.cli.output import (
     EXIT_UNTRUSTED,
     deliver,
     exit_code,
-    is_folder,
     say,
     worst,
 )
-from imucalib_cli.errors import ChoiceError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Sequence
+    from pathlib import Path
 
     from imucalib_cli.errors import ImucalibError
 
@@ -32,29 +30,12 @@ CODES = {
 """Exit code of each verdict."""
 
 
-def see_answer_writable(output: str | None, inputs: Iterable[Path]) -> None:
-    """See before any computing that answers can go where they shall.
-
-    Raises:
-        ChoiceError: A folder was named, or an input.
-        InputError: The file cannot be written.
-    """
-    if output is None or output == "-":
-        return
-    if is_folder(output):
-        raise ChoiceError(f"-o {output}: is a folder; name the file to write")
-    from imucalib_cli.results.atomic import see_writable
-
-    see_writable(Path(output), inputs=inputs)
-
-
 def give_answers(
     documents: Sequence[dict[str, Any]],
     failures: Sequence[ImucalibError],
     *,
     fmt: str,
-    output: str | None,
-    inputs: Iterable[Path],
+    output: Path | None,
     quiet: bool,
 ) -> int:
     """Write documents and sentences; the exit code is that of the worst IMU."""
@@ -62,7 +43,7 @@ def give_answers(
 
     if documents:
         text = to_json(list(documents)) if fmt == "json" else to_yaml(list(documents))
-        deliver(text, None if output is None else Path(output), inputs=inputs)
+        deliver(text, output)
     for document in documents:
         if not quiet:
             say(document["verdict"], document["reason"])

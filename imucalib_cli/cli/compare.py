@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from imucalib_cli.cli.answer_options import OUTPUT, AnswerFile, Quiet
-from imucalib_cli.cli.answers import see_answer_writable
+from imucalib_cli.cli.files import files_of, writing
 from imucalib_cli.cli.output import EXIT_OK, EXIT_UNTRUSTED, deliver, say
 from imucalib_cli.cli.quantities import parse_choice
 
@@ -60,38 +60,35 @@ def compare_command(
 ) -> None:
     """Put a result beside Kalibr's, through the URDF. Exit 0; 3 if the result is untrusted."""
     parse_choice("--format", fmt, ("yaml", "json", "summary"))
-    inputs = [Path(name) for name in (result, kalibr, truth) if name is not None and name != "-"]
-    inputs.append(urdf)
-    see_answer_writable(output, inputs)
+    with writing(output, read=files_of(result, kalibr, truth, urdf)) as path:
+        from imucalib_cli.jobs.compare import compare_with_kalibr
+        from imucalib_cli.results.side_by_side_document import side_by_side_document
+        from imucalib_cli.results.side_by_side_summary import summarise_side_by_side
+        from imucalib_cli.results.text import to_json, to_yaml
 
-    from imucalib_cli.jobs.compare import compare_with_kalibr
-    from imucalib_cli.results.side_by_side_document import side_by_side_document
-    from imucalib_cli.results.side_by_side_summary import summarise_side_by_side
-    from imucalib_cli.results.text import to_json, to_yaml
-
-    sides = compare_with_kalibr(
-        result,
-        kalibr,
-        urdf,
-        camera=camera,
-        camera_link=camera_link,
-        imu=imu,
-        truth=truth,
-    )
-    match fmt:
-        case "summary":
-            text = summarise_side_by_side(sides)
-        case "json":
-            text = to_json([side_by_side_document(sides)])
-        case _:
-            text = to_yaml([side_by_side_document(sides)])
-    deliver(text, None if output is None else Path(output), inputs=inputs)
-    if not quiet:
-        if fmt != "summary":
-            say("compared", sides.reason)
-        for warning in sides.warnings:
-            say("warning", warning)
-    trusted = sides.side.calibration.status == "ok"
-    if not trusted and not quiet:
-        say("warning", f"{result}: the result should not be trusted, so neither should this")
-    raise typer.Exit(EXIT_OK if trusted else EXIT_UNTRUSTED)
+        sides = compare_with_kalibr(
+            result,
+            kalibr,
+            urdf,
+            camera=camera,
+            camera_link=camera_link,
+            imu=imu,
+            truth=truth,
+        )
+        match fmt:
+            case "summary":
+                text = summarise_side_by_side(sides)
+            case "json":
+                text = to_json([side_by_side_document(sides)])
+            case _:
+                text = to_yaml([side_by_side_document(sides)])
+        deliver(text, path)
+        if not quiet:
+            if fmt != "summary":
+                say("compared", sides.reason)
+            for warning in sides.warnings:
+                say("warning", warning)
+        trusted = sides.side.calibration.status == "ok"
+        if not trusted and not quiet:
+            say("warning", f"{result}: the result should not be trusted, so neither should this")
+        raise typer.Exit(EXIT_OK if trusted else EXIT_UNTRUSTED)

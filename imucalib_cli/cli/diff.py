@@ -6,7 +6,8 @@ from typing import Annotated
 import typer
 
 from imucalib_cli.cli.answer_options import AnswerFile, AnswerFormat, Quiet
-from imucalib_cli.cli.answers import give_answers, see_answer_writable
+from imucalib_cli.cli.answers import give_answers
+from imucalib_cli.cli.files import files_of, writing
 from imucalib_cli.cli.output import say
 from imucalib_cli.cli.quantities import parse_choice, parse_tolerance
 
@@ -35,26 +36,22 @@ def diff_command(
 ) -> None:
     """Has the mount moved between two results? Exit 0 no, 4 it has, 3 cannot tell."""
     parse_choice("--format", fmt, ("yaml", "json"))
-    inputs = [Path(name) for name in (first, second) if name != "-"]
-    inputs += [] if urdf is None else [urdf]
-    see_answer_writable(output, inputs)
+    with writing(output, read=files_of(first, second, urdf)) as path:
+        from imucalib_cli.jobs.diff import diff
+        from imucalib_cli.results.comparison_document import comparison_document
+        from imucalib_cli.results.verification import WITHIN
 
-    from imucalib_cli.jobs.diff import diff
-    from imucalib_cli.results.comparison_document import comparison_document
-    from imucalib_cli.results.verification import WITHIN
-
-    tolerance = None if within is None else parse_tolerance("--within", within, default=WITHIN)
-    found = diff(first, second, urdf=urdf, within=tolerance)
-    if not quiet:
-        for comparison in found.comparisons:
-            for warning in comparison.warnings:
-                say("warning", warning)
-    code = give_answers(
-        [comparison_document(comparison) for comparison in found.comparisons],
-        found.failures,
-        fmt=fmt,
-        output=output,
-        inputs=inputs,
-        quiet=quiet,
-    )
-    raise typer.Exit(code)
+        tolerance = None if within is None else parse_tolerance("--within", within, default=WITHIN)
+        found = diff(first, second, urdf=urdf, within=tolerance)
+        if not quiet:
+            for comparison in found.comparisons:
+                for warning in comparison.warnings:
+                    say("warning", warning)
+        code = give_answers(
+            [comparison_document(comparison) for comparison in found.comparisons],
+            found.failures,
+            fmt=fmt,
+            output=path,
+            quiet=quiet,
+        )
+        raise typer.Exit(code)

@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from imucalib_cli.cli.files import files_of, writing
 from imucalib_cli.cli.output import deliver, is_terminal
 from imucalib_cli.cli.quantities import parse_choice
 
@@ -21,7 +22,7 @@ def inspect_command(
         str, typer.Option("--format", metavar="text|json", help="Form of the report.")
     ] = "text",
     output: Annotated[
-        Path | None,
+        str | None,
         typer.Option("-o", "--output", metavar="FILE", help="Where to write; default stdout."),
     ] = None,
     quiet: Annotated[bool, typer.Option("-q", "--quiet", help="No progress bar.")] = False,
@@ -33,7 +34,7 @@ def inspect_command(
     from imucalib_cli.jobs.inspect import inspect
 
     parse_choice("--format", fmt, ("text", "json"))
-    with ProgressBar(enabled=is_terminal(sys.stderr) and not quiet) as bar:
-        report = inspect(tuple(logs), urdf, bar.report)
-    inputs = [*logs, *([urdf] if urdf is not None else [])]
-    deliver(report.as_json() if fmt == "json" else report.as_text(), output, inputs=inputs)
+    with writing(output, read=files_of(*logs, urdf)) as path:
+        with ProgressBar(enabled=is_terminal(sys.stderr) and not quiet) as bar:
+            report = inspect(tuple(logs), urdf, bar.report)
+        deliver(report.as_json() if fmt == "json" else report.as_text(), path)

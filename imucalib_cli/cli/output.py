@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 import os
-import re
 import sys
-from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
 import typer
 
-from imucalib_cli.errors import ChoiceError, ImucalibError, InputError, UntrustedError
+from imucalib_cli.errors import ChoiceError, ImucalibError, UntrustedError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
-
-    from imucalib_cli.results.calibration import Calibration
-    from imucalib_cli.results.formats import Format
+    from collections.abc import Iterable
+    from pathlib import Path
 
 EXIT_OK, EXIT_INPUT, EXIT_USAGE, EXIT_UNTRUSTED, EXIT_NO = 0, 1, 2, 3, 4
 EXIT_INTERRUPTED, EXIT_BROKEN_PIPE = 130, 141
@@ -60,13 +56,13 @@ def wants_colour(stream: TextIO) -> bool:
     return is_terminal(stream) and not os.environ.get("NO_COLOR")
 
 
-def deliver(content: str | bytes, output: Path | None, *, inputs: Iterable[Path] = ()) -> None:
-    """Write to a file, or to stdout where none or ``-`` is named.
+def deliver(content: str | bytes, output: Path | None) -> None:
+    """Write to a file, or to stdout where none is named.
 
     Raises:
-        ChoiceError, InputError: As results.atomic.write_whole.
+        InputError: As results.atomic.write_whole.
     """
-    if output is None or str(output) == "-":
+    if output is None:
         try:
             if isinstance(content, bytes):
                 sys.stdout.buffer.write(content)
@@ -80,53 +76,4 @@ def deliver(content: str | bytes, output: Path | None, *, inputs: Iterable[Path]
         return
     from imucalib_cli.results.atomic import write_whole
 
-    write_whole(output, content, inputs=inputs)
-
-
-def is_folder(output: str | None) -> bool:
-    """Whether ``-o`` names a folder: it ends with a slash or exists as one."""
-    return output is not None and (output.endswith(("/", os.sep)) or Path(output).is_dir())
-
-
-def deliver_into(
-    folder: Path,
-    calibrations: Sequence[Calibration],
-    log: Path,
-    fmt: Format,
-    *,
-    force: bool,
-    inputs: Iterable[Path],
-) -> list[Path]:
-    """Write ``<log>.<imu>.<suffix>`` for each IMU into a folder, which is made if need be.
-
-    Raises:
-        ChoiceError, InputError: As results.atomic.write_whole.
-    """
-    from imucalib_cli.results.formats import SUFFIXES, render
-
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be made: {error.strerror}") from error
-    children = [calibration.child for calibration in calibrations]
-    written = []
-    for calibration in calibrations:
-        child = calibration.child
-        # two IMUs may share a frame_id; their topics differ
-        if children.count(child) > 1:
-            child = calibration.provenance.imu_topic
-        name = f"{_log_name(log)}.{_file_name(child)}{SUFFIXES[fmt]}"
-        deliver(render([calibration], fmt, force=force), folder / name, inputs=inputs)
-        written.append(folder / name)
-    return written
-
-
-def _log_name(log: Path) -> str:
-    resolved = log.resolve()
-    if resolved.name == "metadata.yaml":
-        resolved = resolved.parent
-    return resolved.name if resolved.is_dir() else resolved.stem
-
-
-def _file_name(name: str) -> str:
-    return re.sub(r"[^\w.-]+", "_", name.strip("/")) or "imu"
+    write_whole(output, content)

@@ -17,6 +17,7 @@ _MCAP = b"\x89MCAP0\r\n"
 _BAG = b"#ROSBAG V2.0\n"
 _DB3 = b"SQLite format 3\x00"
 _ZSTD = b"\x28\xb5\x2f\xfd"
+_METADATA = b"rosbag2_bagfile_information"
 _KNOWN = "a ROS 1 bag, a ROS 2 folder or .db3, or an MCAP file"
 
 
@@ -31,7 +32,7 @@ def open_storages(path: Path) -> list[Storage]:
         if stat.S_ISDIR(_mode(path)):
             return _open_folder(path)
         head = _head(path)
-        if path.suffix in {".yaml", ".yml"} and b"rosbag2_bagfile_information" in head:
+        if path.suffix in {".yaml", ".yml"} and _METADATA in head:
             return _open_folder(path.parent)
         return [_open_file(path, head)]
     except FileNotFoundError as error:
@@ -72,6 +73,15 @@ def _head(path: Path) -> bytes:
     _mode(path)
     with path.open("rb") as file:
         return file.read(512)
+
+
+def holds_log(path: Path) -> bool:
+    """Whether a file is one of a recording, by its content; False where it cannot be read."""
+    try:
+        head = _head(path)
+    except (OSError, InputError):
+        return False
+    return _is_log(head) or _METADATA in head
 
 
 def _is_log(head: bytes) -> bool:
