@@ -389,6 +389,9 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     ),
     "stamps.other_epoch": _stamps("lie {seconds:.4g} s apart from those of other topics"),
     "stamps.bunched": _bunched,
+    "stamps.surplus": "{stream}: {share:.0%} of the intervals are far shorter than those between "
+    "samples, and the motion says that those messages are no samples of an even rate: they are "
+    "left out; look for a driver or a recorder that sends a buffer twice",
     "stamps.rate_changes": _rate_changes,
     # Units and readings of the IMU.
     "imu.accel_looks_like": "{topic}: |accel| at rest is {norm:.4g}, which looks like {unit}; "
