@@ -20,8 +20,9 @@ if TYPE_CHECKING:
     from imucalib_cli.logs.storage import Bytes, Channel, Sink
     from imucalib_cli.logs.streams import Nanoseconds
 
-BROKEN = (sqlite3.DatabaseError, MemoryError)
-"""What SQLite raises on damage: it takes some of it for a lack of memory."""
+BROKEN = (sqlite3.DatabaseError, MemoryError, UnicodeDecodeError)
+"""What SQLite raises on damage: it takes some of it for a lack of memory, and quotes it in its
+messages, which then are no text."""
 Row = tuple[int, int, int, bytes]
 """Id, topic's id, receive time in ns, payload; where damaged, of any type."""
 ALL_IDS = (-(1 << 63), (1 << 63) - 1)
