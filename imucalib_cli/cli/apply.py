@@ -7,7 +7,7 @@ import typer
 
 from imucalib_cli.cli.answer_options import Quiet
 from imucalib_cli.cli.files import files_of, output_path, telling_what_is_left
-from imucalib_cli.cli.output import deliver, exit_code, say, worst
+from imucalib_cli.cli.output import deliver, exit_code, say, show, worst
 
 
 def apply_command(
@@ -54,7 +54,5 @@ def apply_command(
                 say("applied", change)
         for failure in applied.failures:
             say("error", failure)
-            snippet = getattr(failure, "snippet", "")
-            if snippet:
-                typer.echo(snippet, err=True, nl=False)
+            show(getattr(failure, "snippet", ""))
         raise typer.Exit(worst(exit_code(failure) for failure in applied.failures))

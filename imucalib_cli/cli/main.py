@@ -17,6 +17,7 @@ from imucalib_cli.cli.output import (
     EXIT_INTERRUPTED,
     exit_code,
     say,
+    show,
 )
 from imucalib_cli.cli.run import run_command
 from imucalib_cli.cli.schema import schema_command
@@ -98,7 +99,7 @@ def _run(argv: list[str]) -> int:
         code = app(argv, prog_name="imucalib", standalone_mode=False)
     except ImucalibError as error:
         say("error", error)
-        sys.stderr.write(getattr(error, "snippet", ""))
+        show(getattr(error, "snippet", ""))
         return exit_code(error)
     except typer.Abort:
         raise KeyboardInterrupt from None

@@ -9,11 +9,14 @@ from typing import TYPE_CHECKING, TextIO
 import typer
 
 from imucalib_cli.errors import ChoiceError, ImucalibError, UntrustedError
+from imucalib_cli.shown import shown, shown_lines
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
     from pathlib import Path
 
+_LONGEST = 4000
+"""Letters of a sentence: a name in a file may have a million."""
 EXIT_OK, EXIT_INPUT, EXIT_USAGE, EXIT_UNTRUSTED, EXIT_NO = 0, 1, 2, 3, 4
 EXIT_INTERRUPTED, EXIT_BROKEN_PIPE = 130, 141
 _SEVERITY = (EXIT_OK, EXIT_UNTRUSTED, EXIT_USAGE, EXIT_INPUT, EXIT_NO)
@@ -41,9 +44,15 @@ def worst(codes: Iterable[int]) -> int:
 
 def say(word: str, sentence: object) -> None:
     """One line on stderr, whatever the sentence contains: names in a log may hold anything."""
-    line = " ".join(str(sentence).split())
-    shown = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in line)
-    sys.stderr.write(f"{word}: {shown}\n")
+    line = shown(" ".join(str(sentence).split()))
+    if len(line) > _LONGEST:
+        line = f"{line[:_LONGEST]}… ({len(line)} letters)"
+    sys.stderr.write(f"{word}: {line}\n")
+
+
+def show(text: str) -> None:
+    """Lines on stderr, to be copied."""
+    sys.stderr.write(shown_lines(text))
 
 
 def is_terminal(stream: TextIO) -> bool:
@@ -67,7 +76,7 @@ def deliver(content: str | bytes, output: Path | None) -> None:
             if isinstance(content, bytes):
                 sys.stdout.buffer.write(content)
             else:
-                sys.stdout.write(content)
+                sys.stdout.write(shown_lines(content) if is_terminal(sys.stdout) else content)
             sys.stdout.flush()
         except BrokenPipeError:
             # the reader has what it wanted; keep the interpreter from flushing into the pipe again

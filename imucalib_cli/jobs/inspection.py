@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING
 
 from imucalib_cli.results.document import finding_entry
+from imucalib_cli.shown import shown
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -112,7 +113,7 @@ class Inspection:
 
     def as_text(self) -> str:
         """Everything, for people."""
-        return "\n".join(self._lines()) + "\n"
+        return "\n".join(shown(line) for line in self._lines()) + "\n"
 
     def _lines(self) -> Iterator[str]:
         yield f"log       {', '.join(self.files)}"

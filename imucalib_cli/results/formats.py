@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from shlex import quote
 from typing import TYPE_CHECKING, Literal
 from xml.sax.saxutils import quoteattr
 
@@ -89,4 +90,6 @@ def _tf(calibration: Calibration, *, force: bool) -> str:
     names = ("x", "y", "z", "qx", "qy", "qz", "qw")
     values = (*estimate.t_parent_imu, *quaternion_from_matrix(estimate.R_parent_imu))
     numbers = " ".join(f"--{n} {v + 0.0:.12g}" for n, v in zip(names, values, strict=True))
-    return f"{numbers} --frame-id {calibration.parent} --child-frame-id {calibration.child}\n"
+    # the line is pasted into a shell
+    parent, child = quote(calibration.parent), quote(calibration.child)
+    return f"{numbers} --frame-id {parent} --child-frame-id {child}\n"

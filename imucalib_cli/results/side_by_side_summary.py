@@ -8,6 +8,7 @@ from imucalib_cli.digits import figures
 from imucalib_cli.results.difference_words import both_words, sigmas_words, vector_words
 from imucalib_cli.results.side_by_side import camera_clock_words, error_words
 from imucalib_cli.robot.rotations import rpy_from_matrix
+from imucalib_cli.shown import shown
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 
 def summarise_side_by_side(sides: SideBySide) -> str:
     """A dozen lines, with a newline at the end."""
-    return "\n".join(_lines(sides)) + "\n"
+    return "\n".join(shown(line) for line in _lines(sides)) + "\n"
 
 
 def _lines(sides: SideBySide) -> Iterator[str]:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from imucalib_cli.digits import figures, sigma, with_std
 from imucalib_cli.results.calibration import Calibration, KnownDirection, distance_to
 from imucalib_cli.robot.rotations import quaternion_from_matrix, rotvec_from_matrix, rpy_from_matrix
+from imucalib_cli.shown import shown
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -32,17 +33,16 @@ def summarise(calibration: Calibration, *, colour: bool = False) -> str:
         calibration: The result.
         colour: Whether to colour the verdict with ANSI codes.
     """
-    return "\n".join(_lines(calibration, colour=colour)) + "\n"
-
-
-def _lines(calibration: Calibration, *, colour: bool) -> Iterator[str]:
-    parent, child = calibration.parent, calibration.child
     trusted = calibration.status == "ok"
     verdict = "ok" if trusted else "UNTRUSTED, do not use as it stands"
     if colour:
         verdict = f"{_GREEN if trusted else _RED}{verdict}{_RESET}"
+    head = f"{shown(f'{calibration.child} in {calibration.parent}')}: {verdict}"
+    return "\n".join((head, *(shown(line) for line in _lines(calibration)))) + "\n"
+
+
+def _lines(calibration: Calibration) -> Iterator[str]:
     origin = calibration.provenance
-    yield f"{child} in {parent}: {verdict}"
     files = ", ".join(file.path for file in origin.files)
     yield f"  from {files}: {origin.imu_topic} with {', '.join(origin.motion)}"
     yield from (f"  not trusted: {reason}" for reason in calibration.estimate.distrust)
