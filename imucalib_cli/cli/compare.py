@@ -26,7 +26,11 @@ def compare_command(
     ],
     urdf: Annotated[
         Path,
-        typer.Option("--urdf", help="Its fixed joints lead from the IMU's link to the camera."),
+        typer.Option(
+            "--urdf",
+            help="Its fixed joints lead from the IMU's link to the camera.",
+            readable=False,
+        ),
     ],
     camera_link: Annotated[
         str | None,

@@ -28,7 +28,11 @@ def diff_command(
     ] = None,
     urdf: Annotated[
         Path | None,
-        typer.Option("--urdf", help="Relates the frames of the two results by its fixed joints."),
+        typer.Option(
+            "--urdf",
+            help="Relates the frames of the two results by its fixed joints.",
+            readable=False,
+        ),
     ] = None,
     fmt: AnswerFormat = "yaml",
     output: AnswerFile = None,

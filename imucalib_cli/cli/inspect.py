@@ -12,11 +12,13 @@ from imucalib_cli.cli.quantities import parse_choice
 
 def inspect_command(
     logs: Annotated[
-        list[Path], typer.Argument(metavar="LOG...", help="One recording: bag, db3 or MCAP.")
+        list[Path],
+        typer.Argument(metavar="LOG...", help="One recording: bag, db3 or MCAP.", readable=False),
     ],
     *,
     urdf: Annotated[
-        Path | None, typer.Option("--urdf", help="Also say what of the log is in this URDF.")
+        Path | None,
+        typer.Option("--urdf", help="Also say what of the log is in this URDF.", readable=False),
     ] = None,
     fmt: Annotated[
         str, typer.Option("--format", metavar="text|json", help="Form of the report.")

@@ -11,8 +11,10 @@ import typer
 from imucalib_cli.cli.apply import apply_command
 from imucalib_cli.cli.compare import compare_command
 from imucalib_cli.cli.diff import diff_command
+from imucalib_cli.cli.entry import was_interrupted
 from imucalib_cli.cli.inspect import inspect_command
 from imucalib_cli.cli.output import (
+    EXIT_BROKEN_PIPE,
     EXIT_INPUT,
     EXIT_INTERRUPTED,
     exit_code,
@@ -25,11 +27,16 @@ from imucalib_cli.cli.simulate import simulate_command
 from imucalib_cli.cli.stdio import guard_streams
 from imucalib_cli.cli.study import study_command
 from imucalib_cli.cli.verify import verify_command
-from imucalib_cli.errors import ImucalibError
+from imucalib_cli.errors import ImucalibError, InputError
 from imucalib_cli.process import prepare_to_compute
 
 TRACEBACK = "IMUCALIB_TRACEBACK"
 """Environment variable that lets an unexpected exception through with its traceback."""
+
+NO_MEMORY = (
+    "not enough memory: give shorter logs or fewer topics (--imu-topic, --joint-topic, "
+    "--pose-topic), or raise the limit"
+)
 
 app = typer.Typer(
     name="imucalib",
@@ -98,13 +105,17 @@ def _run(argv: list[str]) -> int:
     try:
         code = app(argv, prog_name="imucalib", standalone_mode=False)
     except ImucalibError as error:
-        say("error", error)
-        show(getattr(error, "snippet", ""))
-        return exit_code(error)
+        return _tell(error)
+    except MemoryError:
+        return _tell(InputError(NO_MEMORY))
+    except SystemExit as error:  # what click makes of help that nobody reads to its end
+        if isinstance(error.__context__, BrokenPipeError):
+            return EXIT_BROKEN_PIPE
+        raise
     except typer.Abort:
         raise KeyboardInterrupt from None
     except Exception as error:
-        if _is_interruption(error):
+        if was_interrupted() or _is_interruption(error):
             raise KeyboardInterrupt from None
         # usage errors of typer, whichever click it is built on
         if hasattr(error, "format_message") and hasattr(error, "exit_code"):
@@ -119,6 +130,15 @@ def _run(argv: list[str]) -> int:
         )
         return EXIT_INPUT
     return code if isinstance(code, int) else 0
+
+
+def _tell(error: ImucalibError) -> int:
+    """Say an error, unless it comes of an interruption; its exit code."""
+    if was_interrupted():  # an import that was broken off looks like a package not installed
+        raise KeyboardInterrupt from None
+    say("error", error)
+    show(getattr(error, "snippet", ""))
+    return exit_code(error)
 
 
 def _is_interruption(error: BaseException | None) -> bool:

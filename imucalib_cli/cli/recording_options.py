@@ -26,7 +26,7 @@ class RecordingOptions:
 
     urdf: Annotated[
         Path | None,
-        typer.Option("--urdf", help="The robot's URDF.", rich_help_panel=SOURCES),
+        typer.Option("--urdf", help="The robot's URDF.", rich_help_panel=SOURCES, readable=False),
     ] = None
     imu_topic: Annotated[
         list[str] | None,

@@ -35,6 +35,7 @@ def run_command(
             metavar="LOG...",
             help="One recording: a ROS 1 bag, a ROS 2 folder or db3, an MCAP; or the files of a "
             "split one.",
+            readable=False,
         ),
     ],
     *,

@@ -32,10 +32,12 @@ def simulate_command(
         ),
     ],
     config: Annotated[
-        Path | None, typer.Option(help="A system of your own, as configs/ has them.")
+        Path | None,
+        typer.Option(help="A system of your own, as configs/ has them.", readable=False),
     ] = None,
     urdf: Annotated[
-        Path | None, typer.Option(help="Write the URDF too, with the IMU's nominal pose.")
+        Path | None,
+        typer.Option(help="Write the URDF too, with the IMU's nominal pose.", readable=False),
     ] = None,
     force: Annotated[
         bool,

@@ -28,12 +28,20 @@ def study_command(
     quick: Annotated[bool, typer.Option("--quick", help="Few runs, for a look or for CI.")] = False,
     config: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Parameters of your own, as configs/studies/ has them."),
+        typer.Option(
+            metavar="FILE",
+            help="Parameters of your own, as configs/studies/ has them.",
+            readable=False,
+        ),
     ] = None,
     folder: Annotated[
         Path,
         typer.Option(
-            "-o", "--output", metavar="DIR", help="Where rows are kept and figures are drawn."
+            "-o",
+            "--output",
+            metavar="DIR",
+            help="Where rows are kept and figures are drawn.",
+            readable=False,
         ),
     ] = FOLDER,
     jobs: Annotated[

@@ -97,7 +97,7 @@ def test_tf_arguments_survive_a_shell(name: str) -> None:
 
 
 @pytest.mark.parametrize("colour", [True, False])
-def test_a_summary_holds_its_names_back(colour: bool) -> None:  # noqa: FBT001 - of pytest
+def test_a_summary_holds_its_names_back(colour: bool) -> None:
     calibration = replace(make_calibration(), child=f"a{HOSTILE}", parent="b\nc")
     text = summarise(calibration, colour=colour).replace("\x1b[32m", "").replace("\x1b[31m", "")
     assert all(line.isprintable() for line in text.replace("\x1b[0m", "").split("\n"))
