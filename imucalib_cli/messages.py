@@ -333,6 +333,8 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "log.part_missing": "{file}: {name} is named in metadata.yaml but is not there",
     "log.part_unusable": "{file}: left out: {reason}",
     "log.unpacks_too_large": "{file}: it unpacks to over {ratio} times its size, which no log does",
+    "log.holds_too_much": "{file}: it holds more messages than bytes, or numbers of over {ratio} "
+    "times its size, which no log does: what stands before is used",
     "log.compression_damaged": "{file}: its compression is damaged ({reason}): what stands before "
     "is used",
     "log.database_cut_short": "{file}: the database is cut short or damaged: what can be read is "

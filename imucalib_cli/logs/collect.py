@@ -6,6 +6,7 @@ full and let go: memory follows the numbers that are kept, not the bytes that pa
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -30,6 +31,15 @@ _LARGEST_MESSAGE = 1 << 24
 """Bytes a message of these types may unpack to."""
 _UNPACKED = 1 << 26
 """Bytes of unpacked messages that are held before they are decoded."""
+_MESSAGES_ALWAYS, _BYTES_ALWAYS = 1_000_000, 1 << 28
+_MESSAGES_PER_BYTE = 1.0
+MOST_RATIO = 100
+"""A file that holds more messages than bytes, or numbers of more than so many times its size, is
+no log but a bomb: a message alone has stamps that differ. Small ones do no harm."""
+
+
+class TooMuchError(Exception):
+    """A file unpacks to more than any log does."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +80,7 @@ class Collector:
     """A :class:`~imucalib_cli.logs.storage.Sink` that decodes."""
 
     def __init__(self) -> None:
+        self._messages_left = self._bytes_left = 0
         self.topics: dict[tuple[str, str], TopicData] = {}
         self._blocks: dict[tuple[str, str, str, str, int], _Block] = {}
         self._file_base = 0
@@ -79,6 +90,14 @@ class Collector:
         self, channel: Channel, arrival: NDArray[np.int64], log_ns: Nanoseconds, rows: Bytes
     ) -> None:
         """Take payloads of one length; see :class:`~imucalib_cli.logs.storage.Sink`."""
+        self._messages_left -= len(rows)
+        if self._messages_left < 0:
+            raise TooMuchError
+        self._take(channel, arrival, log_ns, rows)
+
+    def _take(
+        self, channel: Channel, arrival: NDArray[np.int64], log_ns: Nanoseconds, rows: Bytes
+    ) -> None:
         if not len(rows):
             return
         length = rows.shape[1]
@@ -94,12 +113,15 @@ class Collector:
         if block.size > _BLOCK_BYTES or len(block.rows) > _BLOCK_PIECES:
             self._decode(block)
 
-    def next_file(self) -> None:
-        """Say that what follows comes from the recording's next file."""
+    def next_file(self, size: int) -> None:
+        """Say that what follows comes from the recording's next file, of so many bytes."""
         self._file_base = self._arrived
+        self._messages_left = max(_MESSAGES_ALWAYS, int(_MESSAGES_PER_BYTE * size))
+        self._bytes_left = max(_BYTES_ALWAYS, MOST_RATIO * size)
 
     def finish(self) -> Iterator[TopicData]:
         """Decode what is left; everything by topic and type, each of which is then forgotten."""
+        self._bytes_left = sys.maxsize  # what is left is a block each
         while self._blocks:
             self._decode(self._blocks.popitem()[1])
         for key in sorted(self.topics):
@@ -138,7 +160,7 @@ class Collector:
                     which = np.array([each for each, _ in found])
                     joined = np.frombuffer(b"".join(each for _, each in found), dtype=np.uint8)
                     unpacked = joined.reshape(len(found), length)
-                    self.add(channel, arrival[which], log_ns[which], unpacked)
+                    self._take(channel, arrival[which], log_ns[which], unpacked)
                 by_length, held = {}, 0
 
     def _decode(self, block: _Block) -> None:
@@ -158,6 +180,9 @@ class Collector:
         decoded = np.zeros(len(rows), dtype=bool)
         for each in decode(rows, into.message_type, block.channel.encoding, block.decoder):
             decoded[each.rows] = True
+            self._bytes_left -= sum(values.nbytes for values in each.numbers.values())
+            if self._bytes_left < 0:
+                raise TooMuchError
             if each.texts and len(each.rows):
                 into.pieces.append(
                     Piece(

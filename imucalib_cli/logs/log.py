@@ -110,7 +110,7 @@ class Log:
             InputError: A topic's type or encoding cannot be read, or the file went away.
         """
         from imucalib_cli.logs.assemble import imu_stream, joint_streams, pose_streams
-        from imucalib_cli.logs.collect import Collector
+        from imucalib_cli.logs.collect import MOST_RATIO, Collector, TooMuchError
 
         wanted = set(topics)
         self._check(wanted)
@@ -127,12 +127,14 @@ class Log:
             if channels:
                 share = _share(progress, number, len(self._storages))
                 try:
+                    collector.next_file(_bytes_of(storage.path))
                     storage.read(channels, collector, share)
+                except TooMuchError:  # what came before is used
+                    storage.losses.append(warning("log.holds_too_much", ratio=MOST_RATIO))
                 except OSError as error:
                     raise InputError(
                         f"{storage.path} cannot be read any more: {error.strerror or error}"
                     ) from error
-            collector.next_file()
         data = self._nothing_of(wanted)
         losses = [*self.findings, *_overlaps(self._storages)]
         for found in collector.finish():
@@ -226,6 +228,12 @@ def open_log(paths: Sequence[Path]) -> Log:
     if twice:
         raise ChoiceError(f"{twice[0]} is given twice: name each file of the recording once")
     return Log([storage for path in paths for storage in open_storages(path)])
+
+
+def _bytes_of(path: Path) -> int:
+    """On disk, with what SQLite keeps beside a database."""
+    wal = path.with_name(f"{path.name}-wal")
+    return path.stat().st_size + (wal.stat().st_size if wal.exists() else 0)
 
 
 def _start_ns(storage: Storage) -> int:

@@ -157,3 +157,14 @@ provokes("urdf-millimetres")(
 def _(scene: Scene) -> Seen:
     with patch("imucalib_cli.jobs.reading.open_log", side_effect=MemoryError):
         return scene.run("log.mcap")
+
+
+@provokes("holds-too-much")
+def _(scene: Scene) -> Seen:
+    """As if the last tenth were too much."""
+    log = scene.log(noisy("rihibot"))
+    with (
+        patch("imucalib_cli.logs.collect._MESSAGES_PER_BYTE", 0.0),
+        patch("imucalib_cli.logs.collect._MESSAGES_ALWAYS", 4300),
+    ):
+        return scene.run(log)
