@@ -4,6 +4,7 @@ import os
 import sys
 import warnings
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -104,10 +105,8 @@ def _prepare_process() -> None:
 def _run(argv: list[str]) -> int:
     try:
         code = app(argv, prog_name="imucalib", standalone_mode=False)
-    except ImucalibError as error:
-        return _tell(error)
-    except MemoryError:
-        return _tell(InputError(NO_MEMORY))
+    except (ImucalibError, MemoryError) as error:
+        return _tell(InputError(NO_MEMORY) if isinstance(error, MemoryError) else error)
     except SystemExit as error:  # what click makes of help that nobody reads to its end
         if isinstance(error.__context__, BrokenPipeError):
             return EXIT_BROKEN_PIPE
@@ -123,13 +122,27 @@ def _run(argv: list[str]) -> int:
             return int(error.exit_code)
         if TRACEBACK in os.environ:
             raise
-        say(
-            "internal error",
-            f"{type(error).__name__}: {error}; please report it, with the traceback that "
-            f"{TRACEBACK}=1 shows",
-        )
-        return EXIT_INPUT
+        return _tell_unexpected(error)
     return code if isinstance(code, int) else 0
+
+
+def _tell_unexpected(error: Exception) -> int:
+    if isinstance(error, FileNotFoundError) and not _has_working_folder():
+        return _tell(InputError("the working folder is not there any more: change to another"))
+    say(
+        "internal error",
+        f"{type(error).__name__}: {error}; please report it, with the traceback that "
+        f"{TRACEBACK}=1 shows",
+    )
+    return EXIT_INPUT
+
+
+def _has_working_folder() -> bool:
+    """Whether relative paths lead anywhere."""
+    try:
+        return bool(Path.cwd())
+    except OSError:
+        return False
 
 
 def _tell(error: ImucalibError) -> int:

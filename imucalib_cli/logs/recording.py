@@ -108,7 +108,11 @@ def _open_file(path: Path, head: bytes) -> Storage:
         head = _head(unpacked)
         if head.startswith(_ZSTD):
             raise InputError(f"{path} is compressed twice: unpack it with zstd -d")
-        storage = _open_file(unpacked, head)
+        try:
+            storage = _open_file(unpacked, head)
+        except InputError as error:  # which names a temporary file that is nobody's
+            cut = "" if loss is None else ", as far as it could be unpacked"
+            raise InputError(f"{path} unpacks to no log{cut}: expected {_KNOWN}") from error
         storage.path = path
         if loss is not None:
             storage.losses.append(loss)

@@ -474,3 +474,14 @@ def test_a_file_that_may_not_be_read_is_no_wrong_usage(
     ):
         main(arguments)
         assert "is not readable" not in capsys.readouterr().err
+
+
+def test_a_working_folder_that_is_gone(tmp_path: Path) -> None:
+    script = (
+        f"cd {tmp_path} && rmdir {tmp_path} && exec {sys.executable} -m imucalib_cli run x.mcap"
+    )
+    done = subprocess.run(["sh", "-c", script], capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert done.stderr.endswith(
+        "error: the working folder is not there any more: change to another\n"
+    )

@@ -86,8 +86,9 @@ def test_a_file_that_unpacks_to_a_disk_full_is_stopped(
     monkeypatch.setattr(unpacked, "_ALWAYS", 1 << 24)
     path = tmp_path / "log.db3.zstd"
     path.write_bytes(zeros(1 << 30))
-    with pytest.raises(InputError, match="is not a log"):
+    with pytest.raises(InputError) as caught:
         open_log([path])
+    assert str(caught.value).startswith(f"{path} unpacks to no log, as far as it could be unpacked")
     target, loss = unpacked.unpack(path)
     assert target.stat().st_size < 1 << 28
     assert loss is not None
