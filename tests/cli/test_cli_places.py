@@ -51,6 +51,10 @@ def house(tmp_path: Path, log_writer: LogWriter, arm_urdf: Path) -> Iterator[Pat
     shutil.copy(configs / "barbot.yaml", tmp_path / "sim.truth.yaml")
     shutil.copy(configs / "studies" / "bias.yaml", tmp_path / "bias-quick.jsonl")
     (tmp_path / "result.yaml").write_text(to_yaml([to_document(make_result())]))
+    table = tmp_path / "euroc" / "mav0" / "imu0" / "data.csv"
+    table.parent.mkdir(parents=True)
+    table.write_text("t_ns,gx,gy,gz,ax,ay,az\n0,0,0,0,0,0,9.8\n")
+    shutil.copy(table, tmp_path / "imu.csv")
     before = _contents(tmp_path)
     yield tmp_path
     after = _contents(tmp_path)
@@ -74,6 +78,7 @@ def _contents(folder: Path) -> dict[str, str]:
         "run recording/metadata.yaml --urdf real.urdf -o recording/recording.mcap",
         "run log.mcap --urdf real.urdf --imu-model imu.yaml -o imu.yaml",
         "inspect recording -o recording/metadata.yaml",
+        "inspect euroc -o euroc/mav0/imu0/data.csv",
         "inspect log.mcap --urdf real.urdf -o real.urdf",
         "verify log.mcap --urdf real.urdf -o log.mcap",
         "verify log.mcap --urdf real.urdf --imu-model imu.yaml -o imu.yaml",
@@ -110,6 +115,7 @@ def test_what_is_read_is_never_written(
         "run log.mcap --urdf arm.urdf -o real.urdf",
         "run log.mcap --urdf arm.urdf -o recording/metadata.yaml",
         "inspect recording -o log.mcap",
+        "inspect recording -o imu.csv",
         "verify result.yaml --urdf arm.urdf -o real.urdf",
         "diff result.yaml result.yaml -o log.mcap",
         "simulate barbot -o log.mcap",
