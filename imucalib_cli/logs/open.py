@@ -102,10 +102,13 @@ def holds_log(path: Path) -> bool:
 
 def _open_file(path: Path, head: bytes, readers: Readers) -> LogFile:
     if head.startswith(_ZSTD):
-        from imucalib_cli.logs.unpacked import unpack
+        from imucalib_cli.logs.unpacked import cut_table, unpack
 
         unpacked, loss = unpack(path)
         head = _head(unpacked)
+        kind = _reader(unpacked, head, readers)
+        if kind is not None and kind.IS_TEXT:
+            loss = cut_table(unpacked, path.stat().st_size) or loss
         if head.startswith(_ZSTD):
             raise InputError(f"{path} is compressed twice: unpack it with zstd -d")
         try:
@@ -113,7 +116,7 @@ def _open_file(path: Path, head: bytes, readers: Readers) -> LogFile:
         except InputError as error:  # which names a temporary file that is nobody's
             cut = "" if loss is None else ", as far as it could be unpacked"
             said = f"{path} unpacks to no log{cut}: expected {_known(readers)}"
-            if _reader(unpacked, head, readers) is not None:
+            if kind is not None:
                 said = str(error).replace(str(unpacked), str(path))
             raise InputError(said) from error
         file.path = path

@@ -129,6 +129,21 @@ def test_what_a_whole_log_holds_is_bounded_by_its_size(
     assert any("which no log does: what stands before is used" in loss for loss in data.losses)
 
 
+def test_a_table_that_unpacks_to_a_great_deal_is_cut(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(unpacked, "_TABLE_ALWAYS", 1 << 20)
+    path = tmp_path / "log.csv.zst"
+    text = b"t_ns,gx,gy,gz,ax,ay,az\n" + b"1,0,0,0,0,0,9\n" * 500_000
+    path.write_bytes(zstandard.compress(text))
+    log = open_log([path])
+    (topic,) = log.topics
+    assert 0 < topic.count <= (1 << 20) // 14
+    assert any(
+        "unpacks to over 100 times its size" in loss for loss in log.read([topic.name]).losses
+    )
+
+
 def test_a_log_that_packs_well_is_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """An IMU at rest without noise, whose stamps alone differ."""
     monkeypatch.setattr(decode, "_MESSAGES_ALWAYS", 1000)
