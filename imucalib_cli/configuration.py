@@ -3,23 +3,19 @@
 from __future__ import annotations
 
 import math
-import re
 from dataclasses import MISSING, fields, is_dataclass
 from importlib import resources
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
-import yaml
-
 from imucalib_cli.errors import InputError
+from imucalib_cli.guarded_yaml import YamlError, load_one, read_bounded
 
 if TYPE_CHECKING:
     from importlib.resources.abc import Traversable
 
 T = TypeVar("T")
-
-_EXPONENT = re.compile(r"[-+]?\d+[eE][-+]?\d+")
 
 
 def builtin_names(folder: str = "") -> list[str]:
@@ -31,7 +27,7 @@ def builtin_names(folder: str = "") -> list[str]:
 def read_builtin(name: str) -> dict[str, Any]:
     """Content of configs/<name>.yaml; the name may have folders."""
     text = _configs().joinpath(f"{name}.yaml").read_text("utf-8")
-    loaded: dict[str, Any] = yaml.safe_load(text)
+    loaded: dict[str, Any] = load_one(text)
     return loaded
 
 
@@ -42,12 +38,12 @@ def read_yaml(path: Path) -> dict[str, Any]:
         InputError: It cannot be read or holds something else.
     """
     try:
-        loaded = yaml.safe_load(path.read_text("utf-8"))
+        with path.open("rb") as file:
+            loaded = load_one(read_bounded(file))
     except OSError as error:
         raise InputError(f"{path}: {error.strerror}; name a readable YAML file") from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        line = " ".join(str(error).split())
-        raise InputError(f"{path}: not YAML ({line}); see configs/ for examples") from error
+    except (YamlError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: not YAML ({error}); see configs/ for examples") from error
     if not isinstance(loaded, dict):
         raise InputError(f"{path}: holds no keys and values; see configs/ for examples")
     return loaded
@@ -93,7 +89,7 @@ def _convert(hint: Any, value: object, where: str) -> Any:
         if len(kinds) == len(value):
             return tuple(_convert(k, v, where) for k, v in zip(kinds, value, strict=True))
     if hint is float and _is_number(value):
-        return float(str(value))
+        return float(value)  # type: ignore[arg-type]  # seen to be one
     # bool is an int to Python, and is none here
     if (hint in {bool, int, str} and type(value) is hint) or (origin is Literal and value in args):
         return value
@@ -101,8 +97,6 @@ def _convert(hint: Any, value: object, where: str) -> Any:
 
 
 def _is_number(value: object) -> bool:
-    if isinstance(value, str):  # YAML 1.1 takes 1e-4, without a dot, for a word
-        return _EXPONENT.fullmatch(value) is not None
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 

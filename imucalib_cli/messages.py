@@ -333,6 +333,8 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "log.part_missing": "{file}: {name} is named in metadata.yaml but is not there",
     "log.part_unusable": "{file}: left out: {reason}",
     "log.unpacks_too_large": "{file}: it unpacks to over {ratio} times its size, which no log does",
+    "log.holds_too_much": "{file}: it holds more messages than bytes, or numbers of over {ratio} "
+    "times its size, which no log does: what stands before is used",
     "log.compression_damaged": "{file}: its compression is damaged ({reason}): what stands before "
     "is used",
     "log.database_cut_short": "{file}: the database is cut short or damaged: what can be read is "
@@ -389,6 +391,9 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     ),
     "stamps.other_epoch": _stamps("lie {seconds:.4g} s apart from those of other topics"),
     "stamps.bunched": _bunched,
+    "stamps.surplus": "{stream}: {share:.0%} of the intervals are far shorter than those between "
+    "samples, and the motion says that those messages are no samples of an even rate: they are "
+    "left out; look for a driver or a recorder that sends a buffer twice",
     "stamps.rate_changes": _rate_changes,
     # Units and readings of the IMU.
     "imu.accel_looks_like": "{topic}: |accel| at rest is {norm:.4g}, which looks like {unit}; "
@@ -403,6 +408,12 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "imu.gyro_too_fast": _gyro_too_fast,
     "imu.accel_unit_converted": "{topic}: accel at rest is {norm:.4g}: taken as {unit} and "
     "multiplied by {factor:.6g} (--accel-unit m/s2 keeps it)",
+    "imu.accel_unit_contradicted": "{topic}: accel at rest is {norm:.4g}, which is gravity in "
+    "{unit}, yet --accel-unit {stated} was given, which makes it {times:.3g} times gravity: leave "
+    "the option out",
+    "imu.gyro_unit_contradicted": "{topic}: gyro reads {ratio:.3g} times the rate at which the "
+    "robot turns, which is {unit}, yet --gyro-unit {stated} was given, which would read "
+    "{expected:.3g} times: leave the option out",
     "imu.accel_unit_unknown": "{topic}: accel at rest is {norm:.4g}, neither gravity nor a unit "
     "that is known: mend its scale, or say --accel-unit or --gravity",
     "imu.gravity_unasked": "{topic}: accel at rest is {norm:.4g}, which is gravity in {unit}, yet "

@@ -34,6 +34,7 @@ def obey_the_parent() -> None:
             os._exit(1)
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)  # by which the parent ends it
     threading.Thread(target=end_with_the_parent, daemon=True).start()
 
 

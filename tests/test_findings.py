@@ -25,7 +25,7 @@ from imucalib_cli.findings import (
 from imucalib_cli.messages import MESSAGES
 
 PACKAGE = Path(imucalib_cli.__file__).parent
-MAKERS = {"make", "note", "warning", "untrusted", "Finding"}
+MAKERS = {"make", "note", "warning", "untrusted", "Finding", "FindingEntry"}
 
 
 def _codes_made() -> dict[str, str]:

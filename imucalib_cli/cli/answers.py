@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from imucalib_cli.cli.output import (
@@ -11,14 +10,12 @@ from imucalib_cli.cli.output import (
     EXIT_UNTRUSTED,
     deliver,
     exit_code,
-    is_folder,
     say,
     worst,
 )
-from imucalib_cli.errors import ChoiceError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from pathlib import Path
 
     from imucalib_cli.jobs.verify import Answers
 
@@ -32,32 +29,14 @@ CODES = {
 """Exit code of each verdict."""
 
 
-def see_answer_writable(output: str | None, inputs: Iterable[Path]) -> None:
-    """See before any computing that answers can go where they shall.
-
-    Raises:
-        ChoiceError: A folder was named, or an input.
-        InputError: The file cannot be written.
-    """
-    if output is None or output == "-":
-        return
-    if is_folder(output):
-        raise ChoiceError(f"-o {output}: is a folder; name the file to write")
-    from imucalib_cli.results.atomic import see_writable
-
-    see_writable(Path(output), inputs=inputs)
-
-
-def give_answers(
-    given: Answers[Any], *, fmt: str, output: str | None, inputs: Iterable[Path], quiet: bool
-) -> int:
+def give_answers(given: Answers[Any], *, fmt: str, output: Path | None, quiet: bool) -> int:
     """Write answers and a sentence each; the exit code is that of the worst IMU."""
     from imucalib_cli.results.codec import to_json, to_yaml
 
     answers, failures = given.answers, given.failures
     if answers:
         text = to_json(answers) if fmt == "json" else to_yaml(answers)
-        deliver(text, None if output is None else Path(output), inputs=[*inputs, *given.files])
+        deliver(text, output)
     for answer in answers:
         if not quiet:
             say(answer.verdict, answer.reason)

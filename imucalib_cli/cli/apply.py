@@ -6,8 +6,8 @@ from typing import Annotated
 import typer
 
 from imucalib_cli.cli.answer_options import Quiet
-from imucalib_cli.cli.answers import see_answer_writable
-from imucalib_cli.cli.output import deliver, exit_code, say, worst
+from imucalib_cli.cli.files import files_of, output_path, telling_what_is_left
+from imucalib_cli.cli.output import deliver, exit_code, say, show, worst
 
 
 def apply_command(
@@ -29,24 +29,30 @@ def apply_command(
         typer.Option("-o", "--output", metavar="FILE", help="Where to write; default stdout."),
     ] = None,
     force: Annotated[
-        bool, typer.Option("--force", help="Use a result that should not be trusted.")
+        bool,
+        typer.Option(
+            "--force",
+            help="Use a result that should not be trusted, and write over another URDF or a log.",
+        ),
     ] = False,
     quiet: Quiet = False,
 ) -> None:
     """Write a URDF with the IMU's joint at the calibrated pose, every other byte as it was."""
-    inputs = [urdf] if result == "-" else [urdf, Path(result)]
-    see_answer_writable(output, inputs)
+    path = output_path(output)
     from imucalib_cli.jobs.apply import apply
+    from imucalib_cli.results.places import see_places
 
-    applied = apply(result, urdf, imus=imu or (), force=force)
-    if applied.content is not None:
-        deliver(applied.content, None if output is None else Path(output), inputs=inputs)
-    if not quiet:
-        for change in applied.changes:
-            say("applied", change)
-    for failure in applied.failures:
-        say("error", failure)
-        snippet = getattr(failure, "snippet", "")
-        if snippet:
-            typer.echo(snippet, err=True, nl=False)
-    raise typer.Exit(worst(exit_code(failure) for failure in applied.failures))
+    with telling_what_is_left(path):
+        applied = apply(result, urdf, imus=imu or (), force=force)
+        if applied.content is not None:
+            if path is not None:
+                read = files_of(result, urdf)
+                see_places(read=read, written=[path], force=force, made_here=applied.made)
+            deliver(applied.content, path)
+        if not quiet:
+            for change in applied.changes:
+                say("applied", change)
+        for failure in applied.failures:
+            say("error", failure)
+            show(getattr(failure, "snippet", ""))
+        raise typer.Exit(worst(exit_code(failure) for failure in applied.failures))

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from imucalib_cli.cli.answer_options import OUTPUT, AnswerFile, Quiet
-from imucalib_cli.cli.answers import see_answer_writable
+from imucalib_cli.cli.files import files_of, writing
 from imucalib_cli.cli.output import EXIT_OK, EXIT_UNTRUSTED, deliver, say
 from imucalib_cli.cli.quantities import parse_choice
 
@@ -26,7 +26,11 @@ def compare_command(
     ],
     urdf: Annotated[
         Path,
-        typer.Option("--urdf", help="Its fixed joints lead from the IMU's link to the camera."),
+        typer.Option(
+            "--urdf",
+            help="Its fixed joints lead from the IMU's link to the camera.",
+            readable=False,
+        ),
     ],
     camera_link: Annotated[
         str | None,
@@ -60,38 +64,35 @@ def compare_command(
 ) -> None:
     """Put a result beside Kalibr's, through the URDF. Exit 0; 3 if the result is untrusted."""
     parse_choice("--format", fmt, ("yaml", "json", "summary"))
-    inputs = [Path(name) for name in (result, kalibr, truth) if name is not None and name != "-"]
-    inputs.append(urdf)
-    see_answer_writable(output, inputs)
+    with writing(output, read=files_of(result, kalibr, truth, urdf)) as path:
+        from imucalib_cli.jobs.compare import compare_files
+        from imucalib_cli.results.codec import to_json, to_yaml
+        from imucalib_cli.results.kalibr import summarise_comparison
 
-    from imucalib_cli.jobs.compare import compare_files
-    from imucalib_cli.results.codec import to_json, to_yaml
-    from imucalib_cli.results.kalibr import summarise_comparison
-
-    compared = compare_files(
-        result,
-        kalibr,
-        urdf,
-        camera=camera,
-        camera_link=camera_link,
-        imu=imu,
-        truth=truth,
-    )
-    answer = compared.answer
-    match fmt:
-        case "summary":
-            text = summarise_comparison(compared)
-        case "json":
-            text = to_json([answer])
-        case _:
-            text = to_yaml([answer])
-    deliver(text, None if output is None else Path(output), inputs=inputs)
-    if not quiet:
-        if fmt != "summary":
-            say("compared", answer.reason)
-        for warning in answer.warnings:
-            say("warning", warning)
-    trusted = answer.status == "ok"
-    if not trusted and not quiet:
-        say("warning", f"{result}: the result should not be trusted, so neither should this")
-    raise typer.Exit(EXIT_OK if trusted else EXIT_UNTRUSTED)
+        compared = compare_files(
+            result,
+            kalibr,
+            urdf,
+            camera=camera,
+            camera_link=camera_link,
+            imu=imu,
+            truth=truth,
+        )
+        answer = compared.answer
+        match fmt:
+            case "summary":
+                text = summarise_comparison(compared)
+            case "json":
+                text = to_json([answer])
+            case _:
+                text = to_yaml([answer])
+        deliver(text, path)
+        if not quiet:
+            if fmt != "summary":
+                say("compared", answer.reason)
+            for warning in answer.warnings:
+                say("warning", warning)
+        trusted = answer.status == "ok"
+        if not trusted and not quiet:
+            say("warning", f"{result}: the result should not be trusted, so neither should this")
+        raise typer.Exit(EXIT_OK if trusted else EXIT_UNTRUSTED)

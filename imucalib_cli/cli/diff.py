@@ -6,7 +6,8 @@ from typing import Annotated
 import typer
 
 from imucalib_cli.cli.answer_options import AnswerFile, AnswerFormat, Quiet
-from imucalib_cli.cli.answers import give_answers, see_answer_writable
+from imucalib_cli.cli.answers import give_answers
+from imucalib_cli.cli.files import files_of, writing
 from imucalib_cli.cli.output import say
 from imucalib_cli.cli.quantities import parse_choice, parse_tolerance
 
@@ -27,7 +28,11 @@ def diff_command(
     ] = None,
     urdf: Annotated[
         Path | None,
-        typer.Option("--urdf", help="Relates the frames of the two results by its fixed joints."),
+        typer.Option(
+            "--urdf",
+            help="Relates the frames of the two results by its fixed joints.",
+            readable=False,
+        ),
     ] = None,
     fmt: AnswerFormat = "yaml",
     output: AnswerFile = None,
@@ -35,17 +40,14 @@ def diff_command(
 ) -> None:
     """Has the mount moved between two results? Exit 0 no, 4 it has, 3 cannot tell."""
     parse_choice("--format", fmt, ("yaml", "json"))
-    inputs = [Path(name) for name in (first, second) if name != "-"]
-    inputs += [] if urdf is None else [urdf]
-    see_answer_writable(output, inputs)
+    with writing(output, read=files_of(first, second, urdf)) as path:
+        from imucalib_cli.jobs.diff import diff_results
+        from imucalib_cli.results.verdicts import WITHIN
 
-    from imucalib_cli.jobs.diff import diff_results
-    from imucalib_cli.results.verdicts import WITHIN
-
-    tolerance = None if within is None else parse_tolerance("--within", within, default=WITHIN)
-    answers = diff_results(first, second, urdf=urdf, within=tolerance)
-    if not quiet:
-        for answer in answers.answers:
-            for warning in answer.warnings:
-                say("warning", warning)
-    raise typer.Exit(give_answers(answers, fmt=fmt, output=output, inputs=inputs, quiet=quiet))
+        tolerance = None if within is None else parse_tolerance("--within", within, default=WITHIN)
+        answers = diff_results(first, second, urdf=urdf, within=tolerance)
+        if not quiet:
+            for answer in answers.answers:
+                for warning in answer.warnings:
+                    say("warning", warning)
+        raise typer.Exit(give_answers(answers, fmt=fmt, output=path, quiet=quiet))

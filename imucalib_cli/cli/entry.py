@@ -1,5 +1,9 @@
-"""Where the process begins: Ctrl-C ends it quietly from here on, before anything is imported."""
+"""Where the process begins: Ctrl-C ends it quietly from here on, before anything is imported.
 
+So does SIGTERM, which containers, services and CI send: files are put in order just as well.
+"""
+
+import atexit
 import contextlib
 import os
 import signal
@@ -11,6 +15,8 @@ EXIT_INTERRUPTED = 130
 _PATIENCE = 2.0
 """s that an interrupted command has for putting its files in order."""
 _last_words: list[Callable[[], None]] = []
+_came: list[bool] = []
+"""One entry for each interruption."""
 
 
 def main() -> int:
@@ -19,20 +25,32 @@ def main() -> int:
     Importing typer takes a tenth of a second, and nothing needs to be put in order by then: an
     interruption ends the process at once, as does one that comes when all is done.
     """
-    signal.signal(signal.SIGINT, _leave)
+    _on_interruption(_leave)
+    # registered first, so called last: the interpreter then ends with the code that was returned
+    atexit.register(_on_interruption, signal.SIG_IGN)
     from imucalib_cli.cli.main import main as run
 
     sys.unraisablehook = _unraisable
-    signal.signal(signal.SIGINT, _interrupt)
+    _on_interruption(_interrupt)
     try:
         code = run()
     except KeyboardInterrupt:  # between two lines that handle the first one
         code = EXIT_INTERRUPTED
-    signal.signal(signal.SIGINT, _leave)
+    _on_interruption(_leave)
     if code == EXIT_INTERRUPTED:
         # threads that wait for an import which was interrupted would be waited for
         _leave(0, None)
     return code
+
+
+def _on_interruption(handler: "Callable[[int, FrameType | None], None] | signal.Handlers") -> None:
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, handler)
+
+
+def was_interrupted() -> bool:
+    """Whether an interruption has come, whatever has become of its exception since."""
+    return bool(_came)
 
 
 def _interrupt(_number: int, _frame: FrameType | None) -> None:
@@ -41,7 +59,8 @@ def _interrupt(_number: int, _frame: FrameType | None) -> None:
     An exception in the middle of an import can leave the interpreter's import lock taken, and
     every thread that imports something then waits for ever.
     """
-    signal.signal(signal.SIGINT, _leave)
+    _on_interruption(_leave)
+    _came.append(True)
     if hasattr(signal, "setitimer"):
         signal.signal(signal.SIGALRM, _leave)
         signal.setitimer(signal.ITIMER_REAL, _PATIENCE)

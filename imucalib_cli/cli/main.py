@@ -4,6 +4,7 @@ import os
 import sys
 import warnings
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -11,12 +12,15 @@ import typer
 from imucalib_cli.cli.apply import apply_command
 from imucalib_cli.cli.compare import compare_command
 from imucalib_cli.cli.diff import diff_command
+from imucalib_cli.cli.entry import was_interrupted
 from imucalib_cli.cli.inspect import inspect_command
 from imucalib_cli.cli.output import (
+    EXIT_BROKEN_PIPE,
     EXIT_INPUT,
     EXIT_INTERRUPTED,
     exit_code,
     say,
+    show,
 )
 from imucalib_cli.cli.run import run_command
 from imucalib_cli.cli.schema import schema_command
@@ -24,11 +28,16 @@ from imucalib_cli.cli.simulate import simulate_command
 from imucalib_cli.cli.stdio import guard_streams
 from imucalib_cli.cli.study import study_command
 from imucalib_cli.cli.verify import verify_command
-from imucalib_cli.errors import ImucalibError
+from imucalib_cli.errors import ImucalibError, InputError
 from imucalib_cli.process import prepare_to_compute
 
 TRACEBACK = "IMUCALIB_TRACEBACK"
 """Environment variable that lets an unexpected exception through with its traceback."""
+
+NO_MEMORY = (
+    "not enough memory: give shorter logs or fewer topics (--imu-topic, --joint-topic, "
+    "--pose-topic), or raise the limit"
+)
 
 app = typer.Typer(
     name="imucalib",
@@ -96,14 +105,16 @@ def _prepare_process() -> None:
 def _run(argv: list[str]) -> int:
     try:
         code = app(argv, prog_name="imucalib", standalone_mode=False)
-    except ImucalibError as error:
-        say("error", error)
-        sys.stderr.write(getattr(error, "snippet", ""))
-        return exit_code(error)
+    except (ImucalibError, MemoryError) as error:
+        return _tell(InputError(NO_MEMORY) if isinstance(error, MemoryError) else error)
+    except SystemExit as error:  # what click makes of help that nobody reads to its end
+        if isinstance(error.__context__, BrokenPipeError):
+            return EXIT_BROKEN_PIPE
+        raise
     except typer.Abort:
         raise KeyboardInterrupt from None
     except Exception as error:
-        if _is_interruption(error):
+        if was_interrupted() or _is_interruption(error):
             raise KeyboardInterrupt from None
         # usage errors of typer, whichever click it is built on
         if hasattr(error, "format_message") and hasattr(error, "exit_code"):
@@ -111,13 +122,36 @@ def _run(argv: list[str]) -> int:
             return int(error.exit_code)
         if TRACEBACK in os.environ:
             raise
-        say(
-            "internal error",
-            f"{type(error).__name__}: {error}; please report it, with the traceback that "
-            f"{TRACEBACK}=1 shows",
-        )
-        return EXIT_INPUT
+        return _tell_unexpected(error)
     return code if isinstance(code, int) else 0
+
+
+def _tell_unexpected(error: Exception) -> int:
+    if isinstance(error, FileNotFoundError) and not _has_working_folder():
+        return _tell(InputError("the working folder is not there any more: change to another"))
+    say(
+        "internal error",
+        f"{type(error).__name__}: {error}; please report it, with the traceback that "
+        f"{TRACEBACK}=1 shows",
+    )
+    return EXIT_INPUT
+
+
+def _has_working_folder() -> bool:
+    """Whether relative paths lead anywhere."""
+    try:
+        return bool(Path.cwd())
+    except OSError:
+        return False
+
+
+def _tell(error: ImucalibError) -> int:
+    """Say an error, unless it comes of an interruption; its exit code."""
+    if was_interrupted():  # an import that was broken off looks like a package not installed
+        raise KeyboardInterrupt from None
+    say("error", error)
+    show(getattr(error, "snippet", ""))
+    return exit_code(error)
 
 
 def _is_interruption(error: BaseException | None) -> bool:

@@ -8,6 +8,7 @@ from contextlib import ExitStack
 from typing import TYPE_CHECKING, Self
 
 from imucalib_cli.cli.entry import last_words
+from imucalib_cli.shown import shown
 
 if TYPE_CHECKING:
     from types import TracebackType
@@ -56,7 +57,7 @@ class ProgressBar:
     def report(self, words: str, share: float | None = None) -> None:
         """Say what is being done and which share of it, 0 to 1, if that is known."""
         with self._lock:
-            self._words, self._share = words, share
+            self._words, self._share = shown(words), share
             self._show()
 
     def _break_off(self) -> None:
@@ -74,7 +75,7 @@ class ProgressBar:
             if not self._enabled:
                 return
             self._bar = Progress(
-                TextColumn("{task.description}"),
+                TextColumn("{task.description}", markup=False),
                 BarColumn(),
                 TimeElapsedColumn(),
                 console=Console(file=sys.stderr),

@@ -42,7 +42,7 @@ class RecordingOptions:
 
     urdf: Annotated[
         Path | None,
-        typer.Option("--urdf", help="The robot's URDF.", rich_help_panel=SOURCES),
+        typer.Option("--urdf", help="The robot's URDF.", rich_help_panel=SOURCES, readable=False),
     ] = None
     csv_columns: CsvColumns = None
     imu_topic: Annotated[
@@ -165,14 +165,21 @@ def calibration_request(
         imu_topics=tuple(recording.imu_topic or ()),
         joint_topics=tuple(recording.joint_topic or ()),
         pose_topics=tuple(recording.pose_topic or ()),
-        parent=recording.parent,
-        imu_link=recording.imu_link,
-        world=recording.world,
+        parent=typed_frame(recording.parent),
+        imu_link=typed_frame(recording.imu_link),
+        world=typed_frame(recording.world),
         clock=recording.clock,  # type: ignore[arg-type]  # checked above
         units=units,
         estimator=options,
         imu=_expected_imu(estimator),
     )
+
+
+def typed_frame(name: str | None) -> str | None:
+    """A frame that the user may have named."""
+    from imucalib_cli.robot.urdf import frame_name
+
+    return None if name is None else frame_name(name)
 
 
 def _expected_imu(texts: EstimatorTexts) -> ExpectedImu | None:

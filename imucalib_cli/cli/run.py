@@ -9,13 +9,12 @@ import typer
 
 from imucalib_cli.cli.answer_options import OUTPUT, Quiet
 from imucalib_cli.cli.estimator_options import EstimatorTexts
+from imucalib_cli.cli.files import files_of, is_folder, output_path, telling_what_is_left
 from imucalib_cli.cli.option_groups import takes
 from imucalib_cli.cli.output import (
     EXIT_UNTRUSTED,
     deliver,
-    deliver_into,
     exit_code,
-    is_folder,
     is_terminal,
     say,
     wants_colour,
@@ -36,6 +35,7 @@ def run_command(
             metavar="LOG...",
             help="One recording: a ROS 1 bag, a ROS 2 folder or db3, an MCAP; or the files of a "
             "split one.",
+            readable=False,
         ),
     ],
     *,
@@ -65,7 +65,8 @@ def run_command(
         bool,
         typer.Option(
             "--force",
-            help="Write urdf and tf of a result that should not be trusted.",
+            help="Write urdf and tf of a result that should not be trusted, and over a log or a "
+            "URDF.",
             rich_help_panel=OUTPUT,
         ),
     ] = False,
@@ -84,39 +85,51 @@ def run_command(
     parse_choice("--format", fmt, ("yaml", "json", "urdf", "tf", "summary"))
     tolerance = None if require is None else parse_tolerance("--require", require)
     request = calibration_request(logs, recording, estimator)
-    _see_output_writable(output, [*logs, *([request.urdf] if request.urdf is not None else [])])
+    read = files_of(*logs, request.urdf, estimator.imu_model)
+    target = _see_target(output, read, force=force)
 
     from imucalib_cli.cli.progress import ProgressBar
+    from imucalib_cli.cli.result_folder import of_log
     from imucalib_cli.jobs.calibrate import calibrate
 
     request = replace(request, require=tolerance)
-    with ProgressBar(enabled=is_terminal(sys.stderr) and not quiet) as bar:
-        outcome = calibrate(request, bar.report)
-    inputs = [*logs, *outcome.files, *([request.urdf] if request.urdf is not None else [])]
-    code = _write(outcome, fmt, output, inputs, force=force)
-    if not quiet:
-        _tell(outcome, told=fmt == "summary" and output is None)
-    for failure in outcome.failures:
-        say("error", failure)
-    raise typer.Exit(code)
+    older = [target] if target is None or not is_folder(output) else of_log(target, logs[0])
+    with telling_what_is_left(*older):
+        with ProgressBar(enabled=is_terminal(sys.stderr) and not quiet) as bar:
+            outcome = calibrate(request, bar.report)
+        code = _write(outcome, fmt, target, read, folder=is_folder(output), force=force)
+        if not quiet:
+            _tell(outcome, told=fmt == "summary" and target is None)
+        for failure in outcome.failures:
+            say("error", failure)
+        raise typer.Exit(code)
 
 
-def _see_output_writable(output: str | None, inputs: list[Path]) -> None:
+def _see_target(output: str | None, read: list[Path], *, force: bool) -> Path | None:
     """Find out before minutes of computing what would come to light after them."""
-    from imucalib_cli.results.atomic import see_folder_writable, see_writable
+    from imucalib_cli.results.atomic import see_folder_writable
+    from imucalib_cli.results.places import see_places
 
-    if output is None or output == "-":
-        return
-    if is_folder(output):
+    if output is not None and is_folder(output):
         see_folder_writable(Path(output))
-    else:
-        see_writable(Path(output), inputs=inputs)
+        return Path(output)
+    path = output_path(output)
+    if path is not None:
+        see_places(read=read, written=[path], force=force)
+    return path
 
 
 def _write(
-    outcome: "Outcome", fmt: str, output: str | None, inputs: list[Path], *, force: bool
+    outcome: "Outcome",
+    fmt: str,
+    target: Path | None,
+    read: list[Path],
+    *,
+    folder: bool,
+    force: bool,
 ) -> int:
     """Deliver what may be delivered; the exit code is that of the worst IMU."""
+    from imucalib_cli.cli.result_folder import deliver_into
     from imucalib_cli.errors import UntrustedError
     from imucalib_cli.results.formats import refuse_untrusted, render
 
@@ -131,11 +144,11 @@ def _write(
             usable.append(result)
         except UntrustedError as error:
             say("error", error)
-    if usable and is_folder(output) and output is not None:
-        deliver_into(Path(output), usable, inputs[0], fmt, force=force, inputs=inputs)  # type: ignore[arg-type]
+    if usable and folder and target is not None:
+        for name, other in deliver_into(target, usable, read[0], fmt, force=force, read=read):  # type: ignore[arg-type]
+            say("warning", f"{name} is of another IMU or log: this result is in {other}")
     elif usable:
-        text = render(usable, fmt, force=force)  # type: ignore[arg-type]
-        deliver(text, None if output is None else Path(output), inputs=inputs)
+        deliver(render(usable, fmt, force=force), target)  # type: ignore[arg-type]
     return worst(codes)
 
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from imucalib_cli.cli.files import files_of, log_path
 from imucalib_cli.cli.option_groups import takes
 from imucalib_cli.cli.output import is_terminal, say
 from imucalib_cli.cli.progress import ProgressBar
@@ -25,17 +26,25 @@ def simulate_command(
     ] = "",
     *,
     output: Annotated[
-        Path,
+        str,
         typer.Option(
             "-o", "--output", help="Log: .mcap, .bag, .db3, or a name without suffix for a folder."
         ),
     ],
     config: Annotated[
-        Path | None, typer.Option(help="A system of your own, as configs/ has them.")
+        Path | None,
+        typer.Option(help="A system of your own, as configs/ has them.", readable=False),
     ] = None,
     urdf: Annotated[
-        Path | None, typer.Option(help="Write the URDF too, with the IMU's nominal pose.")
+        Path | None,
+        typer.Option(help="Write the URDF too, with the IMU's nominal pose.", readable=False),
     ] = None,
+    force: Annotated[
+        bool,
+        typer.Option(
+            "--force", help="Write over a log or a URDF that imucalib simulate did not make."
+        ),
+    ] = False,
     seed: Annotated[int, typer.Option(min=0, help="Of all noise.")] = 0,
     camera: CameraTexts,
     motion: MotionTexts,
@@ -50,6 +59,7 @@ def simulate_command(
     from imucalib_cli.simulate.options import SimulationOptions
     from imucalib_cli.simulate.simulate import simulate
 
+    target = log_path(output)
     if bool(system) == (config is not None):
         raise ChoiceError("name one system, rihibot or barbot, or give --config FILE")
     chosen, viewer = camera.load(load_system(config or system))
@@ -63,13 +73,15 @@ def simulate_command(
         truth = simulate(
             chosen,
             options,
-            output,
+            target,
             urdf=urdf,
+            read=files_of(config, camera.camera_config, noise.imu),
+            force=force,
             camera=viewer,
             progress=lambda share: bar.report(f"simulating {chosen.name}", share),
-            writing=lambda share: bar.report(f"writing {output}", share),
+            writing=lambda share: bar.report(f"writing {target}", share),
         )
-    _tell(truth, output, urdf)
+    _tell(truth, target, urdf)
 
 
 def _tell(truth: "Truth", output: Path, urdf: Path | None) -> None:

@@ -74,7 +74,9 @@ class CameraTexts:
     camera_config: Annotated[
         Path | None,
         typer.Option(
-            help="A camera of your own, as configs/cameras has them.", rich_help_panel=CAMERA
+            help="A camera of your own, as configs/cameras has them.",
+            rich_help_panel=CAMERA,
+            readable=False,
         ),
     ] = None
     camera_offset: Annotated[

@@ -7,6 +7,7 @@ import typer
 
 from imucalib_cli.cli.answer_options import Quiet
 from imucalib_cli.cli.entry import last_words
+from imucalib_cli.cli.files import files_of
 from imucalib_cli.cli.output import deliver, is_terminal, say
 from imucalib_cli.cli.quantities import parse_choice
 from imucalib_cli.cli.study_progress import StudyProgress
@@ -27,12 +28,20 @@ def study_command(
     quick: Annotated[bool, typer.Option("--quick", help="Few runs, for a look or for CI.")] = False,
     config: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Parameters of your own, as configs/studies/ has them."),
+        typer.Option(
+            metavar="FILE",
+            help="Parameters of your own, as configs/studies/ has them.",
+            readable=False,
+        ),
     ] = None,
     folder: Annotated[
         Path,
         typer.Option(
-            "-o", "--output", metavar="DIR", help="Where rows are kept and figures are drawn."
+            "-o",
+            "--output",
+            metavar="DIR",
+            help="Where rows are kept and figures are drawn.",
+            readable=False,
         ),
     ] = FOLDER,
     jobs: Annotated[
@@ -80,6 +89,11 @@ def study_command(
         figures = False
         if not quiet:
             say("warning", "no figures without matplotlib: pip install 'imucalib[study]'")
+    if folder.is_dir():  # else nothing in it can be lost
+        from imucalib_cli.results.places import see_places
+
+        drawn = [folder / f"{figure.name}{suffix}.svg" for figure in study.figures([])]
+        see_places(read=files_of(config), written=[file, *drawn])
     progress = StudyProgress(name, file, jobs=jobs or os.cpu_count() or 1, quiet=quiet)
     try:
         with last_words(lambda: progress.tell_interrupted(fresh=fresh)), progress:

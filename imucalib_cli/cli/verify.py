@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from imucalib_cli.cli.answer_options import OUTPUT, AnswerFile, AnswerFormat, Quiet
-from imucalib_cli.cli.answers import give_answers, see_answer_writable
+from imucalib_cli.cli.answers import give_answers
 from imucalib_cli.cli.estimator_options import EstimatorTexts
+from imucalib_cli.cli.files import files_of, writing
 from imucalib_cli.cli.option_groups import given_options, takes
 from imucalib_cli.cli.output import is_terminal, say
 from imucalib_cli.cli.quantities import parse_choice, parse_tolerance
-from imucalib_cli.cli.recording_options import RecordingOptions, calibration_request
+from imucalib_cli.cli.recording_options import RecordingOptions, calibration_request, typed_frame
 from imucalib_cli.errors import ChoiceError
 
 if TYPE_CHECKING:
@@ -56,24 +57,25 @@ def verify_command(
     from imucalib_cli.results.verdicts import WITHIN
 
     tolerance = WITHIN if within is None else parse_tolerance("--within", within, default=WITHIN)
-    urdf = [] if recording.urdf is None else [recording.urdf]
-    inputs = [*(Path(name) for name in logs if name != "-"), *urdf]
-    see_answer_writable(output, inputs)
-    results = [name for name in logs if is_result(name)]
-    if len(results) == len(logs):
-        answers = _of_results(results, recording, estimator, tolerance)
-    elif results:
-        raise ChoiceError(
-            f"{results[0]} is a result and {_other(logs, results)} is none: give "
-            "logs or results, not both"
-        )
-    else:
-        answers = _of_logs(inputs[: len(logs)], recording, estimator, tolerance, quiet=quiet)
-    if not quiet:
-        for answer in answers.answers:
-            for warning in answer.found.diagnostics.warnings:
-                say("warning", warning)
-    raise typer.Exit(give_answers(answers, fmt=fmt, output=output, inputs=inputs, quiet=quiet))
+    read = files_of(*logs, recording.urdf, estimator.imu_model)
+    with writing(output, read=read) as path:
+        results = [name for name in logs if is_result(name)]
+        if len(results) == len(logs):
+            answers = _of_results(results, recording, estimator, tolerance)
+        elif results:
+            raise ChoiceError(
+                f"{results[0]} is a result and {_other(logs, results)} is none: give "
+                "logs or results, not both"
+            )
+        else:
+            answers = _of_logs(
+                [Path(name) for name in logs], recording, estimator, tolerance, quiet=quiet
+            )
+        if not quiet:
+            for answer in answers.answers:
+                for warning in answer.found.diagnostics.warnings:
+                    say("warning", warning)
+        raise typer.Exit(give_answers(answers, fmt=fmt, output=path, quiet=quiet))
 
 
 def _of_logs(
@@ -108,7 +110,7 @@ def _of_results(
         names,
         recording.urdf,
         within,
-        imu_link=recording.imu_link,
+        imu_link=typed_frame(recording.imu_link),
         imu_topics=recording.imu_topic or (),
     )
 

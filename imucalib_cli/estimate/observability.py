@@ -92,7 +92,9 @@ def unobservable_directions(covariance: Floats, excitation: Floats) -> list[Unob
     """
     rotation = _beyond("rotation", covariance, excitation)
     swept = [_swept(matrix, rotation) for matrix in (covariance, excitation)]
-    return [*_beyond("translation", *swept), *rotation]
+    # The one turn that is unknown is that about the one axis that the motion has already.
+    turns_about = rotation[0].direction_parent if len(rotation) == 1 else None
+    return [*_beyond("translation", swept[0], swept[1], turns_about), *rotation]
 
 
 def _swept(covariance: Floats, rotation: Sequence[UnobservableDirection]) -> Floats:
@@ -112,7 +114,10 @@ def _swept(covariance: Floats, rotation: Sequence[UnobservableDirection]) -> Flo
 
 
 def _beyond(
-    kind: Literal["translation", "rotation"], covariance: Floats, excitation: Floats
+    kind: Literal["translation", "rotation"],
+    covariance: Floats,
+    excitation: Floats,
+    turns_about: Floats | None = None,
 ) -> list[UnobservableDirection]:
     """Eigen-directions of one kind beyond its limit, the least known first."""
     part, limit = _PARTS[kind], _LIMITS[kind]
@@ -130,7 +135,7 @@ def _beyond(
                 kind=kind,
                 direction_parent=axis,
                 std=std if std < _UNBOUNDED * WEAKEST_STD[kind] else None,
-                motion=_motion(kind, axis),
+                motion=_motion(kind, axis, turns_about),
             )
         )
     return found
@@ -161,17 +166,26 @@ def _readable(direction: Floats) -> Floats:
     return np.asarray(direction * np.sign(direction[np.argmax(np.abs(direction))]))
 
 
-def _motion(kind: str, direction: Floats) -> str:
-    """The cheapest motion that would determine a direction."""
+def _motion(kind: str, direction: Floats, turns_about: Floats | None) -> str:
+    """The cheapest motion that would determine a direction.
+
+    Args:
+        kind: Of the direction.
+        direction: (3,), parent frame.
+        turns_about: (3,), the only axis about which the link turns already; None where that is the
+            direction itself, or where the link turns about none or several.
+    """
     names = "xyz"
-    across = sorted(range(3), key=lambda axis: abs(direction[axis]))[:2]
+    had = direction if turns_about is None else turns_about
+    across = sorted(range(3), key=lambda axis: abs(had[axis]))[:2]
     first, second = (names[axis] for axis in sorted(across))
-    if kind == "translation":
+    if kind == "rotation":
         return (
-            f"rotate the parent link about its {first} or {second} axis (any axis across this "
+            f"rotate the parent link about its {first} and {second} axes (axes across this "
             "direction) by ±30° within 2 s, several times"
         )
+    which = "this direction" if turns_about is None else "the one about which it turns already"
     return (
-        f"rotate the parent link about its {first} and {second} axes (axes across this direction) "
-        "by ±30° within 2 s, several times"
+        f"rotate the parent link about its {first} or {second} axis (any axis across {which}) by "
+        "±30° within 2 s, several times"
     )

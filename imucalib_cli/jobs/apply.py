@@ -10,14 +10,14 @@ import numpy as np
 
 from imucalib_cli.digits import figures
 from imucalib_cli.errors import ChoiceError, ImucalibError
-from imucalib_cli.jobs.result_files import display_name, read_result_file
+from imucalib_cli.jobs.result_files import display_name, names_of, read_result_file
 from imucalib_cli.results.formats import refuse_untrusted
 from imucalib_cli.results.urdf_edit import JointOrigin, joint_for, replace_origin
 from imucalib_cli.robot.rotations import matrix_from_rpy, rotation_angle
-from imucalib_cli.robot.urdf import load_robot
+from imucalib_cli.robot.urdf import load_robot, read_urdf
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
     from pathlib import Path
 
     from imucalib_cli.results.result import Result
@@ -34,6 +34,15 @@ class Applied:
     """What was changed, one sentence for each joint."""
     failures: tuple[ImucalibError, ...]
     """Of results that were left out: their joints are as they were."""
+    origins: tuple[JointOrigin, ...] = ()
+    """That were put in."""
+
+    def made(self, path: Path) -> bool:
+        """Whether a URDF that is there differs in these origins alone: an earlier run made it."""
+        try:
+            return _with_origins(read_urdf(path), self.origins) == self.content
+        except ImucalibError:
+            return False
 
 
 def apply(result: str, urdf: Path, *, imus: Sequence[str] = (), force: bool = False) -> Applied:
@@ -71,20 +80,27 @@ def apply(result: str, urdf: Path, *, imus: Sequence[str] = (), force: bool = Fa
             )
         origins[origin.joint] = origin
         changes.append(_change(robot, each.child, origin))
-    content = urdf.read_bytes() if origins else None
-    for origin in origins.values():
-        if content is not None:
-            content = replace_origin(content, origin.joint, origin.xyz, origin.rpy)
-    return Applied(content=content, changes=tuple(changes), failures=tuple(failures))
+    return Applied(
+        content=_with_origins(urdf.read_bytes(), origins.values()) if origins else None,
+        changes=tuple(changes),
+        failures=tuple(failures),
+        origins=tuple(origins.values()),
+    )
+
+
+def _with_origins(content: bytes, origins: Iterable[JointOrigin]) -> bytes:
+    for origin in origins:
+        content = replace_origin(content, origin.joint, origin.xyz, origin.rpy)
+    return content
 
 
 def _chosen(results: list[Result], imus: Sequence[str], name: str) -> list[Result]:
     """Results of the named frames or topics."""
     for imu in imus:
-        if not any(imu in {each.child, each.imu_topic} for each in results):
+        if not any(imu in names_of(each) for each in results):
             there = ", ".join(f"{each.child} ({each.imu_topic})" for each in results)
             raise ChoiceError(f"--imu {imu}: not in {name}; there are: {there}")
-    return [each for each in results if not imus or {each.child, each.imu_topic} & set(imus)]
+    return [each for each in results if not imus or not names_of(each).isdisjoint(imus)]
 
 
 def _change(robot: Robot, child: str, origin: JointOrigin) -> str:

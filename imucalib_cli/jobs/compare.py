@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from imucalib_cli.errors import ChoiceError
-from imucalib_cli.jobs.result_files import display_name, read_result_file, read_text
+from imucalib_cli.jobs.result_files import display_name, names_of, read_result_file, read_text
 from imucalib_cli.results.kalibr import (
     KALIBR,
     OPTICAL,
@@ -15,7 +15,7 @@ from imucalib_cli.results.kalibr import (
     read_kalibr,
     read_truth,
 )
-from imucalib_cli.robot.urdf import load_robot
+from imucalib_cli.robot.urdf import frame_name, load_robot
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -59,14 +59,14 @@ def compare_files(
     if truth is not None:
         true = read_truth(read_text(truth, TRUTH), display_name(truth))
     robot = load_robot(urdf)
-    link = camera_link or _only_optical(robot)
+    link = _only_optical(robot) if camera_link is None else frame_name(camera_link)
     return compare_with_kalibr(
         display_name(result), ours, theirs, robot, camera_link=link, truth=true
     )
 
 
 def _chosen(results: list[Result], name: str, imu: str | None) -> Result:
-    candidates = [r for r in results if imu is None or imu in {r.child, r.imu_topic}]
+    candidates = [each for each in results if imu is None or imu in names_of(each)]
     if len(candidates) == 1:
         return candidates[0]
     said = f"{name} has results of {', '.join(r.imu_topic for r in results)}"

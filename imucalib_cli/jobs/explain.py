@@ -39,7 +39,7 @@ def explain(
     """
     options = request.estimator
     if not isinstance(options, MatchedOptions):
-        return estimate
+        return explained(estimate, mended.contradicted)
     frames, path_to = other_frames(recording.sources, recording.robot, request)
     case = Case(
         samples=mended.samples,
@@ -49,7 +49,8 @@ def explain(
         frames=frames,
         path_to=lambda frame: _stamped_as(path_to(frame), mended.path),
     )
-    causes = diagnose(case)
+    # A unit stated wrongly explains all that follows; what else fits it better is chance.
+    causes = mended.contradicted or diagnose(case)
     if needs_diagnosis(estimate) and not causes:
         causes = _suspected(mended)
     estimate = explained(estimate, causes)

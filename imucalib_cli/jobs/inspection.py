@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from imucalib_cli.results.codec import to_document
 from imucalib_cli.results.from_estimate import finding_entry
+from imucalib_cli.shown import shown
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -113,7 +114,7 @@ class Inspection:
 
     def as_text(self) -> str:
         """Everything, for people."""
-        return "\n".join(self._lines()) + "\n"
+        return "\n".join(shown(line) for line in self._lines()) + "\n"
 
     def _lines(self) -> Iterator[str]:
         yield f"log       {', '.join(self.files)}"

@@ -17,7 +17,7 @@ from imucalib_cli.findings import Finding, Severity, reasons, untrusted, warning
 from imucalib_cli.jobs.rest import refuse_dead, refuse_impossible, see_dead_in_motion
 from imucalib_cli.jobs.units import accel_factor, gyro_factor, largest_rate
 from imucalib_cli.robot.path import JointStep
-from imucalib_cli.signals.bursts import bunched_share, rate_stretches, spread_bursts
+from imucalib_cli.signals.bursts import bunched_share, gathered, rate_stretches, spread_bursts
 from imucalib_cli.signals.faults import clear_of, held_robot, sensor_faults
 from imucalib_cli.signals.samples import ImuSamples
 from imucalib_cli.signals.spikes import find_glitches
@@ -43,6 +43,8 @@ _MOST_LOST = 0.5
 _SEARCH = 1.0
 """s, where the method itself looks for no time offset."""
 _LEAST_IMU = 50
+_FAR_BETTER = 0.5
+"""Times as much of the turning may be left unexplained by stamps that are believed instead."""
 _SAME = 1e-6
 _LEAP = 0.01
 """rad or m by which a single message may leap and come back: faster than any robot shakes."""
@@ -65,6 +67,8 @@ class Repaired:
     """IMU samples that were left out as frozen or saturated."""
     suspects: tuple[Finding, ...] = ()
     """What does no harm to a good fit, and is the likely cause of a poor one."""
+    contradicted: tuple[Finding, ...] = ()
+    """Units that the user states and the data contradict."""
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -106,18 +110,14 @@ def repair(imu: ImuStream, t: Floats, path: KinematicPath, request: CalibrationR
     """
     refuse_impossible(imu, "accel")
     refuse_dead(imu)
-    told: list[Finding] = []
-    t = _even(imu.topic, t, told, imu.gyro, imu.accel)
-    path = replace(path, tracks=tuple(_even_track(track, told) for track in path.tracks))
-    trajectory = Trajectory.of(path)
-    tidy = tidy_rows(t, imu.gyro, imu.accel)
-    rows = tidy.rows
-    if len(rows) < _LEAST_IMU:
+    stamped = _stamped(imu, t, path, request)
+    t, path, tidy, turning = stamped.t, stamped.path, stamped.tidy, stamped.turning
+    told, rows, trajectory = list(stamped.told), stamped.tidy.rows, stamped.trajectory
+    if turning is None:
         # too few for any of this, as the estimator will say
         refuse_impossible(imu, "gyro")
         samples = ImuSamples(t=t, gyro=imu.gyro, accel=imu.accel)
         return Repaired(samples=samples, path=path, findings=tuple(told))
-    turning = compare_turning(tidy.of(t), tidy.of(imu.gyro), trajectory, _search(request))
     suspects = list(see_dead_in_motion(imu, turning))
     largest, wanted = largest_rate(tidy.of(imu.gyro)), request.units.gyro
     turns = gyro_factor(imu.topic, largest, turning, wanted, most_angle=_most_angle(path))
@@ -126,7 +126,7 @@ def repair(imu: ImuStream, t: Floats, path: KinematicPath, request: CalibrationR
     gravity = request.estimator.gravity_norm if request.wants_gravity else 0.0
     pulls = accel_factor(imu, request.units.accel, gravity=gravity)
     for each in (turns, pulls):
-        if each.finding is not None:
+        if each.finding is not None and not each.contradicted:
             (told if each.is_mended else suspects).append(each.finding)
     gyro, accel = _times(imu.gyro, turns.value), _times(imu.accel, pulls.value)
     turning = turning.scaled(turns.value)
@@ -168,6 +168,67 @@ def repair(imu: ImuStream, t: Floats, path: KinematicPath, request: CalibrationR
         accel_unit=pulls.unit,
         samples_at_fault=int(out.sum()),
         suspects=tuple(suspects),
+        contradicted=(*turns.contradicted, *pulls.contradicted),
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Stamped:
+    """Streams on stamps one can compute with."""
+
+    t: Floats
+    path: KinematicPath
+    trajectory: Trajectory
+    tidy: TidyRows
+    turning: Turning | None
+    """None where the IMU has too few samples."""
+    told: tuple[Finding, ...]
+
+    @property
+    def unexplained(self) -> float:
+        """Share of the IMU's turning that the robot's does not explain."""
+        return 1.0 if self.turning is None else 1.0 - self.turning.correlation
+
+
+def _stamped(
+    imu: ImuStream, t: Floats, path: KinematicPath, request: CalibrationRequest
+) -> _Stamped:
+    """Bursts become even ticks, but where the motion says that they are none.
+
+    Junk that comes at once, of a damaged chunk or a driver's buffer, looks like a burst; counted
+    as ticks it would shift all that comes after it.
+    """
+    best = _evened(imu, t, path, request, ())
+    as_recorded: tuple[str, ...] = ()
+    for each in best.told:
+        if each.code != "stamps.bunched":
+            continue
+        tried = (*as_recorded, str(each.values["stream"]))
+        other = _evened(imu, t, path, request, tried)
+        if other.unexplained < _FAR_BETTER * best.unexplained:
+            best, as_recorded = other, tried
+    return best
+
+
+def _evened(
+    imu: ImuStream,
+    t: Floats,
+    path: KinematicPath,
+    request: CalibrationRequest,
+    as_recorded: tuple[str, ...],
+) -> _Stamped:
+    """The same with the bursts of some streams left as they are."""
+    told: list[Finding] = []
+    t = _even(imu.topic, t, told, imu.gyro, imu.accel, as_recorded=as_recorded)
+    tracks = tuple(_even_track(track, told, as_recorded) for track in path.tracks)
+    path = replace(path, tracks=tracks)
+    trajectory = Trajectory.of(path)
+    tidy = tidy_rows(t, imu.gyro, imu.accel)
+    turning = None
+    if len(tidy.rows) >= _LEAST_IMU:
+        turning = compare_turning(tidy.of(t), tidy.of(imu.gyro), trajectory, _search(request))
+    return _Stamped(
+        t=t, path=path, trajectory=trajectory, tidy=tidy, turning=turning, told=tuple(told)
     )
 
 
@@ -198,7 +259,13 @@ def _times(values: Floats, factor: float) -> Floats:
     return values if factor == 1.0 else values * factor
 
 
-def _even(name: str, t: Floats, told: list[Finding], *values: Floats) -> Floats:
+def _even(
+    name: str,
+    t: Floats,
+    told: list[Finding],
+    *values: Floats,
+    as_recorded: tuple[str, ...] = (),
+) -> Floats:
     """Stamps without their bursts, if they come in bursts."""
     finite = finite_rows(t, *values)
     near = finite.copy()
@@ -218,6 +285,13 @@ def _even(name: str, t: Floats, told: list[Finding], *values: Floats) -> Floats:
     spread = spread_bursts(t[rows], *(each[rows] for each in values))
     if spread is None:
         return t
+    if name in as_recorded:
+        told.append(
+            warning("stamps.surplus", stream=name, share=bunched_share(t[rows])),
+        )
+        once = t.copy()
+        once[rows] = gathered(t[rows])
+        return once
     told.append(
         warning(
             "stamps.bunched",
@@ -233,8 +307,8 @@ def _even(name: str, t: Floats, told: list[Finding], *values: Floats) -> Floats:
     return even
 
 
-def _even_track(track: Track, told: list[Finding]) -> Track:
-    t = _even(track.name, track.t, told, track.values)
+def _even_track(track: Track, told: list[Finding], as_recorded: tuple[str, ...]) -> Track:
+    t = _even(track.name, track.t, told, track.values, as_recorded=as_recorded)
     tidy = tidy_rows(t, track.values)
     if tidy.not_finite or tidy.backward or tidy.astray:
         told.append(

@@ -5,16 +5,15 @@ from __future__ import annotations
 import re
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
+from typing import TYPE_CHECKING
 
 from imucalib_cli.errors import InputError
+from imucalib_cli.guarded_yaml import YamlError, read_bounded
 from imucalib_cli.results.codec import read_results
 
 if TYPE_CHECKING:
     from imucalib_cli.results.result import Result
 
-_LARGEST = 1 << 24
-"""Bytes; results have a few thousand for each IMU."""
 _SUFFIXES = {".yaml", ".yml", ".json"}
 _OPENING = re.compile(rb"\A\s*(?:#[^\n]*\n\s*)*(?:---\s*)?[\[{\s]*\"?schema\"?\s*:")
 """Of a document of ours, whatever the file is called."""
@@ -45,6 +44,11 @@ def read_result_file(name: str) -> list[Result]:
     return read_results(read_text(name), display_name(name))
 
 
+def names_of(result: Result) -> set[str]:
+    """By what a user may call an IMU: its frame, with a leading slash or without, or its topic."""
+    return {result.child, f"/{result.child}", result.imu_topic}
+
+
 def display_name(name: str) -> str:
     """What to call an argument in a sentence."""
     return "standard input" if name == "-" else name
@@ -64,18 +68,12 @@ def read_text(name: str, expected: str = "a result of imucalib run") -> str:
         if name == "-":
             if sys.stdin is None:
                 raise InputError("standard input is closed: name the file")
-            return _bounded(sys.stdin.buffer, name, expected)
+            return read_bounded(sys.stdin.buffer)
         with Path(name).open("rb") as file:
-            return _bounded(file, name, expected)
+            return read_bounded(file)
     except OSError as error:
         raise InputError(f"{name}: cannot be read ({error.strerror}): check the path") from error
     except UnicodeDecodeError as error:
         raise InputError(f"{name}: is not text: it should be {expected}") from error
-
-
-def _bounded(file: BinaryIO, name: str, expected: str) -> str:
-    """All of a file, unless it is far too much for a result: a log, or an endless device."""
-    content = file.read(_LARGEST + 1)
-    if len(content) > _LARGEST:
-        raise InputError(f"{name}: more than {_LARGEST >> 20} MB: it should be {expected}")
-    return content.decode("utf-8")
+    except YamlError as error:
+        raise InputError(f"{name}: {error}: it should be {expected}") from error

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from imucalib_cli.errors import InputError
-from imucalib_cli.findings import Finding, untrusted, warning
+from imucalib_cli.findings import Finding, Severity, untrusted, warning
 from imucalib_cli.signals.health import MOST_RATE, NEAR, STANDARD_GRAVITY, guess_units
 from imucalib_cli.signals.turning import AGREE
 
@@ -21,6 +21,8 @@ _DEG = 180.0 / math.pi
 ACCEL_FACTORS = {"m/s2": 1.0, "g": STANDARD_GRAVITY, "mg": STANDARD_GRAVITY / 1000.0}
 GYRO_FACTORS = {"rad/s": 1.0, "deg/s": 1.0 / _DEG}
 """What a unit that the user may state is multiplied by."""
+_ACCEL_UNITS = {"m/s²": "m/s2", "g": "g", "mg": "mg"}
+"""What the readings look like at rest, as the user states it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,6 +84,12 @@ class Factor:
         """Whether the values are changed."""
         return self.value != 1.0
 
+    @property
+    def contradicted(self) -> tuple[Finding, ...]:
+        """That the data speak against the unit the user states; empty where they do not."""
+        wrong = self.finding is not None and self.finding.severity is Severity.UNTRUSTED
+        return (self.finding,) if self.finding is not None and wrong else ()
+
 
 def gyro_factor(
     topic: str,
@@ -104,14 +112,25 @@ def gyro_factor(
     Raises:
         InputError: It speaks in no known unit.
     """
-    if wanted != "auto":
-        return Factor(unit=wanted, value=GYRO_FACTORS[wanted])
     ratio = turning.ratio if turning.correlation > _CLEAR else None
-    kept = Factor(unit="rad/s", value=1.0)
     known = None if ratio is None else _known(ratio, turning)
+    if known is not None and known.ratio < 1.0 and most_angle > _MOST_ANGLE:
+        known = KNOWN_RATIOS[0]
+    if wanted != "auto":
+        wrong = None
+        if known is not None and known.unit != wanted:
+            stated = next(each.ratio for each in KNOWN_RATIOS if each.unit == wanted)
+            wrong = untrusted(
+                "imu.gyro_unit_contradicted",
+                topic=topic,
+                stated=wanted,
+                ratio=ratio,
+                expected=stated,
+                unit=known.unit,
+            )
+        return Factor(unit=wanted, value=GYRO_FACTORS[wanted], finding=wrong)
+    kept = Factor(unit="rad/s", value=1.0)
     if ratio is not None and known is not None and known.ratio != 1.0:
-        if known.ratio < 1.0 and most_angle > _MOST_ANGLE:
-            return kept
         told = warning(
             "imu.gyro_unit_converted",
             topic=topic,
@@ -162,10 +181,17 @@ def accel_factor(imu: ImuStream, wanted: AccelUnit, *, gravity: float) -> Factor
     Raises:
         InputError: Gravity is expected and not felt.
     """
-    if wanted != "auto":
-        return Factor(unit=wanted, value=ACCEL_FACTORS[wanted])
     guess = guess_units(imu, gravity or STANDARD_GRAVITY)
     rest = {"topic": imu.topic, "norm": guess.accel_at_rest}
+    if wanted != "auto":
+        found = _ACCEL_UNITS.get(guess.accel_unit)
+        wrong = None
+        if gravity > 0.0 and found is not None and found != wanted:
+            times = guess.accel_at_rest * ACCEL_FACTORS[wanted] / gravity
+            wrong = untrusted(
+                "imu.accel_unit_contradicted", **rest, stated=wanted, times=times, unit=found
+            )
+        return Factor(unit=wanted, value=ACCEL_FACTORS[wanted], finding=wrong)
     kept = Factor(unit="m/s2", value=1.0)
     if gravity == 0.0:
         if guess.accel_unit in {"m/s²", "g", "mg"}:

@@ -30,8 +30,6 @@ class Answers(Generic[Answer]):
 
     answers: tuple[Answer, ...]
     failures: tuple[ImucalibError, ...] = ()
-    files: tuple[Path, ...] = ()
-    """That were read; never to be written to."""
 
 
 def verify_recording(
@@ -50,7 +48,7 @@ def verify_recording(
         if told is None:  # needs_nominal has seen to it
             raise ChoiceError(nothing_told(result.parent, result.child))
         answers.append(verify(result, told, within, result.provenance.urdf))
-    return Answers(answers=tuple(answers), failures=outcome.failures, files=outcome.files)
+    return Answers(answers=tuple(answers), failures=outcome.failures)
 
 
 def verify_results(

@@ -6,6 +6,7 @@ full and let go: memory follows the numbers that are kept, not the bytes that pa
 
 from __future__ import annotations
 
+import sys
 from collections import Counter
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, cast
@@ -34,10 +35,19 @@ _LARGEST_MESSAGE = 1 << 24
 """Bytes a message of these types may unpack to."""
 _UNPACKED = 1 << 26
 """Bytes of unpacked messages that are held before they are decoded."""
+_MESSAGES_ALWAYS, _BYTES_ALWAYS = 1_000_000, 1 << 28
+_MESSAGES_PER_BYTE = 1.0
+MOST_RATIO = 100
+"""A file that holds more messages than bytes, or numbers of more than so many times its size, is
+no log but a bomb: a message alone has stamps that differ. Small ones do no harm."""
 _ABSURD = 1e9
 """Far beyond any sensor and any place on Earth in any unit: damage, whose square may overflow."""
 _TOLD = 0.5
 """Share of messages in which a joint has a position, if it has an encoder."""
+
+
+class TooMuchError(Exception):
+    """A file unpacks to more than any log does."""
 
 
 @dataclass(eq=False)
@@ -67,6 +77,7 @@ class Collector:
     """A :class:`~imucalib_cli.logs.reader.Sink` that decodes."""
 
     def __init__(self) -> None:
+        self._messages_left = self._bytes_left = 0
         self.topics: dict[tuple[str, str], TopicData] = {}
         self._blocks: dict[tuple[str, str, str, str, int], _Block] = {}
         self._file_base = 0
@@ -76,6 +87,14 @@ class Collector:
         self, channel: Channel, arrival: NDArray[np.int64], log_ns: Nanoseconds, rows: Bytes
     ) -> None:
         """Take payloads of one length; see :class:`~imucalib_cli.logs.reader.Sink`."""
+        self._messages_left -= len(rows)
+        if self._messages_left < 0:
+            raise TooMuchError
+        self._take(channel, arrival, log_ns, rows)
+
+    def _take(
+        self, channel: Channel, arrival: NDArray[np.int64], log_ns: Nanoseconds, rows: Bytes
+    ) -> None:
         if not len(rows):
             return
         length = rows.shape[1]
@@ -101,12 +120,15 @@ class Collector:
             self._arrived = max(self._arrived, int(arrival.max()) + 1)
             into.pieces.append(replace(piece, arrival=arrival))
 
-    def next_file(self) -> None:
-        """Say that what follows comes from the recording's next file."""
+    def next_file(self, size: int) -> None:
+        """Say that what follows comes from the recording's next file, of so many bytes."""
         self._file_base = self._arrived
+        self._messages_left = max(_MESSAGES_ALWAYS, int(_MESSAGES_PER_BYTE * size))
+        self._bytes_left = max(_BYTES_ALWAYS, MOST_RATIO * size)
 
     def finish(self) -> Iterator[TopicData]:
         """Decode what is left; everything by topic and type, each of which is then forgotten."""
+        self._bytes_left = sys.maxsize  # what is left is a block each
         while self._blocks:
             self._decode(self._blocks.popitem()[1])
         for key in sorted(self.topics):
@@ -145,7 +167,7 @@ class Collector:
                     which = np.array([each for each, _ in found])
                     joined = np.frombuffer(b"".join(each for _, each in found), dtype=np.uint8)
                     unpacked = joined.reshape(len(found), length)
-                    self.add(channel, arrival[which], log_ns[which], unpacked)
+                    self._take(channel, arrival[which], log_ns[which], unpacked)
                 by_length, held = {}, 0
 
     def _decode(self, block: _Block) -> None:
@@ -165,6 +187,9 @@ class Collector:
         decoded = np.zeros(len(rows), dtype=bool)
         for each in decode(rows, into.message_type, block.channel.encoding, block.decoder):
             decoded[each.rows] = True
+            self._bytes_left -= sum(values.nbytes for values in each.numbers.values())
+            if self._bytes_left < 0:
+                raise TooMuchError
             if each.texts and len(each.rows):
                 into.pieces.append(
                     Piece(

@@ -23,6 +23,8 @@ _LONGEST_NAME = 20
 """Letters that are told of a compression's name, which may be damaged too."""
 _LARGEST = 1 << 29
 """Bytes unpacked of one chunk: whole recordings of this kind are smaller, and bombs larger."""
+_ALWAYS, _MOST_RATIO = 1 << 26, 100
+"""Bytes that are unpacked in any case, and times the packed ones beyond."""
 
 
 class Decompressor(Protocol):
@@ -51,11 +53,13 @@ class Scratch:
 class Inflated:
     """The unpacked bytes of one chunk, produced as far as they are asked for."""
 
-    def __init__(self, source: Decompressor, claimed: int, scratch: Scratch) -> None:
+    def __init__(
+        self, source: Decompressor, claimed: int, scratch: Scratch, most: int = _LARGEST
+    ) -> None:
         self._source = source
         self.claimed = claimed
         """Bytes there should be."""
-        self._limit = min(claimed, _LARGEST)
+        self._limit = min(claimed, most)
         self._scratch = scratch
         self._done = 0
         self._ended = False
@@ -133,7 +137,8 @@ def inflate(compression: str, packed: memoryview, claimed: int, scratch: Scratch
             source = _Bz2(packed)
         case _:
             raise ValueError(f"compression {compression[:_LONGEST_NAME]!r} is not known")
-    return Inflated(source, claimed, scratch)
+    most = min(_LARGEST, max(_ALWAYS, _MOST_RATIO * len(packed)))
+    return Inflated(source, claimed, scratch, most)
 
 
 def inflate_file(

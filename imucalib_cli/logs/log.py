@@ -108,7 +108,14 @@ class Log:
                 same time: they are two recordings.
             InputError: A topic's type or encoding cannot be read, or the file went away.
         """
-        from imucalib_cli.logs.decode import Collector, imu_stream, joint_streams, pose_streams
+        from imucalib_cli.logs.decode import (
+            MOST_RATIO,
+            Collector,
+            TooMuchError,
+            imu_stream,
+            joint_streams,
+            pose_streams,
+        )
 
         wanted = set(topics)
         self._check(wanted)
@@ -121,12 +128,14 @@ class Log:
             if channels:
                 share = _share(progress, number, len(self._files))
                 try:
+                    collector.next_file(_bytes_of(file.path))
                     file.read(channels, collector, share)
+                except TooMuchError:  # what came before is used
+                    file.losses.append(warning("log.holds_too_much", ratio=MOST_RATIO))
                 except OSError as error:
                     raise InputError(
                         f"{file.path} cannot be read any more: {error.strerror or error}"
                     ) from error
-            collector.next_file()
         data = self._nothing_of(wanted)
         losses = [*self.findings, *_overlaps(self._files)]
         for found in collector.finish():
@@ -222,6 +231,12 @@ def open_log(paths: Sequence[Path], csv_columns: Sequence[str] = ()) -> Log:
         raise ChoiceError(f"{twice[0]} is given twice: name each file of the recording once")
     readers = [*READERS, CsvFile.with_columns(csv_columns)] if csv_columns else READERS
     return Log([file for path in paths for file in open_files(path, readers)])
+
+
+def _bytes_of(path: Path) -> int:
+    """On disk, with what SQLite keeps beside a database."""
+    wal = path.with_name(f"{path.name}-wal")
+    return path.stat().st_size + (wal.stat().st_size if wal.exists() else 0)
 
 
 def _start_ns(file: LogFile) -> int:

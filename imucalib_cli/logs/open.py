@@ -29,7 +29,7 @@ READERS: list[type[LogFile]] = [McapFile, BagFile, Db3File, CsvFile, TumFile, Eu
 _ZSTD = b"\x28\xb5\x2f\xfd"
 _HEAD = 4096
 """Bytes of a file that formats are told by."""
-_LARGEST_METADATA = 1 << 24
+_METADATA = b"rosbag2_bagfile_information"
 
 
 def open_files(path: Path, readers: Readers = READERS) -> list[LogFile]:
@@ -43,7 +43,7 @@ def open_files(path: Path, readers: Readers = READERS) -> list[LogFile]:
         if stat.S_ISDIR(_mode(path)):
             return _open_folder(path, readers)
         head = _head(path)
-        if path.suffix in {".yaml", ".yml"} and b"rosbag2_bagfile_information" in head:
+        if path.suffix in {".yaml", ".yml"} and _METADATA in head:
             return _open_folder(path.parent, readers)
         return [_open_file(path, head, readers)]
     except FileNotFoundError as error:
@@ -90,15 +90,35 @@ def _reader(path: Path, head: bytes, readers: Readers) -> type[LogFile] | None:
     return next((each for each in readers if each.matches(head, path)), None)
 
 
+def holds_log(path: Path) -> bool:
+    """Whether a file is one of a recording, by its content; False where it cannot be read."""
+    try:
+        head = _head(path)
+    except (OSError, InputError):
+        return False
+    packed = head.startswith(_ZSTD)
+    return packed or _METADATA in head or _reader(path, head, READERS) is not None
+
+
 def _open_file(path: Path, head: bytes, readers: Readers) -> LogFile:
     if head.startswith(_ZSTD):
-        from imucalib_cli.logs.unpacked import unpack
+        from imucalib_cli.logs.unpacked import cut_table, unpack
 
         unpacked, loss = unpack(path)
         head = _head(unpacked)
+        kind = _reader(unpacked, head, readers)
+        if kind is not None and kind.IS_TEXT:
+            loss = cut_table(unpacked, path.stat().st_size) or loss
         if head.startswith(_ZSTD):
             raise InputError(f"{path} is compressed twice: unpack it with zstd -d")
-        file = _open_file(unpacked, head, readers)
+        try:
+            file = _open_file(unpacked, head, readers)
+        except InputError as error:  # which names a temporary file that is nobody's
+            cut = "" if loss is None else ", as far as it could be unpacked"
+            said = f"{path} unpacks to no log{cut}: expected {_known(readers)}"
+            if kind is not None:
+                said = str(error).replace(str(unpacked), str(path))
+            raise InputError(said) from error
         file.path = path
         if loss is not None:
             file.losses.append(loss)
@@ -149,19 +169,17 @@ def _listed(folder: Path) -> list[Path] | None:
     metadata = folder / "metadata.yaml"
     if not metadata.is_file():
         return None
-    import yaml
+    from imucalib_cli.guarded_yaml import load_one, read_bounded
 
-    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
     try:
         with metadata.open("rb") as file:
-            text = file.read(_LARGEST_METADATA).decode("utf-8", "replace")
-        content = yaml.load(text, loader)  # noqa: S506 - a safe one
+            content = load_one(read_bounded(file, "replace"))
         names = content["rosbag2_bagfile_information"]["relative_file_paths"]
         if not isinstance(names, list):
             return None
         # Early rosbag2 wrote the folder's name in front.
         named = dict.fromkeys(Path(name).name for name in names)
-    except (yaml.YAMLError, KeyError, TypeError, ValueError, RecursionError):
+    except (KeyError, TypeError, ValueError):
         return None
     return [folder / name for name in named if name] or None
 

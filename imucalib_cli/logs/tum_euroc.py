@@ -15,6 +15,10 @@ if TYPE_CHECKING:
     from imucalib_cli.logs.reader import Channel, Progress, Sink
 
 
+TABLES = "mav0/*/data.csv"
+"""Where an EuRoC folder has them."""
+
+
 class TumFile(CsvFile):
     """Poses in seconds, metres and quaternions, separated by blanks, without a header."""
 
@@ -48,7 +52,7 @@ class EurocFolder:
         self.path = path
         self.losses: list[Finding] = []
         self._parts: list[CsvFile] = []
-        for table in sorted(path.glob("mav0/*/data.csv")):
+        for table in sorted(path.glob(TABLES)):
             with table.open("rb") as file:
                 if not _is_sensor(file.readline(4096)):
                     continue
@@ -58,7 +62,7 @@ class EurocFolder:
     @classmethod
     def matches(cls, head: bytes, path: Path) -> bool:
         """Whether it is a folder with a table of an IMU or of poses."""
-        return not head and next(path.glob("mav0/*/data.csv"), None) is not None
+        return not head and next(path.glob(TABLES), None) is not None
 
     @property
     def channels(self) -> tuple[Channel, ...]:

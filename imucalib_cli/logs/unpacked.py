@@ -14,6 +14,8 @@ from imucalib_cli.findings import Finding, warning
 _STEP = 1 << 20
 _MOST_RATIO, _ALWAYS = 1000, 1 << 28
 """A file that unpacks to more than so many times its size, and bytes, is no log but a bomb."""
+_TABLE_RATIO, _TABLE_ALWAYS = 100, 1 << 26
+"""The same of a table, all of whose numbers are held at once."""
 
 
 def unpack(path: Path) -> tuple[Path, Finding | None]:
@@ -49,6 +51,15 @@ def unpack(path: Path) -> tuple[Path, Finding | None]:
         if not out.tell():
             raise InputError(f"{path} cannot be unpacked: record or copy it again")
     return target, loss
+
+
+def cut_table(target: Path, packed: int) -> Finding | None:
+    """Cut off what no table of so many packed bytes holds; what was lost, if anything."""
+    most = max(_TABLE_ALWAYS, _TABLE_RATIO * packed)
+    if target.stat().st_size <= most:
+        return None
+    os.truncate(target, most)
+    return warning("log.unpacks_too_large", ratio=_TABLE_RATIO)
 
 
 def copy_with_companions(path: Path) -> Path:

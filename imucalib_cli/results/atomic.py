@@ -1,4 +1,4 @@
-"""Write a file whole or not at all, and never over an input."""
+"""Write a file whole or not at all."""
 
 from __future__ import annotations
 
@@ -8,14 +8,15 @@ import os
 import secrets
 from typing import TYPE_CHECKING
 
-from imucalib_cli.errors import ChoiceError, InputError
+from imucalib_cli.errors import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
     from pathlib import Path
 
+_WRITABLE = 0o222
 
-def write_whole(path: Path, content: str | bytes, *, inputs: Iterable[Path] = ()) -> None:
+
+def write_whole(path: Path, content: str | bytes) -> None:
     """Write content so that a reader sees the old file or the new one, never half of it.
 
     A symbolic link is kept and its target replaced. Devices and pipes are written to as they
@@ -24,16 +25,13 @@ def write_whole(path: Path, content: str | bytes, *, inputs: Iterable[Path] = ()
     Args:
         path: File to write; its folder must exist.
         content: Bytes, or text to be written as UTF-8 with its line ends as they are.
-        inputs: Files that must not be overwritten, whichever name or link leads to them.
 
     Raises:
-        ChoiceError: The path is one of the inputs.
         InputError: The path cannot be written (folder missing, no permission, disk full).
     """
     data = content.encode() if isinstance(content, str) else content
     try:
         target = path.resolve()
-        _refuse_inputs(path, target, inputs)
         if target.exists() and not target.is_file():
             if target.is_dir():
                 raise InputError(f"{path}: is a folder; name a file in it")
@@ -45,25 +43,24 @@ def write_whole(path: Path, content: str | bytes, *, inputs: Iterable[Path] = ()
         raise _unwritable(path, error) from error
 
 
-def see_writable(path: Path, *, inputs: Iterable[Path] = ()) -> None:
+def see_writable(path: Path) -> None:
     """See before a long computation that :func:`write_whole` will be able to write a file.
 
     Nothing is written; what changes meanwhile is found out later.
 
-    Args:
-        path: File to be written.
-        inputs: Files that must not be overwritten, as far as they are known.
-
     Raises:
-        ChoiceError, InputError: As :func:`write_whole`.
+        InputError: As :func:`write_whole`, or the file is write-protected.
     """
     try:
         target = path.resolve()
-        _refuse_inputs(path, target, inputs)
         if target.is_dir():
             raise InputError(f"{path}: is a folder; name a file in it")
-        if target.exists() and not target.is_file():  # a device or a pipe
-            return
+        if target.exists():
+            # replacing it needs only the folder; who protects a file means the file
+            if not target.stat().st_mode & _WRITABLE or not os.access(target, os.W_OK):
+                raise InputError(f"{path}: cannot be written: it is write-protected")
+            if not target.is_file():  # a device or a pipe
+                return
         _see_folder(path, target.parent)
     except (OSError, RuntimeError) as error:
         raise _unwritable(path, error) from error
@@ -103,17 +100,19 @@ def _unwritable(path: Path, error: Exception) -> InputError:
     return InputError(f"{path}: cannot be written: {reason}")
 
 
-def _refuse_inputs(path: Path, target: Path, inputs: Iterable[Path]) -> None:
-    for source in inputs:
-        same = target == source.resolve()
+def is_same_file(a: Path, b: Path) -> bool:
+    """Whether two paths lead to one file, by whichever names and links; it need not be there."""
+    try:
+        same = a.resolve() == b.resolve()
         with contextlib.suppress(OSError):
-            same = same or target.samefile(source)  # hard links
-        if same:
-            raise ChoiceError(f"{path} is an input and would be overwritten: name another file")
+            same = same or a.samefile(b)  # hard links
+    except (OSError, RuntimeError):  # a circle of links
+        return False
+    return same
 
 
 def _replace(target: Path, data: bytes) -> None:
-    partial = target.with_name(f".{target.name}.{secrets.token_hex(4)}.part")
+    partial = target.with_name(f".imucalib-{secrets.token_hex(4)}.part")
     # os.open rather than tempfile: the new file obeys the umask as any other file does
     handle = os.open(partial, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
     try:

@@ -18,6 +18,7 @@ from msgspec import UNSET
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.findings import TEXT
+from imucalib_cli.guarded_yaml import NUMBERS, YamlError, load_yaml
 from imucalib_cli.results.from_estimate import known_directions
 from imucalib_cli.results.pose import is_covariance
 from imucalib_cli.results.result import SCHEMA, FindingEntry, Pose, Result, Tree
@@ -40,7 +41,7 @@ _LONGEST = 300
 """Characters of a complaint: it may quote a value of any length."""
 _SURROGATE = re.compile("[\ud800-\udfff]")
 _SHOWN = reprlib.Repr()
-"""For values of a file: an alias may stand for gigabytes of text."""
+"""For values of a file, which may be long."""
 _SHOWN.maxstring = _SHOWN.maxother = 100
 _WORDS = {
     "bool | int | float | str": "a number or a text",
@@ -54,12 +55,21 @@ _WORDS = {
 """What msgspec calls a type, and what a user does."""
 
 
-class _Dumper(yaml.SafeDumper):
-    """Vectors on one line, everything else one item a line, nothing aliased."""
+class PlainDumper(yaml.SafeDumper):
+    """Nothing aliased, and every text quoted that a reader could take for a number."""
 
     def ignore_aliases(self, data: Any) -> bool:
+        """Write what stands in two places twice."""
         del data
         return True
+
+
+for _number in NUMBERS:
+    PlainDumper.add_implicit_resolver(*_number)
+
+
+class _Dumper(PlainDumper):
+    """Vectors on one line, everything else one item a line."""
 
 
 def _represent_list(dumper: yaml.SafeDumper, values: list[Any]) -> yaml.Node:
@@ -68,17 +78,6 @@ def _represent_list(dumper: yaml.SafeDumper, values: list[Any]) -> yaml.Node:
 
 
 _Dumper.add_representer(list, _represent_list)
-
-
-class _Loader(yaml.SafeLoader):
-    """YAML 1.1's safe loader that also takes 1e-05 for a number, as JSON and YAML 1.2 write it."""
-
-
-_Loader.add_implicit_resolver(
-    "tag:yaml.org,2002:float",
-    re.compile(r"^[-+]?[0-9]+(?:\.[0-9]*)?[eE][-+]?[0-9]+$"),
-    list("-+0123456789"),
-)
 
 
 def to_document(tree: Tree) -> Document:
@@ -109,19 +108,6 @@ def to_json(documents: Sequence[Tree | Document]) -> str:
     return json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-def load_yaml(text: str, name: str, complaint: str) -> list[Any]:
-    """Documents of a YAML stream, which JSON is too; empty ones are left out.
-
-    Raises:
-        InputError: It cannot be parsed.
-    """
-    try:
-        return [part for part in yaml.load_all(text, Loader=_Loader) if part is not None]
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        reason = " ".join(str(error).split())
-        raise InputError(f"{name}: {complaint}: {reason}") from error
-
-
 def read_results(text: str, name: str) -> list[Result]:
     """Results of one file: a YAML stream, a JSON object or a JSON array.
 
@@ -132,7 +118,11 @@ def read_results(text: str, name: str) -> list[Result]:
     Raises:
         InputError: It is not a result of this tool, is damaged, or is of a newer schema.
     """
-    loaded = load_yaml(text, name, "neither YAML nor JSON")
+    try:
+        # JSON is YAML 1.2, so one parser reads both
+        loaded = [part for part in load_yaml(text) if part is not None]
+    except YamlError as error:
+        raise InputError(f"{name}: neither YAML nor JSON: {error}") from error
     if len(loaded) == 1 and isinstance(loaded[0], list):
         loaded = loaded[0]
     if not loaded:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from shlex import quote
 from typing import TYPE_CHECKING, Literal
 from xml.sax.saxutils import quoteattr
 
@@ -83,4 +84,6 @@ def _tf(result: Result, *, force: bool) -> str:
     names = ("x", "y", "z", "qx", "qy", "qz", "qw")
     values = (*result.pose.translation, *result.pose.rotation_xyzw)
     numbers = " ".join(f"--{n} {v + 0.0:.12g}" for n, v in zip(names, values, strict=True))
-    return f"{numbers} --frame-id {result.parent} --child-frame-id {result.child}\n"
+    # the line is pasted into a shell
+    parent, child = quote(result.parent), quote(result.child)
+    return f"{numbers} --frame-id {parent} --child-frame-id {child}\n"

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from imucalib_cli.digits import figures
 from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.findings import warning
+from imucalib_cli.guarded_yaml import YamlError, load_one
 from imucalib_cli.results.answers import (
     Distance,
     FramePoses,
@@ -29,12 +30,13 @@ from imucalib_cli.results.answers import (
     part_entries,
     test_entry,
 )
-from imucalib_cli.results.codec import FARTHEST, convert, load_yaml
+from imucalib_cli.results.codec import FARTHEST, convert
 from imucalib_cli.results.from_estimate import plain, pose_entry
 from imucalib_cli.results.pose import fixed_transform, pose_error
 from imucalib_cli.results.pose_comparison import PoseComparison, compare_poses
 from imucalib_cli.results.result import SCHEMA, Result, Tree, Vector3
 from imucalib_cli.robot.rotations import matrix_from_quaternion, nearest_rotation
+from imucalib_cli.shown import shown
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -200,8 +202,11 @@ def _pose(rows: list[list[float]], where: str) -> Pose:
 
 def _mapping(text: str, name: str) -> dict[Any, Any]:
     """The one mapping of a YAML file; an empty one where there is none."""
-    loaded = load_yaml(text, name, "not YAML")
-    return loaded[0] if len(loaded) == 1 and isinstance(loaded[0], dict) else {}
+    try:
+        loaded = load_one(text)
+    except YamlError as error:
+        raise InputError(f"{name}: not YAML: {error}") from error
+    return loaded if isinstance(loaded, dict) else {}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -370,7 +375,7 @@ def _camera_clock_words(times: TimeShifts) -> str:
 
 def summarise_comparison(compared: KalibrComparison) -> str:
     """A dozen lines, with a newline at the end: two columns, then what is between them."""
-    return "\n".join(_lines(compared.answer, compared.apart)) + "\n"
+    return "\n".join(map(shown, _lines(compared.answer, compared.apart))) + "\n"
 
 
 def _lines(answer: KalibrAnswer, apart: PoseComparison) -> Iterator[str]:

@@ -40,7 +40,7 @@ Value = (
         list[Scalar | Annotated[list[Scalar], Meta(max_length=10)]], Meta(max_length=10_000)
     ]
 )
-"""Of a finding. Bounded: YAML can name more items than a file holds."""
+"""Of a finding: numbers and words, never a tree."""
 
 SCHEMA: Literal[1] = 1
 """Version of the document; adding a key keeps it, changing one raises it."""
@@ -155,7 +155,9 @@ class ParameterEntry(Tree, frozen=True):
     std: float | None
     """1 sigma."""
     prior_std: float | None
-    """1 sigma beforehand, about zero or the nominal value."""
+    """1 sigma beforehand, about zero or the nominal value. Where prior_learnt is true it comes from
+    no data sheet: it is the mean of the standard deviation that this log taught, of all components
+    that share it."""
     prior_learnt: bool
     """Whether the size of the prior is learnt from the log."""
 

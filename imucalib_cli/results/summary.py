@@ -15,6 +15,7 @@ from imucalib_cli.robot.rotations import (
     rotvec_from_matrix,
     rpy_from_matrix,
 )
+from imucalib_cli.shown import shown
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -36,16 +37,16 @@ def summarise(result: Result, *, colour: bool = False) -> str:
         result: Of the IMU.
         colour: Whether to colour the verdict with ANSI codes.
     """
-    return "\n".join(_lines(result, colour=colour)) + "\n"
-
-
-def _lines(result: Result, *, colour: bool) -> Iterator[str]:
     trusted = result.status == "ok"
     verdict = "ok" if trusted else "UNTRUSTED, do not use as it stands"
     if colour:
         verdict = f"{_GREEN if trusted else _RED}{verdict}{_RESET}"
+    head = f"{shown(f'{result.child} in {result.parent}')}: {verdict}"
+    return "\n".join((head, *(shown(line) for line in _lines(result)))) + "\n"
+
+
+def _lines(result: Result) -> Iterator[str]:
     origin, diagnostics = result.provenance, result.diagnostics
-    yield f"{result.child} in {result.parent}: {verdict}"
     files = ", ".join(file.path for file in origin.files)
     yield f"  from {files}: {origin.topics.imu} with {', '.join(origin.topics.motion)}"
     yield from (f"  not trusted: {reason}" for reason in diagnostics.distrust)
@@ -136,14 +137,41 @@ def _sigmas(result: Result) -> Iterator[str]:
     if result.transform.rotation_xyzw is None:
         yield "  rotation        not determined"
     else:
-        stds = " ".join(
-            "held" if std == 0.0 else sigma(math.nan if std is None else std)
-            for std in result.std.rotation_deg
-        )
-        yield f"  rotation        ± {stds} deg about x, y, z of {result.parent}"
+        yield f"  rotation        {_rotation(result.std.rotation_deg, result.parent)}"
+    yield from _least_known(result)
     if result.diagnostics.sigma_source == "segments":
         yield "  sigmas are 1 sigma; set by how segments of the log scatter: the robot model, not"
         yield "                  the noise, limits this result"
+
+
+def _least_known(result: Result) -> Iterator[str]:
+    """Where a log that determined the place told least of it, and what would tell more.
+
+    The place along a direction is felt in turns about axes across it.
+    """
+    covariance = result.uncertain_pose.covariance
+    if covariance is None or None in result.transform.translation:
+        return
+    variances, directions = np.linalg.eigh(covariance[:3, :3])
+    if variances[-1] <= 0.0:  # all of it is held
+        return
+    axis = directions[:, -1] * np.sign(directions[np.argmax(np.abs(directions[:, -1])), -1])
+    yield (
+        f"  least known     along ({_numbers(axis, 2)}) of {result.parent}, ± "
+        f"{sigma(float(np.sqrt(variances[-1])) * 1e3)} mm: faster turns about axes across it tell "
+        "more"
+    )
+
+
+def _rotation(stds: Sequence[float | None], parent: str) -> str:
+    """Of the axes that were found a sigma each; those that are held, once and in words."""
+    found = [axis for axis, std in zip(_AXES, stds, strict=True) if std != 0.0]
+    held = ", ".join(axis for axis in _AXES if axis not in found)
+    words = f"held about {held} of {parent}, as told by --fix"
+    if not found:
+        return words
+    sigmas = " ".join(sigma(math.nan if std is None else std) for std in stds if std != 0.0)
+    return f"± {sigmas} deg about {', '.join(found)} of {parent}{'; ' + words if held else ''}"
 
 
 def _nuisances(result: Result) -> Iterator[str]:

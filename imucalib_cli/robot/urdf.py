@@ -12,6 +12,7 @@ import hashlib
 import importlib.util
 import logging
 import sys
+from collections import Counter
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache, cached_property
@@ -152,6 +153,11 @@ def near_matches(name: str, known: tuple[str, ...] | list[str], *, limit: int = 
     return "; there are: " + ", ".join(known[:limit]) + more
 
 
+def frame_name(name: str) -> str:
+    """A frame or link as it is called here: without the leading slash that ROS 1 allowed."""
+    return name.removeprefix("/")
+
+
 def load_robot(path: Path) -> Robot:
     """Read a URDF's kinematic tree.
 
@@ -187,7 +193,10 @@ def parse_robot(data: bytes, path: Path) -> Robot:
         model = _yourdfpy().URDF.load(
             BytesIO(kinematics), build_scene_graph=False, load_meshes=False
         )
-    links = tuple(link.name for link in model.robot.links)
+    links = tuple(frame_name(link.name) for link in model.robot.links)
+    if len(set(links)) < len(links):
+        twice = Counter(links).most_common(1)[0][0]
+        raise InputError(f"{path}: links '{twice}' and '/{twice}' are one frame: rename one")
     joints = tuple(_joint(joint) for joint in model.robot.joints)
     children = {joint.child for joint in joints}
     return Robot(
@@ -254,8 +263,8 @@ def _joint(parsed: Any) -> Joint:
     return Joint(
         name=parsed.name,
         kind=cast("JointKind", parsed.type),
-        parent=parsed.parent,
-        child=parsed.child,
+        parent=frame_name(parsed.parent),
+        child=frame_name(parsed.child),
         R_origin=np.ascontiguousarray(origin[:3, :3]),
         p_origin=np.ascontiguousarray(origin[:3, 3]),
         axis=axis / norm if norm > 0.0 else axis,

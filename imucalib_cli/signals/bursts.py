@@ -112,6 +112,17 @@ def bunched_share(t: Floats) -> float:
     return float(np.mean(steps < SHORT * _usual_period(t)))
 
 
+def gathered(t: Floats) -> Floats:
+    """Stamps in which messages that follow far too soon repeat that of the first of them: (N,).
+
+    Args:
+        t: (N,), s, finite, in the order of the messages.
+    """
+    short = np.diff(t, prepend=-np.inf) < SHORT * _usual_period(t)
+    first = np.maximum.accumulate(np.where(short, 0, np.arange(len(t))))
+    return np.asarray(t[first])
+
+
 def spread_bursts(t: Floats, *values: Floats) -> Spread | None:
     """Find when the samples of a constant-rate device were taken, from when they arrived.
 

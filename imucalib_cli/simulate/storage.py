@@ -6,12 +6,14 @@ Definitions of all message types are embedded, so that any reader can decode the
 from __future__ import annotations
 
 import shutil
+import sqlite3
 import tempfile
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from imucalib_cli.errors import ChoiceError, InputError
+from imucalib_cli.results.atomic import see_writable
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -44,26 +46,11 @@ class Log(Protocol):
         """Finish the file."""
 
 
-def need_folder(path: Path) -> None:
-    """See that a file's folder is there: one that is misspelt should not come into being.
+def see_log_place(path: Path, compression: str | None) -> str:
+    """See that a log can be written; returns its compression.
 
     Raises:
-        InputError: It is not.
-    """
-    try:
-        there = path.parent.is_dir()
-    except OSError:  # a name too long
-        there = False
-    if not there:
-        raise InputError(f"{path}: there is no folder {path.parent}; make it or name another")
-
-
-@contextmanager
-def open_log(path: Path, compression: str | None) -> Iterator[Log]:
-    """Write a log beside its final place and move it there when it is whole.
-
-    Raises:
-        InputError: The place cannot be written, or a folder is there already.
+        InputError: The place cannot be written, or a folder or a device is there already.
         ChoiceError: The suffix or the compression does not exist.
     """
     known = COMPRESSIONS.get(path.suffix)
@@ -72,21 +59,42 @@ def open_log(path: Path, compression: str | None) -> Iterator[Log]:
         raise ChoiceError(f"{path}: write to a file ending in {kinds}, or to a folder name")
     if compression is not None and compression not in known:
         raise ChoiceError(f"{path}: {compression} is not a choice here; choose {', '.join(known)}")
-    try:
+    with suppress(OSError):  # a name too long, which see_writable tells
         if path.is_dir():
             raise InputError(f"{path}: is a folder already; name a new one")
-        need_folder(path)
-        with tempfile.TemporaryDirectory(dir=path.parent, prefix=f".{path.name}.") as folder:
+        if path.exists() and not path.is_file():
+            raise InputError(f"{path}: is a pipe or a device; name a file")
+    see_writable(path)
+    return compression or known[0]
+
+
+@contextmanager
+def open_log(path: Path, compression: str | None) -> Iterator[Log]:
+    """Write a log beside its final place and move it there when it is whole.
+
+    A symbolic link is kept and its target replaced, as are the permissions of a file.
+
+    Raises:
+        InputError, ChoiceError: As :func:`see_log_place`.
+    """
+    compression = see_log_place(path, compression)
+    try:
+        target = path.resolve()
+        with tempfile.TemporaryDirectory(dir=target.parent, prefix=".imucalib-") as folder:
             unfinished = Path(folder) / path.name
-            log = _WRITERS[path.suffix](unfinished, compression or known[0])
+            log = _WRITERS[path.suffix](unfinished, compression)
             try:
                 yield log
             finally:
                 log.close()
             made = next(unfinished.glob("*.db3")) if path.suffix == ".db3" else unfinished
-            shutil.move(made, path)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror or error})") from error
+            if target.exists():
+                made.chmod(target.stat().st_mode & 0o7777)
+            shutil.move(made, target)
+    # of a full disk db3 has an error of its own
+    except (OSError, sqlite3.Error) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(f"{path}: cannot be written: {reason}") from error
 
 
 class _Mcap:

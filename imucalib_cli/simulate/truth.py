@@ -10,6 +10,7 @@ import yaml
 
 from imucalib_cli import __version__
 from imucalib_cli.results.atomic import write_whole
+from imucalib_cli.results.codec import PlainDumper
 from imucalib_cli.robot.rotations import quaternion_from_matrix
 from imucalib_cli.simulate.kalibr import camera_truth
 
@@ -147,7 +148,9 @@ def write_truth(truth: Truth, path: Path) -> None:
         **({} if truth.camera is None else {"camera": _plain(truth.camera)}),
         "settings": _plain(truth.settings),
     }
-    text = yaml.safe_dump(document, sort_keys=False, width=100, default_flow_style=None)
+    text = yaml.dump(
+        document, Dumper=PlainDumper, sort_keys=False, width=100, default_flow_style=None
+    )
     write_whole(path, HEADER + text)
 
 

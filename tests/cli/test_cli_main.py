@@ -58,6 +58,14 @@ def test_version(capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr().out == f"imucalib {__version__}\n"
 
 
+def test_the_package_runs_as_the_command_does() -> None:
+    """Where pip's scripts are not on the PATH."""
+    command = [sys.executable, "-m", "imucalib_cli", "schema", "moon"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert done.stderr.startswith("error: schema moon: ")
+
+
 def test_no_arguments_show_the_help_and_exit_2(capsys: pytest.CaptureFixture[str]) -> None:
     assert main([]) == 2
     captured = capsys.readouterr()
@@ -213,7 +221,8 @@ def _result(folder: Path) -> Path:
     return path
 
 
-def test_an_interruption_at_any_moment_is_quiet() -> None:
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interruption_at_any_moment_is_quiet(number: int) -> None:
     """From the first line of ours to the end: importing, reading, estimating, writing."""
     log, urdf = (str(ROOT / "sample_data" / f"rihibot.{kind}") for kind in ("mcap", "urdf"))
     program = (
@@ -231,12 +240,60 @@ def test_an_interruption_at_any_moment_is_quiet() -> None:
             assert process.stdout is not None
             assert process.stdout.readline() == "on\n"
             time.sleep(0.005 + 0.03 * i)
-            process.send_signal(signal.SIGINT)
+            process.send_signal(number)
             _, err = process.communicate(timeout=20)
         assert err == "" or process.returncode == 0
         codes.append(process.returncode)
     assert set(codes) <= {130, 0}  # a fast machine is done before the last ones
     assert codes[:3] == [130] * 3
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_simulation_leaves_nothing(number: int, tmp_path: Path) -> None:
+    command = ["simulate", "barbot", "--duration", "60", "-o", "log.bag", "--compression", "bz2"]
+    with subprocess.Popen(
+        [sys.executable, "-m", "imucalib_cli", *command], cwd=tmp_path, stderr=subprocess.PIPE
+    ) as process:
+        # until the log is being written
+        deadline = time.monotonic() + 60.0
+        while not list(tmp_path.iterdir()) and time.monotonic() < deadline:
+            time.sleep(0.01)
+        process.send_signal(number)
+        _, err = process.communicate(timeout=20)
+    assert (process.returncode, err) == (130, b"")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_import_that_was_broken_off_is_no_missing_package(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("imucalib_cli.cli.main.was_interrupted", lambda: True)
+    assert main(["inspect", "nowhere.mcap"]) == 130
+    assert capsys.readouterr().err == ""
+
+
+def test_a_lack_of_memory_is_one_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def full(*_: object) -> None:
+        raise MemoryError
+
+    monkeypatch.setattr("imucalib_cli.jobs.inspect.open_log", full)
+    assert main(["inspect", "log.mcap"]) == 1
+    err = capsys.readouterr().err
+    assert err.startswith("error: not enough memory: ")
+    assert err.count("\n") == 1
+
+
+def test_help_that_nobody_reads_to_its_end() -> None:
+    read, write = os.pipe()
+    os.close(read)
+    try:
+        command = [sys.executable, "-m", "imucalib_cli", "run", "--help"]
+        done = subprocess.run(command, stdout=write, stderr=subprocess.PIPE, check=False)
+    finally:
+        os.close(write)
+    assert (done.returncode, done.stderr) == (141, b"")
 
 
 def _limited(program: str, folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
@@ -258,7 +315,12 @@ def _limited(program: str, folder: Path, *arguments: str) -> subprocess.Complete
         ["verify", "RESULT", "--urdf", "URDF", "-q", "-o", "out.yaml"],
         ["apply", "RESULT", "--urdf", "URDF", "-q", "-o", "out.urdf"],
         ["diff", "RESULT", "RESULT", "-q", "-o", "out.yaml"],
+        *(
+            ["simulate", "barbot", "--duration", "1", "-o", f"out{suffix}"]
+            for suffix in (".mcap", ".bag", ".db3", "")
+        ),
     ],
+    ids=lambda arguments: f"{arguments[0]} {arguments[-1]}",
 )
 def test_a_full_disk_is_one_line_and_leaves_no_half_file(
     arguments: list[str], tmp_path: Path
@@ -271,7 +333,9 @@ def test_a_full_disk_is_one_line_and_leaves_no_half_file(
     done = _limited(PROGRAM, folder, *(named.get(word, word) for word in arguments))
     assert done.returncode == 1
     assert done.stderr.startswith("error: out")
-    assert done.stderr.endswith(": cannot be written: File too large\n")
+    # SQLite has words of its own
+    reason = "disk I/O error" if arguments[-1] in {"out.db3", "out"} else "File too large"
+    assert done.stderr.endswith(f": cannot be written: {reason}\n")
     assert done.stderr.count("\n") == 1
     assert [path for path in folder.rglob("*") if path.is_file()] == []
 
@@ -389,3 +453,34 @@ def test_apply_needs_a_result(
     out, err = capsys.readouterr()
     assert out == ""
     assert err == (f"error: {result}: schema is missing; is this a result of `imucalib run`?\n")
+
+
+def test_a_file_that_may_not_be_read_is_no_wrong_usage(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Typer would look at it first; root may read everything, so that the look is faked."""
+    (tmp_path / "empty.mcap").write_bytes(b"")
+    allowed = os.access
+    monkeypatch.setattr(os, "access", lambda path, mode: mode != os.R_OK and allowed(path, mode))
+    name = str(tmp_path / "empty.mcap")
+    for arguments in (
+        ["run", name],
+        ["inspect", name],
+        ["inspect", "nowhere", "--urdf", name],
+        ["diff", "nowhere", "nowhere", "--urdf", name],
+        ["simulate", "--config", name, "-o", name],
+        ["study", "bias", "--config", name],
+    ):
+        main(arguments)
+        assert "is not readable" not in capsys.readouterr().err
+
+
+def test_a_working_folder_that_is_gone(tmp_path: Path) -> None:
+    script = (
+        f"cd {tmp_path} && rmdir {tmp_path} && exec {sys.executable} -m imucalib_cli run x.mcap"
+    )
+    done = subprocess.run(["sh", "-c", script], capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert done.stderr.endswith(
+        "error: the working folder is not there any more: change to another\n"
+    )

@@ -484,3 +484,69 @@ def test_one_imu_link_is_not_for_two_imus(
     log = log_writer.imu("/one").imu("/two").joints().write()
     assert run(log, "--urdf", arm_urdf, "--imu-link", "imu_link") == 2
     assert "--imu-topic: /one, /two" in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("estimator")
+def test_a_frame_may_be_typed_with_a_leading_slash(
+    arm_log: Path, arm_urdf: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    frames = ("--parent", "/upper", "--imu-link", "/imu_link", "--world", "/base")
+    assert run(arm_log, "--urdf", arm_urdf, *frames) == 0
+    document = yaml.safe_load(capsys.readouterr().out)
+    assert (document["transform"]["parent"], document["transform"]["child"]) == (
+        "upper",
+        "imu_link",
+    )
+    assert document["provenance"]["world"] == "base"
+
+
+@pytest.mark.parametrize(
+    ("held", "words"),
+    [
+        ("xyz", "held about x, y, z of hand, as told by --fix"),
+        ("xz", "± 0.0006 deg about y of hand; held about x, z of hand, as told by --fix"),
+        ("", "± 0.0006 0.0006 0.0006 deg about x, y, z of hand"),
+    ],
+)
+def test_axes_that_are_held_are_told_once(
+    *,
+    estimator: Estimator,
+    arm_log: Path,
+    arm_urdf: Path,
+    capsys: pytest.CaptureFixture[str],
+    held: str,
+    words: str,
+) -> None:
+    stds = [0.0 if axis in held else 1e-5 for axis in "xyz"]
+    covariance = np.diag([1e-8] * 3 + [std**2 for std in stds])
+    estimator.estimate = replace(ESTIMATE, covariance=covariance)
+    assert run(arm_log, "--urdf", arm_urdf, "--format", "summary") == 0
+    (line,) = (line for line in capsys.readouterr().out.splitlines() if " rotation " in line)
+    assert line.split("rotation", 1)[1].strip() == words
+
+
+@pytest.mark.parametrize(
+    ("std", "told"),
+    [
+        ((1e-3, 20e-3, 1e-3), ["along (0.00 1.00 0.00) of hand, ± 20 mm: faster turns about axes"]),
+        ((0.0, 0.0, 0.0), []),
+        ((1e-3, 10.0, 1e-3), []),
+    ],
+    ids=["loose", "held", "not determined"],
+)
+def test_where_the_place_is_least_known_is_told(
+    *,
+    estimator: Estimator,
+    arm_log: Path,
+    arm_urdf: Path,
+    capsys: pytest.CaptureFixture[str],
+    std: tuple[float, float, float],
+    told: list[str],
+) -> None:
+    covariance = np.diag([*(each**2 for each in std), 1e-10, 1e-10, 1e-10])
+    hidden = (SIDEWAYS,) if max(std) > 1.0 else ()
+    estimator.estimate = replace(ESTIMATE, covariance=covariance, unobservable=hidden)
+    run(arm_log, "--urdf", arm_urdf, "--format", "summary")
+    lines = [line for line in capsys.readouterr().out.splitlines() if "least known" in line]
+    assert len(lines) == len(told)
+    assert all(words in line for words, line in zip(told, lines, strict=True))

@@ -201,7 +201,7 @@ def test_a_long_run_says_a_line_now_and_then_off_a_terminal(
     runs = len(file.read_text("utf-8").splitlines()) - 1
     said = capsys.readouterr().err.splitlines()
     assert said[0] == f"derivation: {runs} runs, rows in {file}"
-    assert re.fullmatch(rf"derivation: 1 of {runs} runs, about \d+ s left", said[1])
+    assert re.fullmatch(rf"derivation: 1 of {runs} runs, about \d+ (s|min) left", said[1])
     assert said[-2:] == [f"derivation: {runs} of {runs} runs", f"rows: {file}"]
     assert run(*derivation, "--no-figures", "--fresh", "-q") == 0
     assert capsys.readouterr().err == ""

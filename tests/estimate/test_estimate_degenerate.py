@@ -5,6 +5,7 @@ Which directions are hidden is geometry: the axis of all rotation, from pinocchi
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -111,6 +112,10 @@ def test_one_axis_hides_the_way_along_it_and_the_turn_about_it(noisy: bool) -> N
     assert len(rotations) == 1
     # Gravity's tilt about the axis and the IMU's turn about it are one unknown.
     assert along(rotations[0], axis) > 0.999
+    # The way across the axis is unknown with the turn about it: z is what the log has already.
+    assert len(translations) == 3
+    for direction in (*translations, *rotations):
+        assert re.search(r"about its x (or|and) y ax[ie]s", direction.motion)
     assert_known_across(estimate, log, axis, kind="rotation", std=5e-4)
     assert estimate.time_offset_std is not None
     assert abs(estimate.time_offset) < 5 * estimate.time_offset_std + 1e-7

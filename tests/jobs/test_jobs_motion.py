@@ -11,6 +11,7 @@ from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.jobs.motion import find_motion
 from imucalib_cli.jobs.reading import read_recording
 from imucalib_cli.jobs.request import CalibrationRequest
+from imucalib_cli.robot.urdf import load_robot
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -167,3 +168,23 @@ def test_a_pose_told_twice_is_taken_once_and_told(log_writer: LogWriter) -> None
     recording, motion = _read(log)
     assert motion.parent == "body"
     assert any("/tf_static tells the pose of body in map too" in w for w in recording.warnings)
+
+
+def test_a_leading_slash_is_no_part_of_a_link_name(log_writer: LogWriter, arm_urdf: Path) -> None:
+    arm_urdf.write_text(
+        arm_urdf.read_text().replace('link="', 'link="/').replace('link name="', 'link name="/')
+    )
+    motion = motion_of(log_writer.imu(frame="/imu_link").joints().write(), urdf=arm_urdf)
+    assert (motion.parent, motion.child, motion.path.world) == ("hand", "imu_link", "base")
+
+
+def test_links_that_differ_by_a_slash_alone_are_refused(arm_urdf: Path) -> None:
+    text = arm_urdf.read_text()
+    arm_urdf.write_text(
+        text.replace('<link name="upper"/>', '<link name="upper"/> <link name="/hand"/>').replace(
+            "<!-- keep me -->",
+            '<joint name="j" type="fixed"><parent link="base"/><child link="/hand"/></joint>',
+        )
+    )
+    with pytest.raises(InputError, match="'hand' and '/hand' are one frame: rename one"):
+        load_robot(arm_urdf)

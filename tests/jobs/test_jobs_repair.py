@@ -386,3 +386,27 @@ def test_much_shows_without_kinematics() -> None:
     _, stamps = _arrive(log.imu.t, 3, batch=10, drops=0.0)
     (said,) = look(replace(imu, gyro=log.imu.gyro), stamps)
     assert said.code == "stamps.bunched"
+
+
+@pytest.mark.parametrize("at", [0.2, 0.5, 0.97])
+@pytest.mark.parametrize("bursts", [1, 8])
+def test_junk_that_comes_at_once_is_no_sample(at: float, bursts: int) -> None:
+    """As ticks, those messages would move the time offset by 0.1 s each ten of them."""
+    log = _log()
+    samples = len(log.imu.t)
+    count = int(0.08 * samples) // bursts
+    places = [int(at * samples)] if bursts == 1 else [(2 * k + 1) * samples // 16 for k in range(8)]
+    t, rows, junk = log.imu.t, np.arange(samples), np.zeros(samples, dtype=bool)
+    for place in reversed(places):
+        # a buffer of old samples, sent again within a millisecond
+        sent = t[place] + 1e-6 * np.arange(1, count + 1)
+        t = np.insert(t, place + 1, sent)
+        rows = np.insert(rows, place + 1, np.maximum(np.arange(place - count, place), 0))
+        junk = np.insert(junk, place + 1, np.ones(count, dtype=bool))
+    gyro = np.where(junk[:, None], 0.0, log.imu.gyro[rows])
+    spoilt = log.with_imu(t, gyro, log.imu.accel[rows])
+    mended = _repaired(spoilt)
+    estimate = _estimate(mended)
+    assert [each.code for each in mended.findings] == ["stamps.surplus"]
+    assert estimate.time_offset == pytest.approx(0.05, abs=2e-4)
+    _see_right(estimate, log)

@@ -6,10 +6,19 @@ import numpy as np
 import pytest
 
 from imucalib_cli.errors import InputError
-from imucalib_cli.jobs.units import KNOWN_RATIOS, gyro_factor
+from imucalib_cli.jobs.units import (
+    ACCEL_FACTORS,
+    KNOWN_RATIOS,
+    AccelUnit,
+    GyroUnit,
+    accel_factor,
+    gyro_factor,
+)
+from imucalib_cli.logs.streams import ImuStream
 from imucalib_cli.signals.turning import Turning
 
 DEG = 180.0 / np.pi
+G = 9.80665
 
 
 def turning(ratio: float, *, scatter: float = 0.01, correlation: float = 0.99) -> Turning:
@@ -59,3 +68,53 @@ def test_another_constant_factor_is_told_with_its_deviation(ratio: float) -> Non
 def test_a_factor_that_is_not_constant_is_no_unit() -> None:
     found = gyro_factor("/imu", 1.0, turning(8.0, scatter=0.4), "auto", most_angle=2.0)
     assert (found.unit, found.finding) == ("rad/s", None)
+
+
+@pytest.mark.parametrize(
+    ("ratio", "stated"),
+    [(1.0, "deg/s"), (DEG, "rad/s"), (1.0 / DEG, "rad/s"), (1.0 / DEG, "deg/s")],
+)
+def test_a_gyro_unit_stated_against_the_motion_is_named(ratio: float, stated: GyroUnit) -> None:
+    found = gyro_factor("/imu", 1.0, turning(ratio), stated, most_angle=2.0)
+    assert [each.code for each in found.contradicted] == ["imu.gyro_unit_contradicted"]
+    assert found.unit == stated
+    assert found.contradicted[0].values["ratio"] == pytest.approx(ratio, rel=0.01)
+    message = found.contradicted[0].message
+    assert f"yet --gyro-unit {stated} was given" in message
+
+
+@pytest.mark.parametrize(("ratio", "stated"), [(1.1, "rad/s"), (DEG, "deg/s"), (8.0, "deg/s")])
+def test_a_gyro_unit_that_nothing_contradicts_is_taken(ratio: float, stated: GyroUnit) -> None:
+    assert gyro_factor("/imu", 1.0, turning(ratio), stated, most_angle=2.0).finding is None
+
+
+@pytest.mark.parametrize(("reads", "stated"), [(G, "g"), (1.0, "m/s2"), (1.0, "mg"), (1000.0, "g")])
+def test_an_accel_unit_stated_against_gravity_is_named(reads: float, stated: AccelUnit) -> None:
+    found = accel_factor(resting(reads), stated, gravity=G)
+    (wrong,) = found.contradicted
+    assert f"accel at rest is {reads:.4g}" in wrong.message
+    assert f"yet --accel-unit {stated} was given" in wrong.message
+    assert wrong.values["times"] == pytest.approx(reads * ACCEL_FACTORS[stated] / G, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("reads", "stated", "gravity"),
+    [(G, "m/s2", G), (1.0, "g", G), (5.0, "g", G), (1.0, "m/s2", 0.0)],
+)
+def test_an_accel_unit_that_nothing_contradicts_is_taken(
+    reads: float, stated: AccelUnit, gravity: float
+) -> None:
+    assert accel_factor(resting(reads), stated, gravity=gravity).finding is None
+
+
+def resting(norm: float) -> ImuStream:
+    rng = np.random.default_rng(0)
+    stamps = np.arange(400, dtype=np.int64) * 10_000_000
+    return ImuStream(
+        topic="/imu",
+        header_ns=stamps,
+        log_ns=stamps,
+        frame_id="imu",
+        gyro=rng.normal(0.0, 1e-3, (400, 3)),
+        accel=np.array([0.0, 0.0, norm]) * (1.0 + rng.normal(0.0, 1e-4, (400, 1))),
+    )

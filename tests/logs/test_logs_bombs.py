@@ -7,6 +7,7 @@ import resource
 import struct
 import zlib
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -85,8 +86,9 @@ def test_a_file_that_unpacks_to_a_disk_full_is_stopped(
     monkeypatch.setattr(unpacked, "_ALWAYS", 1 << 24)
     path = tmp_path / "log.db3.zstd"
     path.write_bytes(zeros(1 << 30))
-    with pytest.raises(InputError, match="is not a log"):
+    with pytest.raises(InputError) as caught:
         open_log([path])
+    assert str(caught.value).startswith(f"{path} unpacks to no log, as far as it could be unpacked")
     target, loss = unpacked.unpack(path)
     assert target.stat().st_size < 1 << 28
     assert loss is not None
@@ -107,3 +109,49 @@ def test_counts_a_message_merely_claims_are_not_believed(written: Write) -> None
         data = open_log([path]).read(["/joint_states", "/tf"])
     assert data.joints["/joint_states"]
     assert any("do not fit" in loss for loss in data.losses)
+
+
+@pytest.mark.parametrize(
+    ("limit", "ratio", "most"),
+    [("_MESSAGES_ALWAYS", "_MESSAGES_PER_BYTE", 0.02), ("_BYTES_ALWAYS", "MOST_RATIO", 1)],
+)
+def test_what_a_whole_log_holds_is_bounded_by_its_size(
+    limit: str, ratio: str, most: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Chunk by chunk each is small: equal messages that pack to a byte or two."""
+    monkeypatch.setattr(decode, limit, 1000)
+    monkeypatch.setattr(decode, ratio, most)
+    (first, *_) = (each for each in mixed_messages(5) if each.topic == "/imu")
+    path = tmp_path / "log.mcap"
+    write_mcap(path, [first] * 40_000, chunk_size=1 << 18)
+    data = open_log([path]).read(["/imu"])
+    assert 0 < len(data.imus["/imu"]) < 40_000
+    assert any("which no log does: what stands before is used" in loss for loss in data.losses)
+
+
+def test_a_table_that_unpacks_to_a_great_deal_is_cut(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(unpacked, "_TABLE_ALWAYS", 1 << 20)
+    path = tmp_path / "log.csv.zst"
+    text = b"t_ns,gx,gy,gz,ax,ay,az\n" + b"1,0,0,0,0,0,9\n" * 500_000
+    path.write_bytes(zstandard.compress(text))
+    log = open_log([path])
+    (topic,) = log.topics
+    assert 0 < topic.count <= (1 << 20) // 14
+    assert any(
+        "unpacks to over 100 times its size" in loss for loss in log.read([topic.name]).losses
+    )
+
+
+def test_a_log_that_packs_well_is_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An IMU at rest without noise, whose stamps alone differ."""
+    monkeypatch.setattr(decode, "_MESSAGES_ALWAYS", 1000)
+    monkeypatch.setattr(decode, "_BYTES_ALWAYS", 1000)
+    (first, *_) = (each for each in mixed_messages(5) if each.topic == "/imu")
+    path = tmp_path / "log.mcap"
+    said = [replace(first, log_ns=first.log_ns + 5_000_000 * k) for k in range(5000)]
+    write_mcap(path, said)
+    data = open_log([path]).read(["/imu"])
+    assert len(data.imus["/imu"]) == 5000
+    assert data.losses == ()

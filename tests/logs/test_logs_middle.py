@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sqlite3
 import struct
 from contextlib import closing
@@ -313,3 +314,39 @@ def test_database_that_vanishes_is_one_line(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="cannot be read any more") as caught:
         log.read(["/imu"])
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("word", [b"CREATE TABLE", b"messages", b"topic_id", b"INTEGER"])
+def test_a_schema_that_is_no_text_is_one_line(word: bytes, tmp_path: Path) -> None:
+    """SQLite quotes what is broken in its message, which Python then cannot decode."""
+    _, path = db3(tmp_path, 30)
+    content = path.read_bytes()
+    for place in (each.start() for each in re.finditer(re.escape(word), content[:4096])):
+        path.write_bytes(content[:place] + b"\xdd\xff" + content[place + 2 :])
+        told = ""
+        try:
+            read_imu(path)
+        except InputError as error:
+            told = str(error)
+        assert not told or "is no readable rosbag2 database" in told
+        assert "codec" not in told
+
+
+def test_a_damaged_database_leaves_nothing_behind_either(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, path = db3(tmp_path, 100)
+    with closing(sqlite3.connect(path)) as database:
+        database.execute("PRAGMA journal_mode=WAL")
+    crashed, temporary = tmp_path / "crashed", tmp_path / "temporary"
+    crashed.mkdir()
+    temporary.mkdir()
+    content = path.read_bytes()
+    place = content.index(b"CREATE TABLE messages")
+    (crashed / "a.db3").write_bytes(content[:place] + b"\xdd" * 8 + content[place + 8 :])
+    (crashed / "a.db3-wal").write_bytes(b"\0" * 4096)
+    monkeypatch.setattr("tempfile.tempdir", str(temporary))
+    with pytest.raises(InputError, match="is no readable rosbag2 database"):
+        open_log([crashed / "a.db3"])
+    assert sorted(each.name for each in crashed.iterdir()) == ["a.db3", "a.db3-wal"]
+    assert not [each.name for each in temporary.iterdir() if not each.name.endswith(".db3")]

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+import zstandard
 
 from imucalib_cli.errors import ImucalibError, InputError
 from imucalib_cli.logs import log as logs
@@ -120,6 +121,15 @@ def test_times_of_no_clear_unit_are_refused(tmp_path: Path) -> None:
         open_log([path])
     path.write_text(path.read_text().replace("t,", "t_ms,", 1))
     assert np.diff(read(path).imus["/imu"].header_ns).tolist() == [5_000_000] * (COUNT - 1)
+
+
+def test_a_packed_table_that_is_refused_has_its_own_name(tmp_path: Path) -> None:
+    """Not that of the temporary file it was unpacked into, nor advice about another format."""
+    path = tmp_path / "a.csv.zst"
+    path.write_bytes(zstandard.compress(b"t,gx,gy,gz,ax,ay,az\n0,0,0,0,0,0,9\n20,0,0,0,0,0,9\n"))
+    with pytest.raises(InputError) as caught:
+        open_log([path])
+    assert str(caught.value).startswith(f"{path}: its rows would be 20 s apart")
 
 
 def test_columns_may_be_named_by_the_user(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from imucalib_cli.digits import decimals, figures, sigma, with_std
-from imucalib_cli.errors import ChoiceError, InputError
+from imucalib_cli.errors import InputError
 from imucalib_cli.results.atomic import write_whole
 
 
@@ -111,18 +111,6 @@ def test_a_link_is_kept_and_its_target_replaced(tmp_path: Path) -> None:
     write_whole(link, "new")
     assert link.is_symlink()
     assert target.read_text() == "new"
-
-
-def test_inputs_are_refused_by_any_name(tmp_path: Path) -> None:
-    source = tmp_path / "log.mcap"
-    source.write_text("precious")
-    soft, hard = tmp_path / "soft", tmp_path / "hard"
-    soft.symlink_to(source)
-    hard.hardlink_to(source)
-    for name in (source, soft, hard, tmp_path / "." / "log.mcap"):
-        with pytest.raises(ChoiceError, match="is an input"):
-            write_whole(name, "rubbish", inputs=[source])
-    assert source.read_text() == "precious"
 
 
 def test_folders_and_devices(tmp_path: Path) -> None:

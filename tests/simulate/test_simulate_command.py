@@ -124,13 +124,14 @@ def test_a_folder_that_is_not_there_is_not_made(
         out, err = capsys.readouterr()
         assert out == ""
         assert err == (
-            f"error: {places[-1]}: there is no folder {missing}; make it or name another\n"
+            f"error: {places[-1]}: cannot be written: there is no folder {missing}; make it, or "
+            "name another file\n"
         )
         assert list(tmp_path.iterdir()) == []
 
 
 def test_log_and_urdf_are_two_files(tmp_path: Path) -> None:
     log = tmp_path / "same.mcap"
-    with pytest.raises(ChoiceError, match="both the log and the URDF"):
+    with pytest.raises(ChoiceError, match="would be written twice: name two files"):
         simulate(load_system("rihibot"), SimulationOptions(), log, urdf=log)
     assert not log.exists()

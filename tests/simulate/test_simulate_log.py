@@ -234,7 +234,7 @@ def test_a_folder_that_is_there_is_not_written_into(arm: Recording, tmp_path: Pa
 
 def test_a_place_that_cannot_be_written_is_named(arm: Recording, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
-    with pytest.raises(InputError, match="there is no folder"):
+    with pytest.raises(InputError, match="cannot be written: Not a directory"):
         write_log(arm, tmp_path / "file" / "log.mcap")
     with pytest.raises(InputError, match="cannot be written"):
         write_log(arm, tmp_path / ("x" * 300 + ".mcap"))

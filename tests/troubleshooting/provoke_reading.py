@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 from typing import TYPE_CHECKING
+from unittest.mock import patch
 
 from tests.troubleshooting.scene import Scene, Seen, joint, noisy, provokes
 
@@ -150,3 +151,20 @@ provokes("two-roots")(spoilt_urdf(lambda text: text.replace(LINK, LINK + '<link 
 provokes("urdf-millimetres")(
     spoilt_urdf(lambda text: joint(text, "elbow_joint", "-0.6127 0 0", "-612700 0 0"))
 )
+
+
+@provokes("no-memory")
+def _(scene: Scene) -> Seen:
+    with patch("imucalib_cli.jobs.reading.open_log", side_effect=MemoryError):
+        return scene.run("log.mcap")
+
+
+@provokes("holds-too-much")
+def _(scene: Scene) -> Seen:
+    """As if the last tenth were too much."""
+    log = scene.log(noisy("rihibot"))
+    with (
+        patch("imucalib_cli.logs.decode._MESSAGES_PER_BYTE", 0.0),
+        patch("imucalib_cli.logs.decode._MESSAGES_ALWAYS", 4300),
+    ):
+        return scene.run(log)

@@ -10,6 +10,7 @@ from imucalib_cli.simulate.noise import corrupt
 from tests.troubleshooting.scene import Scene, Seen, clean, joint, noisy, provokes
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
 
 ARM, BODY = "rihibot", "barbot"
@@ -29,6 +30,21 @@ def edited(path: Path, pattern: str, new: str) -> Path:
     assert count == 1
     path.write_text(text)
     return path
+
+
+def apply_text(content: str) -> Callable[[Scene], Seen]:
+    """`imucalib apply` of a file that is no result."""
+
+    def provocation(scene: Scene) -> Seen:
+        scene.path("result.yaml").write_text(content)
+        return scene.cli("apply", scene.path("result.yaml"), "--urdf", scene.urdf())
+
+    return provocation
+
+
+provokes("yaml-alias")(apply_text("a: &a [*a]\n"))
+provokes("yaml-deep")(apply_text("a: " + "[" * 100))
+provokes("yaml-twice")(apply_text("schema: 1\nschema: 1\n"))
 
 
 def verify(scene: Scene, *arguments: object) -> Seen:
@@ -154,3 +170,48 @@ def _(scene: Scene) -> Seen:
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
         signal.signal(signal.SIGXFSZ, before)
+
+
+@provokes("output-twice")
+def _(scene: Scene) -> Seen:
+    log = scene.path("same.mcap")
+    return scene.cli("simulate", "barbot", "-o", log, "--urdf", log)
+
+
+@provokes("output-is-log")
+def _(scene: Scene) -> Seen:
+    other = scene.path("other.mcap")
+    other.write_bytes(scene.log(noisy(ARM)).read_bytes())
+    return scene.run(scene.path("log.mcap"), "-o", other)
+
+
+@provokes("output-is-urdf")
+def _(scene: Scene) -> Seen:
+    other = scene.path("other.urdf")
+    other.write_bytes(scene.urdf().read_bytes())
+    return scene.run(scene.log(noisy(ARM)), "-o", other)
+
+
+@provokes("output-empty")
+def _(scene: Scene) -> Seen:
+    return scene.run(scene.log(noisy(ARM)), "-o", "")
+
+
+@provokes("output-numbered")
+def _(scene: Scene) -> Seen:
+    scene.path("results").mkdir()
+    scene.path("results/log.imu_link.yaml").write_text("something else")
+    return scene.run(scene.log(noisy(ARM)), "-o", scene.path("results"))
+
+
+@provokes("output-older")
+def _(scene: Scene) -> Seen:
+    return scene.run(scene.path("missing.mcap"), "-o", result(scene))
+
+
+@provokes("output-protected")
+def _(scene: Scene) -> Seen:
+    target = scene.path("result.yaml")
+    target.write_text("")
+    target.chmod(0o444)
+    return scene.run(scene.log(noisy(ARM)), "-o", target)

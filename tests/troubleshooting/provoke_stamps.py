@@ -121,6 +121,21 @@ def _(scene: Scene) -> Seen:
     return scene.run_arm(with_stamps(arrived, arrived))
 
 
+@provokes("junk-at-once")
+def _(scene: Scene) -> Seen:
+    """A tenth of the log is sent again within a millisecond, without the gyroscope's values."""
+    recording = noisy(ARM)
+    imu, middle, count = recording.imu, len(stamps()) // 2, len(stamps()) // 10
+    order = np.insert(np.arange(len(imu.t)), middle, np.arange(middle - count, middle))
+    again = slice(middle, middle + count)
+    changes = {name: getattr(imu, name)[order] for name in ("t", "gyro", "accel")}
+    changes["gyro"][again] = 0.0
+    for name in ("stamp", "received"):
+        changes[name] = getattr(imu, name)[order]
+        changes[name][again] = getattr(imu, name)[middle - 1] + 1e-6 * np.arange(1, count + 1)
+    return scene.run_arm(with_imu(recording, **changes))
+
+
 @provokes("imu-jitter")
 def _(scene: Scene) -> Seen:
     t = stamps()

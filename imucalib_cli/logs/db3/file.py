@@ -25,8 +25,9 @@ if TYPE_CHECKING:
 
 
 _MAGIC = b"SQLite format 3\x00"
-_BROKEN = (sqlite3.DatabaseError, MemoryError)
-"""What SQLite raises on damage: it takes some of it for a lack of memory."""
+_BROKEN = (sqlite3.DatabaseError, MemoryError, UnicodeDecodeError)
+"""What SQLite raises on damage: it takes some of it for a lack of memory, and quotes it in its
+messages, which then are no text."""
 _FETCH = 1024
 """Rows taken at a time."""
 _COUNTED = 100
@@ -55,7 +56,10 @@ class Db3File:
         try:
             self.channels = self._open()
         except _BROKEN as error:
-            raise InputError(f"{path} is no readable rosbag2 database: {error}") from error
+            reason = "its schema is damaged" if isinstance(error, UnicodeDecodeError) else error
+            raise InputError(
+                f"{path} is no readable rosbag2 database: {reason}; copy it again, or record anew"
+            ) from error
 
     @classmethod
     def matches(cls, head: bytes, path: Path) -> bool:  # noqa: ARG003 - content decides
@@ -92,13 +96,15 @@ class Db3File:
         # SQLite makes these to read a file in WAL mode and would leave them behind.
         made = [self._file.with_name(self._file.name + end) for end in ("-shm", "-wal")]
         made = [each for each in made if not each.exists()]
-        with closing(sqlite3.connect(f"file:{path}?{self._mode}", uri=True)) as database:
-            database.text_factory = lambda text: text.decode("utf-8", "replace")
-            yield database
-        for each in made:
-            with contextlib.suppress(OSError):
-                if each.name.endswith("-shm") or not each.stat().st_size:
-                    each.unlink()
+        try:
+            with closing(sqlite3.connect(f"file:{path}?{self._mode}", uri=True)) as database:
+                database.text_factory = lambda text: text.decode("utf-8", "replace")
+                yield database
+        finally:  # of a damaged one too
+            for each in made:
+                with contextlib.suppress(OSError):
+                    if each.name.endswith("-shm") or not each.stat().st_size:
+                        each.unlink()
 
     def _channels(self) -> tuple[Channel, ...]:
         with self._database() as database:

@@ -1,0 +1,139 @@
+"""YAML from outside: the one way it is read, with its size bounded before anything is built.
+
+A few hundred bytes of anchors unfold to gigabytes, and a hundred kilobytes of brackets overflow
+the stack of a recursive reader. Nothing that is read here needs either.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING, Any, BinaryIO
+
+import yaml
+
+if TYPE_CHECKING:
+    from collections.abc import Hashable
+
+LARGEST = 1 << 22
+"""Bytes of a text; a result has a few ten thousand for each IMU."""
+_DEEPEST = 64
+_MOST_NODES = 200_000
+
+FLOAT = re.compile(
+    r"^[-+]?(?:(?:\.[0-9]+|[0-9]+\.[0-9]*)(?:[eE][-+]?[0-9]+)?|[0-9]+[eE][-+]?[0-9]+"
+    r"|\.(?:inf|Inf|INF))$|^\.(?:nan|NaN|NAN)$"
+)
+INT = re.compile(r"^[-+]?[0-9]+$")
+"""Numbers as JSON and YAML 1.2 have them: 1e-05 is one, and 1:30 is none."""
+NUMBERS = (
+    ("tag:yaml.org,2002:float", FLOAT, list("-+.0123456789")),
+    ("tag:yaml.org,2002:int", INT, list("-+0123456789")),
+)
+"""Arguments of add_implicit_resolver, for who reads and for who writes."""
+
+
+class YamlError(ValueError):
+    """A text is no YAML, or more than is read; its message is one line."""
+
+
+# libyaml where it is there: ten times as fast
+_SafeLoader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+
+
+class _Loader(_SafeLoader):  # type: ignore[misc]  # one of two classes
+    """Plain values only; a key that stands twice in a mapping is an error."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
+        known: set[tuple[str, str]] = set()
+        for key, _ in node.value:
+            if not isinstance(key, yaml.ScalarNode):
+                continue
+            if (key.tag, key.value) in known:
+                line = key.start_mark.line + 1
+                raise YamlError(f"line {line}: the key {key.value[:40]!r} stands there twice")
+            known.add((key.tag, key.value))
+        mapping: dict[Hashable, Any] = super().construct_mapping(node, deep)
+        return mapping
+
+    def construct_int(self, node: yaml.ScalarNode) -> int:
+        """A decimal number; 010 is ten."""
+        return int(node.value)
+
+
+_NUMERIC = {tag for tag, _, _ in NUMBERS}
+_Loader.yaml_implicit_resolvers = {
+    first: [(tag, pattern) for tag, pattern in resolvers if tag not in _NUMERIC]
+    for first, resolvers in _SafeLoader.yaml_implicit_resolvers.items()
+}
+for _number in NUMBERS:
+    _Loader.add_implicit_resolver(*_number)
+_Loader.add_constructor("tag:yaml.org,2002:int", _Loader.construct_int)
+
+
+def load_yaml(text: str) -> list[Any]:
+    """The documents of a text, in plain Python values.
+
+    Raises:
+        YamlError: It is no YAML, too large or too deep, or has aliases or a key twice.
+    """
+    try:
+        _see_bounded(text)
+        return list(yaml.load_all(text, Loader=_Loader))
+    except YamlError:
+        raise
+    except (yaml.YAMLError, ValueError, OverflowError, RecursionError) as error:
+        raise YamlError(" ".join(str(error).split())) from error
+
+
+def load_one(text: str) -> Any:
+    """The only document of a text; None of an empty one.
+
+    Raises:
+        YamlError: As :func:`load_yaml`, or there are several.
+    """
+    documents = load_yaml(text)
+    if len(documents) > 1:
+        raise YamlError("several documents (---) where one belongs")
+    return documents[0] if documents else None
+
+
+def read_bounded(file: BinaryIO, errors: str = "strict") -> str:
+    """All of a file as text, unless it is far too much: a log, or an endless device.
+
+    Args:
+        file: Opened.
+        errors: What becomes of bytes that are no text, as decode has it.
+
+    Raises:
+        YamlError: It is.
+        UnicodeDecodeError: It is no text.
+    """
+    content = file.read(LARGEST + 1)
+    if len(content) > LARGEST:
+        raise YamlError(f"more than {LARGEST >> 20} MB")
+    return content.decode("utf-8", errors)
+
+
+def _see_bounded(text: str) -> None:
+    """Go through a text without building anything of it."""
+    if len(text) > LARGEST:
+        raise YamlError(f"more than {LARGEST >> 20} MB")
+    nodes = depth = 0
+    for event in yaml.parse(text, Loader=_Loader):
+        if isinstance(event, yaml.AliasEvent):
+            mark = event.start_mark
+            where = "" if mark is None else f"line {mark.line + 1}: "
+            raise YamlError(
+                f"{where}the alias *{str(event.anchor)[:40]} stands for something else: "
+                "write it out"
+            )
+        if isinstance(event, yaml.NodeEvent):
+            nodes += 1
+        if isinstance(event, yaml.CollectionStartEvent):
+            depth += 1
+        elif isinstance(event, yaml.CollectionEndEvent):
+            depth -= 1
+        if depth > _DEEPEST:
+            raise YamlError(f"nested more than {_DEEPEST} deep")
+        if nodes > _MOST_NODES:
+            raise YamlError(f"more than {_MOST_NODES} values")

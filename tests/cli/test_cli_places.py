@@ -1,0 +1,351 @@
+"""No command costs its user a file: not one that it reads, not a log, not another result."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+import yaml
+
+from imucalib_cli.cli.main import main
+from imucalib_cli.configuration import _configs
+from imucalib_cli.errors import ChoiceError, InputError
+from imucalib_cli.results.codec import to_document, to_yaml
+from imucalib_cli.results.places import see_places
+from tests.conftest import LogWriter
+from tests.results.test_results_documents import make_estimate, make_result
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from tests.cli.test_cli_run import Estimator
+
+SHORT = ("--duration", "0.2", "--imu-rate", "100", "--robot-rate", "50")
+
+
+@pytest.fixture
+def estimator(monkeypatch: pytest.MonkeyPatch) -> Estimator:
+    from tests.cli.test_cli_run import Estimator as Fake
+
+    fake = Fake()
+    monkeypatch.setattr("imucalib_cli.jobs.calibrate._estimate", fake)
+    return fake
+
+
+@pytest.fixture
+def house(tmp_path: Path, log_writer: LogWriter, arm_urdf: Path) -> Iterator[Path]:
+    """A folder with one file of every kind that a command reads; none changes, whatever is run."""
+    recording = log_writer.imu().joints().write().parent
+    shutil.copy(next(recording.glob("*.mcap")), tmp_path / "log.mcap")
+    shutil.copy(arm_urdf, tmp_path / "real.urdf")
+    configs = Path(str(_configs()))
+    shutil.copy(configs / "imus" / "bmi088.yaml", tmp_path / "imu.yaml")
+    shutil.copy(configs / "imus" / "bmi088.yaml", tmp_path / "chip.truth.yaml")
+    shutil.copy(configs / "barbot.yaml", tmp_path / "own.yaml")
+    shutil.copy(configs / "barbot.yaml", tmp_path / "sim.truth.yaml")
+    shutil.copy(configs / "studies" / "bias.yaml", tmp_path / "bias-quick.jsonl")
+    (tmp_path / "result.yaml").write_text(to_yaml([to_document(make_result())]))
+    table = tmp_path / "euroc" / "mav0" / "imu0" / "data.csv"
+    table.parent.mkdir(parents=True)
+    table.write_text("t_ns,gx,gy,gz,ax,ay,az\n0,0,0,0,0,0,9.8\n")
+    shutil.copy(table, tmp_path / "imu.csv")
+    before = _contents(tmp_path)
+    yield tmp_path
+    after = _contents(tmp_path)
+    assert {name: after.get(name) for name in before} == before
+
+
+def _contents(folder: Path) -> dict[str, str]:
+    return {
+        str(path): hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file()
+    }
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        "run log.mcap --urdf real.urdf -o log.mcap",
+        "run log.mcap --urdf real.urdf -o real.urdf",
+        "run recording --urdf real.urdf -o recording/metadata.yaml",
+        "run recording/metadata.yaml --urdf real.urdf -o recording/recording.mcap",
+        "run log.mcap --urdf real.urdf --imu-model imu.yaml -o imu.yaml",
+        "inspect recording -o recording/metadata.yaml",
+        "inspect euroc -o euroc/mav0/imu0/data.csv",
+        "inspect log.mcap --urdf real.urdf -o real.urdf",
+        "verify log.mcap --urdf real.urdf -o log.mcap",
+        "verify log.mcap --urdf real.urdf --imu-model imu.yaml -o imu.yaml",
+        "verify result.yaml --urdf real.urdf -o result.yaml",
+        "diff result.yaml result.yaml --urdf real.urdf -o real.urdf",
+        "compare result.yaml --kalibr imu.yaml --urdf real.urdf -o imu.yaml",
+        "compare result.yaml --kalibr imu.yaml --urdf real.urdf --truth own.yaml -o own.yaml",
+        "simulate --config own.yaml -o sim.mcap --urdf own.yaml",
+        "simulate --config sim.truth.yaml -o sim.mcap",
+        "simulate barbot --imu chip.truth.yaml -o chip.mcap",
+        "simulate barbot --imu imu.yaml -o new.mcap --urdf imu.yaml",
+        "study bias --quick --config bias-quick.jsonl -o .",
+    ],
+)
+@pytest.mark.usefixtures("estimator")
+def test_what_is_read_is_never_written(
+    arguments: str,
+    house: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(house)
+    short = SHORT if arguments.startswith("simulate") else ()
+    assert main([*arguments.split(), *short]) == 2
+    err = capsys.readouterr().err
+    assert "is an input and would be overwritten: name another file" in err
+    assert err.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        "run recording --urdf real.urdf -o log.mcap",
+        "run log.mcap --urdf arm.urdf -o real.urdf",
+        "run log.mcap --urdf arm.urdf -o recording/metadata.yaml",
+        "inspect recording -o log.mcap",
+        "inspect recording -o imu.csv",
+        "verify result.yaml --urdf arm.urdf -o real.urdf",
+        "diff result.yaml result.yaml -o log.mcap",
+        "simulate barbot -o log.mcap",
+        "simulate barbot -o new.mcap --urdf real.urdf",
+    ],
+)
+@pytest.mark.usefixtures("estimator")
+def test_logs_and_urdfs_of_others_are_not_written_over(
+    arguments: str,
+    house: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(house)
+    short = SHORT if arguments.startswith("simulate") else ()
+    assert main([*arguments.split(), *short]) == 2
+    err = capsys.readouterr().err
+    assert "and would be overwritten: name another file" in err
+    # only these commands have a --force
+    assert ("or say --force" in err) == arguments.startswith(("run", "simulate"))
+
+
+@pytest.mark.usefixtures("estimator")
+def test_force_writes_over_them(house: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(house)
+    for name in ("a.mcap", "b.mcap"):
+        shutil.copy("log.mcap", name)
+    shutil.copy("real.urdf", "c.urdf")
+    assert main(["run", "log.mcap", "--urdf", "real.urdf", "-o", "a.mcap", "--force"]) == 0
+    assert main(["simulate", "barbot", *SHORT, "-o", "b.mcap", "--urdf", "c.urdf", "--force"]) == 0
+    assert Path("a.mcap").read_text().startswith("schema:")
+    assert "Made by imucalib simulate" in Path("c.urdf").read_text()
+
+
+def test_a_simulation_may_be_repeated(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    command = ["simulate", "barbot", *SHORT, "-o", str(tmp_path / "a.mcap")]
+    for _ in range(2):
+        assert main([*command, "--urdf", str(tmp_path / "a.urdf")]) == 0, capsys.readouterr().err
+
+
+@pytest.mark.parametrize("urdf", ["sim.mcap", "sim.truth.yaml"])
+def test_a_simulation_writes_no_file_twice(
+    urdf: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    places = ["-o", str(tmp_path / "sim.mcap"), "--urdf", str(tmp_path / urdf)]
+    assert main(["simulate", "barbot", *SHORT, *places]) == 2
+    assert "would be written twice: name two files" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("place", ["sim.truth.yaml", "out.urdf"])
+def test_a_simulation_sees_all_its_places_before_it_begins(place: str, tmp_path: Path) -> None:
+    (tmp_path / place).mkdir()
+    log = tmp_path / "sim.mcap"
+    log.write_bytes(b"old")
+    places = ["-o", str(log), "--urdf", str(tmp_path / "out.urdf")]
+    assert main(["simulate", "barbot", *SHORT, *places]) == 1
+    assert log.read_bytes() == b"old"
+
+
+def test_a_simulated_log_keeps_link_and_permissions(tmp_path: Path) -> None:
+    real, link = tmp_path / "real.mcap", tmp_path / "link.mcap"
+    real.write_bytes(b"old")
+    real.chmod(0o600)
+    link.symlink_to(real)
+    assert main(["simulate", "barbot", *SHORT, "-o", str(link)]) == 0
+    assert link.is_symlink()
+    assert real.stat().st_mode & 0o777 == 0o600
+    assert real.read_bytes().startswith(b"\x89MCAP")
+
+
+def test_a_pipe_takes_no_simulated_log(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    os.mkfifo(tmp_path / "pipe.mcap")
+    assert main(["simulate", "barbot", *SHORT, "-o", str(tmp_path / "pipe.mcap")]) == 1
+    assert "is a pipe or a device; name a file" in capsys.readouterr().err
+
+
+def test_inputs_are_known_by_any_name(tmp_path: Path) -> None:
+    source = tmp_path / "source.yaml"
+    source.write_text("precious")
+    soft, hard = tmp_path / "soft", tmp_path / "hard"
+    soft.symlink_to(source)
+    hard.hardlink_to(source)
+    for name in (source, soft, hard, tmp_path / "." / "source.yaml"):
+        with pytest.raises(ChoiceError, match="is an input"):
+            see_places(read=[source], written=[name])
+
+
+def test_a_companion_of_a_database_is_an_input(tmp_path: Path) -> None:
+    (tmp_path / "a.db3-wal").write_text("x")
+    with pytest.raises(ChoiceError, match="is an input"):
+        see_places(read=[tmp_path / "a.db3"], written=[tmp_path / "a.db3-wal"])
+
+
+def test_a_protected_file_is_kept(tmp_path: Path) -> None:
+    target = tmp_path / "result.yaml"
+    target.write_text("old")
+    target.chmod(0o444)
+    with pytest.raises(InputError, match="it is write-protected"):
+        see_places(read=[], written=[target])
+
+
+@pytest.mark.parametrize("command", [["verify"], ["apply", "--force"]])
+def test_the_file_behind_stdin_is_an_input(
+    command: list[str], tmp_path: Path, arm_urdf: Path
+) -> None:
+    result = tmp_path / "result.yaml"
+    result.write_text(to_yaml([to_document(make_result(parent="hand", child="imu_link"))]))
+    before = result.read_text()
+    with result.open("rb") as file:
+        done = subprocess.run(
+            [sys.executable, "-m", "imucalib_cli", *command, "-", "--urdf", arm_urdf, "-o", result],
+            stdin=file,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+    assert done.returncode == 2, done.stderr
+    assert "is an input and would be overwritten" in done.stderr
+    assert result.read_text() == before
+
+
+@pytest.mark.parametrize("command", ["run log.mcap", "inspect log.mcap", "diff a b"])
+def test_an_empty_output_is_no_place(
+    command: str, house: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([*command.replace("log", str(house / "log")).split(), "-o", ""]) == 2
+    assert "-o is empty, as of a variable that is not set" in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("estimator")
+def test_a_file_may_be_called_minus(house: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(house)
+    assert main(["run", "log.mcap", "--urdf", "arm.urdf", "-o", "./-"]) == 0
+    assert Path("./-").read_text().startswith("schema:")
+
+
+@pytest.mark.usefixtures("estimator")
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        (("/i1", "a/b"), ("/i2", "a_b")),
+        (("/i1", "a b"), ("/i2", "a_b")),
+        (("/i1", "!!"), ("/i2", "??")),
+        (("/imu/data", "imu_link"), ("/imu_data", "imu_link")),
+        (("/i1", "A"), ("/i2", "a")),
+    ],
+)
+def test_no_two_results_share_a_file(
+    first: tuple[str, str],
+    second: tuple[str, str],
+    tmp_path: Path,
+    arm_urdf: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    writer = LogWriter(tmp_path / "rec").joints()
+    for topic, frame in (first, second):
+        writer.imu(topic, frame=frame)
+    log = writer.write()
+    command = ["run", str(log), "--urdf", str(arm_urdf), "--parent", "hand", "-o"]
+    for _ in range(2):  # the second time each goes over its own
+        assert main([*command, f"{tmp_path}/out/"]) == 0
+        err = capsys.readouterr().err
+        files = sorted((tmp_path / "out").iterdir())
+        topics = [yaml.safe_load(file.read_text())["provenance"]["topics"]["imu"] for file in files]
+        assert sorted(topics) == sorted((first[0], second[0]))
+        assert "is of another IMU or log: this result is in" in err
+
+
+@pytest.mark.usefixtures("estimator")
+@pytest.mark.parametrize("fmt", ["yaml", "json", "summary"])
+def test_results_of_two_logs_of_one_name_are_both_kept(
+    fmt: str, tmp_path: Path, arm_urdf: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for place, topic in (("d1", "/one"), ("d2", "/two")):
+        (tmp_path / place).mkdir()
+        log = LogWriter(tmp_path / place / "rosbag").imu(topic).joints().write()
+        command = ["run", str(log), "--urdf", str(arm_urdf), "--format", fmt]
+        assert main([*command, "-o", f"{tmp_path}/col/"]) == 0
+    names = sorted(path.name for path in (tmp_path / "col").iterdir())
+    assert len(names) == 2
+    assert "rosbag.imu_link.2" in names[0]
+    assert "rosbag.imu_link.2" in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("estimator")
+def test_a_long_frame_has_a_file_too(tmp_path: Path, arm_urdf: Path) -> None:
+    log = LogWriter(tmp_path / "rec").imu(frame="\u00e9" * 200).joints().write()
+    command = ["run", str(log), "--urdf", str(arm_urdf), "--parent", "hand", "-o"]
+    assert main([*command, f"{tmp_path}/out/"]) == 0
+    assert len(list((tmp_path / "out").iterdir())) == 1
+    name = "x" * 250 + ".yaml"
+    assert main([*command, str(tmp_path / name)]) == 0
+
+
+def test_a_failed_run_tells_of_an_older_result(
+    estimator: Estimator, house: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    target = house / "older.yaml"
+    command = ["run", str(house / "log.mcap"), "--urdf", str(house / "arm.urdf"), "-o"]
+    assert main([*command, str(target)]) == 0
+    assert main([*command, f"{house}/out/"]) == 0
+    capsys.readouterr()
+    estimator.fail_on = 3
+    assert main([*command, str(target)]) == 1
+    words = "is of an earlier run: this one has not written it"
+    assert f"{target} {words}" in capsys.readouterr().err
+    estimator.fail_on = 4
+    assert main([*command, f"{house}/out/"]) == 1
+    err = capsys.readouterr().err
+    assert f"{house / 'out' / 'log.imu_link.yaml'} {words}" in err
+    estimator.fail_on = None
+    assert main([*command, str(target)]) == 0
+    assert words not in capsys.readouterr().err
+
+
+def test_apply_repeats_itself_and_spares_other_urdfs(
+    tmp_path: Path, arm_urdf: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    result, target = tmp_path / "result.yaml", tmp_path / "calibrated.urdf"
+    command = ["apply", str(result), "--urdf", str(arm_urdf), "-o", str(target)]
+    for x in (0.1, 0.2):
+        moved = make_estimate(t_parent_imu=make_estimate().t_parent_imu + x)
+        found = make_result(estimate=moved, parent="hand", child="imu_link")
+        result.write_text(to_yaml([to_document(found)]))
+        assert main(command) == 0, capsys.readouterr().err
+    target.write_text(target.read_text().replace("keep me", "changed by hand"))
+    capsys.readouterr()
+    assert main(command) == 2
+    assert "is a URDF and would be overwritten" in capsys.readouterr().err
+    assert "changed by hand" in target.read_text()
+    assert main([*command, "--force"]) == 0
+    assert "keep me" in target.read_text()

@@ -1,0 +1,115 @@
+"""YAML that a stranger wrote hangs nothing, fills no memory and crashes no interpreter."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from typing import TYPE_CHECKING
+
+import pytest
+import yaml
+
+from imucalib_cli.cli.main import main
+from imucalib_cli.guarded_yaml import YamlError, load_one, load_yaml
+from imucalib_cli.results.codec import PlainDumper, read_results, to_document, to_yaml
+from tests.results.test_results_documents import make_result
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from tests.conftest import LogWriter
+
+MERGES = "m0: &m0 {a: 1}\n" + "".join(
+    f"m{n}: &m{n}\n  <<: [{', '.join([f'*m{n - 1}'] * 10)}]\n" for n in range(1, 9)
+)
+"""Hundreds of bytes that unfold to 10^8 pairs."""
+ALIASES = "q0: &q0 [1, 1]\n" + "".join(
+    f"q{n}: &q{n} [{', '.join([f'*q{n - 1}'] * 10)}]\n" for n in range(1, 9)
+)
+DEEP = "x: " + "[" * 100_000
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (MERGES, "line 3: the alias *m0 stands for something else: write it out"),
+        (ALIASES, "the alias *q0"),
+        ("a: &a [*a]", "the alias *a"),
+        (DEEP, "nested more than 64 deep"),
+        ("a: [" + "1," * 250_000 + "1]", "more than 200000 values"),
+        ("a: '" + "x" * (1 << 22) + "'", "more than 4 MB"),
+        ("a: 1\nb: 2\na: 3", "line 3: the key 'a' stands there twice"),
+        ("a: " + "9" * 5000, "integer string"),
+        ("a: [", "expected"),
+        ("a: !!python/object:os.system x", "could not determine a constructor"),
+    ],
+)
+def test_what_is_not_read(text: str, words: str) -> None:
+    with pytest.raises(YamlError) as caught:
+        load_yaml(text)
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_numbers_are_those_of_json() -> None:
+    text = "[1e-05, -2, 010, 1:30, 0x10, .5, 1., 1e3, .inf, 1_000]"
+    expected = [1e-5, -2, 10, "1:30", "0x10", 0.5, 1.0, 1e3, float("inf"), "1_000"]
+    assert load_one(text) == expected
+
+
+@pytest.mark.parametrize("name", ["1e3", "08", "0x10", "1:30", "2e-5", ".5", "~", "yes", "12"])
+def test_a_frame_that_looks_like_a_number_is_read_back(name: str) -> None:
+    (read,) = read_results(to_yaml([to_document(make_result(child=name))]), "r.yaml")
+    assert read.child == name
+
+
+def test_nothing_that_is_written_needs_an_alias() -> None:
+    shared = [1, "1e3"]
+    assert load_one(yaml.dump({"a": shared, "b": shared}, Dumper=PlainDumper)) == {
+        "a": shared,
+        "b": shared,
+    }
+
+
+@pytest.mark.parametrize("content", [MERGES, DEEP], ids=["merges", "deep"])
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["apply", "{bomb}", "--urdf", "{urdf}"],
+        ["verify", "{bomb}", "--urdf", "{urdf}"],
+        ["diff", "{bomb}", "{bomb}"],
+        ["compare", "{bomb}", "--kalibr", "{bomb}", "--urdf", "{urdf}"],
+        ["run", "{log}", "--urdf", "{urdf}", "--imu-model", "{bomb}"],
+        ["simulate", "--config", "{bomb}", "-o", "{bomb}.mcap"],
+        ["simulate", "rihibot", "--imu", "{bomb}", "-o", "{bomb}.mcap"],
+        ["simulate", "rihibot", "--camera-config", "{bomb}", "-o", "{bomb}.mcap"],
+        ["study", "bias", "--config", "{bomb}", "-o", "{bomb}.study"],
+    ],
+    ids=lambda command: f"{command[0]} {command[-2]}",
+)
+def test_every_command_answers_a_bomb_in_one_line(
+    content: str,
+    command: list[str],
+    tmp_path: Path,
+    arm_urdf: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    bomb = tmp_path / "bomb.yaml"
+    bomb.write_text(content)
+    names = {"bomb": bomb, "urdf": arm_urdf, "log": tmp_path / "no.mcap"}
+    assert main([each.format(**names) for each in command]) == 1
+    err = capsys.readouterr().err
+    assert err.startswith(f"error: {bomb}: ")
+    assert err.count("\n") == 1
+
+
+@pytest.mark.parametrize("content", [MERGES, DEEP], ids=["merges", "deep"])
+def test_a_folder_is_read_past_a_bomb_in_its_metadata(content: str, log_writer: LogWriter) -> None:
+    """In a process of its own: this once ended in a segmentation fault."""
+    folder = log_writer.imu().joints().write().parent
+    with (folder / "metadata.yaml").open("a") as file:
+        file.write(content)
+    command = [sys.executable, "-m", "imucalib_cli", "inspect", str(folder)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "/imu/data" in done.stdout
