@@ -10,10 +10,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from imucalib_cli.estimate.matched import calibrate_matched
-from imucalib_cli.estimate.options import MatchedOptions
+from imucalib_cli.estimate.options import MatchedOptions, PosePrior
 from imucalib_cli.robot.path import JointStep, KinematicPath
+from imucalib_cli.signals.samples import ImuSamples
 from tests.estimate.estimate_arm import GRAVITY, INDUSTRIAL, MOUNT, Moves, make_log
-from tests.estimate.estimate_faults import nees
+from tests.estimate.estimate_faults import nees, pose_error
 
 UNLIKELY = 27.9
 """chi-squared, six degrees of freedom, p = 1e-4."""
@@ -87,3 +88,60 @@ def test_zeros_of_joints_that_stand_still_are_in_sigma(seed: int) -> None:
     exact = calibrate_matched(log.imu, log.path, MatchedOptions(robot="exact"))
     assert "robot.joints_still" not in {each.code for each in exact.findings}
     assert nees(exact, MOUNT) < UNLIKELY
+
+
+def test_a_wrong_value_is_sized_where_the_clocks_are_far_apart() -> None:
+    log = make_log(MOVES).noisy(1, INDUSTRIAL)
+    late = replace(log.imu, t=log.imu.t + 6.0)
+    options = MatchedOptions(gravity_norm=9.7, gravity_std=0.0, max_offset=10.0)
+    estimate = calibrate_matched(late, log.path, options)
+    (found,) = (each for each in estimate.findings if each.code == "prior.stated_contradicted")
+    assert float(str(found.values["step"])) == pytest.approx(GRAVITY - 9.7, abs=2e-3)
+
+
+def test_no_log_tells_hidden_errors_from_the_mount_however_sharp_it_is() -> None:
+    moves = replace(MOVES, amplitude=(*MOVES.amplitude[:3], 0.0, 0.0, 0.0))
+    log = make_log(moves)
+    estimate = calibrate_matched(log.imu, log.path, MatchedOptions(robot=(1e-3, 5e-4)))
+    hidden = {"joint_zero": ("j2", "j3", "j4", "j5"), "origin": ("j4", "j5")}
+    found = [
+        (each.std, each.prior_std)
+        for each in estimate.parameters
+        if each.name in hidden and each.label.split()[0] in hidden[each.name]
+    ]
+    assert len(found) == 4 + 2 * 3
+    std, prior_std = zip(*found, strict=True)
+    np.testing.assert_allclose(std, prior_std, rtol=1e-6)
+    # The robot is exact, so that none of the prior's milliradian may be seen in it.
+    assert np.linalg.norm(pose_error(estimate, MOUNT)[3:]) < 1e-5
+
+
+def test_a_clock_that_was_set_moves_a_pose_of_which_a_part_is_held() -> None:
+    log = make_log(MOVES).noisy(1, INDUSTRIAL)
+    stepped = replace(log.imu, t=np.where(log.imu.t > 14.0, log.imu.t + 0.05, log.imu.t))
+    held = PosePrior(
+        std=(np.inf, np.inf, 0.0, np.inf, np.inf, np.inf),
+        R_parent_imu=MOUNT.R,
+        t_parent_imu=MOUNT.t,
+    )
+    free, part = (
+        calibrate_matched(stepped, log.path, MatchedOptions(pose=pose)) for pose in (None, held)
+    )
+    codes = {each.code for each in part.findings}
+    assert "change.clock" in codes
+    assert free.covariance is not None
+    assert part.covariance is not None
+    wide, narrow = (np.sqrt(np.diag(C)[3:]) for C in (free.covariance, part.covariance))
+    np.testing.assert_array_less(0.5 * wide, narrow)
+
+
+def test_short_gaps_between_windows_are_no_loss() -> None:
+    log = make_log(MOVES).noisy(1, INDUSTRIAL)
+    kept = log.imu.t % 0.45 > 0.05
+    gappy = ImuSamples(t=log.imu.t[kept], gyro=log.imu.gyro[kept], accel=log.imu.accel[kept])
+    estimate = calibrate_matched(gappy, log.path, MatchedOptions())
+    assert "windows.between_gaps" not in {each.code for each in estimate.findings}
+    half = log.imu.t % 0.8 > 0.4
+    lost = ImuSamples(t=log.imu.t[half], gyro=log.imu.gyro[half], accel=log.imu.accel[half])
+    estimate = calibrate_matched(lost, log.path, MatchedOptions())
+    assert "windows.between_gaps" in {each.code for each in estimate.findings}
