@@ -115,7 +115,7 @@ def calibrate_matched(imu: ImuSamples, path: KinematicPath, options: MatchedOpti
 
 def _sign_in_doubt(attempt: Attempt, options: MatchedOptions) -> bool:
     """Whether gravity lies far from down: where it lies right, no sensor is reversed."""
-    return options.gravity != "none" and options.gravity_norm > 0.0 and _upside_down(attempt)
+    return options.has_gravity and _upside_down(attempt)
 
 
 def _better_sign(read: Attempt, other: Attempt) -> tuple[Attempt, judge.Sign]:

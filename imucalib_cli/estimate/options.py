@@ -78,6 +78,11 @@ class MatchedOptions:
     sensor_axes_most: float = math.inf
     """Turn of the gyroscope's axes against the accelerometer's, rad, likewise."""
 
+    @property
+    def has_gravity(self) -> bool:
+        """Whether the world has gravity."""
+        return self.gravity != "none" and self.gravity_norm > 0.0
+
     def prior_std(self, unknown: Unknown) -> Floats | None:
         """Prior of an entry of the table, 1 sigma, as far as it is told; None: learn it.
 
@@ -101,7 +106,7 @@ class MatchedOptions:
     def _held_groups(self) -> set[str]:
         """Groups of the table all of which is taken to be nominal."""
         held = {
-            "gravity": self.gravity == "none" or self.gravity_norm == 0.0,
+            "gravity": not self.has_gravity,
             "sensor": self.sensor_model == "ideal",
             "robot": self.robot == "exact",
         }

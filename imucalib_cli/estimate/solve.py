@@ -73,8 +73,8 @@ class Known:
         parts = (columns.T, columns.BA, columns.BG)
         for part, given, weakest in zip(parts, stds, _WEAKEST_STD, strict=True):
             std[part] = np.minimum(given, weakest)
-        norm = 0.0 if options.gravity == "none" else options.gravity_norm
-        tilts = options.gravity == "tilt" and norm > 0.0
+        norm = options.gravity_norm if options.has_gravity else 0.0
+        tilts = options.gravity == "tilt" and options.has_gravity
         std[columns.G] = norm * options.tilt_std if tilts else 0.0
         mean[columns.T], mean[columns.G] = t, (0.0, 0.0, -norm)
         return cls(std, mean, pose_std[3:], R, norm)

@@ -47,29 +47,25 @@ class _Statement:
     """Options with which the entry is free."""
 
 
-def _has_gravity(options: MatchedOptions) -> bool:
-    return options.gravity != "none" and options.gravity_norm > 0.0
-
-
 _STATEMENTS: Final = (
     _Statement(
         name="gravity_norm",
         option="--gravity",
-        is_made=lambda options: _has_gravity(options) and options.gravity_std == 0.0,
+        is_made=lambda options: options.has_gravity and options.gravity_std == 0.0,
         # That of any place on Earth, with room for a slip of the pen, m/s².
         freed={"gravity_std": 0.3},
     ),
     _Statement(
         name="gravity_direction",
         option="--gravity fixed",
-        is_made=lambda options: _has_gravity(options) and options.gravity == "fixed",
+        is_made=lambda options: options.has_gravity and options.gravity == "fixed",
         freed={"gravity": "tilt", "tilt_std": np.inf},
     ),
     _Statement(
         name="gravity_direction",
         option="--tilt-std",
         is_made=lambda options: (
-            _has_gravity(options) and options.gravity == "tilt" and options.tilt_std < np.inf
+            options.has_gravity and options.gravity == "tilt" and options.tilt_std < np.inf
         ),
         freed={"tilt_std": np.inf},
     ),

@@ -67,6 +67,6 @@ class CalibrationRequest:
     def wants_gravity(self) -> bool:
         """Whether the accelerometer should feel gravity at rest."""
         options = self.estimator
-        if isinstance(options, MatchedOptions) and options.gravity == "none":
+        if isinstance(options, MatchedOptions) and not options.has_gravity:
             return False
         return options.gravity_norm > 0.0
