@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from imucalib_cli.estimate.state import Chain
-from imucalib_cli.estimate.unknowns import Clock, Reading, Samples
+from imucalib_cli.estimate.unknowns import SENSORS, Clock, Reading, Samples
 from imucalib_cli.estimate.windows import average, blocks, derive, window_centres
 from imucalib_cli.robot.rotations import skew, vee
 from imucalib_cli.signals.kernels import MARGIN
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats, Indices
     from imucalib_cli.estimate.layout import Layout
     from imucalib_cli.estimate.state import State
+    from imucalib_cli.estimate.unknowns import Sensor
     from imucalib_cli.estimate.windows import Windowing, WindowPlan
 
 
@@ -84,18 +85,17 @@ class Model:
         pad = slice(max(span.start - 1, 0), min(span.stop + 1, len(grid.usable)))
         inner = slice(span.start - pad.start, span.stop - pad.start)
         samples = self.samples(grid.accel[pad], grid.gyro[pad], pad.start, 1)
-        accel, gyro = self.less_errors(state, samples)
+        accel, gyro = (self.less_errors(state, samples, sensor) for sensor in SENSORS)
         return accel[inner], gyro[inner]
 
-    def less_errors(self, state: State, samples: Samples) -> tuple[Floats, Floats]:
-        """Accelerometer and gyroscope readings with the sensor's errors taken off."""
-        accel, gyro = samples.accel.copy(), samples.gyro.copy()
+    def less_errors(self, state: State, samples: Samples, sensor: Sensor) -> Floats:
+        """(M, 3), readings of a sensor with its errors taken off."""
+        reading = (samples.accel if sensor == "accel" else samples.gyro).copy()
         for each, effect in self.layout.of(Reading):
             value = state.x[each.part]
-            if value.any():
-                of = accel if effect.sensor == "accel" else gyro
-                of -= np.tensordot(value, effect.basis(samples), axes=1)
-        return accel, gyro
+            if effect.sensor == sensor and value.any():
+                reading -= np.tensordot(value, effect.basis(samples), axes=1)
+        return reading
 
     def samples(self, accel: Floats, gyro: Floats, first: int, every: int) -> Samples:
         """Readings at grid samples from ``first``, every so many."""

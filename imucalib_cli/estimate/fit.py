@@ -34,7 +34,7 @@ from imucalib_cli.estimate.spectrum import (
     whitened,
 )
 from imucalib_cli.estimate.state import State, tilt_from_down, turned_about
-from imucalib_cli.estimate.unknowns import LEAN, Gravity, Reading, Unknown
+from imucalib_cli.estimate.unknowns import LEAN, SENSORS, Gravity, Reading, Unknown
 from imucalib_cli.estimate.windows import spread
 from imucalib_cli.robot.rotations import rotation_angle, rotvec_from_matrix
 
@@ -253,23 +253,23 @@ def _globally(
     _see_enough(windowing, centres, time_offset)
     rows = windowing.rows(time_offset, spread(centres, _FEW))
     known, scales = Known.of(options), _FIRST_SCALES
-    weights = np.ones(len(rows.centres))
-    found = solve_globally(_normal(windowing, rows, weights, scales), known)
+    normal = _normal(windowing, rows, np.ones(len(rows.centres)), scales)
+    found = solve_globally(normal, known)
     lean, runner_up = found, found.runner_up
     for turn in range(_REWEIGHTS):
         residuals = np.concatenate(rows.residuals(lean.x), axis=1)
         scales = residual_scales(residuals)
         motion = (rows.accel[:, :, lean_columns.T] ** 2).sum(axis=(1, 2))
         weights = window_weights(residuals, motion, redescend=turn > 0)
-        lean = _refined(_normal(windowing, rows, weights, scales), known, lean.x)
+        normal = _normal(windowing, rows, weights, scales)
+        lean = _refined(normal, known, lean.x)
     rise = np.inf
     if runner_up is not None:
-        normal = _normal(windowing, rows, weights, scales)
         # The windows stand for those left out too.
         share = len(centres) / len(rows.centres)
-        first, other = (_refined(normal, known, each) for each in (lean.x, runner_up))
-        if rotation_angle(other.R.T @ first.R) > SAME_ROTATION:
-            rise = share * float(other.cost - first.cost)
+        other = _refined(normal, known, runner_up)
+        if rotation_angle(other.R.T @ lean.R) > SAME_ROTATION:
+            rise = share * float(other.cost - lean.cost)
     return _state_of(lean, layout, time_offset), float(rise)
 
 
@@ -493,7 +493,7 @@ def _noise_of_columns(
     nodes = plan_nodes(plan, grid.dt)
     on_information = np.zeros((model.layout.size, model.layout.size))
     on_score = np.zeros(model.layout.size)
-    for sensor, name in enumerate(("accel", "gyro")):
+    for sensor, name in enumerate(SENSORS):
         plain = plan.filters[sensor].average
         # Of the residual, what is this sensor's own white noise; whitened as the columns are.
         own = min(

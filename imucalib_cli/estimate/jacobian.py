@@ -299,7 +299,7 @@ def _nodes(model: Model, plan: NodePlan, chain: Chain, state: State, centres: In
     turning = vee(spin) / (2 * dt)
     place = p + lever
     moving = (place[2:] - place[:-2]) / (2 * dt)
-    accel, _ = model.less_errors(state, samples)
+    accel = model.less_errors(state, samples, "accel")
     R_world_imu = R @ state.R
     return _Nodes(
         first=first,

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from imucalib_cli.signals.samples import STANDARD_GRAVITY
+
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.unknowns import Unknown
 
 
-STANDARD_GRAVITY = 9.80665
-"""m/s², CGPM 1901."""
 GRAVITY_STD = 0.02
 """m/s²: on the Earth's surface gravity runs from 9.764 to 9.834."""
 

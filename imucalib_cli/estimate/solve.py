@@ -142,8 +142,9 @@ def refine(normal: Floats, known: Known, x: Floats, steps: int = _STEPS) -> Solu
     damping = np.full_like(cost, 1e-9)
     for _ in range(steps):
         turned = (_GENERATORS @ _rotation(v)[..., None, :, :]).reshape(*cost.shape, 3, 9)
-        DP = np.swapaxes(left_jacobian_inverse(off), -1, -2) * prior
-        H = turned @ S[1:, 1:] @ np.swapaxes(turned, -1, -2) + DP @ left_jacobian_inverse(off)
+        D = left_jacobian_inverse(off)
+        DP = np.swapaxes(D, -1, -2) * prior
+        H = turned @ S[1:, 1:] @ np.swapaxes(turned, -1, -2) + DP @ D
         gradient = _times(turned, v @ S[:, 1:]) + _times(DP, off)
         scale = np.sqrt(np.maximum(np.diagonal(H, axis1=-2, axis2=-1), 1e-300))
         unit = np.where(np.outer(free, free), H, 0.0) / (scale[..., :, None] * scale[..., None, :])

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats
 
 Sensor = Literal["accel", "gyro"]
+SENSORS: Final[tuple[Sensor, Sensor]] = ("accel", "gyro")
 Group = Literal["mount", "bias", "gravity", "offset", "sensor", "robot"]
 
 PLAY_RATE: Final = 0.01

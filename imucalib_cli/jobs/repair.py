@@ -311,16 +311,7 @@ def _even_track(track: Track, told: list[Finding], as_recorded: tuple[str, ...])
     t = _even(track.name, track.t, told, track.values, as_recorded=as_recorded)
     tidy = tidy_rows(t, track.values)
     if tidy.not_finite or tidy.backward or tidy.astray:
-        told.append(
-            warning(
-                "stream.rows_left_out",
-                stream=track.name,
-                not_finite=tidy.not_finite,
-                astray=tidy.astray,
-                repeated=tidy.repeated,
-                backward=tidy.backward,
-            )
-        )
+        told.append(warning("stream.rows_left_out", stream=track.name, **tidy.left_out))
     even = track if t is track.t else replace(track, t=t)
     return _without_glitches(even, tidy, told)
 

@@ -10,7 +10,8 @@ import numpy as np
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.findings import Finding, Severity, untrusted, warning
-from imucalib_cli.signals.health import MOST_RATE, NEAR, STANDARD_GRAVITY, guess_units
+from imucalib_cli.signals.health import MOST_RATE, NEAR, guess_units
+from imucalib_cli.signals.samples import STANDARD_GRAVITY
 from imucalib_cli.signals.turning import AGREE
 
 if TYPE_CHECKING:
@@ -87,8 +88,8 @@ class Factor:
     @property
     def contradicted(self) -> tuple[Finding, ...]:
         """That the data speak against the unit the user states; empty where they do not."""
-        wrong = self.finding is not None and self.finding.severity is Severity.UNTRUSTED
-        return (self.finding,) if self.finding is not None and wrong else ()
+        found = self.finding
+        return (found,) if found is not None and found.severity is Severity.UNTRUSTED else ()
 
 
 def gyro_factor(

@@ -9,13 +9,13 @@ import numpy as np
 
 from imucalib_cli.findings import Finding, warning, warnings
 from imucalib_cli.signals.bursts import BUNCHED, SHORT, SPAN
+from imucalib_cli.signals.samples import STANDARD_GRAVITY
 from imucalib_cli.signals.stamps import GAP_INTERVALS, GAP_SECONDS
 
 if TYPE_CHECKING:
     from imucalib_cli.logs.streams import Floats, ImuStream, Nanoseconds
 
 _NS = 1_000_000_000
-STANDARD_GRAVITY = 9.80665
 NEAR = 0.15
 """Share by which |accel| at rest, or a ratio of two rates, may miss that of a unit: bias, scale
 errors, motion."""

@@ -9,6 +9,9 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
+STANDARD_GRAVITY = 9.80665
+"""m/s², CGPM 1901."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ImuSamples:

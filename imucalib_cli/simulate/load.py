@@ -8,7 +8,7 @@ from pathlib import Path
 from imucalib_cli.configuration import build, builtin_names, read_builtin, read_yaml
 from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.estimate.imu_model import Sensor, imu_assumptions, load_imu_model
-from imucalib_cli.estimate.options import STANDARD_GRAVITY
+from imucalib_cli.signals.samples import STANDARD_GRAVITY
 from imucalib_cli.simulate.config import Grade, SystemConfig
 from imucalib_cli.simulate.options import NoiseOptions, Vector
 

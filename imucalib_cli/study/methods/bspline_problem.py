@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
-from imucalib_cli.estimate.options import STANDARD_GRAVITY
+from imucalib_cli.signals.samples import STANDARD_GRAVITY
 from imucalib_cli.study.methods.bordered import BorderedNormal
 from imucalib_cli.study.methods.bspline_state import BIASES, OFFSET, TILT
 from imucalib_cli.study.methods.bspline_terms import imu_rows, pose_rows

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.estimate.offset import coarse_time_offset
-from imucalib_cli.estimate.options import STANDARD_GRAVITY
 from imucalib_cli.robot.rotations import nearest_rotation
+from imucalib_cli.signals.samples import STANDARD_GRAVITY
 from imucalib_cli.signals.trajectory import Trajectory
 from imucalib_cli.study.methods.answer import Answer
 from imucalib_cli.study.methods.kinematics import (

@@ -24,8 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
-from imucalib_cli.estimate.options import STANDARD_GRAVITY
 from imucalib_cli.robot.rotations import matrix_from_rotvec
+from imucalib_cli.signals.samples import STANDARD_GRAVITY
 from imucalib_cli.signals.stamps import tidy_rows
 from imucalib_cli.study.methods.answer import Answer
 from imucalib_cli.study.methods.hand_eye import Motions, Ransac, park_martin, ransac, tsai
