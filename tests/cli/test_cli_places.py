@@ -22,7 +22,7 @@ from tests.conftest import LogWriter
 from tests.results.test_results_documents import make_estimate, make_result
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
     from tests.cli.test_cli_run import Estimator
 
@@ -61,6 +61,25 @@ def house(tmp_path: Path, log_writer: LogWriter, arm_urdf: Path) -> Iterator[Pat
     assert {name: after.get(name) for name in before} == before
 
 
+@pytest.fixture
+def refused(
+    estimator: Estimator,
+    house: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> Callable[[str], str]:
+    """What a command in the house says that is wrong usage."""
+    del estimator
+    monkeypatch.chdir(house)
+
+    def said(arguments: str) -> str:
+        short = SHORT if arguments.startswith("simulate") else ()
+        assert main([*arguments.split(), *short]) == 2
+        return capsys.readouterr().err
+
+    return said
+
+
 def _contents(folder: Path) -> dict[str, str]:
     return {
         str(path): hashlib.sha256(path.read_bytes()).hexdigest()
@@ -93,17 +112,8 @@ def _contents(folder: Path) -> dict[str, str]:
         "study bias --quick --config bias-quick.jsonl -o .",
     ],
 )
-@pytest.mark.usefixtures("estimator")
-def test_what_is_read_is_never_written(
-    arguments: str,
-    house: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    monkeypatch.chdir(house)
-    short = SHORT if arguments.startswith("simulate") else ()
-    assert main([*arguments.split(), *short]) == 2
-    err = capsys.readouterr().err
+def test_what_is_read_is_never_written(arguments: str, refused: Callable[[str], str]) -> None:
+    err = refused(arguments)
     assert "is an input and would be overwritten: name another file" in err
     assert err.count("\n") == 1
 
@@ -122,17 +132,10 @@ def test_what_is_read_is_never_written(
         "simulate barbot -o new.mcap --urdf real.urdf",
     ],
 )
-@pytest.mark.usefixtures("estimator")
 def test_logs_and_urdfs_of_others_are_not_written_over(
-    arguments: str,
-    house: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    arguments: str, refused: Callable[[str], str]
 ) -> None:
-    monkeypatch.chdir(house)
-    short = SHORT if arguments.startswith("simulate") else ()
-    assert main([*arguments.split(), *short]) == 2
-    err = capsys.readouterr().err
+    err = refused(arguments)
     assert "and would be overwritten: name another file" in err
     # only these commands have a --force
     assert ("or say --force" in err) == arguments.startswith(("run", "simulate"))
