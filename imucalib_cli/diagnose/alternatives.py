@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
     from imucalib_cli.arrays import Floats
     from imucalib_cli.diagnose.hypotheses import Case
-    from imucalib_cli.estimate.fit import Lean
+    from imucalib_cli.estimate.fit import Fit
     from imucalib_cli.estimate.options import MatchedOptions
     from imucalib_cli.estimate.windows import WindowRows
     from imucalib_cli.robot.path import KinematicPath, Track
@@ -90,7 +90,7 @@ class Trial:
     """How well one model explains the IMU."""
 
     hypothesis: Hypothesis
-    lean: Lean
+    lean: Fit
     left: tuple[float, float]
     """Residual of a window, m/s² and rad/s, trimmed root mean square."""
     total: tuple[float, float]
@@ -225,7 +225,7 @@ class Bench:
         return windowing.rows(offset, centres[:: max(len(centres) // _ENOUGH, 1)])
 
 
-def trial_of(hypothesis: Hypothesis, lean: Lean) -> Trial:
+def trial_of(hypothesis: Hypothesis, lean: Fit) -> Trial:
     """A fit, and what it leaves of what there was to explain."""
     residuals = lean.residuals
     return Trial(
