@@ -29,7 +29,7 @@ GENERIC: Final = frozenset(
         "windows.motion_left_out",
         "window.dependent",
         "unknown.implausible",
-        "prior.stated_contradicted",
+        "prior.contradicted",
         "change.mount",
         "change.clock",
         "change.gyro_bias",
@@ -43,8 +43,6 @@ _FOLLOWING: Final = GENERIC | {
     "offset.undetermined",
     "unknown.found",
     "gravity.tilted",
-    "prior.pose_contradicted",
-    "prior.fixed_contradicted",
     "imu.accel_reversed",
 }
 """What else a wrong model makes a fit say."""

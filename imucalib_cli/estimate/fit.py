@@ -415,13 +415,13 @@ def problem_of(layout: Layout, information: Floats, score: Floats, offset: Float
 
 def prior_offset(layout: Layout, options: MatchedOptions, state: State) -> Floats:
     """Distance of each component from what its prior expects."""
-    offset = state.x.copy()
-    offset[layout.part("time_offset")] = 0.0
-    known = options.pose
+    offset, known = state.x.copy(), options.pose
+    clock = layout.part("time_offset")
+    offset[clock] = 0.0 if options.time_offset is None else state.x[clock] - options.time_offset
     for each, gravity in layout.of(Gravity):
         if gravity.what == "magnitude":
             offset[each.part] = np.linalg.norm(state.gravity) - options.gravity_norm
-        elif np.isfinite(options.tilt_std):
+        else:
             offset[each.part] = tilt_from_down(state.gravity)
     if known is None or known.R_parent_imu is None or known.t_parent_imu is None:
         return offset

@@ -7,26 +7,23 @@ from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
 
-from imucalib_cli.estimate.fit import problem_of
 from imucalib_cli.estimate.layout import places_of
 from imucalib_cli.estimate.observability import (
-    ROTATION_LIMIT,
-    TRANSLATION_LIMIT,
     excitation,
+    undetermined,
     unobservable_directions,
 )
-from imucalib_cli.estimate.spectrum import inverse_of, squared_distance
+from imucalib_cli.estimate.spectrum import inverse_of
 from imucalib_cli.estimate.state import tilt_from_down
-from imucalib_cli.estimate.told import stated_wrongly
+from imucalib_cli.estimate.told import POSE_NAMES, contradicted
 from imucalib_cli.estimate.unknowns import Clock, Gravity, Mount, Reading
 from imucalib_cli.estimate.window_choice import kinematic_noise, second_derivative_gain
 from imucalib_cli.findings import Finding, Severity, note, untrusted, warning
-from imucalib_cli.robot.rotations import rotvec_from_matrix
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from imucalib_cli.arrays import Bools, Floats, Indices
+    from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.estimate import UnobservableDirection
     from imucalib_cli.estimate.fit import Fit
     from imucalib_cli.estimate.layout import Placed
@@ -70,8 +67,6 @@ _TILTED: Final = np.radians(20.0)
 """rad: a base stands level, or it is mounted otherwise on purpose."""
 _OFFSET_LIMIT: Final = 0.02
 """s: a time offset known no better than this is not known."""
-_NEGLIGIBLE: Final = 1e-5
-"""m and rad: no drawing is more exact, so no contradiction is smaller."""
 _NOISE_FLOOR: Final = (1e-3, 5e-5)
 """m/s² and rad/s: residuals of a window that a good IMU leaves; less is as good as none."""
 _UNTOUCHED: Final = 0.9
@@ -81,7 +76,6 @@ SLIP: Final = (2e-3, 5e-3)
 _WITHIN: Final = 2.0
 """Sigmas of a told prior within which a bias is what was told."""
 _LEVEL: Final = "; or tell that the base is level (--gravity fixed, or --tilt-std)"
-_NAMES: Final = ("tx", "ty", "tz", "rx", "ry", "rz")
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,19 +180,19 @@ def findings(evidence: Evidence, *, unknown: bool) -> tuple[Finding, ...]:
         evidence: Of the fit.
         unknown: Whether directions are unobservable: other findings may follow from it.
     """
-    contradicted = list(_contradicted_priors(evidence))
+    wrong = contradicted(evidence.fit)
     found = [
-        *contradicted,
+        *([] if wrong is None else [wrong]),
         # What is held where it is not is taken up by whatever looks like it.
-        *(() if contradicted else _changed(evidence)),
+        *(() if wrong else _changed(evidence)),
         *_unexplained(evidence),
-        *(() if contradicted else _implausible(evidence)),
+        *(() if wrong else _implausible(evidence)),
         *_window(evidence),
         *(() if unknown else _undecided(evidence)),
         *_residuals(evidence),
         *_left_out(evidence),
         *_gaps(evidence),
-        *(() if contradicted else _found(evidence)),
+        *(() if wrong else _found(evidence)),
         *_resting_on_priors(evidence),
         *_stamps(evidence),
         *_offset(evidence),
@@ -434,100 +428,19 @@ def _found(evidence: Evidence) -> Iterator[Finding]:
         )
 
 
-def _contradicted_priors(evidence: Evidence) -> Iterator[Finding]:
-    """Priors and fixed components that the data contradict."""
-    fit, options = evidence.fit, evidence.options
-    for wrong in stated_wrongly(fit):
-        yield untrusted(
-            "prior.stated_contradicted",
-            option=wrong.option,
-            unit=wrong.unit,
-            step=wrong.step,
-            std=wrong.std,
-        )
-    known = options.pose
-    if known is None or known.R_parent_imu is None or known.t_parent_imu is None:
-        return
-    pose_std = np.array(known.std)
-    off = np.concatenate(
-        [
-            fit.state.t - known.t_parent_imu,
-            rotvec_from_matrix(fit.state.R @ known.R_parent_imu.T),
-        ]
-    )
-    for place in np.flatnonzero(
-        np.abs(off) > DISTRUST_SIGMAS * np.where(pose_std > 0.0, pose_std, np.inf)
-    ):
-        yield untrusted(
-            "prior.pose_contradicted",
-            component=_NAMES[place],
-            sigmas=abs(off[place]) / pose_std[place],
-        )
-    held = np.flatnonzero(pose_std == 0.0)
-    if len(held):
-        yield from _pulled(fit, held)
-
-
-def _pulled(fit: Fit, held: Indices) -> Iterator[Finding]:
-    """Where the data would take components that are held, if they plainly would.
-
-    A component that the motion does not show is neither confirmed nor contradicted: noise of the
-    poses looks like information on it.
-    """
-    step, C = _free_step(fit, held)
-    seen = ~_unseen(fit, held)
-    step, C, held = step[seen], C[np.ix_(seen, seen)], held[seen]
-    if not len(held):
-        return
-    distance = squared_distance(step, C + _NEGLIGIBLE**2 * np.eye(len(held)))
-    if distance < DISTRUST_SIGMAS**2 + 3.0 * len(held):
-        return
-    worst = int(np.argmax(np.abs(step) / np.sqrt(np.diag(C) + _NEGLIGIBLE**2)))
-    yield untrusted(
-        "prior.fixed_contradicted",
-        component=_NAMES[int(held[worst])],
-        step=float(step[worst]),
-        std=float(np.sqrt(C[worst, worst])),
-    )
-
-
-def _free_step(fit: Fit, held: Indices) -> tuple[Floats, Floats]:
-    """Where components of the mount that are held would go if they were free, and how surely."""
-    layout, stats, places = fit.layout, fit.statistics, fit.layout.pose[held]
-    std = layout.std.copy()
-    std[places] = np.inf
-    about = replace(layout, std=std)
-    offset = fit.prior_offset + fit.step
-    score = stats.score + stats.information @ fit.step
-    problem = problem_of(about, stats.information / fit.level, score / fit.level, offset)
-    step, C = problem.solve(fit.u)
-    at = np.searchsorted(np.flatnonzero(about.free), places)
-    return step[at], C[np.ix_(at, at)]
-
-
-def _unseen(fit: Fit, held: Indices) -> Bools:
-    """Which held components of the mount the motion does not determine."""
-    std = np.sqrt(np.diag(_pose(fit, excitation(fit, everything=True)))[held])
-    return np.asarray(std > np.where(held < 3, TRANSLATION_LIMIT, ROTATION_LIMIT))
-
-
 def _resting_on_priors(evidence: Evidence) -> Iterator[Finding]:
     """Components that come from what was told and not from the log."""
     fit, known = evidence.fit, evidence.options.pose
     if known is None or known.R_parent_imu is None:
         return
-    std = np.array(known.std)
-    variance = np.diag(_pose(fit, fit.covariance))
-    told = [
-        place
-        for place in range(6)
-        if 0.0 < std[place] < np.inf and variance[place] > (_UNTOUCHED * std[place]) ** 2
-    ]
-    held = np.flatnonzero(std == 0.0)
-    if len(held):
-        told += held[_unseen(fit, held)].tolist()
-    if told:
-        yield warning("prior.untested", components=tuple(_NAMES[place] for place in sorted(told)))
+    std, variance = np.array(known.std), np.diag(_pose(fit, fit.covariance))
+    told = (std < np.inf) & np.where(
+        std > 0.0, variance > (_UNTOUCHED * std) ** 2, undetermined(fit)
+    )
+    if told.any():
+        yield warning(
+            "prior.untested", components=tuple(POSE_NAMES[i] for i in np.flatnonzero(told))
+        )
 
 
 def _stamps(evidence: Evidence) -> Iterator[Finding]:
