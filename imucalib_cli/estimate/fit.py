@@ -147,11 +147,11 @@ class Fit:
         )
         return accel, gyro
 
-    def value(self, placed: Placed, options: MatchedOptions) -> Floats:
+    def value(self, placed: Placed) -> Floats:
         """Value of an entry; of gravity's magnitude, less the nominal one."""
         effect = placed.unknown.effect
         if isinstance(effect, Gravity) and effect.what == "magnitude":
-            return np.array([np.linalg.norm(self.state.gravity) - options.gravity_norm])
+            return np.array([np.linalg.norm(self.state.gravity) - self.options.gravity_norm])
         return self.state.x[placed.part]
 
     def of(self, name: str) -> tuple[Floats, Floats]:
