@@ -367,7 +367,6 @@ def _cause(
     rotation: tuple[float, float] | None,
     acceleration: tuple[float, float] | None,
     ratio: float,
-    moves: tuple[float, float] | None,
     **_: Any,
 ) -> str:
     """A gross cause, what it leaves unexplained, those that explain as well, and what to do."""
@@ -380,13 +379,8 @@ def _cause(
     told = [_CAUSES[kind](names, sizes, *detail) for kind, names, sizes, detail in ties]
     causes, remedies = ("; or ".join(dict.fromkeys(each)) for each in zip(*told, strict=True))
     which = ", the log cannot tell which" if unsure else ""
-    evidence = f"that leaves {_unexplained(rotation, acceleration, ratio)}"
-    if moves is not None:
-        evidence += (
-            f", and puts the IMU {moves[0] * 1e3:.2g} mm and {math.degrees(moves[1]):.2g} deg from "
-            "where it is found now"
-        )
-    return f"{causes}{which} ({evidence}): {remedies}"
+    left = _unexplained(rotation, acceleration, ratio)
+    return f"{causes}{which} (that leaves {left}): {remedies}"
 
 
 def _unexplained(

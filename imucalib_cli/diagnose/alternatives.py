@@ -295,8 +295,7 @@ def _liveliest(samples: ImuSamples) -> ImuSamples:
 def explaining(bench: Bench, case: Case, told: Trial) -> list[Trial]:
     """Alternatives that explain decisively: the best, and those that the log cannot tell from it.
 
-    What leaves little is no gross fault: then only a zero, or an offset that was given, is a little
-    off.
+    What leaves little is no gross fault: then only a zero is a little off.
     """
     if told.good:
         return _best(told, _slight(bench, case, told))
@@ -306,8 +305,6 @@ def explaining(bench: Bench, case: Case, told: Trial) -> list[Trial]:
 
 def _slight(bench: Bench, case: Case, told: Trial) -> Iterator[Trial]:
     """What cannot be listed beforehand, but is found by a fit."""
-    if bench.options.time_offset is not None:
-        yield from _free_offset(bench, case, told)
     offset, _ = bench.coarse(case.path)
     rows = bench.rows(bench.windowing, offset)
     if rows is None:
@@ -376,25 +373,11 @@ def _other_offsets(bench: Bench, hypothesis: Hypothesis, told: Trial) -> Iterato
             found.append((alike, offset))
     found.sort(reverse=True)
     for _, offset in found[: _KEPT["offset"]]:
-        yield from _at_offset(free, bench, hypothesis, told, offset)
-
-
-def _free_offset(bench: Bench, case: Case, told: Trial) -> Iterator[Trial]:
-    """Trials at time offsets near the one that was given."""
-    free = replace(bench, options=replace(bench.options, time_offset=None))
-    hypothesis = Hypothesis(kind="offset", path=case.path)
-    for offset in (told.offset, free.coarse(case.path)[0]):
-        yield from _at_offset(free, bench, hypothesis, told, offset)
-
-
-def _at_offset(
-    free: Bench, bench: Bench, hypothesis: Hypothesis, told: Trial, offset: float
-) -> Iterator[Trial]:
-    trial = free.trial(hypothesis, offset)
-    if trial is not None and not _searched(bench, told, trial.offset):
-        told_by = (bench.options.time_offset, bench.options.max_offset)
-        found = replace(hypothesis, sizes=(trial.offset,), detail=told_by)
-        yield replace(trial, hypothesis=found)
+        trial = free.trial(hypothesis, offset)
+        if trial is not None and not _searched(bench, told, trial.offset):
+            detail = (bench.options.time_offset, bench.options.max_offset)
+            moved = replace(hypothesis, sizes=(trial.offset,), detail=detail)
+            yield replace(trial, hypothesis=moved)
 
 
 def _searched(bench: Bench, told: Trial, offset: float) -> bool:
