@@ -203,7 +203,7 @@ def _relaxed_rotation(normal: Floats, known: Known) -> Floats:
 
 
 def cube_rotations() -> Floats:
-    """(24, 3, 3), rotations of the cube: no rotation is further than 63 degrees from one of them."""
+    """(24, 3, 3), of the cube: every rotation is within 63 degrees of one of them."""
     found = []
     for order in itertools.permutations(range(3)):
         for signs in itertools.product((1.0, -1.0), repeat=3):
