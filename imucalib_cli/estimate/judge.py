@@ -9,6 +9,7 @@ import numpy as np
 
 from imucalib_cli.estimate.layout import places_of
 from imucalib_cli.estimate.observability import (
+    GOOD_IMU,
     excitation,
     undetermined,
     unobservable_directions,
@@ -36,11 +37,7 @@ Sign = Literal["as read", "reversed", "in doubt"]
 WARN_SIGMAS: Final = 3.0
 """One sound log in 370."""
 DISTRUST_SIGMAS: Final = 5.0
-"""One sound log in two million."""
-TELL_SIGMAS: Final = 5.0
-"""From which an error of sensor or robot is named: it stands clear of its own sigma."""
-_AMBIGUOUS: Final = 25.0
-"""Least rise of chi-squared of a second rotation that is really worse: five sigma."""
+"""One sound log in two million; from here on an error stands clear of its own sigma."""
 UNEXPLAINED_GYRO: Final = 0.3
 """Share of the measured rotation left in the residuals from which model and log do not match."""
 UNEXPLAINED_ACCEL: Final = 1.0
@@ -65,8 +62,6 @@ _TILTED: Final = np.radians(20.0)
 """rad: a base stands level, or it is mounted otherwise on purpose."""
 _OFFSET_LIMIT: Final = 0.02
 """s: a time offset known no better than this is not known."""
-_NOISE_FLOOR: Final = (1e-3, 5e-5)
-"""m/s² and rad/s: residuals of a window that a good IMU leaves; less is as good as none."""
 _UNTOUCHED: Final = 0.9
 """Share of a prior's deviation that is left where the data add nothing to it."""
 SLIP: Final = (2e-3, 5e-3)
@@ -105,7 +100,7 @@ def own_noise(windowing: Windowing) -> tuple[float, float]:
     """What the sensor's own white noise leaves in a window, m/s² and rad/s; at least any IMU's."""
     noise, gains = windowing.grid.noise, windowing.white_gains
     accel, gyro = (
-        max(own * gain, floor) for own, gain, floor in zip(noise, gains, _NOISE_FLOOR, strict=True)
+        max(own * gain, floor) for own, gain, floor in zip(noise, gains, GOOD_IMU, strict=True)
     )
     return accel, gyro
 
@@ -124,7 +119,7 @@ def over_known_noise(fit: Fit) -> tuple[float, float]:
     ratios = []
     for sensor, gain in enumerate(windowing.white_gains):
         known = float(np.hypot(grid.noise[sensor] * gain, np.sqrt(kinematic[sensor])))
-        ratios.append(fit.residual_scales[sensor] / max(known, _NOISE_FLOOR[sensor]))
+        ratios.append(fit.residual_scales[sensor] / max(known, GOOD_IMU[sensor]))
     return ratios[0], ratios[1]
 
 
@@ -221,7 +216,7 @@ def _undecided(evidence: Evidence) -> Iterator[Finding]:
     lag = evidence.attempt.lag
     if lag is not None and lag.at_edge:
         yield untrusted("offset.at_edge", max_offset=evidence.fit.options.max_offset)
-    if evidence.fit.runner_up_rise < _AMBIGUOUS:
+    if evidence.fit.runner_up_rise < DISTRUST_SIGMAS**2:
         yield untrusted("rotation.ambiguous")
     if evidence.sign == "in doubt":
         yield untrusted("imu.accel_sign_in_doubt")
@@ -348,7 +343,7 @@ def _errors(evidence: Evidence) -> Iterator[Finding]:
         moves = fit.covariance[pose, part] @ inverse_of(C) @ value
         std, limit = np.sqrt(np.diag(C)), unknown.healthy
         surely = np.abs(value) - WARN_SIGMAS * std
-        clear = (np.abs(value) > TELL_SIGMAS * std).any() and (np.abs(moves) > stated).any()
+        clear = (np.abs(value) > DISTRUST_SIGMAS * std).any() and (np.abs(moves) > stated).any()
         what = {"name": unknown.name, "words": unknown.words, "unit": each.unit}
         if unknown.group == "bias":
             size = float(np.linalg.norm(value))

@@ -207,7 +207,7 @@ def _corrections(evidence: judge.Evidence) -> tuple[Correction, ...]:
         if name not in _RECORDED or (evidence.clock_stepped and name == "clock_drift"):
             continue
         value, std = fit.value(each), fit.of(name)[1]
-        if not (np.abs(value) > judge.TELL_SIGMAS * std).any():
+        if not (np.abs(value) > judge.DISTRUST_SIGMAS * std).any():
             continue
         if name.endswith("scale"):
             # Measured over true: readings are ideal plus value times what is read.

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final, Literal
 import numpy as np
 
 from imucalib_cli.estimate.estimate import UnobservableDirection
-from imucalib_cli.estimate.unknowns import LEAN
+from imucalib_cli.estimate.unknowns import LEAN, TABLE, Mount
 from imucalib_cli.estimate.window_choice import kinematic_noise, second_derivative_gain
 
 if TYPE_CHECKING:
@@ -17,21 +17,15 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.fit import Fit
 
 
-COMMON_SCALE: Final = (1e-3, 5e-5)
-"""m/s² and rad/s: residuals of a window that an ordinary IMU would leave."""
-
-TRANSLATION_LIMIT = 0.05
-"""m: a direction known no better than this is not known."""
-ROTATION_LIMIT = 0.05
-"""rad, likewise."""
-_UNBOUNDED = 0.5
+GOOD_IMU: Final = (1e-3, 5e-5)
+"""m/s² and rad/s: residuals of a window that a good IMU leaves; less is as good as none."""
+_LIMIT: Final = 0.05
+"""m and rad: a direction known no better than this is not known."""
+_UNBOUNDED: Final = 0.5
 """Share of the weakest prior's deviation from which nothing but that prior bounds a direction."""
-WEAKEST_STD = {"translation": 10.0, "rotation": float(np.pi)}
+_WEAKEST_STD: Final = {each.name: each.std for each in TABLE if isinstance(each.effect, Mount)}
 """m and rad: what is known of any mount without looking."""
-
-
-_LIMITS = {"translation": TRANSLATION_LIMIT, "rotation": ROTATION_LIMIT}
-_PARTS = {"translation": slice(0, 3), "rotation": slice(3, 6)}
+_PARTS: Final = {"translation": slice(0, 3), "rotation": slice(3, 6)}
 
 
 def excitation(fit: Fit, *, everything: bool = False) -> Floats:
@@ -57,10 +51,10 @@ def excitation(fit: Fit, *, everything: bool = False) -> Floats:
     pose = [layout.part("translation"), layout.part("rotation")]
     std = layout.std_at(fit.u)
     if everything:
-        for part, weakest in zip(pose, WEAKEST_STD.values(), strict=True):
+        for part, weakest in zip(pose, _WEAKEST_STD.values(), strict=True):
             free[part] = True
             std[part] = np.where(std[part] > 0.0, std[part], weakest)
-    taken = [max(a, b) for a, b in zip(fit.residual_scales, COMMON_SCALE, strict=True)]
+    taken = [max(a, b) for a, b in zip(fit.residual_scales, GOOD_IMU, strict=True)]
     share = [(a / b) ** 2 for a, b in zip(fit.residual_scales, taken, strict=True)]
     A = np.einsum("s,sbpq->pq", share, stats.normal[:, :, 1:, 1:])
     gains = plan.noise_gains
@@ -83,7 +77,7 @@ def undetermined(fit: Fit) -> Bools:
     """(6,), components of the mount that the motion does not show, held or not."""
     places = fit.layout.pose
     std = np.sqrt(np.diag(excitation(fit, everything=True))[places])
-    return np.asarray(std > np.repeat([TRANSLATION_LIMIT, ROTATION_LIMIT], 3))
+    return np.asarray(std > _LIMIT)
 
 
 def unobservable_directions(covariance: Floats, excitation: Floats) -> list[UnobservableDirection]:
@@ -115,7 +109,7 @@ def _swept(covariance: Floats, rotation: Sequence[UnobservableDirection]) -> Flo
         u = turn.direction_parent
         plane = np.eye(3) - np.outer(u, u)
         size = float(np.linalg.eigvalsh(plane @ covariance[:3, :3] @ plane)[-1])
-        if size > TRANSLATION_LIMIT**2:
+        if size > _LIMIT**2:
             wide[:3, :3] += size * plane
     return wide
 
@@ -127,21 +121,21 @@ def _beyond(
     turns_about: Floats | None = None,
 ) -> list[UnobservableDirection]:
     """Eigen-directions of one kind beyond its limit, the least known first."""
-    part, limit = _PARTS[kind], _LIMITS[kind]
+    part = _PARTS[kind]
     blocks = [matrix[part, part] for matrix in (covariance, excitation)]
-    if max(np.linalg.eigvalsh(block)[-1] for block in blocks) <= limit**2:
+    if max(np.linalg.eigvalsh(block)[-1] for block in blocks) <= _LIMIT**2:
         return []
     values, vectors = np.linalg.eigh(max(blocks, key=lambda block: float(np.trace(block))))
     found = []
     for variance, direction in zip(values[::-1], vectors.T[::-1], strict=True):
-        if variance <= limit**2:
+        if variance <= _LIMIT**2:
             break
         std, axis = float(np.sqrt(variance)), _readable(direction)
         found.append(
             UnobservableDirection(
                 kind=kind,
                 direction_parent=axis,
-                std=std if std < _UNBOUNDED * WEAKEST_STD[kind] else None,
+                std=std if std < _UNBOUNDED * _WEAKEST_STD[kind] else None,
                 motion=_motion(kind, axis, turns_about),
             )
         )
@@ -157,9 +151,9 @@ def widen(covariance: Floats, directions: Sequence[UnobservableDirection]) -> Fl
     """
     wide = covariance.copy()
     for direction in directions:
-        part = slice(0, 3) if direction.kind == "translation" else slice(3, 6)
+        part = _PARTS[direction.kind]
         u = direction.direction_parent
-        std = WEAKEST_STD[direction.kind] if direction.std is None else direction.std
+        std = _WEAKEST_STD[direction.kind] if direction.std is None else direction.std
         missing = std**2 - float(u @ wide[part, part] @ u)
         if missing > 0.0:
             wide[part, part] += missing * np.outer(u, u)

@@ -15,6 +15,7 @@ import numpy as np
 
 from imucalib_cli.estimate import columns
 from imucalib_cli.estimate.state import turned_about
+from imucalib_cli.estimate.unknowns import LEAN
 from imucalib_cli.robot.rotations import (
     left_jacobian_inverse,
     matrix_from_rotvec,
@@ -34,9 +35,8 @@ SAME_ROTATION = 0.02
 _STEPS = 25
 _CONVERGED = 1e-12
 """rad: a step below which the solve has arrived."""
-_WEAKEST_STD = (10.0, 10.0, 1.0)
-"""m, m/s², rad/s: wider than any robot's translation and any sensor's biases. They keep what the
-motion does not tell from running away."""
+_WEAKEST_STD = {each.name: each.std for each in LEAN}
+"""Keep what the motion does not tell from running away."""
 _V = np.r_[columns.ONE, np.arange(columns.COUNT)[columns.R]]
 """Columns of v."""
 _GENERATORS = skew(np.eye(3))
@@ -66,10 +66,12 @@ class Known:
         if known is not None and known.R_parent_imu is not None and known.t_parent_imu is not None:
             R, t, pose_std = known.R_parent_imu, known.t_parent_imu, np.array(known.std)
         std, mean = np.full(columns.COUNT, np.inf), np.zeros(columns.COUNT)
-        stds = (pose_std[:3], np.array(options.accel_bias_std), np.array(options.gyro_bias_std))
-        parts = (columns.T, columns.BA, columns.BG)
-        for part, given, weakest in zip(parts, stds, _WEAKEST_STD, strict=True):
-            std[part] = np.minimum(given, weakest)
+        for name, part, given in (
+            ("translation", columns.T, pose_std[:3]),
+            ("accel_bias", columns.BA, options.accel_bias_std),
+            ("gyro_bias", columns.BG, options.gyro_bias_std),
+        ):
+            std[part] = np.minimum(given, _WEAKEST_STD[name])
         norm = options.gravity_norm if options.has_gravity else 0.0
         tilts = options.gravity == "tilt" and options.has_gravity
         std[columns.G] = norm * options.tilt_std if tilts else 0.0
