@@ -1,6 +1,6 @@
 """One criterion for every gross alternative: the same lean fit, and the evidence for it.
 
-A path, a time offset or readings that are changed by one fault are fitted as those that were told
+A path, a time offset or readings that are changed by one fault are fitted as those that were given
 are. The alternative with the most evidence is named if that is decisive, if it explains as a right
 model does, and with all those that the log cannot tell from it.
 """
@@ -60,7 +60,7 @@ that of the wrong move."""
 _KEPT: Final[dict[Kind | None, int]] = {"zero": 4, "offset": 5, None: 8}
 """Hypotheses fitted of those that turn most as the IMU does: the right one turns exactly so."""
 _SAME_RATES: Final = frozenset({"offset", "inverse", "conjugate", "unit"})
-"""Kinds whose rates may be those of the path as told, so that screening by rates is blind."""
+"""Kinds whose rates may be those of the path as given, so that screening by rates is blind."""
 _GIVEN_WITHIN: Final = 1e-3
 """s: a time offset that was given is as good as this."""
 _ENOUGH: Final = 150
@@ -116,22 +116,22 @@ class Trial:
             )
         )
 
-    def explains(self, told: Trial) -> bool:
-        """Whether this is decisively better than what was told, and good by itself."""
+    def explains(self, given: Trial) -> bool:
+        """Whether this is decisively better than what was given, and good by itself."""
         falls = max(
             np.hypot(before, noise) / np.hypot(after, noise)
-            for before, after, noise in zip(told.left, self.left, self.noise, strict=True)
+            for before, after, noise in zip(given.left, self.left, self.noise, strict=True)
         )
-        return self.good and falls > _FALL and self.lean.evidence_over(told.lean) > DECISIVE
+        return self.good and falls > _FALL and self.lean.evidence_over(given.lean) > DECISIVE
 
 
 @dataclass(frozen=True, eq=False)
-class Bench:
+class Fitter:
     """The liveliest stretch of an IMU, and the windows in which everything is tried."""
 
     options: MatchedOptions
     windowing: Windowing
-    """As told."""
+    """As given."""
     _cleaned: dict[int, tuple[Track, CleanTrack]] = field(default_factory=dict)
 
     def trajectory(self, path: KinematicPath) -> Trajectory:
@@ -209,8 +209,8 @@ def trimmed_rms(values: Floats) -> float:
     return float(np.sqrt(np.mean(squares[: max(int(len(squares) * (1 - _TRIMMED)), 1)])))
 
 
-def told_on_bench(case: Case, *, reversed_accel: bool) -> tuple[Bench, Trial]:
-    """Fit what was told to the liveliest stretch of the log.
+def given_trial(case: Case, *, reversed_accel: bool) -> tuple[Fitter, Trial]:
+    """Fit what was given to the liveliest stretch of the log.
 
     Args:
         case: The fit that is to be explained.
@@ -225,9 +225,9 @@ def told_on_bench(case: Case, *, reversed_accel: bool) -> tuple[Bench, Trial]:
     if reversed_accel:
         clean = clean.reversed()
     attempt = best_attempt(clean, Trajectory.of(case.path), options)
-    told = trial_of(Hypothesis(kind="offset", path=case.path), attempt.lean)
+    given = trial_of(Hypothesis(kind="offset", path=case.path), attempt.lean)
     # A time offset that is given may be what is wrong.
-    return Bench(replace(options, time_offset=None), attempt.lean.model.windowing), told
+    return Fitter(replace(options, time_offset=None), attempt.lean.model.windowing), given
 
 
 def _liveliest(samples: ImuSamples) -> ImuSamples:
@@ -251,36 +251,36 @@ def _liveliest(samples: ImuSamples) -> ImuSamples:
     return ImuSamples(t=samples.t[kept], gyro=samples.gyro[kept], accel=samples.accel[kept])
 
 
-def explaining(bench: Bench, case: Case, told: Trial) -> list[Trial]:
+def explaining(fitter: Fitter, case: Case, given: Trial) -> list[Trial]:
     """Alternatives that explain decisively: the best, and those that the log cannot tell from it.
 
     What leaves little is no gross fault: then only a zero is a little off.
     """
-    if told.good:
-        return _best(told, _slight(bench, case, told))
-    single = (*_tried(bench, single_faults(case), told), *_slight(bench, case, told))
-    return _best(told, single) or _best(told, _tried(bench, double_faults(case), told))
+    if given.good:
+        return _best(given, _slight(fitter, case, given))
+    single = (*_tried(fitter, single_faults(case), given), *_slight(fitter, case, given))
+    return _best(given, single) or _best(given, _tried(fitter, double_faults(case), given))
 
 
-def _slight(bench: Bench, case: Case, told: Trial) -> Iterator[Trial]:
+def _slight(fitter: Fitter, case: Case, given: Trial) -> Iterator[Trial]:
     """What cannot be listed beforehand, but is found by a fit."""
-    offset, _ = bench.coarse(case.path)
-    found, centres = [_small_zero(bench, case, offset)], bench.windowing.centres(offset)
+    offset, _ = fitter.coarse(case.path)
+    found, centres = [_small_zero(fitter, case, offset)], fitter.windowing.centres(offset)
     if len(centres) >= MIN_WINDOWS:
-        rows = bench.windowing.rows(offset, centres[:: max(len(centres) // _ENOUGH, 1)])
-        found.append(reoriented(rows, case.path, told.lean.state.gravity))
+        rows = fitter.windowing.rows(offset, centres[:: max(len(centres) // _ENOUGH, 1)])
+        found.append(reoriented(rows, case.path, given.lean.state.gravity))
     for hypothesis in found:
         if hypothesis is not None:
-            trial = bench.trial(hypothesis, bench.coarse(hypothesis.path)[0])
+            trial = fitter.trial(hypothesis, fitter.coarse(hypothesis.path)[0])
             if trial is not None:
                 yield trial
 
 
-def _best(told: Trial, trials: Iterable[Trial]) -> list[Trial]:
-    good = [trial for trial in trials if trial.explains(told)]
+def _best(given: Trial, trials: Iterable[Trial]) -> list[Trial]:
+    good = [trial for trial in trials if trial.explains(given)]
     if not good:
         return []
-    best = max(good, key=lambda trial: trial.lean.evidence_over(told.lean))
+    best = max(good, key=lambda trial: trial.lean.evidence_over(given.lean))
     ties = [trial for trial in good if best.lean.evidence_over(trial.lean) < DECISIVE]
     ties.sort(key=lambda trial: get_args(Kind).index(trial.hypothesis.kind))
     # The same zero is reached from several angles.
@@ -290,22 +290,24 @@ def _best(told: Trial, trials: Iterable[Trial]) -> list[Trial]:
     return list(distinct.values())
 
 
-def _tried(bench: Bench, hypotheses: Iterable[Hypothesis], told: Trial) -> Iterator[Trial]:
-    for hypothesis, offset in _screened(bench, hypotheses):
+def _tried(fitter: Fitter, hypotheses: Iterable[Hypothesis], given: Trial) -> Iterator[Trial]:
+    for hypothesis, offset in _screened(fitter, hypotheses):
         if hypothesis.kind == "offset":
-            yield from _other_offsets(bench, hypothesis, told)
+            yield from _other_offsets(fitter, hypothesis, given)
         else:
-            trial = bench.trial(hypothesis, offset)
+            trial = fitter.trial(hypothesis, offset)
             if trial is not None:
                 yield trial
 
 
-def _screened(bench: Bench, hypotheses: Iterable[Hypothesis]) -> Iterator[tuple[Hypothesis, float]]:
+def _screened(
+    fitter: Fitter, hypotheses: Iterable[Hypothesis]
+) -> Iterator[tuple[Hypothesis, float]]:
     """Those under which the robot turns as fast as the IMU does, each with its time offset."""
     ranked: dict[Kind | None, list[tuple[float, Hypothesis, float]]] = {}
     for hypothesis in hypotheses:
         try:
-            offset, alike = bench.coarse(hypothesis.path)
+            offset, alike = fitter.coarse(hypothesis.path)
         except InputError:
             continue
         if hypothesis.kind in _SAME_RATES:
@@ -319,35 +321,35 @@ def _screened(bench: Bench, hypotheses: Iterable[Hypothesis]) -> Iterator[tuple[
             yield hypothesis, offset
 
 
-def _other_offsets(bench: Bench, hypothesis: Hypothesis, told: Trial) -> Iterator[Trial]:
+def _other_offsets(fitter: Fitter, hypothesis: Hypothesis, given: Trial) -> Iterator[Trial]:
     """Trials at time offsets beyond those that were searched."""
     found = []
     for centre in np.arange(-_FAR, _FAR + 1.0, 2.0 * _STRETCH):
-        offset, alike = bench.coarse(hypothesis.path, float(centre), _STRETCH)
-        if bench.windowing.overlap(offset) > LEAST_OVERLAP and not _searched(told, offset):
+        offset, alike = fitter.coarse(hypothesis.path, float(centre), _STRETCH)
+        if fitter.windowing.overlap(offset) > LEAST_OVERLAP and not _searched(given, offset):
             found.append((alike, offset))
     found.sort(reverse=True)
     for _, offset in found[: _KEPT["offset"]]:
-        trial = bench.trial(hypothesis, offset)
-        if trial is not None and not _searched(told, trial.offset):
-            asked = told.lean.options
+        trial = fitter.trial(hypothesis, offset)
+        if trial is not None and not _searched(given, trial.offset):
+            asked = given.lean.options
             detail = (asked.time_offset, asked.max_offset)
             moved = replace(hypothesis, sizes=(trial.offset,), detail=detail)
             yield replace(trial, hypothesis=moved)
 
 
-def _searched(told: Trial, offset: float) -> bool:
-    """Whether the fit that was told could have found this time offset."""
-    asked = told.lean.options
+def _searched(given: Trial, offset: float) -> bool:
+    """Whether the fit as given could have found this time offset."""
+    asked = given.lean.options
     if asked.time_offset is not None:
         return abs(offset - asked.time_offset) < _GIVEN_WITHIN
-    return abs(offset) <= asked.max_offset or abs(offset - told.offset) < _STRETCH / 100.0
+    return abs(offset) <= asked.max_offset or abs(offset - given.offset) < _STRETCH / 100.0
 
 
-def _small_zero(bench: Bench, case: Case, offset: float) -> Hypothesis | None:
+def _small_zero(fitter: Fitter, case: Case, offset: float) -> Hypothesis | None:
     """The joint whose zero is farthest off if all are free: what is smaller than gross."""
     try:
-        lean = lean_fit(bench.windowing, bench.options, offset, table=(*LEAN, _zero(None)))
+        lean = lean_fit(fitter.windowing, fitter.options, offset, table=(*LEAN, _zero(None)))
     except InputError:
         return None
     joints = {name: joint for joint, name in edits.turning_joints(case.path).items()}

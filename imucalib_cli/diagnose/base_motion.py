@@ -31,15 +31,15 @@ _LEAST: Final = 15
 """Windows at rest, half of one apart: a second and a half."""
 
 
-def find_motion_at_rest(told: Trial) -> Finding | None:
+def find_motion_at_rest(given: Trial) -> Finding | None:
     """Name a base that moves though the log says nothing of it.
 
     Args:
-        told: The kinematics as told, fitted.
+        given: The kinematics as given, fitted.
     """
-    state, full = told.lean.state, told.lean.model.windowing
+    state, full = given.lean.state, given.lean.model.windowing
     windowing = short_windows(full, _WINDOW)
-    model = replace(told.lean.model, windowing=windowing)
+    model = replace(given.lean.model, windowing=windowing)
     centres = model.centres(state)
     if not len(centres):
         return None

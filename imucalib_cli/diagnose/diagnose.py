@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from imucalib_cli.diagnose.alternatives import explaining, told_on_bench
+from imucalib_cli.diagnose.alternatives import explaining, given_trial
 from imucalib_cli.diagnose.base_motion import find_motion_at_rest
 from imucalib_cli.diagnose.publishers import find_rival_publishers
 from imucalib_cli.errors import InputError
@@ -46,7 +46,7 @@ _FOLLOWING: Final = GENERIC | {
 }
 """What else a wrong model makes a fit say."""
 _SHOWN: Final = 1.5
-"""Least fall of a residual that is told as a share."""
+"""Least fall of a residual that is reported as a share."""
 _MOST_TIES: Final = 3
 """Told beside the first: a sentence with more is not read."""
 _AFTER: Final = "not to be judged before the cause of the misfit is mended"
@@ -82,24 +82,24 @@ def diagnose(case: Case) -> tuple[Finding, ...]:
     # The fit may have reversed the accelerometer for another fault's sake.
     for sign in (False, True) if reversed_accel else (False,):
         try:
-            bench, told = told_on_bench(case, reversed_accel=sign)
+            fitter, given = given_trial(case, reversed_accel=sign)
         except InputError:
             return found
-        ties = explaining(bench, case, told)
+        ties = explaining(fitter, case, given)
         if ties:
-            return (_cause(ties, told),)
+            return (_cause(ties, given),)
         if not found:
-            other = find_motion_at_rest(told)
+            other = find_motion_at_rest(given)
             found = () if other is None else (other,)
     return found
 
 
-def _cause(ties: list[Trial], told: Trial) -> Finding:
+def _cause(ties: list[Trial], given: Trial) -> Finding:
     """The best alternative, and those that explain as well."""
     best, first = ties[0], ties[0].hypothesis
     tied = [trial.hypothesis for trial in ties[: _MOST_TIES + 1]]
     alike = len({each.kind for each in tied}) == 1
-    accel, gyro = (_shares(told, best, sensor) for sensor in (0, 1))
+    accel, gyro = (_shares(given, best, sensor) for sensor in (0, 1))
     return untrusted(
         f"cause.{first.kind}",
         names=[name for each in tied for name in each.names] if alike else first.names,
@@ -107,17 +107,17 @@ def _cause(ties: list[Trial], told: Trial) -> Finding:
         ties=[(each.kind, each.names, each.sizes, each.detail) for each in tied],
         rotation=gyro,
         acceleration=accel,
-        ratio=max(t / a for t, a in zip(told.left, best.left, strict=True)),
-        evidence=best.lean.evidence_over(told.lean),
+        ratio=max(t / a for t, a in zip(given.left, best.left, strict=True)),
+        evidence=best.lean.evidence_over(given.lean),
     )
 
 
-def _shares(told: Trial, best: Trial, sensor: int) -> tuple[float, float] | None:
+def _shares(given: Trial, best: Trial, sensor: int) -> tuple[float, float] | None:
     """Share left unexplained before and after; None where it hardly falls."""
-    before, after = (np.hypot(trial.left[sensor], trial.noise[sensor]) for trial in (told, best))
+    before, after = (np.hypot(trial.left[sensor], trial.noise[sensor]) for trial in (given, best))
     if before <= _SHOWN * after:
         return None
-    return min(told.shares[sensor], 1.0), min(best.shares[sensor], 1.0)
+    return min(given.shares[sensor], 1.0), min(best.shares[sensor], 1.0)
 
 
 def explained(estimate: Estimate, causes: tuple[Finding, ...]) -> Estimate:

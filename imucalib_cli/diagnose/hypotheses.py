@@ -23,7 +23,7 @@ Kind = Literal[
     "offset", "link", "order", "unit", "inverse", "quaternion", "conjugate", "axes", "sign", "zero"
 ]
 """Faults that another path, another time offset or other readings would explain; the commoner
-first: those that explain equally are told in this order."""
+first: those that explain equally are named in this order."""
 
 GROSS_ZEROS: Final = tuple(math.radians(deg) for deg in (45, -45, 90, -90, 135, -135, 180))
 """rad: no angle is farther than 22.5 deg from one of these, from where a fit finds it."""

@@ -1,4 +1,4 @@
-"""Is the pose that was told beforehand the one found, the wrong way round?"""
+"""Is the pose that was given beforehand the one found, the wrong way round?"""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ def inverted_nominal(
 
     Args:
         estimate: Of the IMU in its parent.
-        R_nominal: (3, 3), R_parent_imu as told.
-        t_nominal: (3,), m, as told.
+        R_nominal: (3, 3), R_parent_imu as given.
+        t_nominal: (3,), m, as given.
         joint: The joint that says so; empty where no single one does.
 
     Returns:
@@ -41,12 +41,12 @@ def inverted_nominal(
         _NEAR[0] + 3.0 * float(np.linalg.norm(std[:3])),
         _NEAR[1] + 3.0 * float(np.linalg.norm(std[3:])),
     )
-    told = _distance(R, t, R_nominal, t_nominal)
+    away = _distance(R, t, R_nominal, t_nominal)
     inverse = _distance(R, t, R_nominal.T, -R_nominal.T @ t_nominal)
     if not all(d < limit for d, limit in zip(inverse, near, strict=True)):
         return None
     if not any(
-        d > _FAR * max(limit, other) for d, limit, other in zip(told, near, inverse, strict=True)
+        d > _FAR * max(limit, other) for d, limit, other in zip(away, near, inverse, strict=True)
     ):
         return None
     return warning(
@@ -54,8 +54,8 @@ def inverted_nominal(
         joint=joint,
         inverse_distance=inverse[0],
         inverse_angle=inverse[1],
-        distance=told[0],
-        angle=told[1],
+        distance=away[0],
+        angle=away[1],
     )
 
 

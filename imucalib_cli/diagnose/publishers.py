@@ -34,7 +34,7 @@ def find_rival_publishers(path: KinematicPath) -> Finding | None:
     """Name a track that jumps between two curves.
 
     Args:
-        path: As told.
+        path: As given.
     """
     for index, track in enumerate(path.tracks):
         used = _used(path, index)

@@ -36,7 +36,7 @@ def reoriented(rows: WindowRows, path: KinematicPath, gravity: Floats) -> Hypoth
 
     Args:
         rows: Of windows, at about the right time offset.
-        path: As told.
+        path: As given.
         gravity: (3,), gravity_world as it was found, m/s²; zero where there is none.
 
     Returns:
