@@ -16,7 +16,7 @@ from imucalib_cli.diagnose.hypotheses import Case
 from imucalib_cli.errors import InputError
 from imucalib_cli.robot.build import joint_path
 from imucalib_cli.robot.rotations import matrix_from_rotvec
-from imucalib_cli.study.trial import robot_of, streams_of
+from imucalib_cli.study.recordings import robot_of, streams_of
 
 if TYPE_CHECKING:
     from imucalib_cli.estimate.estimate import Estimate

@@ -17,14 +17,13 @@ from imucalib_cli.simulate.load import load_system
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
 from imucalib_cli.simulate.physics import record
-from imucalib_cli.study.methods.bspline_camera import calibrate_bspline_camera
-from imucalib_cli.study.methods.bspline_problem import BSplineOptions
-from imucalib_cli.study.methods.pnp import corner_information, observations_of, target_pose
-from imucalib_cli.study.trial import streams_of
+from imucalib_cli.study.methods.bspline import BSplineOptions, calibrate_bspline_camera
+from imucalib_cli.study.methods.camera import corner_information, observations_of, target_pose
+from imucalib_cli.study.recordings import streams_of
 
 if TYPE_CHECKING:
     from imucalib_cli.simulate.recording import Recording
-    from imucalib_cli.study.methods.pnp import CameraObservations
+    from imucalib_cli.study.methods.camera import CameraObservations
 
 pytest.importorskip("cv2")
 

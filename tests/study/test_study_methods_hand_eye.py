@@ -19,7 +19,7 @@ from imucalib_cli.simulate.load import load_system
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
 from imucalib_cli.simulate.physics import record
-from imucalib_cli.study.load import load_parameters
+from imucalib_cli.study.methods.camera import observations_of, target_pose
 from imucalib_cli.study.methods.hand_eye import (
     HandEye,
     Motions,
@@ -28,16 +28,17 @@ from imucalib_cli.study.methods.hand_eye import (
     ransac,
     tsai,
 )
-from imucalib_cli.study.methods.liang import LiangOptions, calibrate_liang
-from imucalib_cli.study.methods.pnp import observations_of, target_pose
-from imucalib_cli.study.methods.strapdown import (
+from imucalib_cli.study.methods.liang import (
+    LiangOptions,
     Still,
+    calibrate_liang,
     integrate,
     standstills,
     static_accel_bias,
 )
-from imucalib_cli.study.methods_study import MethodsParameters
-from imucalib_cli.study.trial import streams_of
+from imucalib_cli.study.recordings import streams_of
+from imucalib_cli.study.studies.methods import MethodsParameters
+from imucalib_cli.study.study import load_parameters
 
 if TYPE_CHECKING:
     from collections.abc import Callable

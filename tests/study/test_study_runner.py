@@ -16,12 +16,13 @@ import pytest
 
 from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.study.runner import run_study
+from imucalib_cli.study.study import Study
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from imucalib_cli.study.experiment import Cell, Figure, Row
-    from imucalib_cli.study.table import Table
+    from imucalib_cli.study.study import Cell, Row
+    from imucalib_cli.study.tables import Table
 
 
 @dataclass(frozen=True)
@@ -36,11 +37,11 @@ class Squares:
 
 
 @dataclass(frozen=True)
-class Squaring:
+class Squaring(Study[Squares]):
     """A study without physics."""
 
+    name = "squares"
     config: Squares = field(default_factory=Squares)
-    name: str = "squares"
 
     def cells(self) -> list[Cell]:
         return [{"number": n} for n in range(self.config.count)]
@@ -55,9 +56,6 @@ class Squaring:
         return [cell | {"square": number**2}, cell | {"process": os.getpid()}]
 
     def tables(self, rows: Sequence[Row]) -> list[Table]:
-        raise NotImplementedError
-
-    def figures(self, rows: Sequence[Row]) -> list[Figure]:
         raise NotImplementedError
 
 

@@ -9,21 +9,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from imucalib_cli.study.bias_study import load as load_bias
 from imucalib_cli.study.bound import Unknown, cramer_rao
-from imucalib_cli.study.encoder_study import load as load_encoder
-from imucalib_cli.study.rate_study import load as load_rate
-from imucalib_cli.study.sweep import Sweep
-from imucalib_cli.study.sweep_tables import summary_table, sweep_points
-from imucalib_cli.study.systems import clean_recording
-from imucalib_cli.study.window_study import load as load_window
+from imucalib_cli.study.recordings import clean_recording
+from imucalib_cli.study.rows import worst
+from imucalib_cli.study.studies.sweeps import Sweep, best_points, summary_table, sweep_table
+from imucalib_cli.study.study import load_study
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from imucalib_cli.study.experiment import Row
+    from imucalib_cli.study.study import Row
 
-LOADERS = {"window": load_window, "encoder": load_encoder, "bias": load_bias, "rate": load_rate}
 VALUES: dict[str, dict[str, Any]] = {
     "window": {"samples": (11,)},
     "encoder": {"noise": (1e-5,), "step": (1e-4,)},
@@ -38,7 +34,7 @@ VALUES: dict[str, dict[str, Any]] = {
 
 
 def study(name: str, **changes: Any) -> Sweep[Any]:
-    loaded = LOADERS[name](None, quick=True)
+    loaded = load_study(name, quick=True)
     assert isinstance(loaded, Sweep)
     return type(loaded)(replace(loaded.config, **changes))
 
@@ -59,10 +55,10 @@ def tiny(name: str, **changes: Any) -> Sweep[Any]:
     return study(name, **(shrunk | VALUES[name] | changes))
 
 
-@pytest.mark.parametrize("name", LOADERS)
+@pytest.mark.parametrize("name", VALUES)
 def test_every_value_meets_every_condition_and_seed(name: str) -> None:
     for quick in (True, False):
-        loaded = LOADERS[name](None, quick=quick)
+        loaded = load_study(name, quick=quick)
         assert isinstance(loaded, Sweep)
         config: Any = loaded.config
         cells = loaded.cells()
@@ -73,7 +69,7 @@ def test_every_value_meets_every_condition_and_seed(name: str) -> None:
         assert quick or config.seeds >= 5
 
 
-@pytest.mark.parametrize("name", LOADERS)
+@pytest.mark.parametrize("name", VALUES)
 def test_a_tiny_run_gives_finite_errors_tables_and_a_figure(name: str, tmp_path: Path) -> None:
     small = tiny(name)
     rows = [row for cell in small.cells() for row in small.measure(cell)]
@@ -89,8 +85,8 @@ def test_a_tiny_run_gives_finite_errors_tables_and_a_figure(name: str, tmp_path:
     assert [len(table.rows) for table in tables] == [4] * len(tables)
     assert len(short.rows) == 4 * len(tables)
     figures = small.figures(rows)
-    for figure in figures:
-        figure.draw(tmp_path / f"{figure.name}.svg")
+    for name_, draw in figures.items():
+        draw(tmp_path / f"{name_}.svg")
     assert len(list(tmp_path.iterdir())) == len(figures) == len(tables)
 
 
@@ -121,10 +117,10 @@ def test_the_bound_has_the_unknowns_of_the_method() -> None:
 
 
 def test_each_part_changes_its_own_parameter() -> None:
-    window, encoder, bias, rate = (study(name) for name in LOADERS)
+    window, encoder, bias, rate = (study(name) for name in VALUES)
     cells = {
         (name, cell["part"], cell["value"]): sweep.setup(cell)
-        for name, sweep in zip(LOADERS, (window, encoder, bias, rate), strict=True)
+        for name, sweep in zip(VALUES, (window, encoder, bias, rate), strict=True)
         for cell in sweep.cells()
     }
     for (name, part, value), setup in cells.items():
@@ -132,7 +128,7 @@ def test_each_part_changes_its_own_parameter() -> None:
         noise, physics = setup.noise, setup.physics
         if name == "window":
             assert setup.window.samples == round(value * 250.0)
-            assert {variant.window for variant in setup.variants} == {setup.window.samples}
+            assert {setting.window for setting in setup.settings} == {setup.window.samples}
         encoders = (noise.encoder_noise, noise.encoder_step)
         if name == "encoder":
             assert encoders == ((value, 0.0) if part == "noise" else (0.0, value))
@@ -167,18 +163,27 @@ def test_the_published_method_is_shown_at_its_best() -> None:
     worse = [row(0, 5, 3.0), row(1, 5, 4.0)]
     better = [row(0, 11, 1.0), row(1, 11, 2.0)]
     best_where_it_answers = [row(0, 21, 0.1), row(1, 21, None)]
-    (point,) = sweep_points([*worse, *better, *best_where_it_answers])
-    assert (point.window, point.answers, point.runs) == (11, 2, 2)
-    assert point.translation == pytest.approx(math.sqrt((1.0 + 4.0) / 2.0))
-    assert point.worst_translation == 2.0
-    assert point.bound_translation == 2.0
-    assert math.isnan(point.bound_rotation)
+    rows = [*worse, *better, *best_where_it_answers]
+    assert best_points(rows) == [better]
+    assert worst(better, "translation") == 2.0
+    (line,) = sweep_table("sweep", "value", rows).rows
+    root_mean_square = math.sqrt((1.0 + 4.0) / 2.0)
+    assert line[:7] == (
+        "1",
+        "paper",
+        "11",
+        "0",
+        f"{root_mean_square * 1e3:.0f}",
+        "2000",
+        f"{root_mean_square / 2.0:.3g}",
+    )
+    assert line[-3:] == ("-", "2 of 2", "2 of 2")
 
 
 def test_no_answer_at_all_is_told_and_not_drawn() -> None:
-    (point,) = sweep_points([row(0, 5, None, rotation=None)])
-    assert (point.answers, point.runs) == (0, 1)
-    assert math.isnan(point.translation)
+    (line,) = sweep_table("sweep", "value", [row(0, 5, None, rotation=None)]).rows
+    assert line[4:10] == ("-",) * 6
+    assert line[-2] == "0 of 1"
 
 
 def test_in_short_a_sweep_is_its_best_value_and_its_ends() -> None:

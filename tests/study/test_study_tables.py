@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from imucalib_cli.study.catalogue import load_study
-from imucalib_cli.study.initial_error_study import InitialErrorStudy
-from imucalib_cli.study.noise_study import NoiseStudy
+from imucalib_cli.study.studies.initial_error import InitialErrorStudy
+from imucalib_cli.study.studies.noise import NoiseStudy
+from imucalib_cli.study.study import load_study
 
 if TYPE_CHECKING:
-    from imucalib_cli.study.experiment import Row, Scalar
-    from imucalib_cli.study.table import Table
+    from imucalib_cli.study.study import Row, Scalar
+    from imucalib_cli.study.tables import Table
 
 
 def noise_study() -> NoiseStudy:
@@ -45,11 +45,7 @@ def test_one_run_by_every_method_against_the_engine() -> None:
     )
     found = noise_study().measure(cell)
     settings = [f"L {n}, drops over {a} m/s²" for n in (5, 11) for a in (0.391, 6.25)]
-    assert [row["setting"] for row in found] == [
-        None,
-        None,
-        *(s for s in settings for _ in range(2)),
-    ]
+    assert [row["setting"] for row in found] == [None, None, *settings, *settings]
     rows = {row["method"]: row for row in found}
     errors = {method: float(row["translation"] or math.nan) for method, row in rows.items()}
     # one fold is out; what is left still determines the pose

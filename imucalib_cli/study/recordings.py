@@ -1,9 +1,10 @@
-"""One simulated recording through an estimator in memory, and how far off the answer is."""
+"""Simulated recordings as an estimator gets them, in memory, and how far off its answer is."""
 
 from __future__ import annotations
 
 import tempfile
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,14 +16,23 @@ from imucalib_cli.robot.path import KinematicPath, PoseStep, Track
 from imucalib_cli.robot.rotations import rotvec_from_matrix
 from imucalib_cli.robot.urdf import Robot, load_robot
 from imucalib_cli.signals.samples import ImuSamples
+from imucalib_cli.simulate.load import load_system
+from imucalib_cli.simulate.physics import record
 from imucalib_cli.simulate.recording import JointRecord, PoseRecord, Recording
 from imucalib_cli.simulate.urdf import urdf_text
 
 if TYPE_CHECKING:
     from imucalib_cli.estimate.estimate import Estimate
     from imucalib_cli.simulate.config import SystemConfig
+    from imucalib_cli.simulate.options import PhysicsOptions
 
 Floats = NDArray[np.float64]
+
+
+@cache
+def clean_recording(system: str, physics: PhysicsOptions) -> Recording:
+    """Noise-free run of a system, recorded once a process."""
+    return record(load_system(system), physics)
 
 
 def robot_of(system: SystemConfig) -> Robot:
@@ -31,6 +41,13 @@ def robot_of(system: SystemConfig) -> Robot:
         path = Path(folder) / f"{system.name}.urdf"
         path.write_text(urdf_text(system), encoding="utf-8")
         return load_robot(path)
+
+
+@cache
+def robot_model(system: str) -> Robot | None:
+    """The system's URDF, parsed; None for a free body."""
+    config = load_system(system)
+    return robot_of(config) if config.arm is not None else None
 
 
 def streams_of(

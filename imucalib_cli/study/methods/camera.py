@@ -1,4 +1,4 @@
-"""Camera poses from the corners of a target, by OpenCV's Perspective-n-Point."""
+"""What a camera sees of a target, and its poses by OpenCV's Perspective-n-Point."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
-from imucalib_cli.robot.rotations import matrix_from_rotvec, skew
+from imucalib_cli.robot.path import KinematicPath, PoseStep, Track
+from imucalib_cli.robot.rotations import matrix_from_rotvec, quaternion_from_matrix, skew
 
 if TYPE_CHECKING:
     from imucalib_cli.simulate.recording import CameraRecord
@@ -18,6 +19,9 @@ Floats = NDArray[np.float64]
 
 FEWEST_CORNERS = 12
 """Fewer give a pose that one bad corner can tilt."""
+_PIXEL_FLOOR = 0.01
+"""Pixels: no detector of corners is better."""
+_FEWEST_IMAGES = 10
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -115,6 +119,35 @@ def corner_information(
     J = (of_point @ np.concatenate([of_place, skew(in_camera)], axis=2)).reshape(-1, 6)
     rest = corners[found] - pixels[:, 0]
     return CornerInformation(J.T @ J, float(np.sum(rest * rest)), rest.size - 6)
+
+
+def camera_path(camera: CameraObservations) -> tuple[KinematicPath, Floats]:
+    """Poses of the camera in the target's frame, and what whitens each, (N, 6, 6).
+
+    Raises:
+        InputError: OpenCV is missing, or the target is hardly seen.
+    """
+    rows, values, information, squares, count = [], [], [], 0.0, 0
+    for k, corners in enumerate(camera.corners):
+        pose = target_pose(camera, corners)
+        if pose is None:
+            continue
+        found = corner_information(camera, corners, pose)
+        R, p = pose[0].T, -pose[0].T @ pose[1]
+        rows.append(k)
+        values.append(np.concatenate([p, quaternion_from_matrix(R)]))
+        information.append(found.information)
+        squares += found.squares
+        count += found.free
+    if len(rows) < _FEWEST_IMAGES:
+        raise InputError(f"the target is seen in {len(rows)} images, need at least 10")
+    pixel = max(float(np.sqrt(squares / count)), _PIXEL_FLOOR)
+    whiten = np.swapaxes(np.linalg.cholesky(np.array(information)), 1, 2) / pixel
+    track = Track(name="camera", kind="pose", t=camera.t[rows], values=np.array(values))
+    path = KinematicPath(
+        world="target", parent="camera", steps=(PoseStep(track=0),), tracks=(track,)
+    )
+    return path, whiten
 
 
 def _import_opencv() -> Any:

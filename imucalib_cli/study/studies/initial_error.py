@@ -1,0 +1,194 @@
+"""Table 3: what the error of the initial guess does to the result (section 4.5 of the paper)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from imucalib_cli.simulate.options import NoiseOptions
+from imucalib_cli.study.recordings import clean_recording
+from imucalib_cli.study.rows import DEGREES, MILLIMETRES, chosen, column
+from imucalib_cli.study.studies.folded import (
+    ERROR_COLUMNS,
+    FoldedParameters,
+    in_best_setting,
+)
+from imucalib_cli.study.study import Study, grid
+from imucalib_cli.study.tables import (
+    Claim,
+    Column,
+    claims_table,
+    count,
+    digits,
+    lay_out,
+    number,
+    text,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from imucalib_cli.study.study import Cell, Row
+    from imucalib_cli.study.tables import Table
+
+METHODS = ("matched", "paper", "paper, components")
+SHOWN = ("paper", "paper, components", "matched")
+"""The same, in the order of the tables."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class InitialErrorParameters(FoldedParameters):
+    """As configs/studies/initial-error.yaml states them, with units."""
+
+    translation: tuple[float, ...]
+    rotation_deg: tuple[float, ...]
+    accel: float
+    gyro: float
+    failed_translation: float
+    failed_rotation_deg: float
+    same_translation: float
+    realistic_rotation_deg: float
+
+    def __post_init__(self) -> None:
+        """Refuse sizes that cannot be paired."""
+        super().__post_init__()
+        if len(self.translation) != len(self.rotation_deg):
+            raise ValueError("translation and rotation_deg need as many sizes: they are paired")
+
+    def sizes(self) -> list[tuple[float, float]]:
+        """Translation, m, and rotation, deg: each alone, then both together."""
+        pairs = [(size, 0.0) for size in self.translation]
+        pairs += [(0.0, size) for size in self.rotation_deg]
+        pairs += zip(self.translation, self.rotation_deg, strict=True)
+        return list(dict.fromkeys(pairs))
+
+
+class InitialErrorStudy(Study[InitialErrorParameters]):
+    """Section 4.5 and Table 3."""
+
+    name = "initial-error"
+    parameters = InitialErrorParameters
+
+    def cells(self) -> list[Cell]:
+        """Every size of error on every fold in several directions."""
+        return [
+            cell
+            for system in self.config.systems
+            for translation, rotation_deg in self.config.sizes()
+            for cell in grid(
+                system=[system],
+                initial_translation=[translation],
+                initial_rotation_deg=[rotation_deg],
+                fold=range(self.config.folds),
+                seed=range(self.config.seeds),
+            )
+        ]
+
+    def measure(self, cell: Cell) -> list[Row]:
+        """All methods on one fold, from one guess; ours is given none."""
+        config = self.config
+        return config.calibrate(
+            METHODS,
+            cell,
+            clean_recording(str(cell["system"]), config.physics),
+            NoiseOptions(accel_white=config.accel, gyro_white=config.gyro),
+            # The noise is the fold's: only the guess differs between the seeds.
+            noise_seed=int(cell["fold"] or 0),
+            initial_error=(
+                float(cell["initial_translation"] or 0.0),
+                math.radians(float(cell["initial_rotation_deg"] or 0.0)),
+            ),
+        )
+
+    def tables(self, rows: Sequence[Row]) -> list[Table]:
+        """One table a system, and the claims; each method in its steadiest setting.
+
+        That is the one in which the result depends least on the guess: the exclusion is by the
+        pose that the guess gives, so that it may depend much.
+        """
+        rows = in_best_setting(rows, self._unsteadiness, "system", "method")
+        note = (
+            f"Failed: no answer, or one farther than {self.config.failed_translation * 1e3:g} mm "
+            f"or {self.config.failed_rotation_deg:g} deg from the truth, another minimum; means "
+            "and spreads are of the others. The published method stands in the setting in which "
+            "its result depends least on the guess, which need not be its most exact. The matched "
+            "method is given no guess."
+        )
+        errors: list[Column] = [
+            (header, lambda rows, cell=cell: cell(self._good(rows)))  # type: ignore[misc]
+            for header, cell in ERROR_COLUMNS
+        ]
+        columns: tuple[Column, ...] = (
+            number("initial_translation", "initial m"),
+            number("initial_rotation_deg", "initial deg"),
+            text("method"),
+            text("setting", "its setting"),
+            *errors,
+            count("failed", self._failed),
+        )
+        made = [
+            lay_out(
+                f"{system}: error of the initial guess",
+                columns,
+                [
+                    chosen(
+                        rows,
+                        system=system,
+                        initial_translation=translation,
+                        initial_rotation_deg=rotation_deg,
+                        method=method,
+                    )
+                    for translation, rotation_deg in self.config.sizes()
+                    for method in SHOWN
+                ],
+                note,
+            )
+            for system in self.config.systems
+        ]
+        return [*made, claims_table("Claims of section 4.5", self._claims(rows))]
+
+    def _failed(self, row: Row) -> bool:
+        """Whether a calibration gave no answer, or one in another minimum."""
+        translation, rotation = row["translation"], row["rotation"]
+        return not (
+            isinstance(translation, float)
+            and isinstance(rotation, float)
+            and translation <= self.config.failed_translation
+            and rotation * DEGREES <= self.config.failed_rotation_deg
+        )
+
+    def _good(self, rows: Sequence[Row]) -> list[Row]:
+        return [row for row in rows if not self._failed(row)]
+
+    def _unsteadiness(self, rows: Sequence[Row]) -> tuple[int, float]:
+        """Failures, and how far the other results on a fold are apart, mm."""
+        good = self._good(rows)
+        folds = [chosen(good, fold=fold) for fold in range(self.config.folds)]
+        errors = [column(fold, "translation") for fold in folds]
+        ranges = [MILLIMETRES * (max(e) - min(e)) if e else math.nan for e in errors]
+        return len(rows) - len(good), max(ranges)
+
+    def _claims(self, rows: Sequence[Row]) -> Iterator[Claim]:
+        limit = self.config.realistic_rotation_deg
+        parts = {False: f"initial errors up to {limit:g} deg", True: f"beyond {limit:g} deg"}
+        most = MILLIMETRES * self.config.same_translation
+        for system in self.config.systems:
+            for method in SHOWN:
+                mine = chosen(rows, system=system, method=method)
+                for beyond, words in parts.items():
+                    found = [
+                        row
+                        for row in mine
+                        if (column([row], "initial_rotation_deg")[0] > limit) is beyond
+                    ]
+                    if not found:
+                        continue
+                    failed, widest = self._unsteadiness(found)
+                    yield Claim(
+                        words=f"{method}: {system}: {words}: the result does not vary (no "
+                        f"failure; within {most:g} mm of each other on each fold)",
+                        found=f"{failed} of {len(found)} failed; others within {digits(widest)} "
+                        "mm of each other",
+                        met=not failed and widest < most,
+                    )

@@ -1,0 +1,174 @@
+"""What a study is, which studies there are, and how their parameters are read."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import MISSING, dataclass, fields, is_dataclass
+from importlib import import_module
+from importlib.util import find_spec
+from itertools import product
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeAlias, TypeVar
+
+from imucalib_cli.configuration import build, read_builtin, read_yaml
+from imucalib_cli.errors import InputError
+from imucalib_cli.simulate.options import NoiseOptions
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from imucalib_cli.study.tables import Table
+
+Scalar: TypeAlias = str | float | int | bool | None
+Cell: TypeAlias = dict[str, Scalar]
+"""One run, told by what varies, the seed too; the same cell gives the same rows."""
+Row: TypeAlias = dict[str, Scalar]
+"""What a run found; JSON can hold it, so no infinities."""
+Draw: TypeAlias = Callable[[Path], None]
+"""Draws a figure into a file."""
+
+Parameters = TypeVar("Parameters")
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Study(ABC, Generic[Parameters]):
+    """An experiment: runs that do not depend on each other, and what is made of their rows.
+
+    It is sent to worker processes, so it holds parameters only.
+    """
+
+    name: ClassVar[str]
+    """As on the command line."""
+    parameters: ClassVar[type[Any]]
+    """The dataclass that configs/studies/<name>.yaml fills."""
+    config: Parameters
+    """Other parameters are another experiment."""
+
+    @abstractmethod
+    def cells(self) -> list[Cell]:
+        """All runs, in the order of the tables."""
+
+    @abstractmethod
+    def measure(self, cell: Cell) -> list[Row]:
+        """Do one run."""
+
+    @abstractmethod
+    def tables(self, rows: Sequence[Row]) -> list[Table]:
+        """What is printed."""
+
+    def figures(self, rows: Sequence[Row]) -> dict[str, Draw]:
+        """What is drawn beside it, by the name of the file without suffix."""
+        del rows
+        return {}
+
+
+def grid(**axes: Iterable[Scalar]) -> list[Cell]:
+    """Every combination of values; the last axis varies fastest."""
+    return [dict(zip(axes, values, strict=True)) for values in product(*axes.values())]
+
+
+STUDIES: dict[str, tuple[str, str]] = {
+    "derivation": (
+        "derivation:DerivationStudy",
+        "Figures 5 to 7: derived against measured acceleration",
+    ),
+    "initial-error": (
+        "initial_error:InitialErrorStudy",
+        "Table 3: sensitivity to the initial guess",
+    ),
+    "methods": ("methods:MethodsStudy", "Table 1: the methods compared"),
+    "noise": ("noise:NoiseStudy", "Table 2: sensitivity to IMU noise"),
+    "window": ("sweeps:WindowStudy", "open question: the filters' window"),
+    "optimiser": ("optimiser:OptimiserStudy", "open question: the optimiser"),
+    "encoder": ("sweeps:EncoderStudy", "open question: noise of the encoders"),
+    "bias": ("sweeps:BiasStudy", "open question: biases of the IMU"),
+    "rate": ("sweeps:RateStudy", "open question: rates of the log"),
+}
+"""Module of imucalib_cli.study.studies with its class, and what it is, by name."""
+
+_PACKAGES = {"mujoco": "MuJoCo", "cv2": "OpenCV"}
+_SIMULATION = ("mujoco",)
+_NEEDED = {"methods": ("mujoco", "cv2")}
+"""Modules of optional dependencies; of a study that is not named the simulation's."""
+
+
+def load_study(name: str, file: Path | None = None, *, quick: bool = False) -> Study[Any]:
+    """A study with its parameters; its module is imported only now.
+
+    Args:
+        name: One of STUDIES.
+        file: Parameters of the user's own, as configs/studies/ has them.
+        quick: Few runs, for a look or for CI.
+
+    Raises:
+        InputError: The parameters cannot be read.
+    """
+    module, _, kind = STUDIES[name][0].partition(":")
+    made: type[Study[Any]] = getattr(import_module(f"imucalib_cli.study.studies.{module}"), kind)
+    return made(load_parameters(made.parameters, name, file, quick=quick))
+
+
+def load_parameters(kind: type[T], name: str, file: Path | None = None, *, quick: bool) -> T:
+    """Read a study's parameters; its ``quick`` section replaces some of them for a short run.
+
+    Args:
+        kind: Dataclass of the study's parameters.
+        name: Of the study.
+        file: Instead of the built-in one.
+        quick: Whether to take the short run's.
+
+    Raises:
+        InputError: A key is missing, unknown or of another type; names it.
+    """
+    where = f"{name}.yaml" if file is None else str(file)
+    raw: dict[str, Any] = read_builtin(f"studies/{name}") if file is None else read_yaml(file)
+    short = raw.pop("quick", None)
+    if quick and short is None:
+        raise InputError(f"{where}: has no section quick: state what a short run changes there")
+    if not isinstance(short, dict | None):
+        raise InputError(f"{where}: quick: expected keys and values, found {short!r}")
+    parameters = build(kind, raw | short if quick and short else raw, where)
+    _check_counts(parameters, where)
+    return parameters
+
+
+def _check_counts(parameters: object, where: str) -> None:
+    """Refuse empty lists, but for those that may be left out, and counts below one.
+
+    Raises:
+        InputError: Names the key.
+    """
+    for part in fields(parameters):  # type: ignore[arg-type]
+        value = getattr(parameters, part.name)
+        if value == () and part.default is MISSING:
+            raise InputError(f"{where}: {part.name}: an empty list; there must be one value")
+        if part.name.endswith("seed"):
+            continue
+        for item in value if isinstance(value, tuple) else (value,):
+            if isinstance(item, int) and not isinstance(item, bool) and item < 1:
+                raise InputError(f"{where}: {part.name}: {item} is no count; 1 or more")
+            if is_dataclass(item) and not isinstance(item, NoiseOptions):
+                _check_counts(item, f"{where}: {part.name}")
+
+
+def see_installed(name: str) -> None:
+    """See before any run that a study's optional dependencies are there.
+
+    Raises:
+        InputError: One is not.
+    """
+    missing = [
+        _PACKAGES[module] for module in _NEEDED.get(name, _SIMULATION) if not find_spec(module)
+    ]
+    if missing:
+        raise InputError(
+            f"study {name} needs {' and '.join(missing)}, which "
+            f"{'is' if len(missing) == 1 else 'are'} not installed: pip install 'imucalib[study]'"
+        )
+
+
+def can_draw() -> bool:
+    """Whether matplotlib is there."""
+    return find_spec("matplotlib") is not None
