@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-Vector = tuple[float, float, float]
+from imucalib_cli.simulate.options import (  # noqa: TC001 - type of fields, checked when read
+    Vector,
+)
 
 
 @dataclass(frozen=True, kw_only=True)

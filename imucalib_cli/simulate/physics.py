@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.robot.rotations import matrix_from_rotvec, matrix_from_rpy
-from imucalib_cli.simulate.camera import camera_mount, see
+from imucalib_cli.simulate.camera.view import camera_mount, see
 from imucalib_cli.simulate.mjcf import model_xml
 from imucalib_cli.simulate.motion import ArmReference, PushPlan, instants
 from imucalib_cli.simulate.options import PhysicsOptions
@@ -31,7 +31,7 @@ from imucalib_cli.simulate.recording import (
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from imucalib_cli.simulate.camera_config import CameraConfig
+    from imucalib_cli.simulate.camera.config import CameraConfig
     from imucalib_cli.simulate.config import Arm, FreeBody, SystemConfig
 
 Floats = NDArray[np.float64]
@@ -54,7 +54,7 @@ def record(
         options: Rates, duration, gravity, mount; None takes the system's own.
         progress: Called now and then with the share done, 0 to 1.
         camera: Record what it sees too; its optical frame is one of the system's, as
-            :func:`imucalib_cli.simulate.camera_config.load_camera` gives them.
+            :func:`imucalib_cli.simulate.camera.config.load_camera` gives them.
 
     Raises:
         InputError: MuJoCo is not installed, an option is out of range, or the motion blew up.

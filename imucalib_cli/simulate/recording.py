@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from imucalib_cli.simulate.camera_config import CameraConfig
+    from imucalib_cli.simulate.camera.config import CameraConfig
     from imucalib_cli.simulate.config import SystemConfig
     from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
 

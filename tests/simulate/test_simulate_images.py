@@ -13,15 +13,15 @@ import pytest
 from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
-from imucalib_cli.simulate.aprilgrid import board_picture
-from imucalib_cli.simulate.camera import see, target_points
-from imucalib_cli.simulate.camera_config import load_camera
+from imucalib_cli.simulate.camera.aprilgrid import board_picture
+from imucalib_cli.simulate.camera.config import load_camera
+from imucalib_cli.simulate.camera.render import Images
+from imucalib_cli.simulate.camera.view import see, target_points
 from imucalib_cli.simulate.load import load_system
 from imucalib_cli.simulate.options import NoiseOptions
-from imucalib_cli.simulate.render import Images
 
 if TYPE_CHECKING:
-    from imucalib_cli.simulate.camera_config import CameraConfig
+    from imucalib_cli.simulate.camera.config import CameraConfig
     from imucalib_cli.simulate.recording import CameraRecord
 
 Floats = NDArray[np.float64]

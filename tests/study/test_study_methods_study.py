@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from imucalib_cli.simulate.camera import camera_mount
+from imucalib_cli.simulate.camera.view import camera_mount
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.study.alone import Cost
 from imucalib_cli.study.conditions import Condition

@@ -14,8 +14,8 @@ import numpy as np
 
 from imucalib_cli.results.pose import pose_error
 from imucalib_cli.robot.rotations import matrix_from_rpy
-from imucalib_cli.simulate.camera import camera_mount
-from imucalib_cli.simulate.camera_config import load_camera
+from imucalib_cli.simulate.camera.config import load_camera
+from imucalib_cli.simulate.camera.view import camera_mount
 from imucalib_cli.simulate.load import load_grade, load_system
 from imucalib_cli.simulate.noise import corrupt, white_std
 from imucalib_cli.simulate.options import NoiseOptions

@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from imucalib_cli.errors import InputError
 from imucalib_cli.results.atomic import write_whole
 from imucalib_cli.results.codec import to_yaml
-from imucalib_cli.simulate.camera import camera_mount
+from imucalib_cli.simulate.camera.view import camera_mount
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from imucalib_cli.simulate.camera_config import CameraConfig
+    from imucalib_cli.simulate.camera.config import CameraConfig
     from imucalib_cli.simulate.options import LogOptions
     from imucalib_cli.simulate.recording import CameraRecord, Recording
 

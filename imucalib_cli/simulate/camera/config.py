@@ -11,6 +11,8 @@ from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.simulate.config import (  # noqa: TC001 - types of fields, checked when read
     FixedFrame,
     Move,
+)
+from imucalib_cli.simulate.options import (  # noqa: TC001 - likewise
     Vector,
 )
 

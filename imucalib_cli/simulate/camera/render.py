@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from imucalib_cli.simulate.aprilgrid import board_picture, opencv
-from imucalib_cli.simulate.camera import project
+from imucalib_cli.simulate.camera.aprilgrid import board_picture, opencv
+from imucalib_cli.simulate.camera.view import project
 
 if TYPE_CHECKING:
-    from imucalib_cli.simulate.camera_config import CameraConfig, Intrinsics
+    from imucalib_cli.simulate.camera.config import CameraConfig, Intrinsics
     from imucalib_cli.simulate.options import NoiseOptions
     from imucalib_cli.simulate.recording import CameraRecord
 

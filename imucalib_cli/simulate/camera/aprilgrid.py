@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from imucalib_cli.errors import InputError
 
 if TYPE_CHECKING:
-    from imucalib_cli.simulate.camera_config import AprilGrid, Shades
+    from imucalib_cli.simulate.camera.config import AprilGrid, Shades
 
 Floats = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
