@@ -93,13 +93,13 @@ def test_the_information_of_corners_is_the_inverse_of_their_poses_scatter(
         noisy = corners + 0.2 * rng.normal(size=corners.shape)
         moved = target_pose(camera, noisy)
         assert moved is not None
-        place = pose[0].T @ pose[1] - moved[0].T @ moved[1]
-        turn = Rotation.from_matrix(pose[0] @ moved[0].T).as_rotvec()
+        place = pose.R.T @ pose.t - moved.R.T @ moved.t
+        turn = Rotation.from_matrix(pose.R @ moved.R.T).as_rotvec()
         scatter.append(np.concatenate([place, turn]))
-        found = corner_information(camera, noisy, moved)
-        squares.append(found.squares / found.free)
-    information = corner_information(camera, corners, pose).information / 0.2**2
-    root = np.linalg.cholesky(information)
+        _, rest = corner_information(camera, noisy, moved)
+        squares.append(np.sum(rest**2) / (rest.size - 6))
+    information, _ = corner_information(camera, corners, pose)
+    root = np.linalg.cholesky(information / 0.2**2)
     white = np.array(scatter) @ root
     np.testing.assert_allclose(white.T @ white / 300, np.eye(6), atol=0.3)
     assert np.mean(squares) == pytest.approx(0.04, rel=0.02)

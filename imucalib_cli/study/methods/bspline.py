@@ -10,7 +10,6 @@ parent link, or the poses that the corners of each image determine.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import chain
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -22,7 +21,7 @@ from imucalib_cli.signals.stamps import tidy_rows
 from imucalib_cli.signals.trajectory import Trajectory
 from imucalib_cli.study.methods.answer import Answer
 from imucalib_cli.study.methods.bordered import BorderedNormal
-from imucalib_cli.study.methods.bspline_terms import ImuData, PoseData, imu_rows, pose_rows
+from imucalib_cli.study.methods.bspline_terms import ImuData, PoseData, Rows, imu_rows, pose_rows
 from imucalib_cli.study.methods.camera import camera_path
 from imucalib_cli.study.methods.gyro_first import GyroFirstOptions, calibrate_gyro_first
 from imucalib_cli.study.methods.spline import (
@@ -39,6 +38,8 @@ from imucalib_cli.study.methods.spline import (
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from imucalib_cli.robot.path import KinematicPath
     from imucalib_cli.signals.samples import ImuSamples
     from imucalib_cli.study.methods.camera import CameraObservations
@@ -51,8 +52,10 @@ _STD_FLOOR = 1e-7
 
 _LOOSE = (1e-3, 3e-2)
 """Shares of the poses' weights in the rounds before the last, where the straight way is not."""
-_LOOSE_TOLERANCE = 1.0
-"""Of those rounds, in units of chi-squared."""
+_TOLERANCE, _LOOSE_TOLERANCE = 1e-3, 1.0
+"""The solution stands when a step promises less than this, in units of chi-squared; in those
+rounds."""
+_MOST_ITERATIONS = 30
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,24 +72,15 @@ class BSplineOptions:
     """rad/s/sqrt(s)."""
     bias_interval: float = 5.0
     """s between the nodes of biases that walk, piecewise linear."""
-    position_std: float | None = None
-    """Of a pose, per axis, m; None takes the poses' scatter about their own spline."""
-    rotation_std: float | None = None
-    """rad, likewise."""
     knots_per_second: float = 100.0
     """Kalibr's default for poses."""
     time_offset: float | None = None
     """IMU stamp - robot stamp, s; None estimates it."""
-    max_offset: float = 1.0
-    """Largest offset searched, s."""
     gravity: Literal["tilt", "fixed", "none"] = "tilt"
     gravity_norm: float = STANDARD_GRAVITY
     """m/s²."""
     biases: bool = True
     """Whether biases are unknowns."""
-    most_iterations: int = 30
-    tolerance: float = 1e-3
-    """The solution stands when a step promises less than this, in units of chi-squared."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,28 +92,27 @@ class Problem:
     poses: PoseData
     imu: ImuData
     options: BSplineOptions
+    tolerance: float = _TOLERANCE
 
     def cost(self, state: State) -> float:
         """Sum of squared whitened residuals."""
-        rows = chain(
-            pose_rows(self.knots, self.R_middle, self.poses, state, derivatives=False),
-            imu_rows(self.knots, self.R_middle, self.imu, state, derivatives=False),
-        )
         walk = self._walk(state)[1]
+        rows = self._rows(state, derivatives=False)
         return float(sum(np.sum(part.r * part.r) for part in rows) + walk @ walk)
 
     def normal(self, state: State) -> BorderedNormal:
         """Normal equations at a state; what is known is held by rows of its own."""
         borders = BIASES + 6 * len(self.imu.nodes)
         normal = BorderedNormal(self.knots.controls, 6, ORDER, borders)
-        parts = chain(
-            pose_rows(self.knots, self.R_middle, self.poses, state, derivatives=True),
-            imu_rows(self.knots, self.R_middle, self.imu, state, derivatives=True),
-        )
-        for part in parts:
+        for part in self._rows(state, derivatives=True):
             normal.add(part.segment, part.local, part.border, part.columns, part.r)
         normal.add_border(*self._walk(state))
         return normal
+
+    def _rows(self, state: State, *, derivatives: bool) -> Iterator[Rows]:
+        given = self.knots, self.R_middle
+        yield from pose_rows(*given, self.poses, state, derivatives=derivatives)
+        yield from imu_rows(*given, self.imu, state, derivatives=derivatives)
 
     def known(self) -> list[int]:
         """Dense unknowns that are not."""
@@ -152,7 +145,7 @@ class Problem:
         return replace(
             self,
             poses=replace(self.poses, whiten=share * self.poses.whiten),
-            options=replace(self.options, tolerance=_LOOSE_TOLERANCE),
+            tolerance=_LOOSE_TOLERANCE,
         )
 
 
@@ -184,10 +177,10 @@ def _descend(problem: Problem, state: State, *, patient: bool) -> tuple[State, i
     Without patience the first step that fails ends it.
     """
     cost, damping, evaluations = problem.cost(state), 1e-9, 1
-    while evaluations < problem.options.most_iterations:
+    while evaluations < _MOST_ITERATIONS:
         normal = problem.normal(state)
         normal.hold(problem.known())
-        while evaluations < problem.options.most_iterations:
+        while evaluations < _MOST_ITERATIONS:
             try:
                 controls, border, promised = normal.step(damping)
             except np.linalg.LinAlgError as error:
@@ -195,7 +188,7 @@ def _descend(problem: Problem, state: State, *, patient: bool) -> tuple[State, i
             moved = state.moved(controls, border)
             new = problem.cost(moved)
             evaluations += 1
-            if promised < problem.options.tolerance:
+            if promised < problem.tolerance:
                 return (moved if new < cost else state), evaluations, True
             if new < cost:
                 state, cost, damping = moved, new, max(damping / 10.0, 1e-12)
@@ -270,7 +263,8 @@ def prepare(
         imu: As stamped.
         path: Kinematics of the parent link.
         options: Noise of the sensors, knots, what is unknown.
-        whiten: (N, 6, 6), for each pose of the path, in place of the options' deviations.
+        whiten: (N, 6, 6), for each pose of the path; default by their scatter about their own
+            spline.
 
     Raises:
         InputError: As calibrate_bspline.
@@ -282,7 +276,6 @@ def prepare(
         GyroFirstOptions(
             window_seconds=max(0.1, 6.0 * trajectory.interval),
             time_offset=options.time_offset,
-            max_offset=options.max_offset,
             gravity="none" if options.gravity == "none" else "tilt",
             gravity_norm=options.gravity_norm,
         ),
@@ -295,17 +288,8 @@ def prepare(
     R_middle = middle_orientation(R_imu)
     phi = unwrapped_rotvecs(R_middle.T @ R_imu)
     if whiten is None:
-        stds = (
-            _or(options.position_std, residual_std(knots, t, p)),
-            _or(options.rotation_std, residual_std(knots, t, phi)),
-        )
+        stds = [max(residual_std(knots, t, values), _STD_FLOOR) for values in (p, phi)]
         whiten = 1.0 / np.repeat(stds, 3)
-    poses = PoseData(
-        t=t,
-        R=R,
-        p=p,
-        whiten=whiten,
-    )
     offset = first.time_offset or 0.0
     rows = tidy_rows(imu.t, imu.gyro, imu.accel).rows
     # The offset may still move by a millisecond or so; readings stay on the spline all the same.
@@ -336,8 +320,5 @@ def prepare(
         time_offset=offset,
         biases=np.tile(start if options.biases else np.zeros(6), (count, 1)),
     )
+    poses = PoseData(t=t, R=R, p=p, whiten=whiten)
     return Problem(knots, R_middle, poses, readings, options), state
-
-
-def _or(stated: float | None, found: float) -> float:
-    return stated if stated is not None else max(found, _STD_FLOOR)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from imucalib_cli.errors import InputError
 from imucalib_cli.robot.path import KinematicPath, PoseStep, Track
 from imucalib_cli.robot.rotations import matrix_from_rotvec, quaternion_from_matrix, skew
+from imucalib_cli.study.conditions import Pose
 
 if TYPE_CHECKING:
     from imucalib_cli.simulate.recording import CameraRecord
@@ -52,7 +53,7 @@ def observations_of(camera: CameraRecord) -> CameraObservations:
     )
 
 
-def target_pose(camera: CameraObservations, corners: Floats) -> tuple[Floats, Floats] | None:
+def target_pose(camera: CameraObservations, corners: Floats) -> Pose | None:
     """Pose of the target in the optical frame by the least error of reprojection.
 
     Args:
@@ -60,8 +61,7 @@ def target_pose(camera: CameraObservations, corners: Floats) -> tuple[Floats, Fl
         corners: (K, 2), pixels; NaN where not found.
 
     Returns:
-        R_camera_target (3, 3) and p_camera_target (3,), m; None where too few corners were found
-        or nothing fits.
+        R_camera_target and p_camera_target; None where too few corners were found or nothing fits.
 
     Raises:
         InputError: OpenCV is not installed.
@@ -77,37 +77,29 @@ def target_pose(camera: CameraObservations, corners: Floats) -> tuple[Floats, Fl
     # Its own rounds end early, at 20 and at single precision's steps.
     criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 50, 1e-12)
     turn, place = cv2.solvePnPRefineLM(*args, turn, place, criteria)
-    return matrix_from_rotvec(turn[:, 0]), np.asarray(place[:, 0], dtype=np.float64)
-
-
-@dataclass(frozen=True, eq=False)
-class CornerInformation:
-    """What the corners of one image say of the camera's pose, for corners of unit noise."""
-
-    information: Floats
-    """(6, 6): p_target_camera, then the turn of R_target_camera in the camera's frame."""
-    squares: float
-    """Sum of squared reprojection errors, pixels²."""
-    free: int
-    """Degrees of freedom of that sum."""
+    return Pose(matrix_from_rotvec(turn[:, 0]), np.asarray(place[:, 0], dtype=np.float64))
 
 
 def corner_information(
-    camera: CameraObservations, corners: Floats, pose: tuple[Floats, Floats]
-) -> CornerInformation:
-    """Information on a pose found by :func:`target_pose`, and what is left of the corners.
+    camera: CameraObservations, corners: Floats, pose: Pose
+) -> tuple[Floats, Floats]:
+    """What the corners of one image say of the camera's pose, for corners of unit noise.
 
     Args:
         camera: Target and lens.
         corners: (K, 2), pixels; NaN where not found.
-        pose: R_camera_target (3, 3) and p_camera_target (3,), m.
+        pose: Of the target in the camera, found by :func:`target_pose`.
+
+    Returns:
+        Information (6, 6), on p_target_camera, then the turn of R_target_camera in the camera's
+        frame; and what is left of the corners found, (n, 2), pixels.
 
     Raises:
         InputError: OpenCV is not installed.
     """
     cv2 = _import_opencv()
     found = np.isfinite(corners).all(axis=1)
-    R, p = pose
+    R, p = pose.R, pose.t
     points = camera.target_points[found]
     pixels, jacobian = cv2.projectPoints(
         points, cv2.Rodrigues(R)[0], p, camera.matrix, camera.distortion
@@ -117,8 +109,7 @@ def corner_information(
     in_camera = points @ R.T + p
     of_place = np.broadcast_to(-R, (len(points), 3, 3))
     J = (of_point @ np.concatenate([of_place, skew(in_camera)], axis=2)).reshape(-1, 6)
-    rest = corners[found] - pixels[:, 0]
-    return CornerInformation(J.T @ J, float(np.sum(rest * rest)), rest.size - 6)
+    return J.T @ J, np.asarray(corners[found] - pixels[:, 0])
 
 
 def camera_path(camera: CameraObservations) -> tuple[KinematicPath, Floats]:
@@ -132,13 +123,13 @@ def camera_path(camera: CameraObservations) -> tuple[KinematicPath, Floats]:
         pose = target_pose(camera, corners)
         if pose is None:
             continue
-        found = corner_information(camera, corners, pose)
-        R, p = pose[0].T, -pose[0].T @ pose[1]
+        of_pose, rest = corner_information(camera, corners, pose)
         rows.append(k)
-        values.append(np.concatenate([p, quaternion_from_matrix(R)]))
-        information.append(found.information)
-        squares += found.squares
-        count += found.free
+        p = -pose.R.T @ pose.t
+        values.append(np.concatenate([p, quaternion_from_matrix(pose.R.T)]))
+        information.append(of_pose)
+        squares += float(np.sum(rest * rest))
+        count += rest.size - 6
     if len(rows) < _FEWEST_IMAGES:
         raise InputError(f"the target is seen in {len(rows)} images, need at least 10")
     pixel = max(float(np.sqrt(squares / count)), _PIXEL_FLOOR)

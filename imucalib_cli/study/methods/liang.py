@@ -27,6 +27,7 @@ from imucalib_cli.errors import InputError
 from imucalib_cli.robot.rotations import matrix_from_rotvec
 from imucalib_cli.signals.samples import STANDARD_GRAVITY
 from imucalib_cli.signals.stamps import tidy_rows
+from imucalib_cli.study.conditions import Pose
 from imucalib_cli.study.methods.answer import Answer
 from imucalib_cli.study.methods.camera import target_pose
 from imucalib_cli.study.methods.hand_eye import Motions, Ransac, park_martin, ransac, tsai
@@ -36,7 +37,6 @@ if TYPE_CHECKING:
     from imucalib_cli.study.methods.camera import CameraObservations
 
 Floats = NDArray[np.float64]
-Pose = tuple[Floats, Floats]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,9 +47,6 @@ class LiangOptions:
     """Use both ends of each move, all images of a standstill, and the optimal rotation."""
     ransac: Ransac
     still: StillOptions
-    camera_offset: float = 0.0
-    """IMU stamp - camera stamp of the same instant, s, as far as known: images need only fall
-    into the right standstill."""
     gravity_norm: float = STANDARD_GRAVITY
     """m/s²."""
 
@@ -71,25 +68,23 @@ def calibrate_liang(imu: ImuSamples, camera: CameraObservations, options: LiangO
     stills = standstills(imu.t, imu.gyro, imu.accel, options.still)
     if not stills:
         raise InputError("the IMU never stands still: this method needs start-stop motion")
-    seen = [camera_pose(camera, still, options) for still in stills]
+    seen = [_camera_pose(camera, still, tuned=options.tuned) for still in stills]
+    # As published, the accelerometer's bias is in the gravity read before each move.
+    accel_bias, gyro_bias = np.zeros(3), stills[0].gyro
     if options.tuned:
         accel_bias = static_accel_bias(stills, options.gravity_norm)
         gyro_bias = np.mean([still.gyro for still in stills], axis=0)
-    else:
-        accel_bias, gyro_bias = np.zeros(3), stills[0].gyro
-    moved: list[tuple[Pose, Displacement]] = []
-    for (start, first), (end, last) in pairwise(zip(stills, seen, strict=True)):
-        if first is None or last is None:
-            continue
-        path = (
-            displaced_both_ends(imu, start, end, accel_bias, gyro_bias)
-            if options.tuned
-            else displaced(imu, start, end, gyro_bias)
+    moved = [
+        (
+            _relative(first, last),
+            _displaced(imu, start, end, (accel_bias, gyro_bias), tuned=options.tuned),
         )
-        moved.append((_relative(first, last), path))
+        for (start, first), (end, last) in pairwise(zip(stills, seen, strict=True))
+        if first is not None and last is not None
+    ]
     motions = Motions(
-        np.array([a[0] for a, _ in moved]).reshape(-1, 3, 3),
-        np.array([a[1] for a, _ in moved]).reshape(-1, 3),
+        np.array([a.R for a, _ in moved]).reshape(-1, 3, 3),
+        np.array([a.t for a, _ in moved]).reshape(-1, 3),
         np.array([b.R for _, b in moved]).reshape(-1, 3, 3),
         np.array([b.p for _, b in moved]).reshape(-1, 3),
     )
@@ -105,41 +100,43 @@ def calibrate_liang(imu: ImuSamples, camera: CameraObservations, options: LiangO
     )
 
 
-def camera_pose(camera: CameraObservations, still: Still, options: LiangOptions) -> Pose | None:
+def _camera_pose(camera: CameraObservations, still: Still, *, tuned: bool) -> Pose | None:
     """Pose of the target in the camera during a standstill; None where it is not seen.
 
     As published, one image, the middle one; tuned, the mean of each corner over all images.
     """
-    t = camera.t + options.camera_offset
-    inside = np.flatnonzero((t >= still.start) & (t <= still.end))
+    # Stamps of either clock: images need only fall into the right standstill.
+    inside = np.flatnonzero((camera.t >= still.start) & (camera.t <= still.end))
     if len(inside) == 0:
         return None
-    if not options.tuned:
+    if not tuned:
         return target_pose(camera, camera.corners[inside[len(inside) // 2]])
     return target_pose(camera, camera.corners[inside].mean(axis=0))
 
 
-def displaced(imu: ImuSamples, start: Still, end: Still, gyro_bias: Floats) -> Displacement:
-    """Plain integration from rest; gravity, accelerometer bias included, as read before."""
-    rows = slice(start.rows.stop - 1, end.rows.start + 1)
-    return integrate(imu.t[rows], imu.gyro[rows] - gyro_bias, imu.accel[rows], start.accel)
-
-
-def displaced_both_ends(
-    imu: ImuSamples, start: Still, end: Still, accel_bias: Floats, gyro_bias: Floats
+def _displaced(
+    imu: ImuSamples,
+    start: Still,
+    end: Still,
+    biases: tuple[Floats, Floats],
+    *,
+    tuned: bool,
 ) -> Displacement:
-    """Integration between two standstills that uses what both tell.
+    """Integration from rest between two standstills.
 
-    For the position, the tilt that is left at the end is spread evenly over the move, and the
-    velocity left there is taken for a constant error of acceleration. The orientation is the
-    gyroscope's: over a move it is the better of the two.
+    Tuned, it uses what both tell: for the position, the tilt that is left at the end is spread
+    evenly over the move, and the velocity left there is taken for a constant error of
+    acceleration. The orientation is the gyroscope's: over a move it is the better of the two.
     """
     rows = slice(start.rows.stop - 1, end.rows.start + 1)
+    accel_bias, gyro_bias = biases
     t, gyro, accel = imu.t[rows], imu.gyro[rows] - gyro_bias, imu.accel[rows] - accel_bias
-    up, up_end = start.accel - accel_bias, end.accel - accel_bias
+    up = start.accel - accel_bias
     plain = integrate(t, gyro, accel, up)
+    if not tuned:
+        return plain
     # Up at the end as integration carries it back, against up as it was.
-    carried = plain.R @ up_end
+    carried = plain.R @ (end.accel - accel_bias)
     tilt = np.cross(carried, up) / (np.linalg.norm(carried) * np.linalg.norm(up))
     length = float(t[-1] - t[0])
     corrections = matrix_from_rotvec(((t - t[0]) / length)[:, None] * tilt)
@@ -149,8 +146,8 @@ def displaced_both_ends(
 
 def _relative(first: Pose, last: Pose) -> Pose:
     """Motion of the camera: its later frame in its earlier one, from two poses of the target."""
-    R = first[0] @ last[0].T
-    return R, first[1] - R @ last[1]
+    R = first.R @ last.R.T
+    return Pose(R, first.t - R @ last.t)
 
 
 @dataclass(frozen=True, eq=False)

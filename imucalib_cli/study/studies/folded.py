@@ -1,26 +1,40 @@
-"""What tables 2 and 3 share: calibrations on folds of moves, each with several seeds."""
+"""What tables 2 and 3 share: calibrations on folds of moves, each with several seeds.
+
+What is held out is a move of the plan, not a sample.
+"""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from imucalib_cli.errors import InputError
 from imucalib_cli.simulate.noise import corrupt
+from imucalib_cli.simulate.recording import rows_kept
 from imucalib_cli.study.conditions import Recorded, paper_settings, wrong_guess
 from imucalib_cli.study.contest import contest, contestants
-from imucalib_cli.study.folds import moves_of, stratified_folds, without
 from imucalib_cli.study.rows import DEGREES, MILLIMETRES, best_setting, column, groups
 from imucalib_cli.study.tables import Column, spread
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    from numpy.typing import NDArray
+
+    from imucalib_cli.simulate.config import Arm, FreeBody, SystemConfig
     from imucalib_cli.simulate.options import NoiseOptions
-    from imucalib_cli.simulate.recording import Recording
+    from imucalib_cli.simulate.recording import Messages, Recording
     from imucalib_cli.study.study import Cell, Row
+
+
+_ROUNDING = 1e-6
+"""s, by which a plan may miss its duration."""
+_WRIST_JOINTS = 3
+"""Joints at the end of an arm that are its wrist."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,3 +111,90 @@ ERROR_COLUMNS: tuple[Column, ...] = (
     ("mean |rpy| deg", lambda rows: spread(rows, "averaged_rotation", DEGREES)),
 )
 """Mean ± standard deviation over rows."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stretch:
+    """One move of the plan with the standstill after it."""
+
+    start: float
+    """s."""
+    stop: float
+    kind: str
+    """Moves of a kind are alike: wrist or arm; force or torque."""
+
+
+def moves_of(system: SystemConfig, duration: float) -> list[Stretch]:
+    """Moves of a system's plan within a duration, in order; they cover all of it.
+
+    Raises:
+        InputError: The system has no plan.
+    """
+    if system.arm is not None:
+        t, moves, again = system.arm.start_rest, _arm_moves(system.arm), 1
+    elif system.free_body is not None:
+        t, moves, again = system.free_body.start_rest, _pushes(system.free_body), 0
+    else:
+        raise InputError(f"{system.name}: moves by no plan")
+    stretches, number = [], 0
+    while t < duration - _ROUNDING:
+        if number == len(moves):  # as the simulation repeats its plan
+            number = min(again, len(moves) - 1)
+        kind, seconds = moves[number]
+        stretches.append(Stretch(start=t, stop=min(t + seconds, duration), kind=kind))
+        t, number = t + seconds, number + 1
+    # Standstill at the beginning belongs to the first move, the last sample to the last.
+    stretches[0] = replace(stretches[0], start=0.0)
+    stretches[-1] = replace(stretches[-1], stop=np.inf)
+    return stretches
+
+
+def _arm_moves(arm: Arm) -> list[tuple[str, float]]:
+    """Kind and seconds of each move."""
+    targets = [arm.start_deg, *(move.to_deg for move in arm.moves)]
+    moves = []
+    for move, (before, after) in zip(arm.moves, pairwise(targets), strict=True):
+        wrist_alone = before[:-_WRIST_JOINTS] == after[:-_WRIST_JOINTS]
+        moves.append(("wrist" if wrist_alone else "arm", move.seconds + move.rest))
+    return moves
+
+
+def _pushes(body: FreeBody) -> list[tuple[str, float]]:
+    seconds = body.push + body.stop + body.pause
+    return [("torque" if any(push.torque) else "force", seconds) for push in body.pushes]
+
+
+def stratified_folds(moves: Sequence[Stretch], count: int) -> list[list[Stretch]]:
+    """The moves of each fold: every kind is dealt out in turn, so that folds are alike."""
+    folds: list[list[Stretch]] = [[] for _ in range(count)]
+    for kind in sorted({move.kind for move in moves}):
+        for number, move in enumerate(move for move in moves if move.kind == kind):
+            folds[number % count].append(move)
+    return [sorted(fold, key=lambda move: move.start) for fold in folds]
+
+
+def without(recording: Recording, held_out: Sequence[Stretch]) -> Recording:
+    """A recording without some of its moves: gaps in every stream."""
+    edges = [(move.start, move.stop) for move in held_out]
+    kept = _outside(recording.imu, edges)
+    corruption = recording.corruption
+    if corruption is not None:
+        corruption = replace(
+            corruption,
+            spiked=corruption.spiked[kept],
+            accel_bias=corruption.accel_bias[kept],
+            gyro_bias=corruption.gyro_bias[kept],
+        )
+    return replace(
+        recording,
+        imu=rows_kept(recording.imu, kept),
+        robot=tuple(rows_kept(record, _outside(record, edges)) for record in recording.robot),
+        corruption=corruption,
+    )
+
+
+def _outside(record: Messages, edges: list[tuple[float, float]]) -> NDArray[np.bool_]:
+    kept = np.ones(len(record.t), dtype=bool)
+    for start, stop in edges:
+        kept &= (record.t < start) | (record.t >= stop)
+    return kept
