@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from imucalib_cli.simulate.recording import Recording
+    from imucalib_cli.study.study import Cell
 
 Floats = NDArray[np.float64]
 
@@ -90,13 +91,18 @@ class Conditioned(Recorded):
     conditions: tuple[Condition, ...]
     seeds: int
 
-    def condition(self, name: object) -> Condition:
-        """The one of a name."""
-        return next(condition for condition in self.conditions if condition.name == name)
+    @property
+    def names(self) -> list[str]:
+        """Of the conditions."""
+        return [condition.name for condition in self.conditions]
 
-    def seeds_of(self, condition: Condition) -> range:
-        """Those that a condition is run with."""
-        return range(condition.seeds or self.seeds)
+    def condition_of(self, cell: Cell) -> Condition:
+        """The one that a run is made under."""
+        return self.conditions[self.names.index(cell["condition"])]
+
+    def seeds_of(self, cell: Cell) -> range:
+        """Those that a run's condition is run with."""
+        return range(self.condition_of(cell).seeds or self.seeds)
 
 
 @dataclass(frozen=True, kw_only=True)

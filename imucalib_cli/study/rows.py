@@ -10,20 +10,20 @@ import numpy as np
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
-    from imucalib_cli.study.study import Row, Scalar
+    from imucalib_cli.study.study import Row
 
 MILLIMETRES = 1e3
 DEGREES = 180.0 / math.pi
 
 
-def chosen(rows: Iterable[Row], **values: Scalar) -> list[Row]:
+def chosen(rows: Iterable[Row], **values: Any) -> list[Row]:
     """Rows that have all these values."""
     return [row for row in rows if all(row[key] == value for key, value in values.items())]
 
 
 def groups(rows: Iterable[Row], *keys: str) -> list[list[Row]]:
     """Rows that are alike in some keys, together, in the order in which they first appear."""
-    found: dict[tuple[Scalar, ...], list[Row]] = {}
+    found: dict[tuple[Any, ...], list[Row]] = {}
     for row in rows:
         found.setdefault(tuple(row[key] for key in keys), []).append(row)
     return list(found.values())

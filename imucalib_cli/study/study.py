@@ -7,7 +7,6 @@ from collections.abc import Callable
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from importlib import import_module
 from importlib.util import find_spec
-from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeAlias, TypeVar
 
@@ -20,11 +19,15 @@ if TYPE_CHECKING:
 
     from imucalib_cli.study.tables import Table
 
-Scalar: TypeAlias = str | float | int | bool | None
-Cell: TypeAlias = dict[str, Scalar]
-"""One run, told by what varies, the seed too; the same cell gives the same rows."""
-Row: TypeAlias = dict[str, Scalar]
-"""What a run found; JSON can hold it, so no infinities."""
+Cell: TypeAlias = dict[str, Any]
+"""One run, told by what varies, the seed too; the same cell gives the same rows.
+
+Here as in a row, a value is a text, a number, a truth value or None, so that JSON can hold it.
+"""
+Row: TypeAlias = dict[str, Any]
+"""What a run found; no infinities."""
+Axis: TypeAlias = "Iterable[Any] | Callable[[Cell], Iterable[Any]]"
+"""Values that vary, or what gives them for the values of the axes before."""
 Draw: TypeAlias = Callable[[Path], None]
 """Draws a figure into a file."""
 
@@ -64,9 +67,16 @@ class Study(ABC, Generic[Parameters]):
         return {}
 
 
-def grid(**axes: Iterable[Scalar]) -> list[Cell]:
+def grid(**axes: Axis) -> list[Cell]:
     """Every combination of values; the last axis varies fastest."""
-    return [dict(zip(axes, values, strict=True)) for values in product(*axes.values())]
+    cells: list[Cell] = [{}]
+    for name, axis in axes.items():
+        cells = [
+            cell | {name: value}
+            for cell in cells
+            for value in (axis(cell) if callable(axis) else axis)
+        ]
+    return cells
 
 
 STUDIES: dict[str, tuple[str, str]] = {

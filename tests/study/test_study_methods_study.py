@@ -98,7 +98,7 @@ def test_a_run_is_what_the_method_says_on_the_same_data(
     rows = study.measure({"condition": NOISY, "method": method, "seed": 3})
     to_call = calls(method, config.paper_settings)
     assert len(rows) == len(to_call)
-    recording = corrupt(clean, config.condition(NOISY).sensors, 3)
+    recording = corrupt(clean, config.condition_of({"condition": NOISY}).sensors, 3)
     data = given(recording, config, 3)
     for row, call in zip(rows, to_call, strict=True):
         answer = call(data)
@@ -114,7 +114,7 @@ def test_a_run_is_what_the_method_says_on_the_same_data(
 
 def test_every_entrant_answers(config: MethodsParameters, clean: Recording) -> None:
     pytest.importorskip("cv2")
-    data = given(corrupt(clean, config.condition(NOISY).sensors, 0), config, 0)
+    data = given(corrupt(clean, config.condition_of({"condition": NOISY}).sensors, 0), config, 0)
     assert data.spline.accel_bias_walk > 0.0
     for name, entrant in ENTRANTS.items():
         answer = calls(name, config.paper_settings)[0](data)

@@ -14,7 +14,7 @@ from imucalib_cli.study.studies.noise import NoiseStudy
 from imucalib_cli.study.study import load_study
 
 if TYPE_CHECKING:
-    from imucalib_cli.study.study import Row, Scalar
+    from imucalib_cli.study.study import Row
     from imucalib_cli.study.tables import Table
 
 
@@ -63,7 +63,7 @@ def noise_rows(**changed: float) -> list[Row]:
     pairs = dict.fromkeys(p for part in ("accel", "gyro", "both") for p in config.levels(part))
     for system, (accel, gyro) in product(config.systems, pairs):
         grown = (1e-3 if system == "rihibot" else 1e-5) * accel / config.accel[-1]
-        sizes: dict[str, Scalar] = {
+        sizes: dict[str, float] = {
             "translation": 1e-4 + grown,
             "rotation": math.radians(0.006),
             "averaged_translation": 1e-5,

@@ -18,7 +18,7 @@ from imucalib_cli.signals.trajectory import Trajectory
 from imucalib_cli.study.conditions import Pose, Recorded, wrong_guess
 from imucalib_cli.study.figures import COLOURS, new_figure, save_svg
 from imucalib_cli.study.recordings import clean_recording, robot_model, streams_of
-from imucalib_cli.study.rows import chosen, column
+from imucalib_cli.study.rows import chosen
 from imucalib_cli.study.study import Study, grid
 from imucalib_cli.study.tables import Claim, Column, claims_table, lay_out, number, text
 
@@ -116,27 +116,23 @@ class DerivationStudy(Study[DerivationParameters]):
     def cells(self) -> list[Cell]:
         """Every figure by either filter at every window."""
         exclusions = {"paper": self.config.exclusions, "matched": (None,)}
-        return [
-            cell
-            for figure in PLATES
-            for window in self.config.windows
-            for name in FILTERS
-            for cell in grid(
-                figure=[figure], filter=[name], window=[window], exclusion=exclusions[name]
-            )
-        ]
+        return grid(
+            figure=PLATES,
+            window=self.config.windows,
+            filter=FILTERS,
+            exclusion=lambda cell: exclusions[cell["filter"]],
+        )
 
     def measure(self, cell: Cell) -> list[Row]:
         """How far derived and measured acceleration are apart, near starts and stops and not."""
-        figure, window = int(cell["figure"] or 0), int(cell["window"] or 0)
-        name, exclusion = str(cell["filter"]), float(cell["exclusion"] or 0.0)
-        found = self._compared(figure, name, window, exclusion)
+        case = cell["figure"], cell["filter"], cell["window"]
+        found = self._compared(*case, cell["exclusion"] or 0.0)
         brusque = self._brusque(found)
         apart = found.mismatch
-        recording, _ = self._case(figure)
+        recording, _ = self._case(cell["figure"])
         weightless = None  # the same motion without gravity, where there is any
         if recording.gravity_world.any():
-            light = self._compared(figure, name, window, gravity=0.0)
+            light = self._compared(*case, gravity=0.0)
             weightless = _rms(light.mismatch[~self._brusque(light)])
         row: Row = {
             "signal": _rms(found.derived),
@@ -155,7 +151,7 @@ class DerivationStudy(Study[DerivationParameters]):
         """The mismatches, and what the paper says about its figures."""
 
         def plate(line: Sequence[Row]) -> str:
-            figure = int(line[0]["figure"] or 0)
+            figure = line[0]["figure"]
             return f"{figure}: {', '.join(PLATES[figure])}"
 
         columns: tuple[Column, ...] = (
@@ -169,7 +165,7 @@ class DerivationStudy(Study[DerivationParameters]):
             number("elsewhere", "elsewhere"),
             number("largest", "largest"),
             number("kept", "of what is kept"),
-            ("excluded", lambda line: f"{column(line, 'excluded')[0]:.1%}"),
+            ("excluded", lambda line: f"{line[0]['excluded']:.1%}"),
         )
         table = lay_out(
             "Derived less measured acceleration along x, root mean square, m/s²",
@@ -257,7 +253,7 @@ class DerivationStudy(Study[DerivationParameters]):
 
 def _share(row: Row, key: str) -> float:
     """A mismatch over the signal."""
-    return column([row], key)[0] / column([row], "signal")[0]
+    return float(row[key] / row["signal"])
 
 
 def _rms(values: Floats) -> float | None:

@@ -18,10 +18,11 @@ from imucalib_cli.simulate.recording import rows_kept
 from imucalib_cli.study.conditions import Recorded, paper_settings, wrong_guess
 from imucalib_cli.study.contest import contest, contestants
 from imucalib_cli.study.rows import DEGREES, MILLIMETRES, best_setting, column, groups
+from imucalib_cli.study.study import grid
 from imucalib_cli.study.tables import Column, spread
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterable, Sequence
 
     from numpy.typing import NDArray
 
@@ -47,9 +48,14 @@ class FoldedParameters(Recorded):
     paper_windows: tuple[int, ...]
     paper_exclusions: tuple[float, ...]
 
+    def runs(self, conditions: Iterable[Cell]) -> list[Cell]:
+        """Each condition on every fold with every seed."""
+        folds = grid(fold=range(self.folds), seed=range(self.seeds))
+        return [condition | run for condition in conditions for run in folds]
+
     def seed_of(self, cell: Cell) -> int:
         """A seed for each run of a condition: folds see other draws too (section 4.4)."""
-        return int(cell["fold"] or 0) * self.seeds + int(cell["seed"] or 0)
+        return int(cell["fold"] * self.seeds + cell["seed"])
 
     def calibrate(
         self,
@@ -72,7 +78,7 @@ class FoldedParameters(Recorded):
             initial_error: Of the guess that the published method starts from, m and rad.
         """
         moves = moves_of(clean.system, self.duration or clean.system.duration)
-        held_out = stratified_folds(moves, self.folds)[int(cell["fold"] or 0)]
+        held_out = stratified_folds(moves, self.folds)[cell["fold"]]
         guess = wrong_guess(clean, *initial_error, self.seed_of(cell))
         recording = without(corrupt(clean, noise, noise_seed), held_out)
         settings = paper_settings(self.paper_windows, self.paper_exclusions)

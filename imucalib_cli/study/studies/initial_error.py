@@ -14,7 +14,7 @@ from imucalib_cli.study.studies.folded import (
     FoldedParameters,
     in_best_setting,
 )
-from imucalib_cli.study.study import Study, grid
+from imucalib_cli.study.study import Study
 from imucalib_cli.study.tables import (
     Claim,
     Column,
@@ -72,18 +72,11 @@ class InitialErrorStudy(Study[InitialErrorParameters]):
 
     def cells(self) -> list[Cell]:
         """Every size of error on every fold in several directions."""
-        return [
-            cell
+        return self.config.runs(
+            {"system": system, "initial_translation": size, "initial_rotation_deg": angle}
             for system in self.config.systems
-            for translation, rotation_deg in self.config.sizes()
-            for cell in grid(
-                system=[system],
-                initial_translation=[translation],
-                initial_rotation_deg=[rotation_deg],
-                fold=range(self.config.folds),
-                seed=range(self.config.seeds),
-            )
-        ]
+            for size, angle in self.config.sizes()
+        )
 
     def measure(self, cell: Cell) -> list[Row]:
         """All methods on one fold, from one guess; ours is given none."""
@@ -91,13 +84,13 @@ class InitialErrorStudy(Study[InitialErrorParameters]):
         return config.calibrate(
             METHODS,
             cell,
-            clean_recording(str(cell["system"]), config.physics),
+            clean_recording(cell["system"], config.physics),
             NoiseOptions(accel_white=config.accel, gyro_white=config.gyro),
             # The noise is the fold's: only the guess differs between the seeds.
-            noise_seed=int(cell["fold"] or 0),
+            noise_seed=cell["fold"],
             initial_error=(
-                float(cell["initial_translation"] or 0.0),
-                math.radians(float(cell["initial_rotation_deg"] or 0.0)),
+                cell["initial_translation"],
+                math.radians(cell["initial_rotation_deg"]),
             ),
         )
 
@@ -177,11 +170,7 @@ class InitialErrorStudy(Study[InitialErrorParameters]):
             for method in SHOWN:
                 mine = chosen(rows, system=system, method=method)
                 for beyond, words in parts.items():
-                    found = [
-                        row
-                        for row in mine
-                        if (column([row], "initial_rotation_deg")[0] > limit) is beyond
-                    ]
+                    found = [row for row in mine if (row["initial_rotation_deg"] > limit) is beyond]
                     if not found:
                         continue
                     failed, widest = self._unsteadiness(found)

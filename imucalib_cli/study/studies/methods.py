@@ -42,7 +42,7 @@ from imucalib_cli.study.rows import (
     mean_error,
     over_bound,
 )
-from imucalib_cli.study.study import Study
+from imucalib_cli.study.study import Study, grid
 from imucalib_cli.study.tables import (
     Claim,
     Column,
@@ -145,18 +145,13 @@ class MethodsStudy(Study[MethodsParameters]):
 
     def cells(self) -> list[Cell]:
         """Every method under every condition with every seed."""
-        return [
-            {"condition": condition.name, "method": method, "seed": seed}
-            for condition in self.config.conditions
-            for seed in self.config.seeds_of(condition)
-            for method in ENTRANTS
-        ]
+        return grid(condition=self.config.names, seed=self.config.seeds_of, method=ENTRANTS)
 
     def measure(self, cell: Cell) -> list[Row]:
         """One method on one recording; the published one in all its settings."""
-        config, seed, name = self.config, int(cell["seed"] or 0), str(cell["method"])
+        config, seed, name = self.config, cell["seed"], cell["method"]
         clean = seen_recording(config.system, config.camera, config.physics)
-        noise = config.condition(cell["condition"]).sensors
+        noise = config.condition_of(cell).sensors
         recording = corrupt(clean, noise, seed)
         settings = config.paper_settings if name == "paper" else (None,)
         costs = run_alone(
@@ -263,7 +258,7 @@ def _name(rows: Sequence[Row]) -> str:
 
 
 def _entrant(header: str, key: Literal["data", "unknowns"]) -> Column:
-    return header, lambda rows: str(getattr(ENTRANTS[str(rows[0]["method"])], key))
+    return header, lambda rows: str(getattr(ENTRANTS[rows[0]["method"]], key))
 
 
 def _spread(header: str, key: str, scale: float = 1.0) -> Column:
@@ -274,7 +269,7 @@ def _over_bound(key: str) -> Column:
     """There is one for methods on poses only."""
 
     def cell(rows: Sequence[Row]) -> str:
-        on_poses = ENTRANTS[str(rows[0]["method"])].data == "poses"
+        on_poses = ENTRANTS[rows[0]["method"]].data == "poses"
         return digits(over_bound(rows, key)) if on_poses else "-"
 
     return "over bound", cell

@@ -24,7 +24,7 @@ from imucalib_cli.study.studies.folded import (
     in_best_setting,
     steadily_small,
 )
-from imucalib_cli.study.study import Study, grid
+from imucalib_cli.study.study import Study
 from imucalib_cli.study.tables import (
     Claim,
     Column,
@@ -128,9 +128,20 @@ class NoiseParameters(FoldedParameters):
             case _:
                 return list(zip(self.accel, self.gyro, strict=True))
 
+    def levels_of(self, system: str, part: str) -> list[Cell]:
+        """Conditions of one part of the table."""
+        return [
+            {"case": system, "accel": accel, "gyro": gyro, "offset": 0.0}
+            for accel, gyro in self.levels(part)
+        ]
+
     def aside(self, case: Case) -> list[Cell]:
         """Conditions of a case of the open question."""
-        return grid(case=[case.name], offset=case.offsets, accel=self.aside_accel, gyro=[0.0])
+        return [
+            {"case": case.name, "accel": accel, "gyro": 0.0, "offset": offset}
+            for offset in case.offsets
+            for accel in self.aside_accel
+        ]
 
 
 _COLUMNS: tuple[Column, ...] = (
@@ -154,41 +165,28 @@ class NoiseStudy(Study[NoiseParameters]):
         """Every pair of levels on every fold with every seed, then the open question's cases."""
         config = self.config
         conditions = [
-            (system, accel, gyro, 0.0)
+            condition
             for system in config.systems
             for part in PARTS
-            for accel, gyro in config.levels(part)
+            for condition in config.levels_of(system, part)
         ]
-        conditions += [
-            (case["case"], case["accel"], case["gyro"], case["offset"])  # type: ignore[misc]
-            for aside in (*config.timing, *config.bodies)
-            for case in config.aside(aside)
-        ]
-        return [
-            cell
-            for case, accel, gyro, offset in dict.fromkeys(conditions)
-            for cell in grid(
-                case=[case],
-                accel=[accel],
-                gyro=[gyro],
-                offset=[offset],
-                fold=range(config.folds),
-                seed=range(config.seeds),
-            )
-        ]
+        for aside in (*config.timing, *config.bodies):
+            conditions += config.aside(aside)
+        once = {tuple(condition.values()): condition for condition in conditions}
+        return config.runs(once.values())
 
     def measure(self, cell: Cell) -> list[Row]:
         """All methods on one fold with one seed."""
         config = self.config
-        case = config.case(str(cell["case"]))
+        case = config.case(cell["case"])
         return config.calibrate(
             (*OURS, *PUBLISHED),
             cell,
             clean_recording(case.system, case.physics(config.physics)),
             NoiseOptions(
-                accel_white=float(cell["accel"] or 0.0),
-                gyro_white=float(cell["gyro"] or 0.0),
-                time_offset=float(cell["offset"] or 0.0),
+                accel_white=cell["accel"],
+                gyro_white=cell["gyro"],
+                time_offset=cell["offset"],
             ),
             noise_seed=config.seed_of(cell),
             initial_error=(config.initial_translation, math.radians(config.initial_rotation_deg)),
@@ -208,13 +206,7 @@ class NoiseStudy(Study[NoiseParameters]):
             return lay_out(title, _COLUMNS, [line for line in lines if line])
 
         made = [
-            table(
-                f"{system}: {words}",
-                [
-                    {"case": system, "offset": 0.0, "accel": accel, "gyro": gyro}
-                    for accel, gyro in config.levels(part)
-                ],
-            )
+            table(f"{system}: {words}", config.levels_of(system, part))
             for system in config.systems
             for part, words in PARTS.items()
         ]
@@ -230,7 +222,7 @@ class NoiseStudy(Study[NoiseParameters]):
     def _claims(self, rows: Sequence[Row]) -> Iterator[Claim]:
         """Each claim for each method, on rows in time, in one setting a system and method."""
         rows = in_best_setting(chosen(rows, offset=0.0), steadily_small, "case", "method")
-        for method in dict.fromkeys(str(row["method"]) for row in rows):
+        for method in dict.fromkeys(row["method"] for row in rows):
             arm = chosen(rows, method=method, case=ARM)
             bar = chosen(rows, method=method, case=BAR)
             if arm:

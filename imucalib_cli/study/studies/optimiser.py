@@ -110,23 +110,18 @@ class OptimiserStudy(Study[OptimiserParameters]):
 
     def cells(self) -> list[Cell]:
         """Every size of guess under every condition with every seed."""
-        return [
-            cell
-            for system in self.config.systems
-            for condition in self.config.conditions
-            for cell in grid(
-                system=[system],
-                condition=[condition.name],
-                guess=[size.words for size in self.config.guesses],
-                seed=self.config.seeds_of(condition),
-            )
-        ]
+        return grid(
+            system=self.config.systems,
+            condition=self.config.names,
+            guess=[size.words for size in self.config.guesses],
+            seed=self.config.seeds_of,
+        )
 
     def measure(self, cell: Cell) -> list[Row]:
         """All optimisers on one recording from one guess."""
-        config, seed = self.config, int(cell["seed"] or 0)
-        clean = clean_recording(str(cell["system"]), config.physics)
-        noise = config.condition(cell["condition"]).sensors
+        config, seed = self.config, cell["seed"]
+        clean = clean_recording(cell["system"], config.physics)
+        noise = config.condition_of(cell).sensors
         size = next(size for size in config.guesses if size.words == cell["guess"])
         guess = wrong_guess(clean, size.translation, math.radians(size.rotation_deg), seed)
         costs, seconds = self._prepare(corrupt(clean, noise, seed), guess)
@@ -242,7 +237,7 @@ def errors_table(rows: Sequence[Row], title: str) -> Table:
             values = column(same, "value")
             if len(values) < 2 or row["value"] is None:
                 return "-"
-            worst = max(worst, float(row["value"] or 0.0) / max(min(values), 1e-300) - 1.0)
+            worst = max(worst, row["value"] / max(min(values), 1e-300) - 1.0)
         return digits(worst)
 
     columns_: tuple[Column, ...] = (
@@ -275,7 +270,7 @@ def guesses_table(rows: Sequence[Row], title: str) -> Table:
 
         return guess, cell
 
-    guesses = dict.fromkeys(str(row["guess"]) for row in rows)
+    guesses = dict.fromkeys(row["guess"] for row in rows)
     columns_ = (*map(text, _NAMES), *map(found_from, guesses))
     return lay_out(title, columns_, groups(rows, *_NAMES), _GUESS_NOTE)
 

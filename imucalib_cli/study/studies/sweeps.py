@@ -119,36 +119,31 @@ class Sweep(Study[Config]):
 
     def cells(self) -> list[Cell]:
         """Every value under every condition with every seed."""
-        return [
-            cell
-            for system in self.config.systems
-            for part in self.parts()
-            for condition in self.config.conditions
-            for cell in grid(
-                system=[system],
-                part=[part.name],
-                condition=[condition.name],
-                value=part.values,
-                seed=self.config.seeds_of(condition),
-            )
-        ]
+        parts = {part.name: part for part in self.parts()}
+        return grid(
+            system=self.config.systems,
+            part=parts,
+            condition=self.config.names,
+            value=lambda cell: parts[cell["part"]].values,
+            seed=self.config.seeds_of,
+        )
 
     def setup(self, cell: Cell) -> Setup:
         """What a cell is run with."""
         config = self.config
         setup = Setup(
             physics=config.physics,
-            noise=config.condition(cell["condition"]).sensors,
+            noise=config.condition_of(cell).sensors,
             settings=paper_settings(config.paper_windows, config.paper_exclusions),
             window=WindowChoice(),
         )
         part = next(part for part in self.parts() if part.name == cell["part"])
-        return part.change(setup, float(cell["value"] or 0), int(cell["seed"] or 0))
+        return part.change(setup, cell["value"], cell["seed"])
 
     def measure(self, cell: Cell) -> list[Row]:
         """All methods on one recording, the published one in each of its settings."""
-        config, setup, seed = self.config, self.setup(cell), int(cell["seed"] or 0)
-        clean = clean_recording(str(cell["system"]), setup.physics)
+        config, setup, seed = self.config, self.setup(cell), cell["seed"]
+        clean = clean_recording(cell["system"], setup.physics)
         recording = corrupt(clean, setup.noise, seed)
         guess = wrong_guess(
             clean, config.initial_translation, math.radians(config.initial_rotation_deg), seed
