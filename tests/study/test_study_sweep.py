@@ -188,5 +188,5 @@ def test_no_answer_at_all_is_told_and_not_drawn() -> None:
 
 def test_in_short_a_sweep_is_its_best_value_and_its_ends() -> None:
     ends = [row(0, 5, 0.004, value=1.0), row(0, 5, 0.001, value=2.0), row(0, 5, 0.002, value=4.0)]
-    table = summary_table([("swept", [r | {"bound_translation": 5e-4} for r in ends])])
+    table = summary_table({"swept": [r | {"bound_translation": 5e-4} for r in ends]})
     assert table.rows == (("swept", "paper", "2", "1", "2", "4 at 1", "2 at 4"),)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias, TypeVar
@@ -32,7 +32,6 @@ from imucalib_cli.study.rows import (
     MILLIMETRES,
     best_setting,
     chosen,
-    column,
     groups,
     mean,
     over_bound,
@@ -163,19 +162,15 @@ class Sweep(Study[Config]):
 
     def tables(self, rows: Sequence[Row]) -> list[Table]:
         """One a system, part and condition; what must be known of all stands with the first."""
-        sweeps = [
-            (
-                f"{system}: {part.words}, {condition.name}",
-                part.words,
-                chosen(rows, system=system, part=part.name, condition=condition.name),
-            )
-            for system in self.config.systems
-            for part in self.parts()
-            for condition in self.config.conditions
-        ]
-        first, *others = (sweep_table(title, words, mine) for title, words, mine in sweeps)
-        short = summary_table([(title, mine) for title, _, mine in sweeps])
-        return [replace(first, note=NOTE + self.note), *others, short]
+        words = {part.name: part.words for part in self.parts()}
+        titled = {
+            f"{cell['system']}: {words[cell['part']]}, {cell['condition']}": chosen(rows, **cell)
+            for cell in grid(system=self.config.systems, part=words, condition=self.config.names)
+        }
+        first, *others = (
+            sweep_table(title, words[mine[0]["part"]], mine) for title, mine in titled.items()
+        )
+        return [replace(first, note=NOTE + self.note), *others, summary_table(titled)]
 
     def figures(self, rows: Sequence[Row]) -> dict[str, Draw]:
         """One a system and part, a column of panels a condition."""
@@ -238,40 +233,38 @@ def sweep_table(title: str, words: str, rows: Sequence[Row]) -> Table:
     return lay_out(title, (number("value", words), *_COLUMNS), best_points(rows))
 
 
-def summary_table(sweeps: Sequence[tuple[str, Sequence[Row]]]) -> Table:
+def summary_table(sweeps: Mapping[str, Sequence[Row]]) -> Table:
     """Each sweep in a line a method: where it is best, and what the ends of the sweep cost.
 
     Args:
-        sweeps: Title and rows of each, as for the tables above it.
+        sweeps: Rows of each by its title, as for the tables above it.
     """
 
     def error(rows: Sequence[Row]) -> str:
         return digits(root_mean_square(rows, "translation") * MILLIMETRES)
 
     def value(rows: Sequence[Row]) -> str:
-        return digits(column(rows, "value")[0])
+        return digits(rows[0]["value"])
 
-    lines = []
-    for title, rows in sweeps:
-        points = best_points(rows)
-        for method in dict.fromkeys(str(point[0]["method"]) for point in points):
-            mine = [point for point in points if point[0]["method"] == method]
-            best, first, last = min(mine, key=_badness), mine[0], mine[-1]
-            lines.append(
-                (
-                    title,
-                    method,
-                    value(best),
-                    error(best),
-                    digits(over_bound(best, "translation")),
-                    f"{error(first)} at {value(first)}",
-                    f"{error(last)} at {value(last)}",
-                )
-            )
+    def line(title: str, points: list[list[Row]]) -> tuple[str, ...]:
+        best, ends = min(points, key=_badness), (points[0], points[-1])
+        return (
+            title,
+            best[0]["method"],
+            value(best),
+            error(best),
+            digits(over_bound(best, "translation")),
+            *(f"{error(end)} at {value(end)}" for end in ends),
+        )
+
     return Table(
         title="In short: translation errors, root mean square, mm",
         header=("sweep", "method", "best at", "error there", "over bound", "first", "last"),
-        rows=tuple(lines),
+        rows=tuple(
+            line(title, best_points(mine))
+            for title, rows in sweeps.items()
+            for mine in groups(rows, "method")
+        ),
     )
 
 
@@ -306,28 +299,26 @@ def draw_sweep(rows: Sequence[Row], words: str, path: Path) -> None:
 
 def _curves(points: list[list[Row]], key: str, scale: float) -> list[Curve]:
     """The error of each method over the parameter, then the two bounds."""
-
-    def curve(name: str, mine: list[list[Row]], of: Any, key: str, **style: bool) -> Curve:
-        by_value = {column(point, "value")[0]: scale * of(point, key) for point in mine}
-        return Curve(name=name, x=list(by_value), y=list(by_value.values()), **style)
-
-    by_method: dict[str, list[list[Row]]] = {}
+    methods: dict[str, list[list[Row]]] = {}
     for point in points:
-        by_method.setdefault(str(point[0]["method"]), []).append(point)
-    curves = [curve(name, mine, root_mean_square, key) for name, mine in by_method.items()]
-    alone = [point for point in points if point[0]["method"] != "matched"]
-    return [
-        *curves,
-        curve("bound, pose alone", alone, mean, f"bound_{key}", dashed=True),
-        curve(
-            "bound, all unknowns",
-            by_method.get("matched", []),
-            mean,
-            f"bound_{key}",
-            dashed=True,
-            dotted=True,
-        ),
+        methods.setdefault(point[0]["method"], []).append(point)
+    curves = [
+        Curve(
+            name=method,
+            x=[point[0]["value"] for point in mine],
+            y=[scale * root_mean_square(point, key) for point in mine],
+        )
+        for method, mine in methods.items()
     ]
+    for name, everything in ("bound, pose alone", False), ("bound, all unknowns", True):
+        bounds = {
+            point[0]["value"]: scale * mean(point, f"bound_{key}")
+            for point in points
+            if (point[0]["method"] == "matched") == everything
+        }
+        x, y = list(bounds), list(bounds.values())
+        curves.append(Curve(name=name, x=x, y=y, dashed=True, dotted=everything))
+    return curves
 
 
 def _with_noise(name: str) -> Change:
