@@ -143,7 +143,7 @@ def truth_of(recording: Recording, log: LogOptions) -> dict[str, Any]:
             "translation": recording.t_parent_imu,
             "rotation_xyzw": quaternion_from_matrix(recording.R_parent_imu),
         },
-        "time_offset": corruption.noise.time_offset if corruption else 0.0,
+        "time_offset": recording.noise.time_offset,
         "accel_bias": corruption.accel_bias.mean(axis=0) if corruption else zero,
         "gyro_bias": corruption.gyro_bias.mean(axis=0) if corruption else zero,
         "gravity_world": recording.gravity_world,

@@ -338,8 +338,8 @@ class _Factory:
         from imucalib_cli.simulate.camera.render import Images
 
         corruption = self._recording.corruption
-        noise, seed = (None, 0) if corruption is None else (corruption.noise, corruption.seed)
-        images = Images(record, noise, seed)  # each is rendered when it is written
+        seed = 0 if corruption is None else corruption.seed
+        images = Images(record, self._recording.noise, seed)  # each is rendered when it is written
         image = self._types["sensor_msgs/msg/Image"]
         lens = record.config.intrinsics
         header = self._headers(record, record.config.frame.link)

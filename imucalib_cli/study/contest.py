@@ -136,11 +136,10 @@ def contest(method: str, recording: Recording, options: Options) -> Row:
         recording.R_parent_imu,
         recording.t_parent_imu,
     )
-    noise = recording.corruption.noise if recording.corruption else None
     return {
         "method": method,
         **asdict(apart),
-        "time_offset": estimate.time_offset - (noise.time_offset if noise else 0.0),
+        "time_offset": estimate.time_offset - recording.noise.time_offset,
         "trusted": estimate.trusted,
         "seconds": seconds,
         "evaluations": estimate.notes.get("evaluations"),

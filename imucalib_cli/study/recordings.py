@@ -112,11 +112,10 @@ class Error:
 
 def error_of(estimate: Estimate, recording: Recording) -> Error:
     """Compare an estimate with the recording's truth."""
-    noise = recording.corruption.noise if recording.corruption else None
     return Error(
         translation=estimate.t_parent_imu - recording.t_parent_imu,
         rotation=rotvec_from_matrix(estimate.R_parent_imu @ recording.R_parent_imu.T),
-        time_offset=estimate.time_offset - (noise.time_offset if noise else 0.0),
+        time_offset=estimate.time_offset - recording.noise.time_offset,
     )
 
 

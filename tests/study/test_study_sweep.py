@@ -14,6 +14,7 @@ from imucalib_cli.study.recordings import clean_recording
 from imucalib_cli.study.rows import worst
 from imucalib_cli.study.studies.sweeps import Sweep, best_points, summary_table, sweep_table
 from imucalib_cli.study.study import load_study
+from imucalib_cli.study.tables import digits
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -173,9 +174,9 @@ def test_the_published_method_is_shown_at_its_best() -> None:
         "paper",
         "11",
         "0",
-        f"{root_mean_square * 1e3:.0f}",
+        digits(root_mean_square * 1e3),
         "2000",
-        f"{root_mean_square / 2.0:.3g}",
+        digits(root_mean_square / 2.0),
     )
     assert line[-3:] == ("-", "2 of 2", "2 of 2")
 

@@ -118,7 +118,7 @@ class Renderer:
 class Images:
     """Images of a record, rendered when they are asked for."""
 
-    def __init__(self, record: CameraRecord, noise: NoiseOptions | None, seed: int) -> None:
+    def __init__(self, record: CameraRecord, noise: NoiseOptions, seed: int) -> None:
         """Prepare to draw them.
 
         Args:
@@ -130,8 +130,7 @@ class Images:
             InputError: As :class:`Renderer`.
         """
         self._record, self._seed = record, seed
-        self._noise = 0.0 if noise is None else noise.image_noise
-        self._blur = 0.0 if noise is None else noise.image_blur
+        self._noise, self._blur = noise.image_noise, noise.image_blur
         self._render = Renderer(record.config)
 
     def __len__(self) -> int:

@@ -188,6 +188,7 @@ def without(recording: Recording, held_out: Sequence[Stretch]) -> Recording:
         corruption = replace(
             corruption,
             spiked=corruption.spiked[kept],
+            saturated=corruption.saturated[kept],
             accel_bias=corruption.accel_bias[kept],
             gyro_bias=corruption.gyro_bias[kept],
         )

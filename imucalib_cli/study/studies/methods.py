@@ -321,7 +321,7 @@ def given(recording: Recording, config: MethodsParameters, seed: int) -> Given:
     if recording.camera is None:
         raise ValueError("the recording has no camera")
     imu, path = streams_of(recording, robot_of(recording.system))
-    stated = recording.corruption.noise if recording.corruption else NoiseOptions()
+    stated = recording.noise
     if stated.accel_noise == 0.0:
         grade = load_grade(config.stated_where_none)
         stated = NoiseOptions(accel_noise=grade.accel_noise, gyro_noise=grade.gyro_noise)
