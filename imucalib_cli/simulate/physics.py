@@ -19,6 +19,7 @@ from imucalib_cli.robot.rotations import matrix_from_rotvec, matrix_from_rpy
 from imucalib_cli.simulate.camera.view import camera_mount, see
 from imucalib_cli.simulate.mjcf import model_xml
 from imucalib_cli.simulate.motion import ArmReference, PushPlan, instants
+from imucalib_cli.simulate.optional import optional
 from imucalib_cli.simulate.options import PhysicsOptions
 from imucalib_cli.simulate.recording import (
     ImuRecord,
@@ -60,7 +61,7 @@ def record(
         InputError: MuJoCo is not installed, an option is out of range, or the motion blew up.
     """
     options = options or PhysicsOptions()
-    engine = _import_engine()
+    engine = optional("mujoco", "simulation needs", "simulate")
     if options.inertia is not None and system.free_body is not None:
         system = replace(system, free_body=replace(system.free_body, inertia=options.inertia))
     duration = _positive(options.duration, system.duration, "duration")
@@ -124,16 +125,6 @@ def record(
         engine=f"MuJoCo {engine.__version__}",
         camera=None if camera is None else see(camera, camera_t, seen[:, :3], seen[:, 3:]),
     )
-
-
-def _import_engine() -> Any:
-    try:
-        import mujoco
-    except ImportError as error:
-        raise InputError(
-            "simulation needs MuJoCo, which is not installed: pip install 'imucalib[simulate]'"
-        ) from error
-    return mujoco
 
 
 def _positive(chosen: float | None, default: float, name: str) -> float:

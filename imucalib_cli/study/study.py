@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeAlias, TypeVar
 
 from imucalib_cli.configuration import build, read_builtin, read_yaml
 from imucalib_cli.errors import InputError
+from imucalib_cli.simulate.optional import PACKAGES
 from imucalib_cli.simulate.options import NoiseOptions
 
 if TYPE_CHECKING:
@@ -98,7 +99,6 @@ STUDIES: dict[str, tuple[str, str]] = {
 }
 """Module of imucalib_cli.study.studies with its class, and what it is, by name."""
 
-_PACKAGES = {"mujoco": "MuJoCo", "cv2": "OpenCV"}
 _SIMULATION = ("mujoco",)
 _NEEDED = {"methods": ("mujoco", "cv2")}
 """Modules of optional dependencies; of a study that is not named the simulation's."""
@@ -170,7 +170,7 @@ def see_installed(name: str) -> None:
         InputError: One is not.
     """
     missing = [
-        _PACKAGES[module] for module in _NEEDED.get(name, _SIMULATION) if not find_spec(module)
+        PACKAGES[module] for module in _NEEDED.get(name, _SIMULATION) if not find_spec(module)
     ]
     if missing:
         raise InputError(

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from imucalib_cli.errors import InputError
 from imucalib_cli.robot.path import KinematicPath, PoseStep, Track
 from imucalib_cli.robot.rotations import matrix_from_rotvec, quaternion_from_matrix, skew
+from imucalib_cli.simulate.optional import optional
 from imucalib_cli.study.conditions import Pose
 
 if TYPE_CHECKING:
@@ -66,7 +67,7 @@ def target_pose(camera: CameraObservations, corners: Floats) -> Pose | None:
     Raises:
         InputError: OpenCV is not installed.
     """
-    cv2 = _import_opencv()
+    cv2 = _opencv()
     found = np.isfinite(corners).all(axis=1)
     if found.sum() < FEWEST_CORNERS:
         return None
@@ -97,7 +98,7 @@ def corner_information(
     Raises:
         InputError: OpenCV is not installed.
     """
-    cv2 = _import_opencv()
+    cv2 = _opencv()
     found = np.isfinite(corners).all(axis=1)
     R, p = pose.R, pose.t
     points = camera.target_points[found]
@@ -141,11 +142,5 @@ def camera_path(camera: CameraObservations) -> tuple[KinematicPath, Floats]:
     return path, whiten
 
 
-def _import_opencv() -> Any:
-    try:
-        import cv2
-    except ImportError as error:
-        raise InputError(
-            "camera poses need OpenCV, which is not installed: pip install 'imucalib[study]'"
-        ) from error
-    return cv2
+def _opencv() -> Any:
+    return optional("cv2", "camera poses need", "study")
