@@ -1,7 +1,7 @@
 """``imucalib study``: a named experiment, its rows kept in a file, its tables on stdout."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -120,7 +120,7 @@ def study_command(
             say("figure", path)
 
 
-def _tables(study: "Study[Any]", rows: "list[Row]", file: Path, *, old: bool) -> "list[Table]":
+def _tables(study: "Study", rows: "list[Row]", file: Path, *, old: bool) -> "list[Table]":
     """Tables of rows, of which some may be from a file that somebody changed.
 
     Raises:

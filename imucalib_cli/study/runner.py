@@ -16,7 +16,7 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing, contextmanager
 from dataclasses import asdict
 from itertools import islice
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from imucalib_cli import __version__
 from imucalib_cli.errors import ChoiceError, InputError
@@ -40,7 +40,7 @@ _WAITING = 2
 
 
 def run_study(
-    study: Study[Any],
+    study: Study,
     file: Path,
     *,
     jobs: int | None = None,
@@ -88,7 +88,7 @@ def run_study(
     return [row for cell in cells for row in done[_key(cell)]]
 
 
-def _measured(study: Study[Any], cells: list[Cell], jobs: int) -> Generator[tuple[Cell, list[Row]]]:
+def _measured(study: Study, cells: list[Cell], jobs: int) -> Generator[tuple[Cell, list[Row]]]:
     """Cells with their rows, in whatever order they are done."""
     if jobs == 1 or len(cells) < 2:
         yield from ((cell, study.measure(cell)) for cell in cells)
@@ -142,7 +142,7 @@ def _key(cell: Cell) -> str:
 
 @contextmanager
 def _open_rows(
-    study: Study[Any], file: Path, *, fresh: bool
+    study: Study, file: Path, *, fresh: bool
 ) -> Iterator[tuple[dict[str, list[Row]], Callable[[Cell, list[Row]], None]]]:
     """The rows that a file holds, and what appends to it; nobody else can do so meanwhile.
 
@@ -212,13 +212,13 @@ def _lock(lines: BinaryIO) -> bool:
     return True
 
 
-def _header(study: Study[Any]) -> dict[str, object]:
+def _header(study: Study) -> dict[str, object]:
     """What a file of rows was made with; a change of any of it makes them another experiment."""
-    config = json.loads(json.dumps(asdict(study.config)))
+    config = json.loads(json.dumps(asdict(study)))
     return {"study": study.name, "imucalib": __version__, "config": config}
 
 
-def _parse(study: Study[Any], file: Path, text: bytes) -> tuple[dict[str, list[Row]], int]:
+def _parse(study: Study, file: Path, text: bytes) -> tuple[dict[str, list[Row]], int]:
     """Rows by cell, and the length of the text that ends with a whole line."""
     whole = text[: text.rfind(b"\n") + 1]
     lines = whole.splitlines()

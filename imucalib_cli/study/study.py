@@ -8,7 +8,7 @@ from dataclasses import MISSING, dataclass, fields, is_dataclass
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 
 from imucalib_cli.configuration import build, read_builtin, read_yaml
 from imucalib_cli.errors import InputError
@@ -32,23 +32,17 @@ Axis: TypeAlias = "Iterable[Any] | Callable[[Cell], Iterable[Any]]"
 Draw: TypeAlias = Callable[[Path], None]
 """Draws a figure into a file."""
 
-Parameters = TypeVar("Parameters")
-T = TypeVar("T")
-
 
 @dataclass(frozen=True)
-class Study(ABC, Generic[Parameters]):
+class Study(ABC):
     """An experiment: runs that do not depend on each other, and what is made of their rows.
 
-    It is sent to worker processes, so it holds parameters only.
+    Its fields are its parameters, as configs/studies/<name>.yaml states them, with units and
+    sources; other parameters are another experiment. It is sent to worker processes.
     """
 
     name: ClassVar[str]
     """As on the command line."""
-    parameters: ClassVar[type[Any]]
-    """The dataclass that configs/studies/<name>.yaml fills."""
-    config: Parameters
-    """Other parameters are another experiment."""
 
     @abstractmethod
     def cells(self) -> list[Cell]:
@@ -104,34 +98,19 @@ _NEEDED = {"methods": ("mujoco", "cv2")}
 """Modules of optional dependencies; of a study that is not named the simulation's."""
 
 
-def load_study(name: str, file: Path | None = None, *, quick: bool = False) -> Study[Any]:
+def load_study(name: str, file: Path | None = None, *, quick: bool = False) -> Study:
     """A study with its parameters; its module is imported only now.
 
     Args:
         name: One of STUDIES.
-        file: Parameters of the user's own, as configs/studies/ has them.
-        quick: Few runs, for a look or for CI.
+        file: Parameters of the user's own, instead of configs/studies/<name>.yaml.
+        quick: Few runs, for a look or for CI: section ``quick`` replaces some parameters.
 
     Raises:
-        InputError: The parameters cannot be read.
+        InputError: A parameter is missing, unknown or of another type; names it.
     """
     module, _, kind = STUDIES[name][0].partition(":")
-    made: type[Study[Any]] = getattr(import_module(f"imucalib_cli.study.studies.{module}"), kind)
-    return made(load_parameters(made.parameters, name, file, quick=quick))
-
-
-def load_parameters(kind: type[T], name: str, file: Path | None = None, *, quick: bool) -> T:
-    """Read a study's parameters; its ``quick`` section replaces some of them for a short run.
-
-    Args:
-        kind: Dataclass of the study's parameters.
-        name: Of the study.
-        file: Instead of the built-in one.
-        quick: Whether to take the short run's.
-
-    Raises:
-        InputError: A key is missing, unknown or of another type; names it.
-    """
+    made: type[Study] = getattr(import_module(f"imucalib_cli.study.studies.{module}"), kind)
     where = f"{name}.yaml" if file is None else str(file)
     raw: dict[str, Any] = read_builtin(f"studies/{name}") if file is None else read_yaml(file)
     short = raw.pop("quick", None)
@@ -139,9 +118,9 @@ def load_parameters(kind: type[T], name: str, file: Path | None = None, *, quick
         raise InputError(f"{where}: has no section quick: state what a short run changes there")
     if not isinstance(short, dict | None):
         raise InputError(f"{where}: quick: expected keys and values, found {short!r}")
-    parameters = build(kind, raw | short if quick and short else raw, where)
-    _check_counts(parameters, where)
-    return parameters
+    study = build(made, raw | short if quick and short else raw, where)
+    _check_counts(study, where)
+    return study
 
 
 def _check_counts(parameters: object, where: str) -> None:

@@ -38,8 +38,8 @@ from imucalib_cli.study.methods.liang import (
     static_accel_bias,
 )
 from imucalib_cli.study.recordings import streams_of
-from imucalib_cli.study.studies.methods import MethodsParameters
-from imucalib_cli.study.study import load_parameters
+from imucalib_cli.study.studies.methods import MethodsStudy
+from imucalib_cli.study.study import load_study
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -48,7 +48,14 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-PARAMETERS = load_parameters(MethodsParameters, "methods", None, quick=False)
+
+def parameters() -> MethodsStudy:
+    study = load_study("methods")
+    assert isinstance(study, MethodsStudy)
+    return study
+
+
+PARAMETERS = parameters()
 NOISE = NoiseOptions(
     accel_noise=1.7e-4,
     gyro_noise=3.5e-5,

@@ -18,14 +18,13 @@ from imucalib_cli.study.methods.entrants import ENTRANTS, calls
 from imucalib_cli.study.rows import best_setting, mean_error
 from imucalib_cli.study.studies.methods import (
     MethodsCriteria,
-    MethodsParameters,
     MethodsStudy,
     Quoted,
     given,
     row_of,
     seen_recording,
 )
-from imucalib_cli.study.study import load_parameters, load_study
+from imucalib_cli.study.study import load_study
 
 if TYPE_CHECKING:
     from imucalib_cli.simulate.recording import Recording
@@ -35,8 +34,9 @@ NOISY = "ADIS16495 with biases"
 
 
 @pytest.fixture(scope="module")
-def config() -> MethodsParameters:
-    quick = load_parameters(MethodsParameters, "methods", None, quick=True)
+def study() -> MethodsStudy:
+    quick = load_study("methods", quick=True)
+    assert isinstance(quick, MethodsStudy)
     return replace(
         quick,
         duration=14.0,
@@ -49,19 +49,19 @@ def config() -> MethodsParameters:
 
 
 @pytest.fixture(scope="module")
-def clean(config: MethodsParameters) -> Recording:
-    return seen_recording(config.system, config.camera, config.physics)
+def clean(study: MethodsStudy) -> Recording:
+    return seen_recording(study.system, study.camera, study.physics)
 
 
 def cost(value: Answer | None, failure: str | None = None) -> Cost[Answer]:
     return Cost(value=value, failure=failure, seconds=1.0, cpu_seconds=0.5, memory=2e6, held=1e8)
 
 
-def test_every_method_runs_under_every_condition(config: MethodsParameters) -> None:
+def test_every_method_runs_under_every_condition(study: MethodsStudy) -> None:
     cells = load_study("methods").cells()
     assert len(cells) == (3 + 3 * 5) * len(ENTRANTS)
     assert len({tuple(cell.items()) for cell in cells}) == len(cells)
-    assert len(config.paper_settings) == 2
+    assert len(study.paper_settings) == 2
 
 
 def test_errors_are_those_of_the_camera_imu_transform(clean: Recording) -> None:
@@ -92,14 +92,13 @@ def test_errors_are_those_of_the_camera_imu_transform(clean: Recording) -> None:
 
 @pytest.mark.parametrize("method", ["gyro-first hand-eye", "paper"])
 def test_a_run_is_what_the_method_says_on_the_same_data(
-    config: MethodsParameters, clean: Recording, method: str
+    study: MethodsStudy, clean: Recording, method: str
 ) -> None:
-    study = MethodsStudy(config)
     rows = study.measure({"condition": NOISY, "method": method, "seed": 3})
-    to_call = calls(method, config.paper_settings)
+    to_call = calls(method, study.paper_settings)
     assert len(rows) == len(to_call)
-    recording = corrupt(clean, config.condition_of({"condition": NOISY}).sensors, 3)
-    data = given(recording, config, 3)
+    recording = corrupt(clean, study.condition_of({"condition": NOISY}).sensors, 3)
+    data = given(recording, study, 3)
     for row, call in zip(rows, to_call, strict=True):
         answer = call(data)
         error = float(np.linalg.norm(answer.t_frame_imu - clean.t_parent_imu))
@@ -112,12 +111,12 @@ def test_a_run_is_what_the_method_says_on_the_same_data(
         assert rows[1]["setting"] == "L 5, drops none, components"
 
 
-def test_every_entrant_answers(config: MethodsParameters, clean: Recording) -> None:
+def test_every_entrant_answers(study: MethodsStudy, clean: Recording) -> None:
     pytest.importorskip("cv2")
-    data = given(corrupt(clean, config.condition_of({"condition": NOISY}).sensors, 0), config, 0)
+    data = given(corrupt(clean, study.condition_of({"condition": NOISY}).sensors, 0), study, 0)
     assert data.spline.accel_bias_walk > 0.0
     for name, entrant in ENTRANTS.items():
-        answer = calls(name, config.paper_settings)[0](data)
+        answer = calls(name, study.paper_settings)[0](data)
         row = row_of(cost(answer), clean)
         # Who does not know of biases is off by what they are worth.
         limit = 1e-3 if "biases" in entrant.unknowns else 0.02
@@ -149,15 +148,15 @@ def rows_of(errors: dict[str, float]) -> list[Row]:
     ]
 
 
-def test_tables_show_the_best_setting_and_judge_claims(config: MethodsParameters) -> None:
+def test_tables_show_the_best_setting_and_judge_claims(study: MethodsStudy) -> None:
     rows = rows_of({"paper": 0.5, "hand-eye + RANSAC (Liang)": 0.4})
     paper = [row for row in rows if row["method"] == "paper"]
     assert {row["setting"] for row in best_setting(paper, mean_error())} == {"a"}
     rows[-1] |= {"failure": "needs OpenCV", "translation": None}
     quote = Quoted(condition="c", method="Q (quoted)", translation="9", rotation="8", seconds="7")
     criteria = MethodsCriteria(conditions=("c",), liang_rotation_deg=5.0)
-    judged = replace(config, conditions=(Condition(name="c"),), quoted=(quote,), claims=criteria)
-    table, claims = MethodsStudy(judged).tables(rows)
+    judged = replace(study, conditions=(Condition(name="c"),), quoted=(quote,), claims=criteria)
+    table, claims = judged.tables(rows)
     by_name = {row[0]: dict(zip(table.header, row, strict=True)) for row in table.rows}
     assert by_name["paper (a)"]["translation mm"] == "500 ± 0"
     assert by_name["paper (a)"]["over bound"] == "1"
@@ -171,5 +170,5 @@ def test_tables_show_the_best_setting_and_judge_claims(config: MethodsParameters
     assert verdicts[:8] == ["met", "not met", "met", "not met"] * 2
     assert verdicts[-1] == "met"
     unjudged = replace(judged, claims=replace(criteria, conditions=()))
-    _, none = MethodsStudy(unjudged).tables(rows)
+    _, none = unjudged.tables(rows)
     assert none.rows == ()

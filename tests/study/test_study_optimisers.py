@@ -196,15 +196,14 @@ def test_robust_values_are_those_scipy_minimises(spiked: PoseCost) -> None:
 def test_a_tiny_study_tells_errors_and_finds(tmp_path: Path) -> None:
     loaded = load_study("optimiser", quick=True)
     assert isinstance(loaded, OptimiserStudy)
-    config = replace(
-        loaded.config,
+    small = replace(
+        loaded,
         duration=12.0,
         imu_rate=100.0,
         robot_rate=100.0,
         seeds=1,
-        conditions=loaded.config.conditions[1:2],
+        conditions=loaded.conditions[1:2],
     )
-    small = OptimiserStudy(config)
     rows = [row for cell in small.cells() for row in small.measure(cell)]
     assert len(rows) == 2 * len(OPTIMISERS)
     for row in rows:
@@ -229,8 +228,7 @@ def test_a_linear_program_that_fails_is_told(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr(least_absolute_module, "least_absolute", unsolved)
     loaded = load_study("optimiser", quick=True)
     assert isinstance(loaded, OptimiserStudy)
-    config = replace(loaded.config, duration=12.0, imu_rate=100.0, robot_rate=100.0, seeds=1)
-    small = OptimiserStudy(config)
+    small = replace(loaded, duration=12.0, imu_rate=100.0, robot_rate=100.0, seeds=1)
     rows = small.measure(small.cells()[0])
     failed = {row["optimiser"] for row in rows if row["failure"] is not None}
     assert failed == {"linear programs", "relaxed linear program"}
@@ -242,18 +240,17 @@ def test_cells_are_every_guess_under_every_condition() -> None:
     for quick in (True, False):
         study = load_study("optimiser", quick=quick)
         assert isinstance(study, OptimiserStudy)
-        config = study.config
-        runs = sum(c.seeds or config.seeds for c in config.conditions)
-        assert len(study.cells()) == len(config.systems) * len(config.guesses) * runs
-        assert quick or config.seeds >= 5
+        runs = sum(c.seeds or study.seeds for c in study.conditions)
+        assert len(study.cells()) == len(study.systems) * len(study.guesses) * runs
+        assert quick or study.seeds >= 5
 
 
 @pytest.mark.parametrize("cost", ["published", "matched"])
 def test_true_derivatives_lead_to_the_same_pose_in_fewer_evaluations(cost: str) -> None:
     loaded = load_study("optimiser", quick=True)
     assert isinstance(loaded, OptimiserStudy)
-    config = replace(loaded.config, duration=12.0, imu_rate=100.0, robot_rate=100.0, seeds=1)
-    rows = OptimiserStudy(config).measure(OptimiserStudy(config).cells()[-1])
+    small = replace(loaded, duration=12.0, imu_rate=100.0, robot_rate=100.0, seeds=1)
+    rows = small.measure(small.cells()[-1])
     numeric, analytic = (
         next(
             r for r in rows if (r["optimiser"], r["residuals"], r["least"]) == (n, cost, "squares")

@@ -34,21 +34,21 @@ VALUES: dict[str, dict[str, Any]] = {
 }
 
 
-def study(name: str, **changes: Any) -> Sweep[Any]:
+def study(name: str, **changes: Any) -> Sweep:
     loaded = load_study(name, quick=True)
     assert isinstance(loaded, Sweep)
-    return type(loaded)(replace(loaded.config, **changes))
+    return replace(loaded, **changes)
 
 
-def tiny(name: str, **changes: Any) -> Sweep[Any]:
+def tiny(name: str, **changes: Any) -> Sweep:
     """Twelve seconds of the arm at 100 Hz, one value, one seed."""
-    config: Any = study(name).config
-    noisy = tuple(replace(c, seeds=None) for c in config.conditions if c.name == "MEMS")
+    whole = study(name)
+    noisy = tuple(replace(c, seeds=None) for c in whole.conditions if c.name == "MEMS")
     shrunk: dict[str, Any] = {
         "duration": 12.0,
         "imu_rate": 100.0,
         "robot_rate": 100.0,
-        "conditions": noisy or config.conditions[:1],
+        "conditions": noisy or whole.conditions[:1],
         "seeds": 1,
         "paper_windows": (5, 11),
         "paper_exclusions": (0.0,),
@@ -61,13 +61,12 @@ def test_every_value_meets_every_condition_and_seed(name: str) -> None:
     for quick in (True, False):
         loaded = load_study(name, quick=quick)
         assert isinstance(loaded, Sweep)
-        config: Any = loaded.config
         cells = loaded.cells()
         values = sum(len(part.values) for part in loaded.parts())
-        seeds = sum(condition.seeds or config.seeds for condition in config.conditions)
-        assert len(cells) == len(config.systems) * values * seeds
+        seeds = sum(condition.seeds or loaded.seeds for condition in loaded.conditions)
+        assert len(cells) == len(loaded.systems) * values * seeds
         assert len({tuple(cell.items()) for cell in cells}) == len(cells)
-        assert quick or config.seeds >= 5
+        assert quick or loaded.seeds >= 5
 
 
 @pytest.mark.parametrize("name", VALUES)

@@ -58,18 +58,18 @@ def test_one_run_by_every_method_against_the_engine() -> None:
 
 def noise_rows(**changed: float) -> list[Row]:
     """Rows as if the paper were right in everything, but for what is changed."""
-    config = noise_study().config
+    study = noise_study()
     rows: list[Row] = []
-    pairs = dict.fromkeys(p for part in ("accel", "gyro", "both") for p in config.levels(part))
-    for system, (accel, gyro) in product(config.systems, pairs):
-        grown = (1e-3 if system == "rihibot" else 1e-5) * accel / config.accel[-1]
+    pairs = dict.fromkeys(p for part in ("accel", "gyro", "both") for p in study.levels(part))
+    for system, (accel, gyro) in product(study.systems, pairs):
+        grown = (1e-3 if system == "rihibot" else 1e-5) * accel / study.accel[-1]
         sizes: dict[str, float] = {
             "translation": 1e-4 + grown,
             "rotation": math.radians(0.006),
             "averaged_translation": 1e-5,
             "averaged_rotation": 1e-5,
         }
-        if accel == 0.0 and gyro == config.gyro[-1]:
+        if accel == 0.0 and gyro == study.gyro[-1]:
             sizes |= changed
         key: Row = {"case": system, "accel": accel, "gyro": gyro, "offset": 0.0}
         run: Row = {"fold": 0, "seed": 0, "failure": None, "setting": "L 5"}

@@ -69,23 +69,6 @@ class DerivationCriteria:
     """Least difference that is more than minimal."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class DerivationParameters(Recorded):
-    """As configs/studies/derivation.yaml states them, with units."""
-
-    windows: tuple[int, ...]
-    drawn_window: int
-    exclusions: tuple[float, ...]
-    drawn_exclusion: float
-    margin: float
-    jerk: float
-    initial_translation: float
-    initial_rotation_deg: float
-    initial_seed: int
-    zoom: Zoom
-    claims: DerivationCriteria
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Comparison:
     """Derived and measured acceleration of the IMU along the world's x axis, by one filter."""
@@ -107,18 +90,29 @@ class Comparison:
         return self.derived - self.measured
 
 
-class DerivationStudy(Study[DerivationParameters]):
+@dataclass(frozen=True, kw_only=True)
+class DerivationStudy(Study, Recorded):
     """Section 4.2 and figures 5 to 7."""
 
     name = "derivation"
-    parameters = DerivationParameters
+    windows: tuple[int, ...]
+    drawn_window: int
+    exclusions: tuple[float, ...]
+    drawn_exclusion: float
+    margin: float
+    jerk: float
+    initial_translation: float
+    initial_rotation_deg: float
+    initial_seed: int
+    zoom: Zoom
+    claims: DerivationCriteria
 
     def cells(self) -> list[Cell]:
         """Every figure by either filter at every window."""
-        exclusions = {"paper": self.config.exclusions, "matched": (None,)}
+        exclusions = {"paper": self.exclusions, "matched": (None,)}
         return grid(
             figure=PLATES,
-            window=self.config.windows,
+            window=self.windows,
             filter=FILTERS,
             exclusion=lambda cell: exclusions[cell["filter"]],
         )
@@ -171,7 +165,7 @@ class DerivationStudy(Study[DerivationParameters]):
             "Derived less measured acceleration along x, root mean square, m/s²",
             columns,
             [[row] for row in rows],
-            f"Near: within {self.config.margin:g} s of a jerk over {self.config.jerk:g} m/s³. "
+            f"Near: within {self.margin:g} s of a jerk over {self.jerk:g} m/s³. "
             "Excluded: dropped by the method as starts and stops.",
         )
         return [table, claims_table("Claims of section 4.2", self._claims(rows))]
@@ -183,8 +177,8 @@ class DerivationStudy(Study[DerivationParameters]):
 
     def _draw(self, number: int, path: Path) -> None:
         system, guess = PLATES[number]
-        window, drawn = self.config.drawn_window, self.config.drawn_exclusion
-        zoom = self.config.zoom.barbot if system == "barbot" else self.config.zoom.rihibot
+        window, drawn = self.drawn_window, self.drawn_exclusion
+        zoom = self.zoom.barbot if system == "barbot" else self.zoom.rihibot
         draw_comparison(
             path,
             f"{system}, {guess}, window of {window} samples",
@@ -194,13 +188,13 @@ class DerivationStudy(Study[DerivationParameters]):
 
     def _case(self, figure: int, gravity: float | None = None) -> tuple[Recording, Pose]:
         system, error = PLATES[figure]
-        recording = clean_recording(system, replace(self.config.physics, gravity=gravity))
+        recording = clean_recording(system, replace(self.physics, gravity=gravity))
         wrong = float(error == "initial error")
         return recording, wrong_guess(
             recording,
-            wrong * self.config.initial_translation,
-            wrong * math.radians(self.config.initial_rotation_deg),
-            self.config.initial_seed,
+            wrong * self.initial_translation,
+            wrong * math.radians(self.initial_rotation_deg),
+            self.initial_seed,
         )
 
     def _compared(
@@ -219,12 +213,12 @@ class DerivationStudy(Study[DerivationParameters]):
 
     def _brusque(self, found: Comparison) -> Kept:
         """Samples near starts and stops."""
-        return near_changes(found.t, found.measured, self.config.jerk, self.config.margin)
+        return near_changes(found.t, found.measured, self.jerk, self.margin)
 
     def _claims(self, rows: Sequence[Row]) -> Iterator[Claim]:
-        criteria = self.config.claims
+        criteria = self.claims
         for name in FILTERS:
-            for window in self.config.windows:
+            for window in self.windows:
                 mine = chosen(rows, filter=name, window=window)
                 # What is excluded changes neither the filters nor these figures.
                 bar, wrong, arm = (chosen(mine, figure=number)[0] for number in PLATES)

@@ -18,7 +18,7 @@ from imucalib_cli.simulate.recording import rows_kept
 from imucalib_cli.study.conditions import Recorded, paper_settings, wrong_guess
 from imucalib_cli.study.contest import contest, contestants
 from imucalib_cli.study.rows import DEGREES, MILLIMETRES, best_setting, column, groups
-from imucalib_cli.study.study import grid
+from imucalib_cli.study.study import Study, grid
 from imucalib_cli.study.tables import Column, spread
 
 if TYPE_CHECKING:
@@ -39,8 +39,8 @@ _WRIST_JOINTS = 3
 
 
 @dataclass(frozen=True, kw_only=True)
-class FoldedParameters(Recorded):
-    """What configs/studies/ states of both, with units."""
+class FoldedStudy(Study, Recorded):
+    """A study on folds of moves."""
 
     systems: tuple[str, ...]
     folds: int

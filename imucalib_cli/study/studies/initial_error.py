@@ -11,10 +11,9 @@ from imucalib_cli.study.recordings import clean_recording
 from imucalib_cli.study.rows import DEGREES, MILLIMETRES, chosen, column
 from imucalib_cli.study.studies.folded import (
     ERROR_COLUMNS,
-    FoldedParameters,
+    FoldedStudy,
     in_best_setting,
 )
-from imucalib_cli.study.study import Study
 from imucalib_cli.study.tables import (
     Claim,
     Column,
@@ -38,9 +37,10 @@ SHOWN = ("paper", "paper, components", "matched")
 
 
 @dataclass(frozen=True, kw_only=True)
-class InitialErrorParameters(FoldedParameters):
-    """As configs/studies/initial-error.yaml states them, with units."""
+class InitialErrorStudy(FoldedStudy):
+    """Section 4.5 and Table 3."""
 
+    name = "initial-error"
     translation: tuple[float, ...]
     rotation_deg: tuple[float, ...]
     accel: float
@@ -63,29 +63,21 @@ class InitialErrorParameters(FoldedParameters):
         pairs += zip(self.translation, self.rotation_deg, strict=True)
         return list(dict.fromkeys(pairs))
 
-
-class InitialErrorStudy(Study[InitialErrorParameters]):
-    """Section 4.5 and Table 3."""
-
-    name = "initial-error"
-    parameters = InitialErrorParameters
-
     def cells(self) -> list[Cell]:
         """Every size of error on every fold in several directions."""
-        return self.config.runs(
+        return self.runs(
             {"system": system, "initial_translation": size, "initial_rotation_deg": angle}
-            for system in self.config.systems
-            for size, angle in self.config.sizes()
+            for system in self.systems
+            for size, angle in self.sizes()
         )
 
     def measure(self, cell: Cell) -> list[Row]:
         """All methods on one fold, from one guess; ours is given none."""
-        config = self.config
-        return config.calibrate(
+        return self.calibrate(
             METHODS,
             cell,
-            clean_recording(cell["system"], config.physics),
-            NoiseOptions(accel_white=config.accel, gyro_white=config.gyro),
+            clean_recording(cell["system"], self.physics),
+            NoiseOptions(accel_white=self.accel, gyro_white=self.gyro),
             # The noise is the fold's: only the guess differs between the seeds.
             noise_seed=cell["fold"],
             initial_error=(
@@ -102,8 +94,8 @@ class InitialErrorStudy(Study[InitialErrorParameters]):
         """
         rows = in_best_setting(rows, self._unsteadiness, "system", "method")
         note = (
-            f"Failed: no answer, or one farther than {self.config.failed_translation * 1e3:g} mm "
-            f"or {self.config.failed_rotation_deg:g} deg from the truth, another minimum; means "
+            f"Failed: no answer, or one farther than {self.failed_translation * 1e3:g} mm "
+            f"or {self.failed_rotation_deg:g} deg from the truth, another minimum; means "
             "and spreads are of the others. The published method stands in the setting in which "
             "its result depends least on the guess, which need not be its most exact. The matched "
             "method is given no guess."
@@ -132,12 +124,12 @@ class InitialErrorStudy(Study[InitialErrorParameters]):
                         initial_rotation_deg=rotation_deg,
                         method=method,
                     )
-                    for translation, rotation_deg in self.config.sizes()
+                    for translation, rotation_deg in self.sizes()
                     for method in SHOWN
                 ],
                 note,
             )
-            for system in self.config.systems
+            for system in self.systems
         ]
         return [*made, claims_table("Claims of section 4.5", self._claims(rows))]
 
@@ -147,8 +139,8 @@ class InitialErrorStudy(Study[InitialErrorParameters]):
         return not (
             isinstance(translation, float)
             and isinstance(rotation, float)
-            and translation <= self.config.failed_translation
-            and rotation * DEGREES <= self.config.failed_rotation_deg
+            and translation <= self.failed_translation
+            and rotation * DEGREES <= self.failed_rotation_deg
         )
 
     def _good(self, rows: Sequence[Row]) -> list[Row]:
@@ -157,16 +149,16 @@ class InitialErrorStudy(Study[InitialErrorParameters]):
     def _unsteadiness(self, rows: Sequence[Row]) -> tuple[int, float]:
         """Failures, and how far the other results on a fold are apart, mm."""
         good = self._good(rows)
-        folds = [chosen(good, fold=fold) for fold in range(self.config.folds)]
+        folds = [chosen(good, fold=fold) for fold in range(self.folds)]
         errors = [column(fold, "translation") for fold in folds]
         ranges = [MILLIMETRES * (max(e) - min(e)) if e else math.nan for e in errors]
         return len(rows) - len(good), max(ranges)
 
     def _claims(self, rows: Sequence[Row]) -> Iterator[Claim]:
-        limit = self.config.realistic_rotation_deg
+        limit = self.realistic_rotation_deg
         parts = {False: f"initial errors up to {limit:g} deg", True: f"beyond {limit:g} deg"}
-        most = MILLIMETRES * self.config.same_translation
-        for system in self.config.systems:
+        most = MILLIMETRES * self.same_translation
+        for system in self.systems:
             for method in SHOWN:
                 mine = chosen(rows, system=system, method=method)
                 for beyond, words in parts.items():

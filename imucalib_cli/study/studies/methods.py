@@ -99,9 +99,10 @@ class MethodsCriteria:
 
 
 @dataclass(frozen=True, kw_only=True)
-class MethodsParameters(Conditioned):
-    """As configs/studies/methods.yaml states them, with units and sources."""
+class MethodsStudy(Study, Conditioned):
+    """Section 4.3 and Table 1."""
 
+    name = "methods"
     system: str
     camera: str
     paper_windows: tuple[int, ...]
@@ -136,26 +137,19 @@ class MethodsParameters(Conditioned):
             for residual in self.paper_residuals
         )
 
-
-class MethodsStudy(Study[MethodsParameters]):
-    """Section 4.3 and Table 1."""
-
-    name = "methods"
-    parameters = MethodsParameters
-
     def cells(self) -> list[Cell]:
         """Every method under every condition with every seed."""
-        return grid(condition=self.config.names, seed=self.config.seeds_of, method=ENTRANTS)
+        return grid(condition=self.names, seed=self.seeds_of, method=ENTRANTS)
 
     def measure(self, cell: Cell) -> list[Row]:
         """One method on one recording; the published one in all its settings."""
-        config, seed, name = self.config, cell["seed"], cell["method"]
-        clean = seen_recording(config.system, config.camera, config.physics)
-        noise = config.condition_of(cell).sensors
+        seed, name = cell["seed"], cell["method"]
+        clean = seen_recording(self.system, self.camera, self.physics)
+        noise = self.condition_of(cell).sensors
         recording = corrupt(clean, noise, seed)
-        settings = config.paper_settings if name == "paper" else (None,)
+        settings = self.paper_settings if name == "paper" else (None,)
         costs = run_alone(
-            calls(name, config.paper_settings), given(recording, config, seed), _LIBRARIES
+            calls(name, self.paper_settings), given(recording, self, seed), _LIBRARIES
         )
         bound = bound_columns(clean, noise, alone=ENTRANTS[name].unknowns == "pose")
         return [
@@ -165,7 +159,7 @@ class MethodsStudy(Study[MethodsParameters]):
 
     def tables(self, rows: Sequence[Row]) -> list[Table]:
         """One a condition, and the claims."""
-        criteria, conditions = self.config.claims, self.config.conditions
+        criteria, conditions = self.claims, self.conditions
         note = (
             "Errors of T_camera_imu, mean ± standard deviation over seeds, as norm and geodesic "
             "angle; |mean Δxyz| and mean |rpy| are the averages that the paper's tool reports, "
@@ -213,7 +207,7 @@ class MethodsStudy(Study[MethodsParameters]):
                 q.seconds,
                 *"---",
             )
-            for q in self.config.quoted
+            for q in self.quoted
             if q.condition == condition
         )
         return replace(table, rows=(*table.rows, *quoted))
@@ -228,7 +222,7 @@ class MethodsStudy(Study[MethodsParameters]):
             words: {key: error(rival, key, scale) for key, scale, _ in _METRICS}
             for rival, words in _RIVALS.items()
         }
-        for quote in self.config.quoted:
+        for quote in self.quoted:
             if quote.condition == condition:
                 rivals[quote.method] = {
                     "translation": _number(quote.translation),
@@ -243,7 +237,7 @@ class MethodsStudy(Study[MethodsParameters]):
                         found=f"{digits(ours)} {unit} against {digits(errors[key])} {unit}",
                         met=None if math.isnan(ours - errors[key]) else ours < errors[key],
                     )
-        angle, limit = error(_LIANG, "rotation", DEGREES), self.config.claims.liang_rotation_deg
+        angle, limit = error(_LIANG, "rotation", DEGREES), self.claims.liang_rotation_deg
         yield Claim(
             words=f"paper: Liang et al. over {limit:g} deg ({condition})",
             found=f"{digits(angle)} deg",
@@ -307,12 +301,12 @@ def seen_recording(system: str, camera: str, physics: PhysicsOptions) -> Recordi
     return record(moved, physics, camera=config)
 
 
-def given(recording: Recording, config: MethodsParameters, seed: int) -> Given:
+def given(recording: Recording, study: MethodsStudy, seed: int) -> Given:
     """What methods are given of a recording, noisy or not.
 
     Args:
         recording: With a camera.
-        config: How methods are set.
+        study: How methods are set.
         seed: Of RANSAC's draws.
 
     Raises:
@@ -323,13 +317,13 @@ def given(recording: Recording, config: MethodsParameters, seed: int) -> Given:
     imu, path = streams_of(recording, robot_of(recording.system))
     stated = recording.noise
     if stated.accel_noise == 0.0:
-        grade = load_grade(config.stated_where_none)
+        grade = load_grade(study.stated_where_none)
         stated = NoiseOptions(accel_noise=grade.accel_noise, gyro_noise=grade.gyro_noise)
     accel_std, gyro_std = white_std(stated, recording.imu)
     norm = float(np.linalg.norm(recording.gravity_world))
     nominal = recording.system.imu.nominal
     published = LiangOptions(
-        ransac=replace(config.published_ransac, seed=seed), still=config.still, gravity_norm=norm
+        ransac=replace(study.published_ransac, seed=seed), still=study.still, gravity_norm=norm
     )
     return Given(
         imu=imu,
@@ -342,18 +336,18 @@ def given(recording: Recording, config: MethodsParameters, seed: int) -> Given:
             gyro_std=gyro_std,
             accel_bias_walk=stated.accel_bias_walk,
             gyro_bias_walk=stated.gyro_bias_walk,
-            bias_interval=config.bias_interval,
-            knots_per_second=config.knots_per_second,
+            bias_interval=study.bias_interval,
+            knots_per_second=study.knots_per_second,
             gravity_norm=norm,
         ),
-        few_knots_per_second=config.few_knots_per_second,
+        few_knots_per_second=study.few_knots_per_second,
         gyro_first=GyroFirstOptions(
-            window_seconds=config.gyro_first_window,
-            degree=config.gyro_first_degree,
+            window_seconds=study.gyro_first_window,
+            degree=study.gyro_first_degree,
             gravity_norm=norm,
         ),
         liang=published,
-        liang_tuned=replace(published, tuned=True, ransac=replace(config.tuned_ransac, seed=seed)),
+        liang_tuned=replace(published, tuned=True, ransac=replace(study.tuned_ransac, seed=seed)),
     )
 
 

@@ -20,11 +20,10 @@ from imucalib_cli.study.recordings import clean_recording
 from imucalib_cli.study.rows import DEGREES, MILLIMETRES, chosen, column, mean, mean_error, worst
 from imucalib_cli.study.studies.folded import (
     ERROR_COLUMNS,
-    FoldedParameters,
+    FoldedStudy,
     in_best_setting,
     steadily_small,
 )
-from imucalib_cli.study.study import Study
 from imucalib_cli.study.tables import (
     Claim,
     Column,
@@ -88,10 +87,22 @@ class Case:
         )
 
 
-@dataclass(frozen=True, kw_only=True)
-class NoiseParameters(FoldedParameters):
-    """As configs/studies/noise.yaml states them, with units and sources."""
+_COLUMNS: tuple[Column, ...] = (
+    number("offset", "late ms", 1e3),
+    number("accel", "σ_a m/s²"),
+    number("gyro", "σ_ω rad/s"),
+    text("method"),
+    text("setting", "its setting"),
+    *ERROR_COLUMNS,
+    count("answers", answered),
+)
 
+
+@dataclass(frozen=True, kw_only=True)
+class NoiseStudy(FoldedStudy):
+    """Section 4.4 and Table 2."""
+
+    name = "noise"
     accel: tuple[float, ...]
     gyro: tuple[float, ...]
     adis: tuple[float, ...]
@@ -143,58 +154,37 @@ class NoiseParameters(FoldedParameters):
             for accel in self.aside_accel
         ]
 
-
-_COLUMNS: tuple[Column, ...] = (
-    number("offset", "late ms", 1e3),
-    number("accel", "σ_a m/s²"),
-    number("gyro", "σ_ω rad/s"),
-    text("method"),
-    text("setting", "its setting"),
-    *ERROR_COLUMNS,
-    count("answers", answered),
-)
-
-
-class NoiseStudy(Study[NoiseParameters]):
-    """Section 4.4 and Table 2."""
-
-    name = "noise"
-    parameters = NoiseParameters
-
     def cells(self) -> list[Cell]:
         """Every pair of levels on every fold with every seed, then the open question's cases."""
-        config = self.config
         conditions = [
             condition
-            for system in config.systems
+            for system in self.systems
             for part in PARTS
-            for condition in config.levels_of(system, part)
+            for condition in self.levels_of(system, part)
         ]
-        for aside in (*config.timing, *config.bodies):
-            conditions += config.aside(aside)
+        for aside in (*self.timing, *self.bodies):
+            conditions += self.aside(aside)
         once = {tuple(condition.values()): condition for condition in conditions}
-        return config.runs(once.values())
+        return self.runs(once.values())
 
     def measure(self, cell: Cell) -> list[Row]:
         """All methods on one fold with one seed."""
-        config = self.config
-        case = config.case(cell["case"])
-        return config.calibrate(
+        case = self.case(cell["case"])
+        return self.calibrate(
             (*OURS, *PUBLISHED),
             cell,
-            clean_recording(case.system, case.physics(config.physics)),
+            clean_recording(case.system, case.physics(self.physics)),
             NoiseOptions(
                 accel_white=cell["accel"],
                 gyro_white=cell["gyro"],
                 time_offset=cell["offset"],
             ),
-            noise_seed=config.seed_of(cell),
-            initial_error=(config.initial_translation, math.radians(config.initial_rotation_deg)),
+            noise_seed=self.seed_of(cell),
+            initial_error=(self.initial_translation, math.radians(self.initial_rotation_deg)),
         )
 
     def tables(self, rows: Sequence[Row]) -> list[Table]:
         """One table a system and part, those of the open question, and the claims."""
-        config = self.config
         best = in_best_setting(rows, mean_error(), "case", "accel", "gyro", "offset", "method")
 
         def table(title: str, conditions: Sequence[Cell]) -> Table:
@@ -206,13 +196,13 @@ class NoiseStudy(Study[NoiseParameters]):
             return lay_out(title, _COLUMNS, [line for line in lines if line])
 
         made = [
-            table(f"{system}: {words}", config.levels_of(system, part))
-            for system in config.systems
+            table(f"{system}: {words}", self.levels_of(system, part))
+            for system in self.systems
             for part, words in PARTS.items()
         ]
-        asides = [(case, "stamps of the IMU that are late") for case in config.timing]
-        asides += [(case, "inertia") for case in config.bodies]
-        made += [table(f"{case.name}: {words}", config.aside(case)) for case, words in asides]
+        asides = [(case, "stamps of the IMU that are late") for case in self.timing]
+        asides += [(case, "inertia") for case in self.bodies]
+        made += [table(f"{case.name}: {words}", self.aside(case)) for case, words in asides]
         return [
             *made,
             claims_table("Claims of section 4.4", self._claims(rows)),
@@ -231,10 +221,10 @@ class NoiseStudy(Study[NoiseParameters]):
                 yield self._flat(method, bar, arm)
 
     def _claims_of_the_arm(self, method: str, arm: list[Row]) -> Iterator[Claim]:
-        config, criteria = self.config, self.config.claims
+        criteria = self.claims
         turned = {
             level: DEGREES * worst(chosen(arm, accel=0.0, gyro=level), "rotation")
-            for level in config.gyro
+            for level in self.gyro
         }
         beyond = [level for level, angle in turned.items() if angle >= criteria.rotation_deg]
         averaged = DEGREES * worst(chosen(arm, accel=0.0), "averaged_rotation")
@@ -248,7 +238,7 @@ class NoiseStudy(Study[NoiseParameters]):
             met=not beyond,
         )
         still = _error(arm, 0.0, 0.0)
-        changes = [(*_change(arm, level), level) for level in config.gyro[1:]]
+        changes = [(*_change(arm, level), level) for level in self.gyro[1:]]
         change, error, level = max(changes, key=lambda c: c[0] - 2.0 * c[1])
         yield Claim(
             words=f"{method}: RiHIBot, σ_a = 0: gyroscope noise does not raise the translation "
@@ -257,9 +247,9 @@ class NoiseStudy(Study[NoiseParameters]):
             f"standard error {digits(error)}, at σ_ω = {level:g}",
             met=change - 2.0 * error <= criteria.same * still,
         )
-        least, most = config.accel[0], config.accel[-1]
+        least, most = self.accel[0], self.accel[-1]
         start, grown = _error(arm, least), _error(arm, most)
-        together = _error(arm, most, config.gyro[-1])
+        together = _error(arm, most, self.gyro[-1])
         yield Claim(
             words=f"{method}: RiHIBot: translation errors grow with σ_a (more than "
             f"{criteria.same:.0%})",
@@ -277,7 +267,7 @@ class NoiseStudy(Study[NoiseParameters]):
             return digits(DEGREES * mean(chosen(arm, accel=level, gyro=0.0), "rotation"))
 
         # Claims whose bounds did not reach us: the figures alone.
-        angles = ", ".join(f"{angle(level)} at {level:g}" for level in config.accel)
+        angles = ", ".join(f"{angle(level)} at {level:g}" for level in self.accel)
         yield Claim(
             words=f"{method}: RiHIBot: rotation errors rise at the largest σ_a only (which is not "
             "known to us)",
@@ -286,7 +276,7 @@ class NoiseStudy(Study[NoiseParameters]):
         )
         errors = ", ".join(
             f"{digits(_error(arm, level))} mm and {angle(level)} deg at {level:g}"
-            for level in config.adis
+            for level in self.adis
         )
         yield Claim(
             words=f"{method}: RiHIBot: small errors at the ADIS16495's 0.0002 (m/s², or g, which "
@@ -296,7 +286,7 @@ class NoiseStudy(Study[NoiseParameters]):
         )
 
     def _flat(self, method: str, bar: list[Row], arm: list[Row]) -> Claim:
-        little, levels = self.config.claims.little, (self.config.accel[0], self.config.accel[-1])
+        little, levels = self.claims.little, (self.accel[0], self.accel[-1])
         still, grown = (_error(bar, level) for level in levels)
         arm_still, arm_grown = (_error(arm, level) for level in levels)
         return Claim(
@@ -312,9 +302,9 @@ class NoiseStudy(Study[NoiseParameters]):
 
         The published method is in one setting throughout, the one that is best over all of it.
         """
-        config, criteria = self.config, self.config.claims
-        accel = config.aside_accel
-        cases = {case.name for case in (*config.timing, *config.bodies)} | {ARM}
+        criteria = self.claims
+        accel = self.aside_accel
+        cases = {case.name for case in (*self.timing, *self.bodies)} | {ARM}
         asides = [
             row for row in chosen(rows, gyro=0.0) if row["case"] in cases and row["accel"] in accel
         ]
@@ -328,7 +318,7 @@ class NoiseStudy(Study[NoiseParameters]):
         growth = in_time[1] - in_time[0]
         of_arm = f"{digits(in_time[0])} to {digits(in_time[1])} mm"
         span = f"σ_a {accel[0]:g} to {accel[-1]:g} m/s²"
-        for case in config.timing:
+        for case in self.timing:
             for offset in case.offsets:
                 if (case.name, offset) == (ARM, 0.0):
                     continue
@@ -339,7 +329,7 @@ class NoiseStudy(Study[NoiseParameters]):
                     found=f"{digits(still)} to {digits(grown)} mm; RiHIBot in time {of_arm}",
                     met=_more(grown - still, (1.0 + criteria.same) * growth),
                 )
-        for case in config.timing:
+        for case in self.timing:
             late = max(case.offsets)
             if late <= 0.0:
                 continue
@@ -353,7 +343,7 @@ class NoiseStudy(Study[NoiseParameters]):
                 f"{JUDGED}: {digits(from_to(case.name, late)[0])} mm",
                 met=_more(before, 0.0) and after <= (1.0 + criteria.same) * before,
             )
-        for body in config.bodies:
+        for body in self.bodies:
             still, grown = from_to(body.name, 0.0)
             yield Claim(
                 words=f"{JUDGED}: {body.name}: translation errors grow little with σ_a ({span})",

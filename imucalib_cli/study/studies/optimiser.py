@@ -91,9 +91,10 @@ class GuessSize:
 
 
 @dataclass(frozen=True, kw_only=True)
-class OptimiserParameters(Conditioned):
-    """As configs/studies/optimiser.yaml states them, with units."""
+class OptimiserStudy(Study, Conditioned):
+    """Every optimiser from every guess."""
 
+    name = "optimiser"
     systems: tuple[str, ...]
     guesses: tuple[GuessSize, ...]
     paper_window: int
@@ -101,28 +102,21 @@ class OptimiserParameters(Conditioned):
     found_translation: float
     found_rotation_deg: float
 
-
-class OptimiserStudy(Study[OptimiserParameters]):
-    """Every optimiser from every guess."""
-
-    name = "optimiser"
-    parameters = OptimiserParameters
-
     def cells(self) -> list[Cell]:
         """Every size of guess under every condition with every seed."""
         return grid(
-            system=self.config.systems,
-            condition=self.config.names,
-            guess=[size.words for size in self.config.guesses],
-            seed=self.config.seeds_of,
+            system=self.systems,
+            condition=self.names,
+            guess=[size.words for size in self.guesses],
+            seed=self.seeds_of,
         )
 
     def measure(self, cell: Cell) -> list[Row]:
         """All optimisers on one recording from one guess."""
-        config, seed = self.config, cell["seed"]
-        clean = clean_recording(cell["system"], config.physics)
-        noise = config.condition_of(cell).sensors
-        size = next(size for size in config.guesses if size.words == cell["guess"])
+        seed = cell["seed"]
+        clean = clean_recording(cell["system"], self.physics)
+        noise = self.condition_of(cell).sensors
+        size = next(size for size in self.guesses if size.words == cell["guess"])
         guess = wrong_guess(clean, size.translation, math.radians(size.rotation_deg), seed)
         costs, seconds = self._prepare(corrupt(clean, noise, seed), guess)
         bound = bound_columns(clean, noise, alone=True)
@@ -145,8 +139,8 @@ class OptimiserStudy(Study[OptimiserParameters]):
                 apart = pose_error(pose.R, pose.t, clean.R_parent_imu, clean.t_parent_imu)
                 found = {
                     **asdict(apart),
-                    "found": apart.translation <= config.found_translation
-                    and apart.rotation <= math.radians(config.found_rotation_deg),
+                    "found": apart.translation <= self.found_translation
+                    and apart.rotation <= math.radians(self.found_rotation_deg),
                     "value": solved.value,
                     "evaluations": solved.evaluations,
                     "seconds": solved.seconds,
@@ -163,8 +157,8 @@ class OptimiserStudy(Study[OptimiserParameters]):
         norm = float(np.linalg.norm(recording.gravity_world))
         begun = time.perf_counter()
         options = PaperOptions(
-            window=WindowChoice(samples=self.config.paper_window),
-            exclusion_threshold=self.config.paper_exclusion,
+            window=WindowChoice(samples=self.paper_window),
+            exclusion_threshold=self.paper_exclusion,
         )
         every, _, _ = filtered_instants(imu, path, options, guess.R, guess.t)
         published = published_cost(every.compared(), norm)
@@ -183,10 +177,10 @@ class OptimiserStudy(Study[OptimiserParameters]):
 
     def tables(self, rows: Sequence[Row]) -> list[Table]:
         """Errors and effort from the nearest guess; then what guesses are good enough."""
-        nearest = self.config.guesses[0].words
+        nearest = self.guesses[0].words
         made = []
-        for system in self.config.systems:
-            for condition in self.config.conditions:
+        for system in self.systems:
+            for condition in self.conditions:
                 mine = chosen(rows, system=system, condition=condition.name)
                 title = f"{system}: {condition.name}"
                 made += [
@@ -197,10 +191,10 @@ class OptimiserStudy(Study[OptimiserParameters]):
 
     def figures(self, rows: Sequence[Row]) -> dict[str, Draw]:
         """Error and time of each, from the nearest guess."""
-        near = chosen(rows, guess=self.config.guesses[0].words)
+        near = chosen(rows, guess=self.guesses[0].words)
         return {
             f"{self.name}-{system}": partial(draw_optimisers, chosen(near, system=system))
-            for system in self.config.systems
+            for system in self.systems
         }
 
 

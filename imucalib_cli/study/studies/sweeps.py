@@ -11,7 +11,7 @@ from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 
 import numpy as np
 
@@ -66,17 +66,6 @@ NOTE = (
 
 
 @dataclass(frozen=True, kw_only=True)
-class SweepParameters(Conditioned):
-    """What configs/studies/ states of every sweep, with units."""
-
-    systems: tuple[str, ...]
-    paper_windows: tuple[int, ...]
-    paper_exclusions: tuple[float, ...]
-    initial_translation: float
-    initial_rotation_deg: float
-
-
-@dataclass(frozen=True, kw_only=True)
 class Setup:
     """All that one run is made with."""
 
@@ -103,14 +92,17 @@ class Part:
     change: Change
 
 
-Config = TypeVar("Config", bound=SweepParameters)
-
-
-class Sweep(Study[Config]):
+@dataclass(frozen=True, kw_only=True)
+class Sweep(Study, Conditioned):
     """A study with one parameter on the abscissa."""
 
     note: ClassVar[str]
     """What its tables need said, beside what all sweeps say."""
+    systems: tuple[str, ...]
+    paper_windows: tuple[int, ...]
+    paper_exclusions: tuple[float, ...]
+    initial_translation: float
+    initial_rotation_deg: float
 
     @abstractmethod
     def parts(self) -> list[Part]:
@@ -120,20 +112,19 @@ class Sweep(Study[Config]):
         """Every value under every condition with every seed."""
         parts = {part.name: part for part in self.parts()}
         return grid(
-            system=self.config.systems,
+            system=self.systems,
             part=parts,
-            condition=self.config.names,
+            condition=self.names,
             value=lambda cell: parts[cell["part"]].values,
-            seed=self.config.seeds_of,
+            seed=self.seeds_of,
         )
 
     def setup(self, cell: Cell) -> Setup:
         """What a cell is run with."""
-        config = self.config
         setup = Setup(
-            physics=config.physics,
-            noise=config.condition_of(cell).sensors,
-            settings=paper_settings(config.paper_windows, config.paper_exclusions),
+            physics=self.physics,
+            noise=self.condition_of(cell).sensors,
+            settings=paper_settings(self.paper_windows, self.paper_exclusions),
             window=WindowChoice(),
         )
         part = next(part for part in self.parts() if part.name == cell["part"])
@@ -141,11 +132,11 @@ class Sweep(Study[Config]):
 
     def measure(self, cell: Cell) -> list[Row]:
         """All methods on one recording, the published one in each of its settings."""
-        config, setup, seed = self.config, self.setup(cell), cell["seed"]
+        setup, seed = self.setup(cell), cell["seed"]
         clean = clean_recording(cell["system"], setup.physics)
         recording = corrupt(clean, setup.noise, seed)
         guess = wrong_guess(
-            clean, config.initial_translation, math.radians(config.initial_rotation_deg), seed
+            clean, self.initial_translation, math.radians(self.initial_rotation_deg), seed
         )
         return [
             cell
@@ -165,7 +156,7 @@ class Sweep(Study[Config]):
         words = {part.name: part.words for part in self.parts()}
         titled = {
             f"{cell['system']}: {words[cell['part']]}, {cell['condition']}": chosen(rows, **cell)
-            for cell in grid(system=self.config.systems, part=words, condition=self.config.names)
+            for cell in grid(system=self.systems, part=words, condition=self.names)
         }
         first, *others = (
             sweep_table(title, words[mine[0]["part"]], mine) for title, mine in titled.items()
@@ -178,7 +169,7 @@ class Sweep(Study[Config]):
             f"{self.name}-{system}-{part.name}": partial(
                 draw_sweep, chosen(rows, system=system, part=part.name), part.words
             )
-            for system in self.config.systems
+            for system in self.systems
             for part in self.parts()
         }
 
@@ -331,87 +322,68 @@ def _noisy(setup: Setup, **noise: Any) -> Setup:
 
 
 @dataclass(frozen=True, kw_only=True)
-class WindowParameters(SweepParameters):
-    """As configs/studies/window.yaml states them."""
-
-    samples: tuple[int, ...]
-
-
-class WindowStudy(Sweep[WindowParameters]):
+class WindowStudy(Sweep):
     """The window's length, which the paper calls small and does not tell.
 
     The same length for all filters of a run, on both sides of each method.
     """
 
     name = "window"
-    parameters = WindowParameters
     note = (
         "A window is L sample intervals; an even L is taken one longer, as the filters need it odd."
     )
+    samples: tuple[int, ...]
 
     def parts(self) -> list[Part]:
         """Seconds, so that rates can be compared."""
-        rate = self.config.imu_rate
+        rate = self.imu_rate
 
         def change(setup: Setup, value: float, _: int) -> Setup:
             samples = round(value * rate)
             settings = dict.fromkeys(replace(s, window=samples) for s in setup.settings)
             return replace(setup, window=WindowChoice(samples=samples), settings=tuple(settings))
 
-        seconds = tuple(samples / rate for samples in self.config.samples)
+        seconds = tuple(samples / rate for samples in self.samples)
         return [Part("window", "window s", seconds, change)]
 
 
 @dataclass(frozen=True, kw_only=True)
-class EncoderParameters(SweepParameters):
-    """As configs/studies/encoder.yaml states them."""
-
-    noise: tuple[float, ...]
-    step: tuple[float, ...]
-
-
-class EncoderStudy(Sweep[EncoderParameters]):
+class EncoderStudy(Sweep):
     """Joint positions as encoders read them: with noise, and in steps.
 
     Noise of the kinematics enters the regressors and not the readings alone.
     """
 
     name = "encoder"
-    parameters = EncoderParameters
     note = (
         "The bound is that of perfect encoders: noise of the kinematics can only raise it. The "
         "matched filters choose their window from the log."
     )
+    noise: tuple[float, ...]
+    step: tuple[float, ...]
 
     def parts(self) -> list[Part]:
         """Noise, and quantisation."""
-        config = self.config
         return [
-            Part("noise", "encoder noise rad", config.noise, _with_noise("encoder_noise")),
-            Part("step", "encoder step rad", config.step, _with_noise("encoder_step")),
+            Part("noise", "encoder noise rad", self.noise, _with_noise("encoder_noise")),
+            Part("step", "encoder step rad", self.step, _with_noise("encoder_step")),
         ]
 
 
 @dataclass(frozen=True, kw_only=True)
-class BiasParameters(SweepParameters):
-    """As configs/studies/bias.yaml states them."""
-
-    accel_bias: tuple[float, ...]
-    gyro_bias: tuple[float, ...]
-    accel_bias_walk: tuple[float, ...]
-    gyro_bias_walk: tuple[float, ...]
-
-
-class BiasStudy(Sweep[BiasParameters]):
+class BiasStudy(Sweep):
     """Biases of the IMU, constant and wandering, which the published method takes for zero."""
 
     name = "bias"
-    parameters = BiasParameters
     note = (
         "A bias has the norm stated and a direction of the seed's; a walk begins at zero. The "
         "bound knows of constant biases, not of their walk. The published method and matched, "
         "pose only, take biases to be zero."
     )
+    accel_bias: tuple[float, ...]
+    gyro_bias: tuple[float, ...]
+    accel_bias_walk: tuple[float, ...]
+    gyro_bias_walk: tuple[float, ...]
 
     def parts(self) -> list[Part]:
         """One kind of bias at a time: constant biases, then walks."""
@@ -424,50 +396,44 @@ class BiasStudy(Sweep[BiasParameters]):
 
             return change
 
-        config, walk = self.config, "bias walk"
+        walk = "bias walk"
         return [
-            Part("accel", "accelerometer bias m/s²", config.accel_bias, vector("accel_bias")),
-            Part("gyro", "gyroscope bias rad/s", config.gyro_bias, vector("gyro_bias")),
+            Part("accel", "accelerometer bias m/s²", self.accel_bias, vector("accel_bias")),
+            Part("gyro", "gyroscope bias rad/s", self.gyro_bias, vector("gyro_bias")),
             Part(
                 "accel-walk",
                 f"accelerometer {walk} m/s²/√s",
-                config.accel_bias_walk,
+                self.accel_bias_walk,
                 _with_noise("accel_bias_walk"),
             ),
             Part(
                 "gyro-walk",
                 f"gyroscope {walk} rad/s/√s",
-                config.gyro_bias_walk,
+                self.gyro_bias_walk,
                 _with_noise("gyro_bias_walk"),
             ),
         ]
 
 
 @dataclass(frozen=True, kw_only=True)
-class RateParameters(SweepParameters):
-    """As configs/studies/rate.yaml states them."""
-
-    together: tuple[float, ...]
-    robot: tuple[float, ...]
-
-
-class RateStudy(Sweep[RateParameters]):
+class RateStudy(Sweep):
     """The rates of the log, which did not reach us for the paper's.
 
     Both streams faster or slower, and the robot's slower than the IMU's.
     """
 
     name = "rate"
-    parameters = RateParameters
     note = (
         "The noise densities are the same at every rate, so the bound is too, nearly. The "
         "published method smooths the IMU with as many samples as it derives the kinematics with, "
         "as its authors do, and takes the nearest sample of the IMU."
     )
+    together: tuple[float, ...]
+    robot: tuple[float, ...]
 
     def parts(self) -> list[Part]:
         """Both rates alike, and the robot's alone."""
-        imu_rate = self.config.imu_rate
+        imu_rate = self.imu_rate
 
         def at(setup: Setup, imu_rate: float, robot_rate: float) -> Setup:
             physics = replace(setup.physics, imu_rate=imu_rate, robot_rate=robot_rate)
@@ -477,13 +443,13 @@ class RateStudy(Sweep[RateParameters]):
             Part(
                 "together",
                 "rate of IMU and robot Hz",
-                self.config.together,
+                self.together,
                 lambda setup, value, _: at(setup, value, value),
             ),
             Part(
                 "robot",
                 f"robot's rate Hz, IMU at {imu_rate:g}",
-                self.config.robot,
+                self.robot,
                 lambda setup, value, _: at(setup, imu_rate, value),
             ),
         ]
