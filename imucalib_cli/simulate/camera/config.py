@@ -145,7 +145,5 @@ def load_camera(
                 f"{name_or_file}: start_deg and to_deg need {joints} numbers, one a joint"
             )
         if arm is not None:
-            arm = replace(
-                arm, start_deg=motion.start_deg, start_rest=motion.start_rest, moves=motion.moves
-            )
+            arm = replace(arm, **vars(motion))
     return replace(system, frames=(*frames, camera.frame), arm=arm), camera
