@@ -107,18 +107,20 @@ class Conditioned(Recorded):
 
 @dataclass(frozen=True, kw_only=True)
 class PaperSetting:
-    """What is not known to us of the published method: its window and what it drops."""
+    """What is not known to us of the published method: its window, what it drops, its residual."""
 
     window: int
     """Samples."""
     exclusion: float
     """m/s², second difference over which a sample is dropped; 0 drops none."""
+    residual: Literal["l1", "components"] | None = None
+    """Where it varies too."""
 
     @property
     def words(self) -> str:
         """For tables."""
         dropped = f"drops over {self.exclusion:.3g} m/s²" if self.exclusion else "drops none"
-        return f"L {self.window}, {dropped}"
+        return ", ".join(filter(None, (f"L {self.window}", dropped, self.residual)))
 
 
 def paper_settings(windows: Sequence[int], exclusions: Sequence[float]) -> tuple[PaperSetting, ...]:

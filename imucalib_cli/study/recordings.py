@@ -16,6 +16,7 @@ from imucalib_cli.robot.path import KinematicPath, PoseStep, Track
 from imucalib_cli.robot.rotations import rotvec_from_matrix
 from imucalib_cli.robot.urdf import Robot, load_robot
 from imucalib_cli.signals.samples import ImuSamples
+from imucalib_cli.simulate.camera.config import load_camera
 from imucalib_cli.simulate.load import load_system
 from imucalib_cli.simulate.physics import record
 from imucalib_cli.simulate.recording import JointRecord, PoseRecord, Recording
@@ -30,9 +31,12 @@ Floats = NDArray[np.float64]
 
 
 @cache
-def clean_recording(system: str, physics: PhysicsOptions) -> Recording:
-    """Noise-free run of a system, recorded once a process."""
-    return record(load_system(system), physics)
+def clean_recording(system: str, physics: PhysicsOptions, camera: str = "") -> Recording:
+    """Noise-free run of a system, recorded once a process; with a camera, before its pattern."""
+    moved, seen = load_system(system), None
+    if camera:
+        moved, seen = load_camera(camera, moved)
+    return record(moved, physics, camera=seen)
 
 
 def robot_of(system: SystemConfig) -> Robot:

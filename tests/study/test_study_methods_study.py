@@ -15,6 +15,7 @@ from imucalib_cli.study.alone import Cost
 from imucalib_cli.study.conditions import Condition
 from imucalib_cli.study.methods.answer import Answer
 from imucalib_cli.study.methods.entrants import ENTRANTS, calls
+from imucalib_cli.study.recordings import clean_recording
 from imucalib_cli.study.rows import best_setting, mean_error
 from imucalib_cli.study.studies.methods import (
     MethodsCriteria,
@@ -22,7 +23,6 @@ from imucalib_cli.study.studies.methods import (
     Quoted,
     given,
     row_of,
-    seen_recording,
 )
 from imucalib_cli.study.study import load_study
 
@@ -50,7 +50,7 @@ def study() -> MethodsStudy:
 
 @pytest.fixture(scope="module")
 def clean(study: MethodsStudy) -> Recording:
-    return seen_recording(study.system, study.camera, study.physics)
+    return clean_recording(study.system, study.physics, study.camera)
 
 
 def cost(value: Answer | None, failure: str | None = None) -> Cost[Answer]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import PaperOptions, WindowChoice
 from imucalib_cli.estimate.paper import calibrate_paper
-from imucalib_cli.study.conditions import PaperSetting, Pose
 from imucalib_cli.study.contest import exact_system, pose_only
 from imucalib_cli.study.methods.answer import Answer
 from imucalib_cli.study.methods.bspline import calibrate_bspline, calibrate_bspline_camera
@@ -25,6 +24,7 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.estimate import Estimate
     from imucalib_cli.robot.path import KinematicPath
     from imucalib_cli.signals.samples import ImuSamples
+    from imucalib_cli.study.conditions import PaperSetting, Pose
     from imucalib_cli.study.methods.bspline import BSplineOptions
     from imucalib_cli.study.methods.camera import CameraObservations
 
@@ -49,18 +49,6 @@ class Given:
     gyro_first: GyroFirstOptions
     liang: LiangOptions
     liang_tuned: LiangOptions
-
-
-@dataclass(frozen=True, kw_only=True)
-class PaperEntry(PaperSetting):
-    """The published method as it takes part."""
-
-    residual: Literal["l1", "components"]
-
-    @property
-    def words(self) -> str:
-        """For tables."""
-        return f"{super().words}, {self.residual}"
 
 
 @dataclass(frozen=True)
@@ -115,7 +103,7 @@ ENTRANTS: dict[str, Entrant] = {
 """By the name that tables show."""
 
 
-def calls(name: str, settings: Sequence[PaperEntry]) -> list[Callable[[Given], Answer]]:
+def calls(name: str, settings: Sequence[PaperSetting]) -> list[Callable[[Given], Answer]]:
     """What to run of a method; it can be sent to another process.
 
     Args:
@@ -125,11 +113,11 @@ def calls(name: str, settings: Sequence[PaperEntry]) -> list[Callable[[Given], A
     return [partial(_enter, name, s) for s in (settings if name == "paper" else (None,))]
 
 
-def _enter(name: str, setting: PaperEntry | None, given: Given) -> Answer:
+def _enter(name: str, setting: PaperSetting | None, given: Given) -> Answer:
     call = ENTRANTS[name].call
     if call is not None:
         return call(given)
-    if setting is None:
+    if setting is None or setting.residual is None:
         raise ValueError(f"{name} needs a setting")
     options = PaperOptions(
         window=WindowChoice(samples=setting.window),

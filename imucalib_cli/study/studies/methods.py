@@ -7,32 +7,29 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, dataclass, replace
-from functools import cache
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from imucalib_cli.results.pose import pose_error
 from imucalib_cli.robot.rotations import matrix_from_rpy
-from imucalib_cli.simulate.camera.config import load_camera
 from imucalib_cli.simulate.camera.view import camera_mount
-from imucalib_cli.simulate.load import load_grade, load_system
+from imucalib_cli.simulate.load import load_grade
 from imucalib_cli.simulate.noise import corrupt, white_std
 from imucalib_cli.simulate.options import NoiseOptions
-from imucalib_cli.simulate.physics import record
 from imucalib_cli.study.alone import run_alone
 from imucalib_cli.study.bound import bound_columns
-from imucalib_cli.study.conditions import Conditioned, Pose, paper_settings
+from imucalib_cli.study.conditions import Conditioned, PaperSetting, Pose, paper_settings
 from imucalib_cli.study.contest import NO_ERRORS
 from imucalib_cli.study.methods.bspline import BSplineOptions
 from imucalib_cli.study.methods.camera import observations_of
-from imucalib_cli.study.methods.entrants import ENTRANTS, Given, PaperEntry, calls
+from imucalib_cli.study.methods.entrants import ENTRANTS, Given, calls
 from imucalib_cli.study.methods.gyro_first import GyroFirstOptions
 from imucalib_cli.study.methods.hand_eye import (  # noqa: TC001 - types of fields, checked when read
     Ransac,
 )
 from imucalib_cli.study.methods.liang import LiangOptions, StillOptions
-from imucalib_cli.study.recordings import robot_of, streams_of
+from imucalib_cli.study.recordings import clean_recording, robot_of, streams_of
 from imucalib_cli.study.rows import (
     DEGREES,
     MILLIMETRES,
@@ -57,7 +54,6 @@ from imucalib_cli.study.tables import (
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from imucalib_cli.simulate.options import PhysicsOptions
     from imucalib_cli.simulate.recording import Recording
     from imucalib_cli.study.alone import Cost
     from imucalib_cli.study.methods.answer import Answer
@@ -129,10 +125,10 @@ class MethodsStudy(Study, Conditioned):
         load_grade(self.stated_where_none)
 
     @property
-    def paper_settings(self) -> tuple[PaperEntry, ...]:
+    def paper_settings(self) -> tuple[PaperSetting, ...]:
         """All that the published method is run with."""
         return tuple(
-            PaperEntry(window=setting.window, exclusion=setting.exclusion, residual=residual)
+            replace(setting, residual=residual)
             for setting in paper_settings(self.paper_windows, self.paper_exclusions)
             for residual in self.paper_residuals
         )
@@ -144,7 +140,7 @@ class MethodsStudy(Study, Conditioned):
     def measure(self, cell: Cell) -> list[Row]:
         """One method on one recording; the published one in all its settings."""
         seed, name = cell["seed"], cell["method"]
-        clean = seen_recording(self.system, self.camera, self.physics)
+        clean = clean_recording(self.system, self.physics, self.camera)
         noise = self.condition_of(cell).sensors
         recording = corrupt(clean, noise, seed)
         settings = self.paper_settings if name == "paper" else (None,)
@@ -292,13 +288,6 @@ def _number(quoted: str) -> float:
         return float(quoted)
     except ValueError:
         return math.nan
-
-
-@cache
-def seen_recording(system: str, camera: str, physics: PhysicsOptions) -> Recording:
-    """Noise-free run of a system before its pattern."""
-    moved, config = load_camera(camera, load_system(system))
-    return record(moved, physics, camera=config)
 
 
 def given(recording: Recording, study: MethodsStudy, seed: int) -> Given:
