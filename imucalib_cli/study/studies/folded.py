@@ -6,8 +6,9 @@ What is held out is a move of the plan, not a sample.
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import chain, pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,12 +18,12 @@ from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.recording import rows_kept
 from imucalib_cli.study.conditions import Recorded, paper_settings, wrong_guess
 from imucalib_cli.study.contest import contest, contestants
-from imucalib_cli.study.rows import DEGREES, MILLIMETRES, best_setting, column, groups
+from imucalib_cli.study.rows import DEGREES, MILLIMETRES, best_setting, chosen, column, groups
 from imucalib_cli.study.study import Study, grid
-from imucalib_cli.study.tables import Column, spread
+from imucalib_cli.study.tables import Column, Table, lay_out, spread
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Callable, Sequence
 
     from numpy.typing import NDArray
 
@@ -48,10 +49,39 @@ class FoldedStudy(Study, Recorded):
     paper_windows: tuple[int, ...]
     paper_exclusions: tuple[float, ...]
 
-    def runs(self, conditions: Iterable[Cell]) -> list[Cell]:
-        """Each condition on every fold with every seed."""
+    @abstractmethod
+    def sections(self) -> dict[str, list[Cell]]:
+        """Tables by their titles, each with its conditions; a condition may be in several."""
+
+    def cells(self) -> list[Cell]:
+        """Every condition on every fold with every seed."""
+        conditions = chain.from_iterable(self.sections().values())
+        once = {tuple(sorted(condition.items())): condition for condition in conditions}
         folds = grid(fold=range(self.folds), seed=range(self.seeds))
-        return [condition | run for condition in conditions for run in folds]
+        return [condition | run for condition in once.values() for run in folds]
+
+    def section_tables(
+        self,
+        rows: Sequence[Row],
+        methods: Sequence[str],
+        columns: Sequence[Column],
+        note: str = "",
+    ) -> list[Table]:
+        """A table a section, in it a line for each condition and method that was run."""
+        return [
+            lay_out(
+                title,
+                columns,
+                [
+                    line
+                    for condition in conditions
+                    for method in methods
+                    if (line := chosen(rows, **condition, method=method))
+                ],
+                note,
+            )
+            for title, conditions in self.sections().items()
+        ]
 
     def seed_of(self, cell: Cell) -> int:
         """A seed for each run of a condition: folds see other draws too (section 4.4)."""

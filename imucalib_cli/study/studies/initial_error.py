@@ -20,7 +20,6 @@ from imucalib_cli.study.tables import (
     claims_table,
     count,
     digits,
-    lay_out,
     number,
     text,
 )
@@ -56,20 +55,18 @@ class InitialErrorStudy(FoldedStudy):
         if len(self.translation) != len(self.rotation_deg):
             raise ValueError("translation and rotation_deg need as many sizes: they are paired")
 
-    def sizes(self) -> list[tuple[float, float]]:
-        """Translation, m, and rotation, deg: each alone, then both together."""
-        pairs = [(size, 0.0) for size in self.translation]
-        pairs += [(0.0, size) for size in self.rotation_deg]
-        pairs += zip(self.translation, self.rotation_deg, strict=True)
-        return list(dict.fromkeys(pairs))
-
-    def cells(self) -> list[Cell]:
-        """Every size of error on every fold in several directions."""
-        return self.runs(
-            {"system": system, "initial_translation": size, "initial_rotation_deg": angle}
+    def sections(self) -> dict[str, list[Cell]]:
+        """A table a system: translation alone, rotation alone, then both together."""
+        sizes = [(size, 0.0) for size in self.translation]
+        sizes += [(0.0, size) for size in self.rotation_deg]
+        sizes += zip(self.translation, self.rotation_deg, strict=True)
+        return {
+            f"{system}: error of the initial guess": [
+                {"system": system, "initial_translation": size, "initial_rotation_deg": angle}
+                for size, angle in dict.fromkeys(sizes)
+            ]
             for system in self.systems
-            for size, angle in self.sizes()
-        )
+        }
 
     def measure(self, cell: Cell) -> list[Row]:
         """All methods on one fold, from one guess; ours is given none."""
@@ -112,26 +109,10 @@ class InitialErrorStudy(FoldedStudy):
             *errors,
             count("failed", self._failed),
         )
-        made = [
-            lay_out(
-                f"{system}: error of the initial guess",
-                columns,
-                [
-                    chosen(
-                        rows,
-                        system=system,
-                        initial_translation=translation,
-                        initial_rotation_deg=rotation_deg,
-                        method=method,
-                    )
-                    for translation, rotation_deg in self.sizes()
-                    for method in SHOWN
-                ],
-                note,
-            )
-            for system in self.systems
+        return [
+            *self.section_tables(rows, SHOWN, columns, note),
+            claims_table("Claims of section 4.5", self._claims(rows)),
         ]
-        return [*made, claims_table("Claims of section 4.5", self._claims(rows))]
 
     def _failed(self, row: Row) -> bool:
         """Whether a calibration gave no answer, or one in another minimum."""

@@ -24,6 +24,7 @@ from imucalib_cli.study.studies.folded import (
     in_best_setting,
     steadily_small,
 )
+from imucalib_cli.study.study import grid
 from imucalib_cli.study.tables import (
     Claim,
     Column,
@@ -31,7 +32,6 @@ from imucalib_cli.study.tables import (
     claims_table,
     count,
     digits,
-    lay_out,
     number,
     text,
 )
@@ -46,12 +46,6 @@ if TYPE_CHECKING:
 ARM, BAR = "rihibot", "barbot"
 JUDGED = "paper, components"
 """Whose figures answer the open question: its minimum is the same from every guess."""
-PARTS = {
-    "accel": "accelerometer noise, gyroscope without",
-    "gyro": "gyroscope noise, accelerometer without",
-    "both": "both",
-}
-"""Which noise varies, in words."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -129,43 +123,28 @@ class NoiseStudy(FoldedStudy):
         cases = [Case(name=system, system=system) for system in self.systems]
         return next(c for c in (*cases, *self.timing, *self.bodies) if c.name == name)
 
-    def levels(self, part: str) -> list[tuple[float, float]]:
-        """Pairs of accelerometer's and gyroscope's noise of one part of the table."""
-        match part:
-            case "accel":
-                return [(level, 0.0) for level in self.accel]
-            case "gyro":
-                return [(0.0, level) for level in self.gyro]
-            case _:
-                return list(zip(self.accel, self.gyro, strict=True))
-
-    def levels_of(self, system: str, part: str) -> list[Cell]:
-        """Conditions of one part of the table."""
-        return [
-            {"case": system, "accel": accel, "gyro": gyro, "offset": 0.0}
-            for accel, gyro in self.levels(part)
-        ]
-
-    def aside(self, case: Case) -> list[Cell]:
-        """Conditions of a case of the open question."""
-        return [
-            {"case": case.name, "accel": accel, "gyro": 0.0, "offset": offset}
-            for offset in case.offsets
-            for accel in self.aside_accel
-        ]
-
-    def cells(self) -> list[Cell]:
-        """Every pair of levels on every fold with every seed, then the open question's cases."""
-        conditions = [
-            condition
+    def sections(self) -> dict[str, list[Cell]]:
+        """A table a system and part, then those of the open question."""
+        levels = {
+            "accelerometer noise, gyroscope without": [(level, 0.0) for level in self.accel],
+            "gyroscope noise, accelerometer without": [(0.0, level) for level in self.gyro],
+            "both": list(zip(self.accel, self.gyro, strict=True)),
+        }
+        found = {
+            f"{system}: {words}": [
+                {"case": system, "offset": 0.0, "accel": accel, "gyro": gyro}
+                for accel, gyro in pairs
+            ]
             for system in self.systems
-            for part in PARTS
-            for condition in self.levels_of(system, part)
-        ]
-        for aside in (*self.timing, *self.bodies):
-            conditions += self.aside(aside)
-        once = {tuple(condition.values()): condition for condition in conditions}
-        return self.runs(once.values())
+            for words, pairs in levels.items()
+        }
+        asides = {"stamps of the IMU that are late": self.timing, "inertia": self.bodies}
+        for words, cases in asides.items():
+            for case in cases:
+                found[f"{case.name}: {words}"] = grid(
+                    case=[case.name], offset=case.offsets, accel=self.aside_accel, gyro=[0.0]
+                )
+        return found
 
     def measure(self, cell: Cell) -> list[Row]:
         """All methods on one fold with one seed."""
@@ -184,27 +163,10 @@ class NoiseStudy(FoldedStudy):
         )
 
     def tables(self, rows: Sequence[Row]) -> list[Table]:
-        """One table a system and part, those of the open question, and the claims."""
+        """Those of the sections, each condition in its best setting, and the claims."""
         best = in_best_setting(rows, mean_error(), "case", "accel", "gyro", "offset", "method")
-
-        def table(title: str, conditions: Sequence[Cell]) -> Table:
-            lines = [
-                chosen(best, **condition, method=method)
-                for condition in conditions
-                for method in METHODS
-            ]
-            return lay_out(title, _COLUMNS, [line for line in lines if line])
-
-        made = [
-            table(f"{system}: {words}", self.levels_of(system, part))
-            for system in self.systems
-            for part, words in PARTS.items()
-        ]
-        asides = [(case, "stamps of the IMU that are late") for case in self.timing]
-        asides += [(case, "inertia") for case in self.bodies]
-        made += [table(f"{case.name}: {words}", self.aside(case)) for case, words in asides]
         return [
-            *made,
+            *self.section_tables(best, METHODS, _COLUMNS),
             claims_table("Claims of section 4.4", self._claims(rows)),
             claims_table("The open question of section 4.4", self._answers(rows)),
         ]

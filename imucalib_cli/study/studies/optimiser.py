@@ -164,10 +164,10 @@ class OptimiserStudy(Study, Conditioned):
         published = published_cost(every.compared(), norm)
         between = time.perf_counter()
         trajectory, whole = Trajectory.of(path), clean_imu(imu)
-        grid_ = whole.grid(trajectory.interval, use_ticks=whole.ticks is not None)
+        imu_grid = whole.grid(trajectory.interval, use_ticks=whole.ticks is not None)
         degree = MatchedOptions().degree
-        length, _ = choose_window(WindowChoice(), grid_, trajectory, degree)
-        windowing = Windowing(grid_, trajectory, plan_windows(length, degree, grid_.dt))
+        length, _ = choose_window(WindowChoice(), imu_grid, trajectory, degree)
+        windowing = Windowing(imu_grid, trajectory, plan_windows(length, degree, imu_grid.dt))
         matched = _weighted(windowing, recording.gravity_world)
         ended = time.perf_counter()
         return {"published": published, "matched": matched}, {
@@ -234,7 +234,7 @@ def errors_table(rows: Sequence[Row], title: str) -> Table:
             worst = max(worst, row["value"] / max(min(values), 1e-300) - 1.0)
         return digits(worst)
 
-    columns_: tuple[Column, ...] = (
+    shown: tuple[Column, ...] = (
         *map(text, _NAMES),
         statistic("translation mm", root_mean_square, "translation", MILLIMETRES),
         statistic("over bound", over_bound, "translation"),
@@ -245,7 +245,7 @@ def errors_table(rows: Sequence[Row], title: str) -> Table:
         statistic("time ms", median, "seconds", 1e3),
         statistic("prepare ms", median, "preparation", 1e3),
     )
-    return lay_out(title, columns_, groups(rows, *_NAMES), _NOTE)
+    return lay_out(title, shown, groups(rows, *_NAMES), _NOTE)
 
 
 def guesses_table(rows: Sequence[Row], title: str) -> Table:
@@ -265,8 +265,8 @@ def guesses_table(rows: Sequence[Row], title: str) -> Table:
         return guess, cell
 
     guesses = dict.fromkeys(row["guess"] for row in rows)
-    columns_ = (*map(text, _NAMES), *map(found_from, guesses))
-    return lay_out(title, columns_, groups(rows, *_NAMES), _GUESS_NOTE)
+    shown = (*map(text, _NAMES), *map(found_from, guesses))
+    return lay_out(title, shown, groups(rows, *_NAMES), _GUESS_NOTE)
 
 
 def draw_optimisers(rows: Sequence[Row], path: Path) -> None:

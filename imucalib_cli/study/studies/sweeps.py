@@ -269,11 +269,11 @@ def draw_sweep(rows: Sequence[Row], words: str, path: Path) -> None:
     """
     conditions = groups(rows, "condition")
     figure, panels = new_figure(len(_ERRORS), len(conditions), share_x=True)
-    for number_, (key, scale, unit) in enumerate(_ERRORS):
+    for line, (key, scale, unit) in enumerate(_ERRORS):
         for place, mine in enumerate(conditions):
-            axes = panels[number_ * len(conditions) + place]
+            axes = panels[line * len(conditions) + place]
             draw_curves(axes, _curves(best_points(mine), key, scale))
-            if number_ == 0:
+            if line == 0:
                 axes.set_title(str(mine[0]["condition"]))
             else:
                 axes.set_xlabel(words)
