@@ -13,7 +13,7 @@ from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions, PaperOptions, WindowChoice
 from imucalib_cli.estimate.paper import calibrate_paper
 from imucalib_cli.results.pose import PoseError, pose_error
-from imucalib_cli.study.recordings import robot_model, streams_of
+from imucalib_cli.study.recordings import streams_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -120,7 +120,7 @@ def contest(method: str, recording: Recording, options: Options) -> Row:
         ``failure`` says why and the errors are None.
     """
     begun = time.perf_counter()
-    imu, path = streams_of(recording, robot_model(recording.system.name))
+    imu, path = streams_of(recording)
     try:
         if isinstance(options, PaperOptions):
             estimate = calibrate_paper(imu, path, options)

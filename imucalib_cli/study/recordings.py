@@ -39,19 +39,13 @@ def clean_recording(system: str, physics: PhysicsOptions, camera: str = "") -> R
     return record(moved, physics, camera=seen)
 
 
+@cache
 def robot_of(system: SystemConfig) -> Robot:
-    """The system's URDF, parsed."""
+    """The system's URDF, parsed once a process."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"{system.name}.urdf"
         path.write_text(urdf_text(system), encoding="utf-8")
         return load_robot(path)
-
-
-@cache
-def robot_model(system: str) -> Robot | None:
-    """The system's URDF, parsed; None for a free body."""
-    config = load_system(system)
-    return robot_of(config) if config.arm is not None else None
 
 
 def streams_of(

@@ -27,7 +27,7 @@ from imucalib_cli.study.least_absolute import (
 )
 from imucalib_cli.study.optimisers import OPTIMISERS, solve_by, value_of
 from imucalib_cli.study.pose_cost import PoseCost, published_cost
-from imucalib_cli.study.recordings import clean_recording, robot_model, streams_of
+from imucalib_cli.study.recordings import clean_recording, streams_of
 from imucalib_cli.study.studies.optimiser import OptimiserStudy
 from imucalib_cli.study.study import load_study
 
@@ -55,7 +55,7 @@ def near(translation: float, angle: float, seed: int = 0) -> Pose:
 def made(noise: NoiseOptions | None = None) -> PoseCost:
     clean = clean_recording("rihibot", PHYSICS)
     recording = clean if noise is None else corrupt(clean, noise, 0)
-    imu, path = streams_of(recording, robot_model("rihibot"))
+    imu, path = streams_of(recording)
     every, _, _ = filtered_instants(imu, path, PaperOptions(), np.eye(3), np.zeros(3))
     return published_cost(every.compared(), GRAVITY)
 
@@ -72,7 +72,7 @@ def spiked() -> PoseCost:
 
 def restated(recording_cost: PoseCost) -> Any:
     """The published differences in scipy's rotations instead of ours."""
-    imu, path = streams_of(clean_recording("rihibot", PHYSICS), robot_model("rihibot"))
+    imu, path = streams_of(clean_recording("rihibot", PHYSICS))
     every, _, _ = filtered_instants(imu, path, PaperOptions(), np.eye(3), np.zeros(3))
     i = every.compared()
     assert len(recording_cost.constant) == 6 * len(i.t)

@@ -17,7 +17,7 @@ from imucalib_cli.signals.kernels import MARGIN, convolve_at, matched_filter
 from imucalib_cli.signals.trajectory import Trajectory
 from imucalib_cli.study.conditions import Pose, Recorded, wrong_guess
 from imucalib_cli.study.figures import COLOURS, new_figure, save_svg
-from imucalib_cli.study.recordings import clean_recording, robot_model, streams_of
+from imucalib_cli.study.recordings import clean_recording, streams_of
 from imucalib_cli.study.rows import chosen
 from imucalib_cli.study.study import Study, grid
 from imucalib_cli.study.tables import Claim, Column, claims_table, lay_out, number, text
@@ -265,7 +265,7 @@ def compared_by_paper(
         window: Samples.
         exclusion: m/s², of the second difference over which a sample is dropped.
     """
-    imu, path = streams_of(recording, robot_model(recording.system.name))
+    imu, path = streams_of(recording)
     options = PaperOptions(
         window=WindowChoice(samples=window), degree=_DEGREE, exclusion_threshold=exclusion
     )
@@ -291,7 +291,7 @@ def compared_by_matched(recording: Recording, guess: Pose, window: int) -> Compa
         guess: Pose of the IMU to assume.
         window: Samples.
     """
-    imu, path = streams_of(recording, robot_model(recording.system.name))
+    imu, path = streams_of(recording)
     trajectory = Trajectory.of(path)
     inside = trajectory.covered(imu.t)
     t = imu.t[inside]

@@ -34,7 +34,7 @@ from imucalib_cli.study.contest import NO_ERRORS, pose_only
 from imucalib_cli.study.figures import COLOURS, label_logarithmic, new_figure, save_svg
 from imucalib_cli.study.optimisers import OPTIMISERS, Cost, solve_by
 from imucalib_cli.study.pose_cost import PoseCost, matched_cost, published_cost
-from imucalib_cli.study.recordings import clean_recording, robot_model, streams_of
+from imucalib_cli.study.recordings import clean_recording, streams_of
 from imucalib_cli.study.rows import (
     DEGREES,
     MILLIMETRES,
@@ -153,7 +153,7 @@ class OptimiserStudy(Study, Conditioned):
         self, recording: Recording, guess: Pose
     ) -> tuple[dict[Cost, PoseCost], dict[Cost, float]]:
         """Residuals by whose they are, and the seconds that filtering for them took."""
-        imu, path = streams_of(recording, robot_model(recording.system.name))
+        imu, path = streams_of(recording)
         norm = float(np.linalg.norm(recording.gravity_world))
         begun = time.perf_counter()
         options = PaperOptions(
