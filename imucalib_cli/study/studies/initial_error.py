@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from imucalib_cli.simulate.options import NoiseOptions
+from imucalib_cli.study.contest import PUBLISHED
 from imucalib_cli.study.recordings import clean_recording
 from imucalib_cli.study.rows import DEGREES, MILLIMETRES, chosen, column
 from imucalib_cli.study.studies.folded import (
@@ -30,9 +31,7 @@ if TYPE_CHECKING:
     from imucalib_cli.study.study import Cell, Row
     from imucalib_cli.study.tables import Table
 
-METHODS = ("matched", "paper", "paper, components")
-SHOWN = ("paper", "paper, components", "matched")
-"""The same, in the order of the tables."""
+METHODS = (*PUBLISHED, "matched")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -110,7 +109,7 @@ class InitialErrorStudy(FoldedStudy):
             count("failed", self._failed),
         )
         return [
-            *self.section_tables(rows, SHOWN, columns, note),
+            *self.section_tables(rows, METHODS, columns, note),
             claims_table("Claims of section 4.5", self._claims(rows)),
         ]
 
@@ -140,7 +139,7 @@ class InitialErrorStudy(FoldedStudy):
         parts = {False: f"initial errors up to {limit:g} deg", True: f"beyond {limit:g} deg"}
         most = MILLIMETRES * self.same_translation
         for system in self.systems:
-            for method in SHOWN:
+            for method in METHODS:
                 mine = chosen(rows, system=system, method=method)
                 for beyond, words in parts.items():
                     found = [row for row in mine if (row["initial_rotation_deg"] > limit) is beyond]

@@ -150,7 +150,7 @@ class NoiseStudy(FoldedStudy):
         """All methods on one fold with one seed."""
         case = self.case(cell["case"])
         return self.calibrate(
-            (*OURS, *PUBLISHED),
+            METHODS,
             cell,
             clean_recording(case.system, case.physics(self.physics)),
             NoiseOptions(
@@ -174,7 +174,7 @@ class NoiseStudy(FoldedStudy):
     def _claims(self, rows: Sequence[Row]) -> Iterator[Claim]:
         """Each claim for each method, on rows in time, in one setting a system and method."""
         rows = in_best_setting(chosen(rows, offset=0.0), steadily_small, "case", "method")
-        for method in dict.fromkeys(row["method"] for row in rows):
+        for method in (*OURS, *PUBLISHED):
             arm = chosen(rows, method=method, case=ARM)
             bar = chosen(rows, method=method, case=BAR)
             if arm:
