@@ -18,6 +18,7 @@ from imucalib_cli.study.studies.folded import (
 from imucalib_cli.study.tables import (
     Claim,
     Column,
+    answered,
     claims_table,
     count,
     digits,
@@ -115,12 +116,10 @@ class InitialErrorStudy(FoldedStudy):
 
     def _failed(self, row: Row) -> bool:
         """Whether a calibration gave no answer, or one in another minimum."""
-        translation, rotation = row["translation"], row["rotation"]
         return not (
-            isinstance(translation, float)
-            and isinstance(rotation, float)
-            and translation <= self.failed_translation
-            and rotation * DEGREES <= self.failed_rotation_deg
+            answered(row)
+            and row["translation"] <= self.failed_translation
+            and row["rotation"] * DEGREES <= self.failed_rotation_deg
         )
 
     def _good(self, rows: Sequence[Row]) -> list[Row]:
