@@ -185,6 +185,14 @@ class SystemConfig:
     arm: Arm | None = None
     free_body: FreeBody | None = None
 
+    @property
+    def mover(self) -> Arm | FreeBody:
+        """What moves: the one that is there."""
+        mover = self.arm or self.free_body
+        if mover is None:
+            raise ValueError("state either arm or free_body")
+        return mover
+
     def __post_init__(self) -> None:
         """Refuse what types cannot say."""
         if (self.arm is None) == (self.free_body is None):

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from imucalib_cli.errors import InputError
 from imucalib_cli.robot.rotations import matrix_from_rotvec, matrix_from_rpy
 from imucalib_cli.simulate.camera.view import camera_mount, see
+from imucalib_cli.simulate.config import Arm
 from imucalib_cli.simulate.mjcf import model_xml
 from imucalib_cli.simulate.motion import ArmReference, PushPlan, instants
 from imucalib_cli.simulate.optional import optional
@@ -33,7 +34,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from imucalib_cli.simulate.camera.config import CameraConfig
-    from imucalib_cli.simulate.config import Arm, FreeBody, SystemConfig
+    from imucalib_cli.simulate.config import FreeBody, SystemConfig
 
 Floats = NDArray[np.float64]
 
@@ -142,11 +143,10 @@ def _gravity(system: SystemConfig, options: PhysicsOptions) -> Floats:
 
 def _control(system: SystemConfig, options: PhysicsOptions, duration: float) -> Any:
     """What MuJoCo calls at every stage of every step, so that inputs are smooth in time."""
-    if system.arm is not None:
-        return _arm_control(system.arm, ArmReference(system.arm, duration))
-    if system.free_body is not None:
-        return _body_control(system.free_body, PushPlan(system.free_body, options.profile))
-    raise InputError(f"{system.name}: the configuration states neither arm nor free_body")
+    mover = system.mover
+    if isinstance(mover, Arm):
+        return _arm_control(mover, ArmReference(mover, duration))
+    return _body_control(mover, PushPlan(mover, options.profile))
 
 
 def _arm_control(arm: Arm, reference: ArmReference) -> Any:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from imucalib_cli.errors import InputError
+from imucalib_cli.simulate.config import Arm
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.recording import rows_kept
 from imucalib_cli.study.conditions import Recorded, paper_settings, wrong_guess
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from imucalib_cli.simulate.config import Arm, FreeBody, SystemConfig
+    from imucalib_cli.simulate.config import FreeBody, SystemConfig
     from imucalib_cli.simulate.options import NoiseOptions
     from imucalib_cli.simulate.recording import Messages, Recording
     from imucalib_cli.study.study import Cell, Row
@@ -161,17 +161,13 @@ class Stretch:
 
 
 def moves_of(system: SystemConfig, duration: float) -> list[Stretch]:
-    """Moves of a system's plan within a duration, in order; they cover all of it.
-
-    Raises:
-        InputError: The system has no plan.
-    """
-    if system.arm is not None:
-        t, moves, again = system.arm.start_rest, _arm_moves(system.arm), 1
-    elif system.free_body is not None:
-        t, moves, again = system.free_body.start_rest, _pushes(system.free_body), 0
+    """Moves of a system's plan within a duration, in order; they cover all of it."""
+    mover = system.mover
+    if isinstance(mover, Arm):
+        moves, again = _arm_moves(mover), 1
     else:
-        raise InputError(f"{system.name}: moves by no plan")
+        moves, again = _pushes(mover), 0
+    t = mover.start_rest
     stretches, number = [], 0
     while t < duration - _ROUNDING:
         if number == len(moves):  # as the simulation repeats its plan
