@@ -17,8 +17,7 @@ from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.process import prepare_to_compute
 from imucalib_cli.simulate.load import load_grade
 from imucalib_cli.simulate.noise import corrupt
-from imucalib_cli.study.systems import clean_recording, robot_model
-from imucalib_cli.study.trial import error_of, nees, streams_of
+from imucalib_cli.study.recordings import clean_recording, error_of, nees, streams_of
 
 if TYPE_CHECKING:
     from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
@@ -51,7 +50,7 @@ def run_trial(case: Case, seed: int) -> Trial:
     """Corrupt the case's recording with a seed and calibrate it."""
     clean = clean_recording(case.system, case.physics)
     noisy = corrupt(clean, case.noise, seed)
-    imu, path = streams_of(noisy, robot_model(case.system))
+    imu, path = streams_of(noisy)
     estimate = calibrate_matched(imu, path, case.options)
     error = error_of(estimate, noisy)
     ratios = [

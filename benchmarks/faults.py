@@ -27,7 +27,7 @@ from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import PhysicsOptions
 from imucalib_cli.study.faults import Fault, told_wrongly, with_faulty_sensor
-from imucalib_cli.study.trial import error_of
+from imucalib_cli.study.recordings import error_of
 
 if TYPE_CHECKING:
     from imucalib_cli.estimate.estimate import Estimate

@@ -34,7 +34,7 @@ from imucalib_cli.robot.path import Track
 from imucalib_cli.robot.urdf import load_robot
 from imucalib_cli.signals.samples import ImuSamples
 from imucalib_cli.simulate.load import load_grade, load_system
-from imucalib_cli.simulate.options import PhysicsOptions, SimulationOptions
+from imucalib_cli.simulate.options import PhysicsOptions
 from imucalib_cli.simulate.simulate import simulate
 
 if TYPE_CHECKING:
@@ -64,11 +64,10 @@ print(usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024)
 def make_log(folder: Path, seconds: float | None) -> tuple[Path, Path]:
     """RiHIBot at 500 Hz with industrial noise."""
     log, urdf = folder / "rihibot.mcap", folder / "rihibot.urdf"
-    options = SimulationOptions(
-        physics=PhysicsOptions(imu_rate=500, robot_rate=500, duration=seconds),
-        noise=load_grade("industrial"),
+    physics = PhysicsOptions(imu_rate=500, robot_rate=500, duration=seconds)
+    simulate(
+        load_system("rihibot"), log, physics=physics, noise=load_grade("industrial"), urdf=urdf
     )
-    simulate(load_system("rihibot"), options, log, urdf=urdf)
     return log, urdf
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from imucalib_cli.study.catalogue import STUDIES
+from imucalib_cli.study.study import STUDIES
 
 DOCS = Path(__file__).parents[1] / "docs"
 PAGE = (DOCS / "reproduction.md").read_text("utf-8")

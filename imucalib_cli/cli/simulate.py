@@ -2,7 +2,7 @@
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -14,9 +14,6 @@ from imucalib_cli.cli.simulate_log import CameraTexts, LogTexts
 from imucalib_cli.cli.simulate_motion import MotionTexts
 from imucalib_cli.cli.simulate_noise import NoiseTexts
 from imucalib_cli.errors import ChoiceError
-
-if TYPE_CHECKING:
-    from imucalib_cli.simulate.truth import Truth
 
 
 @takes(camera=CameraTexts, motion=MotionTexts, noise=NoiseTexts, log=LogTexts)
@@ -56,24 +53,22 @@ def simulate_command(
     The truth goes to <log>.truth.yaml. The same options and seed give the same log.
     """
     from imucalib_cli.simulate.load import load_system
-    from imucalib_cli.simulate.options import SimulationOptions
     from imucalib_cli.simulate.simulate import simulate
 
     target = log_path(output)
     if bool(system) == (config is not None):
         raise ChoiceError("name one system, rihibot or barbot, or give --config FILE")
     chosen, viewer = camera.load(load_system(config or system))
-    options = SimulationOptions(
-        physics=motion.options(),
-        noise=noise.options(**camera.noise()),
-        log=log.options(chosen),
-        seed=seed,
-    )
+    physics, corruption = motion.options(), noise.options(**camera.noise())
+    form = log.options(chosen)
     with ProgressBar(enabled=is_terminal(sys.stderr)) as bar:
         truth = simulate(
             chosen,
-            options,
             target,
+            physics=physics,
+            noise=corruption,
+            log=form,
+            seed=seed,
             urdf=urdf,
             read=files_of(config, camera.camera_config, noise.imu),
             force=force,
@@ -84,31 +79,33 @@ def simulate_command(
     _tell(truth, target, urdf)
 
 
-def _tell(truth: "Truth", output: Path, urdf: Path | None) -> None:
+def _tell(truth: dict[str, Any], output: Path, urdf: Path | None) -> None:
     """What was written, and what is to be known about it."""
-    from imucalib_cli.simulate.truth import truth_path
+    from imucalib_cli.simulate.simulate import truth_path
 
+    log, camera = truth["log"], truth.get("camera")
     say(
         "wrote",
-        f"{output}: {truth.duration:g} s, {truth.imu_messages} Imu messages, "
-        f"{truth.robot_messages} of the robot; truth in {truth_path(output)}"
+        f"{output}: {log['duration']:g} s, {log['imu_messages']} Imu messages, "
+        f"{log['robot_messages']} of the robot; truth in {truth_path(output)}"
         + (f", URDF in {urdf}" if urdf else ""),
     )
-    if truth.camera is not None:
-        from imucalib_cli.simulate.kalibr import kalibr_command
+    if camera is not None:
+        from imucalib_cli.simulate.camera.kalibr import kalibr_command
 
         say(
             "images",
-            f"{truth.camera['images']}, in which {truth.camera['tags_seen']:.1%} of the tags are "
-            f"seen, never fewer than {truth.camera['fewest_tags']}",
+            f"{camera['images']}, in which {camera['tags_seen']:.1%} of the tags are "
+            f"seen, never fewer than {camera['fewest_tags']}",
         )
         if output.suffix == ".bag":
             say("kalibr", kalibr_command(output))
         else:
             say("kalibr", f"reads ROS 1 bags only: for it give -o {output.with_suffix('.bag')}")
-    if truth.saturated:
+    if log["imu_saturated"]:
         say(
             "warning",
-            f"{truth.saturated} of {truth.imu_messages} Imu messages are cut off at the sensor's "
-            "range: set a larger one with --accel-range or --gyro-range, or take slower motion",
+            f"{log['imu_saturated']} of {log['imu_messages']} Imu messages are cut off at the "
+            "sensor's range: set a larger one with --accel-range or --gyro-range, or take slower "
+            "motion",
         )

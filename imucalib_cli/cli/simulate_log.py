@@ -11,7 +11,7 @@ import typer
 from imucalib_cli.cli.simulate_motion import seconds
 
 if TYPE_CHECKING:
-    from imucalib_cli.simulate.camera_config import CameraConfig
+    from imucalib_cli.simulate.camera.config import CameraConfig
     from imucalib_cli.simulate.config import SystemConfig
     from imucalib_cli.simulate.options import LogOptions
 
@@ -101,7 +101,7 @@ class CameraTexts:
         """
         if not self.camera and self.camera_config is None:
             return system, None
-        from imucalib_cli.simulate.camera_config import load_camera
+        from imucalib_cli.simulate.camera.config import load_camera
 
         return load_camera(self.camera_config or system.name, system)
 

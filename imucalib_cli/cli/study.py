@@ -14,8 +14,8 @@ from imucalib_cli.cli.study_progress import StudyProgress
 from imucalib_cli.errors import ChoiceError
 
 if TYPE_CHECKING:
-    from imucalib_cli.study.experiment import Row, Study
-    from imucalib_cli.study.table import Table
+    from imucalib_cli.study.study import Row, Study
+    from imucalib_cli.study.tables import Table
 
 FOLDER = Path("imucalib-study")
 
@@ -71,7 +71,7 @@ def study_command(
     import os
     import sys
 
-    from imucalib_cli.study.catalogue import STUDIES, can_draw, load_study, see_installed
+    from imucalib_cli.study.study import STUDIES, can_draw, load_study, see_installed
 
     if not name:
         deliver("".join(f"{known:14} {words}\n" for known, (_, words) in STUDIES.items()), None)
@@ -80,7 +80,7 @@ def study_command(
     parse_choice("--format", fmt, ("markdown", "csv", "json"))
 
     from imucalib_cli.study.runner import run_study
-    from imucalib_cli.study.table import FORMATS, render_tables
+    from imucalib_cli.study.tables import FORMATS, render_tables
 
     study = load_study(name, config, quick=quick)
     suffix = "-quick" if quick else ""
@@ -92,7 +92,7 @@ def study_command(
     if folder.is_dir():  # else nothing in it can be lost
         from imucalib_cli.results.places import see_places
 
-        drawn = [folder / f"{figure.name}{suffix}.svg" for figure in study.figures([])]
+        drawn = [folder / f"{figure}{suffix}.svg" for figure in study.figures([])]
         see_places(read=files_of(config), written=[file, *drawn])
     progress = StudyProgress(name, file, jobs=jobs or os.cpu_count() or 1, quiet=quiet)
     try:
@@ -113,9 +113,9 @@ def study_command(
     deliver(render_tables(tables, shown, aligned=is_terminal(sys.stdout)), None)
     if not quiet:
         say("rows", file)
-    for figure in study.figures(rows) if figures else []:
-        path = folder / f"{figure.name}{suffix}.svg"
-        figure.draw(path)
+    for figure, draw in study.figures(rows).items() if figures else ():
+        path = folder / f"{figure}{suffix}.svg"
+        draw(path)
         if not quiet:
             say("figure", path)
 
@@ -131,7 +131,7 @@ def _tables(study: "Study", rows: "list[Row]", file: Path, *, old: bool) -> "lis
     except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
         if not old:  # nobody's fault but ours
             raise
-        from imucalib_cli.study.rows import REMEDY
+        from imucalib_cli.study.runner import REMEDY
 
         raise ChoiceError(
             f"{file}: not the rows of a study ({type(error).__name__}: {error}): {REMEDY}"

@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-Vector = tuple[float, float, float]
+from imucalib_cli.simulate.options import (  # noqa: TC001 - type of fields, checked when read
+    Vector,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -183,20 +185,23 @@ class SystemConfig:
     arm: Arm | None = None
     free_body: FreeBody | None = None
 
+    @property
+    def mover(self) -> Arm | FreeBody:
+        """What moves: the one that is there."""
+        mover = self.arm or self.free_body
+        if mover is None:
+            raise ValueError("state either arm or free_body")
+        return mover
 
-@dataclass(frozen=True, kw_only=True)
-class Grade:
-    """An IMU's imperfections in the units of data sheets."""
-
-    accel_noise_ug: float = 0.0
-    """One-sided density, ug/sqrt(Hz)."""
-    gyro_noise_deg: float = 0.0
-    """One-sided density, degrees/s/sqrt(Hz)."""
-    accel_bias: Vector = (0.0, 0.0, 0.0)
-    """m/s²."""
-    gyro_bias: Vector = (0.0, 0.0, 0.0)
-    """rad/s."""
-    accel_bias_walk: float = 0.0
-    """m/s²/sqrt(s)."""
-    gyro_bias_walk: float = 0.0
-    """rad/s/sqrt(s)."""
+    def __post_init__(self) -> None:
+        """Refuse what types cannot say."""
+        if (self.arm is None) == (self.free_body is None):
+            raise ValueError("state either arm or free_body")
+        if min(self.rates.step, self.rates.imu, self.rates.robot, self.duration) <= 0:
+            raise ValueError("rates and duration must be positive")
+        if self.arm is not None:
+            n, drives = len(self.arm.joints), self.arm.drives
+            lists = [drives.stiffness, drives.damping, drives.rotor_inertia, self.arm.start_deg]
+            lists += [move.to_deg for move in self.arm.moves]
+            if any(len(values) != n for values in lists):
+                raise ValueError(f"drives, start_deg and to_deg need {n} numbers, one a joint")

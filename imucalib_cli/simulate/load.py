@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 from imucalib_cli.configuration import build, builtin_names, read_builtin, read_yaml
-from imucalib_cli.errors import ChoiceError, InputError
+from imucalib_cli.errors import ChoiceError
 from imucalib_cli.estimate.imu_model import Sensor, imu_assumptions, load_imu_model
 from imucalib_cli.signals.samples import STANDARD_GRAVITY
-from imucalib_cli.simulate.config import Grade, SystemConfig
+from imucalib_cli.simulate.config import SystemConfig
 from imucalib_cli.simulate.options import NoiseOptions, Vector
 
 _GRADES = "imu_grades"
@@ -24,9 +25,7 @@ def load_system(name_or_file: str | Path) -> SystemConfig:
     """
     path = Path(name_or_file)
     if path.suffix in {".yaml", ".yml"}:
-        system = build(SystemConfig, read_yaml(path), str(path))
-        _check(system, str(path))
-        return system
+        return build(SystemConfig, read_yaml(path), str(path))
     known = system_names()
     if str(name_or_file) not in known:
         raise ChoiceError(f"no system {name_or_file}: choose {', '.join(known)}, or give --config")
@@ -42,14 +41,11 @@ def load_grade(name: str) -> NoiseOptions:
     grades = read_builtin(_GRADES)
     if name not in grades:
         raise ChoiceError(f"no IMU grade {name}: choose {', '.join(grades)}")
-    grade = build(Grade, grades[name], f"{_GRADES}.yaml: {name}")
-    return NoiseOptions(
-        accel_noise=grade.accel_noise_ug * 1e-6 * STANDARD_GRAVITY,
-        gyro_noise=math.radians(grade.gyro_noise_deg),
-        accel_bias=grade.accel_bias,
-        gyro_bias=grade.gyro_bias,
-        accel_bias_walk=grade.accel_bias_walk,
-        gyro_bias_walk=grade.gyro_bias_walk,
+    grade = dict(grades[name])  # of densities in the units of data sheets
+    ug, degrees = grade.pop("accel_noise_ug", 0.0), grade.pop("gyro_noise_deg", 0.0)
+    noise = build(NoiseOptions, grade, f"{_GRADES}.yaml: {name}")
+    return replace(
+        noise, accel_noise=ug * 1e-6 * STANDARD_GRAVITY, gyro_noise=math.radians(degrees)
     )
 
 
@@ -83,18 +79,3 @@ def load_imu(name_or_file: str | Path) -> NoiseOptions:
 def system_names() -> list[str]:
     """Names of the systems that come with the package."""
     return [name for name in builtin_names() if name != _GRADES]
-
-
-def _check(system: SystemConfig, where: str) -> None:
-    """What types cannot say."""
-    if (system.arm is None) == (system.free_body is None):
-        raise InputError(f"{where}: state either arm or free_body")
-    if min(system.rates.step, system.rates.imu, system.rates.robot, system.duration) <= 0:
-        raise InputError(f"{where}: rates and duration must be positive")
-    if system.arm is not None:
-        n = len(system.arm.joints)
-        drives = system.arm.drives
-        lists = [drives.stiffness, drives.damping, drives.rotor_inertia, system.arm.start_deg]
-        lists += [move.to_deg for move in system.arm.moves]
-        if any(len(values) != n for values in lists):
-            raise InputError(f"{where}: drives, start_deg and to_deg need {n} numbers, one a joint")

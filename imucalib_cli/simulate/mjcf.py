@@ -9,13 +9,14 @@ import numpy as np
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.robot.rotations import matrix_from_rpy, quaternion_from_matrix
+from imucalib_cli.simulate.config import Arm
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
-    from imucalib_cli.simulate.config import Arm, FreeBody, SystemConfig
+    from imucalib_cli.simulate.config import FreeBody, SystemConfig
 
     Floats = NDArray[np.float64]
 
@@ -49,13 +50,12 @@ def model_xml(
     option = ET.SubElement(root, "option", integrator="RK4", gravity=_numbers(gravity_world))
     ET.SubElement(option, "flag", contact="disable", constraint="disable")
     world = ET.SubElement(root, "worldbody")
-    if system.arm is not None:
-        bodies = _arm(world, system.arm)
-        _drives(ET.SubElement(root, "actuator"), system.arm)
-    elif system.free_body is not None:
-        bodies = _free_body(world, system.parent, system.free_body)
+    mover = system.mover
+    if isinstance(mover, Arm):
+        bodies = _arm(world, mover)
+        _drives(ET.SubElement(root, "actuator"), mover)
     else:
-        raise InputError(f"{system.name}: the configuration states neither arm nor free_body")
+        bodies = _free_body(world, system.parent, mover)
     if system.parent not in bodies:
         raise InputError(f"{system.name}: no link {system.parent}; it has {', '.join(bodies)}")
     imu = bodies[system.parent]

@@ -5,7 +5,7 @@ Three steps, three sets of options: physics (slow, once), noise (fast, many time
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal
 
 Vector = tuple[float, float, float]
@@ -126,13 +126,3 @@ class LogOptions:
     """Order of joint names in messages; empty is the arm's own."""
     start: int = 1_700_000_000
     """Unix time of the first instant, s."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class SimulationOptions:
-    """All of a simulation's options."""
-
-    physics: PhysicsOptions = field(default_factory=PhysicsOptions)
-    noise: NoiseOptions = field(default_factory=NoiseOptions)
-    log: LogOptions = field(default_factory=LogOptions)
-    seed: int = 0

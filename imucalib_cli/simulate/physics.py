@@ -16,9 +16,11 @@ from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.robot.rotations import matrix_from_rotvec, matrix_from_rpy
-from imucalib_cli.simulate.camera import camera_mount, see
+from imucalib_cli.simulate.camera.view import camera_mount, see
+from imucalib_cli.simulate.config import Arm
 from imucalib_cli.simulate.mjcf import model_xml
 from imucalib_cli.simulate.motion import ArmReference, PushPlan, instants
+from imucalib_cli.simulate.optional import optional
 from imucalib_cli.simulate.options import PhysicsOptions
 from imucalib_cli.simulate.recording import (
     ImuRecord,
@@ -31,8 +33,8 @@ from imucalib_cli.simulate.recording import (
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from imucalib_cli.simulate.camera_config import CameraConfig
-    from imucalib_cli.simulate.config import Arm, FreeBody, SystemConfig
+    from imucalib_cli.simulate.camera.config import CameraConfig
+    from imucalib_cli.simulate.config import FreeBody, SystemConfig
 
 Floats = NDArray[np.float64]
 
@@ -54,13 +56,13 @@ def record(
         options: Rates, duration, gravity, mount; None takes the system's own.
         progress: Called now and then with the share done, 0 to 1.
         camera: Record what it sees too; its optical frame is one of the system's, as
-            :func:`imucalib_cli.simulate.camera_config.load_camera` gives them.
+            :func:`imucalib_cli.simulate.camera.config.load_camera` gives them.
 
     Raises:
         InputError: MuJoCo is not installed, an option is out of range, or the motion blew up.
     """
     options = options or PhysicsOptions()
-    engine = _import_engine()
+    engine = optional("mujoco", "simulation needs", "simulate")
     if options.inertia is not None and system.free_body is not None:
         system = replace(system, free_body=replace(system.free_body, inertia=options.inertia))
     duration = _positive(options.duration, system.duration, "duration")
@@ -126,16 +128,6 @@ def record(
     )
 
 
-def _import_engine() -> Any:
-    try:
-        import mujoco
-    except ImportError as error:
-        raise InputError(
-            "simulation needs MuJoCo, which is not installed: pip install 'imucalib[simulate]'"
-        ) from error
-    return mujoco
-
-
 def _positive(chosen: float | None, default: float, name: str) -> float:
     value = default if chosen is None else chosen
     if not (np.isfinite(value) and value > 0):
@@ -151,11 +143,10 @@ def _gravity(system: SystemConfig, options: PhysicsOptions) -> Floats:
 
 def _control(system: SystemConfig, options: PhysicsOptions, duration: float) -> Any:
     """What MuJoCo calls at every stage of every step, so that inputs are smooth in time."""
-    if system.arm is not None:
-        return _arm_control(system.arm, ArmReference(system.arm, duration))
-    if system.free_body is not None:
-        return _body_control(system.free_body, PushPlan(system.free_body, options.profile))
-    raise InputError(f"{system.name}: the configuration states neither arm nor free_body")
+    mover = system.mover
+    if isinstance(mover, Arm):
+        return _arm_control(mover, ArmReference(mover, duration))
+    return _body_control(mover, PushPlan(mover, options.profile))
 
 
 def _arm_control(arm: Arm, reference: ArmReference) -> Any:

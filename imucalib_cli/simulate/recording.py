@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from imucalib_cli.simulate.options import NoiseOptions
+
 if TYPE_CHECKING:
-    from imucalib_cli.simulate.camera_config import CameraConfig
+    from imucalib_cli.simulate.camera.config import CameraConfig
     from imucalib_cli.simulate.config import SystemConfig
-    from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
+    from imucalib_cli.simulate.options import PhysicsOptions
 
 Floats = NDArray[np.float64]
 
@@ -145,3 +147,8 @@ class Recording:
     """Physics engine and its version."""
     camera: CameraRecord | None = None
     corruption: Corruption | None = None
+
+    @property
+    def noise(self) -> NoiseOptions:
+        """What sensors and drivers did to it; nothing to a clean one."""
+        return NoiseOptions() if self.corruption is None else self.corruption.noise

@@ -2,77 +2,95 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from dataclasses import asdict, replace
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
+import yaml
+
+from imucalib_cli import __version__
 from imucalib_cli.results.atomic import write_whole
+from imucalib_cli.results.codec import PlainDumper
 from imucalib_cli.results.places import see_places
-from imucalib_cli.simulate.aprilgrid import opencv
-from imucalib_cli.simulate.kalibr import kalibr_paths, write_kalibr
+from imucalib_cli.robot.rotations import quaternion_from_matrix
+from imucalib_cli.simulate.camera.aprilgrid import opencv
+from imucalib_cli.simulate.camera.kalibr import camera_truth, kalibr_paths, write_kalibr
 from imucalib_cli.simulate.noise import corrupt
+from imucalib_cli.simulate.options import LogOptions, NoiseOptions
 from imucalib_cli.simulate.physics import record
-from imucalib_cli.simulate.storage import see_log_place
-from imucalib_cli.simulate.truth import Truth, truth_of, truth_path, write_truth
 from imucalib_cli.simulate.urdf import MADE_BY, urdf_text
-from imucalib_cli.simulate.write_log import write_log
+from imucalib_cli.simulate.write_log import see_log_place, write_log
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from pathlib import Path
 
-    from imucalib_cli.simulate.camera_config import CameraConfig
+    from imucalib_cli.simulate.camera.config import CameraConfig
     from imucalib_cli.simulate.config import SystemConfig
-    from imucalib_cli.simulate.options import SimulationOptions
+    from imucalib_cli.simulate.options import PhysicsOptions
+    from imucalib_cli.simulate.recording import Recording
 
 _HEAD = 512
 
 
 def simulate(
     system: SystemConfig,
-    options: SimulationOptions,
     output: Path,
     *,
+    physics: PhysicsOptions | None = None,
+    noise: NoiseOptions | None = None,
+    log: LogOptions | None = None,
+    seed: int = 0,
     urdf: Path | None = None,
     read: Sequence[Path] = (),
     force: bool = False,
     camera: CameraConfig | None = None,
     progress: Callable[[float], None] | None = None,
     writing: Callable[[float], None] | None = None,
-) -> Truth:
+) -> dict[str, Any]:
     """Simulate, corrupt and write a log; its truth goes beside it as ``<log>.truth.yaml``.
 
     With a camera the log holds its images, and beside it lie the files that Kalibr asks for.
 
     Args:
         system: What moves, from :func:`imucalib_cli.simulate.load.load_system`.
-        options: Physics, noise, log, seed.
         output: ``.mcap``, ``.bag``, ``.db3``, or a ROS 2 bag folder.
+        physics: How it is recorded.
+        noise: What sensors and drivers do to it.
+        log: How it becomes a file.
+        seed: Of the noise.
         urdf: Where to write the system's URDF, with the IMU's nominal pose.
         read: Files that system and options come from.
         force: Write over logs and URDFs that were not made here.
-        camera: From :func:`imucalib_cli.simulate.camera_config.load_camera`, which gives the
+        camera: From :func:`imucalib_cli.simulate.camera.config.load_camera`, which gives the
             system that goes with it.
         progress: Called with the share of the physics done, 0 to 1.
         writing: Called with the share of the log written.
+
+    Returns:
+        The truth as its file has it, see :func:`truth_of`.
 
     Raises:
         InputError: MuJoCo or, with a camera, OpenCV is missing, an option is out of range, a file
             cannot be written.
         ChoiceError: The output's suffix or another choice does not exist, or a file would be lost.
     """
-    see_log_place(output, options.log.compression)  # before minutes of physics
+    log = log or LogOptions()
+    see_log_place(output, log.compression)  # before minutes of physics
     written = [output, truth_path(output)]
     written += [] if camera is None else kalibr_paths(output).values()
     written += [] if urdf is None else [urdf]
     see_places(read=read, written=written, force=force, made_here=_made_here)
     if camera is not None:
         opencv()
-    clean = record(system, options.physics, progress, camera=camera)
-    recording = corrupt(clean, options.noise, options.seed)
-    write_log(recording, output, options.log, writing)
+    clean = record(system, physics, progress, camera=camera)
+    recording = corrupt(clean, noise or NoiseOptions(), seed)
+    write_log(recording, output, log, writing)
     if camera is not None:
-        write_kalibr(recording, camera, output, options.log)
-    truth = truth_of(recording, options.log)
-    write_truth(truth, truth_path(output))
+        write_kalibr(recording, camera, output, log)
+    truth = truth_of(recording, log)
+    text = yaml.dump(truth, Dumper=PlainDumper, sort_keys=False, width=100, default_flow_style=None)
+    write_whole(truth_path(output), _HEADER + text)
     if urdf is not None:
         write_whole(urdf, urdf_text(system))
     return truth
@@ -84,3 +102,83 @@ def _made_here(path: Path) -> bool:
         return True
     with path.open("rb") as file:
         return MADE_BY.encode() in file.read(_HEAD)
+
+
+def truth_path(log: Path) -> Path:
+    """Where the truth of a log lies: its name with .truth.yaml for a suffix."""
+    return log.with_suffix(".truth.yaml")
+
+
+_HEADER = """\
+# What is true about the log beside this file (imucalib simulate).
+# transform: T_parent_imu, m, quaternion x y z w. time_offset: IMU stamp - robot stamp of the same
+# instant, s. Biases: measured = true + bias, IMU frame, m/s² and rad/s. gravity_world: m/s².
+"""
+
+
+def truth_of(recording: Recording, log: LogOptions) -> dict[str, Any]:
+    """What is true about a recording, clean or corrupted: what a calibration should find.
+
+    Frames, signs and units as in the results. Biases are means over the log; ``log`` counts
+    messages, ``camera`` is what Kalibr should find, ``settings`` all that the log was made from.
+    """
+    corruption, camera, system = recording.corruption, recording.camera, recording.system
+    zero = np.zeros(3)
+    chosen = recording.physics
+    # The system's own values, not None, so that the file alone says how the log was made.
+    physics = replace(
+        chosen,
+        duration=chosen.duration or system.duration,
+        imu_rate=chosen.imu_rate or system.rates.imu,
+        robot_rate=chosen.robot_rate or system.rates.robot,
+        step=chosen.step or system.rates.step,
+        gravity=system.gravity if chosen.gravity is None else chosen.gravity,
+        mount_xyz=chosen.mount_xyz or system.imu.xyz,
+        mount_rpy=chosen.mount_rpy or system.imu.rpy,
+    )
+    document = {
+        "transform": {
+            "parent": system.parent,
+            "child": log.imu_frame or system.imu.link,
+            "translation": recording.t_parent_imu,
+            "rotation_xyzw": quaternion_from_matrix(recording.R_parent_imu),
+        },
+        "time_offset": recording.noise.time_offset,
+        "accel_bias": corruption.accel_bias.mean(axis=0) if corruption else zero,
+        "gyro_bias": corruption.gyro_bias.mean(axis=0) if corruption else zero,
+        "gravity_world": recording.gravity_world,
+        "log": {
+            "duration": float(recording.state.t[-1]),
+            "imu_messages": len(recording.imu.t),
+            "imu_dropped": corruption.imu_dropped if corruption else 0,
+            "imu_spikes": int(corruption.spiked.sum()) if corruption else 0,
+            "imu_saturated": int(corruption.saturated.sum()) if corruption else 0,
+            "robot_messages": sum(len(record.t) for record in recording.robot),
+            "robot_dropped": corruption.robot_dropped if corruption else 0,
+        },
+        **({"camera": camera_truth(recording, camera)} if camera else {}),
+        "settings": {
+            "seed": corruption.seed if corruption else None,
+            "physics": asdict(physics),
+            "noise": asdict(corruption.noise) if corruption else None,
+            "log": asdict(log),
+            "versions": {
+                "imucalib": __version__,
+                "engine": recording.engine,
+                "numpy": np.__version__,
+            },
+            "system": asdict(system),
+            **({"camera": asdict(camera.config)} if camera else {}),
+        },
+    }
+    plain: dict[str, Any] = _plain(document)
+    return plain
+
+
+def _plain(value: Any) -> Any:
+    """Tuples and arrays as lists, for YAML."""
+    if isinstance(value, dict):
+        return {key: _plain(entry) for key, entry in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(entry) for entry in value]
+    return value.tolist() if isinstance(value, np.ndarray) else value

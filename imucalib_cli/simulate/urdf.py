@@ -8,10 +8,12 @@ from xml.sax.saxutils import escape
 
 import numpy as np
 
+from imucalib_cli.simulate.config import Arm
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from imucalib_cli.simulate.config import Arm, FreeBody, SystemConfig
+    from imucalib_cli.simulate.config import FreeBody, SystemConfig
 
 _TO_AXIS = {"x": (0.0, np.pi / 2, 0.0), "y": (-np.pi / 2, 0.0, 0.0), "z": (0.0, 0.0, 0.0)}
 """rpy that lays a cylinder, which URDF draws along z, along an axis."""
@@ -23,10 +25,11 @@ ORIGIN = MADE_BY + " from configs/{name}.yaml, which tells where its numbers are
 def urdf_text(system: SystemConfig) -> str:
     """Write the robot's description; the IMU is where the drawing says, not where it truly is."""
     robot = ET.Element("robot", name=system.name)
-    if system.arm is not None:
-        _arm(robot, system.world, system.arm)
-    elif system.free_body is not None:
-        _free_body(robot, system.parent, system.free_body)
+    mover = system.mover
+    if isinstance(mover, Arm):
+        _arm(robot, system.world, mover)
+    else:
+        _free_body(robot, system.parent, mover)
     nominal = system.imu.nominal
     _fixed(robot, system.imu.link, system.parent, nominal.xyz, nominal.rpy)
     for frame in system.frames:

@@ -1,31 +1,49 @@
-"""Recordings as logs: which messages, on which topics, in which order."""
+"""Recordings as logs: which messages, on which topics, in which order, in which container.
+
+Definitions of all message types are embedded, so that any reader can decode the log alone.
+"""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+import shutil
+import sqlite3
+import tempfile
+from collections.abc import Callable
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from itertools import count
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.errors import ChoiceError, InputError
+from imucalib_cli.results.atomic import see_writable
 from imucalib_cli.simulate.options import LogOptions
-from imucalib_cli.simulate.recording import (
-    CameraRecord,
-    ImuRecord,
-    JointRecord,
-    PoseRecord,
-    Recording,
-)
-from imucalib_cli.simulate.storage import open_log
+from imucalib_cli.simulate.recording import CameraRecord, ImuRecord, JointRecord, PoseRecord
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-    from pathlib import Path
+    from collections.abc import Iterator
 
-    Make = Callable[[int], Any]
+    from imucalib_cli.simulate.recording import Messages, Recording
 
 Nanoseconds = NDArray[np.int64]
-Record = ImuRecord | JointRecord | PoseRecord | CameraRecord
+Make: TypeAlias = Callable[[int], Any]
+"""A message of a row."""
+Write: TypeAlias = Callable[[int, Any], None]
+"""Appends a message that was received at an instant, ns."""
+
+COMPRESSIONS = {
+    ".mcap": ("zstd", "lz4", "none"),
+    ".bag": ("lz4", "bz2", "none"),
+    ".db3": ("none",),
+    "": ("none",),
+}
+"""By suffix, the default first; no suffix is a ROS 2 bag folder."""
+
+TF_MESSAGE = "geometry_msgs/TransformStamped[] transforms\n"
+"""tf2_msgs/TFMessage, which rosbags' ROS 1 types lack."""
 
 
 def write_log(
@@ -47,21 +65,184 @@ def write_log(
         ChoiceError: The suffix, the compression or the joint order does not exist.
     """
     options = options or LogOptions()
-    parts: list[tuple[Nanoseconds, int, Make]] = []
-    with open_log(path, options.compression) as log:
+    with _open_log(path, options.compression) as log:
         factory = _Factory(log.types, recording, options)
-        for record, topic, message_type in factory.sources():
-            connection = log.add(topic, message_type)
-            parts.append((_ns(record.received, options), connection, factory.maker(record)))
+        parts = [
+            (_ns(record.received, options), log.connect(topic, message_type), make)
+            for record, topic, message_type, make in factory.sources()
+        ]
         received = np.concatenate([ns for ns, _, _ in parts])
         source = np.repeat(np.arange(len(parts)), [len(ns) for ns, _, _ in parts])
         row = np.concatenate([np.arange(len(ns)) for ns, _, _ in parts])
         order = np.argsort(received, kind="stable")
         for done, at in enumerate(order.tolist()):
-            _, connection, make = parts[source[at]]
-            log.write(connection, int(received[at]), make(int(row[at])))
+            _, write, make = parts[source[at]]
+            write(int(received[at]), make(int(row[at])))
             if progress is not None and done % 1000 == 0:
                 progress(done / len(order))
+
+
+def see_log_place(path: Path, compression: str | None) -> str:
+    """See that a log can be written; returns its compression.
+
+    Raises:
+        InputError: The place cannot be written, or a folder or a device is there already.
+        ChoiceError: The suffix or the compression does not exist.
+    """
+    known = COMPRESSIONS.get(path.suffix)
+    if known is None:
+        kinds = ", ".join(suffix for suffix in COMPRESSIONS if suffix)
+        raise ChoiceError(f"{path}: write to a file ending in {kinds}, or to a folder name")
+    if compression is not None and compression not in known:
+        raise ChoiceError(f"{path}: {compression} is not a choice here; choose {', '.join(known)}")
+    with suppress(OSError):  # a name too long, which see_writable tells
+        if path.is_dir():
+            raise InputError(f"{path}: is a folder already; name a new one")
+        if path.exists() and not path.is_file():
+            raise InputError(f"{path}: is a pipe or a device; name a file")
+    see_writable(path)
+    return compression or known[0]
+
+
+@dataclass(frozen=True)
+class _Log:
+    """A log being written."""
+
+    types: dict[str, Any]
+    """Message classes by type name."""
+    connect: Callable[[str, str], Write]
+    """Declares a publisher on a topic with its message type."""
+    close: Callable[[], None]
+
+
+@contextmanager
+def _open_log(path: Path, compression: str | None) -> Iterator[_Log]:
+    """Write a log beside its final place and move it there when it is whole.
+
+    A symbolic link is kept and its target replaced, as are the permissions of a file.
+
+    Raises:
+        InputError, ChoiceError: As :func:`see_log_place`.
+    """
+    compression = see_log_place(path, compression)
+    try:
+        target = path.resolve()
+        with tempfile.TemporaryDirectory(dir=target.parent, prefix=".imucalib-") as folder:
+            unfinished = Path(folder) / path.name
+            log = _WRITERS[path.suffix](unfinished, compression)
+            try:
+                yield log
+            finally:
+                log.close()
+            made = next(unfinished.glob("*.db3")) if path.suffix == ".db3" else unfinished
+            if target.exists():
+                made.chmod(target.stat().st_mode & 0o7777)
+            shutil.move(made, target)
+    # of a full disk db3 has an error of its own
+    except (OSError, sqlite3.Error) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(f"{path}: cannot be written: {reason}") from error
+
+
+def _mcap(path: Path, compression: str) -> _Log:
+    """A bare MCAP file with the ros2 profile."""
+    from mcap.writer import CompressionType, Writer
+
+    store = _ros2_types()
+    file = path.open("wb")
+    writer = Writer(file, compression=CompressionType[compression.upper()])
+    writer.start(profile="ros2", library="imucalib simulate")
+    schemas: dict[str, int] = {}
+
+    def connect(topic: str, message_type: str) -> Write:
+        if message_type not in schemas:
+            definition, _ = store.generate_msgdef(message_type, ros_version=2)
+            schemas[message_type] = writer.register_schema(
+                name=message_type, encoding="ros2msg", data=definition.encode()
+            )
+        channel = writer.register_channel(
+            topic=topic, message_encoding="cdr", schema_id=schemas[message_type]
+        )
+        sequence = count()
+
+        def write(ns: int, message: Any) -> None:
+            data = bytes(store.serialize_cdr(message, message_type))
+            writer.add_message(channel, ns, data, ns, next(sequence))
+
+        return write
+
+    def close() -> None:
+        writer.finish()  # type: ignore[no-untyped-call]
+        file.close()
+
+    return _Log(store.types, connect, close)
+
+
+def _bag2(path: Path, _compression: str) -> _Log:
+    """A ROS 2 bag folder with a db3 file in it."""
+    from rosbags.rosbag2 import Writer
+
+    store = _ros2_types()
+    writer = Writer(path, version=8)
+    writer.open()
+    connections: dict[str, Any] = {}
+
+    def connect(topic: str, message_type: str) -> Write:
+        if topic not in connections:  # rosbag2 keeps one entry a topic, however many publish
+            connections[topic] = writer.add_connection(topic, message_type, typestore=store)
+        to = connections[topic]
+        return lambda ns, message: writer.write(to, ns, store.serialize_cdr(message, to.msgtype))
+
+    return _Log(store.types, connect, writer.close)
+
+
+def _bag1(path: Path, compression: str) -> _Log:
+    """A ROS 1 bag."""
+    from rosbags.rosbag1 import Writer
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    store = get_typestore(Stores.ROS1_NOETIC)
+    store.register(get_types_from_msg(TF_MESSAGE, "tf2_msgs/msg/TFMessage"))
+    writer = Writer(path)
+    if compression != "none":
+        writer.set_compression(Writer.CompressionFormat[compression.upper()])
+    if compression == "lz4":
+        writer.compressor = _ros1_lz4
+    writer.open()
+    publishers = count(1)
+
+    def connect(topic: str, message_type: str) -> Write:
+        name = f"/publisher_{next(publishers)}"
+        to = writer.add_connection(topic, message_type, typestore=store, callerid=name)
+        return lambda ns, message: writer.write(to, ns, store.serialize_ros1(message, to.msgtype))
+
+    return _Log(store.types, connect, writer.close)
+
+
+def _ros1_lz4(chunk: bytes) -> bytes:
+    """Compress as ROS 1 can read it, and so Kalibr.
+
+    Its reader refuses what lz4 and rosbags write by default: it wants independent blocks, the
+    content's checksum and no content size (ros_comm, utilities/roslz4/src/lz4s.c, processHeader).
+    """
+    from lz4.frame import compress
+
+    made: bytes = compress(chunk, block_linked=False, content_checksum=True, store_size=False)
+    return made
+
+
+def _ros2_types() -> Any:
+    from rosbags.typesys import Stores, get_typestore
+
+    return get_typestore(Stores.ROS2_HUMBLE)
+
+
+_WRITERS: dict[str, Callable[[Path, str], _Log]] = {
+    ".mcap": _mcap,
+    ".bag": _bag1,
+    ".db3": _bag2,
+    "": _bag2,
+}
 
 
 class _Factory:
@@ -71,95 +252,62 @@ class _Factory:
         self._types = types
         self._recording = recording
         self._options = options
-        self._ros1 = "seq" in types["std_msgs/msg/Header"].__dataclass_fields__
+        self._sequence = "seq" in types["std_msgs/msg/Header"].__dataclass_fields__  # ROS 1 alone
 
-    def sources(self) -> Iterator[tuple[Record, str, str]]:
-        topics, options = self._recording.system.topics, self._options
-        yield self._recording.imu, options.imu_topic or topics.imu, "sensor_msgs/msg/Imu"
-        robot = options.robot_topic or topics.robot
-        for number, record in enumerate(self._recording.robot):
+    def sources(self) -> Iterator[tuple[Messages, str, str, Make]]:
+        """Each publisher's record with its topic, message type and messages."""
+        recording, options = self._recording, self._options
+        topics, camera = recording.system.topics, recording.camera
+        imu, robot = options.imu_topic or topics.imu, options.robot_topic or topics.robot
+        yield recording.imu, imu, "sensor_msgs/msg/Imu", self._imu(recording.imu)
+        for number, record in enumerate(recording.robot):
             if isinstance(record, PoseRecord):
-                yield record, robot, "tf2_msgs/msg/TFMessage"
+                yield record, robot, "tf2_msgs/msg/TFMessage", self._pose(record)
             else:
                 topic = f"{robot}_{number + 1}" if options.topic_each else robot
-                yield record, topic, "sensor_msgs/msg/JointState"
-        camera = self._recording.camera
+                yield record, topic, "sensor_msgs/msg/JointState", self._joints(record)
         if camera is not None:
-            yield camera, camera.config.topic, "sensor_msgs/msg/Image"
+            yield camera, camera.config.topic, "sensor_msgs/msg/Image", self._images(camera)
 
-    def maker(self, record: Record) -> Make:
+    def _headers(self, record: Messages, frame: str) -> Make:
+        time, header = (
+            self._types[name] for name in ("builtin_interfaces/msg/Time", "std_msgs/msg/Header")
+        )
         stamps = _ns(record.stamp, self._options).tolist()
-        if isinstance(record, ImuRecord):
-            return self._imu(record, stamps)
-        if isinstance(record, JointRecord):
-            return self._joints(record, stamps)
-        if isinstance(record, CameraRecord):
-            return self._images(record, stamps)
-        return self._pose(record, stamps)
 
-    def _header(self, i: int, ns: int, frame: str) -> Any:
-        time = self._types["builtin_interfaces/msg/Time"](*divmod(ns, 1_000_000_000))
-        sequence = {"seq": i} if self._ros1 else {}
-        return self._types["std_msgs/msg/Header"](stamp=time, frame_id=frame, **sequence)
+        def make(i: int) -> Any:
+            sequence = {"seq": i} if self._sequence else {}
+            return header(stamp=time(*divmod(stamps[i], 1_000_000_000)), frame_id=frame, **sequence)
 
-    def _imu(self, record: ImuRecord, stamps: list[int]) -> Make:
+        return make
+
+    def _imu(self, record: ImuRecord) -> Make:
         vector, imu = self._types["geometry_msgs/msg/Vector3"], self._types["sensor_msgs/msg/Imu"]
         unknown = np.zeros(9)
         # REP 145: a first element of -1 says that there is no orientation.
         no_orientation = np.array([-1.0, *np.zeros(8)])
         no_turn = self._types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
-        frame = self._options.imu_frame or self._recording.system.imu.link
+        header = self._headers(record, self._options.imu_frame or self._recording.system.imu.link)
         gyro, accel = record.gyro.tolist(), record.accel.tolist()
+        return lambda i: imu(
+            header=header(i),
+            orientation=no_turn,
+            orientation_covariance=no_orientation,
+            angular_velocity=vector(*gyro[i]),
+            angular_velocity_covariance=unknown,
+            linear_acceleration=vector(*accel[i]),
+            linear_acceleration_covariance=unknown,
+        )
 
-        def make(i: int) -> Any:
-            return imu(
-                header=self._header(i, stamps[i], frame),
-                orientation=no_turn,
-                orientation_covariance=no_orientation,
-                angular_velocity=vector(*gyro[i]),
-                angular_velocity_covariance=unknown,
-                linear_acceleration=vector(*accel[i]),
-                linear_acceleration_covariance=unknown,
-            )
-
-        return make
-
-    def _joints(self, record: JointRecord, stamps: list[int]) -> Make:
+    def _joints(self, record: JointRecord) -> Make:
         joint_state = self._types["sensor_msgs/msg/JointState"]
         columns = self._columns(record.names)
         names = [record.names[column] for column in columns]
         position = np.ascontiguousarray(record.position[:, columns])
-        nothing = np.zeros(0)
-
-        def make(i: int) -> Any:
-            header = self._header(i, stamps[i], "")
-            return joint_state(
-                header=header, name=names, position=position[i], velocity=nothing, effort=nothing
-            )
-
-        return make
-
-    def _images(self, record: CameraRecord, stamps: list[int]) -> Make:
-        from imucalib_cli.simulate.render import Images
-
-        corruption = self._recording.corruption
-        noise, seed = (None, 0) if corruption is None else (corruption.noise, corruption.seed)
-        images = Images(record, noise, seed)  # each is rendered when it is written
-        image = self._types["sensor_msgs/msg/Image"]
-        lens, frame = record.config.intrinsics, record.config.frame.link
-
-        def make(i: int) -> Any:
-            return image(
-                header=self._header(i, stamps[i], frame),
-                height=lens.height,
-                width=lens.width,
-                encoding="mono8",
-                is_bigendian=0,
-                step=lens.width,
-                data=images[i].ravel(),
-            )
-
-        return make
+        header, nothing = self._headers(record, ""), np.zeros(0)
+        return lambda i: joint_state(
+            header=header(i), name=names, position=position[i], velocity=nothing, effort=nothing
+        )
 
     def _columns(self, names: tuple[str, ...]) -> list[int]:
         """Columns in the order the options want."""
@@ -171,23 +319,39 @@ class _Factory:
             raise ChoiceError(f"joint order must name each of {', '.join(all_names)} once")
         return [names.index(name) for name in order if name in names]
 
-    def _pose(self, record: PoseRecord, stamps: list[int]) -> Make:
-        types = self._types
-        vector, quaternion = (
-            types["geometry_msgs/msg/Vector3"],
-            types["geometry_msgs/msg/Quaternion"],
+    def _pose(self, record: PoseRecord) -> Make:
+        vector, quaternion, transform, stamped = (
+            self._types[f"geometry_msgs/msg/{name}"]
+            for name in ("Vector3", "Quaternion", "Transform", "TransformStamped")
         )
-        transform = types["geometry_msgs/msg/Transform"]
-        stamped = types["geometry_msgs/msg/TransformStamped"]
-        message = types["tf2_msgs/msg/TFMessage"]
+        message = self._types["tf2_msgs/msg/TFMessage"]
+        header = self._headers(record, record.parent)
         position, turn = record.position.tolist(), record.quaternion_xyzw.tolist()
 
         def make(i: int) -> Any:
             pose = transform(translation=vector(*position[i]), rotation=quaternion(*turn[i]))
-            header = self._header(i, stamps[i], record.parent)
-            return message([stamped(header=header, child_frame_id=record.child, transform=pose)])
+            return message([stamped(header=header(i), child_frame_id=record.child, transform=pose)])
 
         return make
+
+    def _images(self, record: CameraRecord) -> Make:
+        from imucalib_cli.simulate.camera.render import Images
+
+        corruption = self._recording.corruption
+        seed = 0 if corruption is None else corruption.seed
+        images = Images(record, self._recording.noise, seed)  # each is rendered when it is written
+        image = self._types["sensor_msgs/msg/Image"]
+        lens = record.config.intrinsics
+        header = self._headers(record, record.config.frame.link)
+        return lambda i: image(
+            header=header(i),
+            height=lens.height,
+            width=lens.width,
+            encoding="mono8",
+            is_bigendian=0,
+            step=lens.width,
+            data=images[i].ravel(),
+        )
 
 
 def _ns(seconds: NDArray[np.float64], options: LogOptions) -> Nanoseconds:

@@ -63,7 +63,7 @@ def run_alone(
     Raises:
         InputError: The process was killed.
         RuntimeError: A call failed otherwise than by an InputError: its exception in words, and
-            the traceback as a note.
+            the traceback as its cause.
     """
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe()
@@ -75,7 +75,7 @@ def run_alone(
         # Not as the process's arguments: one whose parent ends would complain of half of them.
         with suppress(BrokenPipeError):
             ours.send((tuple(modules), tuple(calls), given))
-        costs: list[Cost[T]] | _Accident = ours.recv()
+        costs, words, trace = ours.recv()
     except (EOFError, ConnectionResetError):
         child.join()
         if (child.exitcode or 0) < 0:
@@ -87,34 +87,24 @@ def run_alone(
     finally:
         ours.close()
     child.join()
-    if isinstance(costs, _Accident):
-        error = RuntimeError(costs.words)
-        error.add_note(f"In the process of its own:\n{costs.trace}")
-        raise error
-    return costs
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Accident:
-    """An exception as text: not every one can be sent."""
-
-    words: str
-    trace: str
+    if words:  # as text: not every exception can be sent
+        raise RuntimeError(words) from RuntimeError(f"In the process of its own:\n{trace}")
+    result: list[Cost[T]] = costs
+    return result
 
 
 def _serve(parent: Connection) -> None:
+    """Answer with the costs, or with an exception in words and its traceback."""
     obey_the_parent()
     try:
         modules, calls, given = parent.recv()
         for module in modules:
             with suppress(ImportError):  # what needs it will say so
                 import_module(module)
-        parent.send([_timed(call, given) for call in calls])
+        parent.send(([_timed(call, given) for call in calls], "", ""))
     except Exception as error:  # noqa: BLE001 - the parent raises it
-        words = f"{type(error).__name__}: {error}"
-        accident = _Accident(words=words, trace=traceback.format_exc())
         with suppress(OSError):  # nobody waits for it any more
-            parent.send(accident)
+            parent.send(([], f"{type(error).__name__}: {error}", traceback.format_exc()))
     parent.close()
 
 

@@ -20,12 +20,12 @@ from numpy.typing import NDArray
 from imucalib_cli.robot.rotations import skew
 from imucalib_cli.signals.trajectory import Trajectory
 from imucalib_cli.simulate.noise import white_std
-from imucalib_cli.study.trial import streams_of
+from imucalib_cli.study.recordings import streams_of
 
 if TYPE_CHECKING:
     from imucalib_cli.simulate.options import NoiseOptions
     from imucalib_cli.simulate.recording import Recording
-    from imucalib_cli.study.experiment import Row
+    from imucalib_cli.study.study import Row
 
 Floats = NDArray[np.float64]
 

@@ -1,15 +1,25 @@
-"""What a study runs its methods on: how systems are recorded, and by which sensors."""
+"""What studies state of a run: how systems are recorded, by which sensors, from which guess."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields, replace
+from itertools import product
 from typing import TYPE_CHECKING, Literal
 
+import numpy as np
+from numpy.typing import NDArray
+
+from imucalib_cli.robot.rotations import matrix_from_rotvec
 from imucalib_cli.simulate.load import load_grade
 from imucalib_cli.simulate.options import ZERO, NoiseOptions, PhysicsOptions
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+
+    from imucalib_cli.simulate.recording import Recording
+    from imucalib_cli.study.study import Cell
+
+Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,10 +79,83 @@ class Condition:
             )
         nothing = NoiseOptions()
         given = {f.name: getattr(self.noise, f.name) for f in fields(NoiseOptions)}
-        stated = {name: v for name, v in given.items() if v != getattr(nothing, name)}
-        return replace(graded, **stated)
+        return replace(
+            graded, **{name: v for name, v in given.items() if v != getattr(nothing, name)}
+        )
 
 
-def condition_of(conditions: Sequence[Condition], name: object) -> Condition:
-    """The one of a name."""
-    return next(condition for condition in conditions if condition.name == name)
+@dataclass(frozen=True, kw_only=True)
+class Conditioned(Recorded):
+    """Recordings under several conditions, each with several seeds."""
+
+    conditions: tuple[Condition, ...]
+    seeds: int
+
+    @property
+    def names(self) -> list[str]:
+        """Of the conditions."""
+        return [condition.name for condition in self.conditions]
+
+    def condition_of(self, cell: Cell) -> Condition:
+        """The one that a run is made under."""
+        return self.conditions[self.names.index(cell["condition"])]
+
+    def seeds_of(self, cell: Cell) -> range:
+        """Those that a run's condition is run with."""
+        return range(self.condition_of(cell).seeds or self.seeds)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PaperSetting:
+    """What is not known to us of the published method: its window, what it drops, its residual."""
+
+    window: int
+    """Samples."""
+    exclusion: float
+    """m/s², second difference over which a sample is dropped; 0 drops none."""
+    residual: Literal["l1", "components"] | None = None
+    """Where it varies too."""
+
+    @property
+    def words(self) -> str:
+        """For tables."""
+        dropped = f"drops over {self.exclusion:.3g} m/s²" if self.exclusion else "drops none"
+        return ", ".join(filter(None, (f"L {self.window}", dropped, self.residual)))
+
+
+def paper_settings(windows: Sequence[int], exclusions: Sequence[float]) -> tuple[PaperSetting, ...]:
+    """Every window, samples, with every exclusion, m/s²."""
+    return tuple(PaperSetting(window=w, exclusion=e) for w, e in product(windows, exclusions))
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """Pose of the IMU in its parent link, or of one frame in another."""
+
+    R: Floats
+    """(3, 3)."""
+    t: Floats
+    """(3,), m."""
+
+    def moved(self, step: Floats) -> Pose:
+        """After a step (6,) of translation, m, and of rotation on the left, rad."""
+        return Pose(matrix_from_rotvec(step[3:]) @ self.R, self.t + step[:3])
+
+
+def wrong_guess(recording: Recording, translation: float, rotation: float, seed: int) -> Pose:
+    """The truth, displaced and turned by vectors of fixed norm and random direction.
+
+    The directions are uniform on the sphere (section 4.1 of the paper). The paper adds its vector
+    to the rotation vector; turning by it instead makes the angle of the error the one that is
+    stated.
+
+    Args:
+        recording: Whose truth is known.
+        translation: Norm, m.
+        rotation: Angle, rad.
+        seed: Of the two directions.
+    """
+    directions = np.random.default_rng(seed).normal(size=(2, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    step = np.concatenate([translation * directions[0], rotation * directions[1]])
+    return Pose(recording.R_parent_imu, recording.t_parent_imu).moved(step)

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from imucalib_cli.diagnose.hypotheses import Case
 from imucalib_cli.errors import InputError
 from imucalib_cli.robot.build import joint_path
-from imucalib_cli.robot.rotations import matrix_from_rotvec
-from imucalib_cli.study.trial import robot_of, streams_of
+from imucalib_cli.robot.rotations import matrix_from_quaternion, matrix_from_rotvec
+from imucalib_cli.study.recordings import robot_of, streams_of
 
 if TYPE_CHECKING:
     from imucalib_cli.estimate.estimate import Estimate
@@ -131,7 +131,8 @@ def _poses(path: KinematicPath, fault: Fault) -> KinematicPath:
     match fault.kind:
         case "inverse":
             conjugate = q * np.array([-1.0, -1.0, -1.0, 1.0])
-            values = np.hstack([-_rotated(conjugate, p), conjugate])
+            R = matrix_from_quaternion(conjugate)
+            values = np.hstack([-np.einsum("nij,nj->ni", R, p), conjugate])
         case "quaternion":
             values = np.hstack([p, q[:, [3, 0, 1, 2]]])
         case "conjugate":
@@ -141,12 +142,6 @@ def _poses(path: KinematicPath, fault: Fault) -> KinematicPath:
         case _:
             values = track.values
     return replace(path, tracks=(replace(track, values=values),))
-
-
-def _rotated(q: Floats, v: Floats) -> Floats:
-    """Vectors turned by quaternions xyzw."""
-    u, w = q[:, :3], q[:, 3:]
-    return np.asarray(v + 2.0 * np.cross(u, np.cross(u, v) + w * v))
 
 
 def with_faulty_sensor(recording: Recording, fault: Fault) -> Recording:

@@ -81,19 +81,16 @@ def new_figure(
     return figure, list(panels.flat)
 
 
-def draw_curves(axes: Axes, curves: Sequence[Curve], *, logarithmic: bool = True) -> None:
-    """Lines with a mark at each value, coloured in their order; zeros cannot stand on log axes.
+def draw_curves(axes: Axes, curves: Sequence[Curve]) -> None:
+    """Lines with a mark at each value on log axes, coloured in their order.
 
     Args:
         axes: The panel.
         curves: What to draw; dashed ones are thin and black.
-        logarithmic: Whether both axes are.
     """
     for number, curve in enumerate(curves):
         x, y = np.array(curve.x, dtype=float), np.array(curve.y, dtype=float)
-        shown = np.isfinite(x) & np.isfinite(y)
-        if logarithmic:
-            shown &= (x > 0.0) & (y > 0.0)
+        shown = np.isfinite(x) & np.isfinite(y) & (x > 0.0) & (y > 0.0)
         if not shown.any():
             continue
         colour, style, mark = COLOURS[number % len(COLOURS)], "-", "o"
@@ -109,11 +106,10 @@ def draw_curves(axes: Axes, curves: Sequence[Curve], *, logarithmic: bool = True
             color=colour,
             label=curve.name,
         )
-    if logarithmic:
-        axes.set_xscale("log")
-        axes.set_yscale("log")
-        label_logarithmic(axes.xaxis)
-        label_logarithmic(axes.yaxis)
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    label_logarithmic(axes.xaxis)
+    label_logarithmic(axes.yaxis)
 
 
 def label_logarithmic(axis: Axis) -> None:

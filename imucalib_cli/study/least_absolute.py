@@ -9,14 +9,17 @@ entries of R, its orthogonality forgotten, needs no guess to start from.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.robot.rotations import nearest_rotation
-from imucalib_cli.study.pose_cost import Pose, PoseCost
+from imucalib_cli.study.conditions import Pose
+
+if TYPE_CHECKING:
+    from imucalib_cli.study.pose_cost import PoseCost
 
 Floats = NDArray[np.float64]
 
@@ -30,22 +33,17 @@ _SHARPEST = 1e-9
 """Of the median residual: where it stops to shrink."""
 
 
-@dataclass(frozen=True, eq=False)
-class Descent:
-    """Where an iteration ended."""
-
-    pose: Pose
-    evaluations: int
-    """Of all residuals."""
-
-
 def absolute_sum(cost: PoseCost, pose: Pose) -> float:
     """The sum of absolute residuals."""
     return float(np.abs(cost.residuals(pose)).sum())
 
 
-def by_reweighting(cost: PoseCost, start: Pose) -> Descent:
-    """Iteratively reweighted least squares from a guess."""
+def by_reweighting(cost: PoseCost, start: Pose) -> tuple[Pose, int]:
+    """Iteratively reweighted least squares from a guess.
+
+    Returns:
+        The pose, and how often all residuals were evaluated; so do the next two.
+    """
     pose, left = start, cost.residuals(start)
     evaluations = 1
     floor = float(np.median(np.abs(left)))
@@ -68,10 +66,10 @@ def by_reweighting(cost: PoseCost, start: Pose) -> Descent:
             break
         typical = float(np.median(np.abs(left)))
         floor = max(min(_SHARPEN * floor, typical), sharpest, 1e-300)
-    return Descent(pose, evaluations)
+    return pose, evaluations
 
 
-def by_linear_programs(cost: PoseCost, start: Pose) -> Descent:
+def by_linear_programs(cost: PoseCost, start: Pose) -> tuple[Pose, int]:
     """Successive linear programs on the rotation's tangent, from a guess."""
     pose, left = start, cost.residuals(start)
     evaluations = 1
@@ -90,13 +88,13 @@ def by_linear_programs(cost: PoseCost, start: Pose) -> Descent:
             step = step / 2.0
         if before - least <= _ARRIVED * before:
             break
-    return Descent(pose, evaluations)
+    return pose, evaluations
 
 
-def by_relaxation(cost: PoseCost) -> Descent:
+def by_relaxation(cost: PoseCost, _: Pose) -> tuple[Pose, int]:
     """A linear program over t and nine free entries of R, then successive ones from there."""
     x = least_absolute(cost.slope, cost.constant)
-    return by_linear_programs(cost, Pose(x[:3], nearest_rotation(x[3:].reshape(3, 3))))
+    return by_linear_programs(cost, Pose(nearest_rotation(x[3:].reshape(3, 3)), x[:3]))
 
 
 def least_absolute(J: Floats, r: Floats) -> Floats:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from imucalib_cli.estimate import columns
 from imucalib_cli.estimate.solve import Known, solve_globally
 from imucalib_cli.robot.rotations import matrix_from_rotvec, rotvec_from_matrix
+from imucalib_cli.study.conditions import Pose
 from imucalib_cli.study.contest import pose_only
 from imucalib_cli.study.least_absolute import (
     absolute_sum,
@@ -24,11 +25,12 @@ from imucalib_cli.study.least_absolute import (
     by_relaxation,
     by_reweighting,
 )
-from imucalib_cli.study.methods.spline_basis import right_jacobian
-from imucalib_cli.study.pose_cost import Pose, PoseCost
+from imucalib_cli.study.methods.spline import right_jacobian
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+    from imucalib_cli.study.pose_cost import PoseCost
 
 Floats = NDArray[np.float64]
 Kind = Literal["squares", "squared sums", "absolute values", "huber", "cauchy"]
@@ -37,6 +39,8 @@ robust loss."""
 Cost = Literal["published", "published, scaled", "matched"]
 """Whose residuals: the published method's, unweighted as it has them or each sensor's over its own
 spread, or the matched filters'."""
+Run: TypeAlias = "Callable[[PoseCost, Pose], tuple[Pose, int]]"
+"""From residuals and a guess to the pose and how often all residuals were evaluated."""
 
 TOLERANCE = 1e-10
 """ftol, xtol and gtol, the published method's own."""
@@ -44,16 +48,14 @@ HUBER, CAUCHY = 1.345, 2.385
 """In standard deviations: 95 % efficient where the noise is normal (Holland and Welsch 1977)."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Optimiser:
     """One way to the least cost."""
 
     name: str
     cost: Cost
     kind: Kind
-    run: Callable[[PoseCost, Pose], tuple[Pose, int]]
-    """From residuals and a guess to the pose and how often all residuals were evaluated."""
-    needs_guess: bool = True
+    run: Run
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -79,8 +81,8 @@ def solve_by(optimiser: Optimiser, costs: dict[Cost, PoseCost], guess: Pose) -> 
     begun = time.perf_counter()
     evaluations, cost = 0, costs["published" if optimiser.cost != "matched" else "matched"]
     if optimiser.cost == "published, scaled":
-        first = by_reweighting(cost, guess)  # a fit that spikes do not move
-        cost, evaluations = cost.scaled(first.pose), first.evaluations
+        first, evaluations = by_reweighting(cost, guess)  # a fit that spikes do not move
+        cost = cost.scaled(first)
     pose, more = optimiser.run(cost, guess)
     seconds = time.perf_counter() - begun
     return Solved(
@@ -106,8 +108,9 @@ def value_of(cost: PoseCost, pose: Pose, kind: Kind) -> float:
     return float(z.sum())
 
 
-def _by_scipy(method: Literal["trf", "dogbox", "lm"], kind: Kind, *, analytic: bool) -> Any:
+def _scipy(name: str, cost: Cost, kind: Kind) -> Optimiser:
     """scipy.optimize.least_squares, set as the published method's is, or with true derivatives."""
+    method, _, analytic = name.partition(", ")
 
     def run(cost: PoseCost, guess: Pose) -> tuple[Pose, int]:
         from scipy.optimize import least_squares
@@ -117,11 +120,11 @@ def _by_scipy(method: Literal["trf", "dogbox", "lm"], kind: Kind, *, analytic: b
         def residuals(x: Floats) -> Floats:
             nonlocal evaluations
             evaluations += 1
-            left = cost.residuals(Pose(x[:3], matrix_from_rotvec(x[3:])))
+            left = cost.residuals(Pose(matrix_from_rotvec(x[3:]), x[:3]))
             return np.abs(left).reshape(-1, 6).sum(axis=1) if kind == "squared sums" else left
 
         def derivatives(x: Floats) -> Floats:
-            J = cost.jacobian(Pose(x[:3], matrix_from_rotvec(x[3:])))
+            J = cost.jacobian(Pose(matrix_from_rotvec(x[3:]), x[:3]))
             # Pose.moved turns on the left; the rotation vector's own steps become such turns.
             return np.hstack([J[:, :3], J[:, 3:] @ right_jacobian(-x[None, 3:])[0]])
 
@@ -131,7 +134,7 @@ def _by_scipy(method: Literal["trf", "dogbox", "lm"], kind: Kind, *, analytic: b
         x = least_squares(
             residuals,
             np.r_[guess.t, rotvec_from_matrix(guess.R)],
-            method=method,
+            method=method,  # type: ignore[arg-type]
             jac=derivatives if analytic else "2-point",
             x_scale="jac",
             ftol=TOLERANCE,
@@ -139,81 +142,40 @@ def _by_scipy(method: Literal["trf", "dogbox", "lm"], kind: Kind, *, analytic: b
             gtol=TOLERANCE,
             **robust,
         ).x
-        return Pose(np.asarray(x[:3]), matrix_from_rotvec(x[3:])), evaluations
+        return Pose(matrix_from_rotvec(x[3:]), np.asarray(x[:3])), evaluations
 
-    return run
+    return Optimiser(name, cost, kind, run)
 
 
-def _by_statistics(cost: PoseCost, guess: Pose) -> tuple[Pose, int]:
-    """Our reduced solve: one pass over the residuals, then all rotations on their statistics."""
-    del guess
+def _reduced_solve(cost: PoseCost, _: Pose) -> tuple[Pose, int]:
+    """Ours: one pass over the residuals, then all rotations on their statistics."""
     # Gravity is in the residuals' constant part already.
     known = Known.of(pose_only(0.0))
     # Priors, however weak, presume residuals in units of their noise.
     known = replace(known, std=np.where(known.std > 0.0, np.inf, 0.0))
     found = solve_globally(cost.normal_matrix, known)
-    return Pose(found.x[columns.T], found.R), 1
+    return Pose(found.R, found.x[columns.T]), 1
 
 
-def _by_reweighting(cost: PoseCost, guess: Pose) -> tuple[Pose, int]:
-    found = by_reweighting(cost, guess)
-    return found.pose, found.evaluations
-
-
-def _by_linear_programs(cost: PoseCost, guess: Pose) -> tuple[Pose, int]:
-    found = by_linear_programs(cost, guess)
-    return found.pose, found.evaluations
-
-
-def _by_relaxation(cost: PoseCost, guess: Pose) -> tuple[Pose, int]:
-    del guess
-    found = by_relaxation(cost)
-    return found.pose, found.evaluations
-
-
-def _catalogue() -> tuple[Optimiser, ...]:
-    def of_scipy(
-        method: Literal["trf", "dogbox", "lm"], cost: Cost, kind: Kind, *, analytic: bool = False
-    ) -> Optimiser:
-        return Optimiser(
-            name=f"{method}, analytic" if analytic else method,
-            cost=cost,
-            kind=kind,
-            run=_by_scipy(method, kind, analytic=analytic),
-        )
-
-    def reduced(cost: Cost) -> Optimiser:
-        return Optimiser(
-            name="reduced solve", cost=cost, kind="squares", run=_by_statistics, needs_guess=False
-        )
-
-    def absolute(name: str, cost: Cost, run: Any, *, needs_guess: bool = True) -> Optimiser:
-        return Optimiser(
-            name=name, cost=cost, kind="absolute values", run=run, needs_guess=needs_guess
-        )
-
-    return (
-        of_scipy("trf", "published", "squares"),
-        of_scipy("trf", "published", "squares", analytic=True),
-        of_scipy("lm", "published", "squares"),
-        of_scipy("dogbox", "published", "squares"),
-        reduced("published"),
-        of_scipy("trf", "published", "squared sums"),
-        of_scipy("lm", "published", "squared sums"),
-        of_scipy("dogbox", "published", "squared sums"),
-        absolute("IRLS", "published", _by_reweighting),
-        absolute("linear programs", "published", _by_linear_programs),
-        absolute("relaxed linear program", "published", _by_relaxation, needs_guess=False),
-        of_scipy("trf", "published, scaled", "squares"),
-        absolute("IRLS", "published, scaled", _by_reweighting),
-        of_scipy("trf", "published, scaled", "huber"),
-        of_scipy("trf", "published, scaled", "cauchy"),
-        of_scipy("trf", "matched", "squares"),
-        of_scipy("trf", "matched", "squares", analytic=True),
-        of_scipy("lm", "matched", "squares"),
-        of_scipy("dogbox", "matched", "squares"),
-        reduced("matched"),
-    )
-
-
-OPTIMISERS = _catalogue()
+OPTIMISERS = (
+    _scipy("trf", "published", "squares"),
+    _scipy("trf, analytic", "published", "squares"),
+    _scipy("lm", "published", "squares"),
+    _scipy("dogbox", "published", "squares"),
+    Optimiser("reduced solve", "published", "squares", _reduced_solve),
+    _scipy("trf", "published", "squared sums"),
+    _scipy("lm", "published", "squared sums"),
+    _scipy("dogbox", "published", "squared sums"),
+    Optimiser("IRLS", "published", "absolute values", by_reweighting),
+    Optimiser("linear programs", "published", "absolute values", by_linear_programs),
+    Optimiser("relaxed linear program", "published", "absolute values", by_relaxation),
+    _scipy("trf", "published, scaled", "squares"),
+    Optimiser("IRLS", "published, scaled", "absolute values", by_reweighting),
+    _scipy("trf", "published, scaled", "huber"),
+    _scipy("trf", "published, scaled", "cauchy"),
+    _scipy("trf", "matched", "squares"),
+    _scipy("trf, analytic", "matched", "squares"),
+    _scipy("lm", "matched", "squares"),
+    _scipy("dogbox", "matched", "squares"),
+    Optimiser("reduced solve", "matched", "squares", _reduced_solve),
+)

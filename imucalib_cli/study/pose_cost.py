@@ -9,30 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.estimate import columns
-from imucalib_cli.robot.rotations import matrix_from_rotvec, skew
+from imucalib_cli.robot.rotations import skew
 from imucalib_cli.signals.spikes import MAD_TO_STD
 
 if TYPE_CHECKING:
     from imucalib_cli.estimate.paper_filters import Instants
     from imucalib_cli.estimate.windows import WindowRows
+    from imucalib_cli.study.conditions import Pose
 
 Floats = NDArray[np.float64]
 
 _GENERATORS = skew(np.eye(3))
-
-
-@dataclass(frozen=True, eq=False)
-class Pose:
-    """A value of the unknown."""
-
-    t: Floats
-    """(3,), t_parent_imu, m."""
-    R: Floats
-    """(3, 3), R_parent_imu."""
-
-    def moved(self, step: Floats) -> Pose:
-        """After a step (6,) of translation and of rotation on the left."""
-        return Pose(self.t + step[:3], matrix_from_rotvec(step[3:]) @ self.R)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,32 +1,40 @@
-"""Runs a study in parallel, keeps what is done, and takes up where it was interrupted."""
+"""Runs a study in parallel, keeps its rows in a file, and goes on where it was interrupted.
+
+The file is JSON lines: what was run, then one line a run.
+"""
 
 from __future__ import annotations
 
+import contextlib
+import json
 import multiprocessing
 import os
 import sys
 import warnings
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import closing
+from contextlib import closing, contextmanager
+from dataclasses import asdict
 from itertools import islice
 from typing import TYPE_CHECKING
 
-from imucalib_cli.errors import InputError
+from imucalib_cli import __version__
+from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.process import (
     children_ignore_interruptions,
     obey_the_parent,
     prepare_to_compute,
 )
-from imucalib_cli.study.rows import RowWriter, cell_key, read_rows
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Generator
+    from collections.abc import Callable, Generator, Iterator
     from concurrent.futures import Future
     from pathlib import Path
+    from typing import BinaryIO
 
-    from imucalib_cli.study.experiment import Cell, Row, Study
+    from imucalib_cli.study.study import Cell, Row, Study
 
+REMEDY = "name another folder with -o, or give --fresh"
 _WAITING = 2
 """Runs handed to each worker beforehand: an interruption waits for no more than these."""
 
@@ -61,34 +69,23 @@ def run_study(
     cells = study.cells()
     report = report or (lambda _done, _all: None)
     try:
-        done = {} if fresh else read_rows(study, file)
-        if any(cell_key(cell) not in done for cell in cells):
+        done = {} if fresh else _parse(study, file, file.read_bytes() if file.exists() else b"")[0]
+        if all(_key(cell) in done for cell in cells):
+            report(len(cells), len(cells))
+        else:
             if prepare is not None:
                 prepare()
-            with RowWriter(study, file, fresh=fresh) as writer:
-                _run_what_is_left(study, cells, writer, jobs or os.cpu_count() or 1, report)
-                done = writer.done
-        else:
-            report(len(cells), len(cells))
+            with _open_rows(study, file, fresh=fresh) as (done, add):
+                left = [cell for cell in cells if _key(cell) not in done]
+                before = len(cells) - len(left)
+                report(before, len(cells))
+                with closing(_measured(study, left, jobs or os.cpu_count() or 1)) as measured:
+                    for count, (cell, rows) in enumerate(measured, before + 1):
+                        add(cell, rows)
+                        report(count, len(cells))
     except OSError as error:
         raise InputError(f"{file}: cannot be written: {error.strerror}") from error
-    return [row for cell in cells for row in done[cell_key(cell)]]
-
-
-def _run_what_is_left(
-    study: Study,
-    cells: list[Cell],
-    writer: RowWriter,
-    jobs: int,
-    report: Callable[[int, int], None],
-) -> None:
-    left = [cell for cell in cells if cell_key(cell) not in writer.done]
-    before = len(cells) - len(left)
-    report(before, len(cells))
-    with closing(_measured(study, left, jobs)) as measured:
-        for count, (cell, rows) in enumerate(measured, before + 1):
-            writer.add(cell, rows)
-            report(count, len(cells))
+    return [row for cell in cells for row in done[_key(cell)]]
 
 
 def _measured(study: Study, cells: list[Cell], jobs: int) -> Generator[tuple[Cell, list[Row]]]:
@@ -136,3 +133,105 @@ def _prepare_worker() -> None:
     if not sys.warnoptions:
         warnings.simplefilter("ignore")  # as in the command line itself
     obey_the_parent()
+
+
+def _key(cell: Cell) -> str:
+    """A run as text, whatever the order of its keys."""
+    return json.dumps(cell, sort_keys=True)
+
+
+@contextmanager
+def _open_rows(
+    study: Study, file: Path, *, fresh: bool
+) -> Iterator[tuple[dict[str, list[Row]], Callable[[Cell, list[Row]], None]]]:
+    """The rows that a file holds, and what appends to it; nobody else can do so meanwhile.
+
+    The file says what was run when the first rows come: where none do, none is left behind.
+
+    Raises:
+        ChoiceError: As _parse.
+        InputError: Another process writes to it, or its folder is a file.
+        OSError: It cannot be written.
+    """
+    folder = file.parent
+    for place in (folder, *folder.parents):
+        if place.exists() and not place.is_dir():
+            raise InputError(f"{place} is a file, not a folder: name a folder with -o")
+    made_folder = not folder.exists()
+    folder.mkdir(parents=True, exist_ok=True)
+    with _open_locked(file) as lines:
+        lines.seek(0)
+        done, whole = _parse(study, file, b"" if fresh else lines.read())
+        lines.truncate(whole)  # a line that was being written when it was stopped
+
+        def add(cell: Cell, rows: list[Row]) -> None:
+            line = json.dumps({"cell": cell, "rows": rows}, allow_nan=False) + "\n"
+            header = json.dumps(_header(study)) + "\n" if not (whole or done) else ""
+            lines.write((header + line).encode())
+            lines.flush()
+            done[_key(cell)] = rows
+
+        try:
+            yield done, add
+        finally:
+            if os.fstat(lines.fileno()).st_size == 0:
+                with contextlib.suppress(OSError):
+                    file.unlink()
+                    if made_folder:
+                        folder.rmdir()
+
+
+def _open_locked(file: Path) -> BinaryIO:
+    """The file, locked; once more where another process removed it before it was locked."""
+    while True:
+        lines = file.open("a+b")
+        if not _lock(lines):
+            lines.close()
+            raise InputError(
+                f"{file}: another run of the same study writes to it: wait for it to end, or "
+                "name another folder with -o"
+            )
+        with contextlib.suppress(FileNotFoundError):
+            if os.path.samestat(os.fstat(lines.fileno()), file.stat()):
+                return lines
+        lines.close()
+
+
+def _lock(lines: BinaryIO) -> bool:
+    """Whether the file is ours until it is closed; where nothing can be locked it is."""
+    try:
+        import fcntl
+    except ImportError:  # Windows
+        return True
+    try:
+        fcntl.flock(lines, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:  # some network file systems
+        return True
+    return True
+
+
+def _header(study: Study) -> dict[str, object]:
+    """What a file of rows was made with; a change of any of it makes them another experiment."""
+    config = json.loads(json.dumps(asdict(study)))
+    return {"study": study.name, "imucalib": __version__, "config": config}
+
+
+def _parse(study: Study, file: Path, text: bytes) -> tuple[dict[str, list[Row]], int]:
+    """Rows by cell, and the length of the text that ends with a whole line."""
+    whole = text[: text.rfind(b"\n") + 1]
+    lines = whole.splitlines()
+    if not lines:
+        return {}, 0
+    try:
+        first, *rest = (json.loads(line) for line in lines)
+        done = {_key(entry["cell"]): [dict(row) for row in entry["rows"]] for entry in rest}
+    except (ValueError, KeyError, TypeError) as error:
+        raise ChoiceError(f"{file}: not the rows of a study: {REMEDY}") from error
+    if first != _header(study):
+        raise ChoiceError(
+            f"{file}: holds a study with other parameters or of another version: {REMEDY} to "
+            "forget it"
+        )
+    return done, len(whole)

@@ -15,11 +15,11 @@ import yaml
 
 from imucalib_cli.cli.main import main
 from imucalib_cli.configuration import builtin_names
-from imucalib_cli.study.catalogue import STUDIES, load_study
-from imucalib_cli.study.derivation_study import DerivationStudy
+from imucalib_cli.study.studies.derivation import DerivationStudy
+from imucalib_cli.study.study import STUDIES, load_study
 
 if TYPE_CHECKING:
-    from imucalib_cli.study.experiment import Cell, Row
+    from imucalib_cli.study.study import Cell, Row
 
 CONFIGS = Path(__file__).parents[2] / "configs" / "studies"
 

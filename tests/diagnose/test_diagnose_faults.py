@@ -18,13 +18,13 @@ from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import PhysicsOptions
 from imucalib_cli.simulate.physics import record
 from imucalib_cli.study.faults import Fault, told_wrongly, with_faulty_sensor
-from imucalib_cli.study.trial import error_of
+from imucalib_cli.study.recordings import error_of
 
 if TYPE_CHECKING:
     from imucalib_cli.estimate.estimate import Estimate
     from imucalib_cli.findings import Finding
     from imucalib_cli.simulate.recording import Recording
-    from imucalib_cli.study.trial import Error
+    from imucalib_cli.study.recordings import Error
 
 ARM, BODY = "rihibot", "barbot"
 

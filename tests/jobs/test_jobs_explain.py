@@ -20,7 +20,7 @@ from imucalib_cli.robot.path import Track
 from imucalib_cli.simulate.load import load_system
 from imucalib_cli.simulate.options import PhysicsOptions
 from imucalib_cli.simulate.physics import record
-from imucalib_cli.study.trial import streams_of
+from imucalib_cli.study.recordings import streams_of
 
 SAMPLES = Path(__file__).parents[2] / "sample_data"
 LOG, URDF = SAMPLES / "rihibot.mcap", SAMPLES / "rihibot.urdf"

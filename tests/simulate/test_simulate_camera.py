@@ -12,8 +12,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from imucalib_cli.errors import ChoiceError, InputError
-from imucalib_cli.simulate.camera import camera_mount, project, target_points
-from imucalib_cli.simulate.camera_config import load_camera
+from imucalib_cli.simulate.camera.config import load_camera
+from imucalib_cli.simulate.camera.view import camera_mount, project, target_points
 from imucalib_cli.simulate.load import load_system
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions

@@ -12,7 +12,6 @@ import yaml
 from imucalib_cli.cli.main import main
 from imucalib_cli.errors import ChoiceError
 from imucalib_cli.simulate.load import load_system
-from imucalib_cli.simulate.options import SimulationOptions
 from imucalib_cli.simulate.simulate import simulate
 
 SHORT = ["--duration", "0.2", "--imu-rate", "100", "--robot-rate", "50"]
@@ -133,5 +132,5 @@ def test_a_folder_that_is_not_there_is_not_made(
 def test_log_and_urdf_are_two_files(tmp_path: Path) -> None:
     log = tmp_path / "same.mcap"
     with pytest.raises(ChoiceError, match="would be written twice: name two files"):
-        simulate(load_system("rihibot"), SimulationOptions(), log, urdf=log)
+        simulate(load_system("rihibot"), log, urdf=log)
     assert not log.exists()

@@ -16,7 +16,7 @@ from rosbags.highlevel import AnyReader
 from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.simulate.config import SystemConfig
 from imucalib_cli.simulate.load import load_grade, load_system, system_names
-from imucalib_cli.simulate.truth import _plain
+from imucalib_cli.simulate.simulate import _plain
 from imucalib_cli.simulate.urdf import urdf_text
 
 if TYPE_CHECKING:

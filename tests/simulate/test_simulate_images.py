@@ -13,15 +13,15 @@ import pytest
 from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
-from imucalib_cli.simulate.aprilgrid import board_picture
-from imucalib_cli.simulate.camera import see, target_points
-from imucalib_cli.simulate.camera_config import load_camera
+from imucalib_cli.simulate.camera.aprilgrid import board_picture
+from imucalib_cli.simulate.camera.config import load_camera
+from imucalib_cli.simulate.camera.render import Images
+from imucalib_cli.simulate.camera.view import see, target_points
 from imucalib_cli.simulate.load import load_system
 from imucalib_cli.simulate.options import NoiseOptions
-from imucalib_cli.simulate.render import Images
 
 if TYPE_CHECKING:
-    from imucalib_cli.simulate.camera_config import CameraConfig
+    from imucalib_cli.simulate.camera.config import CameraConfig
     from imucalib_cli.simulate.recording import CameraRecord
 
 Floats = NDArray[np.float64]
@@ -69,7 +69,7 @@ def record() -> CameraRecord:
 
 @pytest.fixture(scope="module")
 def images(record: CameraRecord) -> list[NDArray[np.uint8]]:
-    drawn = Images(record, None, 0)
+    drawn = Images(record, NoiseOptions(), 0)
     return [drawn[i] for i in range(len(drawn))]
 
 
@@ -205,7 +205,7 @@ def test_distortion_bends_the_image_as_it_bends_the_corners() -> None:
     )
     bent = replace(small, distortion=(-0.3, 0.08, 3e-4, -2e-4))
     record, straight = (views(replace(CAMERA, intrinsics=lens)) for lens in (bent, small))
-    image = softened(Images(record, None, 0)[2])
+    image = softened(Images(record, NoiseOptions(), 0)[2])
     seen = np.isfinite(record.corners[2, :, 0]) & np.isfinite(straight.corners[2, :, 0])
     assert np.abs(record.corners[2][seen] - straight.corners[2][seen]).max() > 2.0
     error = refined(image, record.corners[2][seen], half_window=3) - record.corners[2][seen]
@@ -214,7 +214,7 @@ def test_distortion_bends_the_image_as_it_bends_the_corners() -> None:
 
 
 def test_noise_is_seeded_and_every_image_has_its_own(record: CameraRecord) -> None:
-    clean, noise = Images(record, None, 0), NoiseOptions(image_noise=3.0)
+    clean, noise = Images(record, NoiseOptions(), 0), NoiseOptions(image_noise=3.0)
     one, again, other = (Images(record, noise, seed) for seed in (7, 7, 8))
     last, first = one[3], one[0]  # in any order
     np.testing.assert_array_equal(again[0], first)
@@ -235,7 +235,7 @@ def test_the_back_and_what_is_behind_are_not_drawn(record: CameraRecord) -> None
                 np.diag([1.0, -1.0, -1.0]) @ record.R_world_camera[0], (8, 1, 1)
             ),
         )
-        assert (Images(turned, None, 0)[0] == 140).all()
+        assert (Images(turned, NoiseOptions(), 0)[0] == 140).all()
 
 
 def test_without_opencv_one_line_says_what_to_install(
@@ -243,7 +243,7 @@ def test_without_opencv_one_line_says_what_to_install(
 ) -> None:
     monkeypatch.setitem(sys.modules, "cv2", None)
     with pytest.raises(InputError, match=r"pip install 'imucalib\[camera\]'"):
-        Images(record, None, 0)
+        Images(record, NoiseOptions(), 0)
 
 
 def test_a_spacing_that_cannot_be_drawn_is_refused() -> None:

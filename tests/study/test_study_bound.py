@@ -20,7 +20,7 @@ from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
 from imucalib_cli.simulate.physics import record
 from imucalib_cli.simulate.urdf import urdf_text
 from imucalib_cli.study.bound import Bound, Unknown, cramer_rao
-from imucalib_cli.study.trial import error_of, nees, robot_of, streams_of
+from imucalib_cli.study.recordings import error_of, nees, robot_of, streams_of
 
 if TYPE_CHECKING:
     from imucalib_cli.simulate.recording import Recording

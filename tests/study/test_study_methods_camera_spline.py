@@ -11,20 +11,19 @@ from scipy.spatial.transform import Rotation
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.results.pose import PoseError, pose_error
-from imucalib_cli.simulate.camera import camera_mount
-from imucalib_cli.simulate.camera_config import load_camera
+from imucalib_cli.simulate.camera.config import load_camera
+from imucalib_cli.simulate.camera.view import camera_mount
 from imucalib_cli.simulate.load import load_system
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
 from imucalib_cli.simulate.physics import record
-from imucalib_cli.study.methods.bspline_camera import calibrate_bspline_camera
-from imucalib_cli.study.methods.bspline_problem import BSplineOptions
-from imucalib_cli.study.methods.pnp import corner_information, observations_of, target_pose
-from imucalib_cli.study.trial import streams_of
+from imucalib_cli.study.methods.bspline import BSplineOptions, calibrate_bspline_camera
+from imucalib_cli.study.methods.camera import corner_information, observations_of, target_pose
+from imucalib_cli.study.recordings import streams_of
 
 if TYPE_CHECKING:
     from imucalib_cli.simulate.recording import Recording
-    from imucalib_cli.study.methods.pnp import CameraObservations
+    from imucalib_cli.study.methods.camera import CameraObservations
 
 pytest.importorskip("cv2")
 
@@ -94,13 +93,13 @@ def test_the_information_of_corners_is_the_inverse_of_their_poses_scatter(
         noisy = corners + 0.2 * rng.normal(size=corners.shape)
         moved = target_pose(camera, noisy)
         assert moved is not None
-        place = pose[0].T @ pose[1] - moved[0].T @ moved[1]
-        turn = Rotation.from_matrix(pose[0] @ moved[0].T).as_rotvec()
+        place = pose.R.T @ pose.t - moved.R.T @ moved.t
+        turn = Rotation.from_matrix(pose.R @ moved.R.T).as_rotvec()
         scatter.append(np.concatenate([place, turn]))
-        found = corner_information(camera, noisy, moved)
-        squares.append(found.squares / found.free)
-    information = corner_information(camera, corners, pose).information / 0.2**2
-    root = np.linalg.cholesky(information)
+        _, rest = corner_information(camera, noisy, moved)
+        squares.append(np.sum(rest**2) / (rest.size - 6))
+    information, _ = corner_information(camera, corners, pose)
+    root = np.linalg.cholesky(information / 0.2**2)
     white = np.array(scatter) @ root
     np.testing.assert_allclose(white.T @ white / 300, np.eye(6), atol=0.3)
     assert np.mean(squares) == pytest.approx(0.04, rel=0.02)

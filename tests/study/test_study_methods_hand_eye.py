@@ -13,31 +13,33 @@ from scipy.spatial.transform import Rotation
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.results.pose import PoseError, pose_error
-from imucalib_cli.simulate.camera import camera_mount
-from imucalib_cli.simulate.camera_config import load_camera
+from imucalib_cli.simulate.camera.config import load_camera
+from imucalib_cli.simulate.camera.view import camera_mount
 from imucalib_cli.simulate.load import load_system
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
 from imucalib_cli.simulate.physics import record
-from imucalib_cli.study.load import load_parameters
+from imucalib_cli.study.conditions import Pose
+from imucalib_cli.study.methods.camera import observations_of, target_pose
 from imucalib_cli.study.methods.hand_eye import (
-    HandEye,
     Motions,
     Ransac,
+    apart,
     park_martin,
     ransac,
     tsai,
 )
-from imucalib_cli.study.methods.liang import LiangOptions, calibrate_liang
-from imucalib_cli.study.methods.pnp import observations_of, target_pose
-from imucalib_cli.study.methods.strapdown import (
+from imucalib_cli.study.methods.liang import (
+    LiangOptions,
     Still,
+    calibrate_liang,
     integrate,
     standstills,
     static_accel_bias,
 )
-from imucalib_cli.study.methods_study import MethodsParameters
-from imucalib_cli.study.trial import streams_of
+from imucalib_cli.study.recordings import streams_of
+from imucalib_cli.study.studies.methods import MethodsStudy
+from imucalib_cli.study.study import load_study
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -46,7 +48,14 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-PARAMETERS = load_parameters(MethodsParameters, "methods", None, quick=False)
+
+def parameters() -> MethodsStudy:
+    study = load_study("methods")
+    assert isinstance(study, MethodsStudy)
+    return study
+
+
+PARAMETERS = parameters()
 NOISE = NoiseOptions(
     accel_noise=1.7e-4,
     gyro_noise=3.5e-5,
@@ -68,7 +77,7 @@ def camera_of(recording: Recording) -> CameraRecord:
     return recording.camera
 
 
-def motions(rng: np.random.Generator, X: HandEye, n: int, noise: float = 0.0) -> Motions:
+def motions(rng: np.random.Generator, X: Pose, n: int, noise: float = 0.0) -> Motions:
     R_b, t_b = Rotation.random(n, rng=rng).as_matrix(), rng.normal(size=(n, 3))
     R_a = X.R @ R_b @ X.R.T
     t_a = X.t + t_b @ X.R.T - R_a @ X.t
@@ -76,23 +85,23 @@ def motions(rng: np.random.Generator, X: HandEye, n: int, noise: float = 0.0) ->
     return Motions(shake @ R_a, t_a + noise * rng.normal(size=(n, 3)), R_b, t_b)
 
 
-X = HandEye(Rotation.from_rotvec([0.4, -2.0, 1.1]).as_matrix(), np.array([0.1, -0.2, 0.3]))
+X = Pose(Rotation.from_rotvec([0.4, -2.0, 1.1]).as_matrix(), np.array([0.1, -0.2, 0.3]))
 
 
 @pytest.mark.parametrize("solve", [tsai, park_martin])
-def test_hand_eye_finds_the_transform(solve: Callable[[Motions], HandEye]) -> None:
+def test_hand_eye_finds_the_transform(solve: Callable[[Motions], Pose]) -> None:
     rng = np.random.default_rng(0)
     exact = motions(rng, X, 5)
     found = solve(exact)
     np.testing.assert_allclose(found.R, X.R, atol=1e-9)
     np.testing.assert_allclose(found.t, X.t, atol=1e-9)
-    place, turn = found.apart(exact)
+    place, turn = apart(found, exact)
     assert max(place.max(), turn.max()) < 1e-8
     noisy = solve(motions(rng, X, 400, 1e-3))
     np.testing.assert_allclose(noisy.R, X.R, atol=3e-4)
     np.testing.assert_allclose(noisy.t, X.t, atol=6e-4)
-    moved = HandEye(X.R, X.t + np.array([0.0, 0.0, 0.01]))
-    place, _ = moved.apart(exact)
+    moved = Pose(X.R, X.t + np.array([0.0, 0.0, 0.01]))
+    place, _ = apart(moved, exact)
     expected = [np.linalg.norm((R - np.eye(3)) @ [0.0, 0.0, 0.01]) for R in exact.R_a]
     np.testing.assert_allclose(place, expected, atol=1e-9)
 
@@ -167,8 +176,8 @@ def test_poses_from_corners_are_the_engines(seen: Recording) -> None:
         assert pose is not None
         R = record_.R_world_camera[k].T @ record_.R_world_target
         p = record_.R_world_camera[k].T @ (record_.p_world_target - record_.p_world_camera[k])
-        np.testing.assert_allclose(pose[0], R, atol=1e-6)
-        np.testing.assert_allclose(pose[1], p, atol=1e-6)
+        np.testing.assert_allclose(pose.R, R, atol=1e-6)
+        np.testing.assert_allclose(pose.t, p, atol=1e-6)
     assert target_pose(camera, np.full_like(camera.corners[0], np.nan)) is None
 
 

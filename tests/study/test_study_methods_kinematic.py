@@ -17,11 +17,10 @@ from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
 from imucalib_cli.simulate.physics import record
 from imucalib_cli.study.bound import cramer_rao
-from imucalib_cli.study.methods.bspline import calibrate_bspline, prepare
-from imucalib_cli.study.methods.bspline_problem import BSplineOptions
+from imucalib_cli.study.methods.bspline import BSplineOptions, calibrate_bspline, prepare
 from imucalib_cli.study.methods.bspline_terms import imu_rows, pose_rows
 from imucalib_cli.study.methods.gyro_first import GyroFirstOptions, calibrate_gyro_first
-from imucalib_cli.study.trial import streams_of
+from imucalib_cli.study.recordings import streams_of
 
 if TYPE_CHECKING:
     from imucalib_cli.simulate.recording import Recording

@@ -8,13 +8,14 @@ from scipy.interpolate import BSpline
 from scipy.spatial.transform import Rotation
 
 from imucalib_cli.study.methods.bordered import BorderedNormal
-from imucalib_cli.study.methods.bspline_state import fitted_controls, residual_std
-from imucalib_cli.study.methods.spline_basis import (
+from imucalib_cli.study.methods.spline import (
     DEGREE,
     ORDER,
     Knots,
     evaluate,
+    fitted_controls,
     rate_jacobian,
+    residual_std,
     right_jacobian,
 )
 

@@ -9,33 +9,34 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from imucalib_cli.simulate.camera import camera_mount
+from imucalib_cli.simulate.camera.view import camera_mount
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.study.alone import Cost
-from imucalib_cli.study.load import load_parameters
+from imucalib_cli.study.conditions import Condition
 from imucalib_cli.study.methods.answer import Answer
-from imucalib_cli.study.methods.entrants import ENTRANTS
-from imucalib_cli.study.methods_study import (
-    MethodsParameters,
+from imucalib_cli.study.methods.entrants import ENTRANTS, calls
+from imucalib_cli.study.recordings import clean_recording
+from imucalib_cli.study.rows import best_setting, mean_error
+from imucalib_cli.study.studies.methods import (
+    MethodsCriteria,
     MethodsStudy,
-    _row,
+    Quoted,
     given,
-    load,
-    seen_recording,
+    row_of,
 )
-from imucalib_cli.study.methods_tables import MethodsCriteria, methods_tables
-from imucalib_cli.study.summary import best_setting
+from imucalib_cli.study.study import load_study
 
 if TYPE_CHECKING:
     from imucalib_cli.simulate.recording import Recording
-    from imucalib_cli.study.experiment import Row
+    from imucalib_cli.study.study import Row
 
 NOISY = "ADIS16495 with biases"
 
 
 @pytest.fixture(scope="module")
-def config() -> MethodsParameters:
-    quick = load_parameters(MethodsParameters, "methods", None, quick=True)
+def study() -> MethodsStudy:
+    quick = load_study("methods", quick=True)
+    assert isinstance(quick, MethodsStudy)
     return replace(
         quick,
         duration=14.0,
@@ -48,19 +49,19 @@ def config() -> MethodsParameters:
 
 
 @pytest.fixture(scope="module")
-def clean(config: MethodsParameters) -> Recording:
-    return seen_recording(config.system, config.camera, config.physics)
+def clean(study: MethodsStudy) -> Recording:
+    return clean_recording(study.system, study.physics, study.camera)
 
 
 def cost(value: Answer | None, failure: str | None = None) -> Cost[Answer]:
     return Cost(value=value, failure=failure, seconds=1.0, cpu_seconds=0.5, memory=2e6, held=1e8)
 
 
-def test_every_method_runs_under_every_condition(config: MethodsParameters) -> None:
-    cells = load(None, quick=False).cells()
+def test_every_method_runs_under_every_condition(study: MethodsStudy) -> None:
+    cells = load_study("methods").cells()
     assert len(cells) == (3 + 3 * 5) * len(ENTRANTS)
     assert len({tuple(cell.items()) for cell in cells}) == len(cells)
-    assert len(config.paper_settings) == 2
+    assert len(study.paper_settings) == 2
 
 
 def test_errors_are_those_of_the_camera_imu_transform(clean: Recording) -> None:
@@ -79,27 +80,26 @@ def test_errors_are_those_of_the_camera_imu_transform(clean: Recording) -> None:
         R_frame_imu=R.T @ parent.R_frame_imu,
         t_frame_imu=R.T @ (parent.t_frame_imu - p),
     )
-    by_frame = [_row(cost(answer), clean) for answer in (parent, camera)]
+    by_frame = [row_of(cost(answer), clean) for answer in (parent, camera)]
     for row in by_frame:
         assert row["translation"] == pytest.approx(0.005)
         assert row["rotation"] == pytest.approx(0.02)
     assert by_frame[0] == pytest.approx(by_frame[1])
-    failed = _row(cost(None, "why"), clean)
+    failed = row_of(cost(None, "why"), clean)
     assert failed["failure"] == "why"
     assert failed["translation"] is None
 
 
 @pytest.mark.parametrize("method", ["gyro-first hand-eye", "paper"])
 def test_a_run_is_what_the_method_says_on_the_same_data(
-    config: MethodsParameters, clean: Recording, method: str
+    study: MethodsStudy, clean: Recording, method: str
 ) -> None:
-    study = MethodsStudy(config)
     rows = study.measure({"condition": NOISY, "method": method, "seed": 3})
-    calls = ENTRANTS[method].calls(config.paper_settings)
-    assert len(rows) == len(calls)
-    recording = corrupt(clean, config.condition(NOISY).sensors, 3)
-    data = given(recording, config, 3)
-    for row, call in zip(rows, calls, strict=True):
+    to_call = calls(method, study.paper_settings)
+    assert len(rows) == len(to_call)
+    recording = corrupt(clean, study.condition_of({"condition": NOISY}).sensors, 3)
+    data = given(recording, study, 3)
+    for row, call in zip(rows, to_call, strict=True):
         answer = call(data)
         error = float(np.linalg.norm(answer.t_frame_imu - clean.t_parent_imu))
         assert row["translation"] == pytest.approx(error, rel=1e-6)
@@ -111,13 +111,13 @@ def test_a_run_is_what_the_method_says_on_the_same_data(
         assert rows[1]["setting"] == "L 5, drops none, components"
 
 
-def test_every_entrant_answers(config: MethodsParameters, clean: Recording) -> None:
+def test_every_entrant_answers(study: MethodsStudy, clean: Recording) -> None:
     pytest.importorskip("cv2")
-    data = given(corrupt(clean, config.condition(NOISY).sensors, 0), config, 0)
+    data = given(corrupt(clean, study.condition_of({"condition": NOISY}).sensors, 0), study, 0)
     assert data.spline.accel_bias_walk > 0.0
     for name, entrant in ENTRANTS.items():
-        answer = entrant.calls(config.paper_settings)[0](data)
-        row = _row(cost(answer), clean)
+        answer = calls(name, study.paper_settings)[0](data)
+        row = row_of(cost(answer), clean)
         # Who does not know of biases is off by what they are worth.
         limit = 1e-3 if "biases" in entrant.unknowns else 0.02
         assert float(row["translation"] or 1.0) < limit, name
@@ -148,20 +148,15 @@ def rows_of(errors: dict[str, float]) -> list[Row]:
     ]
 
 
-def test_tables_show_the_best_setting_and_judge_claims() -> None:
+def test_tables_show_the_best_setting_and_judge_claims(study: MethodsStudy) -> None:
     rows = rows_of({"paper": 0.5, "hand-eye + RANSAC (Liang)": 0.4})
     paper = [row for row in rows if row["method"] == "paper"]
-    assert {row["setting"] for row in best_setting(paper)} == {"a"}
+    assert {row["setting"] for row in best_setting(paper, mean_error())} == {"a"}
     rows[-1] |= {"failure": "needs OpenCV", "translation": None}
-    quote: Row = {
-        "condition": "c",
-        "method": "Q (quoted)",
-        "translation": "9",
-        "rotation": "8",
-        "seconds": "7",
-    }
+    quote = Quoted(condition="c", method="Q (quoted)", translation="9", rotation="8", seconds="7")
     criteria = MethodsCriteria(conditions=("c",), liang_rotation_deg=5.0)
-    table, claims = methods_tables(rows, ["c"], [quote], criteria)
+    judged = replace(study, conditions=(Condition(name="c"),), quoted=(quote,), claims=criteria)
+    table, claims = judged.tables(rows)
     by_name = {row[0]: dict(zip(table.header, row, strict=True)) for row in table.rows}
     assert by_name["paper (a)"]["translation mm"] == "500 ± 0"
     assert by_name["paper (a)"]["over bound"] == "1"
@@ -174,5 +169,6 @@ def test_tables_show_the_best_setting_and_judge_claims() -> None:
     verdicts = [row[2] for row in claims.rows]
     assert verdicts[:8] == ["met", "not met", "met", "not met"] * 2
     assert verdicts[-1] == "met"
-    _, none = methods_tables(rows, ["c"], [], MethodsCriteria(conditions=(), liang_rotation_deg=5))
+    unjudged = replace(judged, claims=replace(criteria, conditions=()))
+    _, none = unjudged.tables(rows)
     assert none.rows == ()

@@ -17,6 +17,7 @@ from imucalib_cli.estimate.paper_filters import filtered_instants
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
 from imucalib_cli.study import least_absolute as least_absolute_module
+from imucalib_cli.study.conditions import Pose
 from imucalib_cli.study.least_absolute import (
     absolute_sum,
     by_linear_programs,
@@ -24,11 +25,11 @@ from imucalib_cli.study.least_absolute import (
     by_reweighting,
     least_absolute,
 )
-from imucalib_cli.study.optimiser_study import OptimiserStudy, load
 from imucalib_cli.study.optimisers import OPTIMISERS, solve_by, value_of
-from imucalib_cli.study.pose_cost import Pose, PoseCost, published_cost
-from imucalib_cli.study.systems import clean_recording, robot_model
-from imucalib_cli.study.trial import streams_of
+from imucalib_cli.study.pose_cost import PoseCost, published_cost
+from imucalib_cli.study.recordings import clean_recording, streams_of
+from imucalib_cli.study.studies.optimiser import OptimiserStudy
+from imucalib_cli.study.study import load_study
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 PHYSICS = PhysicsOptions(duration=12.0, imu_rate=100.0, robot_rate=100.0)
 GRAVITY = 9.80665
+NEED_NO_GUESS = ("reduced solve", "relaxed linear program")
 
 
 def near(translation: float, angle: float, seed: int = 0) -> Pose:
@@ -47,13 +49,13 @@ def near(translation: float, angle: float, seed: int = 0) -> Pose:
     direction = np.random.default_rng(seed).normal(size=(2, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     turn = Rotation.from_rotvec(angle * direction[1]).as_matrix()
-    return Pose(truth.t_parent_imu + translation * direction[0], turn @ truth.R_parent_imu)
+    return Pose(turn @ truth.R_parent_imu, truth.t_parent_imu + translation * direction[0])
 
 
 def made(noise: NoiseOptions | None = None) -> PoseCost:
     clean = clean_recording("rihibot", PHYSICS)
     recording = clean if noise is None else corrupt(clean, noise, 0)
-    imu, path = streams_of(recording, robot_model("rihibot"))
+    imu, path = streams_of(recording)
     every, _, _ = filtered_instants(imu, path, PaperOptions(), np.eye(3), np.zeros(3))
     return published_cost(every.compared(), GRAVITY)
 
@@ -70,7 +72,7 @@ def spiked() -> PoseCost:
 
 def restated(recording_cost: PoseCost) -> Any:
     """The published differences in scipy's rotations instead of ours."""
-    imu, path = streams_of(clean_recording("rihibot", PHYSICS), robot_model("rihibot"))
+    imu, path = streams_of(clean_recording("rihibot", PHYSICS))
     every, _, _ = filtered_instants(imu, path, PaperOptions(), np.eye(3), np.zeros(3))
     i = every.compared()
     assert len(recording_cost.constant) == 6 * len(i.t)
@@ -95,7 +97,7 @@ def test_residuals_are_the_published_ones_and_jacobians_their_slopes(clean: Pose
     expected = restated(clean)
     for _ in range(3):
         x = rng.normal(size=6)
-        pose = Pose(x[:3], Rotation.from_rotvec(x[3:]).as_matrix())
+        pose = Pose(Rotation.from_rotvec(x[3:]).as_matrix(), x[:3])
         np.testing.assert_allclose(clean.residuals(pose), expected(x).ravel(), atol=1e-9)
         for step in 1e-6 * np.eye(6):
             rise = clean.residuals(pose.moved(step)) - clean.residuals(pose.moved(-step))
@@ -143,12 +145,13 @@ def test_absolute_sums_are_less_than_at_the_least_squares(
         guess = near(0.02, 0.05)
         step = least_squares(_steps(cost, guess), np.zeros(6), xtol=1e-12).x
         squares = absolute_sum(cost, guess.moved(step))
-        ends = [by_reweighting(cost, guess), by_linear_programs(cost, guess), by_relaxation(cost)]
-        sums = [absolute_sum(cost, end.pose) for end in ends]
+        ways = (by_reweighting, by_linear_programs, by_relaxation)
+        ends = [way(cost, guess)[0] for way in ways]
+        sums = [absolute_sum(cost, end) for end in ends]
         assert max(sums) < 0.999 * squares
         np.testing.assert_allclose(sums, min(sums), rtol=1e-6)
         # A vertex is a minimum: no small step in any direction goes lower.
-        pose = ends[1].pose
+        pose = ends[1]
         for direction in np.vstack([np.eye(6), -np.eye(6)]):
             assert absolute_sum(cost, pose.moved(1e-5 * direction)) > sums[1]
 
@@ -156,7 +159,7 @@ def test_absolute_sums_are_less_than_at_the_least_squares(
 def test_without_a_guess_the_same_minimum_as_from_a_good_one(spiked: PoseCost) -> None:
     lost = near(1.0, 3.1)
     for optimiser in OPTIMISERS:
-        if optimiser.needs_guess or optimiser.cost != "published":
+        if optimiser.name not in NEED_NO_GUESS or optimiser.cost != "published":
             continue
         ends = [solve_by(optimiser, {"published": spiked}, at) for at in (lost, near(0, 0))]
         np.testing.assert_array_equal(ends[0].pose.t, ends[1].pose.t)
@@ -167,7 +170,7 @@ def test_spikes_move_squares_and_hardly_absolute_values(spiked: PoseCost) -> Non
     off = {
         (o.cost, o.kind): float(np.linalg.norm(pose.t - truth.t))
         for o in OPTIMISERS
-        if o.cost != "matched" and o.needs_guess
+        if o.cost != "matched" and o.name not in NEED_NO_GUESS
         for pose in [solve_by(o, {"published": spiked}, guess).pose]
     }
     least = off["published", "squares"]
@@ -191,17 +194,16 @@ def test_robust_values_are_those_scipy_minimises(spiked: PoseCost) -> None:
 
 
 def test_a_tiny_study_tells_errors_and_finds(tmp_path: Path) -> None:
-    loaded = load(None, quick=True)
+    loaded = load_study("optimiser", quick=True)
     assert isinstance(loaded, OptimiserStudy)
-    config = replace(
-        loaded.config,
+    small = replace(
+        loaded,
         duration=12.0,
         imu_rate=100.0,
         robot_rate=100.0,
         seeds=1,
-        conditions=loaded.config.conditions[1:2],
+        conditions=loaded.conditions[1:2],
     )
-    small = OptimiserStudy(config)
     rows = [row for cell in small.cells() for row in small.measure(cell)]
     assert len(rows) == 2 * len(OPTIMISERS)
     for row in rows:
@@ -213,8 +215,8 @@ def test_a_tiny_study_tells_errors_and_finds(tmp_path: Path) -> None:
     assert all(row["found"] for row in near_rows)
     tables = small.tables(rows)
     assert [len(table.rows) for table in tables] == [len(OPTIMISERS)] * 2
-    for figure in small.figures(rows):
-        figure.draw(tmp_path / f"{figure.name}.svg")
+    for name, draw in small.figures(rows).items():
+        draw(tmp_path / f"{name}.svg")
     assert (tmp_path / "optimiser-rihibot.svg").stat().st_size > 1000
 
 
@@ -224,10 +226,9 @@ def test_a_linear_program_that_fails_is_told(monkeypatch: pytest.MonkeyPatch) ->
         raise InputError("linear program: nothing found")
 
     monkeypatch.setattr(least_absolute_module, "least_absolute", unsolved)
-    loaded = load(None, quick=True)
+    loaded = load_study("optimiser", quick=True)
     assert isinstance(loaded, OptimiserStudy)
-    config = replace(loaded.config, duration=12.0, imu_rate=100.0, robot_rate=100.0, seeds=1)
-    small = OptimiserStudy(config)
+    small = replace(loaded, duration=12.0, imu_rate=100.0, robot_rate=100.0, seeds=1)
     rows = small.measure(small.cells()[0])
     failed = {row["optimiser"] for row in rows if row["failure"] is not None}
     assert failed == {"linear programs", "relaxed linear program"}
@@ -237,20 +238,19 @@ def test_a_linear_program_that_fails_is_told(monkeypatch: pytest.MonkeyPatch) ->
 
 def test_cells_are_every_guess_under_every_condition() -> None:
     for quick in (True, False):
-        study = load(None, quick=quick)
+        study = load_study("optimiser", quick=quick)
         assert isinstance(study, OptimiserStudy)
-        config = study.config
-        runs = sum(c.seeds or config.seeds for c in config.conditions)
-        assert len(study.cells()) == len(config.systems) * len(config.guesses) * runs
-        assert quick or config.seeds >= 5
+        runs = sum(c.seeds or study.seeds for c in study.conditions)
+        assert len(study.cells()) == len(study.systems) * len(study.guesses) * runs
+        assert quick or study.seeds >= 5
 
 
 @pytest.mark.parametrize("cost", ["published", "matched"])
 def test_true_derivatives_lead_to_the_same_pose_in_fewer_evaluations(cost: str) -> None:
-    loaded = load(None, quick=True)
+    loaded = load_study("optimiser", quick=True)
     assert isinstance(loaded, OptimiserStudy)
-    config = replace(loaded.config, duration=12.0, imu_rate=100.0, robot_rate=100.0, seeds=1)
-    rows = OptimiserStudy(config).measure(OptimiserStudy(config).cells()[-1])
+    small = replace(loaded, duration=12.0, imu_rate=100.0, robot_rate=100.0, seeds=1)
+    rows = small.measure(small.cells()[-1])
     numeric, analytic = (
         next(
             r for r in rows if (r["optimiser"], r["residuals"], r["least"]) == (n, cost, "squares")

@@ -8,7 +8,7 @@ import signal
 import subprocess
 import sys
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,48 +16,40 @@ import pytest
 
 from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.study.runner import run_study
+from imucalib_cli.study.study import Study
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from imucalib_cli.study.experiment import Cell, Figure, Row
-    from imucalib_cli.study.table import Table
+    from imucalib_cli.study.study import Cell, Row
+    from imucalib_cli.study.tables import Table
 
 
 @dataclass(frozen=True)
-class Squares:
-    """How many numbers to square."""
+class Squaring(Study):
+    """A study without physics."""
 
+    name = "squares"
     count: int = 6
+    """How many numbers to square."""
     fatal: int = -1
     slow: float = 0.0
     told: str = ""
     """Folder in which each process leaves its number."""
 
-
-@dataclass(frozen=True)
-class Squaring:
-    """A study without physics."""
-
-    config: Squares = field(default_factory=Squares)
-    name: str = "squares"
-
     def cells(self) -> list[Cell]:
-        return [{"number": n} for n in range(self.config.count)]
+        return [{"number": n} for n in range(self.count)]
 
     def measure(self, cell: Cell) -> list[Row]:
         number = int(cell["number"] or 0)
-        if number == self.config.fatal:
+        if number == self.fatal:
             os.kill(os.getpid(), signal.SIGKILL)
-        if self.config.told:
-            Path(self.config.told, str(os.getpid())).touch()
-        time.sleep(self.config.slow)
+        if self.told:
+            Path(self.told, str(os.getpid())).touch()
+        time.sleep(self.slow)
         return [cell | {"square": number**2}, cell | {"process": os.getpid()}]
 
     def tables(self, rows: Sequence[Row]) -> list[Table]:
-        raise NotImplementedError
-
-    def figures(self, rows: Sequence[Row]) -> list[Figure]:
         raise NotImplementedError
 
 
@@ -95,7 +87,7 @@ def test_another_experiment_is_not_taken_for_this_one(tmp_path: Path) -> None:
     file = tmp_path / "a.jsonl"
     run_study(Squaring(), file, jobs=1)
     with pytest.raises(ChoiceError, match="other parameters"):
-        run_study(Squaring(Squares(count=7)), file, jobs=1)
+        run_study(Squaring(count=7), file, jobs=1)
     file.write_text("what is this\n")
     with pytest.raises(ChoiceError, match="not the rows of a study"):
         run_study(Squaring(), file, jobs=1)
@@ -104,7 +96,7 @@ def test_another_experiment_is_not_taken_for_this_one(tmp_path: Path) -> None:
 def test_a_killed_worker_is_an_error_and_costs_only_its_own_run(tmp_path: Path) -> None:
     file = tmp_path / "a.jsonl"
     with pytest.raises(InputError, match="worker was killed"):
-        run_study(Squaring(Squares(count=40, fatal=39)), file, jobs=2)
+        run_study(Squaring(count=40, fatal=39), file, jobs=2)
     done = [json.loads(line) for line in file.read_text().splitlines()[1:]]
     assert len(done) >= 30
 
@@ -114,10 +106,10 @@ def test_workers_end_with_a_parent_that_was_killed(tmp_path: Path) -> None:
     script.write_text(
         "import pathlib\n"
         "from imucalib_cli.study.runner import run_study\n"
-        "from tests.study.test_study_runner import Squares, Squaring\n"
+        "from tests.study.test_study_runner import Squaring\n"
         "if __name__ == '__main__':\n"
         f"    folder = {str(tmp_path)!r}\n"
-        "    study = Squaring(Squares(count=9, slow=60.0, told=folder))\n"
+        "    study = Squaring(count=9, slow=60.0, told=folder)\n"
         "    run_study(study, pathlib.Path(folder, 'a.jsonl'), jobs=2)\n"
     )
     root = Path(__file__).parents[2]
@@ -168,7 +160,7 @@ def test_what_fails_before_the_first_rows_leaves_no_trace(tmp_path: Path) -> Non
     with pytest.raises(InputError, match="missing"):
         run_study(Squaring(), file, jobs=1, prepare=_fail)
     with pytest.raises(ValueError, match="negative"):
-        run_study(Squaring(Squares(slow=-1.0)), file, jobs=1)
+        run_study(Squaring(slow=-1.0), file, jobs=1)
     assert list(tmp_path.iterdir()) == []
     # What is there is not forgotten for a run that cannot begin, nor looked after in vain.
     run_study(Squaring(), file, jobs=1)
@@ -198,12 +190,12 @@ def test_an_interruption_leaves_no_worker_and_no_word_of_pythons(tmp_path: Path)
     script.write_text(
         "import os, pathlib, signal\n"
         "from imucalib_cli.study.runner import run_study\n"
-        "from tests.study.test_study_runner import Squares, Squaring\n"
+        "from tests.study.test_study_runner import Squaring\n"
         "def main():\n"
         # Whoever runs the tests in the background has it ignored.
         "    signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         f"    folder = {str(tmp_path)!r}\n"
-        "    study = Squaring(Squares(count=9, slow=60.0, told=folder))\n"
+        "    study = Squaring(count=9, slow=60.0, told=folder)\n"
         "    try:\n"
         "        run_study(study, pathlib.Path(folder, 'a.jsonl'), jobs=2)\n"
         "    except KeyboardInterrupt:\n"

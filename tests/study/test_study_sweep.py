@@ -9,21 +9,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from imucalib_cli.study.bias_study import load as load_bias
 from imucalib_cli.study.bound import Unknown, cramer_rao
-from imucalib_cli.study.encoder_study import load as load_encoder
-from imucalib_cli.study.rate_study import load as load_rate
-from imucalib_cli.study.sweep import Sweep
-from imucalib_cli.study.sweep_tables import summary_table, sweep_points
-from imucalib_cli.study.systems import clean_recording
-from imucalib_cli.study.window_study import load as load_window
+from imucalib_cli.study.recordings import clean_recording
+from imucalib_cli.study.rows import worst
+from imucalib_cli.study.studies.sweeps import Sweep, best_points, summary_table, sweep_table
+from imucalib_cli.study.study import load_study
+from imucalib_cli.study.tables import digits
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from imucalib_cli.study.experiment import Row
+    from imucalib_cli.study.study import Row
 
-LOADERS = {"window": load_window, "encoder": load_encoder, "bias": load_bias, "rate": load_rate}
 VALUES: dict[str, dict[str, Any]] = {
     "window": {"samples": (11,)},
     "encoder": {"noise": (1e-5,), "step": (1e-4,)},
@@ -37,21 +34,21 @@ VALUES: dict[str, dict[str, Any]] = {
 }
 
 
-def study(name: str, **changes: Any) -> Sweep[Any]:
-    loaded = LOADERS[name](None, quick=True)
+def study(name: str, **changes: Any) -> Sweep:
+    loaded = load_study(name, quick=True)
     assert isinstance(loaded, Sweep)
-    return type(loaded)(replace(loaded.config, **changes))
+    return replace(loaded, **changes)
 
 
-def tiny(name: str, **changes: Any) -> Sweep[Any]:
+def tiny(name: str, **changes: Any) -> Sweep:
     """Twelve seconds of the arm at 100 Hz, one value, one seed."""
-    config: Any = study(name).config
-    noisy = tuple(replace(c, seeds=None) for c in config.conditions if c.name == "MEMS")
+    whole = study(name)
+    noisy = tuple(replace(c, seeds=None) for c in whole.conditions if c.name == "MEMS")
     shrunk: dict[str, Any] = {
         "duration": 12.0,
         "imu_rate": 100.0,
         "robot_rate": 100.0,
-        "conditions": noisy or config.conditions[:1],
+        "conditions": noisy or whole.conditions[:1],
         "seeds": 1,
         "paper_windows": (5, 11),
         "paper_exclusions": (0.0,),
@@ -59,21 +56,20 @@ def tiny(name: str, **changes: Any) -> Sweep[Any]:
     return study(name, **(shrunk | VALUES[name] | changes))
 
 
-@pytest.mark.parametrize("name", LOADERS)
+@pytest.mark.parametrize("name", VALUES)
 def test_every_value_meets_every_condition_and_seed(name: str) -> None:
     for quick in (True, False):
-        loaded = LOADERS[name](None, quick=quick)
+        loaded = load_study(name, quick=quick)
         assert isinstance(loaded, Sweep)
-        config: Any = loaded.config
         cells = loaded.cells()
         values = sum(len(part.values) for part in loaded.parts())
-        seeds = sum(condition.seeds or config.seeds for condition in config.conditions)
-        assert len(cells) == len(config.systems) * values * seeds
+        seeds = sum(condition.seeds or loaded.seeds for condition in loaded.conditions)
+        assert len(cells) == len(loaded.systems) * values * seeds
         assert len({tuple(cell.items()) for cell in cells}) == len(cells)
-        assert quick or config.seeds >= 5
+        assert quick or loaded.seeds >= 5
 
 
-@pytest.mark.parametrize("name", LOADERS)
+@pytest.mark.parametrize("name", VALUES)
 def test_a_tiny_run_gives_finite_errors_tables_and_a_figure(name: str, tmp_path: Path) -> None:
     small = tiny(name)
     rows = [row for cell in small.cells() for row in small.measure(cell)]
@@ -89,8 +85,8 @@ def test_a_tiny_run_gives_finite_errors_tables_and_a_figure(name: str, tmp_path:
     assert [len(table.rows) for table in tables] == [4] * len(tables)
     assert len(short.rows) == 4 * len(tables)
     figures = small.figures(rows)
-    for figure in figures:
-        figure.draw(tmp_path / f"{figure.name}.svg")
+    for name_, draw in figures.items():
+        draw(tmp_path / f"{name_}.svg")
     assert len(list(tmp_path.iterdir())) == len(figures) == len(tables)
 
 
@@ -121,10 +117,10 @@ def test_the_bound_has_the_unknowns_of_the_method() -> None:
 
 
 def test_each_part_changes_its_own_parameter() -> None:
-    window, encoder, bias, rate = (study(name) for name in LOADERS)
+    window, encoder, bias, rate = (study(name) for name in VALUES)
     cells = {
         (name, cell["part"], cell["value"]): sweep.setup(cell)
-        for name, sweep in zip(LOADERS, (window, encoder, bias, rate), strict=True)
+        for name, sweep in zip(VALUES, (window, encoder, bias, rate), strict=True)
         for cell in sweep.cells()
     }
     for (name, part, value), setup in cells.items():
@@ -132,7 +128,7 @@ def test_each_part_changes_its_own_parameter() -> None:
         noise, physics = setup.noise, setup.physics
         if name == "window":
             assert setup.window.samples == round(value * 250.0)
-            assert {variant.window for variant in setup.variants} == {setup.window.samples}
+            assert {setting.window for setting in setup.settings} == {setup.window.samples}
         encoders = (noise.encoder_noise, noise.encoder_step)
         if name == "encoder":
             assert encoders == ((value, 0.0) if part == "noise" else (0.0, value))
@@ -167,21 +163,30 @@ def test_the_published_method_is_shown_at_its_best() -> None:
     worse = [row(0, 5, 3.0), row(1, 5, 4.0)]
     better = [row(0, 11, 1.0), row(1, 11, 2.0)]
     best_where_it_answers = [row(0, 21, 0.1), row(1, 21, None)]
-    (point,) = sweep_points([*worse, *better, *best_where_it_answers])
-    assert (point.window, point.answers, point.runs) == (11, 2, 2)
-    assert point.translation == pytest.approx(math.sqrt((1.0 + 4.0) / 2.0))
-    assert point.worst_translation == 2.0
-    assert point.bound_translation == 2.0
-    assert math.isnan(point.bound_rotation)
+    rows = [*worse, *better, *best_where_it_answers]
+    assert best_points(rows) == [better]
+    assert worst(better, "translation") == 2.0
+    (line,) = sweep_table("sweep", "value", rows).rows
+    root_mean_square = math.sqrt((1.0 + 4.0) / 2.0)
+    assert line[:7] == (
+        "1",
+        "paper",
+        "11",
+        "0",
+        digits(root_mean_square * 1e3),
+        "2000",
+        digits(root_mean_square / 2.0),
+    )
+    assert line[-3:] == ("-", "2 of 2", "2 of 2")
 
 
 def test_no_answer_at_all_is_told_and_not_drawn() -> None:
-    (point,) = sweep_points([row(0, 5, None, rotation=None)])
-    assert (point.answers, point.runs) == (0, 1)
-    assert math.isnan(point.translation)
+    (line,) = sweep_table("sweep", "value", [row(0, 5, None, rotation=None)]).rows
+    assert line[4:10] == ("-",) * 6
+    assert line[-2] == "0 of 1"
 
 
 def test_in_short_a_sweep_is_its_best_value_and_its_ends() -> None:
     ends = [row(0, 5, 0.004, value=1.0), row(0, 5, 0.001, value=2.0), row(0, 5, 0.002, value=4.0)]
-    table = summary_table([("swept", [r | {"bound_translation": 5e-4} for r in ends])])
+    table = summary_table({"swept": [r | {"bound_translation": 5e-4} for r in ends]})
     assert table.rows == (("swept", "paper", "2", "1", "2", "4 at 1", "2 at 4"),)

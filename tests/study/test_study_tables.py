@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from imucalib_cli.study.catalogue import load_study
-from imucalib_cli.study.initial_error_study import InitialErrorStudy
-from imucalib_cli.study.noise_study import NoiseStudy
+from imucalib_cli.study.studies.initial_error import InitialErrorStudy
+from imucalib_cli.study.studies.noise import NoiseStudy
+from imucalib_cli.study.study import load_study
 
 if TYPE_CHECKING:
-    from imucalib_cli.study.experiment import Row, Scalar
-    from imucalib_cli.study.table import Table
+    from imucalib_cli.study.study import Row
+    from imucalib_cli.study.tables import Table
 
 
 def noise_study() -> NoiseStudy:
@@ -45,11 +45,7 @@ def test_one_run_by_every_method_against_the_engine() -> None:
     )
     found = noise_study().measure(cell)
     settings = [f"L {n}, drops over {a} m/s²" for n in (5, 11) for a in (0.391, 6.25)]
-    assert [row["setting"] for row in found] == [
-        None,
-        None,
-        *(s for s in settings for _ in range(2)),
-    ]
+    assert [row["setting"] for row in found] == [*settings, *settings, None, None]
     rows = {row["method"]: row for row in found}
     errors = {method: float(row["translation"] or math.nan) for method, row in rows.items()}
     # one fold is out; what is left still determines the pose
@@ -62,18 +58,19 @@ def test_one_run_by_every_method_against_the_engine() -> None:
 
 def noise_rows(**changed: float) -> list[Row]:
     """Rows as if the paper were right in everything, but for what is changed."""
-    config = noise_study().config
+    study = noise_study()
     rows: list[Row] = []
-    pairs = dict.fromkeys(p for part in ("accel", "gyro", "both") for p in config.levels(part))
-    for system, (accel, gyro) in product(config.systems, pairs):
-        grown = (1e-3 if system == "rihibot" else 1e-5) * accel / config.accel[-1]
-        sizes: dict[str, Scalar] = {
+    bar = [c for c in study.cells() if (c["case"], c["offset"]) == ("barbot", 0.0)]
+    pairs = dict.fromkeys((c["accel"], c["gyro"]) for c in bar)
+    for system, (accel, gyro) in product(study.systems, pairs):
+        grown = (1e-3 if system == "rihibot" else 1e-5) * accel / study.accel[-1]
+        sizes: dict[str, float] = {
             "translation": 1e-4 + grown,
             "rotation": math.radians(0.006),
             "averaged_translation": 1e-5,
             "averaged_rotation": 1e-5,
         }
-        if accel == 0.0 and gyro == config.gyro[-1]:
+        if accel == 0.0 and gyro == study.gyro[-1]:
             sizes |= changed
         key: Row = {"case": system, "accel": accel, "gyro": gyro, "offset": 0.0}
         run: Row = {"fold": 0, "seed": 0, "failure": None, "setting": "L 5"}

@@ -8,8 +8,6 @@ length of the log.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve, cho_solve_banded, cholesky_banded
@@ -18,35 +16,24 @@ Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 
-@dataclass(eq=False)
 class BorderedNormal:
     """J'J and J'r, accumulated block by block."""
 
-    controls: int
-    """Number of control points."""
-    width: int
-    """Components of a control point."""
-    order: int
-    """Control points that act together."""
-    borders: int
-    """Number of dense unknowns."""
-    band: Floats = field(init=False)
-    """(order * width, controls * width), lower form of scipy.linalg.cholesky_banded."""
-    edge: Floats = field(init=False)
-    """(controls, width, borders)."""
-    corner: Floats = field(init=False)
-    """(borders, borders)."""
-    right: Floats = field(init=False)
-    """(controls, width), J'r."""
-    right_border: Floats = field(init=False)
-    """(borders,)."""
+    def __init__(self, controls: int, width: int, order: int, borders: int) -> None:
+        """Begin with no data.
 
-    def __post_init__(self) -> None:
-        self.band = np.zeros((self.order * self.width, self.controls * self.width))
-        self.edge = np.zeros((self.controls, self.width, self.borders))
-        self.corner = np.zeros((self.borders, self.borders))
-        self.right = np.zeros((self.controls, self.width))
-        self.right_border = np.zeros(self.borders)
+        Args:
+            controls: Number of control points.
+            width: Components of a control point.
+            order: Control points that act together.
+            borders: Number of dense unknowns.
+        """
+        self.controls, self.width, self.order, self.borders = controls, width, order, borders
+        # The band is in the lower form of scipy.linalg.cholesky_banded.
+        self.band = np.zeros((order * width, controls * width))
+        self.edge = np.zeros((controls, width, borders))
+        self.corner = np.zeros((borders, borders))
+        self.right, self.right_border = np.zeros((controls, width)), np.zeros(borders)
 
     def add(
         self, segment: Indices, local: Floats, border: Floats, columns: Indices, r: Floats

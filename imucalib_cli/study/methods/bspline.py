@@ -1,43 +1,202 @@
-"""Continuous-time batch estimation on B-splines, of the kind of Kalibr, from kinematic poses.
+"""Continuous-time batch estimation on B-splines, of the kind of Kalibr.
 
 The trajectory of the IMU is a spline of degree 5 and a free unknown beside the mount, the biases,
 gravity's direction and the time offset; all of it is solved for at once by Levenberg and
 Marquardt's method, as in Furgale, Rehder and Siegwart, "Unified temporal and spatial calibration
 for multi-sensor systems", IROS 2013. Where Kalibr sees corners of a target, here are poses of the
-parent link.
+parent link, or the poses that the corners of each image determine.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
+from imucalib_cli.signals.samples import STANDARD_GRAVITY
 from imucalib_cli.signals.stamps import tidy_rows
 from imucalib_cli.signals.trajectory import Trajectory
 from imucalib_cli.study.methods.answer import Answer
-from imucalib_cli.study.methods.bspline_problem import BSplineOptions, Problem, solve
-from imucalib_cli.study.methods.bspline_state import (
+from imucalib_cli.study.methods.bordered import BorderedNormal
+from imucalib_cli.study.methods.bspline_terms import ImuData, PoseData, Rows, imu_rows, pose_rows
+from imucalib_cli.study.methods.camera import camera_path
+from imucalib_cli.study.methods.gyro_first import GyroFirstOptions, calibrate_gyro_first
+from imucalib_cli.study.methods.spline import (
+    BIASES,
+    OFFSET,
+    ORDER,
+    TILT,
+    Knots,
     State,
     fitted_controls,
     middle_orientation,
     residual_std,
     unwrapped_rotvecs,
 )
-from imucalib_cli.study.methods.bspline_terms import ImuData, PoseData
-from imucalib_cli.study.methods.gyro_first import GyroFirstOptions, calibrate_gyro_first
-from imucalib_cli.study.methods.spline_basis import Knots
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from imucalib_cli.robot.path import KinematicPath
     from imucalib_cli.signals.samples import ImuSamples
+    from imucalib_cli.study.methods.camera import CameraObservations
 
 Floats = NDArray[np.float64]
 
 _STD_FLOOR = 1e-7
 """m and rad: no encoder is better, and smaller ones cost the solver its digits."""
+
+
+_LOOSE = (1e-3, 3e-2)
+"""Shares of the poses' weights in the rounds before the last, where the straight way is not."""
+_TOLERANCE, _LOOSE_TOLERANCE = 1e-3, 1.0
+"""The solution stands when a step promises less than this, in units of chi-squared; in those
+rounds."""
+_MOST_ITERATIONS = 30
+
+
+@dataclass(frozen=True, kw_only=True)
+class BSplineOptions:
+    """Options of the B-spline estimator: what its user states, and how it is solved."""
+
+    accel_std: float
+    """Of a sample, m/s²: the density times sqrt(rate / 2)."""
+    gyro_std: float
+    """Of a sample, rad/s."""
+    accel_bias_walk: float = 0.0
+    """m/s²/sqrt(s); zero takes the bias as constant."""
+    gyro_bias_walk: float = 0.0
+    """rad/s/sqrt(s)."""
+    bias_interval: float = 5.0
+    """s between the nodes of biases that walk, piecewise linear."""
+    knots_per_second: float = 100.0
+    """Kalibr's default for poses."""
+    time_offset: float | None = None
+    """IMU stamp - robot stamp, s; None estimates it."""
+    gravity: Literal["tilt", "fixed", "none"] = "tilt"
+    gravity_norm: float = STANDARD_GRAVITY
+    """m/s²."""
+    biases: bool = True
+    """Whether biases are unknowns."""
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Data and parameters, ready to be solved."""
+
+    knots: Knots
+    R_middle: Floats
+    poses: PoseData
+    imu: ImuData
+    options: BSplineOptions
+    tolerance: float = _TOLERANCE
+
+    def cost(self, state: State) -> float:
+        """Sum of squared whitened residuals."""
+        walk = self._walk(state)[1]
+        rows = self._rows(state, derivatives=False)
+        return float(sum(np.sum(part.r * part.r) for part in rows) + walk @ walk)
+
+    def normal(self, state: State) -> BorderedNormal:
+        """Normal equations at a state; what is known is held by rows of its own."""
+        borders = BIASES + 6 * len(self.imu.nodes)
+        normal = BorderedNormal(self.knots.controls, 6, ORDER, borders)
+        for part in self._rows(state, derivatives=True):
+            normal.add(part.segment, part.local, part.border, part.columns, part.r)
+        normal.add_border(*self._walk(state))
+        return normal
+
+    def _rows(self, state: State, *, derivatives: bool) -> Iterator[Rows]:
+        given = self.knots, self.R_middle
+        yield from pose_rows(*given, self.poses, state, derivatives=derivatives)
+        yield from imu_rows(*given, self.imu, state, derivatives=derivatives)
+
+    def known(self) -> list[int]:
+        """Dense unknowns that are not."""
+        options, held = self.options, []
+        if options.gravity != "tilt":
+            held += [*range(TILT.start, TILT.stop)]
+        if options.time_offset is not None:
+            held.append(OFFSET)
+        if not options.biases:
+            held += [*range(BIASES, BIASES + 6 * len(self.imu.nodes))]
+        return held
+
+    def _walk(self, state: State) -> tuple[Floats, Floats]:
+        """Rows of the biases' random walk between nodes, (rows, borders) and (rows,)."""
+        nodes = self.imu.nodes
+        borders = BIASES + 6 * len(nodes)
+        if len(nodes) == 1:
+            return np.zeros((0, borders)), np.zeros(0)
+        walk = np.repeat([self.options.accel_bias_walk, self.options.gyro_bias_walk], 3)
+        whiten = 1.0 / (np.maximum(walk, 1e-12) * np.sqrt(nodes[1] - nodes[0]))
+        J = np.zeros((len(nodes) - 1, 6, borders))
+        for k in range(len(nodes) - 1):
+            at = BIASES + 6 * k
+            J[k, :, at : at + 6] = -np.diag(whiten)
+            J[k, :, at + 6 : at + 12] = np.diag(whiten)
+        return J.reshape(-1, borders), -(np.diff(state.biases, axis=0) * whiten).ravel()
+
+    def loosened(self, share: float) -> Problem:
+        """The problem with poses less trusted."""
+        return replace(
+            self,
+            poses=replace(self.poses, whiten=share * self.poses.whiten),
+            tolerance=_LOOSE_TOLERANCE,
+        )
+
+
+def solve(problem: Problem, state: State) -> tuple[State, int]:
+    """Find the least cost from a start.
+
+    Exact poses tie the spline to the mount so tightly that a large turn of the mount has to follow
+    a bent valley in tiny steps. Where a step fails, poses are first taken as less exact.
+
+    Returns:
+        The solution and the evaluations of all residuals.
+
+    Raises:
+        InputError: The motion leaves an unknown open.
+    """
+    solution, count, direct = _descend(problem, state, patient=False)
+    if direct:
+        return solution, count
+    for share in _LOOSE:
+        state, more, _ = _descend(problem.loosened(share), state, patient=True)
+        count += more
+    solution, more, _ = _descend(problem, state, patient=True)
+    return solution, count + more
+
+
+def _descend(problem: Problem, state: State, *, patient: bool) -> tuple[State, int, bool]:
+    """Levenberg-Marquardt; the state, the evaluations, and whether it came to an end.
+
+    Without patience the first step that fails ends it.
+    """
+    cost, damping, evaluations = problem.cost(state), 1e-9, 1
+    while evaluations < _MOST_ITERATIONS:
+        normal = problem.normal(state)
+        normal.hold(problem.known())
+        while evaluations < _MOST_ITERATIONS:
+            try:
+                controls, border, promised = normal.step(damping)
+            except np.linalg.LinAlgError as error:
+                raise InputError("the motion leaves unknowns of the spline open") from error
+            moved = state.moved(controls, border)
+            new = problem.cost(moved)
+            evaluations += 1
+            if promised < problem.tolerance:
+                return (moved if new < cost else state), evaluations, True
+            if new < cost:
+                state, cost, damping = moved, new, max(damping / 10.0, 1e-12)
+                break
+            if not patient:
+                return state, evaluations, False
+            damping *= 10.0
+    return state, evaluations, False
 
 
 def calibrate_bspline(imu: ImuSamples, path: KinematicPath, options: BSplineOptions) -> Answer:
@@ -52,10 +211,32 @@ def calibrate_bspline(imu: ImuSamples, path: KinematicPath, options: BSplineOpti
         InputError: Too few samples, streams that do not overlap, turns beyond what a rotation
             vector can carry, or motion that leaves an unknown open.
     """
-    return answer_of(*solve(*prepare(imu, path, options)), "parent")
+    return _answer(*solve(*prepare(imu, path, options)), "parent")
 
 
-def answer_of(state: State, evaluations: int, frame: Literal["parent", "camera"]) -> Answer:
+def calibrate_bspline_camera(
+    imu: ImuSamples, camera: CameraObservations, options: BSplineOptions
+) -> Answer:
+    """Find the IMU's pose in the camera's optical frame, on what Kalibr is given.
+
+    Each image's corners enter as the pose that they determine by PnP, weighted by all of the
+    information they hold on it. That is the reprojection error to second order, and with tenths of
+    a pixel nothing is left beyond.
+
+    Args:
+        imu: As stamped.
+        camera: Corners of a target that does not move.
+        options: Noise of the IMU, knots, what is unknown; the corners' noise is taken from their
+            scatter.
+
+    Raises:
+        InputError: OpenCV is missing, the target is hardly seen, or as calibrate_bspline.
+    """
+    path, whiten = camera_path(camera)
+    return _answer(*solve(*prepare(imu, path, options, whiten)), "camera")
+
+
+def _answer(state: State, evaluations: int, frame: Literal["parent", "camera"]) -> Answer:
     """What a solution says."""
     mean = state.biases.mean(axis=0)
     return Answer(
@@ -82,7 +263,8 @@ def prepare(
         imu: As stamped.
         path: Kinematics of the parent link.
         options: Noise of the sensors, knots, what is unknown.
-        whiten: (N, 6, 6), for each pose of the path, in place of the options' deviations.
+        whiten: (N, 6, 6), for each pose of the path; default by their scatter about their own
+            spline.
 
     Raises:
         InputError: As calibrate_bspline.
@@ -94,7 +276,6 @@ def prepare(
         GyroFirstOptions(
             window_seconds=max(0.1, 6.0 * trajectory.interval),
             time_offset=options.time_offset,
-            max_offset=options.max_offset,
             gravity="none" if options.gravity == "none" else "tilt",
             gravity_norm=options.gravity_norm,
         ),
@@ -107,17 +288,8 @@ def prepare(
     R_middle = middle_orientation(R_imu)
     phi = unwrapped_rotvecs(R_middle.T @ R_imu)
     if whiten is None:
-        stds = (
-            _or(options.position_std, residual_std(knots, t, p)),
-            _or(options.rotation_std, residual_std(knots, t, phi)),
-        )
+        stds = [max(residual_std(knots, t, values), _STD_FLOOR) for values in (p, phi)]
         whiten = 1.0 / np.repeat(stds, 3)
-    poses = PoseData(
-        t=t,
-        R=R,
-        p=p,
-        whiten=whiten,
-    )
     offset = first.time_offset or 0.0
     rows = tidy_rows(imu.t, imu.gyro, imu.accel).rows
     # The offset may still move by a millisecond or so; readings stay on the spline all the same.
@@ -148,8 +320,5 @@ def prepare(
         time_offset=offset,
         biases=np.tile(start if options.biases else np.zeros(6), (count, 1)),
     )
+    poses = PoseData(t=t, R=R, p=p, whiten=whiten)
     return Problem(knots, R_middle, poses, readings, options), state
-
-
-def _or(stated: float | None, found: float) -> float:
-    return stated if stated is not None else max(found, _STD_FLOOR)

@@ -14,11 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.robot.rotations import matrix_from_rotvec, rotvec_from_matrix, skew
-from imucalib_cli.study.methods.bspline_state import BIASES, OFFSET, TILT, State, level_axes
-from imucalib_cli.study.methods.spline_basis import (
+from imucalib_cli.study.methods.spline import (
+    BIASES,
+    OFFSET,
     ORDER,
+    TILT,
     Knots,
+    State,
     evaluate,
+    level_axes,
     rate_jacobian,
     right_jacobian,
 )

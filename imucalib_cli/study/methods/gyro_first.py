@@ -12,24 +12,27 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from imucalib_cli.errors import InputError
 from imucalib_cli.estimate.offset import coarse_time_offset
-from imucalib_cli.robot.rotations import nearest_rotation
+from imucalib_cli.robot.rotations import nearest_rotation, vee
+from imucalib_cli.signals.grid import ImuGrid, imu_grid
+from imucalib_cli.signals.kernels import convolve_at, savitzky_golay
 from imucalib_cli.signals.samples import STANDARD_GRAVITY
+from imucalib_cli.signals.stamps import tidy_rows
 from imucalib_cli.signals.trajectory import Trajectory
 from imucalib_cli.study.methods.answer import Answer
-from imucalib_cli.study.methods.kinematics import (
-    Derived,
-    Smoothed,
-    derived,
-    gridded,
-    smoothed,
-)
 
 if TYPE_CHECKING:
     from imucalib_cli.robot.path import KinematicPath
     from imucalib_cli.signals.samples import ImuSamples
 
 Floats = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+_MAX_OFFSET = 1.0
+"""Largest offset searched, s."""
+_REFINE = 0.01
+"""s, half-width within which the correlation's peak is refined by the fit of the rates."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,23 +45,9 @@ class GyroFirstOptions:
     """Of its polynomial."""
     time_offset: float | None = None
     """IMU stamp - robot stamp, s; None estimates it."""
-    max_offset: float = 1.0
-    """Largest offset searched, s."""
-    refine_seconds: float = 0.01
-    """Half-width within which the correlation's peak is refined by the fit of the rates."""
     gravity: Literal["tilt", "none"] = "tilt"
     gravity_norm: float = STANDARD_GRAVITY
     """m/s²."""
-
-
-@dataclass(frozen=True, eq=False)
-class RateFit:
-    """Rotation and gyroscope bias from angular rates."""
-
-    R_parent_imu: Floats
-    gyro_bias: Floats
-    cost: float
-    """Sum of squares, rad²/s²."""
 
 
 def calibrate_gyro_first(
@@ -75,49 +64,119 @@ def calibrate_gyro_first(
         InputError: Too few samples, or the streams do not overlap.
     """
     options = options or GyroFirstOptions()
-    smooth = smoothed(gridded(imu), options.window_seconds, options.degree)
+    smooth = _smoothed(imu, options.window_seconds, options.degree)
     trajectory = Trajectory.of(path)
-    offset, evaluations = rate_offset(smooth, trajectory, options)
-    motion = derived(smooth, trajectory, offset)
-    fit = fit_rates(smooth, motion)
-    t_parent_imu, accel_bias, gravity = fit_lever_arm(smooth, motion, fit.R_parent_imu, options)
+    offset, evaluations = _rate_offset(smooth, trajectory, options)
+    motion = _derived(smooth, trajectory, offset)
+    R_parent_imu, gyro_bias, _ = _fit_rates(smooth, motion)
+    t_parent_imu, accel_bias, gravity = _fit_lever_arm(smooth, motion, R_parent_imu, options)
     return Answer(
         frame="parent",
-        R_frame_imu=fit.R_parent_imu,
+        R_frame_imu=R_parent_imu,
         t_frame_imu=t_parent_imu,
         time_offset=offset,
         evaluations=evaluations + 2,
         accel_bias=accel_bias,
-        gyro_bias=fit.gyro_bias,
+        gyro_bias=gyro_bias,
         gravity_world=gravity,
     )
 
 
-def rate_offset(
-    smooth: Smoothed, trajectory: Trajectory, options: GyroFirstOptions
+@dataclass(frozen=True, eq=False)
+class _Smoothed:
+    """The IMU, smoothed, at the middle of each window that is whole."""
+
+    grid: ImuGrid
+    samples: int
+    """Window, odd."""
+    degree: int
+    first: Indices
+    """(N,), first row of each window."""
+    gyro: Floats
+    """(N, 3), rad/s."""
+    accel: Floats
+    """(N, 3), m/s²."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Derived:
+    """Motion of the parent link, by Savitzky-Golay derivatives of its poses."""
+
+    rows: Indices
+    """(M,), which of the smoothed samples have it."""
+    R: Floats
+    """(M, 3, 3), R_world_parent."""
+    rate: Floats
+    """(M, 3), angular rate in the parent frame, rad/s."""
+    R_acceleration: Floats
+    p_acceleration: Floats
+    """(M, 3), m/s²."""
+
+
+def _smoothed(imu: ImuSamples, seconds: float, degree: int) -> _Smoothed:
+    """Smooth the IMU with the window that will differentiate the kinematics."""
+    rows = tidy_rows(imu.t, imu.gyro, imu.accel).rows
+    if len(rows) < 10:
+        raise InputError(f"{len(rows)} usable IMU samples: record a longer log")
+    grid = imu_grid(imu.t[rows], imu.gyro[rows], imu.accel[rows])
+    samples = 2 * max(round(seconds / grid.dt / 2), (degree + 1) // 2 + 1) + 1
+    holes = np.concatenate([[0], np.cumsum(~grid.usable)])
+    first = np.flatnonzero(holes[samples:] == holes[:-samples])
+    if len(first) == 0:
+        raise InputError(f"no {samples} IMU samples without a gap: record a longer log")
+    weights = savitzky_golay(samples, degree, 0)
+    gyro, accel = (convolve_at(values, weights, first) for values in (grid.gyro, grid.accel))
+    return _Smoothed(grid, samples, degree, first, gyro, accel)
+
+
+def _derived(imu: _Smoothed, trajectory: Trajectory, time_offset: float) -> _Derived:
+    """Differentiate the poses at the IMU's instants."""
+    t = imu.grid.t - time_offset
+    covered = trajectory.covered(t)
+    holes = np.concatenate([[0], np.cumsum(~covered)])
+    rows = np.flatnonzero(holes[imu.first + imu.samples] == holes[imu.first])
+    if len(rows) == 0:
+        raise InputError("the IMU's samples and the robot's do not overlap in time")
+    R, p = trajectory.poses(t[covered])
+    poses = np.zeros((len(t), 12))
+    poses[covered] = np.hstack([R.reshape(-1, 9), p])
+    value, rate, bent = (
+        convolve_at(
+            poses,
+            savitzky_golay(imu.samples, imu.degree, order) / imu.grid.dt**order,
+            imu.first[rows],
+        )
+        for order in range(3)
+    )
+    R, R_rate, R_acceleration = (x[:, :9].reshape(-1, 3, 3) for x in (value, rate, bent))
+    return _Derived(rows, R, vee(np.swapaxes(R, 1, 2) @ R_rate), R_acceleration, bent[:, 9:])
+
+
+def _rate_offset(
+    smooth: _Smoothed, trajectory: Trajectory, options: GyroFirstOptions
 ) -> tuple[float, int]:
     """Time offset, s, by correlation and then by the least cost of the rates' fit; fits tried."""
     if options.time_offset is not None:
         return options.time_offset, 0
     from scipy.optimize import minimize_scalar
 
-    coarse, _ = coarse_time_offset(smooth.grid, trajectory, options.max_offset)
+    coarse, _ = coarse_time_offset(smooth.grid, trajectory, _MAX_OFFSET)
 
     def mean_cost(offset: float) -> float:
-        motion = derived(smooth, trajectory, offset)
-        return fit_rates(smooth, motion).cost / len(motion.rows)
+        motion = _derived(smooth, trajectory, offset)
+        return _fit_rates(smooth, motion)[2] / len(motion.rows)
 
     fine = minimize_scalar(
         mean_cost,
-        bounds=(coarse - options.refine_seconds, coarse + options.refine_seconds),
+        bounds=(coarse - _REFINE, coarse + _REFINE),
         method="bounded",
         options={"xatol": 1e-7},
     )
     return float(fine.x), int(fine.nfev)
 
 
-def fit_rates(smooth: Smoothed, motion: Derived) -> RateFit:
-    """Least squares of derived - R (measured - bias) over R and bias.
+def _fit_rates(smooth: _Smoothed, motion: _Derived) -> tuple[Floats, Floats, float]:
+    """Least squares of derived - R (measured - bias) over R and bias; those and their sum.
 
     The bias drops out of what is about the mean; the rest is Wahba's problem.
 
@@ -129,11 +188,11 @@ def fit_rates(smooth: Smoothed, motion: Derived) -> RateFit:
     R = nearest_rotation((target - target_mean).T @ (source - source_mean))
     bias = source_mean - R.T @ target_mean
     rest = target - (source - bias) @ R.T
-    return RateFit(R, bias, float(np.sum(rest * rest)))
+    return R, bias, float(np.sum(rest * rest))
 
 
-def fit_lever_arm(
-    smooth: Smoothed, motion: Derived, R_parent_imu: Floats, options: GyroFirstOptions
+def _fit_lever_arm(
+    smooth: _Smoothed, motion: _Derived, R_parent_imu: Floats, options: GyroFirstOptions
 ) -> tuple[Floats, Floats, Floats]:
     """Lever arm, m, accelerometer bias and gravity in the world, m/s², rotation held.
 

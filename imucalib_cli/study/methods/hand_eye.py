@@ -15,6 +15,7 @@ from imucalib_cli.robot.rotations import (
     rotvec_from_matrix,
     skew,
 )
+from imucalib_cli.study.conditions import Pose
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -48,21 +49,14 @@ class Motions:
         return Motions(self.R_a[which], self.t_a[which], self.R_b[which], self.t_b[which])
 
 
-@dataclass(frozen=True, eq=False)
-class HandEye:
-    """X: pose of the second frame in the first."""
-
-    R: Floats
-    t: Floats
-
-    def apart(self, motions: Motions) -> tuple[Floats, Floats]:
-        """How far the two displacements are apart, each (N,): m, and rad."""
-        place = (motions.R_a - np.eye(3)) @ self.t + motions.t_a - motions.t_b @ self.R.T
-        turn = np.swapaxes(motions.R_a, 1, 2) @ self.R @ motions.R_b @ self.R.T
-        return np.linalg.norm(place, axis=1), np.linalg.norm(rotvec_from_matrix(turn), axis=1)
+def apart(X: Pose, motions: Motions) -> tuple[Floats, Floats]:
+    """How far displacements are apart, with the second frame at X in the first: m, rad, (N,)."""
+    place = (motions.R_a - np.eye(3)) @ X.t + motions.t_a - motions.t_b @ X.R.T
+    turn = np.swapaxes(motions.R_a, 1, 2) @ X.R @ motions.R_b @ X.R.T
+    return np.linalg.norm(place, axis=1), np.linalg.norm(rotvec_from_matrix(turn), axis=1)
 
 
-def tsai(motions: Motions) -> HandEye:
+def tsai(motions: Motions) -> Pose:
     """Rotation by modified Rodrigues vectors, then translation, both linear.
 
     Raises:
@@ -84,7 +78,7 @@ def tsai(motions: Motions) -> HandEye:
     return _with_translation(motions, matrix_from_rotvec(angle * axis))
 
 
-def park_martin(motions: Motions) -> HandEye:
+def park_martin(motions: Motions) -> Pose:
     """Rotation by the least squares of rotation vectors (Wahba's problem), then translation.
 
     Raises:
@@ -100,9 +94,9 @@ def park_martin(motions: Motions) -> HandEye:
     return _with_translation(motions, nearest_rotation(a.T @ b))
 
 
-def _with_translation(motions: Motions, R: Floats) -> HandEye:
+def _with_translation(motions: Motions, R: Floats) -> Pose:
     J = (motions.R_a - np.eye(3)).reshape(-1, 3)
-    return HandEye(R, _solve(J, (motions.t_b @ R.T - motions.t_a).ravel()))
+    return Pose(R, _solve(J, (motions.t_b @ R.T - motions.t_a).ravel()))
 
 
 def _solve(J: Floats, right: Floats) -> Floats:
@@ -126,8 +120,8 @@ class Ransac:
 
 
 def ransac(
-    motions: Motions, solve: Callable[[Motions], HandEye], options: Ransac
-) -> tuple[HandEye, Chosen]:
+    motions: Motions, solve: Callable[[Motions], Pose], options: Ransac
+) -> tuple[Pose, Chosen]:
     """The model that most motions agree with, solved again from those.
 
     Where fewer motions agree than a model needs, the model with the least median difference.
@@ -155,7 +149,7 @@ def ransac(
         except InputError as error:
             why = error
             continue
-        place, turn = model.apart(motions)
+        place, turn = apart(model, motions)
         agree = (place < options.threshold_m) & (turn < options.threshold_rad)
         score = (-float(agree.sum()), float(np.median(place / options.threshold_m)))
         if best is None or score < best:

@@ -27,24 +27,16 @@ from imucalib_cli.errors import InputError
 from imucalib_cli.robot.rotations import matrix_from_rotvec
 from imucalib_cli.signals.samples import STANDARD_GRAVITY
 from imucalib_cli.signals.stamps import tidy_rows
+from imucalib_cli.study.conditions import Pose
 from imucalib_cli.study.methods.answer import Answer
+from imucalib_cli.study.methods.camera import target_pose
 from imucalib_cli.study.methods.hand_eye import Motions, Ransac, park_martin, ransac, tsai
-from imucalib_cli.study.methods.pnp import target_pose
-from imucalib_cli.study.methods.strapdown import (
-    Displacement,
-    Still,
-    StillOptions,
-    integrate,
-    standstills,
-    static_accel_bias,
-)
 
 if TYPE_CHECKING:
     from imucalib_cli.signals.samples import ImuSamples
-    from imucalib_cli.study.methods.pnp import CameraObservations
+    from imucalib_cli.study.methods.camera import CameraObservations
 
 Floats = NDArray[np.float64]
-Pose = tuple[Floats, Floats]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,9 +47,6 @@ class LiangOptions:
     """Use both ends of each move, all images of a standstill, and the optimal rotation."""
     ransac: Ransac
     still: StillOptions
-    camera_offset: float = 0.0
-    """IMU stamp - camera stamp of the same instant, s, as far as known: images need only fall
-    into the right standstill."""
     gravity_norm: float = STANDARD_GRAVITY
     """m/s²."""
 
@@ -79,25 +68,23 @@ def calibrate_liang(imu: ImuSamples, camera: CameraObservations, options: LiangO
     stills = standstills(imu.t, imu.gyro, imu.accel, options.still)
     if not stills:
         raise InputError("the IMU never stands still: this method needs start-stop motion")
-    seen = [camera_pose(camera, still, options) for still in stills]
+    seen = [_camera_pose(camera, still, tuned=options.tuned) for still in stills]
+    # As published, the accelerometer's bias is in the gravity read before each move.
+    accel_bias, gyro_bias = np.zeros(3), stills[0].gyro
     if options.tuned:
         accel_bias = static_accel_bias(stills, options.gravity_norm)
         gyro_bias = np.mean([still.gyro for still in stills], axis=0)
-    else:
-        accel_bias, gyro_bias = np.zeros(3), stills[0].gyro
-    moved: list[tuple[Pose, Displacement]] = []
-    for (start, first), (end, last) in pairwise(zip(stills, seen, strict=True)):
-        if first is None or last is None:
-            continue
-        path = (
-            displaced_both_ends(imu, start, end, accel_bias, gyro_bias)
-            if options.tuned
-            else displaced(imu, start, end, gyro_bias)
+    moved = [
+        (
+            _relative(first, last),
+            _displaced(imu, start, end, (accel_bias, gyro_bias), tuned=options.tuned),
         )
-        moved.append((_relative(first, last), path))
+        for (start, first), (end, last) in pairwise(zip(stills, seen, strict=True))
+        if first is not None and last is not None
+    ]
     motions = Motions(
-        np.array([a[0] for a, _ in moved]).reshape(-1, 3, 3),
-        np.array([a[1] for a, _ in moved]).reshape(-1, 3),
+        np.array([a.R for a, _ in moved]).reshape(-1, 3, 3),
+        np.array([a.t for a, _ in moved]).reshape(-1, 3),
         np.array([b.R for _, b in moved]).reshape(-1, 3, 3),
         np.array([b.p for _, b in moved]).reshape(-1, 3),
     )
@@ -113,41 +100,43 @@ def calibrate_liang(imu: ImuSamples, camera: CameraObservations, options: LiangO
     )
 
 
-def camera_pose(camera: CameraObservations, still: Still, options: LiangOptions) -> Pose | None:
+def _camera_pose(camera: CameraObservations, still: Still, *, tuned: bool) -> Pose | None:
     """Pose of the target in the camera during a standstill; None where it is not seen.
 
     As published, one image, the middle one; tuned, the mean of each corner over all images.
     """
-    t = camera.t + options.camera_offset
-    inside = np.flatnonzero((t >= still.start) & (t <= still.end))
+    # Stamps of either clock: images need only fall into the right standstill.
+    inside = np.flatnonzero((camera.t >= still.start) & (camera.t <= still.end))
     if len(inside) == 0:
         return None
-    if not options.tuned:
+    if not tuned:
         return target_pose(camera, camera.corners[inside[len(inside) // 2]])
     return target_pose(camera, camera.corners[inside].mean(axis=0))
 
 
-def displaced(imu: ImuSamples, start: Still, end: Still, gyro_bias: Floats) -> Displacement:
-    """Plain integration from rest; gravity, accelerometer bias included, as read before."""
-    rows = slice(start.rows.stop - 1, end.rows.start + 1)
-    return integrate(imu.t[rows], imu.gyro[rows] - gyro_bias, imu.accel[rows], start.accel)
-
-
-def displaced_both_ends(
-    imu: ImuSamples, start: Still, end: Still, accel_bias: Floats, gyro_bias: Floats
+def _displaced(
+    imu: ImuSamples,
+    start: Still,
+    end: Still,
+    biases: tuple[Floats, Floats],
+    *,
+    tuned: bool,
 ) -> Displacement:
-    """Integration between two standstills that uses what both tell.
+    """Integration from rest between two standstills.
 
-    For the position, the tilt that is left at the end is spread evenly over the move, and the
-    velocity left there is taken for a constant error of acceleration. The orientation is the
-    gyroscope's: over a move it is the better of the two.
+    Tuned, it uses what both tell: for the position, the tilt that is left at the end is spread
+    evenly over the move, and the velocity left there is taken for a constant error of
+    acceleration. The orientation is the gyroscope's: over a move it is the better of the two.
     """
     rows = slice(start.rows.stop - 1, end.rows.start + 1)
+    accel_bias, gyro_bias = biases
     t, gyro, accel = imu.t[rows], imu.gyro[rows] - gyro_bias, imu.accel[rows] - accel_bias
-    up, up_end = start.accel - accel_bias, end.accel - accel_bias
+    up = start.accel - accel_bias
     plain = integrate(t, gyro, accel, up)
+    if not tuned:
+        return plain
     # Up at the end as integration carries it back, against up as it was.
-    carried = plain.R @ up_end
+    carried = plain.R @ (end.accel - accel_bias)
     tilt = np.cross(carried, up) / (np.linalg.norm(carried) * np.linalg.norm(up))
     length = float(t[-1] - t[0])
     corrections = matrix_from_rotvec(((t - t[0]) / length)[:, None] * tilt)
@@ -157,5 +146,149 @@ def displaced_both_ends(
 
 def _relative(first: Pose, last: Pose) -> Pose:
     """Motion of the camera: its later frame in its earlier one, from two poses of the target."""
-    R = first[0] @ last[0].T
-    return R, first[1] - R @ last[1]
+    R = first.R @ last.R.T
+    return Pose(R, first.t - R @ last.t)
+
+
+@dataclass(frozen=True, eq=False)
+class Still:
+    """A stretch of standstill."""
+
+    rows: slice
+    """Of the IMU's samples."""
+    start: float
+    """s, as stamped."""
+    end: float
+    gyro: Floats
+    """(3,), mean over it: the gyroscope's bias, rad/s."""
+    accel: Floats
+    """(3,), mean over it: up, with the accelerometer's bias, m/s²."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class StillOptions:
+    """What counts as standstill: steady readings, as steady as they get in this log."""
+
+    window: float
+    """s over which steadiness is judged."""
+    over_noise: float
+    """Scatter of a window over the log's quietest, up to which it is steady."""
+    least_gyro: float
+    """rad/s, scatter that is steady in any case."""
+    least_accel: float
+    """m/s², likewise."""
+    gyro: float
+    """rad/s about the bias: a steady turn is no standstill."""
+    shortest: float
+    """s."""
+    margin: float
+    """s left out at both ends, where the arm still settles."""
+
+
+def standstills(t: Floats, gyro: Floats, accel: Floats, options: StillOptions) -> list[Still]:
+    """Find standstills from the IMU alone: transitions between motion and stillness.
+
+    Args:
+        t: (N,), s, even but for jitter.
+        gyro: (N, 3), rad/s.
+        accel: (N, 3), m/s².
+        options: What counts as one.
+    """
+    samples = max(round(options.window / float(np.median(np.diff(t)))), 4)
+    if len(t) < 2 * samples:
+        return []
+    steady = np.ones(len(t) - samples + 1, dtype=bool)
+    mean_rate = _windowed(gyro, samples)
+    for values, least in ((gyro, options.least_gyro), (accel, options.least_accel)):
+        about = values - values.mean(axis=0)
+        squares = _windowed(about * about, samples) - _windowed(about, samples) ** 2
+        scatter = np.sqrt(np.maximum(squares, 0.0).sum(axis=1))
+        quiet = float(np.percentile(scatter, 5))
+        steady &= scatter < options.over_noise * quiet + least
+    if not steady.any():
+        return []
+    bias = np.median(mean_rate[steady], axis=0)
+    steady &= np.linalg.norm(mean_rate - bias, axis=1) < options.gyro
+    # A sample is still if a steady window covers it.
+    still = np.convolve(steady, np.ones(samples), mode="full") > 0
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(int), [0]])))
+    found = []
+    for first, last in zip(edges[::2], edges[1::2], strict=True):
+        a, b = t[first], t[last - 1]
+        inside = (t >= a + options.margin) & (t <= b - options.margin)
+        if b - a < options.shortest or not inside.any():
+            continue
+        rows = slice(int(np.argmax(inside)), int(len(t) - np.argmax(inside[::-1])))
+        found.append(
+            Still(
+                rows,
+                float(t[rows][0]),
+                float(t[rows][-1]),
+                gyro[rows].mean(axis=0),
+                accel[rows].mean(axis=0),
+            )
+        )
+    return found
+
+
+def _windowed(values: Floats, samples: int) -> Floats:
+    """Means over windows, (N - samples + 1, 3)."""
+    middle = values.mean(axis=0)  # taken off first: sums of long logs lose digits
+    total = np.cumsum(np.vstack([np.zeros((1, 3)), values - middle]), axis=0)
+    return np.asarray((total[samples:] - total[:-samples]) / samples + middle)
+
+
+@dataclass(frozen=True, eq=False)
+class Displacement:
+    """Motion of the IMU since a start at rest, in the IMU frame of the start."""
+
+    R: Floats
+    """(3, 3), R_start_end."""
+    velocity: Floats
+    """(3,), m/s, that integration leaves at the end."""
+    p: Floats
+    """(3,), m."""
+
+
+def integrate(
+    t: Floats, gyro: Floats, accel: Floats, up: Floats, corrections: Floats | None = None
+) -> Displacement:
+    """Integrate readings, their biases taken off, from rest.
+
+    Rates are means of neighbouring samples, accelerations vary linearly between them.
+
+    Args:
+        t: (N,), s.
+        gyro: (N, 3), rad/s.
+        accel: (N, 3), m/s², specific force.
+        up: (3,), what the accelerometer reads at rest at the start: gravity is its opposite.
+        corrections: (N, 3, 3), turns of the integrated orientation in the frame of the start.
+    """
+    dt = np.diff(t)[:, None]
+    steps = matrix_from_rotvec(0.5 * (gyro[1:] + gyro[:-1]) * dt)
+    R = np.empty((len(t), 3, 3))
+    R[0] = np.eye(3)
+    for k, step in enumerate(steps):
+        R[k + 1] = R[k] @ step
+    if corrections is not None:
+        R = corrections @ R
+    a = np.einsum("nij,nj->ni", R, accel) - up
+    v = np.vstack([np.zeros(3), np.cumsum(0.5 * (a[1:] + a[:-1]) * dt, axis=0)])
+    p = np.sum(v[:-1] * dt + (2.0 * a[:-1] + a[1:]) * dt**2 / 6.0, axis=0)
+    return Displacement(R[-1], v[-1], p)
+
+
+def static_accel_bias(stills: list[Still], gravity_norm: float) -> Floats:
+    """Accelerometer bias with which all standstills read gravity's norm, (3,), m/s².
+
+    Gauss-Newton from zero. Directions in which orientations do not differ stay at zero.
+    """
+    readings = np.array([still.accel for still in stills])
+    weights = np.array([still.rows.stop - still.rows.start for still in stills]) ** 0.5
+    bias = np.zeros(3)
+    for _ in range(10):
+        rest = readings - bias
+        norm = np.linalg.norm(rest, axis=1)
+        J = rest / norm[:, None] * weights[:, None]
+        bias = bias + np.linalg.lstsq(J, (norm - gravity_norm) * weights, rcond=0.03)[0]
+    return bias

@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from imucalib_cli.errors import InputError
 from imucalib_cli.results.atomic import write_whole
 from imucalib_cli.results.codec import to_yaml
-from imucalib_cli.simulate.camera import camera_mount
+from imucalib_cli.simulate.camera.view import camera_mount
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from imucalib_cli.simulate.camera_config import CameraConfig
+    from imucalib_cli.simulate.camera.config import CameraConfig
     from imucalib_cli.simulate.options import LogOptions
     from imucalib_cli.simulate.recording import CameraRecord, Recording
 
@@ -85,24 +85,24 @@ def _camera(camera: CameraConfig) -> dict[str, Any]:
 
 def _imu(recording: Recording, camera: CameraConfig, options: LogOptions) -> dict[str, Any]:
     """Kalibr refuses zeros: what is less than the camera's ``kalibr_least`` is told as that."""
-    noise = None if recording.corruption is None else recording.corruption.noise
+    noise = recording.noise
     rate = recording.physics.imu_rate or recording.system.rates.imu
     least = camera.kalibr_least
 
     def density(one_sided: float, sample: float) -> float:
         return float(np.hypot(one_sided / np.sqrt(2), sample / np.sqrt(rate)))
 
-    accel = 0.0 if noise is None else density(noise.accel_noise, noise.accel_white)
-    gyro = 0.0 if noise is None else density(noise.gyro_noise, noise.gyro_white)
-    accel_walk = 0.0 if noise is None else noise.accel_bias_walk
-    gyro_walk = 0.0 if noise is None else noise.gyro_bias_walk
     return {
         "rostopic": options.imu_topic or recording.system.topics.imu,
         "update_rate": float(rate),
-        "accelerometer_noise_density": max(accel, least.accel_noise),
-        "accelerometer_random_walk": max(accel_walk, least.accel_walk),
-        "gyroscope_noise_density": max(gyro, least.gyro_noise),
-        "gyroscope_random_walk": max(gyro_walk, least.gyro_walk),
+        "accelerometer_noise_density": max(
+            density(noise.accel_noise, noise.accel_white), least.accel_noise
+        ),
+        "accelerometer_random_walk": max(noise.accel_bias_walk, least.accel_walk),
+        "gyroscope_noise_density": max(
+            density(noise.gyro_noise, noise.gyro_white), least.gyro_noise
+        ),
+        "gyroscope_random_walk": max(noise.gyro_bias_walk, least.gyro_walk),
     }
 
 
@@ -133,9 +133,7 @@ def camera_truth(recording: Recording, camera: CameraRecord) -> dict[str, Any]:
     T_camera_imu = np.eye(4)
     T_camera_imu[:3, :3] = R.T @ recording.R_parent_imu
     T_camera_imu[:3, 3] = R.T @ (recording.t_parent_imu - p)
-    noise = None if recording.corruption is None else recording.corruption.noise
-    offset = 0.0 if noise is None else noise.camera_offset
-    shift = (0.0 if noise is None else noise.time_offset) - offset
+    offset = recording.noise.camera_offset
     target = camera.config.target
     tags = np.isfinite(camera.corners[..., 0]).sum(axis=1) // 4
     return {
@@ -143,7 +141,7 @@ def camera_truth(recording: Recording, camera: CameraRecord) -> dict[str, Any]:
         "T_cam_imu": T_camera_imu.tolist(),
         "T_imu_cam": np.linalg.inv(T_camera_imu).tolist(),
         "time_offset": offset,
-        "timeshift_cam_imu": shift,
+        "timeshift_cam_imu": recording.noise.time_offset - offset,
         "images": len(camera.t),
         "tags_seen": float(tags.mean() / (target.tag_rows * target.tag_cols)),
         "fewest_tags": int(tags.min()),

@@ -1,4 +1,4 @@
-"""Camera poses from the corners of a target, by OpenCV's Perspective-n-Point."""
+"""What a camera sees of a target, and its poses by OpenCV's Perspective-n-Point."""
 
 from __future__ import annotations
 
@@ -9,7 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
-from imucalib_cli.robot.rotations import matrix_from_rotvec, skew
+from imucalib_cli.robot.path import KinematicPath, PoseStep, Track
+from imucalib_cli.robot.rotations import matrix_from_rotvec, quaternion_from_matrix, skew
+from imucalib_cli.simulate.optional import optional
+from imucalib_cli.study.conditions import Pose
 
 if TYPE_CHECKING:
     from imucalib_cli.simulate.recording import CameraRecord
@@ -18,6 +21,9 @@ Floats = NDArray[np.float64]
 
 FEWEST_CORNERS = 12
 """Fewer give a pose that one bad corner can tilt."""
+_PIXEL_FLOOR = 0.01
+"""Pixels: no detector of corners is better."""
+_FEWEST_IMAGES = 10
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -48,7 +54,7 @@ def observations_of(camera: CameraRecord) -> CameraObservations:
     )
 
 
-def target_pose(camera: CameraObservations, corners: Floats) -> tuple[Floats, Floats] | None:
+def target_pose(camera: CameraObservations, corners: Floats) -> Pose | None:
     """Pose of the target in the optical frame by the least error of reprojection.
 
     Args:
@@ -56,13 +62,12 @@ def target_pose(camera: CameraObservations, corners: Floats) -> tuple[Floats, Fl
         corners: (K, 2), pixels; NaN where not found.
 
     Returns:
-        R_camera_target (3, 3) and p_camera_target (3,), m; None where too few corners were found
-        or nothing fits.
+        R_camera_target and p_camera_target; None where too few corners were found or nothing fits.
 
     Raises:
         InputError: OpenCV is not installed.
     """
-    cv2 = _import_opencv()
+    cv2 = _opencv()
     found = np.isfinite(corners).all(axis=1)
     if found.sum() < FEWEST_CORNERS:
         return None
@@ -73,37 +78,29 @@ def target_pose(camera: CameraObservations, corners: Floats) -> tuple[Floats, Fl
     # Its own rounds end early, at 20 and at single precision's steps.
     criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 50, 1e-12)
     turn, place = cv2.solvePnPRefineLM(*args, turn, place, criteria)
-    return matrix_from_rotvec(turn[:, 0]), np.asarray(place[:, 0], dtype=np.float64)
-
-
-@dataclass(frozen=True, eq=False)
-class CornerInformation:
-    """What the corners of one image say of the camera's pose, for corners of unit noise."""
-
-    information: Floats
-    """(6, 6): p_target_camera, then the turn of R_target_camera in the camera's frame."""
-    squares: float
-    """Sum of squared reprojection errors, pixels²."""
-    free: int
-    """Degrees of freedom of that sum."""
+    return Pose(matrix_from_rotvec(turn[:, 0]), np.asarray(place[:, 0], dtype=np.float64))
 
 
 def corner_information(
-    camera: CameraObservations, corners: Floats, pose: tuple[Floats, Floats]
-) -> CornerInformation:
-    """Information on a pose found by :func:`target_pose`, and what is left of the corners.
+    camera: CameraObservations, corners: Floats, pose: Pose
+) -> tuple[Floats, Floats]:
+    """What the corners of one image say of the camera's pose, for corners of unit noise.
 
     Args:
         camera: Target and lens.
         corners: (K, 2), pixels; NaN where not found.
-        pose: R_camera_target (3, 3) and p_camera_target (3,), m.
+        pose: Of the target in the camera, found by :func:`target_pose`.
+
+    Returns:
+        Information (6, 6), on p_target_camera, then the turn of R_target_camera in the camera's
+        frame; and what is left of the corners found, (n, 2), pixels.
 
     Raises:
         InputError: OpenCV is not installed.
     """
-    cv2 = _import_opencv()
+    cv2 = _opencv()
     found = np.isfinite(corners).all(axis=1)
-    R, p = pose
+    R, p = pose.R, pose.t
     points = camera.target_points[found]
     pixels, jacobian = cv2.projectPoints(
         points, cv2.Rodrigues(R)[0], p, camera.matrix, camera.distortion
@@ -113,15 +110,37 @@ def corner_information(
     in_camera = points @ R.T + p
     of_place = np.broadcast_to(-R, (len(points), 3, 3))
     J = (of_point @ np.concatenate([of_place, skew(in_camera)], axis=2)).reshape(-1, 6)
-    rest = corners[found] - pixels[:, 0]
-    return CornerInformation(J.T @ J, float(np.sum(rest * rest)), rest.size - 6)
+    return J.T @ J, np.asarray(corners[found] - pixels[:, 0])
 
 
-def _import_opencv() -> Any:
-    try:
-        import cv2
-    except ImportError as error:
-        raise InputError(
-            "camera poses need OpenCV, which is not installed: pip install 'imucalib[study]'"
-        ) from error
-    return cv2
+def camera_path(camera: CameraObservations) -> tuple[KinematicPath, Floats]:
+    """Poses of the camera in the target's frame, and what whitens each, (N, 6, 6).
+
+    Raises:
+        InputError: OpenCV is missing, or the target is hardly seen.
+    """
+    rows, values, information, squares, count = [], [], [], 0.0, 0
+    for k, corners in enumerate(camera.corners):
+        pose = target_pose(camera, corners)
+        if pose is None:
+            continue
+        of_pose, rest = corner_information(camera, corners, pose)
+        rows.append(k)
+        p = -pose.R.T @ pose.t
+        values.append(np.concatenate([p, quaternion_from_matrix(pose.R.T)]))
+        information.append(of_pose)
+        squares += float(np.sum(rest * rest))
+        count += rest.size - 6
+    if len(rows) < _FEWEST_IMAGES:
+        raise InputError(f"the target is seen in {len(rows)} images, need at least 10")
+    pixel = max(float(np.sqrt(squares / count)), _PIXEL_FLOOR)
+    whiten = np.swapaxes(np.linalg.cholesky(np.array(information)), 1, 2) / pixel
+    track = Track(name="camera", kind="pose", t=camera.t[rows], values=np.array(values))
+    path = KinematicPath(
+        world="target", parent="camera", steps=(PoseStep(track=0),), tracks=(track,)
+    )
+    return path, whiten
+
+
+def _opencv() -> Any:
+    return optional("cv2", "camera poses need", "study")

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from imucalib_cli.simulate.aprilgrid import board_picture, opencv
-from imucalib_cli.simulate.camera import project
+from imucalib_cli.simulate.camera.aprilgrid import board_picture, opencv
+from imucalib_cli.simulate.camera.view import project
 
 if TYPE_CHECKING:
-    from imucalib_cli.simulate.camera_config import CameraConfig, Intrinsics
+    from imucalib_cli.simulate.camera.config import Intrinsics
     from imucalib_cli.simulate.options import NoiseOptions
     from imucalib_cli.simulate.recording import CameraRecord
 
@@ -24,31 +24,50 @@ _OUTLINE = 64
 """Points along an edge of the paper: with distortion it is bent."""
 
 
-class Renderer:
-    """Draws what a camera sees of its target, which is flat: one homography an image."""
+class Images:
+    """Images of a record, rendered when they are asked for.
 
-    def __init__(self, camera: CameraConfig) -> None:
+    The target is flat: one homography an image.
+    """
+
+    def __init__(self, record: CameraRecord, noise: NoiseOptions, seed: int) -> None:
         """Draw the board's picture.
+
+        Args:
+            record: Poses of camera and target.
+            noise: Its ``image_noise`` and ``image_blur`` count.
+            seed: Of the noise; every image has a stream of its own.
 
         Raises:
             InputError: OpenCV is not installed, or the board cannot be drawn.
         """
+        camera = record.config
         self._cv2 = opencv()
-        self._lens = camera.intrinsics
-        self._background = camera.shades.background
+        self._record, self._seed = record, seed
+        self._noise, self._blur = noise.image_noise, noise.image_blur
+        self._lens, self._background = camera.intrinsics, camera.shades.background
         self._picture = board_picture(camera.target, camera.shades)
         self._rays = _fine_rays(camera.intrinsics) if any(camera.intrinsics.distortion) else None
 
-    def __call__(self, R_camera_target: Floats, p_camera_target: Floats) -> Bytes:
-        """Render one image.
+    def __len__(self) -> int:
+        return len(self._record.t)
 
-        Args:
-            R_camera_target: (3, 3).
-            p_camera_target: (3,), m.
+    def __getitem__(self, i: int) -> Bytes:
+        """(height, width), grey levels."""
+        record = self._record
+        R_camera_world = record.R_world_camera[i].T
+        p_camera_target = R_camera_world @ (record.p_world_target - record.p_world_camera[i])
+        image = self._render(R_camera_world @ record.R_world_target, p_camera_target)
+        if self._blur:
+            image = np.asarray(self._cv2.GaussianBlur(image, (0, 0), self._blur), dtype=np.uint8)
+        if self._noise:
+            rng = np.random.default_rng([self._seed, i])
+            noisy = image + self._noise * rng.standard_normal(image.shape, dtype=np.float32)
+            image = np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
+        return image
 
-        Returns:
-            (height, width), grey levels.
-        """
+    def _render(self, R_camera_target: Floats, p_camera_target: Floats) -> Bytes:
+        """One image without noise."""
         lens = self._lens
         image = np.full((lens.height, lens.width), round(self._background), dtype=np.uint8)
         box = self._box(R_camera_target, p_camera_target)
@@ -113,43 +132,6 @@ class Renderer:
         if (high <= low).any():
             return None
         return int(low[0]), int(low[1]), int(high[0]), int(high[1])
-
-
-class Images:
-    """Images of a record, rendered when they are asked for."""
-
-    def __init__(self, record: CameraRecord, noise: NoiseOptions | None, seed: int) -> None:
-        """Prepare to draw them.
-
-        Args:
-            record: Poses of camera and target.
-            noise: Its ``image_noise`` and ``image_blur`` count.
-            seed: Of the noise; every image has a stream of its own.
-
-        Raises:
-            InputError: As :class:`Renderer`.
-        """
-        self._record, self._seed = record, seed
-        self._noise = 0.0 if noise is None else noise.image_noise
-        self._blur = 0.0 if noise is None else noise.image_blur
-        self._render = Renderer(record.config)
-
-    def __len__(self) -> int:
-        return len(self._record.t)
-
-    def __getitem__(self, i: int) -> Bytes:
-        """(height, width), grey levels."""
-        record = self._record
-        R_camera_world = record.R_world_camera[i].T
-        p_camera_target = R_camera_world @ (record.p_world_target - record.p_world_camera[i])
-        image = self._render(R_camera_world @ record.R_world_target, p_camera_target)
-        if self._blur:
-            image = np.asarray(opencv().GaussianBlur(image, (0, 0), self._blur), dtype=np.uint8)
-        if self._noise:
-            rng = np.random.default_rng([self._seed, i])
-            noisy = image + self._noise * rng.standard_normal(image.shape, dtype=np.float32)
-            image = np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
-        return image
 
 
 def _fine_rays(lens: Intrinsics) -> NDArray[np.float32]:

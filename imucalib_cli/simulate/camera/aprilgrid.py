@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
+from imucalib_cli.simulate.optional import optional
 
 if TYPE_CHECKING:
-    from imucalib_cli.simulate.camera_config import AprilGrid, Shades
+    from imucalib_cli.simulate.camera.config import AprilGrid, Shades
 
 Floats = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
@@ -44,13 +45,7 @@ def opencv() -> Any:
     Raises:
         InputError: It is not installed.
     """
-    try:
-        import cv2
-    except ImportError as error:
-        raise InputError(
-            "images need OpenCV, which is not installed: pip install 'imucalib[camera]'"
-        ) from error
-    return cv2
+    return optional("cv2", "images need", "camera")
 
 
 def tag_cells(number: int, border_bits: int = BORDER_BITS) -> NDArray[np.bool_]:

@@ -12,7 +12,7 @@ from imucalib_cli.robot.rotations import matrix_from_quaternion, matrix_from_rpy
 from imucalib_cli.simulate.recording import CameraRecord
 
 if TYPE_CHECKING:
-    from imucalib_cli.simulate.camera_config import AprilGrid, CameraConfig, Intrinsics
+    from imucalib_cli.simulate.camera.config import AprilGrid, CameraConfig, Intrinsics
     from imucalib_cli.simulate.config import SystemConfig
 
 Floats = NDArray[np.float64]

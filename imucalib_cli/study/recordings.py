@@ -1,9 +1,10 @@
-"""One simulated recording through an estimator in memory, and how far off the answer is."""
+"""Simulated recordings as an estimator gets them, in memory, and how far off its answer is."""
 
 from __future__ import annotations
 
 import tempfile
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,18 +16,32 @@ from imucalib_cli.robot.path import KinematicPath, PoseStep, Track
 from imucalib_cli.robot.rotations import rotvec_from_matrix
 from imucalib_cli.robot.urdf import Robot, load_robot
 from imucalib_cli.signals.samples import ImuSamples
+from imucalib_cli.simulate.camera.config import load_camera
+from imucalib_cli.simulate.load import load_system
+from imucalib_cli.simulate.physics import record
 from imucalib_cli.simulate.recording import JointRecord, PoseRecord, Recording
 from imucalib_cli.simulate.urdf import urdf_text
 
 if TYPE_CHECKING:
     from imucalib_cli.estimate.estimate import Estimate
     from imucalib_cli.simulate.config import SystemConfig
+    from imucalib_cli.simulate.options import PhysicsOptions
 
 Floats = NDArray[np.float64]
 
 
+@cache
+def clean_recording(system: str, physics: PhysicsOptions, camera: str = "") -> Recording:
+    """Noise-free run of a system, recorded once a process; with a camera, before its pattern."""
+    moved, seen = load_system(system), None
+    if camera:
+        moved, seen = load_camera(camera, moved)
+    return record(moved, physics, camera=seen)
+
+
+@cache
 def robot_of(system: SystemConfig) -> Robot:
-    """The system's URDF, parsed."""
+    """The system's URDF, parsed once a process."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"{system.name}.urdf"
         path.write_text(urdf_text(system), encoding="utf-8")
@@ -95,11 +110,10 @@ class Error:
 
 def error_of(estimate: Estimate, recording: Recording) -> Error:
     """Compare an estimate with the recording's truth."""
-    noise = recording.corruption.noise if recording.corruption else None
     return Error(
         translation=estimate.t_parent_imu - recording.t_parent_imu,
         rotation=rotvec_from_matrix(estimate.R_parent_imu @ recording.R_parent_imu.T),
-        time_offset=estimate.time_offset - (noise.time_offset if noise else 0.0),
+        time_offset=estimate.time_offset - recording.noise.time_offset,
     )
 
 

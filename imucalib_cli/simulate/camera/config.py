@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,6 +11,8 @@ from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.simulate.config import (  # noqa: TC001 - types of fields, checked when read
     FixedFrame,
     Move,
+)
+from imucalib_cli.simulate.options import (  # noqa: TC001 - likewise
     Vector,
 )
 
@@ -98,6 +100,17 @@ class CameraConfig:
     kalibr_least: KalibrLeast
     motion: ViewMotion | None = None
 
+    def __post_init__(self) -> None:
+        """Refuse what types cannot say."""
+        lens, target = self.intrinsics, self.target
+        sizes = (lens.width, lens.height, lens.fx, lens.fy, self.rate, target.tag_size)
+        if min(sizes) <= 0 or not 0 < target.tag_spacing <= 1:
+            raise ValueError("sizes, focal lengths and rate must be positive, spacing 0 to 1")
+        if min(astuple(self.kalibr_least)) <= 0:
+            raise ValueError("kalibr_least must be positive")
+        if min(target.tag_rows, target.tag_cols) < 3:  # Kalibr's ConfigReader.py: int >= 3
+            raise ValueError("a grid has at least 3 rows and 3 columns of tags")
+
 
 def load_camera(
     name_or_file: str | Path, system: SystemConfig
@@ -123,30 +136,14 @@ def load_camera(
         camera = build(
             CameraConfig, read_builtin(f"{_FOLDER}/{name_or_file}"), f"cameras/{name_or_file}.yaml"
         )
-    _check(camera, system, str(name_or_file))
     frames = tuple(frame for frame in system.frames if frame.link != camera.frame.link)
-    arm = system.arm
-    if arm is not None and camera.motion is not None:
-        motion = camera.motion
-        arm = replace(
-            arm, start_deg=motion.start_deg, start_rest=motion.start_rest, moves=motion.moves
-        )
-    return replace(system, frames=(*frames, camera.frame), arm=arm), camera
-
-
-def _check(camera: CameraConfig, system: SystemConfig, where: str) -> None:
-    """What types cannot say."""
-    lens, target = camera.intrinsics, camera.target
-    sizes = (lens.width, lens.height, lens.fx, lens.fy, camera.rate, target.tag_size)
-    if min(sizes) <= 0 or not 0 < target.tag_spacing <= 1:
-        raise InputError(f"{where}: sizes, focal lengths and rate must be positive, spacing 0 to 1")
-    least = camera.kalibr_least
-    if min(least.accel_noise, least.accel_walk, least.gyro_noise, least.gyro_walk) <= 0:
-        raise InputError(f"{where}: kalibr_least must be positive")
-    if min(target.tag_rows, target.tag_cols) < 3:  # Kalibr's ConfigReader.py: int >= 3
-        raise InputError(f"{where}: a grid has at least 3 rows and 3 columns of tags")
-    joints = 0 if system.arm is None else len(system.arm.joints)
-    if camera.motion is not None:
-        motion = camera.motion
+    arm, motion = system.arm, camera.motion
+    joints = 0 if arm is None else len(arm.joints)
+    if motion is not None:
         if any(len(v) != joints for v in (motion.start_deg, *(m.to_deg for m in motion.moves))):
-            raise InputError(f"{where}: start_deg and to_deg need {joints} numbers, one a joint")
+            raise InputError(
+                f"{name_or_file}: start_deg and to_deg need {joints} numbers, one a joint"
+            )
+        if arm is not None:
+            arm = replace(arm, **vars(motion))
+    return replace(system, frames=(*frames, camera.frame), arm=arm), camera

@@ -1,0 +1,28 @@
+"""Dependencies that simulation and studies alone have, imported when they are used."""
+
+from importlib import import_module
+from typing import Any
+
+from imucalib_cli.errors import InputError
+
+PACKAGES = {"mujoco": "MuJoCo", "cv2": "OpenCV"}
+"""What people call it, by module."""
+
+
+def optional(module: str, need: str, extra: str) -> Any:
+    """Import an optional dependency.
+
+    Args:
+        module: One of PACKAGES.
+        need: Who needs it, such as "simulation needs".
+        extra: Of imucalib, which installs it.
+
+    Raises:
+        InputError: It is not installed.
+    """
+    try:
+        return import_module(module)
+    except ImportError as error:
+        raise InputError(
+            f"{need} {PACKAGES[module]}, which is not installed: pip install 'imucalib[{extra}]'"
+        ) from error

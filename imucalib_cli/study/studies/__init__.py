@@ -1,0 +1,1 @@
+"""The studies: what each varies, measures, prints and draws."""

@@ -1,0 +1,392 @@
+"""Figures 5 to 7: the derived acceleration against the measured one (section 4.2 of the paper)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imucalib_cli.estimate.options import PaperOptions, WindowChoice
+from imucalib_cli.estimate.paper_filters import filtered_instants
+from imucalib_cli.robot.rotations import rotvec_from_matrix
+from imucalib_cli.signals.kernels import MARGIN, convolve_at, matched_filter
+from imucalib_cli.signals.trajectory import Trajectory
+from imucalib_cli.study.conditions import Pose, Recorded, wrong_guess
+from imucalib_cli.study.figures import COLOURS, new_figure, save_svg
+from imucalib_cli.study.recordings import clean_recording, streams_of
+from imucalib_cli.study.rows import chosen
+from imucalib_cli.study.study import Study, grid
+from imucalib_cli.study.tables import Claim, Column, claims_table, lay_out, number, text
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+    from pathlib import Path
+
+    from matplotlib.axes import Axes
+
+    from imucalib_cli.simulate.recording import Recording
+    from imucalib_cli.study.study import Cell, Draw, Row
+    from imucalib_cli.study.tables import Table
+
+Floats = NDArray[np.float64]
+Kept = NDArray[np.bool_]
+
+FILTERS = ("paper", "matched")
+PLATES = {
+    5: ("barbot", "no initial error"),
+    6: ("barbot", "initial error"),
+    7: ("rihibot", "no initial error"),
+}
+"""The paper's figures by number: system, and whether the guess is off."""
+_DEGREE = PaperOptions().degree
+_MOST_POINTS = 1500
+"""Of a line: what a page can show."""
+_MARKS = 300
+"""Of excluded samples."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Zoom:
+    """First and last instant of an enlarged panel, s, by system."""
+
+    barbot: tuple[float, float]
+    rihibot: tuple[float, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class DerivationCriteria:
+    """By which claims are judged, all as shares of the signal."""
+
+    match: float
+    """A mismatch up to which curves match almost perfectly."""
+    mismatch: float
+    """One over which they clearly do not."""
+    gravity: float
+    """Least difference that is more than minimal."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Comparison:
+    """Derived and measured acceleration of the IMU along the world's x axis, by one filter."""
+
+    t: Floats
+    """(N,), s."""
+    position: Floats
+    """(N,), m, of the IMU as the guess has it."""
+    derived: Floats
+    """(N,), m/s²."""
+    measured: Floats
+    """(N,), m/s², as this filter smooths it, without gravity."""
+    kept: Kept
+    """(N,), whether the filter's method uses the instant."""
+
+    @property
+    def mismatch(self) -> Floats:
+        """(N,), derived less measured, m/s²."""
+        return self.derived - self.measured
+
+
+@dataclass(frozen=True, kw_only=True)
+class DerivationStudy(Study, Recorded):
+    """Section 4.2 and figures 5 to 7."""
+
+    name = "derivation"
+    windows: tuple[int, ...]
+    drawn_window: int
+    exclusions: tuple[float, ...]
+    drawn_exclusion: float
+    margin: float
+    jerk: float
+    initial_translation: float
+    initial_rotation_deg: float
+    initial_seed: int
+    zoom: Zoom
+    claims: DerivationCriteria
+
+    def cells(self) -> list[Cell]:
+        """Every figure by either filter at every window."""
+        exclusions = {"paper": self.exclusions, "matched": (None,)}
+        return grid(
+            figure=PLATES,
+            window=self.windows,
+            filter=FILTERS,
+            exclusion=lambda cell: exclusions[cell["filter"]],
+        )
+
+    def measure(self, cell: Cell) -> list[Row]:
+        """How far derived and measured acceleration are apart, near starts and stops and not."""
+        case = cell["figure"], cell["filter"], cell["window"]
+        found = self._compared(*case, cell["exclusion"] or 0.0)
+        brusque = self._brusque(found)
+        apart = found.mismatch
+        recording, _ = self._case(cell["figure"])
+        weightless = None  # the same motion without gravity, where there is any
+        if recording.gravity_world.any():
+            light = self._compared(*case, gravity=0.0)
+            weightless = _rms(light.mismatch[~self._brusque(light)])
+        row: Row = {
+            "signal": _rms(found.derived),
+            "all": _rms(apart),
+            "starts_stops": _rms(apart[brusque]),
+            "elsewhere": _rms(apart[~brusque]),
+            "largest": float(np.abs(apart).max()),
+            "kept": _rms(apart[found.kept]),
+            "excluded": float(np.mean(~found.kept)),
+            "weightless": weightless,
+            "system": recording.system.name,
+        }
+        return [cell | row]
+
+    def tables(self, rows: Sequence[Row]) -> list[Table]:
+        """The mismatches, and what the paper says about its figures."""
+
+        def plate(line: Sequence[Row]) -> str:
+            figure = line[0]["figure"]
+            return f"{figure}: {', '.join(PLATES[figure])}"
+
+        columns: tuple[Column, ...] = (
+            ("figure", plate),
+            text("window"),
+            text("filter"),
+            number("exclusion", "excluded over"),
+            number("signal", "signal"),
+            number("all", "all"),
+            number("starts_stops", "near starts and stops"),
+            number("elsewhere", "elsewhere"),
+            number("largest", "largest"),
+            number("kept", "of what is kept"),
+            ("excluded", lambda line: f"{line[0]['excluded']:.1%}"),
+        )
+        table = lay_out(
+            "Derived less measured acceleration along x, root mean square, m/s²",
+            columns,
+            [[row] for row in rows],
+            f"Near: within {self.margin:g} s of a jerk over {self.jerk:g} m/s³. "
+            "Excluded: dropped by the method as starts and stops.",
+        )
+        return [table, claims_table("Claims of section 4.2", self._claims(rows))]
+
+    def figures(self, rows: Sequence[Row]) -> dict[str, Draw]:
+        """One a figure of the paper."""
+        del rows
+        return {f"figure-{number}": partial(self._draw, number) for number in PLATES}
+
+    def _draw(self, number: int, path: Path) -> None:
+        system, guess = PLATES[number]
+        window, drawn = self.drawn_window, self.drawn_exclusion
+        zoom = self.zoom.barbot if system == "barbot" else self.zoom.rihibot
+        draw_comparison(
+            path,
+            f"{system}, {guess}, window of {window} samples",
+            {name: self._compared(number, name, window, drawn) for name in FILTERS},
+            zoom,
+        )
+
+    def _case(self, figure: int, gravity: float | None = None) -> tuple[Recording, Pose]:
+        system, error = PLATES[figure]
+        recording = clean_recording(system, replace(self.physics, gravity=gravity))
+        wrong = float(error == "initial error")
+        return recording, wrong_guess(
+            recording,
+            wrong * self.initial_translation,
+            wrong * math.radians(self.initial_rotation_deg),
+            self.initial_seed,
+        )
+
+    def _compared(
+        self,
+        figure: int,
+        name: str,
+        window: int,
+        exclusion: float = 0.0,
+        *,
+        gravity: float | None = None,
+    ) -> Comparison:
+        recording, guess = self._case(figure, gravity)
+        if name == "matched":
+            return compared_by_matched(recording, guess, window)
+        return compared_by_paper(recording, guess, window, exclusion)
+
+    def _brusque(self, found: Comparison) -> Kept:
+        """Samples near starts and stops."""
+        return near_changes(found.t, found.measured, self.jerk, self.margin)
+
+    def _claims(self, rows: Sequence[Row]) -> Iterator[Claim]:
+        criteria = self.claims
+        for name in FILTERS:
+            for window in self.windows:
+                mine = chosen(rows, filter=name, window=window)
+                # What is excluded changes neither the filters nor these figures.
+                bar, wrong, arm = (chosen(mine, figure=number)[0] for number in PLATES)
+                calm, near = _share(bar, "elsewhere"), _share(bar, "starts_stops")
+                off, true = _share(wrong, "all"), _share(bar, "all")
+                heavy, light = _share(arm, "elsewhere"), _share(arm, "weightless")
+                yield Claim(
+                    words=f"{name}: figure 5, window {window}: matches almost perfectly "
+                    f"({criteria.match:.0%} of the signal) but for starts and stops",
+                    found=f"{calm:.2%} elsewhere, {near:.2%} near starts and stops",
+                    met=calm <= criteria.match,
+                )
+                yield Claim(
+                    words=f"{name}: figure 6, window {window}: an initial error is a clear "
+                    f"mismatch (over {criteria.mismatch:.0%} of the signal)",
+                    found=f"{off:.2%} of the signal; {true:.2%} without",
+                    met=off > criteria.mismatch,
+                )
+                yield Claim(
+                    words=f"{name}: figure 7, window {window}: gravity has minimal impact (less "
+                    f"than {criteria.gravity:.0%} of the signal, away from starts and stops)",
+                    found=f"{heavy:.2%} elsewhere, {light:.2%} without gravity",
+                    met=abs(heavy - light) < criteria.gravity,
+                )
+
+
+def _share(row: Row, key: str) -> float:
+    """A mismatch over the signal."""
+    return float(row[key] / row["signal"])
+
+
+def _rms(values: Floats) -> float | None:
+    return float(np.sqrt(np.mean(values**2))) if len(values) else None
+
+
+def compared_by_paper(
+    recording: Recording, guess: Pose, window: int, exclusion: float
+) -> Comparison:
+    """The published filter: derivatives of the pose, and measurements smoothed likewise.
+
+    Args:
+        recording: Noise-free or not.
+        guess: Pose of the IMU to assume.
+        window: Samples.
+        exclusion: m/s², of the second difference over which a sample is dropped.
+    """
+    imu, path = streams_of(recording)
+    options = PaperOptions(
+        window=WindowChoice(samples=window), degree=_DEGREE, exclusion_threshold=exclusion
+    )
+    instants, _, _ = filtered_instants(imu, path, options, guess.R, guess.t)
+    x = np.concatenate([guess.t, rotvec_from_matrix(guess.R)])
+    norm = float(np.linalg.norm(recording.gravity_world))
+    derived, measured = instants.accelerations(x, norm)
+    _, p = Trajectory.of(path).poses(instants.t)
+    return Comparison(
+        t=instants.t,
+        position=(p + instants.R @ guess.t)[:, 0],
+        derived=derived[:, 0],
+        measured=measured[:, 0],
+        kept=instants.kept,
+    )
+
+
+def compared_by_matched(recording: Recording, guess: Pose, window: int) -> Comparison:
+    """The matched filters: the measurements are averaged by the kernel of the derivative.
+
+    Args:
+        recording: With an even IMU rate and no gaps.
+        guess: Pose of the IMU to assume.
+        window: Samples.
+    """
+    imu, path = streams_of(recording)
+    trajectory = Trajectory.of(path)
+    inside = trajectory.covered(imu.t)
+    t = imu.t[inside]
+    R, p = trajectory.poses(t)
+    p_world_imu = p + R @ guess.t
+    accel = np.einsum("nij,nj->ni", R @ guess.R, imu.accel[inside])
+    accel += recording.gravity_world
+    filters = matched_filter(window, _DEGREE, 2, float(np.median(np.diff(t))))
+    first = np.arange(MARGIN, len(t) - window - MARGIN + 1)
+    centres = first + window // 2
+    derived = convolve_at(p_world_imu, filters.derivative, first)
+    measured = convolve_at(accel, filters.average, first - MARGIN)
+    return Comparison(
+        t=t[centres],
+        position=p_world_imu[centres, 0],
+        derived=derived[:, 0],
+        measured=measured[:, 0],
+        kept=np.ones(len(centres), dtype=bool),
+    )
+
+
+def near_changes(t: Floats, accel: Floats, jerk: float, margin: float) -> Kept:
+    """Where an acceleration changes brusquely: starts and stops of motion.
+
+    Args:
+        t: (N,), s, even.
+        accel: (N,), m/s².
+        jerk: m/s³, above which it changes brusquely.
+        margin: s, to either side, that belongs to it.
+    """
+    dt = float(np.median(np.diff(t)))
+    sudden = np.abs(np.gradient(accel, dt)) > jerk
+    reach = np.ones(2 * max(round(margin / dt), 1) + 1)
+    return np.asarray(np.convolve(sudden, reach, mode="same") > 0.0)
+
+
+def draw_comparison(
+    path: Path, title: str, found: dict[str, Comparison], zoom: tuple[float, float]
+) -> None:
+    """Draw a figure of the paper for each filter, side by side.
+
+    Args:
+        path: SVG to write.
+        title: Of the whole.
+        found: By the name of the filter.
+        zoom: First and last instant of the enlarged rows, s.
+
+    Raises:
+        InputError: matplotlib is missing, or the file cannot be written.
+    """
+    figure, panels = new_figure(4, len(found), size=(10.0, 10.0))
+    for place, (name, one) in enumerate(found.items()):
+        panel = panels[place :: len(found)]
+        panel[0].set_title(f"{name} filter")
+        near = (one.t >= zoom[0]) & (one.t <= zoom[1])
+        _line(panel[0], one.t, one.position, COLOURS[2], "position")
+        panel[0].set_ylabel("x, m")
+        _pair(panel[1], one, np.ones(len(one.t), dtype=bool))
+        _pair(panel[2], one, near)
+        _line(panel[3], one.t[near], one.mismatch[near], COLOURS[6], "derived less measured")
+        panel[3].set_ylabel("m/s²")
+        panel[3].set_xlabel("s")
+        for axes in panel:
+            axes.legend(loc="upper right", fontsize=7)
+    lowest, highest = (
+        limit(axes.get_ylim()[side] for axes in panels[3 * len(found) :])
+        for side, limit in ((0, min), (1, max))
+    )
+    for axes in panels[3 * len(found) :]:
+        axes.set_ylim(lowest, highest)
+    figure.suptitle(title)
+    save_svg(figure, path)
+
+
+def _pair(axes: Axes, one: Comparison, shown: Kept) -> None:
+    _line(axes, one.t[shown], one.derived[shown], COLOURS[1], "derived")
+    _line(axes, one.t[shown], one.measured[shown], COLOURS[0], "measured", dashed=True)
+    dropped = shown & ~one.kept
+    if dropped.any():
+        every = max(int(dropped.sum()) // _MARKS, 1)
+        axes.plot(
+            one.t[dropped][::every],
+            one.derived[dropped][::every],
+            linestyle="",
+            marker="x",
+            markersize=3.0,
+            color=COLOURS[6],
+            label="excluded",
+        )
+    axes.set_ylabel("acceleration, m/s²")
+
+
+def _line(
+    axes: Axes, t: Floats, y: Floats, colour: str, name: str, *, dashed: bool = False
+) -> None:
+    every = max(len(t) // _MOST_POINTS, 1)
+    style = "--" if dashed else "-"
+    axes.plot(t[::every], y[::every], linestyle=style, linewidth=1.0, color=colour, label=name)

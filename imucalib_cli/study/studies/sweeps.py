@@ -1,0 +1,455 @@
+"""One parameter swept, everything else held: conditions, methods and seeds on a grid.
+
+The studies of what the paper leaves open; each says only what its parameter does. Beside every
+error stands the Cramér-Rao bound with the unknowns of the method in question.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
+
+import numpy as np
+
+from imucalib_cli.estimate.options import WindowChoice
+from imucalib_cli.simulate.noise import corrupt
+from imucalib_cli.study.bound import bound_columns
+from imucalib_cli.study.conditions import (
+    Conditioned,
+    PaperSetting,
+    paper_settings,
+    wrong_guess,
+)
+from imucalib_cli.study.contest import METHODS, contest, contestants
+from imucalib_cli.study.figures import Curve, draw_curves, new_figure, save_svg
+from imucalib_cli.study.recordings import clean_recording
+from imucalib_cli.study.rows import (
+    DEGREES,
+    MILLIMETRES,
+    best_setting,
+    chosen,
+    groups,
+    mean,
+    over_bound,
+    root_mean_square,
+    worst,
+)
+from imucalib_cli.study.study import Draw, Row, Study, grid
+from imucalib_cli.study.tables import (
+    Column,
+    Table,
+    answered,
+    count,
+    digits,
+    lay_out,
+    number,
+    statistic,
+    text,
+)
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
+    from imucalib_cli.study.study import Cell
+
+NOTE = (
+    "Of all tables: root mean square over seeds; over bound is its ratio to the Cramér-Rao bound "
+    "of this motion and the IMU's white noise, with the unknowns of the method: the pose alone, "
+    "or, for matched, biases, tilt and time offset too. The published method is in the window and "
+    "exclusion that the truth shows to be its best. "
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Setup:
+    """All that one run is made with."""
+
+    physics: PhysicsOptions
+    noise: NoiseOptions
+    settings: tuple[PaperSetting, ...]
+    """Of the published method: each is run, tables show the best."""
+    window: WindowChoice
+    """Of the matched filters."""
+
+
+Change: TypeAlias = Callable[[Setup, float, int], Setup]
+"""A run's setup with the parameter at a value, for a seed."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """One of a study's sweeps."""
+
+    name: str
+    words: str
+    """What is swept, with its unit, for headers and axes."""
+    values: tuple[float, ...]
+    change: Change
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sweep(Study, Conditioned):
+    """A study with one parameter on the abscissa."""
+
+    note: ClassVar[str]
+    """What its tables need said, beside what all sweeps say."""
+    systems: tuple[str, ...]
+    paper_windows: tuple[int, ...]
+    paper_exclusions: tuple[float, ...]
+    initial_translation: float
+    initial_rotation_deg: float
+
+    @abstractmethod
+    def parts(self) -> list[Part]:
+        """What is swept, and over which values."""
+
+    def cells(self) -> list[Cell]:
+        """Every value under every condition with every seed."""
+        parts = {part.name: part for part in self.parts()}
+        return grid(
+            system=self.systems,
+            part=parts,
+            condition=self.names,
+            value=lambda cell: parts[cell["part"]].values,
+            seed=self.seeds_of,
+        )
+
+    def setup(self, cell: Cell) -> Setup:
+        """What a cell is run with."""
+        setup = Setup(
+            physics=self.physics,
+            noise=self.condition_of(cell).sensors,
+            settings=paper_settings(self.paper_windows, self.paper_exclusions),
+            window=WindowChoice(),
+        )
+        part = next(part for part in self.parts() if part.name == cell["part"])
+        return part.change(setup, cell["value"], cell["seed"])
+
+    def measure(self, cell: Cell) -> list[Row]:
+        """All methods on one recording, the published one in each of its settings."""
+        setup, seed = self.setup(cell), cell["seed"]
+        clean = clean_recording(cell["system"], setup.physics)
+        recording = corrupt(clean, setup.noise, seed)
+        guess = wrong_guess(
+            clean, self.initial_translation, math.radians(self.initial_rotation_deg), seed
+        )
+        return [
+            cell
+            | contest(method, recording, options)
+            | {
+                "window": setting.window if setting else None,
+                "exclusion": setting.exclusion if setting else None,
+            }
+            | bound_columns(clean, setup.noise, alone=method != "matched")
+            for method, setting, options in contestants(
+                METHODS, recording, guess, setup.settings, setup.window
+            )
+        ]
+
+    def tables(self, rows: Sequence[Row]) -> list[Table]:
+        """One a system, part and condition; what must be known of all stands with the first."""
+        words = {part.name: part.words for part in self.parts()}
+        titled = {
+            f"{cell['system']}: {words[cell['part']]}, {cell['condition']}": chosen(rows, **cell)
+            for cell in grid(system=self.systems, part=words, condition=self.names)
+        }
+        first, *others = (
+            sweep_table(title, words[mine[0]["part"]], mine) for title, mine in titled.items()
+        )
+        return [replace(first, note=NOTE + self.note), *others, summary_table(titled)]
+
+    def figures(self, rows: Sequence[Row]) -> dict[str, Draw]:
+        """One a system and part, a column of panels a condition."""
+        return {
+            f"{self.name}-{system}-{part.name}": partial(
+                draw_sweep, chosen(rows, system=system, part=part.name), part.words
+            )
+            for system in self.systems
+            for part in self.parts()
+        }
+
+
+def best_points(rows: Sequence[Row]) -> list[list[Row]]:
+    """The rows of each value and method, in the order of the rows.
+
+    Where the published method was run in several settings, those of the one that answers most
+    often and, of these, with the least error of translation: the most that tuning could do for it.
+
+    Args:
+        rows: Of one system, part and condition.
+    """
+    return [
+        best_setting(mine, _badness, "window", "exclusion")
+        for mine in groups(rows, "value", "method")
+    ]
+
+
+def _badness(rows: Sequence[Row]) -> tuple[int, float]:
+    error = root_mean_square(rows, "translation")
+    return sum(not answered(row) for row in rows), math.inf if math.isnan(error) else error
+
+
+_ERRORS = (("translation", MILLIMETRES, "mm"), ("rotation", DEGREES, "deg"))
+_COLUMNS: tuple[Column, ...] = (
+    text("method"),
+    text("window", "its L"),
+    number("exclusion", "its exclusion m/s²"),
+    *(
+        made
+        for key, scale, unit in _ERRORS
+        for made in (
+            statistic(f"{key} {unit}", root_mean_square, key, scale),
+            statistic(f"worst {unit}", worst, key, scale),
+            statistic("over bound", over_bound, key),
+        )
+    ),
+    count("answers", answered),
+    count("trusted", lambda row: row["trusted"] is True),
+)
+
+
+def sweep_table(title: str, words: str, rows: Sequence[Row]) -> Table:
+    """Errors of every method at every value.
+
+    Args:
+        title: Of the table.
+        words: What is swept, with its unit.
+        rows: Of one system, part and condition.
+    """
+    return lay_out(title, (number("value", words), *_COLUMNS), best_points(rows))
+
+
+def summary_table(sweeps: Mapping[str, Sequence[Row]]) -> Table:
+    """Each sweep in a line a method: where it is best, and what the ends of the sweep cost.
+
+    Args:
+        sweeps: Rows of each by its title, as for the tables above it.
+    """
+
+    def error(rows: Sequence[Row]) -> str:
+        return digits(root_mean_square(rows, "translation") * MILLIMETRES)
+
+    def value(rows: Sequence[Row]) -> str:
+        return digits(rows[0]["value"])
+
+    def line(title: str, points: list[list[Row]]) -> tuple[str, ...]:
+        best, ends = min(points, key=_badness), (points[0], points[-1])
+        return (
+            title,
+            best[0]["method"],
+            value(best),
+            error(best),
+            digits(over_bound(best, "translation")),
+            *(f"{error(end)} at {value(end)}" for end in ends),
+        )
+
+    return Table(
+        title="In short: translation errors, root mean square, mm",
+        header=("sweep", "method", "best at", "error there", "over bound", "first", "last"),
+        rows=tuple(
+            line(title, best_points(mine))
+            for title, rows in sweeps.items()
+            for mine in groups(rows, "method")
+        ),
+    )
+
+
+def draw_sweep(rows: Sequence[Row], words: str, path: Path) -> None:
+    """Translation above, rotation below, a column of panels a condition.
+
+    Args:
+        rows: Of one system and part.
+        words: What is swept, with its unit.
+        path: The SVG.
+    """
+    conditions = groups(rows, "condition")
+    figure, panels = new_figure(len(_ERRORS), len(conditions), share_x=True)
+    for line, (key, scale, unit) in enumerate(_ERRORS):
+        for place, mine in enumerate(conditions):
+            axes = panels[line * len(conditions) + place]
+            draw_curves(axes, _curves(best_points(mine), key, scale))
+            if line == 0:
+                axes.set_title(str(mine[0]["condition"]))
+            else:
+                axes.set_xlabel(words)
+            if place == 0:
+                axes.set_ylabel(f"{key} error, {unit}")
+    handles = {
+        name: handle
+        for axes in panels
+        for handle, name in zip(*axes.get_legend_handles_labels(), strict=True)
+    }
+    figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=3)
+    save_svg(figure, path)
+
+
+def _curves(points: list[list[Row]], key: str, scale: float) -> list[Curve]:
+    """The error of each method over the parameter, then the two bounds."""
+    methods: dict[str, list[list[Row]]] = {}
+    for point in points:
+        methods.setdefault(point[0]["method"], []).append(point)
+    curves = [
+        Curve(
+            name=method,
+            x=[point[0]["value"] for point in mine],
+            y=[scale * root_mean_square(point, key) for point in mine],
+        )
+        for method, mine in methods.items()
+    ]
+    for name, everything in ("bound, pose alone", False), ("bound, all unknowns", True):
+        bounds = {
+            point[0]["value"]: scale * mean(point, f"bound_{key}")
+            for point in points
+            if (point[0]["method"] == "matched") == everything
+        }
+        x, y = list(bounds), list(bounds.values())
+        curves.append(Curve(name=name, x=x, y=y, dashed=True, dotted=everything))
+    return curves
+
+
+def _with_noise(name: str) -> Change:
+    """A number of the sensors' noise."""
+    return lambda setup, value, _: _noisy(setup, **{name: value})
+
+
+def _noisy(setup: Setup, **noise: Any) -> Setup:
+    return replace(setup, noise=replace(setup.noise, **noise))
+
+
+@dataclass(frozen=True, kw_only=True)
+class WindowStudy(Sweep):
+    """The window's length, which the paper calls small and does not tell.
+
+    The same length for all filters of a run, on both sides of each method.
+    """
+
+    name = "window"
+    note = (
+        "A window is L sample intervals; an even L is taken one longer, as the filters need it odd."
+    )
+    samples: tuple[int, ...]
+
+    def parts(self) -> list[Part]:
+        """Seconds, so that rates can be compared."""
+        rate = self.imu_rate
+
+        def change(setup: Setup, value: float, _: int) -> Setup:
+            samples = round(value * rate)
+            settings = dict.fromkeys(replace(s, window=samples) for s in setup.settings)
+            return replace(setup, window=WindowChoice(samples=samples), settings=tuple(settings))
+
+        seconds = tuple(samples / rate for samples in self.samples)
+        return [Part("window", "window s", seconds, change)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class EncoderStudy(Sweep):
+    """Joint positions as encoders read them: with noise, and in steps.
+
+    Noise of the kinematics enters the regressors and not the readings alone.
+    """
+
+    name = "encoder"
+    note = (
+        "The bound is that of perfect encoders: noise of the kinematics can only raise it. The "
+        "matched filters choose their window from the log."
+    )
+    noise: tuple[float, ...]
+    step: tuple[float, ...]
+
+    def parts(self) -> list[Part]:
+        """Noise, and quantisation."""
+        return [
+            Part("noise", "encoder noise rad", self.noise, _with_noise("encoder_noise")),
+            Part("step", "encoder step rad", self.step, _with_noise("encoder_step")),
+        ]
+
+
+@dataclass(frozen=True, kw_only=True)
+class BiasStudy(Sweep):
+    """Biases of the IMU, constant and wandering, which the published method takes for zero."""
+
+    name = "bias"
+    note = (
+        "A bias has the norm stated and a direction of the seed's; a walk begins at zero. The "
+        "bound knows of constant biases, not of their walk. The published method and matched, "
+        "pose only, take biases to be zero."
+    )
+    accel_bias: tuple[float, ...]
+    gyro_bias: tuple[float, ...]
+    accel_bias_walk: tuple[float, ...]
+    gyro_bias_walk: tuple[float, ...]
+
+    def parts(self) -> list[Part]:
+        """One kind of bias at a time: constant biases, then walks."""
+
+        def vector(name: str) -> Change:
+            def change(setup: Setup, norm: float, seed: int) -> Setup:
+                direction = np.random.default_rng(seed).normal(size=3)  # the same for every norm
+                bias = norm * direction / np.linalg.norm(direction)
+                return _noisy(setup, **{name: tuple(bias.tolist())})
+
+            return change
+
+        walk = "bias walk"
+        return [
+            Part("accel", "accelerometer bias m/s²", self.accel_bias, vector("accel_bias")),
+            Part("gyro", "gyroscope bias rad/s", self.gyro_bias, vector("gyro_bias")),
+            Part(
+                "accel-walk",
+                f"accelerometer {walk} m/s²/√s",
+                self.accel_bias_walk,
+                _with_noise("accel_bias_walk"),
+            ),
+            Part(
+                "gyro-walk",
+                f"gyroscope {walk} rad/s/√s",
+                self.gyro_bias_walk,
+                _with_noise("gyro_bias_walk"),
+            ),
+        ]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RateStudy(Sweep):
+    """The rates of the log, which did not reach us for the paper's.
+
+    Both streams faster or slower, and the robot's slower than the IMU's.
+    """
+
+    name = "rate"
+    note = (
+        "The noise densities are the same at every rate, so the bound is too, nearly. The "
+        "published method smooths the IMU with as many samples as it derives the kinematics with, "
+        "as its authors do, and takes the nearest sample of the IMU."
+    )
+    together: tuple[float, ...]
+    robot: tuple[float, ...]
+
+    def parts(self) -> list[Part]:
+        """Both rates alike, and the robot's alone."""
+        imu_rate = self.imu_rate
+
+        def at(setup: Setup, imu_rate: float, robot_rate: float) -> Setup:
+            physics = replace(setup.physics, imu_rate=imu_rate, robot_rate=robot_rate)
+            return replace(setup, physics=physics)
+
+        return [
+            Part(
+                "together",
+                "rate of IMU and robot Hz",
+                self.together,
+                lambda setup, value, _: at(setup, value, value),
+            ),
+            Part(
+                "robot",
+                f"robot's rate Hz, IMU at {imu_rate:g}",
+                self.robot,
+                lambda setup, value, _: at(setup, imu_rate, value),
+            ),
+        ]

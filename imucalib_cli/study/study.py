@@ -1,0 +1,163 @@
+"""What a study is, which studies there are, and how their parameters are read."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import MISSING, dataclass, fields, is_dataclass
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
+
+from imucalib_cli.configuration import build, read_builtin, read_yaml
+from imucalib_cli.errors import InputError
+from imucalib_cli.simulate.optional import PACKAGES
+from imucalib_cli.simulate.options import NoiseOptions
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from imucalib_cli.study.tables import Table
+
+Cell: TypeAlias = dict[str, Any]
+"""One run, told by what varies, the seed too; the same cell gives the same rows.
+
+Here as in a row, a value is a text, a number, a truth value or None, so that JSON can hold it.
+"""
+Row: TypeAlias = dict[str, Any]
+"""What a run found; no infinities."""
+Axis: TypeAlias = "Iterable[Any] | Callable[[Cell], Iterable[Any]]"
+"""Values that vary, or what gives them for the values of the axes before."""
+Draw: TypeAlias = Callable[[Path], None]
+"""Draws a figure into a file."""
+
+
+@dataclass(frozen=True)
+class Study(ABC):
+    """An experiment: runs that do not depend on each other, and what is made of their rows.
+
+    Its fields are its parameters, as configs/studies/<name>.yaml states them, with units and
+    sources; other parameters are another experiment. It is sent to worker processes.
+    """
+
+    name: ClassVar[str]
+    """As on the command line."""
+
+    @abstractmethod
+    def cells(self) -> list[Cell]:
+        """All runs, in the order of the tables."""
+
+    @abstractmethod
+    def measure(self, cell: Cell) -> list[Row]:
+        """Do one run."""
+
+    @abstractmethod
+    def tables(self, rows: Sequence[Row]) -> list[Table]:
+        """What is printed."""
+
+    def figures(self, rows: Sequence[Row]) -> dict[str, Draw]:
+        """What is drawn beside it, by the name of the file without suffix."""
+        del rows
+        return {}
+
+
+def grid(**axes: Axis) -> list[Cell]:
+    """Every combination of values; the last axis varies fastest."""
+    cells: list[Cell] = [{}]
+    for name, axis in axes.items():
+        cells = [
+            cell | {name: value}
+            for cell in cells
+            for value in (axis(cell) if callable(axis) else axis)
+        ]
+    return cells
+
+
+STUDIES: dict[str, tuple[str, str]] = {
+    "derivation": (
+        "derivation:DerivationStudy",
+        "Figures 5 to 7: derived against measured acceleration",
+    ),
+    "initial-error": (
+        "initial_error:InitialErrorStudy",
+        "Table 3: sensitivity to the initial guess",
+    ),
+    "methods": ("methods:MethodsStudy", "Table 1: the methods compared"),
+    "noise": ("noise:NoiseStudy", "Table 2: sensitivity to IMU noise"),
+    "window": ("sweeps:WindowStudy", "open question: the filters' window"),
+    "optimiser": ("optimiser:OptimiserStudy", "open question: the optimiser"),
+    "encoder": ("sweeps:EncoderStudy", "open question: noise of the encoders"),
+    "bias": ("sweeps:BiasStudy", "open question: biases of the IMU"),
+    "rate": ("sweeps:RateStudy", "open question: rates of the log"),
+}
+"""Module of imucalib_cli.study.studies with its class, and what it is, by name."""
+
+_SIMULATION = ("mujoco",)
+_NEEDED = {"methods": ("mujoco", "cv2")}
+"""Modules of optional dependencies; of a study that is not named the simulation's."""
+
+
+def load_study(name: str, file: Path | None = None, *, quick: bool = False) -> Study:
+    """A study with its parameters; its module is imported only now.
+
+    Args:
+        name: One of STUDIES.
+        file: Parameters of the user's own, instead of configs/studies/<name>.yaml.
+        quick: Few runs, for a look or for CI: section ``quick`` replaces some parameters.
+
+    Raises:
+        InputError: A parameter is missing, unknown or of another type; names it.
+    """
+    module, _, kind = STUDIES[name][0].partition(":")
+    made: type[Study] = getattr(import_module(f"imucalib_cli.study.studies.{module}"), kind)
+    where = f"{name}.yaml" if file is None else str(file)
+    raw: dict[str, Any] = read_builtin(f"studies/{name}") if file is None else read_yaml(file)
+    short = raw.pop("quick", None)
+    if quick and short is None:
+        raise InputError(f"{where}: has no section quick: state what a short run changes there")
+    if not isinstance(short, dict | None):
+        raise InputError(f"{where}: quick: expected keys and values, found {short!r}")
+    study = build(made, raw | short if quick and short else raw, where)
+    _check_counts(study, where)
+    return study
+
+
+def _check_counts(parameters: object, where: str) -> None:
+    """Refuse empty lists, but for those that may be left out, and counts below one.
+
+    Raises:
+        InputError: Names the key.
+    """
+    for part in fields(parameters):  # type: ignore[arg-type]
+        value = getattr(parameters, part.name)
+        if value == () and part.default is MISSING:
+            raise InputError(f"{where}: {part.name}: an empty list; there must be one value")
+        if part.name.endswith("seed"):
+            continue
+        for item in value if isinstance(value, tuple) else (value,):
+            if isinstance(item, int) and not isinstance(item, bool) and item < 1:
+                raise InputError(f"{where}: {part.name}: {item} is no count; 1 or more")
+            if is_dataclass(item) and not isinstance(item, NoiseOptions):
+                _check_counts(item, f"{where}: {part.name}")
+
+
+def see_installed(name: str) -> None:
+    """See before any run that a study's optional dependencies are there.
+
+    Raises:
+        InputError: One is not.
+    """
+    missing = [
+        PACKAGES[module] for module in _NEEDED.get(name, _SIMULATION) if not find_spec(module)
+    ]
+    if missing:
+        raise InputError(
+            f"study {name} needs {' and '.join(missing)}, which "
+            f"{'is' if len(missing) == 1 else 'are'} not installed: pip install 'imucalib[study]'"
+        )
+
+
+def can_draw() -> bool:
+    """Whether matplotlib is there."""
+    return find_spec("matplotlib") is not None

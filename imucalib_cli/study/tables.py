@@ -1,0 +1,155 @@
+"""Tables of studies, laid out from rows, and rendered for people and for machines."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Literal, TypeAlias
+
+import numpy as np
+
+from imucalib_cli.study.rows import column
+from imucalib_cli.study.study import Row
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+TableFormat = Literal["markdown", "csv", "json"]
+FORMATS: tuple[TableFormat, ...] = ("markdown", "csv", "json")
+
+Column: TypeAlias = tuple[str, Callable[[Sequence[Row]], str]]
+"""Header, units included, and the cell that is made of a line's rows."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Table:
+    """A table of cells that are already text."""
+
+    title: str
+    header: tuple[str, ...]
+    """Units included."""
+    rows: tuple[tuple[str, ...], ...]
+    note: str = ""
+    """What a reader must know to read it rightly."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Claim:
+    """A statement of the paper and its fate here."""
+
+    words: str
+    """What is claimed, with its section, and by which criterion we judge it."""
+    found: str
+    """The figures."""
+    met: bool | None
+    """None where nothing can be judged: an answer is missing, or what is claimed is unknown."""
+
+
+def lay_out(
+    title: str, columns: Sequence[Column], lines: Iterable[Sequence[Row]], note: str = ""
+) -> Table:
+    """A table with a line for each group of rows."""
+    return Table(
+        title=title,
+        header=tuple(header for header, _ in columns),
+        rows=tuple(tuple(cell(rows) for _, cell in columns) for rows in lines),
+        note=note,
+    )
+
+
+def claims_table(title: str, claims: Iterable[Claim]) -> Table:
+    """A table of claims, met or not."""
+    verdicts = {True: "met", False: "not met", None: "not judged"}
+    rows = tuple((claim.words, claim.found, verdicts[claim.met]) for claim in claims)
+    return Table(title=title, header=("claim", "found", "verdict"), rows=rows)
+
+
+def text(key: str, header: str = "") -> Column:
+    """What all rows of a line have; a dash for none."""
+    return header or key, lambda rows: "-" if rows[0][key] is None else str(rows[0][key])
+
+
+def number(key: str, header: str, scale: float = 1.0) -> Column:
+    """A number that all rows of a line have; a dash for none."""
+    return header, lambda rows: digits(scale * (column(rows[:1], key) or [math.nan])[0])
+
+
+def statistic(
+    header: str, of: Callable[[Sequence[Row], str], float], key: str, scale: float = 1.0
+) -> Column:
+    """A statistic of a number over the rows of a line."""
+    return header, lambda rows: digits(scale * of(rows, key))
+
+
+def count(header: str, counted: Callable[[Row], bool]) -> Column:
+    """How many of the rows of a line."""
+    return header, lambda rows: f"{sum(counted(row) for row in rows)} of {len(rows)}"
+
+
+def answered(row: Row) -> bool:
+    """Whether the method gave an answer."""
+    return row["failure"] is None
+
+
+def spread(rows: Sequence[Row], key: str, scale: float = 1.0) -> str:
+    """Mean ± standard deviation of a number, with three digits; of one run, the number alone."""
+    values = scale * np.array(column(rows, key))
+    if not len(values):
+        return "-"
+    middle = float(values.mean())
+    if len(values) == 1:
+        return digits(middle)
+    around = float(values.std(ddof=1))
+    return f"{digits(middle)} ± {digits(around if around > 1e-12 * abs(middle) else 0.0)}"
+
+
+def digits(value: float) -> str:
+    """Three significant digits, without an exponent where that stays short."""
+    if not math.isfinite(value):
+        return "-"
+    if value != 0.0 and not 1e-5 <= abs(value) < 1e5:
+        return f"{value:.1e}"
+    return np.format_float_positional(value, precision=3, unique=False, fractional=False, trim="-")
+
+
+def render_tables(tables: list[Table], fmt: TableFormat, *, aligned: bool = False) -> str:
+    """All tables as one text that ends with a line feed.
+
+    Args:
+        tables: What to print.
+        fmt: For whom.
+        aligned: Whether columns of Markdown are padded to one width, as a terminal wants them.
+    """
+    if fmt == "json":
+        return json.dumps([asdict(table) for table in tables], indent=2, ensure_ascii=False) + "\n"
+    if fmt == "csv":
+        return _csv(tables)
+    return "\n".join(_markdown(table, aligned=aligned) for table in tables)
+
+
+def _csv(tables: list[Table]) -> str:
+    """One block a table, its title in the first column, so that blocks can be told apart."""
+    lines = io.StringIO()
+    writer = csv.writer(lines, lineterminator="\n")
+    for table in tables:
+        writer.writerow(("table", *table.header))
+        writer.writerows((table.title, *row) for row in table.rows)
+    return lines.getvalue()
+
+
+def _markdown(table: Table, *, aligned: bool) -> str:
+    note = f"{table.note}\n\n" if table.note else ""
+    rows = [[cell.replace("|", "\\|") for cell in row] for row in (table.header, *table.rows)]
+    widths = [0] * len(table.header)
+    if aligned:
+        widths = [max(len(cell) for cell in cells) for cells in zip(*rows, strict=True)]
+    header, *rest = (
+        "| " + " | ".join(c.ljust(width) for c, width in zip(row, widths, strict=True)) + " |\n"
+        for row in rows
+    )
+    rule = "|" + "".join("-" * (width + 2 if aligned else 3) + "|" for width in widths)
+    return f"### {table.title}\n\n{note}{header}{rule}\n{''.join(rest)}"
