@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from copy import copy
-from typing import Self
+from typing import TYPE_CHECKING
 
 from imucalib_cli.findings import Finding
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
 
 
 class ImucalibError(Exception):

@@ -1,8 +1,7 @@
-"""What a command reads and writes, as the user named it."""
+"""What a command reads and writes: seen before any work, and told when it was not written."""
 
 from __future__ import annotations
 
-import os
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,43 +9,12 @@ from typing import TYPE_CHECKING
 import typer
 
 from imucalib_cli.cli.output import say
-from imucalib_cli.errors import ChoiceError, ImucalibError
+from imucalib_cli.errors import ImucalibError
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
 _STDIN = Path("/dev/stdin")
-
-
-def output_path(output: str | None) -> Path | None:
-    """The file that ``-o`` names; None for stdout.
-
-    Raises:
-        ChoiceError: It names nothing, or a folder.
-    """
-    if output is None or output == "-":
-        return None
-    if not output:
-        raise ChoiceError("-o is empty, as of a variable that is not set: name the file to write")
-    if is_folder(output):
-        raise ChoiceError(f"-o {output}: is a folder; name the file to write")
-    return Path(output)
-
-
-def log_path(output: str) -> Path:
-    """The log that ``-o`` names, which may be a folder.
-
-    Raises:
-        ChoiceError: It names nothing, or stdout.
-    """
-    if output in {"", "-"}:
-        raise ChoiceError(f"-o {output or 'is empty'}: a log goes to a file or a folder: name one")
-    return Path(output)
-
-
-def is_folder(output: str | None) -> bool:
-    """Whether ``-o`` names a folder: it ends with a slash or exists as one."""
-    return bool(output) and (str(output).endswith(("/", os.sep)) or Path(str(output)).is_dir())
 
 
 def files_of(*named: Path | str | None) -> list[Path]:
@@ -56,19 +24,18 @@ def files_of(*named: Path | str | None) -> list[Path]:
 
 
 @contextmanager
-def writing(output: str | None, *, read: Iterable[Path]) -> Iterator[Path | None]:
-    """Give the file of an answer, seen before any computing to be free; None for stdout.
+def writing(output: Path | None, *, read: Iterable[Path]) -> Iterator[None]:
+    """See before any computing that the file of an answer is free; None is stdout.
 
     Raises:
-        ChoiceError, InputError: As :func:`output_path` and results.places.see_places.
+        ChoiceError, InputError: As results.places.see_places.
     """
-    path = output_path(output)
-    if path is not None:
+    if output is not None:
         from imucalib_cli.results.places import see_places
 
-        see_places(read=read, written=[path])
-    with telling_what_is_left(path):
-        yield path
+        see_places(read=read, written=[output])
+    with telling_what_is_left(output):
+        yield
 
 
 @contextmanager
