@@ -178,18 +178,6 @@ def _implausible(
     )
 
 
-def _fixed(component: str, step: float, std: float) -> str:
-    away = (
-        f"{step * 1e3:+.3g} ± {std * 1e3:.1g} mm"
-        if component.startswith("t")
-        else f"{math.degrees(step):+.3g} ± {math.degrees(std):.1g} deg"
-    )
-    return (
-        f"the data contradict --fix: left free, {component} would go {away} from where it is "
-        "held; measure it again, or leave it out of --fix"
-    )
-
-
 def _still(joints: tuple[str, ...], translation: float, rotation: float) -> str:
     return (
         f"{', '.join(joints)} do not move in this log: their zeros and lengths cannot be told from "
@@ -379,7 +367,6 @@ def _cause(
     rotation: tuple[float, float] | None,
     acceleration: tuple[float, float] | None,
     ratio: float,
-    moves: tuple[float, float] | None,
     **_: Any,
 ) -> str:
     """A gross cause, what it leaves unexplained, those that explain as well, and what to do."""
@@ -392,13 +379,8 @@ def _cause(
     told = [_CAUSES[kind](names, sizes, *detail) for kind, names, sizes, detail in ties]
     causes, remedies = ("; or ".join(dict.fromkeys(each)) for each in zip(*told, strict=True))
     which = ", the log cannot tell which" if unsure else ""
-    evidence = f"that leaves {_unexplained(rotation, acceleration, ratio)}"
-    if moves is not None:
-        evidence += (
-            f", and puts the IMU {moves[0] * 1e3:.2g} mm and {math.degrees(moves[1]):.2g} deg from "
-            "where it is found now"
-        )
-    return f"{causes}{which} ({evidence}): {remedies}"
+    left = _unexplained(rotation, acceleration, ratio)
+    return f"{causes}{which} (that leaves {left}): {remedies}"
 
 
 def _unexplained(
@@ -484,12 +466,8 @@ FIT_MESSAGES: dict[str, str | Callable[..., Any]] = {
     "change.accel_bias": _bias_step("accelerometer", "m/s²"),
     "unknown.found": _unknown_found,
     "unknown.implausible": _implausible,
-    "prior.pose_contradicted": "the data contradict --prior-std: {component} comes out "
-    "{sigmas:.0f} standard deviations off the pose told beforehand; measure it again, or give a "
-    "larger one",
     "robot.joints_still": _still,
-    "prior.fixed_contradicted": _fixed,
-    "prior.stated_contradicted": _stated,
+    "prior.contradicted": _stated,
     "prior.untested": _untested,
     "imu.accel_sign_in_doubt": "gravity comes out far from down, and the motion does not tell "
     "whether world is mounted so or the accelerometer points down at rest: say --accel-sign up or "

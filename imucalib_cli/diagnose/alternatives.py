@@ -16,7 +16,6 @@ from imucalib_cli.diagnose import edits
 from imucalib_cli.diagnose.hypotheses import Hypothesis, Kind, double_faults, single_faults
 from imucalib_cli.diagnose.sensor_axes import reoriented
 from imucalib_cli.errors import InputError
-from imucalib_cli.estimate import columns
 from imucalib_cli.estimate.fit import MIN_WINDOWS, lean_fit
 from imucalib_cli.estimate.judge import own_noise
 from imucalib_cli.estimate.offset import coarse_time_offset
@@ -38,9 +37,8 @@ if TYPE_CHECKING:
 
     from imucalib_cli.arrays import Floats
     from imucalib_cli.diagnose.hypotheses import Case
-    from imucalib_cli.estimate.fit import Lean
+    from imucalib_cli.estimate.fit import Fit
     from imucalib_cli.estimate.options import MatchedOptions
-    from imucalib_cli.estimate.windows import WindowRows
     from imucalib_cli.robot.path import KinematicPath, Track
 
 
@@ -53,11 +51,6 @@ _NOISES: Final = 3.0
 """Residuals this near to the sensor's own noise are good, whatever the share."""
 _FALL: Final = 2.0
 """Least fall of one sensor's residual: a cause that leaves half of it is not the cause."""
-_HOPELESS: Final = 0.15
-"""Share of the rotation that even free matrices leave at the coarse time offset, from which a path
-is not fitted at all: five times what a right model leaves."""
-_HOPELESS_ZERO: Final = 0.3
-"""The same of a path with a zero that is still to be refined, by up to 22.5 deg."""
 _FAR: Final = 60.0
 """s: how far stamps are searched apart; clocks set by hand differ by less, or by hours."""
 _STRETCH: Final = 5.0
@@ -90,7 +83,7 @@ class Trial:
     """How well one model explains the IMU."""
 
     hypothesis: Hypothesis
-    lean: Lean
+    lean: Fit
     left: tuple[float, float]
     """Residual of a window, m/s² and rad/s, trimmed root mean square."""
     total: tuple[float, float]
@@ -132,20 +125,6 @@ class Trial:
 
 
 @dataclass(frozen=True, eq=False)
-class _Shared(Trajectory):
-    """A trajectory that interpolates even series once for all paths over the same tracks."""
-
-    known: dict[tuple[object, ...], tuple[Floats, ...]] = field(default_factory=dict)
-
-    def values(self, t: Floats) -> tuple[Floats, ...]:
-        """As of any trajectory."""
-        key = (*(id(track) for track in self.tracks), len(t), float(t[0]), float(t[-1]))
-        if key not in self.known:
-            self.known[key] = super().values(t)
-        return self.known[key]
-
-
-@dataclass(frozen=True, eq=False)
 class Bench:
     """The liveliest stretch of an IMU, and the windows in which everything is tried."""
 
@@ -153,7 +132,6 @@ class Bench:
     windowing: Windowing
     """As told."""
     _cleaned: dict[int, tuple[Track, CleanTrack]] = field(default_factory=dict)
-    _values: dict[tuple[object, ...], tuple[Floats, ...]] = field(default_factory=dict)
 
     def trajectory(self, path: KinematicPath) -> Trajectory:
         """Trajectory of a path; each track is cleaned once.
@@ -180,23 +158,13 @@ class Bench:
         Raises:
             InputError: A track has too few usable samples.
         """
-        given = self.options.time_offset
-        about = about if given is None else given
-        most = (
-            2.0 * _GIVEN_WITHIN
-            if given is not None
-            else self.options.max_offset
-            if most is None
-            else most
-        )
         grid = replace(self.windowing.grid, t0=self.windowing.grid.t0 - about)
-        full = self.trajectory(path)
-        shared = _Shared(path, full.tracks, full.use_ticks, known=self._values)
-        offset, lag = coarse_time_offset(grid, shared, most)
-        return about + (offset if given is None else 0.0), -1.0 if lag is None else lag.correlation
+        most = self.options.max_offset if most is None else most
+        offset, lag = coarse_time_offset(grid, self.trajectory(path), most)
+        return about + offset, -1.0 if lag is None else lag.correlation
 
     def trial(self, hypothesis: Hypothesis, offset: float) -> Trial | None:
-        """Fit a hypothesis; None where too few windows are shared, or where it is hopeless."""
+        """Fit a hypothesis; None where too few windows are shared."""
         grid = self.windowing.grid
         if hypothesis.accel is not None and hypothesis.gyro is not None:
             grid = replace(
@@ -205,10 +173,6 @@ class Bench:
         table = LEAN if hypothesis.joint is None else (*LEAN, _zero(hypothesis.names[0]))
         try:
             windowing = Windowing(grid, self.trajectory(hypothesis.path), self.windowing.plan)
-            rows = self.rows(windowing, offset)
-            limit = _HOPELESS if hypothesis.joint is None else _HOPELESS_ZERO
-            if rows is None or _left_by_any_matrix(rows) > limit:
-                return None
             lean = lean_fit(windowing, self.options, offset, table=table)
         except InputError:
             return None
@@ -217,15 +181,8 @@ class Bench:
             hypothesis = replace(hypothesis, sizes=(float(np.angle(np.exp(1j * zero))),))
         return trial_of(hypothesis, lean)
 
-    def rows(self, windowing: Windowing, offset: float) -> WindowRows | None:
-        """Rows of some windows; None where the streams share too few."""
-        centres = windowing.centres(offset)
-        if len(centres) < MIN_WINDOWS:
-            return None
-        return windowing.rows(offset, centres[:: max(len(centres) // _ENOUGH, 1)])
 
-
-def trial_of(hypothesis: Hypothesis, lean: Lean) -> Trial:
+def trial_of(hypothesis: Hypothesis, lean: Fit) -> Trial:
     """A fit, and what it leaves of what there was to explain."""
     residuals = lean.residuals
     return Trial(
@@ -268,7 +225,8 @@ def told_on_bench(case: Case, *, reversed_accel: bool) -> tuple[Bench, Trial]:
         clean = clean.reversed()
     attempt = best_attempt(clean, Trajectory.of(case.path), options)
     told = trial_of(Hypothesis(kind="offset", path=case.path), attempt.lean)
-    return Bench(options, attempt.lean.model.windowing), told
+    # A time offset that is given may be what is wrong.
+    return Bench(replace(options, time_offset=None), attempt.lean.model.windowing), told
 
 
 def _liveliest(samples: ImuSamples) -> ImuSamples:
@@ -295,8 +253,7 @@ def _liveliest(samples: ImuSamples) -> ImuSamples:
 def explaining(bench: Bench, case: Case, told: Trial) -> list[Trial]:
     """Alternatives that explain decisively: the best, and those that the log cannot tell from it.
 
-    What leaves little is no gross fault: then only a zero, or an offset that was given, is a little
-    off.
+    What leaves little is no gross fault: then only a zero is a little off.
     """
     if told.good:
         return _best(told, _slight(bench, case, told))
@@ -306,15 +263,10 @@ def explaining(bench: Bench, case: Case, told: Trial) -> list[Trial]:
 
 def _slight(bench: Bench, case: Case, told: Trial) -> Iterator[Trial]:
     """What cannot be listed beforehand, but is found by a fit."""
-    if bench.options.time_offset is not None:
-        yield from _free_offset(bench, case, told)
     offset, _ = bench.coarse(case.path)
-    rows = bench.rows(bench.windowing, offset)
-    if rows is None:
-        return
-    left = _left_by_any_matrix(rows)
-    found = [_small_zero(bench, case, offset)] if left < _HOPELESS_ZERO else []
-    if left < _HOPELESS:
+    found, centres = [_small_zero(bench, case, offset)], bench.windowing.centres(offset)
+    if len(centres) >= MIN_WINDOWS:
+        rows = bench.windowing.rows(offset, centres[:: max(len(centres) // _ENOUGH, 1)])
         found.append(reoriented(rows, case.path, told.lean.state.gravity))
     for hypothesis in found:
         if hypothesis is not None:
@@ -368,41 +320,27 @@ def _screened(bench: Bench, hypotheses: Iterable[Hypothesis]) -> Iterator[tuple[
 
 def _other_offsets(bench: Bench, hypothesis: Hypothesis, told: Trial) -> Iterator[Trial]:
     """Trials at time offsets beyond those that were searched."""
-    free = replace(bench, options=replace(bench.options, time_offset=None))
     found = []
     for centre in np.arange(-_FAR, _FAR + 1.0, 2.0 * _STRETCH):
-        offset, alike = free.coarse(hypothesis.path, float(centre), _STRETCH)
-        if not _searched(bench, told, offset):
+        offset, alike = bench.coarse(hypothesis.path, float(centre), _STRETCH)
+        if not _searched(told, offset):
             found.append((alike, offset))
     found.sort(reverse=True)
     for _, offset in found[: _KEPT["offset"]]:
-        yield from _at_offset(free, bench, hypothesis, told, offset)
+        trial = bench.trial(hypothesis, offset)
+        if trial is not None and not _searched(told, trial.offset):
+            asked = told.lean.options
+            detail = (asked.time_offset, asked.max_offset)
+            moved = replace(hypothesis, sizes=(trial.offset,), detail=detail)
+            yield replace(trial, hypothesis=moved)
 
 
-def _free_offset(bench: Bench, case: Case, told: Trial) -> Iterator[Trial]:
-    """Trials at time offsets near the one that was given."""
-    free = replace(bench, options=replace(bench.options, time_offset=None))
-    hypothesis = Hypothesis(kind="offset", path=case.path)
-    for offset in (told.offset, free.coarse(case.path)[0]):
-        yield from _at_offset(free, bench, hypothesis, told, offset)
-
-
-def _at_offset(
-    free: Bench, bench: Bench, hypothesis: Hypothesis, told: Trial, offset: float
-) -> Iterator[Trial]:
-    trial = free.trial(hypothesis, offset)
-    if trial is not None and not _searched(bench, told, trial.offset):
-        told_by = (bench.options.time_offset, bench.options.max_offset)
-        found = replace(hypothesis, sizes=(trial.offset,), detail=told_by)
-        yield replace(trial, hypothesis=found)
-
-
-def _searched(bench: Bench, told: Trial, offset: float) -> bool:
+def _searched(told: Trial, offset: float) -> bool:
     """Whether the fit that was told could have found this time offset."""
-    given = bench.options.time_offset
-    if given is not None:
-        return abs(offset - given) < _GIVEN_WITHIN
-    return abs(offset) <= bench.options.max_offset or abs(offset - told.offset) < _STRETCH / 100.0
+    asked = told.lean.options
+    if asked.time_offset is not None:
+        return abs(offset - asked.time_offset) < _GIVEN_WITHIN
+    return abs(offset) <= asked.max_offset or abs(offset - told.offset) < _STRETCH / 100.0
 
 
 def _small_zero(bench: Bench, case: Case, offset: float) -> Hypothesis | None:
@@ -424,13 +362,3 @@ def _small_zero(bench: Bench, case: Case, offset: float) -> Hypothesis | None:
     return Hypothesis(
         kind="zero", names=(name,), sizes=(found[name],), path=turned, joint=joints[name]
     )
-
-
-def _left_by_any_matrix(rows: WindowRows) -> float:
-    """Share of the robot's turning left by the best 3x3 matrix: no rotation leaves less."""
-    known = rows.gyro[:, :, columns.ONE].reshape(-1)
-    free = np.concatenate([rows.gyro[:, :, columns.R], rows.gyro[:, :, columns.BG]], axis=2)
-    free = free.reshape(len(known), -1)
-    left = known - free @ np.linalg.lstsq(free, known, rcond=1e-6)[0]
-    turning = float(np.linalg.norm(known))
-    return float(np.linalg.norm(left)) / turning if turning > 0.0 else 0.0

@@ -12,7 +12,6 @@ from imucalib_cli.diagnose.base_motion import find_motion_at_rest
 from imucalib_cli.diagnose.publishers import find_rival_publishers
 from imucalib_cli.errors import InputError
 from imucalib_cli.findings import Finding, Severity, untrusted
-from imucalib_cli.robot.rotations import rotation_angle
 
 if TYPE_CHECKING:
     from imucalib_cli.diagnose.alternatives import Trial
@@ -29,7 +28,6 @@ GENERIC: Final = frozenset(
         "windows.motion_left_out",
         "window.dependent",
         "unknown.implausible",
-        "prior.stated_contradicted",
         "change.mount",
         "change.clock",
         "change.gyro_bias",
@@ -43,8 +41,7 @@ _FOLLOWING: Final = GENERIC | {
     "offset.undetermined",
     "unknown.found",
     "gravity.tilted",
-    "prior.pose_contradicted",
-    "prior.fixed_contradicted",
+    "prior.contradicted",
     "imu.accel_reversed",
 }
 """What else a wrong model makes a fit say."""
@@ -90,23 +87,18 @@ def diagnose(case: Case) -> tuple[Finding, ...]:
             return found
         ties = explaining(bench, case, told)
         if ties:
-            return (_cause(ties, told, case),)
+            return (_cause(ties, told),)
         if not found:
             other = find_motion_at_rest(told)
             found = () if other is None else (other,)
     return found
 
 
-def _cause(ties: list[Trial], told: Trial, case: Case) -> Finding:
+def _cause(ties: list[Trial], told: Trial) -> Finding:
     """The best alternative, and those that explain as well."""
     best, first = ties[0], ties[0].hypothesis
     tied = [trial.hypothesis for trial in ties[: _MOST_TIES + 1]]
     alike = len({each.kind for each in tied}) == 1
-    moves = (
-        float(np.linalg.norm(best.lean.state.t - told.lean.state.t)),
-        float(rotation_angle(told.lean.state.R.T @ best.lean.state.R)),
-    )
-    given = first.kind == "offset" and case.options.time_offset is not None
     accel, gyro = (_shares(told, best, sensor) for sensor in (0, 1))
     return untrusted(
         f"cause.{first.kind}",
@@ -117,7 +109,6 @@ def _cause(ties: list[Trial], told: Trial, case: Case) -> Finding:
         acceleration=accel,
         ratio=max(t / a for t, a in zip(told.left, best.left, strict=True)),
         evidence=best.lean.evidence_over(told.lean),
-        moves=moves if given else None,
     )
 
 

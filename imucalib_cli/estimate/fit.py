@@ -31,7 +31,6 @@ from imucalib_cli.estimate.spectrum import (
     inverse_of,
     part_matrices,
     statistics,
-    whitened,
 )
 from imucalib_cli.estimate.state import State, tilt_from_down, turned_about
 from imucalib_cli.estimate.unknowns import LEAN, SENSORS, Gravity, Reading, Unknown
@@ -39,6 +38,8 @@ from imucalib_cli.estimate.windows import spread
 from imucalib_cli.robot.rotations import rotation_angle, rotvec_from_matrix
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from imucalib_cli.arrays import Floats, Indices
     from imucalib_cli.estimate.options import MatchedOptions
     from imucalib_cli.estimate.windows import Windowing, WindowPlan, WindowRows
@@ -53,14 +54,13 @@ _MORE: Final = 8
 """Times as many with each solution that follows, until they are all."""
 _HELD: Final = 1e-12
 """Of any unit: smaller than what holds a component."""
-_LEAN_PASSES: Final = 8
-_FULL_PASSES: Final = 5
+_PASSES: Final = 8
+_UNSURE: Final = 2
+"""Passes from a first solution, in which an outlier may be what it is off by."""
 _LEVEL_PASSES: Final = 2
 """Solves in which noise level and scales are found in turn; each pass begins from the last's."""
 _SETTLED: Final = 0.1
 """Sigmas: what a last step may leave."""
-_TIME_RESOLUTION: Final = 2e-5
-"""s: an offset found so well is good enough to begin the whole table with."""
 MIN_WINDOWS: Final = 12
 """Three lengths of the window, four windows each."""
 
@@ -126,11 +126,12 @@ class Fit:
         heard = window_weights(self.residuals.values, self.residuals.motion, redescend=False)
         weights[lost[number]] = heard[lost[number]]
         rows = whitened(
-            self.model.windowing.plan,
-            columns(self.model, self.linearised, self.centres),
-            self.residuals.values,
-            weights,
-            self.residual_scales,
+            self.model,
+            self.linearised,
+            self.centres,
+            residuals=self.residuals.values,
+            weights=weights,
+            scales=self.residual_scales,
         )
         T = self.statistics.calibration
         return np.asarray(T @ part_matrices(self.centres, rows, self.layout.size + 1) @ T.T)
@@ -146,11 +147,11 @@ class Fit:
         )
         return accel, gyro
 
-    def value(self, placed: Placed, options: MatchedOptions) -> Floats:
+    def value(self, placed: Placed) -> Floats:
         """Value of an entry; of gravity's magnitude, less the nominal one."""
         effect = placed.unknown.effect
         if isinstance(effect, Gravity) and effect.what == "magnitude":
-            return np.array([np.linalg.norm(self.state.gravity) - options.gravity_norm])
+            return np.array([np.linalg.norm(self.state.gravity) - self.options.gravity_norm])
         return self.state.x[placed.part]
 
     def of(self, name: str) -> tuple[Floats, Floats]:
@@ -158,40 +159,27 @@ class Fit:
         part = self.layout.part(name)
         return self.state.x[part], np.sqrt(np.maximum(np.diag(self.covariance)[part], 0.0))
 
-
-@dataclass(frozen=True, eq=False)
-class Lean:
-    """Pose, biases, gravity's direction and time offset: where the whole table begins."""
-
-    model: Model
-    state: State
-    runner_up_rise: float
-    """How much worse the best other rotation fits, in chi-squared; inf where there is none."""
-    centres: Indices
-    residuals: Residuals
-
-    @property
-    def deviance(self) -> float:
-        """Twice the negative Whittle log-likelihood of a window: what alternatives differ in."""
-        return deviance(self.model.windowing.plan, self.centres, self.residuals.values)
-
-    def evidence_over(self, other: Lean) -> float:
-        """Fall of the information criterion against another model of the same log.
-
-        Both have as many unknowns.
-        """
+    def evidence_over(self, other: Fit) -> float:
+        """Fall of the information criterion against another model with as many unknowns."""
         windows = min(len(self.centres), len(other.centres))
-        return windows * (other.deviance - self.deviance)
+        return windows * (other._deviance - self._deviance)
+
+    @cached_property
+    def _deviance(self) -> float:
+        """Twice the negative Whittle log-likelihood of a window."""
+        return deviance(self.model.windowing.plan, self.centres, self.residuals.values)
 
 
 def lean_fit(
     windowing: Windowing,
     options: MatchedOptions,
     time_offset: float,
-    near: Lean | None = None,
+    near: Fit | None = None,
     table: tuple[Unknown, ...] = LEAN,
-) -> Lean:
-    """Find the lean unknowns, on some of the windows.
+) -> Fit:
+    """Find pose, biases, gravity's direction and time offset, on some of the windows.
+
+    It is where the whole table begins, and what alternatives are held against each other by.
 
     Args:
         windowing: The two streams and their windows.
@@ -203,47 +191,24 @@ def lean_fit(
     Raises:
         InputError: The streams overlap for too few windows.
     """
-    layout = lay_out(windowing.trajectory, options, table)
-    model = Model(windowing, layout)
+    model = Model(windowing, lay_out(windowing.trajectory, options, table))
     if near is None:
-        state, rise = _globally(windowing, options, time_offset, layout)
+        state, rise = _globally(windowing, options, time_offset, model.layout)
     else:
-        state = transferred(near.state, near.model.layout, layout)
-        rise = near.runner_up_rise
-    clock = layout.part("time_offset")
-    reach = 0.5 * windowing.plan.length * windowing.grid.dt
-    for turn in range(_LEAN_PASSES):
-        centres = spread(_enough(model, state), _FEW)
-        (residuals,) = model.residuals(state, centres)
-        scales = _floored(residual_scales(residuals.values))
-        weights = window_weights(residuals.values, residuals.motion, redescend=turn > 1)
-        rows = whitened(
-            windowing.plan, columns(model, state, centres), residuals.values, weights, scales
-        )
-        normal = part_matrices(centres, rows, layout.size + 1).sum(axis=0)
-        offset = prior_offset(layout, options, state)
-        problem = problem_of(layout, normal[1:, 1:], normal[1:, 0], offset)
-        step, inverse = problem.solve(np.zeros(0))
-        sigmas = np.abs(step) / np.sqrt(np.diag(inverse))
-        step = embedded(step, layout.free)
-        step[clock] = np.clip(step[clock], -reach, reach)
-        state = _admitted(state.moved(layout, step), layout, options)
-        fine = turn > 1 and np.abs(step[clock]).max(initial=0.0) < _TIME_RESOLUTION
-        if fine or sigmas.max(initial=0.0) < _SETTLED:
-            break
-    return Lean(model, state, rise, centres, residuals)
+        state, rise = transferred(near.state, near.layout, model.layout), near.runner_up_rise
+    return _fitted(model, options, state, rise, more=1)
 
 
-def whole_fit(lean: Lean, options: MatchedOptions) -> Fit:
-    """Find every unknown of the table, from a lean solution on.
+def whole_fit(lean: Fit, options: MatchedOptions) -> Fit:
+    """Find every unknown of the table, on all windows, from a lean solution on.
 
     Raises:
         InputError: The streams overlap for too few windows.
     """
     windowing = lean.model.windowing
     layout = lay_out(windowing.trajectory, options)
-    state = transferred(lean.state, lean.model.layout, layout)
-    return _whole(Model(windowing, layout), options, state, lean.runner_up_rise)
+    state = transferred(lean.state, lean.layout, layout)
+    return _fitted(Model(windowing, layout), options, state, lean.runner_up_rise, more=_MORE)
 
 
 def _globally(
@@ -342,18 +307,23 @@ def _floored(scales: tuple[float, float]) -> tuple[float, float]:
     return max(scales[0], SCALE_FLOOR[0]), max(scales[1], SCALE_FLOOR[1])
 
 
-def _whole(model: Model, options: MatchedOptions, state: State, rise: float) -> Fit:
+def _fitted(model: Model, options: MatchedOptions, state: State, rise: float, more: int) -> Fit:
+    """Gauss-Newton steps from a state, each with ``more`` times as many windows as the last."""
     layout, windowing = model.layout, model.windowing
     u = layout.bounds.mean(axis=1)
-    curvature = _curvature(layout, windowing.plan.length * windowing.grid.dt)[layout.free]
-    for turn in range(_FULL_PASSES):
+    seconds = windowing.plan.length * windowing.grid.dt
+    curvature = _curvature(layout, seconds)[layout.free]
+    clock = layout.part("time_offset")
+    for turn in range(_PASSES):
         every = _enough(model, state)
-        centres = spread(every, _FEW * _MORE**turn)
+        centres = spread(every, _FEW * more**turn)
         (residuals,) = model.residuals(state, centres)
         scales = _floored(residual_scales(residuals.values))
-        weights = window_weights(residuals.values, residuals.motion, redescend=True)
+        # While a first solution may still be far off, no window is left out.
+        sure = more > 1 or turn >= _UNSURE
+        weights = window_weights(residuals.values, residuals.motion, redescend=sure)
         rows = whitened(
-            windowing.plan, columns(model, state, centres), residuals.values, weights, scales
+            model, state, centres, residuals=residuals.values, weights=weights, scales=scales
         )
         stats = statistics(windowing.plan, centres, rows, weights, layout.size + 1)
         total = stats.normal.sum(axis=(0, 1))
@@ -371,10 +341,13 @@ def _whole(model: Model, options: MatchedOptions, state: State, rise: float) -> 
         sigmas = np.abs(step) / np.sqrt(np.diag(inverse))
         # What a step leaves is of second order: as small beside it as it is beside its curvature.
         bent = float((np.abs(step) / curvature).max(initial=0.0))
-        settled = len(centres) == len(every) and sigmas.max(initial=0.0) * bent < _SETTLED
-        if turn == _FULL_PASSES - 1 or (turn and settled):
+        settled = sigmas.max(initial=0.0) * bent < _SETTLED
+        all_heard = more == 1 or len(centres) == len(every)
+        if turn == _PASSES - 1 or (turn and settled and all_heard):
             break
-        state = _admitted(state.moved(layout, embedded(step, layout.free)), layout, options)
+        step = embedded(step, layout.free)
+        step[clock] = np.clip(step[clock], -seconds / 2.0, seconds / 2.0)
+        state = _admitted(state.moved(layout, step), layout, options)
     B = stats.score_covariance(levels)[np.ix_(layout.free, layout.free)] / level**2
     posterior = integrate(problem, u, B)
     step = embedded(posterior.step, layout.free)
@@ -442,19 +415,44 @@ def problem_of(layout: Layout, information: Floats, score: Floats, offset: Float
 
 def prior_offset(layout: Layout, options: MatchedOptions, state: State) -> Floats:
     """Distance of each component from what its prior expects."""
-    offset = state.x.copy()
-    offset[layout.part("time_offset")] = 0.0
-    known = options.pose
+    offset, known = state.x.copy(), options.pose
+    clock = layout.part("time_offset")
+    offset[clock] = 0.0 if options.time_offset is None else state.x[clock] - options.time_offset
     for each, gravity in layout.of(Gravity):
         if gravity.what == "magnitude":
             offset[each.part] = np.linalg.norm(state.gravity) - options.gravity_norm
-        elif np.isfinite(options.tilt_std):
+        else:
             offset[each.part] = tilt_from_down(state.gravity)
     if known is None or known.R_parent_imu is None or known.t_parent_imu is None:
         return offset
     offset[layout.part("translation")] = state.t - known.t_parent_imu
     offset[layout.part("rotation")] = rotvec_from_matrix(state.R @ known.R_parent_imu.T)
     return offset
+
+
+def whitened(
+    model: Model,
+    state: State,
+    centres: Indices,
+    *,
+    residuals: Floats,
+    weights: Floats,
+    scales: tuple[float, float],
+) -> Iterator[tuple[slice, Floats]]:
+    """Rows [e J] of windows, (w, 6, n + 1): overlapping windows then count every sample once.
+
+    Args:
+        model: The windows and the layout.
+        state: Point of linearisation.
+        centres: (W,).
+        residuals: (W, 6), e.
+        weights: (W,).
+        scales: Of the residuals, m/s² and rad/s.
+    """
+    gains = np.repeat(np.array(model.windowing.plan.noise_gains) / np.array(scales), 3)
+    root = np.sqrt(weights)[:, None] * gains
+    for part, J in columns(model, state, centres):
+        yield part, np.concatenate([residuals[part, :, None], J], axis=2) * root[part, :, None]
 
 
 def part_statistics(
@@ -476,9 +474,7 @@ def part_statistics(
         weights: (W,).
         scales: Of the residuals.
     """
-    rows = whitened(
-        model.windowing.plan, columns(model, state, centres), residuals, weights, scales
-    )
+    rows = whitened(model, state, centres, residuals=residuals, weights=weights, scales=scales)
     matrices = part_matrices(centres, rows, model.layout.size + 1)
     total, windows = matrices.sum(axis=0), float(weights.sum())
     T, noise_score = _calibration_of(total, model, state.x, scales, windows)

@@ -180,7 +180,13 @@ def _block_columns(
         if not each.hidden:
             _add(each, nodes, channels)
     at = centres // plan.every - nodes.first
-    filters = _Filters(plan, at, nodes.R[at])
+    R_centre = nodes.R[at]
+
+    def in_parent(values: Floats, weights: Floats) -> Floats:
+        """Weighted sums of (M, n, 3) in each window, in the parent's axes: (W, n, 3)."""
+        flat = convolve_at(values.reshape(len(values), -1), weights, at - len(weights) // 2)
+        return np.asarray(flat.reshape(len(flat), -1, 3) @ R_centre)
+
     J = np.zeros((len(centres), model.layout.size, 6))
     accel, gyro = slice(0, 3), slice(3, 6)
     for rows, found, weights, sign in (
@@ -191,18 +197,16 @@ def _block_columns(
     ):
         if found:
             index = places_of(part for part, _ in found)
-            changes = filters.in_parent(np.concatenate([each for _, each in found], 1), weights)
+            changes = in_parent(np.concatenate([each for _, each in found], 1), weights)
             J[:, index, rows] += sign * changes
     for part, change in channels.gravity:
-        J[:, part, accel] -= change @ filters.R_centre
+        J[:, part, accel] -= change @ R_centre
     if channels.clock:
         # A later stamp means an earlier pose: one column, times what each entry says.
         turn, shift = -nodes.turning[:, None], -nodes.moving[:, None]
         read = cross(turn, nodes.force[:, None])
-        by_time = filters.in_parent(shift, plan.second.derivative) - filters.in_parent(
-            read, plan.second.average
-        )
-        turned = filters.in_parent(turn, plan.first.derivative)
+        by_time = in_parent(shift, plan.second.derivative) - in_parent(read, plan.second.average)
+        turned = in_parent(turn, plan.first.derivative)
         grid = model.windowing.grid
         age = np.asarray(grid.dt * centres + (grid.t0 - model.middle))
         for part, clock in channels.clock:
@@ -211,26 +215,6 @@ def _block_columns(
     for each in hidden:  # exactly, for a log that is sharp enough would tell a difference
         J[:, each.part] = nodes.as_mount(each) @ J[:, model.layout.pose]
     return np.swapaxes(J, 1, 2)
-
-
-@dataclass(frozen=True, eq=False)
-class _Filters:
-    """The windows of a stretch of nodes."""
-
-    plan: NodePlan
-    at: Indices
-    """(W,), nodes of the centres, within the stretch."""
-    R_centre: Floats
-    """(W, 3, 3), R_world_parent at the centres."""
-
-    def sums(self, values: Floats, weights: Floats) -> Floats:
-        """Weighted sums of nodes, (W, C)."""
-        return convolve_at(values, weights, self.at - len(weights) // 2)
-
-    def in_parent(self, values: Floats, weights: Floats) -> Floats:
-        """Sums of (M, n, 3), in the parent's axes at each centre: (W, n, 3)."""
-        flat = self.sums(values.reshape(len(values), -1), weights)
-        return np.asarray(flat.reshape(len(flat), -1, 3) @ self.R_centre)
 
 
 def _add(placed: Placed, nodes: _Nodes, channels: _Channels) -> None:  # noqa: C901 a table

@@ -7,30 +7,25 @@ from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
 
-from imucalib_cli.estimate.fit import problem_of
 from imucalib_cli.estimate.layout import places_of
 from imucalib_cli.estimate.observability import (
-    ROTATION_LIMIT,
-    TRANSLATION_LIMIT,
     excitation,
+    undetermined,
     unobservable_directions,
 )
-from imucalib_cli.estimate.spectrum import inverse_of, squared_distance
+from imucalib_cli.estimate.spectrum import inverse_of
 from imucalib_cli.estimate.state import tilt_from_down
-from imucalib_cli.estimate.told import stated_wrongly
-from imucalib_cli.estimate.unknowns import Clock, Gravity, Mount, Reading
+from imucalib_cli.estimate.told import POSE_NAMES, contradicted
+from imucalib_cli.estimate.unknowns import Clock, JointCurve, Mount, Origin, PoseScale
 from imucalib_cli.estimate.window_choice import kinematic_noise, second_derivative_gain
 from imucalib_cli.findings import Finding, Severity, note, untrusted, warning
-from imucalib_cli.robot.rotations import rotvec_from_matrix
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from imucalib_cli.arrays import Bools, Floats, Indices
+    from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.estimate import UnobservableDirection
     from imucalib_cli.estimate.fit import Fit
-    from imucalib_cli.estimate.layout import Placed
-    from imucalib_cli.estimate.options import MatchedOptions
     from imucalib_cli.estimate.segments import Change
     from imucalib_cli.estimate.specification import Dependence
     from imucalib_cli.estimate.stamps import Attempt
@@ -70,8 +65,6 @@ _TILTED: Final = np.radians(20.0)
 """rad: a base stands level, or it is mounted otherwise on purpose."""
 _OFFSET_LIMIT: Final = 0.02
 """s: a time offset known no better than this is not known."""
-_NEGLIGIBLE: Final = 1e-5
-"""m and rad: no drawing is more exact, so no contradiction is smaller."""
 _NOISE_FLOOR: Final = (1e-3, 5e-5)
 """m/s² and rad/s: residuals of a window that a good IMU leaves; less is as good as none."""
 _UNTOUCHED: Final = 0.9
@@ -80,8 +73,8 @@ SLIP: Final = (2e-3, 5e-3)
 """m and rad: a mount that slips moves by the clearance of its bolts; what gives moves less."""
 _WITHIN: Final = 2.0
 """Sigmas of a told prior within which a bias is what was told."""
+_TOLD_ELSEWHERE: Final = frozenset({"time_offset", "gravity_direction"})
 _LEVEL: Final = "; or tell that the base is level (--gravity fixed, or --tilt-std)"
-_NAMES: Final = ("tx", "ty", "tz", "rx", "ry", "rz")
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +83,6 @@ class Evidence:
 
     fit: Fit
     attempt: Attempt
-    options: MatchedOptions
     dependence: tuple[Dependence, ...]
     change: Change | None
     over_noise: tuple[float, float]
@@ -186,19 +178,18 @@ def findings(evidence: Evidence, *, unknown: bool) -> tuple[Finding, ...]:
         evidence: Of the fit.
         unknown: Whether directions are unobservable: other findings may follow from it.
     """
-    contradicted = list(_contradicted_priors(evidence))
+    wrong = contradicted(evidence.fit)
     found = [
-        *contradicted,
+        *([] if wrong is None else [wrong]),
         # What is held where it is not is taken up by whatever looks like it.
-        *(() if contradicted else _changed(evidence)),
+        *(() if wrong else _changed(evidence)),
         *_unexplained(evidence),
-        *(() if contradicted else _implausible(evidence)),
+        *(() if wrong else _errors(evidence)),
         *_window(evidence),
         *(() if unknown else _undecided(evidence)),
         *_residuals(evidence),
         *_left_out(evidence),
         *_gaps(evidence),
-        *(() if contradicted else _found(evidence)),
         *_resting_on_priors(evidence),
         *_stamps(evidence),
         *_offset(evidence),
@@ -219,7 +210,7 @@ def _unexplained(evidence: Evidence) -> Iterator[Finding]:
         yield untrusted(
             "fit.rotation_unexplained",
             share=left / turning,
-            max_offset=evidence.options.max_offset if far else None,
+            max_offset=evidence.fit.options.max_offset if far else None,
         )
     force_left = float(np.sqrt(np.mean(fit.residuals.values[:, :3] ** 2)))
     if force_left > UNEXPLAINED_ACCEL:
@@ -229,7 +220,7 @@ def _unexplained(evidence: Evidence) -> Iterator[Finding]:
 def _undecided(evidence: Evidence) -> Iterator[Finding]:
     lag = evidence.attempt.lag
     if lag is not None and lag.at_edge:
-        yield untrusted("offset.at_edge", max_offset=evidence.options.max_offset)
+        yield untrusted("offset.at_edge", max_offset=evidence.fit.options.max_offset)
     if evidence.fit.runner_up_rise < _AMBIGUOUS:
         yield untrusted("rotation.ambiguous")
     if evidence.sign == "in doubt":
@@ -304,56 +295,50 @@ def _window(evidence: Evidence) -> Iterator[Finding]:
         )
 
 
-def _std_of_length(vector: Floats, std: Floats) -> float:
-    length = float(np.linalg.norm(vector))
-    return float(np.linalg.norm(vector * std)) / length if length > 0.0 else 0.0
-
-
 def _changed(evidence: Evidence) -> Iterator[Finding]:
     """An instant from which the log tells something else."""
     change = evidence.change
     if change is None:
         return
-    moved = change.size if change.kind == "mount" else change.moves_pose
-    make = untrusted if _slipped(moved) else warning
     if change.kind == "mount":
-        yield make(
-            "change.mount",
-            seconds=change.seconds,
-            uncertainty=change.uncertainty,
-            translation=float(np.linalg.norm(change.size[:3])),
-            translation_std=_std_of_length(change.size[:3], change.std[:3]),
-            rotation=float(np.linalg.norm(change.size[3:])),
-            rotation_std=_std_of_length(change.size[3:], change.std[3:]),
-        )
+        moved, values = change.size, _sizes(change.size, change.std)
     else:
-        yield make(
-            f"change.{change.kind}",
-            seconds=change.seconds,
-            uncertainty=change.uncertainty,
-            size=float(change.size[0])
-            if change.kind == "clock"
-            else float(np.linalg.norm(change.size)),
-        )
+        moved, values = change.moves_pose, {"size": _signed_size(change.size)}
+    # The give of a mount is in sigma already.
+    slipped = any(np.linalg.norm(moved.reshape(2, 3), axis=1) > SLIP)
+    yield (untrusted if slipped else warning)(
+        f"change.{change.kind}", seconds=change.seconds, uncertainty=change.uncertainty, **values
+    )
 
 
-def _slipped(moved: Floats) -> bool:
-    """Whether a change of the pose is more than the give of a mount, which sigma takes in."""
-    return bool(np.linalg.norm(moved[:3]) > SLIP[0] or np.linalg.norm(moved[3:]) > SLIP[1])
+def _sizes(pose: Floats, std: Floats) -> dict[str, float]:
+    """Lengths of the translation and the rotation of a change of the pose, with their 1 sigma."""
+    found = {}
+    for name, part in (("translation", slice(0, 3)), ("rotation", slice(3, 6))):
+        length = float(np.linalg.norm(pose[part]))
+        found[name] = length
+        found[f"{name}_std"] = float(np.linalg.norm(pose[part] * std[part])) / max(length, 1e-300)
+    return found
 
 
-def _errors(evidence: Evidence) -> Iterator[tuple[Placed, Floats, Floats, Floats]]:
-    """Entries beside mount, gravity's direction and offset: value, covariance, move of the pose."""
+def _signed_size(values: Floats) -> float:
+    return float(values[0] if len(values) == 1 else np.linalg.norm(values))
+
+
+def _errors(evidence: Evidence) -> Iterator[Finding]:
+    """Errors that no sound robot and no sound sensor has, and those that would move the pose."""
     fit = evidence.fit
-    pose = fit.layout.pose
+    pose, stated = fit.layout.pose, np.sqrt(np.diag(_pose(fit, fit.covariance)))
     for each in fit.layout.placed:
-        effect, part = each.unknown.effect, each.part
-        if isinstance(effect, Mount) or each.unknown.name in {"time_offset", "gravity_direction"}:
+        unknown, part, value = each.unknown, each.part, fit.value(each)
+        if isinstance(unknown.effect, Mount) or unknown.name in {
+            "time_offset",
+            "gravity_direction",
+        }:
             continue
-        if not fit.layout.free[part].all():
+        if evidence.clock_stepped and isinstance(unknown.effect, Clock):
             continue
-        value = fit.value(each, evidence.options)
-        if each.unknown.positive and (value < 0.0).all():
+        if not fit.layout.free[part].all() or (unknown.positive and (value < 0.0).all()):
             continue
         # An error that another window does not see is not surely one.
         C = fit.covariance[part, part].copy()
@@ -361,39 +346,39 @@ def _errors(evidence: Evidence) -> Iterator[tuple[Placed, Floats, Floats, Floats
             changes = np.array([other.changes[part] for other in evidence.dependence])
             C += np.diag((changes**2).max(axis=0))
         moves = fit.covariance[pose, part] @ inverse_of(C) @ value
-        yield each, value, C, moves
-
-
-def _implausible(evidence: Evidence) -> Iterator[Finding]:
-    """Errors larger than a sound robot or a sound sensor has, and surely so."""
-    for each, value, C, _ in _errors(evidence):
-        if evidence.clock_stepped and isinstance(each.unknown.effect, Clock):
-            continue
-        std, limit = np.sqrt(np.diag(C)), each.unknown.healthy
-        if each.unknown.group == "bias":
+        std, limit = np.sqrt(np.diag(C)), unknown.healthy
+        surely = np.abs(value) - WARN_SIGMAS * std
+        clear = (np.abs(value) > TELL_SIGMAS * std).any() and (np.abs(moves) > stated).any()
+        what = {"name": unknown.name, "words": unknown.words, "unit": each.unit}
+        if unknown.group == "bias":
             size = float(np.linalg.norm(value))
-            if size > max(limit, _WITHIN * evidence.options.told_std(each.unknown.name)):
-                yield warning("bias.unusual", name=each.unknown.name, size=size)
-        elif _beyond(each, value, std):
-            worst = int(np.argmax(np.abs(value) - WARN_SIGMAS * std))
-            other = _sound_window(evidence, each.part.start + worst, value[worst], limit)
-            make = untrusted if other is None and "bias" not in each.unknown.name else warning
+            if size > max(limit, _WITHIN * evidence.fit.options.told_std(unknown.name)):
+                yield warning("bias.unusual", name=unknown.name, size=size)
+        elif (surely > limit).any():
+            worst = int(np.argmax(surely))
+            other = _sound_window(evidence, part.start + worst, value[worst], limit)
+            make = untrusted if other is None and "bias" not in unknown.name else warning
             yield make(
                 "unknown.implausible",
-                name=each.unknown.name,
-                words=each.unknown.words,
-                unit=each.unit,
+                **what,
                 label=each.labels[worst],
                 value=value[worst],
                 std=std[worst],
                 limit=limit,
                 other=other,
             )
-
-
-def _beyond(placed: Placed, value: Floats, std: Floats) -> bool:
-    """Whether a value is larger than a sound robot or a sound sensor has, and surely so."""
-    return bool((np.abs(value) - WARN_SIGMAS * std > placed.unknown.healthy).any())
+        elif clear and (np.abs(value) >= unknown.least).any():
+            make = note if isinstance(unknown.effect, (JointCurve, Origin, PoseScale)) else warning
+            yield make(
+                "unknown.found",
+                **what,
+                labels=tuple(each.labels),
+                values=tuple(value.tolist()),
+                stds=tuple(std.tolist()),
+                seconds=fit.model.seconds,
+                translation=float(np.linalg.norm(moves[:3])),
+                rotation=float(np.linalg.norm(moves[3:])),
+            )
 
 
 def _sound_window(evidence: Evidence, place: int, value: float, limit: float) -> float | None:
@@ -404,130 +389,19 @@ def _sound_window(evidence: Evidence, place: int, value: float, limit: float) ->
     return None
 
 
-def _found(evidence: Evidence) -> Iterator[Finding]:
-    """Errors that stand clear of their sigma, and would move the pose by more than its sigma."""
-    stated = np.sqrt(np.diag(_pose(evidence.fit, evidence.fit.covariance)))
-    for each, value, C, moves in _errors(evidence):
-        effect = each.unknown.effect
-        if isinstance(effect, Reading) and each.unknown.name.endswith(("bias", "ramp")):
-            continue
-        if evidence.clock_stepped and isinstance(effect, Clock):
-            continue
-        if (np.abs(value) < each.unknown.least).all():
-            continue
-        std = np.sqrt(np.diag(C))
-        clear = np.abs(value) > TELL_SIGMAS * std
-        if _beyond(each, value, std) or not clear.any() or not (np.abs(moves) > stated).any():
-            continue
-        sensor = isinstance(effect, (Reading, Clock, Gravity))
-        yield (warning if sensor else note)(
-            "unknown.found",
-            name=each.unknown.name,
-            words=each.unknown.words,
-            unit=each.unit,
-            labels=tuple(each.labels),
-            values=tuple(value.tolist()),
-            stds=tuple(std.tolist()),
-            seconds=evidence.fit.model.seconds,
-            translation=float(np.linalg.norm(moves[:3])),
-            rotation=float(np.linalg.norm(moves[3:])),
-        )
-
-
-def _contradicted_priors(evidence: Evidence) -> Iterator[Finding]:
-    """Priors and fixed components that the data contradict."""
-    fit, options = evidence.fit, evidence.options
-    for wrong in stated_wrongly(fit):
-        yield untrusted(
-            "prior.stated_contradicted",
-            option=wrong.option,
-            unit=wrong.unit,
-            step=wrong.step,
-            std=wrong.std,
-        )
-    known = options.pose
-    if known is None or known.R_parent_imu is None or known.t_parent_imu is None:
-        return
-    pose_std = np.array(known.std)
-    off = np.concatenate(
-        [
-            fit.state.t - known.t_parent_imu,
-            rotvec_from_matrix(fit.state.R @ known.R_parent_imu.T),
-        ]
-    )
-    for place in np.flatnonzero(
-        np.abs(off) > DISTRUST_SIGMAS * np.where(pose_std > 0.0, pose_std, np.inf)
-    ):
-        yield untrusted(
-            "prior.pose_contradicted",
-            component=_NAMES[place],
-            sigmas=abs(off[place]) / pose_std[place],
-        )
-    held = np.flatnonzero(pose_std == 0.0)
-    if len(held):
-        yield from _pulled(fit, held)
-
-
-def _pulled(fit: Fit, held: Indices) -> Iterator[Finding]:
-    """Where the data would take components that are held, if they plainly would.
-
-    A component that the motion does not show is neither confirmed nor contradicted: noise of the
-    poses looks like information on it.
-    """
-    step, C = _free_step(fit, held)
-    seen = ~_unseen(fit, held)
-    step, C, held = step[seen], C[np.ix_(seen, seen)], held[seen]
-    if not len(held):
-        return
-    distance = squared_distance(step, C + _NEGLIGIBLE**2 * np.eye(len(held)))
-    if distance < DISTRUST_SIGMAS**2 + 3.0 * len(held):
-        return
-    worst = int(np.argmax(np.abs(step) / np.sqrt(np.diag(C) + _NEGLIGIBLE**2)))
-    yield untrusted(
-        "prior.fixed_contradicted",
-        component=_NAMES[int(held[worst])],
-        step=float(step[worst]),
-        std=float(np.sqrt(C[worst, worst])),
-    )
-
-
-def _free_step(fit: Fit, held: Indices) -> tuple[Floats, Floats]:
-    """Where components of the mount that are held would go if they were free, and how surely."""
-    layout, stats, places = fit.layout, fit.statistics, fit.layout.pose[held]
-    std = layout.std.copy()
-    std[places] = np.inf
-    about = replace(layout, std=std)
-    offset = fit.prior_offset + fit.step
-    score = stats.score + stats.information @ fit.step
-    problem = problem_of(about, stats.information / fit.level, score / fit.level, offset)
-    step, C = problem.solve(fit.u)
-    at = np.searchsorted(np.flatnonzero(about.free), places)
-    return step[at], C[np.ix_(at, at)]
-
-
-def _unseen(fit: Fit, held: Indices) -> Bools:
-    """Which held components of the mount the motion does not determine."""
-    std = np.sqrt(np.diag(_pose(fit, excitation(fit, everything=True)))[held])
-    return np.asarray(std > np.where(held < 3, TRANSLATION_LIMIT, ROTATION_LIMIT))
-
-
 def _resting_on_priors(evidence: Evidence) -> Iterator[Finding]:
     """Components that come from what was told and not from the log."""
-    fit, known = evidence.fit, evidence.options.pose
+    fit, known = evidence.fit, evidence.fit.options.pose
     if known is None or known.R_parent_imu is None:
         return
-    std = np.array(known.std)
-    variance = np.diag(_pose(fit, fit.covariance))
-    told = [
-        place
-        for place in range(6)
-        if 0.0 < std[place] < np.inf and variance[place] > (_UNTOUCHED * std[place]) ** 2
-    ]
-    held = np.flatnonzero(std == 0.0)
-    if len(held):
-        told += held[_unseen(fit, held)].tolist()
-    if told:
-        yield warning("prior.untested", components=tuple(_NAMES[place] for place in sorted(told)))
+    std, variance = np.array(known.std), np.diag(_pose(fit, fit.covariance))
+    told = (std < np.inf) & np.where(
+        std > 0.0, variance > (_UNTOUCHED * std) ** 2, undetermined(fit)
+    )
+    if told.any():
+        yield warning(
+            "prior.untested", components=tuple(POSE_NAMES[i] for i in np.flatnonzero(told))
+        )
 
 
 def _stamps(evidence: Evidence) -> Iterator[Finding]:

@@ -72,7 +72,6 @@ def calibrate_matched(imu: ImuSamples, path: KinematicPath, options: MatchedOpti
     evidence = judge.Evidence(
         fit=fit,
         attempt=attempt,
-        options=options,
         dependence=dependence,
         over_noise=over_noise,
         sign=sign,
@@ -180,7 +179,7 @@ def _parameters(fit: Fit, options: MatchedOptions) -> tuple[Parameter, ...]:
     for each in fit.layout.placed:
         if isinstance(each.unknown.effect, Mount) or each.unknown.name == "gravity_direction":
             continue
-        values = fit.value(each, options)
+        values = fit.value(each)
         if isinstance(each.unknown.effect, Gravity):
             values = values + options.gravity_norm
         for offset, (label, value) in enumerate(zip(each.labels, values, strict=True)):
@@ -201,13 +200,13 @@ def _parameters(fit: Fit, options: MatchedOptions) -> tuple[Parameter, ...]:
 
 def _corrections(evidence: judge.Evidence) -> tuple[Correction, ...]:
     """What of sensor and clocks stands clear of its sigma, as schema 1 has it."""
-    fit, options = evidence.fit, evidence.options
+    fit, options = evidence.fit, evidence.fit.options
     found = []
     for each in fit.layout.placed:
         name = each.unknown.name
         if name not in _RECORDED or (evidence.clock_stepped and name == "clock_drift"):
             continue
-        value, std = fit.value(each, options), fit.of(name)[1]
+        value, std = fit.value(each), fit.of(name)[1]
         if not (np.abs(value) > judge.TELL_SIGMAS * std).any():
             continue
         if name.endswith("scale"):

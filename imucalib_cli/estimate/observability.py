@@ -13,7 +13,7 @@ from imucalib_cli.estimate.window_choice import kinematic_noise, second_derivati
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from imucalib_cli.arrays import Floats
+    from imucalib_cli.arrays import Bools, Floats
     from imucalib_cli.estimate.fit import Fit
 
 
@@ -77,6 +77,13 @@ def excitation(fit: Fit, *, everything: bool = False) -> Floats:
     full = np.zeros((layout.size, layout.size))
     full[np.ix_(free, free)] = (scaled / (np.maximum(values, 0.0) + 1.0)) @ scaled.T
     return full
+
+
+def undetermined(fit: Fit) -> Bools:
+    """(6,), components of the mount that the motion does not show, held or not."""
+    places = fit.layout.pose
+    std = np.sqrt(np.diag(excitation(fit, everything=True))[places])
+    return np.asarray(std > np.repeat([TRANSLATION_LIMIT, ROTATION_LIMIT], 3))
 
 
 def unobservable_directions(covariance: Floats, excitation: Floats) -> list[UnobservableDirection]:

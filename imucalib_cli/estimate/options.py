@@ -124,7 +124,7 @@ class MatchedOptions:
             told |= {"translation": np.array(self.pose.std[:3])}
             told |= {"rotation": np.array(self.pose.std[3:])}
         if self.time_offset is not None:
-            told |= {"time_offset": 0.0, "clock_drift": 0.0}
+            told |= {"time_offset": 0.0}
         if isinstance(self.robot, tuple):
             told |= {"joint_zero": self.robot[0], "length": self.robot[1]}
         return told

@@ -37,9 +37,6 @@ _CONVERGED = 1e-12
 _WEAKEST_STD = (10.0, 10.0, 1.0)
 """m, m/s², rad/s: wider than any robot's translation and any sensor's biases. They keep what the
 motion does not tell from running away."""
-_TURNS = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0)
-"""rad: how far the starts of a partly fixed rotation stand from what it is fixed to."""
-
 _V = np.r_[columns.ONE, np.arange(columns.COUNT)[columns.R]]
 """Columns of v."""
 _GENERATORS = skew(np.eye(3))
@@ -117,7 +114,7 @@ def solve_globally(normal: Floats, known: Known) -> Solution:
         normal: (COUNT, COUNT), normal matrix; cost = x' normal x.
         known: Beforehand.
     """
-    rotations = np.array(_start_rotations(normal, known))
+    rotations = _start_rotations(normal, known)
     starts = np.zeros((len(rotations), columns.COUNT))
     starts[:, columns.ONE], starts[:, columns.R] = 1.0, rotations.reshape(-1, 9)
     found = refine(normal, known, starts)
@@ -193,24 +190,10 @@ def _least_squares(matrix: Floats, rhs: Floats) -> Floats:
     return np.asarray(-(inverse / np.outer(scale, scale)) @ rhs)
 
 
-def _start_rotations(normal: Floats, known: Known) -> list[Floats]:
-    """Rotations of which one is in the basin of the least cost."""
-    turns = known.turns
-    if turns.all():
-        starts = [_relaxed_rotation(normal, known), *cube_rotations()]
-        return [known.R, *starts] if np.isfinite(known.turn_std).any() else starts
-    if not turns.any():
-        return [known.R]
-    axes = np.eye(3)[turns]
-    # One axis: all around it. Two: the disc of turns about axes between them.
-    heading = np.linspace(0.0, 2 * np.pi, 12, endpoint=False)
-    rays = (
-        [axes[0], -axes[0]]
-        if len(axes) == 1
-        else [np.array([np.cos(h), np.sin(h)]) @ axes for h in heading]
-    )
-    turned = [matrix_from_rotvec(angle * ray) @ known.R for ray in rays for angle in _TURNS]
-    return [known.R, *turned]
+def _start_rotations(normal: Floats, known: Known) -> Floats:
+    """(n, 3, 3), rotations of which one is in the basin of the least cost."""
+    starts = np.array([_relaxed_rotation(normal, known), *(cube_rotations() @ known.R)])
+    return turned_about(starts, known.R, known.turns)
 
 
 def _relaxed_rotation(normal: Floats, known: Known) -> Floats:
@@ -219,16 +202,15 @@ def _relaxed_rotation(normal: Floats, known: Known) -> Floats:
     return nearest_rotation(_least_squares(S[1:, 1:], S[1:, :1]).reshape(3, 3))
 
 
-def cube_rotations() -> list[Floats]:
-    """The 24 rotations of the cube: no rotation is further than 63 degrees from one of them."""
+def cube_rotations() -> Floats:
+    """(24, 3, 3), of the cube: every rotation is within 63 degrees of one of them."""
     found = []
     for order in itertools.permutations(range(3)):
         for signs in itertools.product((1.0, -1.0), repeat=3):
-            M = np.zeros((3, 3))
-            M[range(3), order] = signs
+            M = np.eye(3)[list(order)] * signs
             if np.linalg.det(M) > 0:
                 found.append(M)
-    return found
+    return np.array(found)
 
 
 def _rotation(v: Floats) -> Floats:

@@ -18,7 +18,7 @@ from imucalib_cli.estimate.robust import SCALE_FLOOR
 from imucalib_cli.estimate.windows import runs
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterable
 
     from imucalib_cli.arrays import Bools, Floats, Indices
     from imucalib_cli.estimate.windows import WindowPlan
@@ -266,28 +266,6 @@ def _bounded(residuals: Floats) -> Floats:
     size = np.linalg.norm(residuals, axis=1)
     most = 10.0 * float(np.median(size))
     return np.asarray(residuals * np.minimum(1.0, most / np.maximum(size, 1e-300))[:, None])
-
-
-def whitened(
-    plan: WindowPlan,
-    columns: Rows,
-    residuals: Floats,
-    weights: Floats,
-    scales: tuple[float, float],
-) -> Iterator[tuple[slice, Floats]]:
-    """Rows [e J] of windows, (w, 6, n + 1): overlapping windows then count every sample once.
-
-    Args:
-        plan: Of the windows.
-        columns: J.
-        residuals: (W, 6), e.
-        weights: (W,).
-        scales: Of the residuals, m/s² and rad/s.
-    """
-    gains = np.repeat(np.array(plan.noise_gains) / np.array(scales), 3)
-    root = np.sqrt(weights)[:, None] * gains
-    for part, J in columns:
-        yield part, np.concatenate([residuals[part, :, None], J], axis=2) * root[part, :, None]
 
 
 def _one_sided(length: int) -> Floats:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from imucalib_cli.estimate.fit import Lean, lean_fit
+from imucalib_cli.estimate.fit import lean_fit
 from imucalib_cli.estimate.offset import coarse_time_offset
 from imucalib_cli.estimate.options import WindowChoice
 from imucalib_cli.estimate.robust import residual_scales
@@ -16,6 +16,7 @@ from imucalib_cli.estimate.windows import Windowing, odd_length, plan_windows
 
 if TYPE_CHECKING:
     from imucalib_cli.estimate.estimate import Window
+    from imucalib_cli.estimate.fit import Fit
     from imucalib_cli.estimate.options import MatchedOptions
     from imucalib_cli.estimate.prepare import CleanImu
     from imucalib_cli.signals.lag import Lag
@@ -35,7 +36,7 @@ class Attempt:
     """One way to take the stamps, and the lean solution it leads to."""
 
     clean: CleanImu
-    lean: Lean
+    lean: Fit
     window: Window
     lag: Lag | None
     imu_ticks: bool

@@ -1,4 +1,4 @@
-"""What the user states of sensor, clock and gravity, held against the data.
+"""What the user states of mount, sensor, clock and gravity, held against the data.
 
 A value that is held where it is not is taken up by whatever looks like it: a wrong gravity by
 scales of the accelerometer, a wrong time offset by delays of all joints. So each such value is set
@@ -8,7 +8,7 @@ likelihood with it free, over that with it as stated, learnt scales integrated o
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -21,144 +21,114 @@ from imucalib_cli.estimate.fit import (
     transferred,
     whole_fit,
 )
-from imucalib_cli.estimate.layout import lay_out, places_of
+from imucalib_cli.estimate.layout import lay_out
+from imucalib_cli.estimate.observability import undetermined
 from imucalib_cli.estimate.scales import integrate, most_likely
 from imucalib_cli.estimate.segments import DECISIVE
-from imucalib_cli.estimate.state import tilt_from_down
+from imucalib_cli.findings import Finding, untrusted
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator
 
+    from imucalib_cli.arrays import Floats, Indices
     from imucalib_cli.estimate.fit import Fit
     from imucalib_cli.estimate.layout import Layout
     from imucalib_cli.estimate.options import MatchedOptions
-    from imucalib_cli.estimate.scales import Problem
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Statement:
-    """An option by which the user states the value of an entry of the table."""
-
-    name: str
-    """Of the entry."""
-    option: str
-    is_made: Callable[[MatchedOptions], bool]
-    freed: dict[str, Any]
-    """Options with which the entry is free."""
+POSE_NAMES: Final = ("tx", "ty", "tz", "rx", "ry", "rz")
+_SLIP_OF_THE_PEN: Final = 0.3
+"""m/s²: gravity of any place on Earth, and ten times as far."""
+_NEGLIGIBLE: Final = 1e-5
+"""Of any unit: no drawing and no clock is more exact, so that no contradiction is smaller."""
 
 
-_STATEMENTS: Final = (
-    _Statement(
-        name="gravity_norm",
-        option="--gravity",
-        is_made=lambda options: options.has_gravity and options.gravity_std == 0.0,
-        # That of any place on Earth, with room for a slip of the pen, m/s².
-        freed={"gravity_std": 0.3},
-    ),
-    _Statement(
-        name="gravity_direction",
-        option="--gravity fixed",
-        is_made=lambda options: options.has_gravity and options.gravity == "fixed",
-        freed={"gravity": "tilt", "tilt_std": np.inf},
-    ),
-    _Statement(
-        name="gravity_direction",
-        option="--tilt-std",
-        is_made=lambda options: (
-            options.has_gravity and options.gravity == "tilt" and options.tilt_std < np.inf
-        ),
-        freed={"tilt_std": np.inf},
-    ),
-    _Statement(
-        name="time_offset",
-        option="--time-offset",
-        is_made=lambda options: options.time_offset is not None,
-        freed={"time_offset": None},
-    ),
-    _Statement(
-        name="accel_bias",
-        option="--accel-bias",
-        is_made=lambda options: options.accel_bias_std < np.inf,
-        freed={"accel_bias_std": np.inf},
-    ),
-    _Statement(
-        name="gyro_bias",
-        option="--gyro-bias",
-        is_made=lambda options: options.gyro_bias_std < np.inf,
-        freed={"gyro_bias_std": np.inf},
-    ),
-)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Wrong:
-    """A stated value that the data contradict."""
-
-    option: str
-    unit: str
-    step: float
-    """To where the data would take it, of the component farthest off."""
-    std: float
-
-
-def stated_wrongly(fit: Fit) -> Iterator[Wrong]:
-    """Entries of which the user states something, and that the data would take elsewhere."""
-    for statement in _STATEMENTS:
-        if not statement.is_made(fit.options):
-            continue
-        freed = replace(fit.options, **statement.freed)
-        layout = lay_out(fit.model.windowing.trajectory, freed)
-        asked = layout.part(statement.name)
-        if asked == slice(0, 0):  # held by another option too
-            continue
-        model = replace(fit.model, layout=layout)
-        state = transferred(fit.linearised, fit.layout, layout)
-        matrices, noise_score = part_statistics(
-            model,
-            state,
-            fit.centres,
-            residuals=fit.residuals.values,
-            weights=fit.weights,
-            scales=fit.residual_scales,
-        )
-        total, offset = matrices.sum(axis=0) / fit.level, prior_offset(layout, fit.options, state)
-        problem = problem_of(layout, total[1:, 1:], total[1:, 0] - noise_score / fit.level, offset)
-        about = np.isin(np.flatnonzero(layout.free), places_of([asked]))
-        std = _stated_std(fit.options, layout, statement.name)
-        stated = (
-            replace(problem, std=np.where(about, std, problem.std)) if std else problem.of(~about)
-        )
-        gain = _log_likelihood(problem) - _log_likelihood(stated)
-        if 2.0 * gain > DECISIVE:
-            yield _refitted(fit, statement, freed)
-
-
-def _stated_std(options: MatchedOptions, layout: Layout, name: str) -> float:
-    """Standard deviation that the user gives an entry; 0 where its value is exact."""
-    (unknown,) = (each.unknown for each in layout.placed if each.unknown.name == name)
-    given = options.prior_std(unknown)
-    return 0.0 if given is None else float(np.max(given))
-
-
-def _refitted(fit: Fit, statement: _Statement, freed: MatchedOptions) -> Wrong:
-    """Where the whole fit takes an entry that is free."""
+def contradicted(fit: Fit) -> Finding | None:
+    """What the user states that the data contradict most decisively."""
+    found = [
+        (gain, option, freed)
+        for option, freed in _statements(fit)
+        if (gain := _gain(fit, freed)) > DECISIVE
+    ]
+    if not found:
+        return None
+    _, option, freed = max(found, key=lambda each: each[0])
     stated = fit.model.shifts(fit.linearised)[1][0]
     free = whole_fit(lean_fit(fit.model.windowing, freed, stated), freed)
-    (placed,) = (each for each in free.layout.placed if each.unknown.name == statement.name)
-    value, std = free.value(placed, freed), free.of(statement.name)[1]
-    if statement.name == "gravity_direction":
-        value = tilt_from_down(free.state.gravity)
-    elif statement.name == "time_offset":
-        value = value - stated
-    worst = int(np.argmax(np.abs(value) / std))
-    return Wrong(
-        option=statement.option,
-        unit=placed.unit,
-        step=float(value[worst]),
-        std=float(std[worst]),
+    about = _about(free.layout, fit.options)
+    away = prior_offset(free.layout, fit.options, free.state)[about]
+    std = np.sqrt(np.diag(free.covariance)[about])
+    worst = int(np.argmax(np.abs(away) / std))
+    (unit,) = (e.unit for e in free.layout.placed if e.part.start <= about[worst] < e.part.stop)
+    return untrusted(
+        "prior.contradicted", option=option, unit=unit, step=away[worst], std=std[worst]
     )
 
 
-def _log_likelihood(problem: Problem) -> float:
-    """Marginal, learnt scales integrated over."""
-    return integrate(problem, most_likely(problem), problem.information).log_likelihood
+def _statements(fit: Fit) -> Iterator[tuple[str, MatchedOptions]]:
+    """Options by which something is stated, and all options with that set free.
+
+    A component of the mount that the motion does not show is neither confirmed nor contradicted:
+    noise of the poses looks like information on it.
+    """
+    options = fit.options
+    free: dict[str, dict[str, Any]] = {
+        "--time-offset": {"time_offset": None},
+        "--accel-bias": {"accel_bias_std": np.inf},
+        "--gyro-bias": {"gyro_bias_std": np.inf},
+    }
+    if options.has_gravity:
+        level = "--gravity fixed" if options.gravity == "fixed" else "--tilt-std"
+        free[level] = {"gravity": "tilt", "tilt_std": np.inf}
+    if options.has_gravity and options.gravity_std == 0.0:
+        free["--gravity"] = {"gravity_std": _SLIP_OF_THE_PEN}
+    if options.pose is not None and options.pose.R_parent_imu is not None:
+        std = np.array(options.pose.std)
+        for place in np.flatnonzero((std < np.inf) & ~undetermined(fit)):
+            wide = tuple(np.where(np.arange(6) == place, np.inf, std).tolist())
+            option = "--prior-std" if std[place] else "--fix"
+            free[f"{option} {POSE_NAMES[place]}"] = {"pose": replace(options.pose, std=wide)}
+    for option, changes in free.items():
+        if any(getattr(options, name) != value for name, value in changes.items()):
+            yield option, replace(options, **changes)
+
+
+def _about(layout: Layout, options: MatchedOptions) -> Indices:
+    """Components of a layout that other options know better."""
+    return np.flatnonzero(_stated_std(layout, options) < layout.std)
+
+
+def _stated_std(layout: Layout, options: MatchedOptions) -> Floats:
+    """(n,), priors by other options than a layout's; nan where they are learnt."""
+    std = np.full(layout.size, np.nan)
+    for each in layout.placed:
+        given = options.prior_std(each.unknown)
+        std[each.part] = np.nan if given is None else given
+    return std
+
+
+def _gain(fit: Fit, freed: MatchedOptions) -> float:
+    """Twice the rise of the logarithm of the marginal likelihood by what is set free."""
+    layout = lay_out(fit.model.windowing.trajectory, freed)
+    about = _about(layout, fit.options)
+    if not len(about):  # held by another option too
+        return 0.0
+    state = transferred(fit.linearised, fit.layout, layout)
+    matrices, noise_score = part_statistics(
+        replace(fit.model, layout=layout),
+        state,
+        fit.centres,
+        residuals=fit.residuals.values,
+        weights=fit.weights,
+        scales=fit.residual_scales,
+    )
+    total, offset = matrices.sum(axis=0) / fit.level, prior_offset(layout, fit.options, state)
+    score = total[1:, 0] - noise_score / fit.level
+    std = layout.std.copy()
+    std[about] = np.maximum(_stated_std(layout, fit.options)[about], _NEGLIGIBLE)
+    likelihoods = []
+    for each in (layout, replace(layout, std=std)):
+        problem = problem_of(each, total[1:, 1:], score, offset)
+        marginal = integrate(problem, most_likely(problem), problem.information)
+        likelihoods.append(marginal.log_likelihood)
+    return 2.0 * (likelihoods[0] - likelihoods[1])

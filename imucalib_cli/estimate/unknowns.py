@@ -156,7 +156,7 @@ class Unknown:
     healthy: float = np.inf
     """Largest value, in the unit, that a sound robot and a sound sensor have."""
     least: float = 0.0
-    """Values smaller than it are not named: it is no fault, or interpolation looks like it."""
+    """Values smaller than it are not named: they are no fault, or interpolation looks like them."""
     positive: bool = False
     """Whether a value below zero can only be something else that looks like it."""
     words: str
@@ -292,6 +292,7 @@ TABLE: Final[tuple[Unknown, ...]] = (
         std=0.03,
         healthy=0.3,
         effect=Reading("accel", _ramp),
+        least=np.inf,
         words="change of the accelerometer's bias over the log",
     ),
     Unknown(
@@ -301,6 +302,7 @@ TABLE: Final[tuple[Unknown, ...]] = (
         std=0.003,
         healthy=0.03,
         effect=Reading("gyro", _ramp),
+        least=np.inf,
         words="change of the gyroscope's bias over the log",
     ),
     Unknown(

@@ -199,17 +199,22 @@ def test_a_small_error_of_the_chain_is_corrected_and_named_if_it_matters(
     assert all(str(name).startswith(label) for name in blamed)
 
 
-def test_a_time_offset_given_wrongly_is_contradicted() -> None:
-    noisy = corrupt(clean(ARM), replace(load_grade("industrial"), time_offset=0.03), seed=3)
+@pytest.mark.parametrize("late", [0.03, 0.4, 3.0])
+def test_a_time_offset_given_wrongly_is_contradicted(late: float) -> None:
+    noisy = corrupt(clean(ARM), replace(load_grade("industrial"), time_offset=late), seed=3)
     told = told_wrongly(noisy, Fault(kind="none"))
     options = MatchedOptions(time_offset=0.0)
     plain = calibrate_matched(told.imu, told.path, options)
-    (found,) = diagnose(told.case(plain, options))
-    assert found.code == "cause.offset"
-    assert value(found, "sizes")[0] == pytest.approx(0.03, abs=1e-4)
-    assert "30 ms later than the robot's, not the 0 s that were given" in found.message
-    assert "puts the IMU" in found.message
-    assert not explained(plain, (found,)).trusted
+    judged_by = explained(plain, diagnose(told.case(plain, options)))
+    assert not judged_by.trusted
+    found = judged_by.findings[0]
+    if found.code == "prior.contradicted":
+        assert found.values["option"] == "--time-offset"
+        assert value(found, "step") == pytest.approx(late, abs=1e-4)
+    else:
+        assert found.code == "cause.offset"
+        assert value(found, "sizes")[0] == pytest.approx(late, abs=1e-4)
+        assert "later than the robot's, not the 0 s that were given" in found.message
 
 
 @pytest.mark.parametrize("rate", [6.0, 11.8])

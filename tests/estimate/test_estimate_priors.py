@@ -113,7 +113,7 @@ def test_a_wrong_fix_is_contradicted_by_name_and_size(name: str, size: float) ->
     prior = told(fixing(name), dt=tuple(wrong[:3]), turn=tuple(wrong[3:]))
     estimate = calibrated(prior)
     found = contradiction(estimate)
-    assert (found["code"], found["component"]) == ("prior.fixed_contradicted", name)
+    assert (found["code"], found["option"]) == ("prior.contradicted", f"--fix {name}")
     assert found["step"] == pytest.approx(-size, rel=0.15)
     assert estimate.corrections == ()
 
@@ -121,7 +121,7 @@ def test_a_wrong_fix_is_contradicted_by_name_and_size(name: str, size: float) ->
 def test_of_several_fixed_components_the_wrong_one_is_named() -> None:
     prior = told(fixing(*NAMES), dt=(0.0, 0.0, 0.02))
     found = contradiction(calibrated(prior))
-    assert (found["code"], found["component"]) == ("prior.fixed_contradicted", "tz")
+    assert (found["code"], found["option"]) == ("prior.contradicted", "--fix tz")
     assert found["step"] == pytest.approx(-0.02, abs=1e-3)
 
 
@@ -157,10 +157,8 @@ def test_a_wide_prior_changes_nothing_and_a_tight_one_holds() -> None:
 
 def test_a_prior_that_the_data_contradict_is_named() -> None:
     found = contradiction(calibrated(told((1e-3,) + (np.inf,) * 5, dt=(0.02, 0.0, 0.0))))
-    assert (found["code"], found["component"]) == ("prior.pose_contradicted", "tx")
-    # As far as a prior of 1 mm can hold it against what the data know.
-    data = sigma(calibrated(None))[0]
-    assert found["sigmas"] == pytest.approx(20.0 / (1.0 + (data / 1e-3) ** 2), abs=1.0)
+    assert (found["code"], found["option"]) == ("prior.contradicted", "--prior-std tx")
+    assert found["step"] == pytest.approx(-0.02, abs=4 * sigma(calibrated(None))[0])
 
 
 def test_a_contradicted_prior_is_no_change_within_the_log() -> None:

@@ -12,14 +12,14 @@ from scipy.spatial.transform import Rotation
 
 from imucalib_cli.estimate import columns as lean
 from imucalib_cli.estimate.design import Model
-from imucalib_cli.estimate.jacobian import columns
+from imucalib_cli.estimate.fit import whitened
 from imucalib_cli.estimate.layout import lay_out
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.estimate.prepare import clean_imu
 from imucalib_cli.estimate.robust import window_weights
 from imucalib_cli.estimate.solve import Known, cube_rotations, refine, solve_globally
-from imucalib_cli.estimate.spectrum import part_matrices, statistics, whitened
+from imucalib_cli.estimate.spectrum import part_matrices, statistics
 from imucalib_cli.estimate.state import State, gravity_axes, tilt_from_down, tilted
 from imucalib_cli.estimate.windows import Windowing, WindowRows, plan_windows
 from imucalib_cli.robot.rotations import nearest_rotation
@@ -178,8 +178,16 @@ def test_bands_and_parts_add_up_to_the_whole(log: Log, rows: WindowRows) -> None
     weights = np.random.default_rng(0).uniform(0, 1, len(rows.centres))
 
     def both() -> list[tuple[slice, Floats]]:
-        found = columns(model, state, rows.centres)
-        return list(whitened(windowing.plan, found, residuals.values, weights, (0.3, 0.1)))
+        return list(
+            whitened(
+                model,
+                state,
+                rows.centres,
+                residuals=residuals.values,
+                weights=weights,
+                scales=(0.3, 0.1),
+            )
+        )
 
     flat = np.concatenate([values for _, values in both()])
     gains = np.array(windowing.plan.noise_gains) / (0.3, 0.1) * np.sqrt(weights)[:, None]

@@ -34,7 +34,7 @@ def test_a_wrong_value_is_contradicted_with_its_size_and_nothing_else_is_blamed(
     log = make_log(MOVES).noisy(1, INDUSTRIAL)
     estimate = calibrate_matched(log.imu, log.path, MatchedOptions(**stated))
     assert not estimate.trusted
-    (found,) = (each for each in estimate.findings if each.code == "prior.stated_contradicted")
+    (found,) = (each for each in estimate.findings if each.code == "prior.contradicted")
     assert found.values["option"] == option
     assert float(str(found.values["step"])) == pytest.approx(
         step, abs=4.0 * float(str(found.values["std"]))
@@ -47,7 +47,7 @@ def test_a_base_that_is_not_as_level_as_stated_is_told() -> None:
     gravity = Rotation.from_rotvec([0.03, 0.0, 0.0]).apply([0.0, 0.0, -GRAVITY])
     log = make_log(MOVES, gravity_world=gravity).noisy(1, INDUSTRIAL)
     estimate = calibrate_matched(log.imu, log.path, MatchedOptions(tilt_std=1e-3))
-    (found,) = (each for each in estimate.findings if each.code == "prior.stated_contradicted")
+    (found,) = (each for each in estimate.findings if each.code == "prior.contradicted")
     assert found.values["option"] == "--tilt-std"
     assert abs(float(str(found.values["step"]))) == pytest.approx(0.03, abs=1e-4)
     level = calibrate_matched(log.imu, log.path, MatchedOptions(tilt_std=0.03))
@@ -95,7 +95,7 @@ def test_a_wrong_value_is_sized_where_the_clocks_are_far_apart() -> None:
     late = replace(log.imu, t=log.imu.t + 6.0)
     options = MatchedOptions(gravity_norm=9.7, gravity_std=0.0, max_offset=10.0)
     estimate = calibrate_matched(late, log.path, options)
-    (found,) = (each for each in estimate.findings if each.code == "prior.stated_contradicted")
+    (found,) = (each for each in estimate.findings if each.code == "prior.contradicted")
     assert float(str(found.values["step"])) == pytest.approx(GRAVITY - 9.7, abs=2e-3)
 
 

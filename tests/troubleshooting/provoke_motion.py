@@ -112,21 +112,6 @@ def _(scene: Scene) -> Seen:
     return scene.run_arm(noisy(ARM), "--require", "0.001mm")
 
 
-@provokes("fix-contradicted")
-def _(scene: Scene) -> Seen:
-    return scene.run_arm(noisy(ARM), "--fix", "tx")
-
-
-@provokes("prior-contradicted")
-def _(scene: Scene) -> Seen:
-    return scene.run_arm(noisy(ARM), "--prior-std", "0.1mm")
-
-
-@provokes("bias-contradicted")
-def _(scene: Scene) -> Seen:
-    return scene.run_arm(noisy(ARM), "--accel-bias", "0.00001")
-
-
 @provokes("accel-sign")
 def _(scene: Scene) -> Seen:
     """Turned about one point, an IMU on the other side of it reads the opposite."""
