@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import ast
 import inspect
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args, get_origin
 
@@ -15,11 +16,13 @@ import typer
 from imucalib_cli.cli.exit_codes import EXIT_CODES
 from imucalib_cli.cli.main import COMMANDS, app
 from imucalib_cli.cli.options import with_groups
+from imucalib_cli.messages import MESSAGES
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
 PACKAGE = Path(__file__).parents[1] / "imucalib_cli"
+_VALUE = re.compile(r"\{[^{}]*\}")
 _KINDS = {"Path": "FILE", "float": "NUMBER", "int": "NUMBER", "str": "TEXT"}
 
 
@@ -58,6 +61,16 @@ def exit_codes() -> str:
     """Every exit code."""
     rows = ((str(code), each.full, each.written) for code, each in EXIT_CODES.items())
     return _table(("code", "meaning", "what is written"), rows)
+
+
+def messages() -> str:
+    """Every message by its code; what is not always there stands in brackets."""
+    codes: dict[str, list[str]] = {}
+    for code, words in sorted(MESSAGES.items()):
+        about = words if isinstance(words, str) else f"*{inspect.getdoc(words)}*"
+        codes.setdefault(_VALUE.sub("…", about.split("\n", maxsplit=1)[0]), []).append(code)
+    rows = ((", ".join(f"`{code}`" for code in alike), words) for words, alike in codes.items())
+    return _table(("code", "words"), rows)
 
 
 def rooms() -> str:

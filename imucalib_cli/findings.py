@@ -11,6 +11,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal
 
 from imucalib_cli.messages import MESSAGES
+from imucalib_cli.sentences import sentence
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -65,7 +66,7 @@ class Finding:
                 missing or of another kind; of stored findings only.
         """
         words = MESSAGES[self.code]
-        return words.format(**self.values) if isinstance(words, str) else words(**self.values)
+        return sentence(words, self.values) if isinstance(words, str) else words(**self.values)
 
 
 def note(code: str, **values: Any) -> Finding:

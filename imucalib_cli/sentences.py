@@ -1,93 +1,227 @@
-"""The words of what an estimate finds out: the part of messages.MESSAGES on fits and causes."""
+"""How a finding becomes a sentence: the language of the templates in messages.py, and functions.
+
+- ``{name}`` and ``{name:.3g}`` are those of Python.
+- ``{name:mm.3g}`` is a value in m as ``4.12 mm``; likewise deg (of rad), ms and µs (of s).
+- ``{name:± other}`` is a value with the 1 sigma that another value holds, to the digits it earns.
+- ``{name:list}`` joins a tuple by commas, ``{name:list.4g}`` its numbers; ``spaced`` puts blanks
+  between letters, ``quoted`` quotes each of a tuple.
+- ``{name:sensor}`` and ``{name:unit}`` are the sensor's name and the unit of its readings,
+  ``{name:stamps}`` whose stamps are meant.
+- ``{name:many}`` is a count that is there only if it is more than one, ``some`` if it is not zero.
+- ``{name:whole}`` is a number of seconds, at least one; ``{name:/ other}`` how many times another.
+- ``[...]`` is left out where a value in it is not there; ``[...||...]`` then has its second part.
+
+What takes more than that is a function of the values, below. ``±`` is one standard deviation.
+"""
 
 from __future__ import annotations
 
 import math
+import re
 from typing import TYPE_CHECKING, Any
 
-from imucalib_cli.digits import with_std
+from imucalib_cli.digits import figures, with_std
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
-_COMPONENTS = ("x", "y", "z")
-
-
-def _rotation_unexplained(share: float, max_offset: float | None) -> str:
-    beyond = (
-        f", or do the clocks differ by more than {max_offset:g} s (--max-offset)"
-        if max_offset is not None
-        else ""
-    )
-    return (
-        f"the robot's motion does not explain the gyroscope ({share:.0%} of the rotation is left "
-        f"over): is this the right parent link, URDF and joint topic{beyond}?"
-    )
-
-
-def _beyond_noise(sensor: str, ratio: float) -> str:
-    name = {"accel": "accelerometer", "gyro": "gyroscope"}[sensor]
-    return (
-        f"what the model leaves of the {name} is {ratio:.2g} times the noise that sensor and "
-        "encoders show: a mount or a link that is not rigid, or kinematics, stamps or units that "
-        "are not what they are taken for"
-    )
+SENSORS = {"accel": ("accelerometer", "m/s²"), "gyro": ("gyroscope", "rad/s")}
+STAMPS = {"header": "header stamps", "log": "receive times"}
+_SCALES = {"mm": 1e3, "deg": math.degrees(1.0), "ms": 1e3, "µs": 1e6}
+_FORMS: dict[str, Callable[[Any], str]] = {
+    "sensor": lambda name: SENSORS[name][0],
+    "unit": lambda name: SENSORS[name][1],
+    "stamps": STAMPS.__getitem__,
+    "spaced": " ".join,
+    "quoted": lambda names: ", ".join(map(repr, [names] if isinstance(names, str) else names)),
+    "many": str,
+    "some": str,
+    "whole": lambda seconds: f"{max(seconds, 1.0):.0f}",
+}
+_VALUE = re.compile(r"\{(\w+)(?::([^{}]*))?\}")
+_CLAUSE = re.compile(r"\[([^\[\]]*)\]")
+_QUANTITY = re.compile(r"(mm|deg|ms|µs)(\W.*)")
 
 
-def _left_out(count: int, total: int, start: float | None, end: float | None) -> str:
-    where = (
-        f", nearly all between {start:.0f} and {end:.0f} s of the log: look what changed there, "
-        "the result is that of the rest"
-        if start is not None
-        else ""
-    )
-    return f"{count} of {total} windows do not fit the rest and were left out{where}"
+def sentence(template: str, values: Mapping[str, Any]) -> str:
+    """A template filled with values.
+
+    Raises:
+        KeyError, TypeError, ValueError: A value is missing or of another kind.
+    """
+
+    def clause(found: re.Match[str]) -> str:
+        full, _, other = found[1].partition("||")
+        needed = _VALUE.findall(full)
+        return full if all(_is_there(values.get(name), spec) for name, spec in needed) else other
+
+    def value(found: re.Match[str]) -> str:
+        return _shown(values[found[1]], found[2] or "", values)
+
+    return _VALUE.sub(value, _CLAUSE.sub(clause, template))
 
 
-def _window(sigmas: float, seconds: float, used: float, translation: float, rotation: float) -> str:
-    return (
-        f"the answer depends on the filter window: at {seconds:.2g} s instead of {used:.2g} s the "
-        f"IMU would be {translation * 1e3:.2g} mm and {math.degrees(rotation):.2g} deg elsewhere, "
-        f"{sigmas:.2g} sigma: something that no unknown of the model explains moves it, such as a "
-        "mount or a joint that gives; sigma includes this difference"
-    )
+def _is_there(value: Any, spec: str) -> bool:
+    if spec in {"many", "some"}:
+        return bool(value > (spec == "many"))
+    return value not in (None, "", ())
 
 
-def _mount_moved(
-    *,
-    seconds: float,
-    uncertainty: float,
-    translation: float,
-    rotation: float,
-    translation_std: float = 0.0,  # not in results of the first stage
-    rotation_std: float = 0.0,
-) -> str:
-    return (
-        f"before and after about {seconds:.0f} ± {max(uncertainty, 1.0):.0f} s of the log the "
-        f"IMU's pose differs by {translation * 1e3:.3g} ± {translation_std * 1e3:.2g} mm and "
-        f"{math.degrees(rotation):.2g} ± {math.degrees(rotation_std):.2g} deg, "
-        "beyond what noise and model explain: the mount moved, or the log joins two set-ups; "
-        "calibrate each part alone"
-    )
+def _shown(value: Any, spec: str, values: Mapping[str, Any]) -> str:
+    if spec in _FORMS:
+        return _FORMS[spec](value)
+    if spec.startswith("± "):
+        return with_std(value, values[spec[2:]])
+    if spec.startswith("/ "):
+        return f"{value / values[spec[2:]]:.2g}"
+    if spec.startswith("list"):
+        shown = (each if isinstance(each, str) else f"{each + 0.0:{spec[4:]}}" for each in value)
+        return ", ".join(shown)
+    if quantity := _QUANTITY.fullmatch(spec):
+        return f"{value * _SCALES[quantity[1]]:{quantity[2]}} {quantity[1]}"
+    return format(value, spec)
 
 
-def _clock_step(seconds: float, uncertainty: float, size: float) -> str:
-    return (
-        f"the clocks of IMU and robot shift by {size * 1e3:+.3g} ms against each other at about "
-        f"{seconds:.0f} ± {max(uncertainty, 1.0):.0f} s of the log: use a part on one side of it, "
-        "and see that no clock is set while recording"
-    )
+_SHOWN = 3
+"""Of many stretches, those that are told with their times."""
 
 
-def _bias_step(name: str, unit: str) -> Callable[..., str]:
-    def message(seconds: float, uncertainty: float, size: float) -> str:
-        return (
-            f"the {name}'s bias changes by {size:.2g} {unit} at about {seconds:.0f} ± "
-            f"{max(uncertainty, 1.0):.0f} s of the log: the sensor was reset, struck or is warming "
-            "up; use a part on one side of it"
-        )
+def stamps(words: str) -> Callable[..., str]:
+    """Of a fault of a topic's stamps: the fault, then what becomes of it."""
+
+    def message(
+        topic: str,
+        stamps: str,
+        then: str = "",
+        clock: str = "",
+        other: str | None = None,
+        **of: Any,
+    ) -> str:
+        fault = f"{STAMPS[stamps]} of {topic} {words.format(**of)}"
+        match then:
+            case "receive times":
+                return f"{fault}: receive times are used for all topics (--clock log)"
+            case "no better":
+                return f"{fault}, and receive times are no better: {other}"
+            case "asked":
+                advice = f"try --clock {'log' if clock == 'header' else 'header'}"
+                if other is not None:
+                    advice = f"and {other}"
+                return f"{fault}, yet --clock {clock} was asked for: {advice}"
+            case _:
+                return fault
 
     return message
+
+
+def rate_changes(stream: str, rates: tuple[float, ...], starts: tuple[float, ...]) -> str:
+    """At which times a stream's rate changes."""
+    parts = [f"{rates[0]:.4g} Hz at first"] + [
+        f"{rate:.4g} Hz from {start:.1f} s"
+        for rate, start in zip(rates[1 : 1 + _SHOWN], starts[1:], strict=False)
+    ]
+    more = f" and {len(rates) - 1 - _SHOWN} changes more" if len(rates) > 1 + _SHOWN else ""
+    return (
+        f"{stream}: the rate changes within the log ({', '.join(parts)}{more}): the stamps are "
+        "used as they are; check the driver's setting if one rate was meant"
+    )
+
+
+def gyro_factor(topic: str, factor: float, std: float, known: tuple[str, ...]) -> str:
+    """A gyroscope that reads a constant factor of no unit."""
+    return (
+        f"{topic}: gyro reads {_factor(factor, std)} times the rate at which the robot turns, a "
+        f"constant factor that belongs to no known unit ({', '.join(known)}): raw counts or a "
+        "wrong scale of the gyroscope, or of the joint positions; correct it in the driver and "
+        "record again"
+    )
+
+
+def _factor(value: float, std: float) -> str:
+    return with_std(value, std) if std > 0.0 else figures(value, 6)
+
+
+def zero(topic: str, sensor: str, count: int) -> str:
+    """Readings that are all zero."""
+    if sensor == "both":
+        return (
+            f"{topic}: gyro and accel are zero in all {count} messages: the driver does not fill "
+            "them in, and nothing can be calibrated from it; turn it on in the driver, or choose "
+            "another --imu-topic"
+        )
+    other = "accel" if sensor == "gyro" else "gyro"
+    return (
+        f"{topic}: {sensor} is zero in all {count} messages: the driver does not fill it in, and "
+        f"{other} alone does not tell the pose; turn it on in the driver, or choose another "
+        "--imu-topic"
+    )
+
+
+def held(streams: tuple[str, ...], stretches: tuple[tuple[float, float], ...]) -> str:
+    """When a robot's stream stands still although it moves."""
+    shown = ", ".join(f"{start:.1f} to {end:.1f} s" for start, end in stretches[:_SHOWN])
+    more = f" and {len(stretches) - _SHOWN} more" if len(stretches) > _SHOWN else ""
+    return (
+        f"{', '.join(streams)}: stands still from {shown}{more} while the IMU turns: frozen, or "
+        "something else moves the robot; these stretches were left out"
+    )
+
+
+def require_sigma(
+    *,
+    parent: str,
+    remedy: str,
+    longer: float | None = None,
+    translation: float | None = None,
+    translation_sigma: float | None = None,
+    translation_axis: str = "",
+    rotation: float | None = None,
+    rotation_sigma: float | None = None,
+    rotation_axis: str = "",
+) -> str:
+    """Which sigma is larger than was asked for, and what would help."""
+    said = []
+    for bound, sigma, axis, scale, unit, where in (
+        (translation, translation_sigma, translation_axis, 1e3, "mm", "along"),
+        (rotation, rotation_sigma, rotation_axis, math.degrees(1.0), "deg", "about"),
+    ):
+        if bound is not None and sigma is not None:
+            said.append(
+                f"{bound * scale:.6g} {unit}, the largest sigma is "
+                f"{_apart_from(sigma * scale, bound * scale)} {unit} {where} {axis} of {parent}"
+            )
+    advice = {
+        "motion": "record the motion that determines it",
+        "model": "the robot model or the mount, not noise, sets it, so correct the URDF's lengths "
+        "and joint zeros or tighten the mount; more of the same motion will not help",
+        "longer": f"record about {figures(longer or math.nan, 2)} times as long (sigma falls with "
+        "the root of the duration), or livelier motion",
+        "livelier": "record livelier motion (faster turns about several axes) and more of it",
+    }[remedy]
+    return f"--require asks for {'; and for '.join(said)}: {advice}"
+
+
+def require_no_sigma(translation: float | None, rotation: float | None, method: str) -> str:
+    """A requirement that a method without sigma cannot meet."""
+    return (
+        f"--require asks for {_tolerance(translation, rotation)}, and --method {method} states no "
+        "sigma to show it: use --method matched"
+    )
+
+
+def _tolerance(translation: float | None, rotation: float | None) -> str:
+    asked = []
+    if translation is not None:
+        asked.append(f"{translation * 1e3:.6g} mm")
+    if rotation is not None:
+        asked.append(f"{math.degrees(rotation):.6g} deg")
+    return " and ".join(asked)
+
+
+def _apart_from(value: float, bound: float) -> str:
+    """A number to as many figures as tell it from a bound."""
+    candidates = (figures(value, count) for count in range(3, 12))
+    return next((text for text in candidates if text != figures(bound, 11)), repr(value))
 
 
 _QUANTITIES: dict[str, tuple[float, str]] = {
@@ -126,7 +260,7 @@ def _quantity(unit: str, label: str, value: float, std: float) -> str:
     return f"{label} {with_std(value * factor, std * factor)} {name}".strip()
 
 
-def _unknown_found(
+def unknown_found(
     *,
     name: str,
     words: str,
@@ -138,6 +272,7 @@ def _unknown_found(
     translation: float,
     rotation: float,
 ) -> str:
+    """An unknown that stands clear of its sigma."""
     if name == "clock_drift":
         gains = "gains" if values[0] > 0.0 else "loses"
         return (
@@ -157,7 +292,7 @@ def _unknown_found(
     )
 
 
-def _implausible(
+def implausible(
     *,
     name: str,
     words: str,
@@ -168,6 +303,7 @@ def _implausible(
     limit: float,
     other: float | None = None,
 ) -> str:
+    """An unknown that is larger than it can be."""
     factor, unit_name = _QUANTITIES.get(unit, (1.0, unit))
     remedy = _CURES.get(name, "check units, ranges, axes and the URDF")
     if other is not None:
@@ -178,27 +314,13 @@ def _implausible(
     )
 
 
-def _still(joints: tuple[str, ...], translation: float, rotation: float) -> str:
-    return (
-        f"{', '.join(joints)} do not move in this log: their zeros and lengths cannot be told from "
-        f"the mount, and put {translation * 1e3:.2g} mm and {math.degrees(rotation):.2g} deg into "
-        "sigma; move them too, or say --robot exact or --robot DEG,MM"
-    )
-
-
-def _stated(option: str, unit: str, step: float, std: float) -> str:
+def stated(option: str, unit: str, step: float, std: float) -> str:
+    """Something stated that the data contradict."""
     factor, name = _QUANTITIES.get(unit, (1.0, unit))
     return (
         f"the data contradict {option}: left free, it would be "
         f"{with_std(step * factor, std * factor)} {name} from what is stated; leave the option "
         "out, or measure again"
-    )
-
-
-def _untested(components: tuple[str, ...]) -> str:
-    return (
-        f"the log says nothing on {', '.join(components)} beyond what was told by --fix or "
-        "--prior-std: it neither confirms nor contradicts it"
     )
 
 
@@ -346,7 +468,7 @@ def _of_axes(
     return f"accelerometer and gyroscope do not share their axes: {apart}{mirrored}", remap
 
 
-_CAUSES: dict[str, Callable[..., Clauses]] = {
+CAUSES: dict[str, Callable[..., Clauses]] = {
     "link": _of_link,
     "sign": _of_sign,
     "order": _of_order,
@@ -361,7 +483,7 @@ _CAUSES: dict[str, Callable[..., Clauses]] = {
 """Causes that one change of the model or of the readings explains."""
 
 
-def _cause(
+def cause(
     *,
     ties: tuple[Tie, ...],
     rotation: tuple[float, float] | None,
@@ -369,14 +491,14 @@ def _cause(
     ratio: float,
     **_: Any,
 ) -> str:
-    """A gross cause, what it leaves unexplained, those that explain as well, and what to do."""
+    """One cause that explains a poor fit, what it leaves unexplained, and what to do."""
     if all(tie[0] == "link" for tie in ties):
         names = tuple(name for tie in ties for name in tie[1])
         ties = (("link", names, (), ties[0][3]),)
         unsure = len(names) > 1
     else:
         unsure = len(ties) > 1
-    told = [_CAUSES[kind](names, sizes, *detail) for kind, names, sizes, detail in ties]
+    told = [CAUSES[kind](names, sizes, *detail) for kind, names, sizes, detail in ties]
     causes, remedies = ("; or ".join(dict.fromkeys(each)) for each in zip(*told, strict=True))
     which = ", the log cannot tell which" if unsure else ""
     left = _unexplained(rotation, acceleration, ratio)
@@ -403,7 +525,8 @@ def _percent(share: float) -> str:
     return f"{percent:.0f} %" if percent >= 10.0 else f"{percent:.2g} %"
 
 
-def _publishers(names: tuple[str, ...], sizes: tuple[float, ...], what: str, kind: str) -> str:
+def publishers(names: tuple[str, ...], sizes: tuple[float, ...], what: str, kind: str) -> str:
+    """Two publishers of one position."""
     topic, size = names[0], sizes[0]
     told = f"the pose told by {what}" if kind != "joint" else f"the position of {what} in {topic}"
     by = {
@@ -417,9 +540,10 @@ def _publishers(names: tuple[str, ...], sizes: tuple[float, ...], what: str, kin
     )
 
 
-def _base_moves(
+def base_moves(
     names: tuple[str, ...], turning: float | None, pushing: float | None, joints: bool
 ) -> str:
+    """An IMU that moves while the robot stands still."""
     seen = [] if turning is None else [f"turns at {math.degrees(turning):.2g} deg/s"]
     seen += [] if pushing is None else [f"is accelerated by {pushing:.2g} m/s²"]
     cause = (
@@ -434,68 +558,11 @@ def _base_moves(
     )
 
 
-def _unusual_bias(name: str, size: float) -> str:
+def unusual_bias(name: str, size: float) -> str:
+    """A bias that is larger than usual."""
     if name == "accel_bias":
         return (
             f"an accelerometer bias of {size:.2g} m/s² is unusual: a scale error, or another "
             "--gravity norm?"
         )
     return f"a gyroscope bias of {size:.2g} rad/s is unusual: is its unit right?"
-
-
-FIT_MESSAGES: dict[str, str | Callable[..., Any]] = {
-    "fit.rotation_unexplained": _rotation_unexplained,
-    "fit.acceleration_unexplained": "the robot's motion and gravity leave {left:.2g} m/s² of the "
-    "acceleration unexplained: are --gravity, the units and the parent link right?",
-    "offset.at_edge": "the time offset may lie beyond the search of ±{max_offset:g} s: widen it "
-    "with --max-offset",
-    "offset.undetermined": "the motion does not determine the time offset; the value is a guess",
-    "rotation.ambiguous": "another rotation fits almost as well: record motion about more than one "
-    "axis",
-    "residual.beyond_noise": _beyond_noise,
-    "windows.motion_left_out": "windows with {share:.0%} of the motion do not fit the rest and "
-    "were left out: frames, joint order or stamps may be wrong in parts of the log",
-    "windows.left_out": _left_out,
-    "windows.between_gaps": "only {share:.0%} of the time of both streams lies in filter windows, "
-    "the rest is lost to gaps ({imu} in the IMU's stamps, {robot} in the robot's): record without "
-    "losses, or choose a shorter --window",
-    "window.dependent": _window,
-    "change.mount": _mount_moved,
-    "change.clock": _clock_step,
-    "change.gyro_bias": _bias_step("gyroscope", "rad/s"),
-    "change.accel_bias": _bias_step("accelerometer", "m/s²"),
-    "unknown.found": _unknown_found,
-    "unknown.implausible": _implausible,
-    "robot.joints_still": _still,
-    "prior.contradicted": _stated,
-    "prior.untested": _untested,
-    "imu.accel_sign_in_doubt": "gravity comes out far from down, and the motion does not tell "
-    "whether world is mounted so or the accelerometer points down at rest: say --accel-sign up or "
-    "down, or move the parent link along as well",
-    "bias.unusual": _unusual_bias,
-    "imu.accel_reversed": "the accelerometer points down at rest: its values fit the motion "
-    "decisively better with their sign reversed, which was done (--accel-sign up keeps them)",
-    "imu.samples_left_out": "IMU samples left out: {repeated} with repeated stamps, {not_finite} "
-    "not finite, {astray} with stamps far from the log; stamps that went backwards: {backward}",
-    "stamps.imu_ticks": lambda jitter: (
-        f"IMU stamps jitter by {jitter * 1e3:.2g} ms about a constant rate; the constant rate fits "
-        "the motion better and was used"
-    ),
-    "stamps.robot_ticks": "robot stamps jitter about a constant rate, which fits the motion better "
-    "and was used",
-    "stream.held_values": "{stream}: values are held for several messages; only changes were used, "
-    "and the time offset contains the hold",
-    "gravity.tilted": lambda tilt: (
-        f"gravity is {math.degrees(tilt):.0f} deg off -z of the world: true for a base mounted so, "
-        "else joint signs, frames or the accelerometer's sign are wrong"
-    ),
-    "paper.not_converged": "the solver did not converge: give a better --initial guess",
-    "paper.undetermined": "the motion does not determine the pose: rotate about two axes at least",
-    "paper.unexplained": "the solution leaves {force:.2g} m/s² and {rate:.2g} rad/s unexplained, "
-    "another minimum perhaps: give a better --initial guess or use --method matched",
-    "paper.gaps": "the method assumes a constant rate; the log has {count} gaps, each side of "
-    "which was filtered alone: prefer --method matched",
-    **{f"cause.{kind}": _cause for kind in _CAUSES},
-    "cause.publishers": _publishers,
-    "cause.base_moves": _base_moves,
-}
