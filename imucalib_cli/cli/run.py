@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from imucalib_cli.cli.exit_codes import EXIT_UNTRUSTED, exit_code, worst
-from imucalib_cli.cli.files import files_of, telling_what_is_left
+from imucalib_cli.cli.files import deliver_into, files_of, of_log, telling_what_is_left
 from imucalib_cli.cli.options import (
     OUTPUT,
     EstimatorOptions,
@@ -18,7 +18,6 @@ from imucalib_cli.cli.options import (
 from imucalib_cli.cli.output import deliver, is_terminal, say, say_error, wants_colour
 from imucalib_cli.cli.parsers import file_or_folder, is_folder, tolerance
 from imucalib_cli.cli.progress import ProgressBar
-from imucalib_cli.cli.result_folder import deliver_into, of_log
 from imucalib_cli.errors import UntrustedError
 from imucalib_cli.results.formats import FORMATS, refuse_untrusted
 
@@ -111,8 +110,7 @@ def run_command(
             outcome = calibrate(request, bar.report)
         results = _deliverable(outcome, fmt, force=force)
         if folder is not None and results:
-            for name, other in deliver_into(folder, results, logs[0], fmt, force=force, read=read):
-                say("warning", f"{name} is of another IMU or log: this result is in {other}")
+            deliver_into(folder, results, logs[0], fmt, force=force, read=read)
         elif results:
             deliver(FORMATS[fmt].render(results), target)
         if not quiet:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from shlex import quote
 from typing import TYPE_CHECKING, NamedTuple
-from xml.sax.saxutils import quoteattr
 
 from imucalib_cli.errors import UntrustedError
 
@@ -65,6 +64,8 @@ def _summary(results: Sequence[Result]) -> str:
 
 def _joint(result: Result) -> str:
     """A <joint>, with its link where the URDF has none."""
+    from xml.sax.saxutils import quoteattr
+
     from imucalib_cli.results.urdf_edit import joint_snippet
 
     pose, nominal = result.pose, result.diagnostics.nominal
