@@ -8,7 +8,6 @@ import typer
 from imucalib_cli.cli.files import files_of, writing
 from imucalib_cli.cli.options import OUTPUT, CsvColumns, OutputFile
 from imucalib_cli.cli.output import deliver
-from imucalib_cli.cli.parsers import names
 from imucalib_cli.cli.progress import ProgressBar
 
 
@@ -22,8 +21,7 @@ def inspect_command(
     *,
     csv_columns: CsvColumns = None,
     urdf: Annotated[
-        Path | None,
-        typer.Option(help="Also say what of the log is in this URDF.", readable=False),
+        Path | None, typer.Option(help="Also say what of the log is in this URDF.", readable=False)
     ] = None,
     fmt: Annotated[
         Literal["text", "json"],
@@ -31,8 +29,7 @@ def inspect_command(
     ] = "text",
     output: OutputFile = None,
     quiet: Annotated[
-        bool,
-        typer.Option("-q", "--quiet", help="No progress bar.", rich_help_panel=OUTPUT),
+        bool, typer.Option("-q", "--quiet", help="No progress bar.", rich_help_panel=OUTPUT)
     ] = False,
 ) -> None:
     """Tell topics, rates, gaps, stamps and units of a log, and the command to run on it."""
@@ -40,5 +37,5 @@ def inspect_command(
 
     with writing(output, read=files_of(*logs, urdf)):
         with ProgressBar(quiet=quiet) as bar:
-            report = inspect(tuple(logs), urdf, bar.report, names(csv_columns or ""))
+            report = inspect(tuple(logs), urdf, bar.report, csv_columns or ())
         deliver(report.as_json() if fmt == "json" else report.as_text(), output)

@@ -26,8 +26,9 @@ if TYPE_CHECKING:
     Robot = Literal["nominal", "exact"] | tuple[float, float]
     Components = list[int]
     PoseStd = list[float]
+    Names = tuple[str, ...]
 else:  # typer evaluates these too; to it each is what the parser makes
-    Components = Gravity = Pose = PoseStd = Robot = Tolerance = WindowChoice = object
+    Components = Gravity = Names = Pose = PoseStd = Robot = Tolerance = WindowChoice = object
 
 # Panels of the help, in the order in which a user needs them.
 LOG, ROBOT = "Log and topics", "Robot"
@@ -41,12 +42,15 @@ _known = partial(typer.Option, rich_help_panel=KNOWN)
 _estimator = partial(typer.Option, rich_help_panel=ESTIMATOR)
 _paper = partial(typer.Option, rich_help_panel=PAPER)
 _output = partial(typer.Option, rich_help_panel=OUTPUT)
+_topic = partial(_log, metavar="TOPIC")
+_frame = partial(_robot, metavar="FRAME", parser=parsers.frame, autocompletion=complete.links)
+_bias = partial(_known, metavar="free|none|STD", parser=parsers.bias_std, show_default="free")
 
 CsvColumns = Annotated[
-    str | None,
+    Names | None,
     _log(
-        "--csv-columns",
         metavar="NAME,NAME,...",
+        parser=parsers.names,
         help="Columns of a CSV table without a header: t,gx,gy,gz,ax,ay,az; - for none.",
     ),
 ]
@@ -82,9 +86,8 @@ class RecordingOptions:
     csv_columns: CsvColumns = None
     imu_topics: Annotated[
         list[str],
-        _log(
+        _topic(
             "--imu-topic",
-            metavar="TOPIC",
             autocompletion=complete.topics("imu"),
             help="IMU to calibrate, repeatable.",
             show_default="every one in the log",
@@ -92,9 +95,8 @@ class RecordingOptions:
     ] = field(default_factory=list)
     joint_topics: Annotated[
         list[str],
-        _log(
+        _topic(
             "--joint-topic",
-            metavar="TOPIC",
             autocompletion=complete.topics("joints"),
             help="Joint states to use, repeatable.",
             show_default="all",
@@ -102,9 +104,8 @@ class RecordingOptions:
     ] = field(default_factory=list)
     pose_topics: Annotated[
         list[str],
-        _log(
+        _topic(
             "--pose-topic",
-            metavar="TOPIC",
             autocompletion=complete.topics("pose"),
             help="Poses (tf, odometry, motion capture) to use, repeatable.",
             show_default="found",
@@ -138,33 +139,21 @@ class RecordingOptions:
     ] = None
     parent: Annotated[
         str | None,
-        _robot(
-            metavar="FRAME",
-            parser=parsers.frame,
-            autocompletion=complete.links,
+        _frame(
             help="Link or frame that carries the IMU.",
             show_default="the one that holds the frame_id of its messages",
         ),
     ] = None
     imu_link: Annotated[
         str | None,
-        _robot(
+        _frame(
             metavar="LINK",
-            parser=parsers.frame,
-            autocompletion=complete.links,
             help="The IMU's link in the URDF.",
             show_default="the frame_id of its messages",
         ),
     ] = None
     world: Annotated[
-        str | None,
-        _robot(
-            metavar="FRAME",
-            parser=parsers.frame,
-            autocompletion=complete.links,
-            help="Frame that stands still.",
-            show_default="the root of the frames",
-        ),
+        str | None, _frame(help="Frame that stands still.", show_default="the root of the frames")
     ] = None
 
 
@@ -186,22 +175,15 @@ class EstimatorOptions:
     ] = None
     accel_bias_std: Annotated[
         float | None,
-        _known(
+        _bias(
             "--accel-bias",
-            metavar="free|none|STD",
-            parser=parsers.bias_std,
             help="Accelerometer bias: unknown, zero, or zero within STD m/s², 1 sigma.",
-            show_default="free",
         ),
     ] = None
     gyro_bias_std: Annotated[
         float | None,
-        _known(
-            "--gyro-bias",
-            metavar="free|none|STD",
-            parser=parsers.bias_std,
-            help="Gyroscope bias: unknown, zero, or zero within STD rad/s, 1 sigma.",
-            show_default="free",
+        _bias(
+            "--gyro-bias", help="Gyroscope bias: unknown, zero, or zero within STD rad/s, 1 sigma."
         ),
     ] = None
     time_offset: Annotated[
@@ -337,7 +319,7 @@ def calibration_request(
         name: tuple(value) if isinstance(value, list) else value
         for name, value in vars(recording).items()
     }
-    asked["csv_columns"] = parsers.names(recording.csv_columns or "")
+    asked["csv_columns"] = recording.csv_columns or ()
     units = Units(
         accel=asked.pop("accel_unit"), gyro=asked.pop("gyro_unit"), sign=asked.pop("accel_sign")
     )

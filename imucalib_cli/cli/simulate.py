@@ -55,8 +55,7 @@ class SimulateOptions:
         None
     )
     step: Annotated[
-        float | None,
-        _motion(parser=seconds, metavar="SECONDS", help="Longest integration step."),
+        float | None, _motion(parser=seconds, metavar="SECONDS", help="Longest integration step.")
     ] = None
     gravity: Annotated[float | None, _motion(help="Its norm, m/s².")] = None
     base_tilt: Annotated[
@@ -73,8 +72,7 @@ class SimulateOptions:
         _motion(parser=vector, metavar='"X Y Z"', help="True IMU position in its link, m."),
     ] = None
     mount_rpy: Annotated[
-        Vector | None,
-        _motion(parser=vector, metavar='"R P Y"', help="True IMU orientation, rad."),
+        Vector | None, _motion(parser=vector, metavar='"R P Y"', help="True IMU orientation, rad.")
     ] = None
     profile: Annotated[Literal["smooth", "hard"], _motion(help="Pushes of barbot.")] = "smooth"
     publishers: Annotated[
@@ -117,8 +115,7 @@ class SimulateOptions:
     accel_coloured: Annotated[float | None, _noise(help="Std of coloured noise, m/s².")] = None
     gyro_coloured: Annotated[float | None, _noise(help="Std of coloured noise, rad/s.")] = None
     coloured_time: Annotated[
-        float | None,
-        _noise(parser=seconds, metavar="SECONDS", help="Its correlation time."),
+        float | None, _noise(parser=seconds, metavar="SECONDS", help="Its correlation time.")
     ] = None
     spikes: Annotated[float | None, _noise(help="Share of IMU samples, such as 0.005.")] = None
     spike_accel: Annotated[float | None, _noise(help="Size, m/s².")] = None

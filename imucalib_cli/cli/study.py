@@ -26,9 +26,7 @@ def study_command(
     name: Annotated[
         str,
         typer.Argument(
-            metavar="[NAME]",
-            help="Which study; none lists them.",
-            autocompletion=complete.studies,
+            metavar="[NAME]", help="Which study; none lists them.", autocompletion=complete.studies
         ),
     ] = "",
     *,
