@@ -15,7 +15,7 @@ def inspect_command(
     logs: Annotated[
         list[Path],
         typer.Argument(
-            metavar="LOG...", help="One recording: bag, db3, MCAP or tables.", readable=False
+            metavar="LOG", help="One recording: bag, db3, MCAP or tables.", readable=False
         ),
     ],
     *,

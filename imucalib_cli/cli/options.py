@@ -451,16 +451,15 @@ def with_groups(command: Callable[..., None]) -> Callable[..., None]:
     Typer reads a command's options from its signature. The fields are annotated as typer has it;
     the command is called with the dataclasses.
     """
-    hints = get_type_hints(command, include_extras=True)
     groups: dict[str, type[Any]] = {}
     parameters: list[inspect.Parameter] = []
-    for parameter in inspect.signature(command).parameters.values():
-        hint = hints[parameter.name]
-        if is_dataclass(hint) and isinstance(hint, type):
-            groups[parameter.name] = hint
-            parameters += _fields_as_parameters(hint)
+    for parameter in inspect.signature(command, eval_str=True).parameters.values():
+        kind: Any = parameter.annotation
+        if is_dataclass(kind):
+            groups[parameter.name] = kind
+            parameters += _fields_as_parameters(kind)
         else:
-            parameters.append(parameter.replace(annotation=hint))
+            parameters.append(parameter)
 
     def ungrouped(**given: Any) -> None:
         for name, group in groups.items():

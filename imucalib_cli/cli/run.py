@@ -36,7 +36,7 @@ def run_command(
     logs: Annotated[
         list[Path],
         typer.Argument(
-            metavar="LOG...",
+            metavar="LOG",
             help="One recording: a ROS 1 bag, a ROS 2 folder or db3, an MCAP; or the files of a "
             "split one.",
             readable=False,

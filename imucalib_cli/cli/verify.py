@@ -43,7 +43,7 @@ def verify_command(
     logs: Annotated[
         list[str],
         typer.Argument(
-            metavar="LOG...|RESULT...",
+            metavar="LOG|RESULT",
             help="One recording, as for `imucalib run`; or results of it, - for stdin.",
         ),
     ],
