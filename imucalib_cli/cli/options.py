@@ -83,7 +83,6 @@ Quiet = Annotated[bool, _output("-q", "--quiet", help="Errors only on stderr.")]
 class RecordingOptions:
     """What to read and on which robot; the names are those of a CalibrationRequest."""
 
-    csv_columns: CsvColumns = None
     imu_topics: Annotated[
         list[str],
         _topic(
@@ -130,6 +129,7 @@ class RecordingOptions:
             "down fits the motion."
         ),
     ] = "auto"
+    csv_columns: CsvColumns = None
     urdf: Annotated[
         Path | None,
         _robot(

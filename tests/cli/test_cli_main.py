@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -371,6 +372,13 @@ def test_no_result_is_worse_than_an_untrusted_one() -> None:
     assert worst([3, 2]) == 2
     assert worst([3, 1, 2]) == 1
     assert worst([3, 1, 4, 2]) == 4
+
+
+def test_groups_of_the_help_come_as_a_user_needs_them(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", "--help"]) == 0
+    order = ["Arguments", "Options", "Log and topics", "Robot", "Known beforehand", "Estimator"]
+    order += ["Only with --method paper", "Output"]
+    assert re.findall(r"╭─ (.+?) ─", capsys.readouterr().out) == order
 
 
 def test_imu_means_one_thing(capsys: pytest.CaptureFixture[str]) -> None:
