@@ -17,9 +17,10 @@ from imucalib_cli.cli.exit_codes import EXIT_CODES
 from imucalib_cli.cli.main import COMMANDS, app
 from imucalib_cli.cli.options import with_groups
 from imucalib_cli.messages import MESSAGES
+from imucalib_cli.sentences import CAUSES, cause
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Callable, Iterable
 
 PACKAGE = Path(__file__).parents[1] / "imucalib_cli"
 _VALUE = re.compile(r"\{[^{}]*\}")
@@ -65,12 +66,17 @@ def exit_codes() -> str:
 
 def messages() -> str:
     """Every message by its code; what is not always there stands in brackets."""
-    codes: dict[str, list[str]] = {}
-    for code, words in sorted(MESSAGES.items()):
-        about = words if isinstance(words, str) else f"*{inspect.getdoc(words)}*"
-        codes.setdefault(_VALUE.sub("…", about.split("\n", maxsplit=1)[0]), []).append(code)
-    rows = ((", ".join(f"`{code}`" for code in alike), words) for words, alike in codes.items())
+    told = {code: words for code, words in MESSAGES.items() if words is not cause}
+    causes = {f"cause.{kind}": f"{what} (…): {remedy}" for kind, (what, remedy) in CAUSES.items()}
+    rows = (
+        (f"`{code}`", _VALUE.sub("…", words) if isinstance(words, str) else _subject(words))
+        for code, words in sorted({**told, **causes}.items())
+    )
     return _table(("code", "words"), rows)
+
+
+def _subject(composed: Callable[..., str]) -> str:
+    return f"*{inspect.getdoc(composed)}*"
 
 
 def rooms() -> str:

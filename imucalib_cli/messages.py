@@ -265,7 +265,7 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "another minimum perhaps: give a better --initial guess or use --method matched",
     "paper.gaps": "the method assumes a constant rate; the log has {count} gaps, each side of "
     "which was filtered alone: prefer --method matched",
-    **{f"cause.{kind}": cause for kind in CAUSES},
+    **{f"cause.{kind.partition('.')[0]}": cause for kind in CAUSES},
     "cause.publishers": publishers,
     "cause.base_moves": base_moves,
 }

@@ -8,7 +8,7 @@
 - ``{name:sensor}`` and ``{name:unit}`` are the sensor's name and the unit of its readings,
   ``{name:stamps}`` whose stamps are meant.
 - ``{name:many}`` is a count that is there only if it is more than one, ``some`` if it is not zero.
-- ``{name:whole}`` is a number of seconds, at least one; ``{name:/ other}`` how many times another.
+- ``{name:/ other}`` is how many times another value it is; further forms stand in ``_FORMS``.
 - ``[...]`` is left out where a value in it is not there; ``[...||...]`` then has its second part.
 
 What takes more than that is a function of the values, below. ``±`` is one standard deviation.
@@ -37,6 +37,19 @@ _FORMS: dict[str, Callable[[Any], str]] = {
     "many": str,
     "some": str,
     "whole": lambda seconds: f"{max(seconds, 1.0):.0f}",
+    "later": lambda seconds: f"{_duration(abs(seconds))} {'later' if seconds > 0 else 'earlier'}",
+    "beyond": lambda seconds: f"{math.ceil(abs(seconds) * 1.1 + 0.5)}s",
+    "order": {
+        "chain": "they come in the order of the chain, their names do not",
+        "alphabet": "they come in alphabetical order, their names do not",
+        "reverse": "they come in the reverse order of their names",
+        "late": "they come one place late",
+        "early": "they come one place early",
+    }.__getitem__,
+    "sound": {
+        "accelerometer": "point up at rest",
+        "gyroscope": "be right-handed",
+    }.__getitem__,
 }
 _VALUE = re.compile(r"\{(\w+)(?::([^{}]*))?\}")
 _CLAUSE = re.compile(r"\[([^\[\]]*)\]")
@@ -59,6 +72,10 @@ def sentence(template: str, values: Mapping[str, Any]) -> str:
         return _shown(values[found[1]], found[2] or "", values)
 
     return _VALUE.sub(value, _CLAUSE.sub(clause, template))
+
+
+def _duration(seconds: float) -> str:
+    return f"{seconds:.3g} s" if seconds >= 1.0 else f"{seconds * 1e3:.3g} ms"
 
 
 def _is_there(value: Any, spec: str) -> bool:
@@ -324,163 +341,135 @@ def stated(option: str, unit: str, step: float, std: float) -> str:
     )
 
 
-Clauses = tuple[str, str]
-"""What is wrong, and the remedy."""
-_HOW: dict[str, str] = {
-    "chain": "they come in the order of the chain, their names do not",
-    "alphabet": "they come in alphabetical order, their names do not",
-    "reverse": "they come in the reverse order of their names",
-    "late": "they come one place late",
-    "early": "they come one place early",
-}
-"""In what order positions come that do not belong to their names."""
+_REMAP = "mend the driver's axis mapping"
+_REORDER = "let the publisher list positions in the order of its names"
 _JOINT_STATES = "sensor_msgs/JointState is in {}: convert them in the publisher"
-_UNITS: dict[str, Clauses] = {
-    "joints": ("the joint positions of {} are in degrees", _JOINT_STATES.format("rad")),
-    "sliding": (
-        "the positions of sliding joints in {} are in millimetres",
+CAUSES: dict[str, tuple[str, str]] = {
+    "link": (
+        "the IMU moves as {any} does, not as {told}",
+        (
+            "rerun with --parent {parents}; if --parent was not given, correct also the frame_id or "
+            "the URDF's joint that holds the IMU"
+        ),
+    ),
+    "sign": (
+        "joint {first} turns the other way than the URDF says: its axis is of the wrong sign",
+        "reverse <axis> in the URDF, or the sign of these positions in their publisher",
+    ),
+    "sign.several": (
+        "joints {all} turn the other way than the URDF says: their axes are of the wrong sign",
+        "reverse <axis> in the URDF, or the sign of these positions in their publisher",
+    ),
+    "order": ("the positions of {all} are exchanged in {topic}[ ({how:order})]", _REORDER),
+    "order.many": (
+        "positions and names of the joints in {topic} do not belong together[ ({how:order})]",
+        _REORDER,
+    ),
+    "unit.joints": ("the joint positions of {topics} are in degrees", _JOINT_STATES.format("rad")),
+    "unit.sliding": (
+        "the positions of sliding joints in {topics} are in millimetres",
         _JOINT_STATES.format("m"),
     ),
-    "origins": ("the origins in the URDF are in millimetres", "URDF is in m: divide them by 1000"),
-    "poses": (
-        "the positions of {} are in millimetres",
+    "unit.origins": (
+        "the origins in the URDF are in millimetres",
+        "URDF is in m: divide them by 1000",
+    ),
+    "unit.poses": (
+        "the positions of {topics} are in millimetres",
         "ROS poses are in m: convert them in the publisher",
     ),
+    "inverse": (
+        "the poses of {first} are the wrong way round, of the parent in the child",
+        "publish their inverse, or exchange the two frames' names",
+    ),
+    "quaternion": (
+        "the quaternions of {first} come in the order {order}",
+        "ROS has x y z w: let the publisher reorder them",
+    ),
+    "conjugate": (
+        "the rotations of {first} are inverted while the positions are not",
+        "publish conjugate quaternions",
+    ),
+    "zero": (
+        (
+            "joint {first} stands {size:deg+.4g} from where its position says (true angle less "
+            "position)"
+        ),
+        "turn the joint's origin in the URDF by it, or correct the encoder's zero",
+    ),
+    "offset": (
+        (
+            "the IMU's stamps are {size:later} than the robot's, beyond the search of "
+            "±{max_offset:g} s"
+        ),
+        "rerun with --max-offset {size:beyond}",
+    ),
+    "offset.given": (
+        "the IMU's stamps are {size:later} than the robot's, not the {given:g} s that were given",
+        "rerun without --time-offset, or give this one",
+    ),
+    "axes.left-handed": (
+        (
+            "the IMU's axes are left-handed (both sensors fit a mirrored frame and no rotation): an "
+            "axis has the wrong sign, or two are swapped"
+        ),
+        _REMAP,
+    ),
+    "axes.reversed": (
+        "the {which}'s sign is reversed on all axes (should {which:sound})",
+        "negate its data",
+    ),
+    "axes": (
+        (
+            "accelerometer and gyroscope do not share their axes: [the gyroscope's x, y, z point along "
+            "the accelerometer's {order}||they are turned by {size:deg.0f} against each other]"
+            "[; those of the {which} are left-handed]"
+        ),
+        _REMAP,
+    ),
 }
+"""Causes that one change of the model or of the readings explains: what is wrong, and the remedy.
+
+A kind has further forms behind a dot.
+"""
+_DETAILS: dict[str, tuple[str, ...]] = {
+    "link": ("told",),
+    "order": ("topic", "how"),
+    "unit": ("of", "topics"),
+    "quaternion": ("order",),
+    "offset": ("given", "max_offset"),
+    "axes": ("form", "which", "order"),
+}
+"""What else the words of a kind need, in the order in which a finding has it."""
 _MOST_LISTED = 3
 """Joints named in a sentence about their order."""
 
 Detail = str | float | None
 Tie = tuple[str, tuple[str, ...], tuple[float, ...], tuple[Detail, ...]]
-"""Kind of a cause, names, sizes, and what else its words need."""
+"""Kind of a cause, names, sizes, and the details of its kind."""
 
 
-def _listed(names: tuple[str, ...]) -> str:
-    return f"{', '.join(names[:-1])} and {names[-1]}" if len(names) > 1 else names[0]
-
-
-def _of_link(names: tuple[str, ...], _: tuple[float, ...], told: str) -> Clauses:
-    return (
-        f"the IMU moves as {' or '.join(names)} does, not as {told}",
-        (
-            f"rerun with --parent {' or --parent '.join(names)}; if --parent was not given, "
-            "correct also the frame_id or the URDF's joint that holds the IMU"
-        ),
-    )
-
-
-def _of_sign(names: tuple[str, ...], _: tuple[float, ...]) -> Clauses:
-    one = len(names) == 1
-    return (
-        (
-            f"{'joint' if one else 'joints'} {_listed(names)} {'turns' if one else 'turn'} the "
-            f"other way than the URDF says: {'its axis is' if one else 'their axes are'} of the "
-            "wrong sign"
-        ),
-        "reverse <axis> in the URDF, or the sign of these positions in their publisher",
-    )
-
-
-def _of_order(names: tuple[str, ...], _: tuple[float, ...], topic: str, how: str) -> Clauses:
-    why = f" ({_HOW[how]})" if how else ""
-    what = (
-        f"the positions of {_listed(names)} are exchanged in {topic}"
-        if len(names) <= _MOST_LISTED
-        else f"positions and names of the joints in {topic} do not belong together"
-    )
-    return what + why, "let the publisher list positions in the order of its names"
-
-
-def _of_unit(_: tuple[str, ...], __: tuple[float, ...], of: str, topics: str) -> Clauses:
-    what, remedy = _UNITS[of]
-    return what.format(topics), remedy
-
-
-def _of_inverse(names: tuple[str, ...], _: tuple[float, ...]) -> Clauses:
-    return (
-        f"the poses of {names[0]} are the wrong way round, of the parent in the child",
-        "publish their inverse, or exchange the two frames' names",
-    )
-
-
-def _of_quaternion(names: tuple[str, ...], _: tuple[float, ...], order: str) -> Clauses:
-    return (
-        f"the quaternions of {names[0]} come in the order {order}",
-        "ROS has x y z w: let the publisher reorder them",
-    )
-
-
-def _of_conjugate(names: tuple[str, ...], _: tuple[float, ...]) -> Clauses:
-    return (
-        f"the rotations of {names[0]} are inverted while the positions are not",
-        "publish conjugate quaternions",
-    )
-
-
-def _of_zero(names: tuple[str, ...], sizes: tuple[float, ...]) -> Clauses:
-    return (
-        (
-            f"joint {names[0]} stands {math.degrees(sizes[0]):+.4g} deg from where its position "
-            "says (true angle less position)"
-        ),
-        "turn the joint's origin in the URDF by it, or correct the encoder's zero",
-    )
-
-
-def _of_offset(
-    _: tuple[str, ...], sizes: tuple[float, ...], given: float | None, max_offset: float
-) -> Clauses:
-    late, size = "later" if sizes[0] > 0.0 else "earlier", abs(sizes[0])
-    shown = f"{size:.3g} s" if size >= 1.0 else f"{size * 1e3:.3g} ms"
-    what = f"the IMU's stamps are {shown} {late} than the robot's"
-    if given is not None:
-        return (
-            f"{what}, not the {given:g} s that were given",
-            "rerun without --time-offset, or give this one",
-        )
-    return (
-        f"{what}, beyond the search of ±{max_offset:g} s",
-        f"rerun with --max-offset {math.ceil(size * 1.1 + 0.5)}s",
-    )
-
-
-def _of_axes(
-    _: tuple[str, ...], sizes: tuple[float, ...], form: str, which: str, order: str
-) -> Clauses:
-    remap = "mend the driver's axis mapping"
-    if form == "left-handed":
-        return (
-            (
-                "the IMU's axes are left-handed (both sensors fit a mirrored frame and no "
-                "rotation): an axis has the wrong sign, or two are swapped"
-            ),
-            remap,
-        )
-    if form == "reversed":
-        how = "point up at rest" if which == "accelerometer" else "be right-handed"
-        return f"the {which}'s sign is reversed on all axes (should {how})", "negate its data"
-    apart = (
-        f"the gyroscope's x, y, z point along the accelerometer's {order}"
-        if order
-        else f"they are turned by {math.degrees(sizes[0]):.0f} deg against each other"
-    )
-    mirrored = f"; those of the {which} are left-handed" if which else ""
-    return f"accelerometer and gyroscope do not share their axes: {apart}{mirrored}", remap
-
-
-CAUSES: dict[str, Callable[..., Clauses]] = {
-    "link": _of_link,
-    "sign": _of_sign,
-    "order": _of_order,
-    "unit": _of_unit,
-    "inverse": _of_inverse,
-    "quaternion": _of_quaternion,
-    "conjugate": _of_conjugate,
-    "zero": _of_zero,
-    "offset": _of_offset,
-    "axes": _of_axes,
-}
-"""Causes that one change of the model or of the readings explains."""
+def _clauses(
+    kind: str, names: tuple[str, ...], sizes: tuple[float, ...], *detail: Detail
+) -> list[str]:
+    """What is wrong, and the remedy."""
+    values: dict[str, Any] = dict(zip(_DETAILS.get(kind, ()), detail, strict=True))
+    values |= {
+        "first": names[0] if names else "",
+        "all": " and ".join(filter(None, (", ".join(names[:-1]), *names[-1:]))),
+        "any": " or ".join(names),
+        "parents": " or --parent ".join(names),
+        "size": sizes[0] if sizes else 0.0,
+    }
+    form = {
+        "sign": "several" if len(names) > 1 else "",
+        "order": "many" if len(names) > _MOST_LISTED else "",
+        "unit": values.get("of"),
+        "offset": "" if values.get("given") is None else "given",
+        "axes": values.get("form"),
+    }.get(kind)
+    templates = CAUSES.get(f"{kind}.{form}") or CAUSES[kind]
+    return [sentence(template, values) for template in templates]
 
 
 def cause(
@@ -498,7 +487,7 @@ def cause(
         unsure = len(names) > 1
     else:
         unsure = len(ties) > 1
-    told = [CAUSES[kind](names, sizes, *detail) for kind, names, sizes, detail in ties]
+    told = [_clauses(kind, names, sizes, *detail) for kind, names, sizes, detail in ties]
     causes, remedies = ("; or ".join(dict.fromkeys(each)) for each in zip(*told, strict=True))
     which = ", the log cannot tell which" if unsure else ""
     left = _unexplained(rotation, acceleration, ratio)
