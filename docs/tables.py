@@ -69,7 +69,12 @@ def messages() -> str:
     told = {code: words for code, words in MESSAGES.items() if words is not cause}
     causes = {f"cause.{kind}": f"{what} (…): {remedy}" for kind, (what, remedy) in CAUSES.items()}
     rows = (
-        (f"`{code}`", _VALUE.sub("…", words) if isinstance(words, str) else _subject(words))
+        (
+            f"`{code}`",
+            _VALUE.sub("…", words).replace("||", " or: ")
+            if isinstance(words, str)
+            else _subject(words),
+        )
         for code, words in sorted({**told, **causes}.items())
     )
     return _table(("code", "words"), rows)

@@ -348,8 +348,8 @@ CAUSES: dict[str, tuple[str, str]] = {
     "link": (
         "the IMU moves as {any} does, not as {told}",
         (
-            "rerun with --parent {parents}; if --parent was not given, correct also the frame_id or "
-            "the URDF's joint that holds the IMU"
+            "rerun with --parent {parents}; if --parent was not given, correct also the frame_id "
+            "or the URDF's joint that holds the IMU"
         ),
     ),
     "sign": (
@@ -410,8 +410,8 @@ CAUSES: dict[str, tuple[str, str]] = {
     ),
     "axes.left-handed": (
         (
-            "the IMU's axes are left-handed (both sensors fit a mirrored frame and no rotation): an "
-            "axis has the wrong sign, or two are swapped"
+            "the IMU's axes are left-handed (both sensors fit a mirrored frame and no rotation): "
+            "an axis has the wrong sign, or two are swapped"
         ),
         _REMAP,
     ),
@@ -421,8 +421,8 @@ CAUSES: dict[str, tuple[str, str]] = {
     ),
     "axes": (
         (
-            "accelerometer and gyroscope do not share their axes: [the gyroscope's x, y, z point along "
-            "the accelerometer's {order}||they are turned by {size:deg.0f} against each other]"
+            "accelerometer and gyroscope do not share their axes: [the gyroscope's x, y, z point "
+            "along the accelerometer's {order}||they are turned by {size:deg.0f} against each other]"
             "[; those of the {which} are left-handed]"
         ),
         _REMAP,
