@@ -422,7 +422,8 @@ CAUSES: dict[str, tuple[str, str]] = {
     "axes": (
         (
             "accelerometer and gyroscope do not share their axes: [the gyroscope's x, y, z point "
-            "along the accelerometer's {order}||they are turned by {size:deg.0f} against each other]"
+            "along the accelerometer's {order}||they are turned by {size:deg.0f} against each "
+            "other]"
             "[; those of the {which} are left-handed]"
         ),
         _REMAP,
