@@ -29,6 +29,7 @@ from imucalib_cli.estimate.windows import (
     plan_windows,
     shortest_length,
 )
+from imucalib_cli.signals.lag import LEAST_OVERLAP
 from imucalib_cli.signals.samples import ImuSamples
 from imucalib_cli.signals.trajectory import CleanTrack, Trajectory, clean_track
 
@@ -323,7 +324,7 @@ def _other_offsets(bench: Bench, hypothesis: Hypothesis, told: Trial) -> Iterato
     found = []
     for centre in np.arange(-_FAR, _FAR + 1.0, 2.0 * _STRETCH):
         offset, alike = bench.coarse(hypothesis.path, float(centre), _STRETCH)
-        if not _searched(told, offset):
+        if bench.windowing.overlap(offset) > LEAST_OVERLAP and not _searched(told, offset):
             found.append((alike, offset))
     found.sort(reverse=True)
     for _, offset in found[: _KEPT["offset"]]:

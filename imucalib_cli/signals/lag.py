@@ -25,7 +25,7 @@ class Lag:
     """The best shift is the last one searched: the true one may lie beyond."""
 
 
-_LEAST_OVERLAP = 0.5
+LEAST_OVERLAP = 0.5
 """Share of the shorter series that must overlap: the correlation of less is high by chance."""
 
 
@@ -60,7 +60,7 @@ def best_lag(reference: Floats, series: Floats, usable: NDArray[np.bool_], most:
     if scale <= 0.0 or not np.isfinite(scale):
         return None
     score = correlate(a, b) / np.sqrt(np.maximum(energy, 1e-6 * scale))
-    least = _LEAST_OVERLAP * min(mask_a.sum(), mask_b.sum())
+    least = LEAST_OVERLAP * min(mask_a.sum(), mask_b.sum())
     enough = np.flatnonzero(correlate(mask_a, mask_b) >= least - 0.5)  # counts, but for rounding
     if not len(enough):
         return None

@@ -176,7 +176,7 @@ def _(scene: Scene) -> Seen:
 
 @provokes("offset-given")
 def _(scene: Scene) -> Seen:
-    return scene.run_arm(with_stamps(stamps() + 0.03), "--time-offset", "none")
+    return scene.run_arm(with_stamps(stamps() + 0.7), "--time-offset", "none")
 
 
 @provokes("missing")
