@@ -10,8 +10,6 @@ from enum import Enum
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal
 
-from imucalib_cli.messages import MESSAGES
-
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
@@ -64,8 +62,11 @@ class Finding:
             KeyError, TypeError, ValueError, IndexError: The code is unknown, or values are
                 missing or of another kind; of stored findings only.
         """
+        from imucalib_cli.messages import MESSAGES
+        from imucalib_cli.sentences import sentence
+
         words = MESSAGES[self.code]
-        return words.format(**self.values) if isinstance(words, str) else words(**self.values)
+        return sentence(words, self.values) if isinstance(words, str) else words(**self.values)
 
 
 def note(code: str, **values: Any) -> Finding:

@@ -12,7 +12,9 @@ from pathlib import Path
 import pytest
 import typer
 import yaml
+from cogapp import Cog
 
+from docs.tables import imported_rooms
 from imucalib_cli import __version__
 from imucalib_cli.cli.main import app
 
@@ -158,3 +160,27 @@ def test_every_dependency_is_justified() -> None:
     assert listed is not None
     for name in re.findall(r'"([a-z0-9-]+)[>=]', listed[1]):
         assert name in page, name
+
+
+def test_tables_of_the_pages_are_those_of_the_code(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """To write them again: cog -r -I . docs/*.md README.md."""
+    monkeypatch.chdir(ROOT)
+    pages = [str(page.relative_to(ROOT)) for page in PAGES if "[[[cog" in page.read_text("utf-8")]
+    assert len(pages) >= 3
+    assert Cog().main(["cog", "--check", "-I", ".", *pages]) == 0, capsys.readouterr().out
+
+
+def test_the_diagram_shows_every_import_between_rooms() -> None:
+    """Directly or by way of others; and none the other way round."""
+    imports = imported_rooms()
+    shown = re.findall(r"    (\w+) --> (\w+)", (ROOT / "docs/architecture.md").read_text("utf-8"))
+    assert {room for pair in shown for room in pair} == set(imports)
+    for room, needed in imports.items():
+        reached, new = set[str](), {room}
+        while new:
+            new = {other for each in new for one, other in shown if one == each} - reached
+            reached |= new
+        assert needed <= reached
+        assert room not in reached

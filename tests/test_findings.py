@@ -23,6 +23,7 @@ from imucalib_cli.findings import (
     warnings,
 )
 from imucalib_cli.messages import MESSAGES
+from imucalib_cli.sentences import sentence
 
 PACKAGE = Path(imucalib_cli.__file__).parent
 MAKERS = {"make", "note", "warning", "untrusted", "Finding", "FindingEntry"}
@@ -121,3 +122,41 @@ def test_only_grave_findings_change_the_status() -> None:
     assert status(grave) == "untrusted"
     assert reasons(grave) == ("the robot does not move in this log",)
     assert warnings(grave) == warnings(told)
+
+
+@pytest.mark.parametrize(
+    ("template", "said"),
+    [
+        ("{count} of {topic}", "3 of /imu"),
+        ("{length:mm.3g}, {angle:deg.2g}, {delay:ms+.3g}", "12.3 mm, 90 deg, -1.5 ms"),
+        ("{length:± std} m", "0.0123 ± 0.0010 m"),
+        ("{held:list.3g} {sensor:unit} on {axes:spaced}", "0, 1.5 rad/s on x z"),
+        ("{names:list} ({names:quoted}), {sensor:sensor}", "a, b ('a', 'b'), gyroscope"),
+        ("it moves[ by {length:mm.3g}][ about {nothing:.2g}]", "it moves by 12.3 mm"),
+        ("[joint {empty}||the mount] moves[ in {count:many} parts]", "the mount moves in 3 parts"),
+        ("lost[ {one:many}][ {one:some}][ {missing}]", "lost 1"),
+        ("{std:/ length} times, {std:whole} s", "0.081 times, 1 s"),
+    ],
+)
+def test_the_language_of_messages(template: str, said: str) -> None:
+    values = {
+        "count": 3,
+        "one": 1,
+        "topic": "/imu",
+        "length": 0.0123,
+        "std": 0.001,
+        "angle": np.pi / 2,
+        "delay": -1.5e-3,
+        "held": (-0.0, 1.5),
+        "axes": "xz",
+        "names": ("a", "b"),
+        "sensor": "gyro",
+        "nothing": None,
+        "empty": "",
+    }
+    assert sentence(template, values) == said
+
+
+def test_a_value_that_is_missing_is_no_sentence() -> None:
+    with pytest.raises(KeyError):
+        sentence("{count} messages", {})

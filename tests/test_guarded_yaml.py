@@ -81,7 +81,7 @@ def test_nothing_that_is_written_needs_an_alias() -> None:
         ["compare", "{bomb}", "--kalibr", "{bomb}", "--urdf", "{urdf}"],
         ["run", "{log}", "--urdf", "{urdf}", "--imu-model", "{bomb}"],
         ["simulate", "--config", "{bomb}", "-o", "{bomb}.mcap"],
-        ["simulate", "rihibot", "--imu", "{bomb}", "-o", "{bomb}.mcap"],
+        ["simulate", "rihibot", "--imu-model", "{bomb}", "-o", "{bomb}.mcap"],
         ["simulate", "rihibot", "--camera-config", "{bomb}", "-o", "{bomb}.mcap"],
         ["study", "bias", "--config", "{bomb}", "-o", "{bomb}.study"],
     ],

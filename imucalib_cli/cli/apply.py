@@ -5,9 +5,11 @@ from typing import Annotated
 
 import typer
 
-from imucalib_cli.cli.answer_options import Quiet
-from imucalib_cli.cli.files import files_of, output_path, telling_what_is_left
-from imucalib_cli.cli.output import deliver, exit_code, say, show, worst
+from imucalib_cli.cli import complete
+from imucalib_cli.cli.exit_codes import exit_code, worst
+from imucalib_cli.cli.files import files_of, telling_what_is_left
+from imucalib_cli.cli.options import OUTPUT, OutputFile, Quiet
+from imucalib_cli.cli.output import deliver, say, say_error
 
 
 def apply_command(
@@ -15,44 +17,41 @@ def apply_command(
         str, typer.Argument(metavar="RESULT", help="Result of `imucalib run`; - reads stdin.")
     ],
     *,
-    urdf: Annotated[Path, typer.Option("--urdf", help="URDF to calibrate; it is not changed.")],
+    urdf: Annotated[Path, typer.Option(help="URDF to calibrate; it is not changed.")],
     imu: Annotated[
         list[str] | None,
         typer.Option(
-            "--imu",
             metavar="FRAME|TOPIC",
-            help="IMU to apply, of a result of several; repeatable; default: all.",
+            autocompletion=complete.imus,
+            help="IMU to apply, of a result of several; repeatable.",
+            show_default="all",
         ),
     ] = None,
-    output: Annotated[
-        str | None,
-        typer.Option("-o", "--output", metavar="FILE", help="Where to write; default stdout."),
-    ] = None,
+    output: OutputFile = None,
     force: Annotated[
         bool,
         typer.Option(
             "--force",
             help="Use a result that should not be trusted, and write over another URDF or a log.",
+            rich_help_panel=OUTPUT,
         ),
     ] = False,
     quiet: Quiet = False,
 ) -> None:
     """Write a URDF with the IMU's joint at the calibrated pose, every other byte as it was."""
-    path = output_path(output)
     from imucalib_cli.jobs.apply import apply
     from imucalib_cli.results.places import see_places
 
-    with telling_what_is_left(path):
+    with telling_what_is_left(output):
         applied = apply(result, urdf, imus=imu or (), force=force)
         if applied.content is not None:
-            if path is not None:
+            if output is not None:
                 read = files_of(result, urdf)
-                see_places(read=read, written=[path], force=force, made_here=applied.made)
-            deliver(applied.content, path)
+                see_places(read=read, written=[output], force=force, made_here=applied.made)
+            deliver(applied.content, output)
         if not quiet:
             for change in applied.changes:
                 say("applied", change)
         for failure in applied.failures:
-            say("error", failure)
-            show(getattr(failure, "snippet", ""))
+            say_error(failure)
         raise typer.Exit(worst(exit_code(failure) for failure in applied.failures))

@@ -1,14 +1,15 @@
 """``imucalib compare``: a result beside one of another tool."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
-from imucalib_cli.cli.answer_options import OUTPUT, AnswerFile, Quiet
+from imucalib_cli.cli import complete
+from imucalib_cli.cli.exit_codes import EXIT_OK, EXIT_UNTRUSTED
 from imucalib_cli.cli.files import files_of, writing
-from imucalib_cli.cli.output import EXIT_OK, EXIT_UNTRUSTED, deliver, say
-from imucalib_cli.cli.quantities import parse_choice
+from imucalib_cli.cli.options import OUTPUT, OutputFile, Quiet
+from imucalib_cli.cli.output import deliver, say
 
 
 def compare_command(
@@ -19,7 +20,6 @@ def compare_command(
     kalibr: Annotated[
         str,
         typer.Option(
-            "--kalibr",
             metavar="FILE",
             help="camchain-imucam.yaml of kalibr_calibrate_imu_camera; - reads stdin.",
         ),
@@ -27,72 +27,63 @@ def compare_command(
     urdf: Annotated[
         Path,
         typer.Option(
-            "--urdf",
-            help="Its fixed joints lead from the IMU's link to the camera.",
-            readable=False,
+            help="Its fixed joints lead from the IMU's link to the camera.", readable=False
         ),
     ],
     camera_link: Annotated[
         str | None,
         typer.Option(
-            "--camera-link",
-            help="The camera's optical frame in the URDF (z forward, x right); default: the only "
-            "link that ends in _optical_frame.",
+            autocompletion=complete.links,
+            help="The camera's optical frame in the URDF (z forward, x right).",
+            show_default="the only link that ends in _optical_frame",
         ),
     ] = None,
-    camera: Annotated[str, typer.Option("--camera", help="Which of Kalibr's chain.")] = "cam0",
+    camera: Annotated[str, typer.Option(help="Which of Kalibr's chain.")] = "cam0",
     imu: Annotated[
-        str | None, typer.Option("--imu", help="Frame or topic, where the result has several.")
+        str | None,
+        typer.Option(
+            metavar="FRAME|TOPIC",
+            autocompletion=complete.imus,
+            help="IMU to compare, of a result of several.",
+        ),
     ] = None,
     truth: Annotated[
         str | None,
-        typer.Option(
-            "--truth", metavar="FILE", help="truth.yaml of a simulated log: the errors of both."
-        ),
+        typer.Option(metavar="FILE", help="truth.yaml of a simulated log: the errors of both."),
     ] = None,
     fmt: Annotated[
-        str,
+        Literal["yaml", "json", "summary"],
         typer.Option(
-            "--format",
-            metavar="yaml|json|summary",
-            help="Form of the answer; summary is words.",
-            rich_help_panel=OUTPUT,
+            "--format", help="Form of the answer; summary is words.", rich_help_panel=OUTPUT
         ),
     ] = "yaml",
-    output: AnswerFile = None,
+    output: OutputFile = None,
     quiet: Quiet = False,
 ) -> None:
     """Put a result beside Kalibr's, through the URDF. Exit 0; 3 if the result is untrusted."""
-    parse_choice("--format", fmt, ("yaml", "json", "summary"))
-    with writing(output, read=files_of(result, kalibr, truth, urdf)) as path:
+    with writing(output, read=files_of(result, kalibr, truth, urdf)):
         from imucalib_cli.jobs.compare import compare_files
         from imucalib_cli.results.codec import to_json, to_yaml
         from imucalib_cli.results.kalibr import summarise_comparison
 
         compared = compare_files(
-            result,
-            kalibr,
-            urdf,
-            camera=camera,
-            camera_link=camera_link,
-            imu=imu,
-            truth=truth,
+            result, kalibr, urdf, camera=camera, camera_link=camera_link, imu=imu, truth=truth
         )
         answer = compared.answer
-        match fmt:
-            case "summary":
-                text = summarise_comparison(compared)
-            case "json":
-                text = to_json([answer])
-            case _:
-                text = to_yaml([answer])
-        deliver(text, path)
+        if fmt == "summary":
+            text = summarise_comparison(compared)
+        else:
+            text = to_json([answer]) if fmt == "json" else to_yaml([answer])
+        deliver(text, output)
+        trusted = answer.status == "ok"
         if not quiet:
             if fmt != "summary":
                 say("compared", answer.reason)
             for warning in answer.warnings:
                 say("warning", warning)
-        trusted = answer.status == "ok"
-        if not trusted and not quiet:
-            say("warning", f"{result}: the result should not be trusted, so neither should this")
+            if not trusted:
+                say(
+                    "warning",
+                    f"{result}: the result should not be trusted, so neither should this",
+                )
         raise typer.Exit(EXIT_OK if trusted else EXIT_UNTRUSTED)

@@ -1,52 +1,28 @@
-"""What a command reads and writes, as the user named it."""
+"""What a command reads and writes: seen before any work, and told when it was not written."""
 
 from __future__ import annotations
 
-import os
+import re
+import unicodedata
 from contextlib import contextmanager
+from glob import escape
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
 
 from imucalib_cli.cli.output import say
-from imucalib_cli.errors import ChoiceError, ImucalibError
+from imucalib_cli.errors import ImucalibError, InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterable, Iterator, Sequence
+
+    from imucalib_cli.results.result import Result
 
 _STDIN = Path("/dev/stdin")
-
-
-def output_path(output: str | None) -> Path | None:
-    """The file that ``-o`` names; None for stdout.
-
-    Raises:
-        ChoiceError: It names nothing, or a folder.
-    """
-    if output is None or output == "-":
-        return None
-    if not output:
-        raise ChoiceError("-o is empty, as of a variable that is not set: name the file to write")
-    if is_folder(output):
-        raise ChoiceError(f"-o {output}: is a folder; name the file to write")
-    return Path(output)
-
-
-def log_path(output: str) -> Path:
-    """The log that ``-o`` names, which may be a folder.
-
-    Raises:
-        ChoiceError: It names nothing, or stdout.
-    """
-    if output in {"", "-"}:
-        raise ChoiceError(f"-o {output or 'is empty'}: a log goes to a file or a folder: name one")
-    return Path(output)
-
-
-def is_folder(output: str | None) -> bool:
-    """Whether ``-o`` names a folder: it ends with a slash or exists as one."""
-    return bool(output) and (str(output).endswith(("/", os.sep)) or Path(str(output)).is_dir())
+_LONGEST = 200
+"""Bytes of a name without suffix and number: file systems allow 255."""
 
 
 def files_of(*named: Path | str | None) -> list[Path]:
@@ -56,19 +32,18 @@ def files_of(*named: Path | str | None) -> list[Path]:
 
 
 @contextmanager
-def writing(output: str | None, *, read: Iterable[Path]) -> Iterator[Path | None]:
-    """Give the file of an answer, seen before any computing to be free; None for stdout.
+def writing(output: Path | None, *, read: Iterable[Path]) -> Iterator[None]:
+    """See before any computing that the file of an answer is free; None is stdout.
 
     Raises:
-        ChoiceError, InputError: As :func:`output_path` and results.places.see_places.
+        ChoiceError, InputError: As results.places.see_places.
     """
-    path = output_path(output)
-    if path is not None:
+    if output is not None:
         from imucalib_cli.results.places import see_places
 
-        see_places(read=read, written=[path])
-    with telling_what_is_left(path):
-        yield path
+        see_places(read=read, written=[output])
+    with telling_what_is_left(output):
+        yield
 
 
 @contextmanager
@@ -88,6 +63,74 @@ def telling_what_is_left(*outputs: Path | None) -> Iterator[None]:
         raise
 
 
+def deliver_into(
+    folder: Path,
+    results: Sequence[Result],
+    log: Path,
+    fmt: str,
+    *,
+    force: bool,
+    read: Iterable[Path],
+) -> None:
+    """Write ``<log>.<imu>.<suffix>`` for each IMU into a folder, which is made if need be.
+
+    A name that belongs to another result gets a number, with a warning.
+
+    Raises:
+        ChoiceError, InputError: As results.places.see_places.
+    """
+    from imucalib_cli.results.atomic import write_whole
+    from imucalib_cli.results.formats import FORMATS
+    from imucalib_cli.results.places import see_places
+
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be made: {error.strerror}") from error
+    suffix = FORMATS[fmt].suffix
+    children = [result.child for result in results]
+    texts: dict[Path, str] = {}
+    taken: set[str] = set()
+    displaced: list[str] = []
+    for result in results:
+        child = result.child
+        # two IMUs may share a frame_id; their topics differ
+        if children.count(child) > 1:
+            child = result.imu_topic
+        stem = _short(f"{log_name(log)}.{_file_name(child)}")
+        text = FORMATS[fmt].render([result])
+        for number in count(1):
+            path = folder / f"{stem}{'' if number == 1 else f'.{number}'}{suffix}"
+            # to some file systems, other cases and compositions of letters are one name
+            name = unicodedata.normalize("NFC", path.name).casefold()
+            if name not in taken and _is_free(path, text, result):
+                break
+        taken.add(name)
+        texts[path] = text
+        if number > 1:
+            displaced.append(
+                f"{folder / f'{stem}{suffix}'} is of another IMU or log: this result is in {path}"
+            )
+    see_places(read=read, written=texts, force=force)
+    for path, text in texts.items():
+        write_whole(path, text)
+    for words in displaced:
+        say("warning", words)
+
+
+def of_log(folder: Path, log: Path) -> list[Path]:
+    """Files of a folder that are named after a log."""
+    return sorted(folder.glob(f"{escape(_short(log_name(log)))}.*"))
+
+
+def log_name(log: Path) -> str:
+    """What the files of a log are named after."""
+    resolved = log.resolve()
+    if resolved.name == "metadata.yaml":
+        resolved = resolved.parent
+    return resolved.name if resolved.is_dir() else resolved.stem
+
+
 def _identity(path: Path) -> tuple[int, int, int] | None:
     """What changes when a regular file is replaced or written to; None where there is none."""
     try:
@@ -95,3 +138,31 @@ def _identity(path: Path) -> tuple[int, int, int] | None:
     except OSError:
         return None
     return (found.st_ino, found.st_mtime_ns, found.st_size) if path.is_file() else None
+
+
+def _is_free(path: Path, text: str, result: Result) -> bool:
+    """Whether nothing is lost by writing a file: the same IMU of the same log, or the same text."""
+    from imucalib_cli.jobs.result_files import read_result_file
+
+    if not path.exists():
+        return True
+    try:
+        if path.read_bytes() == text.encode():
+            return True
+        return [_origin(each) for each in read_result_file(str(path))] == [_origin(result)]
+    except (ImucalibError, OSError):  # no result, or none that tells where it comes from
+        return False
+
+
+def _origin(result: Result) -> tuple[object, ...]:
+    """What a result is about, wherever its log lies now."""
+    source = result.provenance
+    return source.topics.imu, sorted(file.sha256 for file in source.files)
+
+
+def _file_name(name: str) -> str:
+    return re.sub(r"[^\w.-]+", "_", name.strip("/")) or "imu"
+
+
+def _short(name: str) -> str:
+    return name.encode()[:_LONGEST].decode(errors="ignore")

@@ -1,11 +1,11 @@
-"""The command ``imucalib``: commands, and what every error becomes."""
+"""The command ``imucalib``: its commands, and what every error becomes."""
 
 import os
 import sys
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -13,19 +13,19 @@ from imucalib_cli.cli.apply import apply_command
 from imucalib_cli.cli.compare import compare_command
 from imucalib_cli.cli.diff import diff_command
 from imucalib_cli.cli.entry import was_interrupted
-from imucalib_cli.cli.inspect import inspect_command
-from imucalib_cli.cli.output import (
+from imucalib_cli.cli.exit_codes import (
     EXIT_BROKEN_PIPE,
+    EXIT_CODES,
     EXIT_INPUT,
     EXIT_INTERRUPTED,
     exit_code,
-    say,
-    show,
 )
+from imucalib_cli.cli.inspect import inspect_command
+from imucalib_cli.cli.options import with_groups
+from imucalib_cli.cli.output import deliver, guard_streams, say, say_error
+from imucalib_cli.cli.parsers import WrongValue
 from imucalib_cli.cli.run import run_command
-from imucalib_cli.cli.schema import schema_command
 from imucalib_cli.cli.simulate import simulate_command
-from imucalib_cli.cli.stdio import guard_streams
 from imucalib_cli.cli.study import study_command
 from imucalib_cli.cli.verify import verify_command
 from imucalib_cli.errors import ImucalibError, InputError
@@ -38,33 +38,51 @@ NO_MEMORY = (
     "not enough memory: give shorter logs or fewer topics (--imu-topic, --joint-topic, "
     "--pose-topic), or raise the limit"
 )
+_REPLACED = {"--imu": "--imu-model says which kind of IMU it is, --imu-topic chooses one"}
+"""Options that were there once."""
 
+
+def schema_command(
+    which: Annotated[
+        Literal["result", "comparison"],
+        typer.Argument(help="Of `run`, or of `verify`, `diff`, `compare`."),
+    ] = "result",
+) -> None:
+    """Print the JSON Schema (2020-12) of the result, or of the answers of verify, diff, compare."""
+    from imucalib_cli.results.answers import schema_of
+
+    deliver(schema_of(which))
+
+
+COMMANDS: dict[str, Callable[..., None]] = {
+    "run": run_command,
+    "inspect": inspect_command,
+    "apply": apply_command,
+    "verify": verify_command,
+    "diff": diff_command,
+    "compare": compare_command,
+    "simulate": simulate_command,
+    "study": study_command,
+    "schema": schema_command,
+}
+_CODES = [f"{code} {each.brief}" for code, each in EXIT_CODES.items() if code < EXIT_INTERRUPTED]
 app = typer.Typer(
     name="imucalib",
     help="Where on my robot is the IMU, really? Finds it from a log of motion and a URDF.",
-    epilog="Exit codes: 0 trustworthy, 1 input unusable, 2 usage or a choice to make, "
-    "3 computed but not to be trusted, or cannot tell, 4 the pose is not as told or has moved.",
-    add_completion=False,
+    epilog=f"Exit codes: {', '.join(_CODES)}.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-app.command("run")(run_command)
-app.command("inspect")(inspect_command)
-app.command("apply")(apply_command)
-app.command("verify")(verify_command)
-app.command("diff")(diff_command)
-app.command("compare")(compare_command)
-app.command("simulate")(simulate_command)
-app.command("study")(study_command)
-app.command("schema")(schema_command)
+for _name, _command in COMMANDS.items():
+    app.command(_name)(with_groups(_command))
 
 
 def _show_version(wanted: bool) -> None:
     if wanted:
         from imucalib_cli import __version__
 
-        typer.echo(f"imucalib {__version__}")
+        deliver(f"imucalib {__version__}\n")
         raise typer.Exit
 
 
@@ -105,53 +123,46 @@ def _prepare_process() -> None:
 def _run(argv: list[str]) -> int:
     try:
         code = app(argv, prog_name="imucalib", standalone_mode=False)
-    except (ImucalibError, MemoryError) as error:
-        return _tell(InputError(NO_MEMORY) if isinstance(error, MemoryError) else error)
+    except typer.Abort:
+        raise KeyboardInterrupt from None
     except SystemExit as error:  # what click makes of help that nobody reads to its end
         if isinstance(error.__context__, BrokenPipeError):
             return EXIT_BROKEN_PIPE
         raise
-    except typer.Abort:
-        raise KeyboardInterrupt from None
     except Exception as error:
+        # an import that was broken off looks like a package that is not installed
         if was_interrupted() or _is_interruption(error):
             raise KeyboardInterrupt from None
         # usage errors of typer, whichever click it is built on
         if hasattr(error, "format_message") and hasattr(error, "exit_code"):
-            _show_usage_error(error)
+            _say_usage_error(error)
             return int(error.exit_code)
+        told = _in_our_words(error)
+        if told is not None:
+            say_error(told)
+            return exit_code(told)
         if TRACEBACK in os.environ:
             raise
-        return _tell_unexpected(error)
+        say(
+            "internal error",
+            f"{type(error).__name__}: {error}; please report it, with the traceback that "
+            f"{TRACEBACK}=1 shows",
+        )
+        return EXIT_INPUT
     return code if isinstance(code, int) else 0
 
 
-def _tell_unexpected(error: Exception) -> int:
-    if isinstance(error, FileNotFoundError) and not _has_working_folder():
-        return _tell(InputError("the working folder is not there any more: change to another"))
-    say(
-        "internal error",
-        f"{type(error).__name__}: {error}; please report it, with the traceback that "
-        f"{TRACEBACK}=1 shows",
-    )
-    return EXIT_INPUT
-
-
-def _has_working_folder() -> bool:
-    """Whether relative paths lead anywhere."""
-    try:
-        return bool(Path.cwd())
-    except OSError:
-        return False
-
-
-def _tell(error: ImucalibError) -> int:
-    """Say an error, unless it comes of an interruption; its exit code."""
-    if was_interrupted():  # an import that was broken off looks like a package not installed
-        raise KeyboardInterrupt from None
-    say("error", error)
-    show(getattr(error, "snippet", ""))
-    return exit_code(error)
+def _in_our_words(error: Exception) -> ImucalibError | None:
+    if isinstance(error, ImucalibError):
+        return error
+    if isinstance(error, MemoryError):
+        return InputError(NO_MEMORY)
+    if isinstance(error, FileNotFoundError):
+        try:
+            Path.cwd()
+        except OSError:
+            return InputError("the working folder is not there any more: change to another")
+    return None
 
 
 def _is_interruption(error: BaseException | None) -> bool:
@@ -163,10 +174,14 @@ def _is_interruption(error: BaseException | None) -> bool:
     return False
 
 
-def _show_usage_error(error: Exception) -> None:
+def _say_usage_error(error: Exception) -> None:
     message = error.format_message()  # type: ignore[attr-defined]
     if not message:  # no arguments at all: the help has been shown
         return
+    message = _REPLACED.get(getattr(error, "option_name", ""), message)
     context = getattr(error, "ctx", None)
     path = context.command_path if context is not None else "imucalib"
-    say("error", f"{message} (see {path} --help)")
+    if not isinstance(error, WrongValue):  # which says what is expected
+        message = f"{message} (see {path} --help)"
+    # pydantic, which newer typers parse by, begins with a word of its own
+    say("error", message.replace(": Value error, ", ": "))

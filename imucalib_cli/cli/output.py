@@ -1,45 +1,53 @@
-"""Where text goes: stdout for results, stderr for words, files when asked."""
+"""Where text goes: results to stdout or a file, words to stderr. Nothing else writes there.
+
+Either stream may be full or closed: that a result cannot be written is an error and said in one
+line; that words cannot be written is none.
+"""
 
 from __future__ import annotations
 
+import io
 import os
 import sys
+from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
 import typer
 
-from imucalib_cli.errors import ChoiceError, ImucalibError, UntrustedError
+from imucalib_cli.cli.exit_codes import EXIT_BROKEN_PIPE
+from imucalib_cli.errors import InputError
 from imucalib_cli.shown import shown, shown_lines
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-    from pathlib import Path
+    from typing_extensions import Buffer
+
+    from imucalib_cli.errors import ImucalibError
 
 _LONGEST = 4000
 """Letters of a sentence: a name in a file may have a million."""
-EXIT_OK, EXIT_INPUT, EXIT_USAGE, EXIT_UNTRUSTED, EXIT_NO = 0, 1, 2, 3, 4
-EXIT_INTERRUPTED, EXIT_BROKEN_PIPE = 130, 141
-_SEVERITY = (EXIT_OK, EXIT_UNTRUSTED, EXIT_USAGE, EXIT_INPUT, EXIT_NO)
 
 
-def exit_code(error: ImucalibError) -> int:
-    """Exit code that docs/exit-codes.md promises for an error."""
-    match error:
-        case ChoiceError():
-            return EXIT_USAGE
-        case UntrustedError():
-            return EXIT_UNTRUSTED
-        case _:
-            return EXIT_INPUT
+def deliver(content: str | bytes, output: Path | None = None) -> None:
+    """Write a result to a file, or to stdout where none is named.
 
-
-def worst(codes: Iterable[int]) -> int:
-    """Exit code of several IMUs.
-
-    No result is worse than one that should not be trusted; but one IMU that is not where it
-    should be settles the question, whatever became of the others.
+    Raises:
+        InputError: As results.atomic.write_whole.
     """
-    return max(codes, key=_SEVERITY.index, default=EXIT_OK)
+    if output is not None:
+        from imucalib_cli.results.atomic import write_whole
+
+        write_whole(output, content)
+        return
+    try:
+        if isinstance(content, bytes):
+            sys.stdout.buffer.write(content)
+        else:
+            sys.stdout.write(shown_lines(content) if is_terminal(sys.stdout) else content)
+        sys.stdout.flush()
+    except BrokenPipeError:
+        # the reader has what it wanted; keep the interpreter from flushing into the pipe again
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        raise typer.Exit(EXIT_BROKEN_PIPE) from None
 
 
 def say(word: str, sentence: object) -> None:
@@ -50,9 +58,10 @@ def say(word: str, sentence: object) -> None:
     sys.stderr.write(f"{word}: {line}\n")
 
 
-def show(text: str) -> None:
-    """Lines on stderr, to be copied."""
-    sys.stderr.write(shown_lines(text))
+def say_error(error: ImucalibError) -> None:
+    """An error in one line, and what it gives to be copied."""
+    say("error", error)
+    sys.stderr.write(shown_lines(getattr(error, "snippet", "")))
 
 
 def is_terminal(stream: TextIO) -> bool:
@@ -65,24 +74,61 @@ def wants_colour(stream: TextIO) -> bool:
     return is_terminal(stream) and not os.environ.get("NO_COLOR")
 
 
-def deliver(content: str | bytes, output: Path | None) -> None:
-    """Write to a file, or to stdout where none is named.
+def guard_streams() -> None:
+    """Replace stdout by one that fails in our words, and stderr by one that never fails.
 
-    Raises:
-        InputError: As results.atomic.write_whole.
+    A closed stdout is no fault until something is written to it: results may go to files.
     """
-    if output is None:
-        try:
-            if isinstance(content, bytes):
-                sys.stdout.buffer.write(content)
-            else:
-                sys.stdout.write(shown_lines(content) if is_terminal(sys.stdout) else content)
-            sys.stdout.flush()
-        except BrokenPipeError:
-            # the reader has what it wanted; keep the interpreter from flushing into the pipe again
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-            raise typer.Exit(EXIT_BROKEN_PIPE) from None
-        return
-    from imucalib_cli.results.atomic import write_whole
+    if sys.stderr is None:
+        sys.stderr = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115 - to the end
+    elif (descriptor := _descriptor(sys.stderr)) is not None:
+        sys.stderr = _text(_Stderr(descriptor, "w", closefd=False), sys.stderr.encoding)
+    if sys.stdout is None:
+        # takes the free descriptor 1 from the files that are opened later; not writable, so
+        # that writing fails as it does on a closed descriptor
+        closed = os.open(os.devnull, os.O_RDONLY)
+        sys.stdout = _text(_Stdout(closed, "w", closefd=False), "utf-8")
+    elif (descriptor := _descriptor(sys.stdout)) is not None:
+        sys.stdout = _text(_Stdout(descriptor, "w", closefd=False), sys.stdout.encoding)
 
-    write_whole(output, content)
+
+def _descriptor(stream: TextIO) -> int | None:
+    """Of a stream on a plain file; the console of Windows is another class."""
+    if not isinstance(stream, io.TextIOWrapper):
+        return None
+    raw = getattr(stream.buffer, "raw", stream.buffer)  # itself where unbuffered
+    return raw.fileno() if type(raw) is io.FileIO else None
+
+
+def _text(raw: io.FileIO, encoding: str) -> io.TextIOWrapper:
+    # a terminal that knows no ± still gets a line
+    return io.TextIOWrapper(
+        io.BufferedWriter(raw),
+        encoding,
+        "backslashreplace",
+        line_buffering=isinstance(raw, _Stderr) or raw.isatty(),
+    )
+
+
+class _Stdout(io.FileIO):
+    """Says what is wrong with stdout, once; a reader that went away is left to others."""
+
+    def write(self, data: Buffer, /) -> int:
+        try:
+            return super().write(data)
+        except BrokenPipeError:
+            raise
+        except OSError as error:
+            # what is still buffered would fail again when the interpreter ends
+            os.dup2(os.open(os.devnull, os.O_WRONLY), self.fileno())
+            raise InputError(f"stdout cannot be written: {error.strerror}") from error
+
+
+class _Stderr(io.FileIO):
+    """Loses words that nobody can take: a full disk under a log file changes no result."""
+
+    def write(self, data: Buffer, /) -> int:
+        try:
+            return super().write(data)
+        except OSError:
+            return memoryview(data).nbytes

@@ -1,38 +1,42 @@
 """``imucalib run``: a log and a URDF in, the pose of the IMU out."""
 
 import sys
-from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from imucalib_cli.cli.answer_options import OUTPUT, Quiet
-from imucalib_cli.cli.estimator_options import EstimatorTexts
-from imucalib_cli.cli.files import files_of, is_folder, output_path, telling_what_is_left
-from imucalib_cli.cli.option_groups import takes
-from imucalib_cli.cli.output import (
-    EXIT_UNTRUSTED,
-    deliver,
-    exit_code,
-    is_terminal,
-    say,
-    wants_colour,
-    worst,
+from imucalib_cli.cli.exit_codes import EXIT_UNTRUSTED, exit_code, worst
+from imucalib_cli.cli.files import deliver_into, files_of, of_log, telling_what_is_left
+from imucalib_cli.cli.options import (
+    OUTPUT,
+    EstimatorOptions,
+    Quiet,
+    RecordingOptions,
+    calibration_request,
 )
-from imucalib_cli.cli.quantities import parse_choice, parse_tolerance
-from imucalib_cli.cli.recording_options import RecordingOptions, calibration_request
+from imucalib_cli.cli.output import deliver, is_terminal, say, say_error, wants_colour
+from imucalib_cli.cli.parsers import file_or_folder, is_folder, tolerance
+from imucalib_cli.cli.progress import ProgressBar
+from imucalib_cli.errors import UntrustedError
+from imucalib_cli.results.formats import FORMATS, refuse_untrusted
 
 if TYPE_CHECKING:
     from imucalib_cli.jobs.calibrate import Outcome
+    from imucalib_cli.results.requirement import Tolerance
+    from imucalib_cli.results.result import Result
+
+    FormatName = str
+else:  # typer evaluates these too
+    Tolerance, FormatName = object, Literal[tuple(FORMATS)]
 
 
-@takes(recording=RecordingOptions, estimator=EstimatorTexts)
 def run_command(
+    ctx: typer.Context,
     logs: Annotated[
         list[Path],
         typer.Argument(
-            metavar="LOG...",
+            metavar="LOG",
             help="One recording: a ROS 1 bag, a ROS 2 folder or db3, an MCAP; or the files of a "
             "split one.",
             readable=False,
@@ -40,13 +44,13 @@ def run_command(
     ],
     *,
     recording: RecordingOptions,
-    estimator: EstimatorTexts,
+    estimator: EstimatorOptions,
     fmt: Annotated[
-        str,
+        FormatName,
         typer.Option(
             "--format",
-            metavar="yaml|json|urdf|tf|summary",
-            help="urdf: a <joint>; tf: named arguments of ROS 2's static_transform_publisher.",
+            help="; ".join(f"{name}: {each.words}" for name, each in FORMATS.items() if each.words)
+            + ".",
             rich_help_panel=OUTPUT,
         ),
     ] = "yaml",
@@ -56,8 +60,19 @@ def run_command(
             "-o",
             "--output",
             metavar="FILE|FOLDER/",
+            parser=file_or_folder,
             help="Where to write; a folder gets <log>.<imu>.yaml.",
             show_default="stdout",
+            rich_help_panel=OUTPUT,
+        ),
+    ] = None,
+    require: Annotated[
+        Tolerance | None,
+        typer.Option(
+            metavar="LENGTH,ANGLE",
+            parser=tolerance,
+            help="Largest sigma to trust, such as 1mm,0.1deg; exit 3 if it is exceeded.",
+            show_default="none",
             rich_help_panel=OUTPUT,
         ),
     ] = None,
@@ -70,101 +85,67 @@ def run_command(
             rich_help_panel=OUTPUT,
         ),
     ] = False,
-    require: Annotated[
-        str | None,
-        typer.Option(
-            metavar="LENGTH,ANGLE",
-            help="Largest sigma to trust, such as 1mm,0.1deg; exit 3 if it is exceeded.",
-            show_default="none",
-            rich_help_panel=OUTPUT,
-        ),
-    ] = None,
     quiet: Quiet = False,
 ) -> None:
     """Find where every IMU of a recording sits on the robot."""
-    parse_choice("--format", fmt, ("yaml", "json", "urdf", "tf", "summary"))
-    tolerance = None if require is None else parse_tolerance("--require", require)
-    request = calibration_request(logs, recording, estimator)
-    read = files_of(*logs, request.urdf, estimator.imu_model)
-    target = _see_target(output, read, force=force)
-
-    from imucalib_cli.cli.progress import ProgressBar
-    from imucalib_cli.cli.result_folder import of_log
     from imucalib_cli.jobs.calibrate import calibrate
-
-    request = replace(request, require=tolerance)
-    older = [target] if target is None or not is_folder(output) else of_log(target, logs[0])
-    with telling_what_is_left(*older):
-        with ProgressBar(enabled=is_terminal(sys.stderr) and not quiet) as bar:
-            outcome = calibrate(request, bar.report)
-        code = _write(outcome, fmt, target, read, folder=is_folder(output), force=force)
-        if not quiet:
-            _tell(outcome, told=fmt == "summary" and target is None)
-        for failure in outcome.failures:
-            say("error", failure)
-        raise typer.Exit(code)
-
-
-def _see_target(output: str | None, read: list[Path], *, force: bool) -> Path | None:
-    """Find out before minutes of computing what would come to light after them."""
     from imucalib_cli.results.atomic import see_folder_writable
     from imucalib_cli.results.places import see_places
 
-    if output is not None and is_folder(output):
-        see_folder_writable(Path(output))
-        return Path(output)
-    path = output_path(output)
-    if path is not None:
-        see_places(read=read, written=[path], force=force)
-    return path
+    request = calibration_request(ctx, logs, recording, estimator, require)
+    read = files_of(*logs, recording.urdf, estimator.imu_model)
+    target = None if output is None else Path(output)
+    folder = target if output is not None and is_folder(output) else None
+    # found out before minutes of computing what would come to light after them
+    if folder is not None:
+        see_folder_writable(folder)
+        older = of_log(folder, logs[0])
+    elif target is not None:
+        see_places(read=read, written=[target], force=force)
+        older = [target]
+    else:
+        older = []
+    with telling_what_is_left(*older):
+        with ProgressBar(quiet=quiet) as bar:
+            outcome = calibrate(request, bar.report)
+        results = _deliverable(outcome, fmt, force=force)
+        if folder is not None and results:
+            deliver_into(folder, results, logs[0], fmt, force=force, read=read)
+        elif results:
+            deliver(FORMATS[fmt].render(results), target)
+        if not quiet:
+            _tell(outcome, shown=fmt == "summary" and target is None)
+        for failure in outcome.failures:
+            say_error(failure)
+        codes = [exit_code(failure) for failure in outcome.failures]
+        codes += [EXIT_UNTRUSTED for result in outcome.results if result.status != "ok"]
+        raise typer.Exit(worst(codes))
 
 
-def _write(
-    outcome: "Outcome",
-    fmt: str,
-    target: Path | None,
-    read: list[Path],
-    *,
-    folder: bool,
-    force: bool,
-) -> int:
-    """Deliver what may be delivered; the exit code is that of the worst IMU."""
-    from imucalib_cli.cli.result_folder import deliver_into
-    from imucalib_cli.errors import UntrustedError
-    from imucalib_cli.results.formats import refuse_untrusted, render
-
-    codes = [exit_code(failure) for failure in outcome.failures]
+def _deliverable(outcome: "Outcome", fmt: str, *, force: bool) -> "list[Result]":
+    """Results that may be written in a format; of others an error says why not."""
     usable = []
     for result in outcome.results:
-        if result.status != "ok":
-            codes.append(EXIT_UNTRUSTED)
         try:
-            if fmt in {"urdf", "tf"}:
+            if FORMATS[fmt].is_bare_pose:
                 refuse_untrusted(result, fmt, force=force)
             usable.append(result)
         except UntrustedError as error:
-            say("error", error)
-    if usable and folder and target is not None:
-        for name, other in deliver_into(target, usable, read[0], fmt, force=force, read=read):  # type: ignore[arg-type]
-            say("warning", f"{name} is of another IMU or log: this result is in {other}")
-    elif usable:
-        deliver(render(usable, fmt, force=force), target)  # type: ignore[arg-type]
-    return worst(codes)
+            say_error(error)
+    return usable
 
 
-def _tell(outcome: "Outcome", *, told: bool) -> None:
-    """To a human the whole story, to a log file only what needs attention."""
+def _tell(outcome: "Outcome", *, shown: bool) -> None:
+    """To a human the whole story, unless it is shown already; to a log what needs attention."""
     from imucalib_cli.results.summary import summarise, unobservable_lines
 
     for result in outcome.results:
         if is_terminal(sys.stderr):
-            if not told:
+            if not shown:
                 sys.stderr.write(summarise(result, colour=wants_colour(sys.stderr)))
             continue
         # the cause, where one was found, before what comes of it
-        for reason in result.diagnostics.distrust:
+        for reason in (*result.diagnostics.distrust, *unobservable_lines(result)):
             say("untrusted", f"{result.child}: {reason}")
-        for line in unobservable_lines(result):
-            say("untrusted", f"{result.child}: {line}")
         for warning in result.diagnostics.warnings:
             say("warning", warning)

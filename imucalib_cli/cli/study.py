@@ -1,16 +1,18 @@
 """``imucalib study``: a named experiment, its rows kept in a file, its tables on stdout."""
 
+import os
+import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from imucalib_cli.cli.answer_options import Quiet
+from imucalib_cli.cli import complete
 from imucalib_cli.cli.entry import last_words
 from imucalib_cli.cli.files import files_of
+from imucalib_cli.cli.options import Quiet
 from imucalib_cli.cli.output import deliver, is_terminal, say
-from imucalib_cli.cli.quantities import parse_choice
-from imucalib_cli.cli.study_progress import StudyProgress
+from imucalib_cli.cli.progress import StudyProgress
 from imucalib_cli.errors import ChoiceError
 
 if TYPE_CHECKING:
@@ -22,7 +24,10 @@ FOLDER = Path("imucalib-study")
 
 def study_command(
     name: Annotated[
-        str, typer.Argument(metavar="[NAME]", help="Which study; none lists them.")
+        str,
+        typer.Argument(
+            metavar="[NAME]", help="Which study; none lists them.", autocompletion=complete.studies
+        ),
     ] = "",
     *,
     quick: Annotated[bool, typer.Option("--quick", help="Few runs, for a look or for CI.")] = False,
@@ -45,18 +50,15 @@ def study_command(
         ),
     ] = FOLDER,
     jobs: Annotated[
-        int | None, typer.Option(min=1, metavar="N", help="Processes; default: all processors.")
+        int | None,
+        typer.Option(min=1, metavar="N", help="Processes.", show_default="all processors"),
     ] = None,
     fresh: Annotated[
         bool, typer.Option("--fresh", help="Forget what an earlier run left in DIR.")
     ] = False,
     fmt: Annotated[
-        str,
-        typer.Option(
-            "--format",
-            metavar="markdown|csv|json",
-            help="Form of the tables; each prints the same cells.",
-        ),
+        Literal["markdown", "csv", "json"],
+        typer.Option("--format", help="Form of the tables; each prints the same cells."),
     ] = "markdown",
     figures: Annotated[
         bool, typer.Option("--figures/--no-figures", help="Draw the figures, if there are any.")
@@ -68,19 +70,17 @@ def study_command(
     The tables on stdout are rounded for reading, in every --format; all figures of every run in
     full stand in DIR/NAME.jsonl, a line a run.
     """
-    import os
-    import sys
-
     from imucalib_cli.study.study import STUDIES, can_draw, load_study, see_installed
 
     if not name:
-        deliver("".join(f"{known:14} {words}\n" for known, (_, words) in STUDIES.items()), None)
+        deliver("".join(f"{known:14} {words}\n" for known, (_, words) in STUDIES.items()))
         return
-    parse_choice("study", name, tuple(STUDIES))
-    parse_choice("--format", fmt, ("markdown", "csv", "json"))
+    if name not in STUDIES:
+        *known, last = STUDIES
+        raise ChoiceError(f"study {name}: expected {', '.join(known)} or {last}")
 
     from imucalib_cli.study.runner import run_study
-    from imucalib_cli.study.tables import FORMATS, render_tables
+    from imucalib_cli.study.tables import render_tables
 
     study = load_study(name, config, quick=quick)
     suffix = "-quick" if quick else ""
@@ -109,8 +109,7 @@ def study_command(
         progress.tell_interrupted(fresh=fresh)
         raise
     tables = _tables(study, rows, file, old=progress.before > 0)
-    shown = next(f for f in FORMATS if f == fmt)
-    deliver(render_tables(tables, shown, aligned=is_terminal(sys.stdout)), None)
+    deliver(render_tables(tables, fmt, aligned=is_terminal(sys.stdout)))
     if not quiet:
         say("rows", file)
     for figure, draw in study.figures(rows).items() if figures else ():

@@ -107,11 +107,11 @@ def test_what_is_verified_cannot_be_what_is_known(
         (["--fix", "x"], "--fix x: 'x' is no component"),
         (["--prior-std", "2"], "--prior-std 2:"),
         (["--initial", ELSEWHERE], "--initial belongs to --fix, --prior-std or --method paper"),
-        (["--fix", "tx", "--initial", "1 2 3"], "has 3 numbers"),
+        (["--fix", "tx", "--initial", "1 2 3"], "expected six numbers"),
         (["--fix", "tx", "--method", "paper"], "--fix belongs to --method matched"),
         (["--prior-std", "1mm", "--method", "paper"], "--prior-std belongs to --method matched"),
         (["--sensor-model", "ideal", "--method", "paper"], "--sensor-model belongs to --method"),
-        (["--sensor-model", "none"], "--sensor-model none: expected auto or ideal"),
+        (["--sensor-model", "none"], "'none' is not one of 'auto', 'ideal'"),
     ],
 )
 def test_what_makes_no_sense_is_one_line(

@@ -107,8 +107,8 @@ def _contents(folder: Path) -> dict[str, str]:
         "compare result.yaml --kalibr imu.yaml --urdf real.urdf --truth own.yaml -o own.yaml",
         "simulate --config own.yaml -o sim.mcap --urdf own.yaml",
         "simulate --config sim.truth.yaml -o sim.mcap",
-        "simulate barbot --imu chip.truth.yaml -o chip.mcap",
-        "simulate barbot --imu imu.yaml -o new.mcap --urdf imu.yaml",
+        "simulate barbot --imu-model chip.truth.yaml -o chip.mcap",
+        "simulate barbot --imu-model imu.yaml -o new.mcap --urdf imu.yaml",
         "study bias --quick --config bias-quick.jsonl -o .",
     ],
 )

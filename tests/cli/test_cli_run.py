@@ -340,8 +340,8 @@ def test_the_published_method_starts_from_the_urdf_or_as_told(
 @pytest.mark.parametrize(
     ("options", "complaint"),
     [
-        ("--method best", "--method best: expected matched or paper"),
-        ("--format xml", "--format xml: expected yaml"),
+        ("--method best", "'best' is not one of 'matched', 'paper'"),
+        ("--format xml", "'xml' is not one of 'yaml'"),
         ("--window 50", "--window 50: samples must be odd"),
         ("--window 5 --degree 5", "take at least 7 samples"),
         ("--max-offset 1e9", "--max-offset 1e9: expected more than 0 and at most 600 s"),
@@ -353,7 +353,7 @@ def test_the_published_method_starts_from_the_urdf_or_as_told(
         ("--require 1", "--require 1: expected a length, an angle or both"),
         ("--require 1mm,2mm", "--require 1mm,2mm: expected a length, an angle or both"),
         ("--require 0mm", "--require 0mm: must be positive"),
-        ("--clock sun", "--clock sun: expected auto"),
+        ("--clock sun", "'sun' is not one of 'auto'"),
         ("--degree 1", "Invalid value for '--degree'"),
         ("--unknown", "No such option: --unknown"),
         ("--imu-topic /imu", "/imu is not in the log"),

@@ -195,7 +195,7 @@ def test_a_long_run_says_a_line_now_and_then_off_a_terminal(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    monkeypatch.setattr("imucalib_cli.cli.study_progress.PATIENCE", 0.0)
+    monkeypatch.setattr("imucalib_cli.cli.progress.LINE_PATIENCE", 0.0)
     assert run(*derivation, "--no-figures") == 0
     file = tmp_path / "out" / "derivation.jsonl"
     runs = len(file.read_text("utf-8").splitlines()) - 1
@@ -224,7 +224,7 @@ def test_an_interruption_says_what_is_kept(
 
     monkeypatch.setattr(DerivationStudy, "measure", interrupted)
     # The lines of progress depend on the machine's speed; here none is due.
-    monkeypatch.setattr("imucalib_cli.cli.study_progress.PATIENCE", 3600.0)
+    monkeypatch.setattr("imucalib_cli.cli.progress.LINE_PATIENCE", 3600.0)
     assert run(*derivation) == 130
     runs, file = (
         len(load_study("derivation", Path(derivation[2])).cells()),

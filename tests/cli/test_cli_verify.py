@@ -224,7 +224,7 @@ def test_a_result_is_compared_through_fixed_joints(
         (["--urdf", "URDF", "--imu-link", "imu"], "'imu' is not in"),
         (["--urdf", "URDF", "--within", "5"], "--within 5: expected a length"),
         (["--urdf", "URDF", "LOG"], "give logs or results, not both"),
-        (["--urdf", "URDF", "--format", "tf"], "--format tf: expected yaml or json"),
+        (["--urdf", "URDF", "--format", "tf"], "'tf' is not one of 'yaml', 'json'"),
         (["--urdf", "URDF", "-o", "RESULT"], "is an input and would be overwritten"),
         (["--urdf", "URDF", "-o", "/"], "is a folder; name the file to write"),
     ],

@@ -92,7 +92,7 @@ def test_a_system_of_ones_own(tmp_path: Path) -> None:
         (["barbot", "--mount-xyz", "1 2"], 2, "three numbers"),
         (["barbot", "--base-tilt-deg", "1"], 2, "two angles"),
         (["barbot", "--time-offset", "soon"], 2, "--time-offset soon"),
-        (["barbot", "--profile", "soft"], 2, "smooth or hard"),
+        (["barbot", "--profile", "soft"], 2, "'smooth', 'hard'"),
         (["barbot", "--dropouts", "1"], 1, "below 1"),
         (["barbot", "--accel-noise", "1", "--accel-noise-ug", "1"], 2, "not both"),
         (["barbot", "--compression", "zip"], 2, "choose zstd, lz4, none"),

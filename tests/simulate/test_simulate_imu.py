@@ -72,7 +72,9 @@ def test_command_takes_a_name_and_single_options_win(
 ) -> None:
     log = tmp_path / "a.mcap"
     words = ["simulate", "rihibot", "-o", str(log), "--duration", "1", "--imu-rate", "50"]
-    assert main([*words, "--imu", "BMI088", "--gyro-noise", "0.1", "--accel-range", "9.5"]) == 0
+    assert (
+        main([*words, "--imu-model", "BMI088", "--gyro-noise", "0.1", "--accel-range", "9.5"]) == 0
+    )
     truth = yaml.safe_load(log.with_suffix(".truth.yaml").read_text())
     noise = truth["settings"]["noise"]
     assert noise["accel_noise"] == pytest.approx(190e-6 * G)
@@ -86,9 +88,9 @@ def test_two_ways_to_tell_the_noise_are_a_choice(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     words = ["simulate", "rihibot", "-o", str(tmp_path / "a.mcap")]
-    assert main([*words, "--imu", "bmi088", "--grade", "mems"]) == 2
+    assert main([*words, "--imu-model", "bmi088", "--grade", "mems"]) == 2
     assert "give one of them" in capsys.readouterr().err
-    assert main([*words, "--imu", "help"]) == 2
+    assert main([*words, "--imu-model", "help"]) == 2
     assert "choose adis16448" in capsys.readouterr().err
     with pytest.raises(ChoiceError):
         load_imu("mems")

@@ -8,8 +8,8 @@ from imucalib_cli.estimate.imu_model import ImuModel, imu_names, load_imu_model
 
 PAGE = Path(__file__).parents[2] / "docs" / "simulation.md"
 HEAD = (
-    "| `--imu` | what it is | noise µg/√Hz | noise °/s/√Hz | in-run µg | in-run °/h | bias mg "
-    "| bias °/s | up to g | up to °/s | figures from |\n"
+    "| `--imu-model` | what it is | noise µg/√Hz | noise °/s/√Hz | in-run µg | in-run °/h | "
+    "bias mg | bias °/s | up to g | up to °/s | figures from |\n"
     "|---|---|---|---|---|---|---|---|---|---|---|"
 )
 KIND = {"typical": "", "1 sigma": " σ", "max": " max"}

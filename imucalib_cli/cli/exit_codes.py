@@ -1,0 +1,87 @@
+"""The exit codes: what each means, and which an error has. docs/exit-codes.md is made from them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+from imucalib_cli.errors import ChoiceError, ImucalibError, UntrustedError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+EXIT_OK, EXIT_INPUT, EXIT_USAGE, EXIT_UNTRUSTED, EXIT_NO = 0, 1, 2, 3, 4
+EXIT_INTERRUPTED, EXIT_BROKEN_PIPE = 130, 141
+
+
+class Meaning(NamedTuple):
+    """Of an exit code, for people."""
+
+    brief: str
+    full: str
+    written: str
+    """What is written, and where to."""
+
+
+EXIT_CODES: dict[int, Meaning] = {
+    EXIT_OK: Meaning(
+        "trustworthy",
+        "The result is trustworthy. `verify`: the pose is right. `diff`: the mount has not moved. "
+        "`compare`: both could be put side by side, whatever the difference. `study`: all its runs "
+        "are done, whatever they found.",
+        "the result, or the answer",
+    ),
+    EXIT_INPUT: Meaning(
+        "input unusable",
+        "An input cannot be used: a file is missing, damaged or not what it should be, a topic is "
+        "empty, a sensor is dead or in no known unit, an output cannot be written.",
+        "one line on stderr: which file or topic, why, what to do",
+    ),
+    EXIT_USAGE: Meaning(
+        "usage or a choice to make",
+        "Wrong usage, or a choice that is yours: several candidate topics, a frame or topic that "
+        "is not there, no `--parent` or `--urdf` where one is needed.",
+        "one line on stderr with the candidates",
+    ),
+    EXIT_UNTRUSTED: Meaning(
+        "computed but not to be trusted, or cannot tell",
+        "A result was computed and should not be trusted: a direction the motion did not "
+        "determine, a contradiction in the data, a sigma above `--require`. `verify` and `diff`: "
+        "cannot tell. `compare`: the result it puts beside another. `--format urdf`, "
+        "`--format tf` and `imucalib apply` refuse such a result unless `--force` is given. Also: "
+        "nothing in the log moves, so there is no result.",
+        "the result with `status: untrusted`, and the reasons on stderr; one line alone where "
+        "nothing moves",
+    ),
+    EXIT_NO: Meaning(
+        "the pose is not as told or has moved",
+        "`verify`: the pose told is not the pose found. `diff`: the mount has moved.",
+        "the answer, with the difference and its significance",
+    ),
+    EXIT_INTERRUPTED: Meaning(
+        "interrupted",
+        "Interrupted by Ctrl-C (SIGINT) or SIGTERM.",
+        "nothing; `study` says in one line how many runs are kept, and where, for the same command "
+        "to go on (not with `--quiet`)",
+    ),
+    EXIT_BROKEN_PIPE: Meaning(
+        "stdout closed",
+        "The reader of stdout went away (as in `imucalib run … | head`).",
+        "what it read",
+    ),
+}
+_FROM_BEST = (EXIT_OK, EXIT_UNTRUSTED, EXIT_USAGE, EXIT_INPUT, EXIT_NO)
+_CODES = {ChoiceError: EXIT_USAGE, UntrustedError: EXIT_UNTRUSTED}
+
+
+def exit_code(error: ImucalibError) -> int:
+    """Exit code of an error."""
+    return _CODES.get(type(error), EXIT_INPUT)
+
+
+def worst(codes: Iterable[int]) -> int:
+    """Exit code of several IMUs.
+
+    No result is worse than one that should not be trusted; but one IMU that is not where it
+    should be settles the question, whatever became of the others.
+    """
+    return max(codes, key=_FROM_BEST.index, default=EXIT_OK)

@@ -1,0 +1,491 @@
+"""Options that several commands take: each declared once, typed, with its parser and its help."""
+
+from __future__ import annotations
+
+import inspect
+import math
+from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_type_hints
+
+import typer
+
+from imucalib_cli.cli import complete, parsers
+from imucalib_cli.errors import ChoiceError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from imucalib_cli.cli.parsers import Pose
+    from imucalib_cli.estimate.options import MatchedOptions, PaperOptions, PosePrior, WindowChoice
+    from imucalib_cli.jobs.request import CalibrationRequest, ExpectedImu
+    from imucalib_cli.results.requirement import Tolerance
+
+    Gravity = Literal["tilt", "fixed", "none"] | float
+    Robot = Literal["nominal", "exact"] | tuple[float, float]
+    Components = list[int]
+    PoseStd = list[float]
+    Names = tuple[str, ...]
+else:  # typer evaluates these too; to it each is what the parser makes
+    Components = Gravity = Names = Pose = PoseStd = Robot = Tolerance = WindowChoice = object
+
+# Panels of the help, in the order in which a user needs them.
+LOG, ROBOT = "Log and topics", "Robot"
+KNOWN = "Known beforehand"
+ESTIMATOR, PAPER = "Estimator", "Only with --method paper"
+OUTPUT = "Output"
+
+_log = partial(typer.Option, rich_help_panel=LOG)
+_robot = partial(typer.Option, rich_help_panel=ROBOT)
+_known = partial(typer.Option, rich_help_panel=KNOWN)
+_estimator = partial(typer.Option, rich_help_panel=ESTIMATOR)
+_paper = partial(typer.Option, rich_help_panel=PAPER)
+_output = partial(typer.Option, rich_help_panel=OUTPUT)
+_topic = partial(_log, metavar="TOPIC")
+_frame = partial(_robot, metavar="FRAME", parser=parsers.frame, autocompletion=complete.links)
+_bias = partial(_known, metavar="free|none|STD", parser=parsers.bias_std, show_default="free")
+
+CsvColumns = Annotated[
+    Names | None,
+    _log(
+        metavar="NAME,NAME,...",
+        parser=parsers.names,
+        help="Columns of a CSV table without a header: t,gx,gy,gz,ax,ay,az; - for none.",
+    ),
+]
+AnswerFormat = Annotated[Literal["yaml", "json"], _output("--format", help="Form of the answer.")]
+OutputFile = Annotated[
+    Path | None,
+    _output(
+        "-o",
+        "--output",
+        metavar="FILE",
+        parser=parsers.output_file,
+        help="Where to write.",
+        show_default="stdout",
+    ),
+]
+Within = Annotated[
+    Tolerance | None,
+    _output(
+        "--within",
+        metavar="LENGTH,ANGLE",
+        parser=parsers.within,
+        help="How far it may be off, such as 2mm,0.2deg; what is left out is 5mm or 0.5deg.",
+        show_default="verify: 5mm,0.5deg; diff: what is not significant",
+    ),
+]
+Quiet = Annotated[bool, _output("-q", "--quiet", help="Errors only on stderr.")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordingOptions:
+    """What to read and on which robot; the names are those of a CalibrationRequest."""
+
+    imu_topics: Annotated[
+        list[str],
+        _topic(
+            "--imu-topic",
+            autocompletion=complete.topics("imu"),
+            help="IMU to calibrate, repeatable.",
+            show_default="every one in the log",
+        ),
+    ] = field(default_factory=list)
+    joint_topics: Annotated[
+        list[str],
+        _topic(
+            "--joint-topic",
+            autocompletion=complete.topics("joints"),
+            help="Joint states to use, repeatable.",
+            show_default="all",
+        ),
+    ] = field(default_factory=list)
+    pose_topics: Annotated[
+        list[str],
+        _topic(
+            "--pose-topic",
+            autocompletion=complete.topics("pose"),
+            help="Poses (tf, odometry, motion capture) to use, repeatable.",
+            show_default="found",
+        ),
+    ] = field(default_factory=list)
+    clock: Annotated[
+        Literal["auto", "header", "log"],
+        _log(help="Stamps of the headers, or times of receipt; auto takes headers unless broken."),
+    ] = "auto"
+    accel_unit: Annotated[
+        Literal["auto", "m/s2", "g", "mg"],
+        _log(help="Unit of the accelerometer; auto tells it from gravity at rest."),
+    ] = "auto"
+    gyro_unit: Annotated[
+        Literal["auto", "rad/s", "deg/s"],
+        _log(help="Unit of the gyroscope; auto tells it from how fast the robot turns."),
+    ] = "auto"
+    accel_sign: Annotated[
+        Literal["auto", "up", "down"],
+        _log(
+            help="Where the accelerometer points at rest; auto takes up, as ROS has it, unless "
+            "down fits the motion."
+        ),
+    ] = "auto"
+    csv_columns: CsvColumns = None
+    urdf: Annotated[
+        Path | None,
+        _robot(
+            help="The robot's URDF; without it the log's own frames must tell the motion.",
+            readable=False,
+        ),
+    ] = None
+    parent: Annotated[
+        str | None,
+        _frame(
+            help="Link or frame that carries the IMU.",
+            show_default="the one that holds the frame_id of its messages",
+        ),
+    ] = None
+    imu_link: Annotated[
+        str | None,
+        _frame(
+            metavar="LINK",
+            help="The IMU's link in the URDF.",
+            show_default="the frame_id of its messages",
+        ),
+    ] = None
+    world: Annotated[
+        str | None, _frame(help="Frame that stands still.", show_default="the root of the frames")
+    ] = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class EstimatorOptions:
+    """How to estimate; the names are those of MatchedOptions and PaperOptions, where they agree.
+
+    None leaves a value to the method.
+    """
+
+    imu_model: Annotated[
+        str | None,
+        _known(
+            metavar="NAME|FILE",
+            autocompletion=complete.imu_models,
+            help="Which IMU it is, as configs/imus has it: bmi088, adis16448 ...; its data sheet "
+            "gives weak priors of the biases, and its noise is compared with the log's.",
+        ),
+    ] = None
+    accel_bias_std: Annotated[
+        float | None,
+        _bias(
+            "--accel-bias",
+            help="Accelerometer bias: unknown, zero, or zero within STD m/s², 1 sigma.",
+        ),
+    ] = None
+    gyro_bias_std: Annotated[
+        float | None,
+        _bias(
+            "--gyro-bias", help="Gyroscope bias: unknown, zero, or zero within STD rad/s, 1 sigma."
+        ),
+    ] = None
+    time_offset: Annotated[
+        float | None,
+        _known(
+            metavar="auto|none|SECONDS",
+            parser=parsers.time_offset,
+            help="IMU stamp - robot stamp of the same instant: found, zero, or known.",
+            show_default="auto",
+        ),
+    ] = None
+    gravity: Annotated[
+        Gravity | None,
+        _known(
+            metavar="tilt|fixed|none|NORM",
+            parser=parsers.gravity,
+            help="Direction found; along -z of the world; no gravity; or tilt with exactly this "
+            "norm, m/s².",
+            show_default="tilt; fixed with paper",
+        ),
+    ] = None
+    tilt_std: Annotated[
+        float | None,
+        _known(
+            metavar="DEG",
+            parser=parsers.degrees,
+            help="How level the world is known to be, 1 sigma.",
+            show_default="unknown",
+        ),
+    ] = None
+    robot: Annotated[
+        Robot | None,
+        _known(
+            metavar="nominal|exact|DEG,MM",
+            parser=parsers.robot,
+            help="How good the URDF is: learnt from the log; without any error; or its joint "
+            "zeros and lengths good to these, 1 sigma.",
+            show_default="nominal",
+        ),
+    ] = None
+    fix: Annotated[
+        Components | None,
+        _known(
+            metavar="tx,ty,tz,rx,ry,rz",
+            parser=parsers.components,
+            help="Components held at the URDF's pose, or at --initial; parent frame.",
+            show_default="none",
+        ),
+    ] = None
+    prior_std: Annotated[
+        PoseStd | None,
+        _known(
+            metavar="2mm,0.5deg|tx=1mm,rz=0.2deg",
+            parser=parsers.pose_std,
+            help="How well the URDF's pose, or --initial, is known beforehand, 1 sigma.",
+            show_default="unknown",
+        ),
+    ] = None
+    initial: Annotated[
+        Pose | None,
+        _known(
+            metavar='"X Y Z R P Y"',
+            parser=parsers.pose,
+            help="Pose that --fix, --prior-std and the published method begin from, m and rad.",
+            show_default="the URDF's joint",
+        ),
+    ] = None
+    method: Annotated[
+        Literal["matched", "paper"], _estimator(help="Our estimator, or the published one.")
+    ] = "matched"
+    window: Annotated[
+        WindowChoice | None,
+        _estimator(
+            metavar="SAMPLES|DURATION|auto",
+            parser=parsers.window,
+            help="Filter window: 51, 0.2s, 200ms or auto.",
+            show_default="auto; 11 with paper",
+        ),
+    ] = None
+    degree: Annotated[
+        int, _estimator(min=2, max=9, help="Degree of the filters' polynomial, 2 to 9.")
+    ] = 3
+    max_offset: Annotated[
+        float | None,
+        _estimator(
+            metavar="SECONDS",
+            parser=parsers.largest_offset,
+            help="Largest time offset that is looked for, at most 600 s.",
+            show_default="1.0",
+        ),
+    ] = None
+    sensor_model: Annotated[
+        Literal["auto", "ideal"] | None,
+        _estimator(
+            help="Find the sensor's and the clocks' own errors too; or take them not to exist.",
+            show_default="auto",
+        ),
+    ] = None
+    exclusion_threshold: Annotated[
+        float | None,
+        _paper(
+            "--exclude",
+            metavar="THRESHOLD",
+            parser=parsers.threshold,
+            help="Change of the derived acceleration, m/s², that excludes a sample; 0 keeps all.",
+            show_default="the method's",
+        ),
+    ] = None
+    residual: Annotated[
+        Literal["l1", "components"] | None,
+        _paper(help="One sum for each instant, or its six parts.", show_default="l1"),
+    ] = None
+
+
+def calibration_request(
+    ctx: typer.Context,
+    logs: Sequence[Path],
+    recording: RecordingOptions,
+    estimator: EstimatorOptions,
+    require: Tolerance | None = None,
+) -> CalibrationRequest:
+    """What the options ask for.
+
+    Raises:
+        ChoiceError: An option contradicts another or belongs to the other method, or there is no
+            such IMU.
+        InputError: The data sheet of the user's own states something else.
+    """
+    from imucalib_cli.jobs.request import CalibrationRequest
+    from imucalib_cli.jobs.units import Units
+
+    asked: dict[str, Any] = {
+        name: tuple(value) if isinstance(value, list) else value
+        for name, value in vars(recording).items()
+    }
+    asked["csv_columns"] = recording.csv_columns or ()
+    units = Units(
+        accel=asked.pop("accel_unit"), gyro=asked.pop("gyro_unit"), sign=asked.pop("accel_sign")
+    )
+    return CalibrationRequest(
+        logs=tuple(logs),
+        units=units,
+        estimator=_estimator_options(ctx, estimator),
+        imu=_expected_imu(estimator),
+        require=require,
+        **asked,
+    )
+
+
+def options_given(ctx: typer.Context) -> dict[str, str]:
+    """Names of the options on the command line, and the panel of each."""
+    return {
+        parameter.opts[-1]: getattr(parameter, "rich_help_panel", None) or ""
+        for parameter in ctx.command.params
+        if (source := ctx.get_parameter_source(parameter.name or "")) is not None
+        and source.name == "COMMANDLINE"
+    }
+
+
+_MATCHED_ONLY = {
+    "--time-offset",
+    "--max-offset",
+    "--accel-bias",
+    "--gyro-bias",
+    "--tilt-std",
+    "--fix",
+    "--prior-std",
+    "--sensor-model",
+    "--robot",
+}
+
+
+def _estimator_options(
+    ctx: typer.Context, estimator: EstimatorOptions
+) -> MatchedOptions | PaperOptions:
+    is_matched = estimator.method == "matched"
+    for option, panel in options_given(ctx).items():
+        if panel == PAPER if is_matched else option in _MATCHED_ONLY:
+            raise ChoiceError(
+                f"{option} belongs to --method {'paper' if is_matched else 'matched'}: add that, "
+                f"or leave {option} out"
+            )
+    options = _matched(estimator) if is_matched else _published(estimator)
+    samples = options.window.samples
+    if samples is not None and samples <= options.degree:
+        raise ChoiceError(
+            f"--window of {samples} samples cannot smooth with --degree {options.degree}: "
+            f"take at least {(options.degree + 1) | 1} samples"
+        )
+    return options
+
+
+def _matched(estimator: EstimatorOptions) -> MatchedOptions:
+    from imucalib_cli.estimate.options import MatchedOptions
+
+    if estimator.tilt_std is not None and estimator.gravity in {"fixed", "none"}:
+        raise ChoiceError(f"--tilt-std means nothing with --gravity {estimator.gravity}")
+    given = _named_alike(estimator, MatchedOptions)
+    if isinstance(estimator.gravity, float):
+        del given["gravity"]
+        given |= {"gravity_norm": estimator.gravity, "gravity_std": 0.0}
+    return MatchedOptions(pose=_pose_prior(estimator), **given)
+
+
+def _published(estimator: EstimatorOptions) -> PaperOptions:
+    from imucalib_cli.estimate.options import PaperOptions
+
+    if estimator.gravity == "tilt":
+        raise ChoiceError("--gravity tilt belongs to --method matched: use fixed, none or a norm")
+    given = _named_alike(estimator, PaperOptions)
+    if estimator.gravity not in {None, "fixed"}:
+        given["gravity_norm"] = 0.0 if estimator.gravity == "none" else estimator.gravity
+    if estimator.initial is not None:
+        given |= {"R_initial": estimator.initial.R, "t_initial": estimator.initial.t}
+    return PaperOptions(**given)
+
+
+def _named_alike(estimator: EstimatorOptions, kind: type[Any]) -> dict[str, Any]:
+    """What was given of that which a method's options call by the same name."""
+    values = {each.name: getattr(estimator, each.name, None) for each in fields(kind)}
+    return {name: value for name, value in values.items() if value is not None}
+
+
+def _pose_prior(estimator: EstimatorOptions) -> PosePrior | None:
+    """What the user knows of the pose; where it is about may be left to the URDF."""
+    from imucalib_cli.estimate.options import PosePrior
+
+    std = list(estimator.prior_std or [math.inf] * 6)
+    for place in estimator.fix or ():
+        std[place] = 0.0
+    known = estimator.initial
+    if all(map(math.isinf, std)):
+        if known is not None:
+            raise ChoiceError(
+                "--initial belongs to --fix, --prior-std or --method paper: the matched method "
+                "needs no guess, so leave it out"
+            )
+        return None
+    if known is None:
+        return PosePrior(std=tuple(std))
+    return PosePrior(std=tuple(std), R_parent_imu=known.R, t_parent_imu=known.t)
+
+
+def _expected_imu(estimator: EstimatorOptions) -> ExpectedImu | None:
+    """The IMU that the user names, with priors for what they say nothing of themselves."""
+    name = estimator.imu_model
+    if name is None:
+        return None
+    if name.startswith("/") and not name.endswith((".yaml", ".yml")):
+        raise ChoiceError(
+            f"--imu-model {name}: expected the name of an IMU such as bmi088, or a YAML file; "
+            "--imu-topic takes a topic"
+        )
+    from imucalib_cli.estimate.imu_model import load_imu_model
+    from imucalib_cli.jobs.request import ExpectedImu
+
+    stated = {"accel": estimator.accel_bias_std, "gyro": estimator.gyro_bias_std}
+    priors: Any = tuple(sensor for sensor, std in stated.items() if std is None)
+    return ExpectedImu(model=load_imu_model(parsers.imu_name(name)), priors=priors)
+
+
+def with_groups(command: Callable[..., None]) -> Callable[..., None]:
+    """A command whose parameters that are dataclasses are replaced by their fields.
+
+    Typer reads a command's options from its signature. The fields are annotated as typer has it;
+    the command is called with the dataclasses.
+    """
+    groups: dict[str, type[Any]] = {}
+    parameters: list[inspect.Parameter] = []
+    for parameter in inspect.signature(command, eval_str=True).parameters.values():
+        kind: Any = parameter.annotation
+        if isinstance(kind, type) and is_dataclass(kind):
+            groups[parameter.name] = kind
+            parameters += _fields_as_parameters(kind)
+        else:
+            parameters.append(parameter)
+
+    def ungrouped(**given: Any) -> None:
+        for name, group in groups.items():
+            given[name] = group(**{each.name: given.pop(each.name) for each in fields(group)})
+        command(**given)
+
+    ungrouped.__name__, ungrouped.__doc__ = command.__name__, command.__doc__
+    ungrouped.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    ungrouped.__annotations__ = {p.name: p.annotation for p in parameters}
+    return ungrouped
+
+
+def _fields_as_parameters(group: type[Any]) -> list[inspect.Parameter]:
+    hints = get_type_hints(group, include_extras=True)
+    return [
+        inspect.Parameter(
+            each.name,
+            inspect.Parameter.KEYWORD_ONLY,
+            default=_default(each),
+            annotation=hints[each.name],
+        )
+        for each in fields(group)
+    ]
+
+
+def _default(option: Field[Any]) -> Any:
+    if option.default_factory is not MISSING:
+        return option.default_factory()
+    return option.default

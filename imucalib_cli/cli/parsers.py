@@ -1,0 +1,303 @@
+"""What a user types for a quantity, as a value in SI units. Typer calls these for the options.
+
+No numpy is imported before a value is read, so that ``--help`` and completion stay fast.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import typer
+
+if TYPE_CHECKING:
+    from imucalib_cli.arrays import Floats
+    from imucalib_cli.estimate.options import WindowChoice
+    from imucalib_cli.results.requirement import Tolerance
+
+_SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6}
+_METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6}
+_RADIANS = {"deg": math.pi / 180.0, "°": math.pi / 180.0, "rad": 1.0, "mrad": 1e-3}
+_COMPONENTS = ("tx", "ty", "tz", "rx", "ry", "rz")
+_NUMBER = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\D*)")
+_LONGEST_OFFSET = 600.0
+"""s: clocks further apart than this share no log; a search needs memory by its width."""
+
+
+class WrongValue(typer.BadParameter):
+    """A value that is not understood; its text begins with the value, for the option's name."""
+
+    def format_message(self) -> str:
+        """The option, the value, and what is expected."""
+        return f"{self.param.opts[0] if self.param else ''} {self.message}".strip()
+
+
+class Pose(NamedTuple):
+    """A pose of the IMU in its parent."""
+
+    R: Floats
+    """(3, 3)."""
+    t: Floats
+    """(3,), m."""
+
+
+def seconds(text: str, expected: str = "seconds, such as 0.5 or 500ms") -> float:
+    """A duration with its unit (s, ms, us), or a bare number of seconds; may be negative."""
+    value, unit = _split(text, expected)
+    if unit and unit not in _SECONDS:
+        raise WrongValue(f"{text}: no unit of time; expected {expected}")
+    return value * _SECONDS.get(unit, 1.0)
+
+
+def time_offset(text: str) -> float | None:
+    """Seconds; ``none`` is zero, ``auto`` is None."""
+    if text in {"auto", "none"}:
+        return None if text == "auto" else 0.0
+    return seconds(text, "auto, none, or seconds such as -0.042 or -42ms")
+
+
+def largest_offset(text: str) -> float:
+    """Seconds, more than none."""
+    value = seconds(text)
+    if not 0.0 < value <= _LONGEST_OFFSET:
+        raise WrongValue(f"{text}: expected more than 0 and at most {_LONGEST_OFFSET:g} s")
+    return value
+
+
+def window(text: str) -> WindowChoice:
+    """``auto``, an odd number of samples (51), or a duration with its unit (0.2s, 200ms)."""
+    from imucalib_cli.estimate.options import WindowChoice
+
+    expected = "auto, an odd number of samples such as 51, or a duration such as 0.2s or 200ms"
+    if text == "auto":
+        return WindowChoice()
+    if re.fullmatch(r"\d+", text):
+        samples = int(text)
+        if samples < 3 or samples % 2 == 0:
+            raise WrongValue(f"{text}: samples must be odd and at least 3; or {expected}")
+        return WindowChoice(samples=samples)
+    value, unit = _split(text, expected)
+    if unit not in _SECONDS or value <= 0.0:
+        raise WrongValue(f"{text}: expected {expected}")
+    return WindowChoice(seconds=value * _SECONDS[unit])
+
+
+def bias_std(text: str) -> float:
+    """Standard deviation of a bias: ``free`` is infinite, ``none`` is zero."""
+    if text in {"free", "none"}:
+        return math.inf if text == "free" else 0.0
+    return _at_least_zero(text, "free, none, or a standard deviation such as 0.05")
+
+
+def threshold(text: str) -> float:
+    """m/s², not negative."""
+    return _at_least_zero(text, "a threshold in m/s², or 0 to exclude nothing")
+
+
+def gravity(text: str) -> str | float:
+    """``tilt``, ``fixed``, ``none``, or the norm in m/s²."""
+    if text in {"tilt", "fixed", "none"}:
+        return text
+    return _positive(text, "tilt, fixed, none, or the norm in m/s² such as 9.81")
+
+
+def degrees(text: str) -> float:
+    """An angle in degrees, as rad, more than none."""
+    return math.radians(
+        _positive(text, "degrees, such as 0.5 (for no tilt at all --gravity fixed)")
+    )
+
+
+def tolerance(text: str, left_out: Tolerance | None = None) -> Tolerance:
+    """A length and an angle with their units, such as ``1mm,0.1deg``, in either order.
+
+    Args:
+        text: What the user wrote; one of the two may be left out.
+        left_out: What that one is then; without it there is no bound.
+    """
+    from imucalib_cli.results.requirement import Tolerance
+
+    expected = "a length, an angle or both, such as 1mm,0.1deg"
+    length = angle = None
+    for part in text.split(","):
+        value, unit = _split(part.strip(), expected, text)
+        if value <= 0.0:
+            raise WrongValue(f"{text}: must be positive; expected {expected}")
+        if unit in _METRES and length is None:
+            length = value * _METRES[unit]
+        elif unit in _RADIANS and angle is None:
+            angle = value * _RADIANS[unit]
+        else:
+            raise WrongValue(f"{text}: expected {expected}")
+    default = left_out or Tolerance()
+    return Tolerance(
+        translation=default.translation if length is None else length,
+        rotation=default.rotation if angle is None else angle,
+    )
+
+
+def within(text: str) -> Tolerance:
+    """As :func:`tolerance`; what is left out keeps the default of ``verify``."""
+    from imucalib_cli.results.verdicts import WITHIN
+
+    return tolerance(text, WITHIN)
+
+
+def pose(text: str) -> Pose:
+    """``"x y z roll pitch yaw"`` in m and rad, by blanks or commas."""
+    import numpy as np
+
+    from imucalib_cli.robot.rotations import matrix_from_rpy
+
+    values = _numbers(text, 6, 'six numbers "x y z roll pitch yaw" in m and rad')
+    return Pose(R=matrix_from_rpy(values[3:]), t=np.array(values[:3]))
+
+
+def vector(text: str) -> tuple[float, ...]:
+    """Three numbers."""
+    return _numbers(text, 3, 'three numbers "x y z"')
+
+
+def tilt(text: str) -> tuple[float, ...]:
+    """Two angles in degrees, as rad."""
+    return tuple(math.radians(each) for each in _numbers(text, 2, 'two angles "x y" in degrees'))
+
+
+def components(text: str) -> list[int]:
+    """Components of the pose, such as ``tx,rz``, as places in tx ty tz rx ry rz."""
+    return _components(text, text)
+
+
+def pose_std(
+    text: str, expected: str = "2mm,0.5deg for all components or tx=1mm,rz=0.2deg for some"
+) -> list[float]:
+    """Standard deviations of the pose, six, inf where none is given.
+
+    ``2mm,0.5deg`` is of every component, ``tx=1mm,rz=0.2deg`` of some.
+    """
+    std = [math.inf] * 6
+    for part in text.split(","):
+        name, _, quantity = part.rpartition("=")
+        value, unit = _split(quantity.strip(), expected, text)
+        if value <= 0.0:
+            raise WrongValue(f"{text}: must be positive; expected {expected}")
+        units, kind = (_METRES, range(3)) if unit in _METRES else (_RADIANS, range(3, 6))
+        places = _components(name.strip(), text) if name else [*kind]
+        if unit not in units or any(place not in kind for place in places):
+            raise WrongValue(f"{text}: '{part.strip()}' is not understood; use {expected}")
+        for place in places:
+            std[place] = value * units[unit]
+    return std
+
+
+def robot(text: str) -> str | tuple[float, float]:
+    """``nominal``, ``exact``, or 1 sigma of joint zeros (rad) and of lengths (m)."""
+    if text in {"nominal", "exact"}:
+        return text
+    expected = "nominal, exact, or how good joint zeros and lengths are, such as 0.05deg,0.5mm"
+    length, *_, zero = pose_std(text, expected)
+    if math.isinf(length + zero):
+        raise WrongValue(f"{text}: expected {expected}")
+    return zero, length
+
+
+def frame(text: str) -> str:
+    """The name of a frame, which may be typed with a leading slash."""
+    from imucalib_cli.robot.urdf import frame_name
+
+    return frame_name(text)
+
+
+def imu_name(text: str) -> str:
+    """Name of an IMU as configs/imus spells it: ICM-20948 is icm20948; what is none stays."""
+    from imucalib_cli.estimate.imu_model import imu_names
+
+    spelled = {_letters(name): name for name in imu_names()}
+    return spelled.get(_letters(text), text)
+
+
+def names(text: str) -> tuple[str, ...]:
+    """Names by commas."""
+    return tuple(each.strip() for each in text.split(",")) if text else ()
+
+
+def output_file(text: str) -> Path | None:
+    """The file that ``-o`` names; None for stdout."""
+    if text == "-":
+        return None
+    if is_folder(text):
+        raise WrongValue(f"{text}: is a folder; name the file to write")
+    return Path(_not_empty(text))
+
+
+def log_file(text: str) -> Path:
+    """The log that ``-o`` names, which may be a folder."""
+    if text in {"", "-"}:
+        raise WrongValue(f"{text or 'is empty'}: a log goes to a file or a folder: name one")
+    return Path(text)
+
+
+def file_or_folder(text: str) -> str | None:
+    """What ``-o`` names; None for stdout."""
+    return None if text == "-" else _not_empty(text)
+
+
+def is_folder(output: str) -> bool:
+    """Whether ``-o`` names a folder: it ends with a slash or exists as one."""
+    return bool(output) and (output.endswith("/") or Path(output).is_dir())
+
+
+def _not_empty(text: str) -> str:
+    if not text:
+        raise WrongValue("is empty, as of a variable that is not set: name the file to write")
+    return text
+
+
+def _letters(name: str) -> str:
+    return re.sub(r"[\s_-]", "", name).lower()
+
+
+def _components(text: str, whole: str) -> list[int]:
+    given = names(text) or ("",)
+    if unknown := [name for name in given if name not in _COMPONENTS]:
+        expected = f"some of {', '.join(_COMPONENTS)}"
+        raise WrongValue(f"{whole}: '{unknown[0]}' is no component; expected {expected}")
+    return [_COMPONENTS.index(name) for name in given]
+
+
+def _numbers(text: str, count: int, expected: str) -> tuple[float, ...]:
+    parts = text.replace(",", " ").split()
+    if len(parts) != count:
+        raise WrongValue(f"{text!r}: expected {expected}")
+    return tuple(_number(part, expected) for part in parts)
+
+
+def _at_least_zero(text: str, expected: str) -> float:
+    value = _number(text, expected)
+    if value < 0.0:
+        raise WrongValue(f"{text}: is negative; expected {expected}")
+    return value
+
+
+def _positive(text: str, expected: str) -> float:
+    value = _number(text, expected)
+    if value <= 0.0:
+        raise WrongValue(f"{text}: must be positive; expected {expected}")
+    return value
+
+
+def _number(text: str, expected: str) -> float:
+    value, unit = _split(text, expected)
+    if unit:
+        raise WrongValue(f"{text}: has a unit; expected {expected}")
+    return value
+
+
+def _split(text: str, expected: str, whole: str | None = None) -> tuple[float, str]:
+    """A finite number and its unit, if any."""
+    match = _NUMBER.fullmatch(text.strip())
+    if match is None or not math.isfinite(float(match.group(1))):
+        raise WrongValue(f"{whole or text}: is not a number; expected {expected}")
+    return float(match.group(1)), match.group(2).strip()

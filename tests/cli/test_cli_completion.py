@@ -1,0 +1,60 @@
+"""What the shell is offered on Tab, asked for as bash asks."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+SAMPLE = Path(__file__).parents[2] / "sample_data"
+LOG, URDF = str(SAMPLE / "rihibot.mcap"), str(SAMPLE / "rihibot.urdf")
+PROGRAM = (
+    "import sys, time; from imucalib_cli.cli.main import main\n"
+    "try: main()\n"
+    "finally: sys.stderr.write(str(time.process_time()))"
+)
+
+
+def _offered(*words: str) -> tuple[list[str], float]:
+    """Completions of the last word, and the seconds of computing that they took."""
+    done = subprocess.run(
+        [sys.executable, "-c", PROGRAM],
+        env={
+            **os.environ,
+            "_IMUCALIB_COMPLETE": "complete_bash",
+            "COMP_WORDS": " ".join(("imucalib", *words)),
+            "COMP_CWORD": str(len(words)),
+        },
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    return done.stdout.split(), float(done.stderr)  # no word beside the time
+
+
+@pytest.mark.parametrize(
+    ("words", "offered"),
+    [
+        (["r"], ["run"]),
+        (["run", "--imu-"], ["--imu-topic", "--imu-link", "--imu-model"]),
+        (["run", LOG, "--clock", ""], ["auto", "header", "log"]),
+        (["run", LOG, "--imu-topic", ""], ["/imu/data"]),
+        (["run", LOG, "--urdf", URDF, "--joint-topic", "/j"], ["/joint_states"]),
+        (["verify", "--urdf", URDF, "--parent", "wrist_"], [f"wrist_{i}_link" for i in (1, 2, 3)]),
+        (["run", LOG, "--imu-model", "bmi0"], ["bmi088"]),
+        (["study", "deriv"], ["derivation"]),
+        (["simulate", "bar"], ["barbot"]),
+        (["run", "nowhere.mcap", "--imu-topic", ""], []),
+        (["run", URDF, "--imu-topic", ""], []),
+        (["run", "--urdf", LOG, "--parent", ""], []),
+        (["apply", "nowhere.yaml", "--imu", ""], []),
+    ],
+    ids=lambda each: " ".join(Path(word).name for word in each),
+)
+def test_completion(words: list[str], offered: list[str]) -> None:
+    found, seconds = _offered(*words)
+    assert found == offered
+    assert seconds < 1.5  # of a busy machine; half of it is typer's own

@@ -1,0 +1,163 @@
+"""Quantities as users write them."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+
+import numpy as np
+import pytest
+import typer
+from hypothesis import given
+from hypothesis import strategies as st
+
+from imucalib_cli.cli import parsers
+from imucalib_cli.cli.main import main
+from imucalib_cli.results.requirement import Tolerance
+from imucalib_cli.robot.rotations import matrix_from_rpy
+
+WRONG = {
+    "--max-offset": ("", "soon", "1h", "1 2", "nan", "inf", "1e999", "--", "0x10", "0", "601"),
+    "--time-offset": ("", "soon", "1h"),
+    "--window": ("50", "1", "0", "-5", "0.2", "0s", "-1s", "51mm", "big"),
+    "--accel-bias": ("-0.05", "5mm", ""),
+    "--gravity": ("down", "0", "-9.81", "9.81m"),
+    "--tilt-std": ("0", "-1", "1deg"),
+    "--require": ("", "1,0.1", "1mm,2mm", "0mm,1deg", "1mm,0.1deg,3", "-1mm,1deg"),
+    "--initial": ("1 2 3 4 5", "1 2 3 4 5 x"),
+    "--fix": ("", "x", "tx,", "tx ty", "TX", "tx;ty", "roll", "tx=1"),
+    "--prior-std": (
+        "",
+        "2",
+        "2mm,",
+        "0mm",
+        "tx=0mm",
+        "tx=1deg",
+        "qx=1mm",
+        "tx=",
+        "=1mm,tx",
+        "s=1s",
+    ),
+    "--robot": ("bad", "0.5mm", "0.1deg", "0mm,1deg"),
+    "--exclude": ("x", "-1"),
+    "--clock": ("", "sun"),
+    "--degree": ("1", "10", "x", "2.5"),
+    "-o": ("",),
+}
+"""Values that options do not take."""
+
+
+@pytest.mark.parametrize("option", WRONG)
+def test_what_makes_no_sense_is_refused_by_name(
+    option: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for text in WRONG[option]:
+        assert main(["run", "nowhere.mcap", option, text]) == 2
+        err = capsys.readouterr().err
+        assert err.startswith("error: ")
+        assert option in err
+        assert err.count("\n") == 1
+
+
+def test_what_is_expected_is_said(capsys: pytest.CaptureFixture[str]) -> None:
+    main(["run", "nowhere.mcap", "--fix", "roll"])
+    assert "expected some of tx, ty, tz, rx, ry, rz" in capsys.readouterr().err
+    main(["run", "nowhere.mcap", "--clock", "sun"])
+    assert "'auto', 'header', 'log'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("text", "seconds"),
+    [("0.5", 0.5), ("-0.042", -0.042), ("-42ms", -0.042), ("3 s", 3.0), ("1e-3", 1e-3)],
+)
+def test_seconds(text: str, seconds: float) -> None:
+    assert parsers.seconds(text) == pytest.approx(seconds, rel=1e-15)
+
+
+def test_windows() -> None:
+    assert (parsers.window("auto").samples, parsers.window("auto").seconds) == (None, None)
+    assert parsers.window("51").samples == 51
+    assert parsers.window("200ms").seconds == pytest.approx(0.2)
+    assert parsers.window("0.2s").seconds == pytest.approx(0.2)
+
+
+def test_priors() -> None:
+    assert parsers.bias_std("free") == math.inf
+    assert parsers.bias_std("none") == 0.0
+    assert parsers.bias_std("0.05") == 0.05
+
+
+@pytest.mark.parametrize("text", ["1mm,0.1deg", "0.1deg, 1mm", "0.001m,1.7453292519943295mrad"])
+def test_tolerances(text: str) -> None:
+    tolerance = parsers.tolerance(text)
+    assert tolerance.translation == pytest.approx(1e-3)
+    assert tolerance.rotation == pytest.approx(math.radians(0.1))
+
+
+def test_half_a_tolerance_leaves_the_other_half_to_the_default() -> None:
+    assert parsers.tolerance("2mm") == Tolerance(translation=2e-3)
+    assert parsers.tolerance("1rad").translation == math.inf
+    usual = Tolerance(translation=5e-3, rotation=1.0)
+    assert parsers.tolerance("2mm", left_out=usual) == Tolerance(translation=2e-3, rotation=1.0)
+
+
+def test_poses() -> None:
+    found = parsers.pose("-0.02 0.1 0  3.14,0,1.57")
+    assert found.t.tolist() == [-0.02, 0.1, 0.0]
+    np.testing.assert_array_equal(found.R, matrix_from_rpy((3.14, 0.0, 1.57)))
+
+
+@pytest.mark.parametrize(
+    ("text", "places"),
+    [("tx", [0]), ("tx,rz", [0, 5]), ("rz, tx", [5, 0]), ("tx,ty,tz,rx,ry,rz", [0, 1, 2, 3, 4, 5])],
+)
+def test_components(text: str, places: list[int]) -> None:
+    assert parsers.components(text) == places
+
+
+INF, DEG = math.inf, math.radians(1.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "std"),
+    [
+        ("2mm", [2e-3, 2e-3, 2e-3, INF, INF, INF]),
+        ("0.5deg", [INF, INF, INF, 0.5 * DEG, 0.5 * DEG, 0.5 * DEG]),
+        ("2mm,0.5deg", [2e-3, 2e-3, 2e-3, 0.5 * DEG, 0.5 * DEG, 0.5 * DEG]),
+        ("0.5deg, 0.2cm", [2e-3, 2e-3, 2e-3, 0.5 * DEG, 0.5 * DEG, 0.5 * DEG]),
+        ("tx=1mm,rz=0.2deg", [1e-3, INF, INF, INF, INF, 0.2 * DEG]),
+        ("ty = 300um", [INF, 3e-4, INF, INF, INF, INF]),
+        ("2mm,tz=5mm,ry=3mrad", [2e-3, 2e-3, 5e-3, INF, 3e-3, INF]),
+    ],
+)
+def test_standard_deviations_of_a_pose(text: str, std: list[float]) -> None:
+    assert parsers.pose_std(text) == pytest.approx(std, rel=1e-12)
+
+
+@given(text=st.text(max_size=12))
+def test_no_text_is_worse_than_a_choice_error(text: str) -> None:
+    for parse in (
+        parsers.window,
+        parsers.seconds,
+        parsers.tolerance,
+        parsers.components,
+        parsers.pose_std,
+        lambda t: parsers.pose_std(f"tx={t}"),
+    ):
+        with contextlib.suppress(typer.BadParameter):
+            parse(text)
+
+
+@pytest.mark.parametrize(
+    ("text", "name"),
+    [
+        ("bmi088", "bmi088"),
+        ("BMI088", "bmi088"),
+        ("ICM-20948", "icm20948"),
+        ("Xsens MTi", "xsens_mti"),
+        ("help", "help"),
+        ("My_Imu.yaml", "My_Imu.yaml"),
+    ],
+)
+def test_imus_are_found_however_they_are_written(text: str, name: str) -> None:
+    assert parsers.imu_name(text) == name
