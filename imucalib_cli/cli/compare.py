@@ -67,9 +67,8 @@ def compare_command(
     with writing(output, read=files_of(result, kalibr, truth, urdf)) as path:
         from imucalib_cli.jobs.compare import compare_files
         from imucalib_cli.results.codec import to_json, to_yaml
-        from imucalib_cli.results.kalibr import summarise_comparison
 
-        compared = compare_files(
+        answer, text = compare_files(
             result,
             kalibr,
             urdf,
@@ -78,14 +77,8 @@ def compare_command(
             imu=imu,
             truth=truth,
         )
-        answer = compared.answer
-        match fmt:
-            case "summary":
-                text = summarise_comparison(compared)
-            case "json":
-                text = to_json([answer])
-            case _:
-                text = to_yaml([answer])
+        if fmt != "summary":
+            text = (to_json if fmt == "json" else to_yaml)([answer])
         deliver(text, path)
         if not quiet:
             if fmt != "summary":

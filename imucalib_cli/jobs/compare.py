@@ -10,7 +10,6 @@ from imucalib_cli.results.kalibr import (
     KALIBR,
     OPTICAL,
     TRUTH,
-    KalibrComparison,
     compare_with_kalibr,
     read_kalibr,
     read_truth,
@@ -20,6 +19,7 @@ from imucalib_cli.robot.urdf import frame_name, load_robot
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from imucalib_cli.results.answers import KalibrAnswer
     from imucalib_cli.results.result import Result
     from imucalib_cli.robot.urdf import Robot
 
@@ -33,7 +33,7 @@ def compare_files(
     camera_link: str | None = None,
     imu: str | None = None,
     truth: str | None = None,
-) -> KalibrComparison:
+) -> tuple[KalibrAnswer, str]:
     """Compare one result with Kalibr's.
 
     Args:
@@ -45,6 +45,9 @@ def compare_files(
             so.
         imu: Frame or topic, where the result has several.
         truth: Truth file of a simulated log; ``-`` likewise.
+
+    Returns:
+        The answer, and it in a dozen lines for people.
 
     Raises:
         InputError: A file cannot be used.

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
-from msgspec import UNSET, Meta, UnsetType
+from msgspec import Meta
 from numpy.typing import NDArray
 
 from imucalib_cli.digits import figures
@@ -19,6 +19,7 @@ from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.findings import warning
 from imucalib_cli.guarded_yaml import YamlError, load_one
 from imucalib_cli.results.answers import (
+    Averaged,
     Distance,
     FramePoses,
     KalibrAnswer,
@@ -26,14 +27,11 @@ from imucalib_cli.results.answers import (
     OurPose,
     TimeShifts,
     TruthPose,
-    distance_entry,
-    part_entries,
-    test_entry,
 )
 from imucalib_cli.results.codec import FARTHEST, convert
 from imucalib_cli.results.from_estimate import plain, pose_entry
 from imucalib_cli.results.pose import fixed_transform, pose_error
-from imucalib_cli.results.pose_comparison import PoseComparison, compare_poses
+from imucalib_cli.results.pose_comparison import compare_poses
 from imucalib_cli.results.result import SCHEMA, Result, Tree, Vector3
 from imucalib_cli.robot.rotations import matrix_from_quaternion, nearest_rotation
 from imucalib_cli.shown import shown
@@ -41,7 +39,7 @@ from imucalib_cli.shown import shown
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from imucalib_cli.results.pose import PoseError
+    from imucalib_cli.results.pose_comparison import PoseComparison
     from imucalib_cli.robot.urdf import Robot
 
 Floats = NDArray[np.float64]
@@ -62,10 +60,10 @@ TRUTH = "the truth.yaml that imucalib simulate writes beside a log"
 
 
 class _Camera(Tree, frozen=True):
-    """One camera of Kalibr's chain."""
+    """One camera of Kalibr's chain, or the simulated one."""
 
     T_cam_imu: _Matrix4
-    timeshift_cam_imu: float | UnsetType = UNSET
+    timeshift_cam_imu: float | None = None
 
 
 class _TrueTransform(Tree, frozen=True):
@@ -77,19 +75,12 @@ class _TrueTransform(Tree, frozen=True):
     rotation_xyzw: _Four
 
 
-class _TrueCamera(Tree, frozen=True):
-    """Of the simulated camera."""
-
-    T_cam_imu: _Matrix4
-    timeshift_cam_imu: float
-
-
 class _Truth(Tree, frozen=True):
     """What is read of a truth file."""
 
     transform: _TrueTransform
     time_offset: float
-    camera: _TrueCamera | None = None
+    camera: _Camera | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -135,23 +126,18 @@ def read_kalibr(text: str, name: str, camera: str = "cam0") -> KalibrResult:
         ChoiceError: It has no such camera.
     """
     loaded = _mapping(text, name)
-    cameras = [key for key in loaded if str(key).startswith("cam")]
-    if not cameras:
-        raise InputError(f"{name}: holds no cam0: it should be {KALIBR}")
+    cameras = [str(key) for key in loaded if str(key).startswith("cam")]
     if camera not in cameras:
-        raise ChoiceError(f"--camera {camera}: {name} has {', '.join(map(str, cameras))}")
-    if not isinstance(loaded[camera], dict) or "T_cam_imu" not in loaded[camera]:
-        raise InputError(
-            f"{name}: {camera} has no T_cam_imu: it should be {KALIBR}, not the camchain it reads"
-        )
-    found = convert(loaded[camera], _Camera, name, "Kalibr's -camchain-imucam.yaml", where=camera)
+        if cameras:
+            raise ChoiceError(f"--camera {camera}: {name} has {', '.join(cameras)}")
+        raise InputError(f"{name}: holds no cam0: it should be {KALIBR}")
+    found = convert(loaded[camera], _Camera, name, KALIBR, where=camera)
     R, t = _pose(found.T_cam_imu, f"{name}: {camera}")
-    shift = found.timeshift_cam_imu
     return KalibrResult(
         file=name,
         camera=camera,
         T_camera_imu=(nearest_rotation(R), t),
-        timeshift=None if shift is UNSET else shift,
+        timeshift=found.timeshift_cam_imu,
     )
 
 
@@ -161,12 +147,7 @@ def read_truth(text: str, name: str) -> TruePose:
     Raises:
         InputError: It is no such file, or a value in it cannot be.
     """
-    loaded = _mapping(text, name)
-    if not {"transform", "time_offset"} <= set(loaded):
-        raise InputError(f"{name}: holds no transform and time_offset: it should be {TRUTH}")
-    if isinstance(loaded["time_offset"], dict):
-        raise InputError(f"{name}: is a result of imucalib run, no truth: it should be {TRUTH}")
-    found = convert(loaded, _Truth, name, "the truth.yaml of `imucalib simulate`")
+    found = convert(_mapping(text, name), _Truth, name, TRUTH)
     transform, camera = found.transform, found.camera
     if abs(math.hypot(*transform.rotation_xyzw) - 1.0) > 1e-6:
         raise InputError(f"{name}: transform.rotation_xyzw should have norm 1")
@@ -209,16 +190,6 @@ def _mapping(text: str, name: str) -> dict[Any, Any]:
     return loaded if isinstance(loaded, dict) else {}
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class KalibrComparison:
-    """The answer, and what its words are made from."""
-
-    answer: KalibrAnswer
-    apart: PoseComparison
-    """Kalibr's less ours in the parent's frame. Its covariance is ours alone: Kalibr's file has
-    none."""
-
-
 def compare_with_kalibr(
     file: str,
     result: Result,
@@ -227,7 +198,7 @@ def compare_with_kalibr(
     *,
     camera_link: str,
     truth: TruePose | None = None,
-) -> KalibrComparison:
+) -> tuple[KalibrAnswer, str]:
     """Express both results in both frames through the URDF's fixed joints.
 
     Args:
@@ -238,6 +209,9 @@ def compare_with_kalibr(
         camera_link: The camera's optical frame in it.
         truth: What is true, if anybody knows. Each is held against it in the frame that it was
             estimated in, so that a camera that is drawn wrong counts against neither.
+
+    Returns:
+        The answer, and it in a dozen lines for people.
 
     Raises:
         ChoiceError: A frame is not in the URDF, or a joint between them moves; or the truth is of
@@ -250,34 +224,32 @@ def compare_with_kalibr(
             f"{found.parent}: give the truth of the same log, or run with the same --parent"
         )
     R, p = fixed_transform(robot, found.parent, camera_link)
-    ours, theirs = (found.R, found.t), (R @ kalibr.T_camera_imu[0], p + R @ kalibr.T_camera_imu[1])
+    R_camera, t_camera = kalibr.T_camera_imu
+    ours, theirs = (found.R, found.t), (R @ R_camera, p + R @ t_camera)
     nominal = None
     if found.child in robot.links:
         nominal = fixed_transform(robot, found.parent, found.child)
-    our_error, their_error = None, None
-    if truth is not None:
-        our_error = pose_error(*ours, *truth.T_parent_imu)
-        their_error = pose_error(*theirs, *truth.T_parent_imu)
-        if truth.T_camera_imu is not None:
-            their_error = pose_error(*kalibr.T_camera_imu, *truth.T_camera_imu)
 
     def poses(pose: Pose) -> FramePoses:
         return FramePoses(pose_entry(R.T @ pose[0], R.T @ (pose[1] - p)), pose_entry(*pose))
 
-    def entries(pose: Pose, error: PoseError | None) -> dict[str, Any]:
+    def entries(pose: Pose, error: Distance | None) -> dict[str, Any]:
         both = poses(pose)
         return {
             "T_camera_imu": both.T_camera_imu,
             "T_parent_imu": both.T_parent_imu,
-            "from_nominal": None
-            if nominal is None
-            else distance_entry(pose_error(*pose, *nominal)),
-            "error": None if error is None else distance_entry(error),
+            "from_nominal": _distance(pose, nominal),
+            "error": error,
         }
 
+    error = their_error = times = None
+    if truth is not None:
+        error = _distance(ours, truth.T_parent_imu)
+        their_error = _distance(kalibr.T_camera_imu, truth.T_camera_imu)
+        their_error = their_error or _distance(theirs, truth.T_parent_imu)
     apart = compare_poses(found, found.exactly(*theirs))
     our_pose = OurPose(
-        file=file, time_offset=plain(result.time_offset.seconds), **entries(ours, our_error)
+        file=file, time_offset=plain(result.time_offset.seconds), **entries(ours, error)
     )
     kalibr_pose = KalibrPose(
         file=kalibr.file,
@@ -285,8 +257,9 @@ def compare_with_kalibr(
         timeshift_cam_imu=plain(kalibr.timeshift),
         **entries(theirs, their_error),
     )
-    times = None if kalibr.timeshift is None else _time_shifts(result, kalibr.timeshift, truth)
-    translation, rotation = part_entries(apart)
+    if kalibr.timeshift is not None:
+        times = _time_shifts(result, kalibr.timeshift, truth)
+    translation, rotation = apart.entries()
     answer = KalibrAnswer(
         schema=SCHEMA,
         comparison="kalibr",
@@ -298,7 +271,7 @@ def compare_with_kalibr(
         urdf=str(robot.source),
         translation=translation,
         rotation=rotation,
-        test=test_entry(apart.test()),
+        test=apart.test(),
         time=times,
         warnings=_warnings(apart, camera_link, robot),
         imucalib=our_pose,
@@ -306,7 +279,22 @@ def compare_with_kalibr(
         nominal=None if nominal is None else poses(nominal),
         truth=None if truth is None else _truth_entry(truth),
     )
-    return KalibrComparison(answer=answer, apart=apart)
+    return answer, "\n".join(map(shown, _lines(answer, apart))) + "\n"
+
+
+def _distance(pose: Pose, other: Pose | None) -> Distance | None:
+    if other is None:
+        return None
+    error = pose_error(*pose, *other)
+    return Distance(
+        distance_mm=plain(error.translation * 1e3),
+        angle_deg=plain(math.degrees(error.rotation)),
+        averaged=Averaged(
+            metric="ATOM compareTransforms: |mean of x y z|, mean of |roll| |pitch| |yaw|",
+            translation_mm=plain(error.averaged_translation * 1e3),
+            rotation_deg=plain(math.degrees(error.averaged_rotation)),
+        ),
+    )
 
 
 def _time_shifts(result: Result, shift: float, truth: TruePose | None) -> TimeShifts:
@@ -373,12 +361,8 @@ def _camera_clock_words(times: TimeShifts) -> str:
     )
 
 
-def summarise_comparison(compared: KalibrComparison) -> str:
-    """A dozen lines, with a newline at the end: two columns, then what is between them."""
-    return "\n".join(map(shown, _lines(compared.answer, compared.apart))) + "\n"
-
-
 def _lines(answer: KalibrAnswer, apart: PoseComparison) -> Iterator[str]:
+    """Two columns, then what is between them."""
     ours, theirs, times = answer.imucalib, answer.kalibr, answer.time
     yield f"{answer.child} in {answer.parent}: Kalibr's pose beside ours"
     yield f"  ours from {ours.file}: {answer.status}"

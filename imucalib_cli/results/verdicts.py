@@ -10,12 +10,11 @@ from imucalib_cli.findings import warning
 from imucalib_cli.results.answers import (
     DiffAnswer,
     Side,
+    TestEntry,
     ToldPose,
+    Verdict,
     VerifyAnswer,
-    part_entries,
-    significance_entry,
-    test_entry,
-    within_entry,
+    Within,
 )
 from imucalib_cli.results.from_estimate import plain, pose_entry
 from imucalib_cli.results.pose_comparison import PoseComparison, compare_poses
@@ -27,7 +26,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from imucalib_cli.results.pose import Nominal, UncertainPose
-    from imucalib_cli.results.pose_comparison import Test, Verdict
     from imucalib_cli.results.result import Result, SourceFile
 
 _MOVED: dict[Verdict, Literal["moved", "not moved", "unknown"]] = {
@@ -79,7 +77,7 @@ def verify(
         case "unknown":
             why = doubts or _open_questions(result, apart, within)
             said = f"cannot tell whether {place} is where {by}, within {asked}: {'; '.join(why)}"
-    translation, rotation = part_entries(apart, *verdicts)
+    translation, rotation = apart.entries(*verdicts)
     pose = pose_entry(told.R_parent_imu, told.t_parent_imu)
     return VerifyAnswer(
         schema=SCHEMA,
@@ -88,10 +86,10 @@ def verify(
         reason=said + _given_beforehand(result),
         parent=result.parent,
         child=result.child,
-        within=within_entry(within),
+        within=_within(within),
         translation=translation,
         rotation=rotation,
-        significance=significance_entry(apart),
+        significance=apart.significance(),
         told=ToldPose(
             joint=told.joint,
             translation=pose.translation,
@@ -140,7 +138,7 @@ def diff(
             why = doubts or [f"{n}: {gap}" for n, r in sides for gap in _gaps(r)]
             why = why or [_too_wide(apart, within)]
             said = f"cannot tell whether {place} has moved: {figures_said}; {'; '.join(why)}"
-    translation, rotation = part_entries(apart)
+    translation, rotation = apart.entries()
     covariance = apart.covariance
     return DiffAnswer(
         schema=SCHEMA,
@@ -149,16 +147,20 @@ def diff(
         reason=said,
         parent=poses[0].parent,
         child=poses[0].child,
-        within=None if within is None else within_entry(within),
+        within=None if within is None else _within(within),
         translation=translation,
         rotation=rotation,
-        significance=significance_entry(apart),
-        test=test_entry(test),
+        significance=apart.significance(),
+        test=test,
         covariance=plain(covariance),
         warnings=_warnings(first, second),
         first=_side(*first),
         second=_side(*second),
     )
+
+
+def _within(within: Tolerance) -> Within:
+    return Within(plain(within.translation * 1e3), plain(math.degrees(within.rotation)))
 
 
 def _contradictions(result: Result) -> list[str]:
@@ -223,12 +225,14 @@ def _tolerance_words(within: Tolerance) -> str:
     return f"{within.translation * 1e3:.6g} mm and {math.degrees(within.rotation):.6g} deg"
 
 
-def _chance(test: Test | None) -> str:
+def _chance(test: TestEntry | None) -> str:
     if test is None:
         return ""
     chance = "less than 1e-12" if test.p_value < 1e-12 else figures(test.p_value, 2)
+    chi2 = math.inf if test.chi2 is None else test.chi2
     return (
-        f" (chi-squared {figures(test.chi2, 3)} with {test.freedom} degrees of freedom, p {chance})"
+        f" (chi-squared {figures(chi2, 3)} with {test.degrees_of_freedom} degrees of freedom, "
+        f"p {chance})"
     )
 
 
