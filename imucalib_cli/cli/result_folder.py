@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
     from pathlib import Path
 
-    from imucalib_cli.results.formats import Format
     from imucalib_cli.results.result import Result
 
 _LONGEST = 200
@@ -25,7 +24,7 @@ def deliver_into(
     folder: Path,
     results: Sequence[Result],
     log: Path,
-    fmt: Format,
+    fmt: str,
     *,
     force: bool,
     read: Iterable[Path],
@@ -41,13 +40,14 @@ def deliver_into(
         ChoiceError, InputError: As results.places.see_places.
     """
     from imucalib_cli.results.atomic import write_whole
-    from imucalib_cli.results.formats import SUFFIXES, render
+    from imucalib_cli.results.formats import FORMATS
     from imucalib_cli.results.places import see_places
 
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"{folder}: cannot be made: {error.strerror}") from error
+    suffix = FORMATS[fmt].suffix
     children = [result.child for result in results]
     texts: dict[Path, str] = {}
     taken: set[str] = set()
@@ -58,9 +58,9 @@ def deliver_into(
         if children.count(child) > 1:
             child = result.imu_topic
         stem = _short(f"{log_name(log)}.{_file_name(child)}")
-        text = render([result], fmt, force=force)
+        text = FORMATS[fmt].render([result])
         for number in count(1):
-            path = folder / f"{stem}{'' if number == 1 else f'.{number}'}{SUFFIXES[fmt]}"
+            path = folder / f"{stem}{'' if number == 1 else f'.{number}'}{suffix}"
             # to some file systems, other cases and compositions of letters are one name
             name = unicodedata.normalize("NFC", path.name).casefold()
             if name not in taken and _is_free(path, text, result):
@@ -68,7 +68,7 @@ def deliver_into(
         taken.add(name)
         texts[path] = text
         if number > 1:
-            displaced.append((folder / f"{stem}{SUFFIXES[fmt]}", path))
+            displaced.append((folder / f"{stem}{suffix}", path))
     see_places(read=read, written=texts, force=force)
     for path, text in texts.items():
         write_whole(path, text)

@@ -131,7 +131,7 @@ def _write(
     """Deliver what may be delivered; the exit code is that of the worst IMU."""
     from imucalib_cli.cli.result_folder import deliver_into
     from imucalib_cli.errors import UntrustedError
-    from imucalib_cli.results.formats import refuse_untrusted, render
+    from imucalib_cli.results.formats import FORMATS, refuse_untrusted
 
     codes = [exit_code(failure) for failure in outcome.failures]
     usable = []
@@ -139,16 +139,16 @@ def _write(
         if result.status != "ok":
             codes.append(EXIT_UNTRUSTED)
         try:
-            if fmt in {"urdf", "tf"}:
+            if FORMATS[fmt].is_bare_pose:
                 refuse_untrusted(result, fmt, force=force)
             usable.append(result)
         except UntrustedError as error:
             say("error", error)
     if usable and folder and target is not None:
-        for name, other in deliver_into(target, usable, read[0], fmt, force=force, read=read):  # type: ignore[arg-type]
+        for name, other in deliver_into(target, usable, read[0], fmt, force=force, read=read):
             say("warning", f"{name} is of another IMU or log: this result is in {other}")
     elif usable:
-        deliver(render(usable, fmt, force=force), target)  # type: ignore[arg-type]
+        deliver(FORMATS[fmt].render(usable), target)
     return worst(codes)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from shlex import quote
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, NamedTuple
 from xml.sax.saxutils import quoteattr
 
 from imucalib_cli.errors import UntrustedError
@@ -12,44 +12,20 @@ from imucalib_cli.results.summary import summarise
 from imucalib_cli.results.urdf_edit import joint_snippet
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from imucalib_cli.results.result import Result
 
-Format = Literal["yaml", "json", "urdf", "tf", "summary"]
-SUFFIXES: dict[Format, str] = {
-    "yaml": ".yaml",
-    "json": ".json",
-    "urdf": ".joint.xml",
-    "tf": ".txt",
-    "summary": ".txt",
-}
-"""Of the files that ``-o FOLDER/`` writes; a <joint> alone is no URDF and is not called one."""
 
+class Format(NamedTuple):
+    """A form in which results are written."""
 
-def render(results: Sequence[Result], fmt: Format, *, force: bool = False) -> str:
-    """Text of the results in a format.
-
-    Args:
-        results: One for each IMU, at least one.
-        fmt: yaml, json and summary tell the whole result; urdf is a <joint> for each IMU; tf is
-            one line for each IMU with the named arguments of ROS 2's static_transform_publisher.
-        force: Give a pose as urdf or tf although it should not be trusted.
-
-    Raises:
-        UntrustedError: A pose that should not be trusted was asked for as urdf or tf.
-    """
-    match fmt:
-        case "yaml":
-            return to_yaml(results)
-        case "json":
-            return to_json(results)
-        case "summary":
-            return "\n".join(summarise(result) for result in results)
-        case "urdf":
-            return "".join(_joint(result, force=force) for result in results)
-        case "tf":
-            return "".join(_tf(result, force=force) for result in results)
+    suffix: str
+    """Of the files that ``-o FOLDER/`` writes."""
+    is_bare_pose: bool
+    """Whether it cannot say that the pose should not be trusted."""
+    render: Callable[[Sequence[Result]], str]
+    """Text of one result for each IMU, at least one."""
 
 
 def refuse_untrusted(result: Result, use: str, *, force: bool) -> None:
@@ -67,8 +43,8 @@ def refuse_untrusted(result: Result, use: str, *, force: bool) -> None:
     )
 
 
-def _joint(result: Result, *, force: bool) -> str:
-    refuse_untrusted(result, "URDF joint", force=force)
+def _joint(result: Result) -> str:
+    """A <joint>, with its link where the URDF has none."""
     pose, nominal = result.pose, result.diagnostics.nominal
     snippet = joint_snippet(result.parent, result.child, pose.translation, pose.rotation_rpy)
     if nominal is None or not nominal.joint:
@@ -79,11 +55,26 @@ def _joint(result: Result, *, force: bool) -> str:
     return joint.replace(made_up, quoteattr(nominal.joint), 1)
 
 
-def _tf(result: Result, *, force: bool) -> str:
-    refuse_untrusted(result, "tf arguments", force=force)
+def _tf(result: Result) -> str:
+    """The named arguments of ROS 2's static_transform_publisher, one line."""
     names = ("x", "y", "z", "qx", "qy", "qz", "qw")
     values = (*result.pose.translation, *result.pose.rotation_xyzw)
     numbers = " ".join(f"--{n} {v + 0.0:.12g}" for n, v in zip(names, values, strict=True))
     # the line is pasted into a shell
     parent, child = quote(result.parent), quote(result.child)
     return f"{numbers} --frame-id {parent} --child-frame-id {child}\n"
+
+
+def _each(render: Callable[[Result], str], between: str = "") -> Callable[[Sequence[Result]], str]:
+    return lambda results: between.join(map(render, results))
+
+
+FORMATS: dict[str, Format] = {
+    "yaml": Format(".yaml", False, to_yaml),
+    "json": Format(".json", False, to_json),
+    "summary": Format(".txt", False, _each(summarise, "\n")),
+    # a <joint> alone is no URDF and its file is not called one
+    "urdf": Format(".joint.xml", True, _each(_joint)),
+    "tf": Format(".txt", True, _each(_tf)),
+}
+"""By name."""

@@ -12,7 +12,7 @@ import pytest
 from imucalib_cli.cli.main import main
 from imucalib_cli.cli.output import say
 from imucalib_cli.cli.progress import ProgressBar
-from imucalib_cli.results.formats import render
+from imucalib_cli.results.formats import FORMATS
 from imucalib_cli.results.summary import summarise
 from tests.conftest import LogWriter
 from tests.results.test_results_documents import make_result
@@ -90,7 +90,7 @@ def test_a_progress_bar_takes_names_as_they_are(monkeypatch: pytest.MonkeyPatch)
 
 @pytest.mark.parametrize("name", ["x; touch PWNED #", "x --frame-id evil", "`id`", "a b", "*"])
 def test_tf_arguments_survive_a_shell(name: str) -> None:
-    words = shlex.split(render([make_result(child=name, parent="hand")], "tf"))
+    words = shlex.split(FORMATS["tf"].render([make_result(child=name, parent="hand")]))
     assert words[-4:] == ["--frame-id", "hand", "--child-frame-id", name]
 
 

@@ -30,7 +30,7 @@ from imucalib_cli.estimate.imu_check import ImuCheck, SensorCheck
 from imucalib_cli.findings import Severity, note, texts, untrusted, warning
 from imucalib_cli.results.answers import schema_of
 from imucalib_cli.results.codec import read_results, result_from, to_document, to_json, to_yaml
-from imucalib_cli.results.formats import render
+from imucalib_cli.results.formats import FORMATS, refuse_untrusted
 from imucalib_cli.results.from_estimate import finding_entry, result_of, scalars
 from imucalib_cli.results.pose import Nominal
 from imucalib_cli.results.requirement import Tolerance, require
@@ -553,7 +553,7 @@ def test_distance_matches_scipy_near_and_far() -> None:
 
 
 def test_tf_arguments_put_the_child_where_the_estimate_does() -> None:
-    line = render([make_result()], "tf")
+    line = FORMATS["tf"].render([make_result()])
     words = line.split()
     named = {words[i][2:]: words[i + 1] for i in range(0, len(words), 2)}
     assert named["frame-id"] == "wrist_3_link"
@@ -563,12 +563,12 @@ def test_tf_arguments_put_the_child_where_the_estimate_does() -> None:
     assert [float(named[k]) for k in "xyz"] == [-0.0225, 0.1, 1e-5]
 
 
-@pytest.mark.parametrize("fmt", ["tf", "urdf"])
-def test_untrusted_poses_are_refused_without_force(fmt: Any) -> None:
+def test_untrusted_poses_are_refused_without_force() -> None:
     bad = make_result(unobservable=(UP,))
     with pytest.raises(UntrustedError, match="translation not determined"):
-        render([bad], fmt)
-    assert render([bad], "yaml")
+        refuse_untrusted(bad, "urdf", force=False)
+    refuse_untrusted(bad, "urdf", force=True)
+    assert {name for name, each in FORMATS.items() if each.is_bare_pose} == {"tf", "urdf"}
 
 
 @pytest.mark.parametrize("which", ["result", "comparison"])
