@@ -16,14 +16,14 @@ import numpy as np
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.logs.damage import Tally
-from imucalib_cli.logs.reader import Channel, Labels, Piece
+from imucalib_cli.logs.reader import Catalogue, Labels, Piece
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Sequence
     from pathlib import Path
 
     from imucalib_cli.findings import Finding
-    from imucalib_cli.logs.reader import Progress, Sink
+    from imucalib_cli.logs.reader import Channel, Progress, Sink
 
 _SPELLINGS = {
     "gyro": ("xyz", "g|w|gyr|gyro|omega|angular_velocity|w_rs_s"),
@@ -134,21 +134,16 @@ class CsvFile:
         """An IMU, joint states and poses, as far as the columns hold them."""
         base = self._topic or "/" + re.sub(r"\W+", "_", self.path.stem)
         endings = {"imu": "/imu", "joints": "/joint_states", "pose": "/pose"}
-        found = []
-        for number, (kind, _, _) in enumerate(self._layout.groups):
-            tally = Tally()
-            tally.add(np.array(self._times[number], dtype=np.int64))
-            tally.count += self._bad[number]
-            found.append(
-                Channel.counted(
-                    tally,
-                    number=self._first_number + number,
-                    topic=base + (endings[kind] if len(self._layout.groups) > 1 else ""),
-                    type=_KINDS[kind][0] if kind in _KINDS else "sensor_msgs/JointState",
-                    encoding="text",
-                )
-            )
-        return tuple(found)
+        catalogue, tallies = Catalogue(), {}
+        for k, (kind, _, _) in enumerate(self._layout.groups):
+            number = self._first_number + k
+            name = base + (endings[kind] if len(self._layout.groups) > 1 else "")
+            type_name = _KINDS[kind][0] if kind in _KINDS else "sensor_msgs/JointState"
+            catalogue.publishers[number] = (number, name, "text")
+            catalogue.schemas[number] = (type_name, "")
+            tallies[number] = Tally(self._bad[k])
+            tallies[number].add(np.array(self._times[k], dtype=np.int64))
+        return catalogue.channels(tallies)
 
     def read(self, wanted: Collection[int], sink: Sink, progress: Progress) -> None:
         """Give the sink the rows of the wanted channels."""

@@ -9,14 +9,15 @@ from __future__ import annotations
 import sys
 from collections import Counter
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
 from imucalib_cli.findings import Finding, warning
-from imucalib_cli.logs.messages import MESSAGE_TYPES, TF_TYPES, MessageType
+from imucalib_cli.logs.messages import TF_TYPES
 from imucalib_cli.logs.reader import Piece
-from imucalib_cli.logs.slow import SlowDecoder
+from imucalib_cli.logs.slow import decode_one
 from imucalib_cli.logs.streams import ImuStream, JointStream, PoseStream
 from imucalib_cli.logs.wire import decode
 
@@ -56,7 +57,6 @@ class TopicData:
 
     topic: str
     type: str
-    message_type: MessageType
     pieces: list[Piece] = field(default_factory=list)
     messages: int = 0
     undecoded: int = 0
@@ -65,7 +65,6 @@ class TopicData:
 @dataclass(eq=False)
 class _Block:
     channel: Channel
-    decoder: SlowDecoder
     into: TopicData
     arrival: list[NDArray[np.int64]] = field(default_factory=list)
     log_ns: list[Nanoseconds] = field(default_factory=list)
@@ -98,10 +97,10 @@ class Collector:
         if not len(rows):
             return
         length = rows.shape[1]
-        key = (channel.topic, channel.type, channel.encoding, channel.definition, length)
+        key = (channel.name, channel.type, channel.encoding, channel.definition, length)
         block = self._blocks.get(key)
         if block is None:
-            block = self._blocks[key] = self._new_block(channel)
+            block = self._blocks[key] = _Block(channel, self._topic(channel))
         block.arrival.append(arrival + self._file_base)
         block.log_ns.append(log_ns)
         block.rows.append(rows)
@@ -136,14 +135,9 @@ class Collector:
             data.pieces.sort(key=lambda piece: int(piece.arrival[0]))
             yield data
 
-    def _new_block(self, channel: Channel) -> _Block:
-        into = self._topic(channel)
-        decoder = SlowDecoder(channel.type, into.message_type, channel.encoding, channel.definition)
-        return _Block(channel, decoder, into)
-
     def _topic(self, channel: Channel) -> TopicData:
-        into = TopicData(channel.topic, channel.type, MESSAGE_TYPES[channel.type])
-        return self.topics.setdefault((channel.topic, channel.type), into)
+        into = TopicData(channel.name, channel.type)
+        return self.topics.setdefault((channel.name, channel.type), into)
 
     def _add_packed(
         self, channel: Channel, arrival: NDArray[np.int64], log_ns: Nanoseconds, rows: Bytes
@@ -185,7 +179,7 @@ class Collector:
         into = block.into
         into.messages += len(rows)
         decoded = np.zeros(len(rows), dtype=bool)
-        for each in decode(rows, into.message_type, block.channel.encoding, block.decoder):
+        for each in decode(rows, block.channel, partial(decode_one, block.channel)):
             decoded[each.rows] = True
             self._bytes_left -= sum(values.nbytes for values in each.numbers.values())
             if self._bytes_left < 0:

@@ -63,7 +63,6 @@ class Inflated:
         self._scratch = scratch
         self._done = 0
         self._ended = False
-        self.damage = ""
 
     def upto(self, size: int | None = None) -> Bytes:
         """All sound bytes among the first ``size`` (None: all), at times a few more."""
@@ -74,8 +73,7 @@ class Inflated:
             try:
                 got = self._source.fill(buffer.data[self._done : self._done + room])
             # lz4, zstandard and bz2 each raise their own kinds on damaged bytes.
-            except Exception as error:  # noqa: BLE001
-                self.damage = str(error) or type(error).__name__
+            except Exception:  # noqa: BLE001
                 got = 0
             self._done += got
             self._ended = got == 0

@@ -11,7 +11,7 @@ from imucalib_cli.findings import Finding, warning, warnings
 from imucalib_cli.logs.csv_file import CsvFile
 from imucalib_cli.logs.messages import MESSAGE_TYPES
 from imucalib_cli.logs.open import READERS, open_files
-from imucalib_cli.logs.reader import is_readable
+from imucalib_cli.logs.reader import Topic
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -27,27 +27,6 @@ _MAX_OVERLAP_S = 0.5
 """Recorders split between messages; a cache written late may cause a little."""
 _MAX_OVERLAP_SHARE = 0.1
 """Of the shorter of two files that hold the same IMU: no part of one recording overlaps so much."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Topic:
-    """A topic as the recording lists it; nothing of it has been decoded."""
-
-    name: str
-    type: str
-    """Without ``/msg/``: sensor_msgs/Imu."""
-    encoding: str
-    """``cdr``, ``ros1`` or what else the log says."""
-    count: int
-    """Messages."""
-    start_ns: int
-    """Receive time of the first message, ns; 0 without messages."""
-    end_ns: int
-
-    @property
-    def readable(self) -> bool:
-        """Whether :meth:`Log.read` can make streams of it."""
-        return is_readable(self.type, self.encoding)
 
 
 @dataclass(kw_only=True)
@@ -123,7 +102,7 @@ class Log:
         collector = Collector()
         for number, file in enumerate(self._files):
             channels = [
-                each.number for each in file.channels if each.topic in wanted and each.readable
+                each.number for each in file.channels if each.name in wanted and each.readable
             ]
             if channels:
                 share = _share(progress, number, len(self._files))
@@ -141,7 +120,7 @@ class Log:
         for found in collector.finish():
             name = found.topic
             losses += self._shortfall(found)
-            match found.message_type.kind:
+            match MESSAGE_TYPES[found.type].kind:
                 case "imu":
                     imu, lost = imu_stream(found)
                     if imu is not None:
@@ -252,15 +231,12 @@ def _see_one_recording(files: Sequence[LogFile], wanted: set[str]) -> None:
     heard: dict[str, tuple[LogFile, Channel]] = {}
     for file in files:
         for channel in file.channels:
-            if channel.topic not in wanted or not channel.count or not channel.readable:
-                continue
-            if MESSAGE_TYPES[channel.type].kind != "imu":
-                continue
-            if channel.topic in heard:
-                other, before = heard[channel.topic]
+            is_imu = channel.readable and MESSAGE_TYPES[channel.type].kind == "imu"
+            if is_imu and channel.name in wanted and channel.count:
+                other, before = heard.get(channel.name, (file, channel))
                 if other is not file:
                     _see_after(file, channel, other, before)
-            heard[channel.topic] = file, channel
+                heard[channel.name] = file, channel
 
 
 def _see_after(file: LogFile, channel: Channel, other: LogFile, before: Channel) -> None:
@@ -268,7 +244,7 @@ def _see_after(file: LogFile, channel: Channel, other: LogFile, before: Channel)
     overlap = (min(channel.end_ns, before.end_ns) - max(channel.start_ns, before.start_ns)) * 1e-9
     if overlap > max(_MAX_OVERLAP_S, _MAX_OVERLAP_SHARE * shorter):
         raise ChoiceError(
-            f"{other.path} and {file.path} both hold {channel.topic} over the same "
+            f"{other.path} and {file.path} both hold {channel.name} over the same "
             f"{overlap:.3g} s: they are two recordings, run on each alone"
         )
 
@@ -303,7 +279,7 @@ def _topics(files: Sequence[LogFile]) -> tuple[Topic, ...]:
     groups: dict[tuple[str, str, str], list[Channel]] = {}
     for file in files:
         for channel in file.channels:
-            groups.setdefault((channel.topic, channel.type, channel.encoding), []).append(channel)
+            groups.setdefault((channel.name, channel.type, channel.encoding), []).append(channel)
     topics = []
     for (name, type_name, encoding), channels in sorted(groups.items()):
         filled = [each for each in channels if each.count]

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.logs.damage import Tally
-from imucalib_cli.logs.messages import MESSAGE_TYPES
+from imucalib_cli.logs.messages import MESSAGE_TYPES, normalise_type
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -27,31 +27,63 @@ Progress = Callable[[float], None]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Channel:
-    """One publisher's messages on a topic, as the file numbers them."""
+class Topic:
+    """Messages of one type under one name; nothing of them has been decoded."""
 
-    number: int
-    topic: str
+    name: str
     type: str
-    """Normalised, sensor_msgs/Imu."""
+    """Without ``/msg/``: sensor_msgs/Imu."""
     encoding: str
-    """``cdr``, ``ros1``, ``text`` or whatever else the file says."""
-    definition: str = ""
-    """The type's definition in .msg form where the file embeds it."""
+    """``cdr``, ``ros1``, ``text`` or what else the file says."""
     count: int = 0
+    """Messages."""
     start_ns: int = 0
+    """Receive time of the first message, ns; 0 without messages."""
     end_ns: int = 0
 
     @property
     def readable(self) -> bool:
         """Whether streams can be made of it."""
-        return is_readable(self.type, self.encoding)
+        return self.type in MESSAGE_TYPES and self.encoding in ENCODINGS
 
-    @classmethod
-    def counted(cls, tally: Tally | None, **described: Any) -> Channel:
-        """A channel with what was counted of it; None for nothing."""
-        seen = tally or Tally(start_ns=0)
-        return cls(count=seen.count, start_ns=seen.start_ns, end_ns=seen.end_ns, **described)
+
+@dataclass(frozen=True, kw_only=True)
+class Channel(Topic):
+    """One publisher's messages on a topic, as the file numbers them."""
+
+    number: int
+    definition: str = ""
+    """The type's definition in .msg form where the file embeds it."""
+
+
+@dataclass
+class Catalogue:
+    """Channels and their types by number, as records bring them."""
+
+    schemas: dict[int, tuple[str, str]] = field(default_factory=dict)
+    """Name and definition."""
+    publishers: dict[int, tuple[int, str, str]] = field(default_factory=dict)
+    """Schema number, topic, message encoding."""
+
+    def channels(self, tallies: dict[int, Tally]) -> tuple[Channel, ...]:
+        """All channels with what was counted."""
+        found = []
+        for number, (schema, name, encoding) in sorted(self.publishers.items()):
+            type_name, definition = self.schemas.get(schema, ("", ""))
+            seen = tallies.get(number) or Tally(start_ns=0)
+            found.append(
+                Channel(
+                    number=number,
+                    name=name,
+                    type=normalise_type(type_name),
+                    encoding=encoding,
+                    definition=definition,
+                    count=seen.count,
+                    start_ns=seen.start_ns,
+                    end_ns=seen.end_ns,
+                )
+            )
+        return tuple(found)
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,11 +98,6 @@ class Piece:
     """By the names that :mod:`~imucalib_cli.logs.messages` gives the type's fields."""
     numbers: dict[str, Floats]
     """(n, k) each, by the same names."""
-
-
-def is_readable(type_name: str, encoding: str) -> bool:
-    """Whether streams can be made of messages of a type, in an encoding."""
-    return type_name in MESSAGE_TYPES and encoding in ENCODINGS
 
 
 class Sink(Protocol):

@@ -12,7 +12,7 @@ from imucalib_cli.logs.messages import MESSAGE_TYPES, TF_TYPES, Kind
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence
 
-    from imucalib_cli.logs.log import Topic
+    from imucalib_cli.logs.reader import Topic
     from imucalib_cli.logs.streams import JointStream
 
 _OPTIONS: dict[Kind, str] = {

@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.logs.messages import (
+    MESSAGE_TYPES,
     Field,
     Header,
-    MessageType,
     NumberList,
     Numbers,
     Repeat,
@@ -33,7 +33,7 @@ from imucalib_cli.logs.messages import (
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from imucalib_cli.logs.reader import Labels
+    from imucalib_cli.logs.reader import Channel, Labels
     from imucalib_cli.logs.streams import Floats, Nanoseconds
 
 Rows = NDArray[np.uint8]
@@ -178,17 +178,13 @@ class _Walker:
 
 
 def decode(
-    rows: Rows,
-    message_type: MessageType,
-    encoding: str,
-    slow: Callable[[bytes], list[Element]],
+    rows: Rows, channel: Channel, slow: Callable[[bytes], list[Element]]
 ) -> Iterator[Element]:
     """Decode payloads of one length.
 
     Args:
         rows: (N, L), one payload a row.
-        message_type: What the payloads are.
-        encoding: ``cdr`` or ``ros1``.
+        channel: Whose they are.
         slow: Decodes one payload, for those the walk cannot follow; raises WireError where it
             cannot either. Its elements hold one row each, numbered 0.
 
@@ -196,14 +192,13 @@ def decode(
         Elements; a message that nothing can decode is in the ``rows`` of none of them, one with
         an empty sequence is in those of an element without texts.
     """
+    fields = MESSAGE_TYPES[channel.type].fields
     left = np.arange(len(rows))
     for _ in range(_MAX_SHAPES):
         if not len(left):
             return
         try:
-            shape = _Walker(rows[left[0]].tobytes(), ros1=encoding == "ros1").walk(
-                message_type.fields
-            )
+            shape = _Walker(rows[left[0]].tobytes(), ros1=channel.encoding == "ros1").walk(fields)
         except WireError:
             yield from _decode_slowly(rows, left[:1], slow)
             left = left[1:]

@@ -268,7 +268,7 @@ class NpyFile:
         self.losses: list[Finding] = []
         self._rows = np.load(path)
         first, last = self._rows["ns"][[0, -1]].tolist()
-        imu = Channel(number=7, topic="/npy", type="sensor_msgs/Imu", encoding="text")
+        imu = Channel(number=7, name="/npy", type="sensor_msgs/Imu", encoding="text")
         self.channels = (replace(imu, count=len(self._rows), start_ns=first, end_ns=last),)
 
     @classmethod

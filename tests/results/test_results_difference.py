@@ -153,6 +153,7 @@ def test_chi_squared_is_that_of_the_whole_vector() -> None:
     assert test is not None
     assert test.degrees_of_freedom == 6
     assert test.chi2 == pytest.approx(d @ np.linalg.solve(C, d), rel=1e-2)
+    assert test.chi2 is not None
     assert test.p_value == pytest.approx(chi2.sf(test.chi2, 6))
 
 

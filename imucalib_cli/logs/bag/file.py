@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import io
 from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
 
 from imucalib_cli.findings import note
+from imucalib_cli.logs.bag import records, search
 from imucalib_cli.logs.bag.records import (
     BAG,
     CHUNK,
@@ -21,21 +21,17 @@ from imucalib_cli.logs.bag.records import (
     op_of,
     read_head,
     time_of,
-    walk,
 )
-from imucalib_cli.logs.bag.search import find_record
 from imucalib_cli.logs.chunks import (
-    Catalogue,
     Chunk,
     ChunkedFile,
     ChunkHead,
     Contents,
     Index,
-    Payloads,
     Record,
 )
 from imucalib_cli.logs.damage import DamageError, Tally, seek
-from imucalib_cli.logs.reader import Bytes, cut
+from imucalib_cli.logs.reader import Bytes, Located, cut
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -46,7 +42,6 @@ if TYPE_CHECKING:
     from imucalib_cli.logs.bag.records import Fields
 
 _ENTRY = np.dtype([("sec", "<u4"), ("nsec", "<u4"), ("offset", "<u4")])
-_INDEX_ROOM = 1 << 14
 
 
 class BagFile(ChunkedFile):
@@ -55,6 +50,8 @@ class BagFile(ChunkedFile):
     MAGIC = MAGIC
     FORMAT = "a ROS 1 bag"
     PART = "bag"
+    walk = staticmethod(records.walk)
+    find_record = staticmethod(search.find_record)
 
     def __init__(self, path: Path) -> None:
         self._is_indexed = False
@@ -99,12 +96,6 @@ class BagFile(ChunkedFile):
         return _parse_chunk(head, start, size)
 
     def _message_index(self, file: BinaryIO, chunk: Chunk, channels: Collection[int]) -> Index:
-        if isinstance(file, io.FileIO):  # many small records: one read for most of them
-            buffered = io.BufferedReader(file, _INDEX_ROOM)
-            try:
-                return self._message_index(buffered, chunk, channels)
-            finally:
-                buffered.detach()
         at = chunk.end
         if not at:
             head = self._chunk_head(file, chunk.start)
@@ -131,40 +122,33 @@ class BagFile(ChunkedFile):
         entries: NDArray[np.int64],
         owner: NDArray[np.int64],  # noqa: ARG002 - the index alone says whose messages they are
         limits: NDArray[np.int64],
-    ) -> Payloads:
+    ) -> tuple[Located, NDArray[np.bool_]]:
         offsets = entries[:, 1]
         head_sizes, has_head = _sizes(data, offsets, limits)
         sizes, sound = _sizes(data, offsets + 4 + head_sizes, limits)
-        return Payloads(offsets + 8 + head_sizes, sizes, entries[:, 0], has_head & sound)
-
-    def walk(self, data: Bytes, catalogue: Catalogue) -> tuple[Index, int]:
-        """See :class:`~imucalib_cli.logs.chunks.ChunkedFile`."""
-        return walk(data.data, catalogue)
+        starts = offsets + 8 + head_sizes
+        return Located(data, starts, sizes, entries[:, 0]), has_head & sound
 
     def record(self, file: BinaryIO, at: int, contents: Contents) -> Record:
         """See :class:`~imucalib_cli.logs.chunks.ChunkedFile`."""
         if at >= self.size:
-            return Record("end", at, at)
+            return Record("end", at)
         head, start, size = read_head(file, at)
         op = op_of(head)
         end = start + size
         whole = end <= self.size and MESSAGE <= op <= CONNECTION
         if op == CHUNK:
             chunk = _parse_chunk(head, start, size)
-            return Record("chunk", end, end if whole else at + 1, is_whole=whole, chunk=chunk)
+            return Record("chunk", end, is_whole=whole, chunk=chunk)
         if op == MESSAGE and whole:
             channel, log_ns = number_of(head, "conn"), time_of(head)
-            return Record("message", end, at + 1, channel=channel, log_ns=log_ns)
+            return Record("message", end, channel=channel, log_ns=log_ns)
         if op == CONNECTION and whole:
             try:
                 describe(contents.catalogue, head, self._data(file, start, size))
             except DamageError:
                 whole = False
-        return Record("other", end, at + 1, is_whole=whole)
-
-    def find_record(self, file: BinaryIO, start: int) -> int | None:
-        """See :class:`~imucalib_cli.logs.chunks.ChunkedFile`."""
-        return find_record(file, start, self.size)
+        return Record("other", end, is_whole=whole)
 
 
 def _parse_chunk(head: Fields, start: int, size: int) -> ChunkHead:

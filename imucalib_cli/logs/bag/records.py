@@ -9,7 +9,8 @@ import numpy as np
 from imucalib_cli.logs.damage import Cursor, DamageError, seek
 
 if TYPE_CHECKING:
-    from imucalib_cli.logs.chunks import Catalogue, Index
+    from imucalib_cli.logs.chunks import Index
+    from imucalib_cli.logs.reader import Bytes, Catalogue
 
 MAGIC = b"#ROSBAG V2.0\n"
 MESSAGE, BAG, INDEX, CHUNK, CHUNK_INFO, CONNECTION = 2, 3, 4, 5, 6, 7
@@ -105,9 +106,9 @@ def describe(catalogue: Catalogue, head: Fields, data: bytes | memoryview) -> No
     catalogue.publishers[number] = (number, fields["topic"], "ros1")
 
 
-def walk(data: memoryview, catalogue: Catalogue) -> tuple[Index, int]:
+def walk(data: Bytes, catalogue: Catalogue) -> tuple[Index, int]:
     """See :meth:`~imucalib_cli.logs.chunks.ChunkedFile.walk`."""
-    cursor = Cursor(data)
+    cursor = Cursor(data.data)
     found: dict[int, list[tuple[int, int]]] = {}
     at = 0
     try:

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from imucalib_cli.logs.chunks import Catalogue, ChunkHead
+from imucalib_cli.logs.chunks import ChunkHead
 from imucalib_cli.logs.damage import Cursor, DamageError
 
 if TYPE_CHECKING:
     from imucalib_cli.logs.chunks import Index
-    from imucalib_cli.logs.reader import Bytes
+    from imucalib_cli.logs.reader import Bytes, Catalogue
 
 MAGIC = b"\x89MCAP0\r\n"
 FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK = 0x02, 0x03, 0x04, 0x05, 0x06
