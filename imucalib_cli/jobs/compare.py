@@ -60,11 +60,15 @@ def compare_files(
     theirs = read_kalibr(read_text(kalibr, KALIBR), display_name(kalibr), camera)
     true = None
     if truth is not None:
-        true = read_truth(read_text(truth, TRUTH), display_name(truth))
+        true = display_name(truth), read_truth(read_text(truth, TRUTH), display_name(truth))
     robot = load_robot(urdf)
     link = _only_optical(robot) if camera_link is None else frame_name(camera_link)
     return compare_with_kalibr(
-        display_name(result), ours, theirs, robot, camera_link=link, truth=true
+        (display_name(result), ours),
+        (display_name(kalibr), camera, theirs),
+        robot,
+        camera_link=link,
+        truth=true,
     )
 
 

@@ -53,6 +53,7 @@ _WORDS = {
     "bool": "true or false",
 }
 """What msgspec calls a type, and what a user does."""
+_SAID_BY_MSGSPEC = ("Expected ", "Invalid ", "Number out of range")
 
 
 class PlainDumper(yaml.SafeDumper):
@@ -200,6 +201,9 @@ def _complaint(error: str, document: object, kind: Any, what: str) -> tuple[str,
     if path.startswith("`key` in "):
         odd = "this version does not know" if said.startswith("Invalid") else "is no text"
         return place, f"has a key that {odd}: leave it out"
+    if not said.startswith(_SAID_BY_MSGSPEC):  # a rule of the tree's own, which names the field
+        field, _, complaint = said.partition(" ")
+        return f"{place}.{field}".removeprefix("."), complaint
     wanted = said.removeprefix("Expected ").partition(", got ")[0]
     if wanted == "`object`":
         return place, f"should be a mapping; is this {what}?"
