@@ -364,8 +364,8 @@ def test_a_bad_file_of_kalibrs_is_named(
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        ("cam0: {}", "should be the truth.yaml"),
-        ("transform: {}\ntime_offset: 0.0", "is this the truth.yaml of `imucalib simulate`?"),
+        ("cam0: {}", "transform is missing; is this the truth.yaml"),
+        ("transform: {}\ntime_offset: 0.0", "transform.parent is missing; is this the truth.yaml"),
         (to_yaml([ours()]), "time_offset should be a number"),
         (": [", "not YAML"),
     ],
