@@ -18,17 +18,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from imucalib_cli.logs.messages import (
-    MESSAGE_TYPES,
-    Field,
-    Header,
-    NumberList,
-    Numbers,
-    Repeat,
-    Text,
-    Texts,
-    is_sound_text,
-)
+from imucalib_cli.logs import messages
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -98,9 +88,9 @@ class _Walker:
             self._decides(0, 2)
             self.at = 4
 
-    def walk(self, fields: tuple[Field, ...]) -> _Shape:
+    def walk(self, fields: tuple[messages.Field, ...]) -> _Shape:
         place = _Place()
-        if not (len(fields) == 1 and isinstance(fields[0], Repeat)):
+        if not (len(fields) == 1 and isinstance(fields[0], messages.Repeat)):
             self.shape.places.append(place)
         self._fields(fields, place)
         left = len(self.payload) - self.at
@@ -108,24 +98,24 @@ class _Walker:
             raise WireError(f"{left} bytes beyond the last field")
         return self.shape
 
-    def _fields(self, fields: tuple[Field, ...], place: _Place) -> None:
+    def _fields(self, fields: tuple[messages.Field, ...], place: _Place) -> None:
         for each in fields:
             match each:
-                case Header():
+                case messages.Header():
                     self.at = self._aligned(4) + (4 if self.ros1 else 0)
                     place.stamp = self.at
                     self._move(8)
                     place.texts["frame_id"] = self._text()
-                case Text(path):
+                case messages.Text(path):
                     place.texts[path] = self._text()
-                case Texts(path):
+                case messages.Texts(path):
                     # A string takes at least its length field: bounds what a count may claim.
                     place.texts[path] = tuple(self._text() for _ in range(self._count(4)))
-                case Numbers(_, count, name):
+                case messages.Numbers(_, count, name):
                     self._numbers(place, name, count)
-                case NumberList(_, name):
+                case messages.NumberList(_, name):
                     self._numbers(place, name, self._count(8))
-                case Repeat(_, inner):
+                case messages.Repeat(_, inner):
                     for _ in range(self._count(64)):
                         self.shape.places.append(_Place())
                         self._fields(inner, self.shape.places[-1])
@@ -164,7 +154,7 @@ class _Walker:
         if not self.ros1:
             raw = raw[:-1]
         text = raw.decode("utf-8", errors="replace")
-        if not is_sound_text(text):
+        if not messages.is_sound_text(text):
             raise WireError("a text is no text")
         return text
 
@@ -192,7 +182,7 @@ def decode(
         Elements; a message that nothing can decode is in the ``rows`` of none of them, one with
         an empty sequence is in those of an element without texts.
     """
-    fields = MESSAGE_TYPES[channel.type].fields
+    fields = messages.MESSAGE_TYPES[channel.type].fields
     left = np.arange(len(rows))
     for _ in range(_MAX_SHAPES):
         if not len(left):

@@ -7,21 +7,8 @@ from typing import TYPE_CHECKING, BinaryIO
 import numpy as np
 
 from imucalib_cli.findings import note
-from imucalib_cli.logs.bag import records, search
-from imucalib_cli.logs.bag.records import (
-    BAG,
-    CHUNK,
-    CHUNK_INFO,
-    CONNECTION,
-    INDEX,
-    MAGIC,
-    MESSAGE,
-    describe,
-    number_of,
-    op_of,
-    read_head,
-    time_of,
-)
+from imucalib_cli.logs.bag import records
+from imucalib_cli.logs.bag.records import number_of, op_of, read_head, time_of
 from imucalib_cli.logs.chunks import (
     Chunk,
     ChunkedFile,
@@ -47,11 +34,11 @@ _ENTRY = np.dtype([("sec", "<u4"), ("nsec", "<u4"), ("offset", "<u4")])
 class BagFile(ChunkedFile):
     """One ROS 1 bag."""
 
-    MAGIC = MAGIC
+    MAGIC = records.MAGIC
     FORMAT = "a ROS 1 bag"
     PART = "bag"
     walk = staticmethod(records.walk)
-    find_record = staticmethod(search.find_record)
+    find_record = staticmethod(records.find_record)
 
     def __init__(self, path: Path) -> None:
         self._is_indexed = False
@@ -60,18 +47,18 @@ class BagFile(ChunkedFile):
             self.losses.append(note("log.unindexed"))
 
     def _summary(self, file: BinaryIO) -> Contents | None:
-        head, _, _ = read_head(file, len(MAGIC))
+        head, _, _ = read_head(file, len(records.MAGIC))
         at = number_of(head, "index_pos")
-        if op_of(head) != BAG or not len(MAGIC) < at < self.size:
+        if op_of(head) != records.BAG or not len(records.MAGIC) < at < self.size:
             return None
         expected = number_of(head, "chunk_count")
         contents = Contents()
         while at < self.size:
             head, start, size = read_head(file, at)
             data = self._data(file, start, size)
-            if op_of(head) == CONNECTION:
-                describe(contents.catalogue, head, data)
-            elif op_of(head) == CHUNK_INFO:
+            if op_of(head) == records.CONNECTION:
+                records.describe(contents.catalogue, head, data)
+            elif op_of(head) == records.CHUNK_INFO:
                 contents.chunks.append(_chunk_info(head, data, contents.tallies))
             at = start + size
         if len(contents.chunks) != expected:
@@ -91,7 +78,7 @@ class BagFile(ChunkedFile):
 
     def _chunk_head(self, file: BinaryIO, at: int) -> ChunkHead:
         head, start, size = read_head(file, at)
-        if op_of(head) != CHUNK:
+        if op_of(head) != records.CHUNK:
             raise DamageError("no chunk where the index says")
         return _parse_chunk(head, start, size)
 
@@ -103,7 +90,7 @@ class BagFile(ChunkedFile):
         found: Index = {}
         while at < self.size:
             fields, start, size = read_head(file, at)
-            if op_of(fields) != INDEX:
+            if op_of(fields) != records.INDEX:
                 break
             number = number_of(fields, "conn")
             if number in channels:
@@ -136,16 +123,16 @@ class BagFile(ChunkedFile):
         head, start, size = read_head(file, at)
         op = op_of(head)
         end = start + size
-        whole = end <= self.size and MESSAGE <= op <= CONNECTION
-        if op == CHUNK:
+        whole = end <= self.size and records.MESSAGE <= op <= records.CONNECTION
+        if op == records.CHUNK:
             chunk = _parse_chunk(head, start, size)
             return Record("chunk", end, is_whole=whole, chunk=chunk)
-        if op == MESSAGE and whole:
+        if op == records.MESSAGE and whole:
             channel, log_ns = number_of(head, "conn"), time_of(head)
             return Record("message", end, channel=channel, log_ns=log_ns)
-        if op == CONNECTION and whole:
+        if op == records.CONNECTION and whole:
             try:
-                describe(contents.catalogue, head, self._data(file, start, size))
+                records.describe(contents.catalogue, head, self._data(file, start, size))
             except DamageError:
                 whole = False
         return Record("other", end, is_whole=whole)

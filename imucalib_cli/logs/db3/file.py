@@ -13,8 +13,7 @@ import numpy as np
 from imucalib_cli.errors import InputError
 from imucalib_cli.findings import Finding, warning
 from imucalib_cli.logs.damage import Tally
-from imucalib_cli.logs.db3.salvage import salvage
-from imucalib_cli.logs.db3.wal import pages_left_out
+from imucalib_cli.logs.db3.pages import pages_left_out, salvage
 from imucalib_cli.logs.reader import Catalogue, Channel, Located, Progress, Sink, add_by_length
 from imucalib_cli.logs.unpacked import copy_with_companions, copy_with_page_count
 

@@ -17,18 +17,8 @@ from imucalib_cli.logs.chunks import (
     Record,
 )
 from imucalib_cli.logs.damage import Cursor, DamageError, Tally, seek
-from imucalib_cli.logs.mcap import records, search
-from imucalib_cli.logs.mcap.records import (
-    CHUNK,
-    DATA_END,
-    FOOTER,
-    HEAD_ROOM,
-    LENGTHS,
-    MAGIC,
-    MESSAGE,
-    MESSAGE_HEAD,
-    RECORD_HEAD,
-)
+from imucalib_cli.logs.mcap import records
+from imucalib_cli.logs.mcap.records import MAGIC, MESSAGE_HEAD, RECORD_HEAD
 from imucalib_cli.logs.reader import Bytes, Located, cut
 
 if TYPE_CHECKING:
@@ -51,14 +41,14 @@ class McapFile(ChunkedFile):
     FORMAT = "an MCAP file"
     PART = "file"
     walk = staticmethod(records.walk)
-    find_record = staticmethod(search.find_record)
+    find_record = staticmethod(records.find_record)
 
     def _summary(self, file: BinaryIO) -> Contents | None:
         if self.size < len(MAGIC) + _FOOTER_SIZE:
             return None
         file.seek(self.size - _FOOTER_SIZE)
         footer = Cursor(file.read(_FOOTER_SIZE))
-        if footer.number(1) != FOOTER or footer.number(8) != 20:
+        if footer.number(1) != records.FOOTER or footer.number(8) != 20:
             return None
         start = footer.number(8)
         length = self.size - _FOOTER_SIZE - start
@@ -98,7 +88,7 @@ class McapFile(ChunkedFile):
         if at >= self.size:
             raise DamageError("it lies beyond the end of the file")
         file.seek(at)
-        return records.parse_chunk_head(file.read(HEAD_ROOM), at)
+        return records.parse_chunk_head(file.read(records.HEAD_ROOM), at)
 
     def _message_index(self, file: BinaryIO, chunk: Chunk, channels: Collection[int]) -> Index:
         found = {}
@@ -137,28 +127,28 @@ class McapFile(ChunkedFile):
             heads[inside] = here.view(MESSAGE_HEAD)[:, 0]
         # A length beyond any chunk is damage, whatever it would be as a signed number.
         sizes = np.minimum(heads["length"], 1 << 40).astype(np.int64) - records.LEAST_MESSAGE
-        sound = (heads["opcode"] == MESSAGE) & (heads["channel"] == owner) & (sizes >= 0)
+        sound = (heads["opcode"] == records.MESSAGE) & (heads["channel"] == owner) & (sizes >= 0)
         return Located(data, starts, sizes, heads["log_time"].astype(np.int64)), sound
 
     def record(self, file: BinaryIO, at: int, contents: Contents) -> Record:
         """See :class:`~imucalib_cli.logs.chunks.ChunkedFile`."""
         file.seek(at)
-        head = file.read(HEAD_ROOM)
+        head = file.read(records.HEAD_ROOM)
         if len(head) < RECORD_HEAD.size:
             raise DamageError("a record is cut short")
         opcode, length = RECORD_HEAD.unpack_from(head)
         end = at + RECORD_HEAD.size + length
         whole = end <= self.size
-        if opcode == CHUNK:
+        if opcode == records.CHUNK:
             chunk = records.parse_chunk_head(head, at)
             whole &= end == chunk.start + chunk.packed
             return Record("chunk", end, is_whole=whole, chunk=chunk)
-        least, largest = LENGTHS.get(opcode, (0, 1 << 40))
+        least, largest = records.LENGTHS.get(opcode, (0, 1 << 40))
         if opcode == 0 or not whole or not least <= length <= largest:
             raise DamageError("a record is cut short")
-        if opcode in {DATA_END, FOOTER}:
+        if opcode in {records.DATA_END, records.FOOTER}:
             return Record("end", end, is_whole=self._is_end(file, end))
-        if opcode == MESSAGE:
+        if opcode == records.MESSAGE:
             channel, log_ns = records.message_key(head)
             return Record("message", end, channel=channel, log_ns=log_ns)
         if opcode in {records.SCHEMA, records.CHANNEL}:
@@ -167,7 +157,7 @@ class McapFile(ChunkedFile):
                 records.describe(contents.catalogue, opcode, file.read(length))
             except DamageError:
                 return Record("other", end, is_whole=False)
-        elif opcode not in LENGTHS and opcode < records.PRIVATE:
+        elif opcode not in records.LENGTHS and opcode < records.PRIVATE:
             contents.losses.append(warning("log.record_unknown", kind=opcode, byte=at))
         return Record("other", end)
 
@@ -175,4 +165,4 @@ class McapFile(ChunkedFile):
         """Behind the end of the data there is the summary, the magic or nothing."""
         file.seek(at)
         rest = file.read(len(MAGIC))
-        return rest in {b"", MAGIC[: len(rest)]} or search.is_record(file, at, self.size)
+        return rest in {b"", MAGIC[: len(rest)]} or records.is_record(file, at, self.size)
