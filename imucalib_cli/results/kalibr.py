@@ -72,7 +72,7 @@ class Camera(Tree, frozen=True):
     def __post_init__(self) -> None:
         R, _ = self.pose
         if (
-            np.abs(self.T_cam_imu).max() > FARTHEST  # squares of such numbers may overflow
+            not np.abs(self.T_cam_imu).max() <= FARTHEST  # nor nan; squares may overflow
             or np.abs(R.T @ R - np.eye(3)).max() > _ROUNDING
             or abs(np.linalg.det(R) - 1.0) > _ROUNDING
             or np.abs(np.subtract(self.T_cam_imu[3], [0.0, 0.0, 0.0, 1.0])).max() > _ROUNDING
