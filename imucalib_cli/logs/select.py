@@ -15,16 +15,16 @@ if TYPE_CHECKING:
     from imucalib_cli.logs.reader import Topic
     from imucalib_cli.logs.streams import JointStream
 
-_OPTIONS: dict[Kind, str] = {
-    "imu": "--imu-topic",
-    "joints": "--joint-topic",
-    "pose": "--pose-topic",
+_CALLED: dict[Kind, tuple[str, str]] = {
+    "imu": ("IMU", "--imu-topic"),
+    "joints": ("joint state", "--joint-topic"),
+    "pose": ("pose", "--pose-topic"),
 }
+"""What a kind is called, and the option that chooses it."""
 _ODOMETRY = "nav_msgs/Odometry"
 _MOST_LISTED = 20
 _LONGEST = 100
 """Letters of a name; damage makes longer ones."""
-_NAMES: dict[Kind, str] = {"imu": "IMU", "joints": "joint state", "pose": "pose"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -142,10 +142,9 @@ def _of_kind(topics: Sequence[Topic], kind: Kind, named: Sequence[str]) -> list[
                 what = f"{name} is {there[0].type or 'untyped'} ({there[0].encoding})"
             elif there:
                 what = f"{name} has no messages"
-            raise ChoiceError(
-                f"{what}: {_NAMES[kind]} topics for {_OPTIONS[kind]} are "
-                f"{_listed(possible) or 'none'}"
-            )
+            called, option = _CALLED[kind]
+            listed = _listed(possible) or "none"
+            raise ChoiceError(f"{what}: {called} topics for {option} are {listed}")
     return [by_name[name] for name in dict.fromkeys(named)]
 
 
