@@ -13,12 +13,12 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, BinaryIO, ClassVar, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from imucalib_cli.arrays import Bools, Bytes, Indices, Integers
 from imucalib_cli.findings import Finding, warning
 from imucalib_cli.logs.damage import DamageError, Tally, seek
 from imucalib_cli.logs.inflate import Inflated, Scratch, inflate, inflate_file
-from imucalib_cli.logs.reader import Bytes, Catalogue, Channel, Located, add_by_length
+from imucalib_cli.logs.reader import Catalogue, Channel, Located, add_by_length
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     from imucalib_cli.logs.reader import Progress, Sink
 
-Index = dict[int, NDArray[np.int64]]
+Index = dict[int, Integers]
 """Channel to the receive times (ns) and the offsets in the chunk of its messages, (n, 2)."""
 
 _INDEX_ROOM = 1 << 14
@@ -167,10 +167,10 @@ class ChunkedFile(ABC):
     def _locate(
         self,
         data: Bytes,
-        entries: NDArray[np.int64],
-        owner: NDArray[np.int64],
-        limits: NDArray[np.int64],
-    ) -> tuple[Located, NDArray[np.bool_]]:
+        entries: Integers,
+        owner: Integers,
+        limits: Integers,
+    ) -> tuple[Located, Bools]:
         """Find the payloads of messages, and whether each is one of the right channel.
 
         Args:
@@ -269,7 +269,7 @@ class ChunkedFile(ABC):
         stop = 0
         for number, count in zip(index, counts, strict=True):
             start, stop = stop, stop + count
-            here: slice | NDArray[np.intp] = slice(start, stop)
+            here: slice | Indices = slice(start, stop)
             if lost:
                 here = np.flatnonzero(sound[start:stop]) + start
             located = Located(data, found.starts[here], found.sizes[here], found.log_ns[here])

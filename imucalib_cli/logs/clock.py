@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from imucalib_cli.findings import Finding, warning, warnings
-from imucalib_cli.logs.streams import Floats, Nanoseconds, PoseStream, Stream
+from imucalib_cli.logs.streams import Nanoseconds, PoseStream, Stream
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+
+    from imucalib_cli.arrays import Floats
 
 Kind = Literal["header", "log"]
 

@@ -24,10 +24,9 @@ from imucalib_cli.logs.wire import decode
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from numpy.typing import NDArray
-
-    from imucalib_cli.logs.reader import Bytes, Channel
-    from imucalib_cli.logs.streams import Floats, Nanoseconds
+    from imucalib_cli.arrays import Bools, Bytes, Floats, Indices, Integers
+    from imucalib_cli.logs.reader import Channel
+    from imucalib_cli.logs.streams import Nanoseconds
 
 _BLOCK_BYTES = 1 << 22
 _BLOCK_PIECES = 4096
@@ -66,7 +65,7 @@ class TopicData:
 class _Block:
     channel: Channel
     into: TopicData
-    arrival: list[NDArray[np.int64]] = field(default_factory=list)
+    arrival: list[Integers] = field(default_factory=list)
     log_ns: list[Nanoseconds] = field(default_factory=list)
     rows: list[Bytes] = field(default_factory=list)
     size: int = 0
@@ -82,18 +81,14 @@ class Collector:
         self._file_base = 0
         self._arrived = 0
 
-    def add(
-        self, channel: Channel, arrival: NDArray[np.int64], log_ns: Nanoseconds, rows: Bytes
-    ) -> None:
+    def add(self, channel: Channel, arrival: Integers, log_ns: Nanoseconds, rows: Bytes) -> None:
         """Take payloads of one length; see :class:`~imucalib_cli.logs.reader.Sink`."""
         self._messages_left -= len(rows)
         if self._messages_left < 0:
             raise TooMuchError
         self._take(channel, arrival, log_ns, rows)
 
-    def _take(
-        self, channel: Channel, arrival: NDArray[np.int64], log_ns: Nanoseconds, rows: Bytes
-    ) -> None:
+    def _take(self, channel: Channel, arrival: Integers, log_ns: Nanoseconds, rows: Bytes) -> None:
         if not len(rows):
             return
         length = rows.shape[1]
@@ -140,7 +135,7 @@ class Collector:
         return self.topics.setdefault((channel.name, channel.type), into)
 
     def _add_packed(
-        self, channel: Channel, arrival: NDArray[np.int64], log_ns: Nanoseconds, rows: Bytes
+        self, channel: Channel, arrival: Integers, log_ns: Nanoseconds, rows: Bytes
     ) -> None:
         """Unpack messages that rosbag2 compressed one by one."""
         import zstandard
@@ -219,7 +214,7 @@ def imu_stream(data: TopicData) -> tuple[ImuStream | None, list[Finding]]:
     joined = _Joined([piece for piece in data.pieces if _frame(piece) == frame])
     gyro, accel = joined.numbers("gyro"), joined.numbers("accel")
     numbers = _is_number(gyro) & _is_number(accel)
-    sound: NDArray[np.bool_] | slice = slice(None)  # which copies nothing
+    sound: Bools | slice = slice(None)  # which copies nothing
     if not numbers.all():
         sound, count = numbers, np.count_nonzero(~numbers)
         losses.append(warning("imu.not_finite", topic=data.topic, count=count, limit=_ABSURD))
@@ -234,9 +229,9 @@ def imu_stream(data: TopicData) -> tuple[ImuStream | None, list[Finding]]:
     return stream, losses
 
 
-def _is_number(values: Floats) -> NDArray[np.bool_]:
+def _is_number(values: Floats) -> Bools:
     """Rows that hold what a sensor may say; a comparison with NaN is false."""
-    sound: NDArray[np.bool_] = np.all(np.abs(values) < _ABSURD, axis=1)
+    sound: Bools = np.all(np.abs(values) < _ABSURD, axis=1)
     return sound
 
 
@@ -289,7 +284,7 @@ def joint_streams(data: TopicData) -> tuple[tuple[JointStream, ...], list[Findin
     return tuple(streams), losses
 
 
-def _sound_rows(position: Floats) -> tuple[NDArray[np.bool_] | slice, Floats]:
+def _sound_rows(position: Floats) -> tuple[Bools | slice, Floats]:
     """Rows without damage, (n,); and positions, NaN where a joint mostly says nothing.
 
     A joint that seldom has a number has no encoder, and must not cost the others their rows.
@@ -298,7 +293,7 @@ def _sound_rows(position: Floats) -> tuple[NDArray[np.bool_] | slice, Floats]:
     if good.all():
         return slice(None), position
     told = np.mean(good, axis=0) > _TOLD
-    sound: NDArray[np.bool_] = np.all(good[:, told], axis=1)
+    sound: Bools = np.all(good[:, told], axis=1)
     return sound, position if told.all() else np.where(good, position, np.nan)
 
 
@@ -349,7 +344,7 @@ class _Joined:
         log_ns = np.concatenate([each.log_ns for each in self._pieces])
         arrival = np.concatenate([each.arrival for each in self._pieces])
         order = np.lexsort((arrival, log_ns))
-        self._order: NDArray[np.intp] | slice = order
+        self._order: Indices | slice = order
         if (np.diff(order) == 1).all():
             self._order = slice(None)
         self.log_ns: Nanoseconds = log_ns[self._order]

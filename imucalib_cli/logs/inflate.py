@@ -7,9 +7,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO, Protocol
 import numpy as np
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from imucalib_cli.logs.reader import Bytes
+    from imucalib_cli.arrays import Bytes, Integers
 
 _STEP = 1 << 16
 """Bytes asked of a decompressor at a time: small enough that the allocator reuses them."""
@@ -79,7 +77,7 @@ class Inflated:
             self._ended = got == 0
         return self._scratch.data[: self._done]
 
-    def around(self, offsets: NDArray[np.int64]) -> tuple[Bytes, NDArray[np.int64]]:
+    def around(self, offsets: Integers) -> tuple[Bytes, Integers]:
         """Bytes at some offsets: what lies between them may be left unread.
 
         Args:

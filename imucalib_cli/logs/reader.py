@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, ClassVar, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.logs.damage import Tally
 from imucalib_cli.logs.messages import MESSAGE_TYPES, normalise_type
@@ -15,13 +14,13 @@ from imucalib_cli.logs.messages import MESSAGE_TYPES, normalise_type
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from imucalib_cli.arrays import Bytes, Floats, Integers
     from imucalib_cli.findings import Finding
-    from imucalib_cli.logs.streams import Floats, Nanoseconds
+    from imucalib_cli.logs.streams import Nanoseconds
 
 ENCODINGS = frozenset({"cdr", "ros1", "text"})
 """Encodings that can be decoded; ``text`` is of formats whose reader gives numbers itself."""
 
-Bytes = NDArray[np.uint8]
 Labels = dict[str, str | tuple[str, ...]]
 Progress = Callable[[float], None]
 
@@ -90,7 +89,7 @@ class Catalogue:
 class Piece:
     """Decoded rows of a topic that share all their texts."""
 
-    arrival: NDArray[np.int64]
+    arrival: Integers
     """(n,), position in the file: orders rows of equal receive time."""
     log_ns: Nanoseconds
     stamp_ns: Nanoseconds
@@ -103,9 +102,7 @@ class Piece:
 class Sink(Protocol):
     """Takes messages as a reader comes upon them: payloads, or what is decoded already."""
 
-    def add(
-        self, channel: Channel, arrival: NDArray[np.int64], log_ns: Nanoseconds, rows: Bytes
-    ) -> None:
+    def add(self, channel: Channel, arrival: Integers, log_ns: Nanoseconds, rows: Bytes) -> None:
         """Take payloads of one length.
 
         Args:
@@ -155,7 +152,7 @@ class LogFile(Protocol):
         """Give the sink all messages of the wanted channels, in one pass."""
 
 
-def cut(data: Bytes, starts: NDArray[np.int64], size: int) -> Bytes:
+def cut(data: Bytes, starts: Integers, size: int) -> Bytes:
     """Copy the slices ``data[start : start + size]`` into the rows of (n, size)."""
     if not size or not len(starts):
         return np.empty((len(starts), size), dtype=np.uint8)
@@ -171,8 +168,8 @@ class Located:
     """Payloads ``data[start : start + size]`` and their receive times."""
 
     data: Bytes
-    starts: NDArray[np.int64]
-    sizes: NDArray[np.int64]
+    starts: Integers
+    sizes: Integers
     log_ns: Nanoseconds
 
 

@@ -16,17 +16,17 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from imucalib_cli.arrays import Bools, Bytes, Floats, Indices
 from imucalib_cli.logs import messages
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from imucalib_cli.logs.reader import Channel, Labels
-    from imucalib_cli.logs.streams import Floats, Nanoseconds
+    from imucalib_cli.logs.streams import Nanoseconds
 
-Rows = NDArray[np.uint8]
+Rows = Bytes
 """(N, L): N payloads of one length."""
 
 _MAX_SHAPES = 64
@@ -44,7 +44,7 @@ class WireError(Exception):
 class Element:
     """Rows of a stream that share all their texts."""
 
-    rows: NDArray[np.intp]
+    rows: Indices
     """(n,), which messages of the block they come from."""
     stamp_ns: Nanoseconds
     texts: Labels
@@ -196,7 +196,7 @@ def decode(
 
 
 def _decode_slowly(
-    rows: Rows, which: NDArray[np.intp], slow: Callable[[bytes], list[Element]]
+    rows: Rows, which: Indices, slow: Callable[[bytes], list[Element]]
 ) -> Iterator[Element]:
     for row in which:
         try:
@@ -207,7 +207,7 @@ def _decode_slowly(
             yield Element(np.array([row]), each.stamp_ns, each.texts, each.numbers)
 
 
-def _same_structure(rows: Rows, shape: _Shape) -> NDArray[np.bool_]:
+def _same_structure(rows: Rows, shape: _Shape) -> Bools:
     same = np.ones(len(rows), dtype=bool)
     for start, stop in shape.deciding:
         equal = rows[:, start:stop] == rows[0, start:stop]
@@ -216,7 +216,7 @@ def _same_structure(rows: Rows, shape: _Shape) -> NDArray[np.bool_]:
     return same
 
 
-def _cut(rows: Rows, shape: _Shape, which: NDArray[np.intp]) -> Iterator[Element]:
+def _cut(rows: Rows, shape: _Shape, which: Indices) -> Iterator[Element]:
     mark = ">" if shape.big_endian else "<"
     if not shape.places:
         yield Element(which, _NOTHING.stamp_ns, {}, {})

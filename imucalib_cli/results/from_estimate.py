@@ -19,13 +19,13 @@ from imucalib_cli.robot.rotations import quaternion_from_matrix, rotation_angle,
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
+    from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.estimate import Consistency, Estimate, Residuals
     from imucalib_cli.findings import Finding
     from imucalib_cli.results.pose import Nominal
 
-    Floats = NDArray[np.float64]
 
 T = TypeVar("T", bound=tree.Tree)
 

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import msgspec
 import numpy as np
 from msgspec import Meta
-from numpy.typing import NDArray
 
+from imucalib_cli.arrays import Floats
 from imucalib_cli.digits import figures
 from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.findings import warning
@@ -43,7 +43,6 @@ if TYPE_CHECKING:
     from imucalib_cli.results.pose_comparison import PoseComparison
     from imucalib_cli.robot.urdf import Robot
 
-Floats = NDArray[np.float64]
 Pose = tuple[Floats, Floats]
 """R (3, 3) and t (3,), m."""
 _Four = Annotated[list[float], Meta(min_length=4, max_length=4)]

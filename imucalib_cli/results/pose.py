@@ -6,16 +6,15 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.errors import ChoiceError
 from imucalib_cli.robot.mount import rigid_transform
 from imucalib_cli.robot.rotations import rotation_angle, rpy_from_matrix, skew
 
 if TYPE_CHECKING:
+    from imucalib_cli.arrays import Floats
     from imucalib_cli.robot.urdf import Robot
 
-Floats = NDArray[np.float64]
 
 AFFECTED = 0.05
 """A translation component is unknown if an undetermined direction has at least this share of it

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from msgspec import UNSET
-from numpy.typing import NDArray
 
 from imucalib_cli.digits import decimals, figures, with_std
 from imucalib_cli.results.answers import (
@@ -30,10 +29,10 @@ from imucalib_cli.robot.rotations import (
 )
 
 if TYPE_CHECKING:
+    from imucalib_cli.arrays import Floats
     from imucalib_cli.results.pose import UncertainPose
     from imucalib_cli.results.requirement import Tolerance
 
-Floats = NDArray[np.float64]
 
 SIGMAS = 2.0
 """Half-width of what is taken to be possible, in standard deviations."""
@@ -137,9 +136,9 @@ class Part:
             return "anything"
         return f"{' to '.join(map(self._rounded, self.bounds))} {self.unit}"
 
-    def bound_words(self, bound: float) -> str:
-        """A bound in the part's unit."""
-        return f"{bound * self.scale:.6g} {self.unit}"
+    def bound_words(self, within: Tolerance) -> str:
+        """The bound on it in its unit."""
+        return f"{within.of(self.kind) * self.scale:.6g} {self.unit}"
 
     def _rounded(self, value: float) -> str:
         """A value in the unit, to the decimals that the norm's sigma earns."""
@@ -184,14 +183,14 @@ class PoseComparison:
         chi2 = _squared(value, rows @ self.covariance @ rows.T)
         return TestEntry(plain(chi2), len(rows), chance_of_more(chi2, len(rows)))
 
-    def judge(self, part: Part, bound: float) -> Verdict:
-        """Whether a part is within a bound: yes or no where two sigma leave no doubt.
+    def judge(self, part: Part, within: Tolerance) -> Verdict:
+        """Whether a part is within its bound: yes or no where two sigma leave no doubt.
 
         A direction that is not known withholds a yes, but not a no from the others.
         """
         if part.bounds is None:
             return "unknown"
-        test = self.test(part)
+        test, bound = self.test(part), within.of(part.kind)
         if test is not None and part.bounds[0] > bound and test.p_value < SIGNIFICANT:
             return "no"
         return "yes" if part.determined and part.bounds[1] <= bound else "unknown"
@@ -203,10 +202,7 @@ class PoseComparison:
         both know, is rarer than RARE in noise; and are if nothing is unknown and that is not so.
         """
         if within is not None:
-            parts = {
-                self.judge(self.translation, within.translation),
-                self.judge(self.rotation, within.rotation),
-            }
+            parts = {self.judge(part, within) for part in self.parts}
             return "no" if "no" in parts else "unknown" if "unknown" in parts else "yes"
         test = self.test()
         if test is None:

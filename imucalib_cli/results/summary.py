@@ -6,7 +6,6 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.digits import figures, sigma, with_std
 from imucalib_cli.robot.rotations import (
@@ -20,9 +19,9 @@ from imucalib_cli.shown import shown
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
+    from imucalib_cli.arrays import Floats
     from imucalib_cli.results.result import Bias, Observable, Result, Unobservable
 
-Floats = NDArray[np.float64]
 
 _AXES = "xyz"
 _MANY = 3

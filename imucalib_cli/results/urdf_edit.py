@@ -20,9 +20,7 @@ from imucalib_cli.robot.rotations import rpy_from_matrix
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    import numpy as np
-    from numpy.typing import NDArray
-
+    from imucalib_cli.arrays import Floats
     from imucalib_cli.robot.urdf import Robot
 
 _DECIMALS = 13
@@ -57,8 +55,8 @@ def joint_for(
     robot: Robot,
     parent: str,
     child: str,
-    R_parent_imu: NDArray[np.float64],
-    t_parent_imu: NDArray[np.float64],
+    R_parent_imu: Floats,
+    t_parent_imu: Floats,
 ) -> JointOrigin:
     """Find the fixed joint that holds ``child`` and what its origin becomes.
 
@@ -244,7 +242,7 @@ def _with_attributes(tag: str, values: dict[str, str]) -> str:
     return attributes + added + tag[end:]
 
 
-def _triple(values: Sequence[float] | NDArray[np.float64]) -> tuple[float, float, float]:
+def _triple(values: Sequence[float] | Floats) -> tuple[float, float, float]:
     x, y, z = (float(value) for value in values)
     return x, y, z
 

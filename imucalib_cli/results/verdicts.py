@@ -55,8 +55,7 @@ def verify(
     """
     found = result.uncertain_pose
     apart = compare_poses(found.exactly(told.R_parent_imu, told.t_parent_imu), found)
-    bounds = (within.translation, within.rotation)
-    verdicts = tuple(map(apart.judge, apart.parts, bounds))
+    verdicts = [apart.judge(part, within) for part in apart.parts]
     doubts = _contradictions(result)
     verdict: Verdict = "unknown" if doubts else apart.verdict(within)
     asked = _tolerance_words(within)
@@ -69,8 +68,8 @@ def verify(
         case "no":
             faults = (
                 f"the {part.kind} is off by {part} ({part.in_sigmas}), more than "
-                f"{part.bound_words(bound)}; as a vector in {found.parent} {part.vector_words}"
-                for part, bound, answer in zip(apart.parts, bounds, verdicts, strict=True)
+                f"{part.bound_words(within)}; as a vector in {found.parent} {part.vector_words}"
+                for part, answer in zip(apart.parts, verdicts, strict=True)
                 if answer == "no"
             )
             said = f"{place} is not where {by}: {'; '.join(faults)}"
@@ -197,12 +196,12 @@ def _open_questions(result: Result, apart: PoseComparison, within: Tolerance) ->
         remedy = (
             "the robot model, not noise, sets sigma, so correct the URDF's lengths and joint zeros"
         )
-    for part, bound in zip(apart.parts, (within.translation, within.rotation), strict=True):
-        if part.determined and apart.judge(part, bound) == "unknown":
+    for part in apart.parts:
+        if part.determined and apart.judge(part, within) == "unknown":
             yield (
-                f"the {part.kind} is off by {part}, so by {part.range_words} within two sigma, and "
-                f"the tolerance of {part.bound_words(bound)} lies in between: {remedy}, or ask for "
-                "another tolerance"
+                f"the {part.kind} is off by {part}, so by {part.range_words} within two sigma, "
+                f"and the tolerance of {part.bound_words(within)} lies in between: {remedy}, or "
+                "ask for another tolerance"
             )
 
 

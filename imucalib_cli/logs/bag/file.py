@@ -18,14 +18,13 @@ from imucalib_cli.logs.chunks import (
     Record,
 )
 from imucalib_cli.logs.damage import DamageError, Tally, seek
-from imucalib_cli.logs.reader import Bytes, Located, cut
+from imucalib_cli.logs.reader import Located, cut
 
 if TYPE_CHECKING:
     from collections.abc import Collection
     from pathlib import Path
 
-    from numpy.typing import NDArray
-
+    from imucalib_cli.arrays import Bools, Bytes, Integers
     from imucalib_cli.logs.bag.records import Fields
 
 _ENTRY = np.dtype([("sec", "<u4"), ("nsec", "<u4"), ("offset", "<u4")])
@@ -106,10 +105,10 @@ class BagFile(ChunkedFile):
     def _locate(
         self,
         data: Bytes,
-        entries: NDArray[np.int64],
-        owner: NDArray[np.int64],  # noqa: ARG002 - the index alone says whose messages they are
-        limits: NDArray[np.int64],
-    ) -> tuple[Located, NDArray[np.bool_]]:
+        entries: Integers,
+        owner: Integers,  # noqa: ARG002 - the index alone says whose messages they are
+        limits: Integers,
+    ) -> tuple[Located, Bools]:
         offsets = entries[:, 1]
         head_sizes, has_head = _sizes(data, offsets, limits)
         sizes, sound = _sizes(data, offsets + 4 + head_sizes, limits)
@@ -155,9 +154,7 @@ def _chunk_info(head: Fields, data: bytes, tallies: dict[int, Tally]) -> Chunk:
     return Chunk(start=number_of(head, "chunk_pos"), index_at=index_at)
 
 
-def _sizes(
-    data: Bytes, offsets: NDArray[np.int64], limits: NDArray[np.int64]
-) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+def _sizes(data: Bytes, offsets: Integers, limits: Integers) -> tuple[Integers, Bools]:
     """The 4-byte lengths at the offsets, 0 where they are outside the data, and where not."""
     inside = (offsets >= 0) & (offsets <= limits - 4)
     if inside.all():

@@ -11,8 +11,9 @@ from imucalib_cli.logs.damage import Cursor, DamageError, seek
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from imucalib_cli.arrays import Bytes
     from imucalib_cli.logs.chunks import Index
-    from imucalib_cli.logs.reader import Bytes, Catalogue
+    from imucalib_cli.logs.reader import Catalogue
 
 MAGIC = b"#ROSBAG V2.0\n"
 MESSAGE, BAG, INDEX, CHUNK, CHUNK_INFO, CONNECTION = 2, 3, 4, 5, 6, 7

@@ -19,12 +19,13 @@ from imucalib_cli.logs.chunks import (
 from imucalib_cli.logs.damage import Cursor, DamageError, Tally, seek
 from imucalib_cli.logs.mcap import records
 from imucalib_cli.logs.mcap.records import MAGIC, MESSAGE_HEAD, RECORD_HEAD
-from imucalib_cli.logs.reader import Bytes, Located, cut
+from imucalib_cli.logs.reader import Located, cut
 
 if TYPE_CHECKING:
     from collections.abc import Collection
 
-    from numpy.typing import NDArray
+    from imucalib_cli.arrays import Bools, Bytes, Integers
+
 
 _INDEX_HEAD = struct.Struct("<BQHI")
 _LARGEST_INDEX = 1 << 26
@@ -112,10 +113,10 @@ class McapFile(ChunkedFile):
     def _locate(
         self,
         data: Bytes,
-        entries: NDArray[np.int64],
-        owner: NDArray[np.int64],
-        limits: NDArray[np.int64],
-    ) -> tuple[Located, NDArray[np.bool_]]:
+        entries: Integers,
+        owner: Integers,
+        limits: Integers,
+    ) -> tuple[Located, Bools]:
         offsets = entries[:, 1]
         starts = offsets + MESSAGE_HEAD.itemsize
         inside = (offsets >= 0) & (starts <= limits)

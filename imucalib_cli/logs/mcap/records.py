@@ -12,10 +12,9 @@ from imucalib_cli.logs.damage import Cursor, DamageError
 from imucalib_cli.logs.reader import cut
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
+    from imucalib_cli.arrays import Bytes, Integers
     from imucalib_cli.logs.chunks import Index
-    from imucalib_cli.logs.reader import Bytes, Catalogue
+    from imucalib_cli.logs.reader import Catalogue
 
 MAGIC = b"\x89MCAP0\r\n"
 FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK = 0x02, 0x03, 0x04, 0x05, 0x06
@@ -157,7 +156,7 @@ def find_record(file: BinaryIO, start: int, size: int) -> int | None:
     return None
 
 
-def _plausible(data: Bytes, left: int) -> NDArray[np.int64]:
+def _plausible(data: Bytes, left: int) -> Integers:
     """Offsets at which an opcode is followed by a length it may have."""
     count = len(data) - RECORD_HEAD.size + 1
     if count <= 0:
@@ -169,7 +168,7 @@ def _plausible(data: Bytes, left: int) -> NDArray[np.int64]:
     opcodes = data[at]
     fits = (lengths >= _LEAST[opcodes]) & (lengths <= _LARGEST[opcodes])
     fits &= lengths <= left - at - RECORD_HEAD.size
-    plausible: NDArray[np.int64] = at[fits]
+    plausible: Integers = at[fits]
     return plausible
 
 
