@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
     from imucalib_cli.arrays import Bytes, Floats, Integers
     from imucalib_cli.findings import Finding
+    from imucalib_cli.logs.messages import Kind
     from imucalib_cli.logs.streams import Nanoseconds
 
 ENCODINGS = frozenset({"cdr", "ros1", "text"})
@@ -41,9 +42,10 @@ class Topic:
     end_ns: int = 0
 
     @property
-    def readable(self) -> bool:
-        """Whether streams can be made of it."""
-        return self.type in MESSAGE_TYPES and self.encoding in ENCODINGS
+    def kind(self) -> Kind | None:
+        """What streams can be made of it; None where none can."""
+        is_readable = self.type in MESSAGE_TYPES and self.encoding in ENCODINGS
+        return MESSAGE_TYPES[self.type].kind if is_readable else None
 
 
 @dataclass(frozen=True, kw_only=True)

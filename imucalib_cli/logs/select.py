@@ -7,7 +7,7 @@ from textwrap import shorten
 from typing import TYPE_CHECKING
 
 from imucalib_cli.errors import ChoiceError, InputError
-from imucalib_cli.logs.messages import MESSAGE_TYPES, TF_TYPES, Kind
+from imucalib_cli.logs.messages import TF_TYPES, Kind
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence
@@ -48,11 +48,7 @@ class Selection:
 
 def candidates(topics: Sequence[Topic], kind: Kind) -> tuple[Topic, ...]:
     """Topics with messages that can be read as this kind."""
-    return tuple(
-        each
-        for each in topics
-        if each.readable and each.count and MESSAGE_TYPES[each.type].kind == kind
-    )
+    return tuple(each for each in topics if each.count and each.kind == kind)
 
 
 def select_topics(
