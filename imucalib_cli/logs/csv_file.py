@@ -117,7 +117,6 @@ class CsvFile:
         path: The file; its header has been looked at.
         topic: What its rows are called; empty for the file's name.
         unit: Of times whose unit the header does not say.
-        first_number: Of its channels.
 
     Raises:
         InputError: The unit of its times is not clear.
@@ -128,11 +127,10 @@ class CsvFile:
     COLUMNS: ClassVar[tuple[str, ...]] = ()
     """Names of the columns where the file has no header."""
 
-    def __init__(self, path: Path, topic: str = "", unit: str = "", first_number: int = 0) -> None:
+    def __init__(self, path: Path, topic: str = "", unit: str = "") -> None:
         self.path = path
         self.losses: list[Finding] = []
         self._topic = topic
-        self._first_number = first_number
         with path.open(encoding="utf-8-sig", errors="replace") as file:
             filled = (line for line in file if line.strip())
             names, separator, lines = _header(filled, self.COLUMNS)
@@ -171,7 +169,7 @@ class CsvFile:
         """An IMU, joint states and poses, as far as the columns hold them."""
         topic = self._topic or "/" + re.sub(r"\W+", "_", self.path.stem)
         catalogue, tallies = Catalogue(), {}
-        for number, group in enumerate(self._groups, self._first_number):
+        for number, group in enumerate(self._groups):
             type_name, ending, _, _ = _KINDS[group.kind]
             name = topic + (ending if len(self._groups) > 1 else "")
             catalogue.publishers[number] = (number, name, "text")

@@ -119,7 +119,7 @@ class Sink(Protocol):
 
 
 class LogFile(Protocol):
-    """One file of a log, or a folder that is one.
+    """One file of a log.
 
     Args:
         path: The file; :meth:`matches` has looked at it.
@@ -148,7 +148,7 @@ class LogFile(Protocol):
 
     @classmethod
     def matches(cls, head: bytes, path: Path) -> bool:
-        """Whether a file that begins with these bytes is of the format; a folder has none."""
+        """Whether a file that begins with these bytes is of the format."""
 
     def read(self, wanted: Collection[int], sink: Sink, progress: Progress) -> None:
         """Give the sink all messages of the wanted channels, in one pass."""
