@@ -13,7 +13,7 @@ import numpy as np
 from msgspec import UNSET
 
 from imucalib_cli.results import result as tree
-from imucalib_cli.results.pose import AFFECTED
+from imucalib_cli.results.pose import AFFECTED, across
 from imucalib_cli.robot.rotations import quaternion_from_matrix, rotation_angle, rpy_from_matrix
 
 if TYPE_CHECKING:
@@ -94,7 +94,7 @@ def known_directions(
         ("rotation", slice(3, 6)),
     )
     for kind, part in kinds:
-        basis = _across([each.direction_parent for each in unobservable if each.kind == kind])
+        basis = across([each.direction_parent for each in unobservable if each.kind == kind]).T
         values, vectors = np.linalg.eigh(basis.T @ covariance[part, part] @ basis)
         for variance, vector in zip(values, (basis @ vectors).T, strict=True):
             axis = vector * np.sign(vector[np.argmax(np.abs(vector))])
@@ -102,14 +102,6 @@ def known_directions(
             std = float(np.sqrt(max(variance, 0.0)))
             found.append(tree.Observable(kind, plain(axis), plain(value), plain(std)))
     return found
-
-
-def _across(directions: list[list[float]]) -> Floats:
-    """(3, K), orthonormal basis of what is orthogonal to some directions."""
-    if not directions:
-        return np.eye(3)
-    _, sizes, Vt = np.linalg.svd(np.array(directions))
-    return np.asarray(Vt[int((sizes > AFFECTED).sum()) :].T)
 
 
 def _diagnostics(estimate: Estimate, nominal: Nominal | None) -> tree.Diagnostics:

@@ -14,7 +14,7 @@ import numpy as np
 from msgspec import Meta
 
 from imucalib_cli.arrays import Floats
-from imucalib_cli.digits import figures
+from imucalib_cli.digits import figures, fixed
 from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.findings import warning
 from imucalib_cli.guarded_yaml import YamlError, load_one
@@ -365,4 +365,4 @@ def _milliseconds(value: float) -> str:
 
 
 def _numbers(values: list[float]) -> str:
-    return " ".join(f"{round(value, 6) + 0.0:.6f}" for value in values)
+    return " ".join(fixed(value, 6) for value in values)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from msgspec import UNSET
 
-from imucalib_cli.digits import decimals, figures, with_std
+from imucalib_cli.digits import decimals, figures, fixed, with_std
 from imucalib_cli.results.answers import (
     RotationEntry,
     Significance,
@@ -20,7 +20,7 @@ from imucalib_cli.results.answers import (
 )
 from imucalib_cli.results.bounds import chance_of_more, norm_bounds
 from imucalib_cli.results.from_estimate import plain
-from imucalib_cli.results.pose import AFFECTED
+from imucalib_cli.results.pose import AFFECTED, across, correlation
 from imucalib_cli.robot.rotations import (
     left_jacobian_inverse,
     matrix_from_rotvec,
@@ -104,11 +104,7 @@ class Part:
     @property
     def basis(self) -> Floats:
         """(3 - k, 3), orthonormal directions in which both poses are known."""
-        if not self.meaningful:
-            return np.zeros((0, 3))
-        if not len(self.unknown):
-            return np.eye(3)
-        return np.asarray(np.linalg.svd(self.unknown, full_matrices=True)[2][len(self.unknown) :])
+        return across(self.unknown) if self.meaningful else np.zeros((0, 3))
 
     def __str__(self) -> str:
         """Such as ``4.389 ± 0.010 mm``."""
@@ -142,10 +138,8 @@ class Part:
 
     def _rounded(self, value: float) -> str:
         """A value in the unit, to the decimals that the norm's sigma earns."""
-        places = (
-            3 if self.sigma is None or not self.sigma > 0.0 else decimals(self.sigma * self.scale)
-        )
-        return f"{round(value * self.scale, places) + 0.0:.{max(places, 0)}f}"
+        sigma = self.sigma or 0.0
+        return fixed(value * self.scale, decimals(sigma * self.scale) if sigma > 0.0 else 3)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -330,9 +324,8 @@ def _untwist(turn: Floats, axis: Floats) -> float:
 
 def _squared(value: Floats, covariance: Floats) -> float:
     """Mahalanobis distance squared, in mixed units; zero sigma makes any difference infinite."""
-    scale = np.sqrt(np.diag(covariance))
-    scale = np.where(scale > 0.0, scale, 1.0)
-    variances, axes = np.linalg.eigh(covariance / np.outer(scale, scale))
+    scale, scaled = correlation(covariance)
+    variances, axes = np.linalg.eigh(scaled)
     apart = axes.T @ (value / scale)
     with np.errstate(divide="ignore", invalid="ignore"):
         shares = np.where(apart == 0.0, 0.0, apart**2 / np.maximum(variances, 0.0))

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from imucalib_cli.digits import figures, sigma, with_std
+from imucalib_cli.digits import figures, fixed, sigma, with_std
 from imucalib_cli.robot.rotations import (
     matrix_from_quaternion,
     quaternion_from_matrix,
@@ -250,7 +250,4 @@ def _fit(result: Result) -> Iterator[str]:
 
 
 def _numbers(values: Sequence[float | None] | Floats, places: int) -> str:
-    return " ".join(
-        "nan" if value is None else f"{round(float(value), places) + 0.0:.{places}f}"
-        for value in values
-    )
+    return " ".join("nan" if value is None else fixed(float(value), places) for value in values)
