@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from shlex import quote
 from typing import TYPE_CHECKING, NamedTuple
-from xml.sax.saxutils import quoteattr
 
 from imucalib_cli.errors import UntrustedError
 from imucalib_cli.results.codec import to_json, to_yaml
@@ -46,13 +45,9 @@ def refuse_untrusted(result: Result, use: str, *, force: bool) -> None:
 def _joint(result: Result) -> str:
     """A <joint>, with its link where the URDF has none."""
     pose, nominal = result.pose, result.diagnostics.nominal
-    snippet = joint_snippet(result.parent, result.child, pose.translation, pose.rotation_rpy)
-    if nominal is None or not nominal.joint:
-        return snippet
-    # the URDF has the link already, and its joint has a name
-    _, joint = snippet.split("\n", 1)
-    made_up = quoteattr(f"{result.child}_joint")
-    return joint.replace(made_up, quoteattr(nominal.joint), 1)
+    joint = "" if nominal is None else nominal.joint
+    xyz, rpy = pose.translation, pose.rotation_rpy
+    return joint_snippet(result.parent, result.child, xyz, rpy, joint=joint)
 
 
 def _tf(result: Result) -> str:

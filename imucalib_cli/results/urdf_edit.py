@@ -145,25 +145,25 @@ def joint_snippet(
     child: str,
     xyz: Sequence[float],
     rpy: Sequence[float],
+    *,
+    joint: str = "",
     taken: Sequence[str] = (),
 ) -> str:
-    """Write a fixed joint and its link, ready to paste into a URDF.
+    """Write a fixed joint, ready to paste into a URDF.
 
     Args:
         parent: Link that carries the IMU.
         child: The IMU's frame.
         xyz: m.
         rpy: rad, URDF convention.
+        joint: Its name in a URDF that has it; without one it gets a new name and a new link.
         taken: Names of joints that are there already.
     """
-    joint = next(
-        name
-        for number in count(1)
-        if (name := f"{child}_joint{number if number > 1 else ''}") not in taken
-    )
+    link = "" if joint else f"<link name={quoteattr(child)}/>\n"
+    names = (f"{child}_joint{number if number > 1 else ''}" for number in count(1))
+    name = joint or next(name for name in names if name not in taken)
     return (
-        f"<link name={quoteattr(child)}/>\n"
-        f'<joint name={quoteattr(joint)} type="fixed">\n'
+        f'{link}<joint name={quoteattr(name)} type="fixed">\n'
         f"  <parent link={quoteattr(parent)}/>\n"
         f"  <child link={quoteattr(child)}/>\n"
         f'  <origin xyz="{_words(xyz)}" rpy="{_words(rpy)}"/>\n'
