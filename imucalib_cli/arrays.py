@@ -6,5 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
 Indices = NDArray[np.intp]
+Bytes = NDArray[np.uint8]
 Bools = NDArray[np.bool_]

@@ -35,16 +35,16 @@ def with_std(value: float, std: float | None, *, default: int = 6) -> str:
         default: Decimal places then.
     """
     if std is None or not math.isfinite(std) or std <= 0.0:
-        return f"{_plain(value, default)} (no sigma)"
+        return f"{fixed(value, default)} (no sigma)"
     places = decimals(std)
-    return f"{_plain(value, places)} ± {_plain(std, places)}"
+    return f"{fixed(value, places)} ± {fixed(std, places)}"
 
 
 def sigma(std: float) -> str:
     """A lone 1 sigma to the digits it earns; a dash where there is none."""
     if not math.isfinite(std) or std <= 0.0:
         return "-"
-    return _plain(std, decimals(std))
+    return fixed(std, decimals(std))
 
 
 def figures(value: float, count: int) -> str:
@@ -59,10 +59,11 @@ def figures(value: float, count: int) -> str:
     if not 1e-3 <= abs(value) < 1e5:
         return f"{value:.{count}g}"
     places = count - 1 - math.floor(math.log10(abs(value)))
-    text = _plain(value, places)
+    text = fixed(value, places)
     return text.rstrip("0").rstrip(".") if "." in text else text
 
 
-def _plain(value: float, places: int) -> str:
+def fixed(value: float, places: int) -> str:
+    """A number to so many decimal places; negative ones round before the point."""
     rounded = round(value, places) + 0.0  # no minus zero
     return f"{rounded:.{max(places, 0)}f}"

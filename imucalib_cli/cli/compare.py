@@ -64,16 +64,12 @@ def compare_command(
     with writing(output, read=files_of(result, kalibr, truth, urdf)):
         from imucalib_cli.jobs.compare import compare_files
         from imucalib_cli.results.codec import to_json, to_yaml
-        from imucalib_cli.results.kalibr import summarise_comparison
 
-        compared = compare_files(
+        answer, text = compare_files(
             result, kalibr, urdf, camera=camera, camera_link=camera_link, imu=imu, truth=truth
         )
-        answer = compared.answer
-        if fmt == "summary":
-            text = summarise_comparison(compared)
-        else:
-            text = to_json([answer]) if fmt == "json" else to_yaml([answer])
+        if fmt != "summary":
+            text = (to_json if fmt == "json" else to_yaml)([answer])
         deliver(text, output)
         trusted = answer.status == "ok"
         if not quiet:

@@ -10,7 +10,6 @@ from imucalib_cli.results.kalibr import (
     KALIBR,
     OPTICAL,
     TRUTH,
-    KalibrComparison,
     compare_with_kalibr,
     read_kalibr,
     read_truth,
@@ -20,6 +19,7 @@ from imucalib_cli.robot.urdf import frame_name, load_robot
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from imucalib_cli.results.answers import KalibrAnswer
     from imucalib_cli.results.result import Result
     from imucalib_cli.robot.urdf import Robot
 
@@ -33,7 +33,7 @@ def compare_files(
     camera_link: str | None = None,
     imu: str | None = None,
     truth: str | None = None,
-) -> KalibrComparison:
+) -> tuple[KalibrAnswer, str]:
     """Compare one result with Kalibr's.
 
     Args:
@@ -46,6 +46,9 @@ def compare_files(
         imu: Frame or topic, where the result has several.
         truth: Truth file of a simulated log; ``-`` likewise.
 
+    Returns:
+        The answer, and it in a dozen lines for people.
+
     Raises:
         InputError: A file cannot be used.
         ChoiceError: A frame, a camera or an IMU is not there or must be named; or more than one
@@ -57,11 +60,15 @@ def compare_files(
     theirs = read_kalibr(read_text(kalibr, KALIBR), display_name(kalibr), camera)
     true = None
     if truth is not None:
-        true = read_truth(read_text(truth, TRUTH), display_name(truth))
+        true = display_name(truth), read_truth(read_text(truth, TRUTH), display_name(truth))
     robot = load_robot(urdf)
     link = _only_optical(robot) if camera_link is None else frame_name(camera_link)
     return compare_with_kalibr(
-        display_name(result), ours, theirs, robot, camera_link=link, truth=true
+        (display_name(result), ours),
+        (display_name(kalibr), camera, theirs),
+        robot,
+        camera_link=link,
+        truth=true,
     )
 
 

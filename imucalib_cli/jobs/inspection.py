@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from imucalib_cli.findings import Finding
-    from imucalib_cli.logs.log import Topic
+    from imucalib_cli.logs.reader import Topic
     from imucalib_cli.signals.health import StampHealth, UnitGuess
 
 _MS = 1e3

@@ -5,6 +5,7 @@ What differs between the two is a grammar: how a record looks, and where an inde
 
 from __future__ import annotations
 
+import io
 import zlib
 from abc import ABC, abstractmethod
 from contextlib import suppress
@@ -12,13 +13,12 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, BinaryIO, ClassVar, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from imucalib_cli.arrays import Bools, Bytes, Indices, Integers
 from imucalib_cli.findings import Finding, warning
 from imucalib_cli.logs.damage import DamageError, Tally, seek
 from imucalib_cli.logs.inflate import Inflated, Scratch, inflate, inflate_file
-from imucalib_cli.logs.messages import normalise_type
-from imucalib_cli.logs.reader import Bytes, Channel, Located, add_by_length
+from imucalib_cli.logs.reader import Catalogue, Channel, Located, add_by_length
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -26,9 +26,11 @@ if TYPE_CHECKING:
 
     from imucalib_cli.logs.reader import Progress, Sink
 
-Index = dict[int, NDArray[np.int64]]
+Index = dict[int, Integers]
 """Channel to the receive times (ns) and the offsets in the chunk of its messages, (n, 2)."""
 
+_INDEX_ROOM = 1 << 14
+"""Bytes read at a time of message indexes, which are small and stand in a row behind the chunk."""
 _CHECKED_SHARE = 0.5
 """Checksums are checked where wanted messages make up this share of a chunk: elsewhere it would
 cost more than reading, mostly over images nobody asked for."""
@@ -82,39 +84,10 @@ class Record:
     kind: Literal["chunk", "message", "other", "end"]
     end: int
     """Where the next one begins."""
-    search_from: int
-    """From where to search if no record begins there: a wrong length leads astray."""
     is_whole: bool = True
     chunk: ChunkHead | None = None
     channel: int = 0
     log_ns: int = 0
-
-
-@dataclass
-class Catalogue:
-    """Channels and their types by number, as records bring them."""
-
-    schemas: dict[int, tuple[str, str]] = field(default_factory=dict)
-    """Name and definition."""
-    publishers: dict[int, tuple[int, str, str]] = field(default_factory=dict)
-    """Schema number, topic, message encoding."""
-
-    def channels(self, tallies: dict[int, Tally]) -> tuple[Channel, ...]:
-        """All channels with what was counted."""
-        found = []
-        for number, (schema, topic, encoding) in sorted(self.publishers.items()):
-            name, definition = self.schemas.get(schema, ("", ""))
-            found.append(
-                Channel.counted(
-                    tallies.get(number),
-                    number=number,
-                    topic=topic,
-                    type=normalise_type(name),
-                    encoding=encoding,
-                    definition=definition,
-                )
-            )
-        return tuple(found)
 
 
 @dataclass
@@ -125,17 +98,6 @@ class Contents:
     catalogue: Catalogue = field(default_factory=Catalogue)
     tallies: dict[int, Tally] = field(default_factory=dict)
     losses: list[Finding] = field(default_factory=list)
-
-
-@dataclass(frozen=True, eq=False)
-class Payloads:
-    """Where the payloads of some messages lie in a chunk's unpacked bytes, (n,) each."""
-
-    starts: NDArray[np.int64]
-    sizes: NDArray[np.int64]
-    log_ns: NDArray[np.int64]
-    sound: NDArray[np.bool_]
-    """Whether the bytes at the offset begin with a message of the right channel."""
 
 
 class ChunkedFile(ABC):
@@ -205,11 +167,11 @@ class ChunkedFile(ABC):
     def _locate(
         self,
         data: Bytes,
-        entries: NDArray[np.int64],
-        owner: NDArray[np.int64],
-        limits: NDArray[np.int64],
-    ) -> Payloads:
-        """Find the payloads of messages.
+        entries: Integers,
+        owner: Integers,
+        limits: Integers,
+    ) -> tuple[Located, Bools]:
+        """Find the payloads of messages, and whether each is one of the right channel.
 
         Args:
             data: Unpacked bytes of the chunk.
@@ -218,8 +180,9 @@ class ChunkedFile(ABC):
             limits: (n,), up to where the data are sound from each offset on.
         """
 
+    @staticmethod
     @abstractmethod
-    def walk(self, data: Bytes, catalogue: Catalogue) -> tuple[Index, int]:
+    def walk(data: Bytes, catalogue: Catalogue) -> tuple[Index, int]:
         """Go through the records of a chunk one by one, up to the first that is not whole.
 
         Returns:
@@ -234,8 +197,9 @@ class ChunkedFile(ABC):
             DamageError: There is none.
         """
 
+    @staticmethod
     @abstractmethod
-    def find_record(self, file: BinaryIO, start: int) -> int | None:
+    def find_record(file: BinaryIO, start: int, size: int) -> int | None:
         """Where the next sound record begins, at ``start`` or behind; None if there is none."""
 
     def unpack(self, file: BinaryIO, chunk: Chunk) -> tuple[Inflated, int]:
@@ -287,14 +251,14 @@ class ChunkedFile(ABC):
         counts = [len(each) for each in index.values()]
         owner = np.repeat(list(index), counts)
         data, limits = inflated.around(entries[:, 1])
-        found = self._locate(data, entries, owner, limits)
+        found, sound = self._locate(data, entries, owner, limits)
         ends = found.starts + found.sizes
-        if (ends > limits).any() or not found.sound.all():
+        if (ends > limits).any() or not sound.all():
             data = inflated.upto(int(min(ends.max(), inflated.claimed)))
             limits = np.full(len(entries), len(data))
-            found = self._locate(data, entries, owner, limits)
+            found, sound = self._locate(data, entries, owner, limits)
             ends = found.starts + found.sizes
-        sound = found.sound & (ends <= limits)
+        sound &= ends <= limits
         if checksum and (ends - entries[:, 1])[sound].sum() > _CHECKED_SHARE * inflated.claimed:
             data = inflated.upto()
             if inflated.complete and zlib.crc32(data.data) != checksum:
@@ -305,7 +269,7 @@ class ChunkedFile(ABC):
         stop = 0
         for number, count in zip(index, counts, strict=True):
             start, stop = stop, stop + count
-            here: slice | NDArray[np.intp] = slice(start, stop)
+            here: slice | Indices = slice(start, stop)
             if lost:
                 here = np.flatnonzero(sound[start:stop]) + start
             located = Located(data, found.starts[here], found.sizes[here], found.log_ns[here])
@@ -319,8 +283,13 @@ class ChunkedFile(ABC):
         if chunk.index is not None:
             return chunk.index
         if chunk.index_at is not None:
-            with suppress(DamageError):
-                return self._message_index(file, chunk, channels)
+            buffered = io.BufferedReader(file, _INDEX_ROOM)  # type: ignore[type-var]
+            try:
+                return self._message_index(buffered, chunk, channels)
+            except DamageError:
+                pass
+            finally:
+                buffered.detach()
         index, sound = self.walk(inflated.upto(), Catalogue())
         if sound < inflated.claimed:
             size = inflated.claimed

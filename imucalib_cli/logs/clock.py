@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from imucalib_cli.findings import Finding, warning, warnings
-from imucalib_cli.logs.streams import Floats, Nanoseconds, PoseStream, Stream
+from imucalib_cli.logs.streams import Nanoseconds, PoseStream, Stream
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+
+    from imucalib_cli.arrays import Floats
 
 Kind = Literal["header", "log"]
 
@@ -61,7 +63,7 @@ class Clock:
 
     def stamps_ns(self, stream: Stream) -> Nanoseconds:
         """The stamps that count, (N,), ns."""
-        return stream.header_ns if self.kind == "header" else stream.log_ns
+        return _stamps(stream, self.kind)
 
     def seconds(self, stream: Stream) -> Floats:
         """Seconds since the origin, (N,); may repeat, jitter or run backwards as stamped."""
@@ -84,23 +86,22 @@ def choose_clock(
     header_faults = _faults(moving, "header")
     log_faults = _faults(moving, "log")
     kind: Kind = "header"
-    if wanted == "auto":
-        if not header_faults and len(moving) > 1 and not log_faults:
-            header_faults = _different_clocks(moving)
-        if header_faults and not log_faults:
-            kind = "log"
-            findings = [_told(fault, "receive times") for fault in header_faults]
-        else:
-            findings = [_told(fault, "no better", log_faults) for fault in header_faults]
-    else:
+    if wanted == "auto" and not header_faults and len(moving) > 1 and not log_faults:
+        header_faults = _different_clocks(moving)
+    faults: dict[Kind, list[Finding]] = {"header": header_faults, "log": log_faults}
+    if wanted != "auto":
         kind = wanted
-        faults = header_faults if kind == "header" else log_faults
-        # no advice to run into the same wall
-        others = log_faults if kind == "header" else header_faults
-        findings = [_told(fault, "asked", others, clock=kind) for fault in faults]
+    elif header_faults and not log_faults:
+        kind = "log"
+    other: Kind = "log" if kind == "header" else "header"
+    if wanted != "auto":  # no advice to run into the same wall
+        findings = [_told(fault, "asked", faults[other], clock=kind) for fault in faults[kind]]
+    elif kind == "log":
+        findings = [_told(fault, "receive times") for fault in header_faults]
+    else:
+        findings = [_told(fault, "no better", log_faults) for fault in header_faults]
     origin = min((_first_plausible(_stamps(each, kind)) for each in moving), default=0)
-    other_faults = log_faults if kind == "header" else header_faults
-    sound: Kind | None = None if other_faults else "log" if kind == "header" else "header"
+    sound = None if faults[other] else other
     return Clock(kind=kind, origin_ns=origin, findings=tuple(findings), alternative=sound)
 
 

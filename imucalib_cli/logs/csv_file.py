@@ -9,21 +9,23 @@ from __future__ import annotations
 import math
 import re
 from array import array
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from itertools import chain
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.logs.damage import Tally
-from imucalib_cli.logs.reader import Channel, Labels, Piece
+from imucalib_cli.logs.reader import Catalogue, Labels, Piece
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Sequence
     from pathlib import Path
 
     from imucalib_cli.findings import Finding
-    from imucalib_cli.logs.reader import Progress, Sink
+    from imucalib_cli.logs.messages import Kind
+    from imucalib_cli.logs.reader import Channel, Progress, Sink
 
 _SPELLINGS = {
     "gyro": ("xyz", "g|w|gyr|gyro|omega|angular_velocity|w_rs_s"),
@@ -32,11 +34,17 @@ _SPELLINGS = {
     "quaternion": ("xyzw", "q|quat|quaternion|orientation|rotation|q_rs"),
 }
 """Axes of each quantity, and what may stand in front of them: gx, gyro_x, angular_velocity.x."""
-_KINDS: dict[str, tuple[str, tuple[str, ...], Labels]] = {
-    "imu": ("sensor_msgs/Imu", ("gyro", "accel"), {"frame_id": ""}),
-    "pose": ("geometry_msgs/PoseStamped", ("position", "quaternion"), {"frame_id": "world"}),
+_KINDS: dict[Kind, tuple[str, str, tuple[str, ...], Labels]] = {
+    "imu": ("sensor_msgs/Imu", "/imu", ("gyro", "accel"), {"frame_id": ""}),
+    "joints": ("sensor_msgs/JointState", "/joint_states", (), {"frame_id": ""}),
+    "pose": (
+        "geometry_msgs/PoseStamped",
+        "/pose",
+        ("position", "quaternion"),
+        {"frame_id": "world"},
+    ),
 }
-"""Type, quantities and texts of what is not joints."""
+"""Type, end of the topic, quantities and texts; joints have columns of any name."""
 _PLACES = {
     prefix + separator + axis: (quantity, number)
     for quantity, (axes, prefixes) in _SPELLINGS.items()
@@ -59,15 +67,47 @@ _EARLIEST = ((10**17, "ns"), (10**14, "us"), (10**11, "ms"))
 """Times since 1970 of at least these are in these units: as seconds they are millennia away."""
 
 
-@dataclass(frozen=True)
-class _Layout:
-    """What the columns of a table hold."""
+@dataclass(eq=False)
+class _Group:
+    """Columns that make one stream, and what their rows hold."""
 
-    time: int
-    unit: str
-    """Of the times; empty where the header does not say."""
-    groups: tuple[tuple[str, tuple[int, ...], tuple[str, ...]], ...]
-    """Kind, columns in the order of its quantities, and the names of joints."""
+    kind: Kind
+    columns: tuple[int, ...]
+    """In the order of the quantities, or of the joints."""
+    joints: tuple[str, ...] = ()
+    times: array[int] = field(default_factory=lambda: array("q"))
+    """ns."""
+    values: array[float] = field(default_factory=lambda: array("d"))
+    bad: int = 0
+    """Rows with something else than numbers."""
+
+    def take(self, stamp: int, cells: list[str]) -> None:
+        """Keep the numbers of a row.
+
+        Where all cells are empty there is none, as where tables of several sensors were joined
+        by their times.
+        """
+        texts = [cells[each] for each in self.columns]
+        try:
+            values = [float(each) for each in texts]
+        except ValueError:
+            self.bad += any(texts)
+        else:
+            self.times.append(stamp)
+            self.values.extend(values)
+
+    def piece(self) -> Piece:
+        """All rows."""
+        times = np.array(self.times, dtype=np.int64)
+        values = np.array(self.values).reshape(len(times), len(self.columns))
+        _, _, quantities, texts = _KINDS[self.kind]
+        numbers = {}
+        for quantity in quantities:
+            width = len(_SPELLINGS[quantity][0])
+            numbers[quantity], values = values[:, :width], values[:, width:]
+        if self.joints:
+            numbers, texts = {"position": values}, {"name": self.joints, **texts}
+        return Piece(np.arange(len(times)), times, times, texts, numbers)
 
 
 class CsvFile:
@@ -77,7 +117,6 @@ class CsvFile:
         path: The file; its header has been looked at.
         topic: What its rows are called; empty for the file's name.
         unit: Of times whose unit the header does not say.
-        first_number: Of its channels.
 
     Raises:
         InputError: The unit of its times is not clear.
@@ -88,22 +127,18 @@ class CsvFile:
     COLUMNS: ClassVar[tuple[str, ...]] = ()
     """Names of the columns where the file has no header."""
 
-    def __init__(self, path: Path, topic: str = "", unit: str = "", first_number: int = 0) -> None:
+    def __init__(self, path: Path, topic: str = "", unit: str = "") -> None:
         self.path = path
         self.losses: list[Finding] = []
         self._topic = topic
-        self._first_number = first_number
         with path.open(encoding="utf-8-sig", errors="replace") as file:
             filled = (line for line in file if line.strip())
             names, separator, lines = _header(filled, self.COLUMNS)
             layout = _layout(names)
             if layout is None:
                 raise InputError(f"{path}: its columns are not known: {NAMES}")
-            self._layout = layout
-            self._times = [array("q") for _ in layout.groups]
-            self._values = [array("d") for _ in layout.groups]
-            self._bad = [0] * len(layout.groups)
-            self._take(lines, separator, layout.unit or unit)
+            time, named_unit, self._groups = layout
+            self._take(lines, separator, time, named_unit or unit)
 
     @classmethod
     def matches(cls, head: bytes, path: Path) -> bool:  # noqa: ARG003 - content decides
@@ -132,81 +167,48 @@ class CsvFile:
     @property
     def channels(self) -> tuple[Channel, ...]:
         """An IMU, joint states and poses, as far as the columns hold them."""
-        base = self._topic or "/" + re.sub(r"\W+", "_", self.path.stem)
-        endings = {"imu": "/imu", "joints": "/joint_states", "pose": "/pose"}
-        found = []
-        for number, (kind, _, _) in enumerate(self._layout.groups):
-            tally = Tally()
-            tally.add(np.array(self._times[number], dtype=np.int64))
-            tally.count += self._bad[number]
-            found.append(
-                Channel.counted(
-                    tally,
-                    number=self._first_number + number,
-                    topic=base + (endings[kind] if len(self._layout.groups) > 1 else ""),
-                    type=_KINDS[kind][0] if kind in _KINDS else "sensor_msgs/JointState",
-                    encoding="text",
-                )
-            )
-        return tuple(found)
+        topic = self._topic or "/" + re.sub(r"\W+", "_", self.path.stem)
+        catalogue, tallies = Catalogue(), {}
+        for number, group in enumerate(self._groups):
+            type_name, ending, _, _ = _KINDS[group.kind]
+            name = topic + (ending if len(self._groups) > 1 else "")
+            catalogue.publishers[number] = (number, name, "text")
+            catalogue.schemas[number] = (type_name, "")
+            tallies[number] = Tally(group.bad)
+            tallies[number].add(np.array(group.times, dtype=np.int64))
+        return catalogue.channels(tallies)
 
     def read(self, wanted: Collection[int], sink: Sink, progress: Progress) -> None:
         """Give the sink the rows of the wanted channels."""
-        for number, channel in enumerate(self.channels):
+        for channel, group in zip(self.channels, self._groups, strict=True):
             if channel.number in wanted:
-                sink.add_decoded(channel, self._piece(number), self._bad[number])
+                sink.add_decoded(channel, group.piece(), group.bad)
         progress(1.0)
 
-    def _piece(self, number: int) -> Piece:
-        kind, columns, joints = self._layout.groups[number]
-        times = np.array(self._times[number], dtype=np.int64)
-        values = np.array(self._values[number]).reshape(len(times), len(columns))
-        arrival = np.arange(len(times))
-        if kind not in _KINDS:
-            texts: Labels = {"name": joints, "frame_id": ""}
-            return Piece(arrival, times, times, texts, {"position": values})
-        _, quantities, texts = _KINDS[kind]
-        numbers = {}
-        for quantity in quantities:
-            width = len(_SPELLINGS[quantity][0])
-            numbers[quantity], values = values[:, :width], values[:, width:]
-        return Piece(arrival, times, times, texts, numbers)
-
-    def _take(self, lines: Iterable[str], separator: str, unit: str) -> None:
-        """Keep the numbers of all rows.
-
-        A group whose cells are all empty has no row there, as where tables of several sensors
-        were joined by their times.
-        """
+    def _take(self, lines: Iterable[str], separator: str, time: int, unit: str) -> None:
+        """Keep the numbers of all rows."""
         named = bool(unit)
-        width = 1 + max(self._layout.time, *(max(each[1]) for each in self._layout.groups))
+        width = 1 + max(time, *(max(each.columns) for each in self._groups))
         for line in lines:
             if line.startswith(("#", "%")):
                 continue
             cells = _cells(line, separator)
             try:
-                time = cells[self._layout.time]
-                unit = unit or _guess(float(time))
-                stamp = _nanoseconds(time, unit)
+                unit = unit or _guess(float(cells[time]))
+                stamp = _nanoseconds(cells[time], unit)
             except (ValueError, OverflowError, IndexError):
-                self._bad = [each + 1 for each in self._bad]
+                for group in self._groups:
+                    group.bad += 1
                 continue
             cells += [""] * (width - len(cells))
-            for number, (_, columns, _) in enumerate(self._layout.groups):
-                texts = [cells[each] for each in columns]
-                try:
-                    values = [float(each) for each in texts]
-                except ValueError:
-                    self._bad[number] += any(texts)
-                    continue
-                self._times[number].append(stamp)
-                self._values[number].extend(values)
+            for group in self._groups:
+                group.take(stamp, cells)
         if not named and unit == "s":
             self._see_seconds()
 
     def _see_seconds(self) -> None:
-        for times in self._times:
-            steps = np.diff(np.array(times, dtype=np.int64))
+        for group in self._groups:
+            steps = np.diff(np.array(group.times, dtype=np.int64))
             typical = float(np.median(steps)) * 1e-9 if len(steps) else 0.0
             if typical > _LONGEST_STEP_S:
                 raise InputError(
@@ -222,13 +224,8 @@ def _header(lines: Iterable[str], columns: Sequence[str]) -> tuple[list[str], st
     separator = max(",;\t ", key=lambda each: (each != " ") * first.count(each))
     separator = separator if separator in first else " "
     if columns:
-        return list(columns), separator, _with_first(first, rest)
+        return list(columns), separator, chain([first], rest)
     return _cells(first.lstrip("#% \t"), separator), separator, rest
-
-
-def _with_first(first: str, rest: Iterable[str]) -> Iterable[str]:
-    yield first
-    yield from rest
 
 
 def _cells(line: str, separator: str) -> list[str]:
@@ -239,8 +236,11 @@ def _cells(line: str, separator: str) -> list[str]:
     return [each.strip() for each in line.split(separator)]
 
 
-def _layout(names: Sequence[str]) -> _Layout | None:
-    """What columns of these names hold; None if it is nothing, or no time is among them."""
+def _layout(names: Sequence[str]) -> tuple[int, str, list[_Group]] | None:
+    """Column of the time, its unit (empty where the name does not say), and the streams.
+
+    None if columns of these names hold no time or nothing else.
+    """
     columns = [each.removeprefix("field.").partition("[") for each in names]
     bare = [each[0].strip() for each in columns]
     times = {k: known for k, name in enumerate(bare) if (known := _TIME.fullmatch(name.lower()))}
@@ -248,22 +248,22 @@ def _layout(names: Sequence[str]) -> _Layout | None:
     for k, name in enumerate(bare):
         if name.lower() in _PLACES:
             places.setdefault(_PLACES[name.lower()], k)
-    groups: list[tuple[str, tuple[int, ...], tuple[str, ...]]] = []
-    for kind, (_, quantities, _) in _KINDS.items():
+    groups = []
+    for kind, (_, _, quantities, _) in _KINDS.items():
         wanted = [(each, axis) for each in quantities for axis in range(len(_SPELLINGS[each][0]))]
-        if places.keys() >= set(wanted):
-            groups.append((kind, tuple(places[each] for each in wanted), ()))
+        if wanted and places.keys() >= set(wanted):
+            groups.append(_Group(kind, tuple(places[each] for each in wanted)))
     joints = {known[1]: k for k, name in enumerate(bare) if (known := _JOINT.fullmatch(name))}
     if not groups and not joints:
         further = {name: k for k, name in enumerate(bare) if k not in times}
         joints = {name: k for name, k in further.items() if name.strip("-")}
     if joints:
-        groups.append(("joints", tuple(joints.values()), tuple(joints)))
+        groups.append(_Group("joints", tuple(joints.values()), tuple(joints)))
     if not times or not groups:
         return None
     time, known = next(iter(times.items()))
     unit = known[1] or columns[time][2].rstrip("] ")
-    return _Layout(time, unit if unit in _UNITS else "", tuple(groups))
+    return time, unit if unit in _UNITS else "", groups
 
 
 def _is_number(text: str) -> bool:

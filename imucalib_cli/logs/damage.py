@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, BinaryIO
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
+    from imucalib_cli.arrays import Integers
 
 
 class DamageError(Exception):
@@ -61,7 +60,7 @@ class Tally:
     start_ns: int = (1 << 63) - 1
     end_ns: int = 0
 
-    def add(self, times: NDArray[np.int64]) -> None:
+    def add(self, times: Integers) -> None:
         """Count messages by their receive times."""
         if len(times):
             self.count += len(times)

@@ -9,24 +9,24 @@ from __future__ import annotations
 import sys
 from collections import Counter
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
 from imucalib_cli.findings import Finding, warning
-from imucalib_cli.logs.messages import MESSAGE_TYPES, TF_TYPES, MessageType
+from imucalib_cli.logs.messages import TF_TYPES
 from imucalib_cli.logs.reader import Piece
-from imucalib_cli.logs.slow import SlowDecoder
+from imucalib_cli.logs.slow import decode_one
 from imucalib_cli.logs.streams import ImuStream, JointStream, PoseStream
 from imucalib_cli.logs.wire import decode
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from numpy.typing import NDArray
-
-    from imucalib_cli.logs.reader import Bytes, Channel
-    from imucalib_cli.logs.streams import Floats, Nanoseconds
+    from imucalib_cli.arrays import Bools, Bytes, Floats, Indices, Integers
+    from imucalib_cli.logs.reader import Channel
+    from imucalib_cli.logs.streams import Nanoseconds
 
 _BLOCK_BYTES = 1 << 22
 _BLOCK_PIECES = 4096
@@ -56,7 +56,6 @@ class TopicData:
 
     topic: str
     type: str
-    message_type: MessageType
     pieces: list[Piece] = field(default_factory=list)
     messages: int = 0
     undecoded: int = 0
@@ -65,9 +64,8 @@ class TopicData:
 @dataclass(eq=False)
 class _Block:
     channel: Channel
-    decoder: SlowDecoder
     into: TopicData
-    arrival: list[NDArray[np.int64]] = field(default_factory=list)
+    arrival: list[Integers] = field(default_factory=list)
     log_ns: list[Nanoseconds] = field(default_factory=list)
     rows: list[Bytes] = field(default_factory=list)
     size: int = 0
@@ -83,25 +81,21 @@ class Collector:
         self._file_base = 0
         self._arrived = 0
 
-    def add(
-        self, channel: Channel, arrival: NDArray[np.int64], log_ns: Nanoseconds, rows: Bytes
-    ) -> None:
+    def add(self, channel: Channel, arrival: Integers, log_ns: Nanoseconds, rows: Bytes) -> None:
         """Take payloads of one length; see :class:`~imucalib_cli.logs.reader.Sink`."""
         self._messages_left -= len(rows)
         if self._messages_left < 0:
             raise TooMuchError
         self._take(channel, arrival, log_ns, rows)
 
-    def _take(
-        self, channel: Channel, arrival: NDArray[np.int64], log_ns: Nanoseconds, rows: Bytes
-    ) -> None:
+    def _take(self, channel: Channel, arrival: Integers, log_ns: Nanoseconds, rows: Bytes) -> None:
         if not len(rows):
             return
         length = rows.shape[1]
-        key = (channel.topic, channel.type, channel.encoding, channel.definition, length)
+        key = (channel.name, channel.type, channel.encoding, channel.definition, length)
         block = self._blocks.get(key)
         if block is None:
-            block = self._blocks[key] = self._new_block(channel)
+            block = self._blocks[key] = _Block(channel, self._topic(channel))
         block.arrival.append(arrival + self._file_base)
         block.log_ns.append(log_ns)
         block.rows.append(rows)
@@ -136,17 +130,12 @@ class Collector:
             data.pieces.sort(key=lambda piece: int(piece.arrival[0]))
             yield data
 
-    def _new_block(self, channel: Channel) -> _Block:
-        into = self._topic(channel)
-        decoder = SlowDecoder(channel.type, into.message_type, channel.encoding, channel.definition)
-        return _Block(channel, decoder, into)
-
     def _topic(self, channel: Channel) -> TopicData:
-        into = TopicData(channel.topic, channel.type, MESSAGE_TYPES[channel.type])
-        return self.topics.setdefault((channel.topic, channel.type), into)
+        into = TopicData(channel.name, channel.type)
+        return self.topics.setdefault((channel.name, channel.type), into)
 
     def _add_packed(
-        self, channel: Channel, arrival: NDArray[np.int64], log_ns: Nanoseconds, rows: Bytes
+        self, channel: Channel, arrival: Integers, log_ns: Nanoseconds, rows: Bytes
     ) -> None:
         """Unpack messages that rosbag2 compressed one by one."""
         import zstandard
@@ -185,7 +174,7 @@ class Collector:
         into = block.into
         into.messages += len(rows)
         decoded = np.zeros(len(rows), dtype=bool)
-        for each in decode(rows, into.message_type, block.channel.encoding, block.decoder):
+        for each in decode(rows, block.channel, partial(decode_one, block.channel)):
             decoded[each.rows] = True
             self._bytes_left -= sum(values.nbytes for values in each.numbers.values())
             if self._bytes_left < 0:
@@ -225,7 +214,7 @@ def imu_stream(data: TopicData) -> tuple[ImuStream | None, list[Finding]]:
     joined = _Joined([piece for piece in data.pieces if _frame(piece) == frame])
     gyro, accel = joined.numbers("gyro"), joined.numbers("accel")
     numbers = _is_number(gyro) & _is_number(accel)
-    sound: NDArray[np.bool_] | slice = slice(None)  # which copies nothing
+    sound: Bools | slice = slice(None)  # which copies nothing
     if not numbers.all():
         sound, count = numbers, np.count_nonzero(~numbers)
         losses.append(warning("imu.not_finite", topic=data.topic, count=count, limit=_ABSURD))
@@ -240,9 +229,9 @@ def imu_stream(data: TopicData) -> tuple[ImuStream | None, list[Finding]]:
     return stream, losses
 
 
-def _is_number(values: Floats) -> NDArray[np.bool_]:
+def _is_number(values: Floats) -> Bools:
     """Rows that hold what a sensor may say; a comparison with NaN is false."""
-    sound: NDArray[np.bool_] = np.all(np.abs(values) < _ABSURD, axis=1)
+    sound: Bools = np.all(np.abs(values) < _ABSURD, axis=1)
     return sound
 
 
@@ -295,7 +284,7 @@ def joint_streams(data: TopicData) -> tuple[tuple[JointStream, ...], list[Findin
     return tuple(streams), losses
 
 
-def _sound_rows(position: Floats) -> tuple[NDArray[np.bool_] | slice, Floats]:
+def _sound_rows(position: Floats) -> tuple[Bools | slice, Floats]:
     """Rows without damage, (n,); and positions, NaN where a joint mostly says nothing.
 
     A joint that seldom has a number has no encoder, and must not cost the others their rows.
@@ -304,7 +293,7 @@ def _sound_rows(position: Floats) -> tuple[NDArray[np.bool_] | slice, Floats]:
     if good.all():
         return slice(None), position
     told = np.mean(good, axis=0) > _TOLD
-    sound: NDArray[np.bool_] = np.all(good[:, told], axis=1)
+    sound: Bools = np.all(good[:, told], axis=1)
     return sound, position if told.all() else np.where(good, position, np.nan)
 
 
@@ -355,7 +344,7 @@ class _Joined:
         log_ns = np.concatenate([each.log_ns for each in self._pieces])
         arrival = np.concatenate([each.arrival for each in self._pieces])
         order = np.lexsort((arrival, log_ns))
-        self._order: NDArray[np.intp] | slice = order
+        self._order: Indices | slice = order
         if (np.diff(order) == 1).all():
             self._order = slice(None)
         self.log_ns: Nanoseconds = log_ns[self._order]

@@ -7,9 +7,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO, Protocol
 import numpy as np
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from imucalib_cli.logs.reader import Bytes
+    from imucalib_cli.arrays import Bytes, Integers
 
 _STEP = 1 << 16
 """Bytes asked of a decompressor at a time: small enough that the allocator reuses them."""
@@ -63,7 +61,6 @@ class Inflated:
         self._scratch = scratch
         self._done = 0
         self._ended = False
-        self.damage = ""
 
     def upto(self, size: int | None = None) -> Bytes:
         """All sound bytes among the first ``size`` (None: all), at times a few more."""
@@ -74,14 +71,13 @@ class Inflated:
             try:
                 got = self._source.fill(buffer.data[self._done : self._done + room])
             # lz4, zstandard and bz2 each raise their own kinds on damaged bytes.
-            except Exception as error:  # noqa: BLE001
-                self.damage = str(error) or type(error).__name__
+            except Exception:  # noqa: BLE001
                 got = 0
             self._done += got
             self._ended = got == 0
         return self._scratch.data[: self._done]
 
-    def around(self, offsets: NDArray[np.int64]) -> tuple[Bytes, NDArray[np.int64]]:
+    def around(self, offsets: Integers) -> tuple[Bytes, Integers]:
         """Bytes at some offsets: what lies between them may be left unread.
 
         Args:
@@ -117,7 +113,7 @@ def inflate(compression: str, packed: memoryview, claimed: int, scratch: Scratch
     """Unpack a chunk lazily.
 
     Args:
-        compression: ``""`` or ``none``, ``lz4`` (frames), ``zstd``, ``bz2``.
+        compression: ``lz4`` (frames), ``zstd`` or ``bz2``.
         packed: The bytes as they lie in the file.
         claimed: What the file says they unpack to; nothing beyond is produced.
         scratch: Where they go; valid until the next chunk is unpacked into it.
@@ -127,8 +123,6 @@ def inflate(compression: str, packed: memoryview, claimed: int, scratch: Scratch
     """
     source: Decompressor
     match compression:
-        case "" | "none":
-            source = _Plain(packed)
         case "zstd":
             source = _Zstd(packed)
         case "lz4":
@@ -166,17 +160,6 @@ class _Part:
         return got
 
 
-class _Plain:
-    def __init__(self, packed: memoryview) -> None:
-        self._left = packed
-
-    def fill(self, buffer: memoryview) -> int:
-        size = min(len(buffer), len(self._left))
-        buffer[:size] = self._left[:size]
-        self._left = self._left[size:]
-        return size
-
-
 class _Zstd:
     def __init__(self, packed: memoryview) -> None:
         import zstandard
@@ -188,55 +171,56 @@ class _Zstd:
         return int(self._reader.readinto(buffer))
 
 
-class _Lz4:
-    def __init__(self, packed: memoryview) -> None:
-        import lz4.frame
-
-        self._left = packed
-        self._context: Any = lz4.frame.create_decompression_context()
-        self._step: Any = lz4.frame.decompress_chunk
-        self._ended = False
+class _Stepwise:
+    """In steps: large results would be mapped and unmapped by the allocator each time."""
 
     def fill(self, buffer: memoryview) -> int:
         done = 0
-        while done < len(buffer) and not self._ended:
-            # In steps: large results would be mapped and unmapped by the allocator each time.
-            size = min(_STEP, len(buffer) - done)
+        while done < len(buffer):
             try:
-                out, used, self._ended = self._step(self._context, self._left, max_length=size)
-            except RuntimeError:
+                out = self.step(min(_STEP, len(buffer) - done))
+            except (OSError, RuntimeError):
                 if done:  # what came before the damage is sound; the next call meets it again
                     return done
                 raise
-            self._left = self._left[used:]
-            if not out and not used:
+            if out is None:
                 break
             buffer[done : done + len(out)] = out
             done += len(out)
         return done
 
+    def step(self, size: int) -> bytes | None:
+        """At most so many further bytes; None at the end."""
+        raise NotImplementedError
 
-class _Bz2:
+
+class _Lz4(_Stepwise):
+    def __init__(self, packed: memoryview) -> None:
+        import lz4.frame
+
+        self._left = packed
+        self._context: Any = lz4.frame.create_decompression_context()
+        self._unpack: Any = lz4.frame.decompress_chunk
+        self._ended = False
+
+    def step(self, size: int) -> bytes | None:
+        if self._ended:
+            return None
+        out, used, self._ended = self._unpack(self._context, self._left, max_length=size)
+        self._left = self._left[used:]
+        return out if out or used else None
+
+
+class _Bz2(_Stepwise):
     def __init__(self, packed: memoryview) -> None:
         import bz2
 
         self._input: bytes | memoryview = packed
         self._decompressor = bz2.BZ2Decompressor()
 
-    def fill(self, buffer: memoryview) -> int:
-        done = 0
-        while done < len(buffer) and not self._decompressor.eof:
-            try:
-                out = self._decompressor.decompress(
-                    self._input, max_length=min(_STEP, len(buffer) - done)
-                )
-            except OSError:
-                if done:  # what came before the damage is sound; the next call meets it again
-                    return done
-                raise
-            self._input = b""
-            if not out:
-                break
-            buffer[done : done + len(out)] = out
-            done += len(out)
-        return done
+    def step(self, size: int) -> bytes | None:
+        if self._decompressor.eof:
+            return None
+        out = self._decompressor.decompress(self._input, max_length=size)
+        self._input = b""
+        return out or None

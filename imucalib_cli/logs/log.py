@@ -11,7 +11,7 @@ from imucalib_cli.findings import Finding, warning, warnings
 from imucalib_cli.logs.csv_file import CsvFile
 from imucalib_cli.logs.messages import MESSAGE_TYPES
 from imucalib_cli.logs.open import READERS, open_files
-from imucalib_cli.logs.reader import is_readable
+from imucalib_cli.logs.reader import Topic
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -27,27 +27,6 @@ _MAX_OVERLAP_S = 0.5
 """Recorders split between messages; a cache written late may cause a little."""
 _MAX_OVERLAP_SHARE = 0.1
 """Of the shorter of two files that hold the same IMU: no part of one recording overlaps so much."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Topic:
-    """A topic as the recording lists it; nothing of it has been decoded."""
-
-    name: str
-    type: str
-    """Without ``/msg/``: sensor_msgs/Imu."""
-    encoding: str
-    """``cdr``, ``ros1`` or what else the log says."""
-    count: int
-    """Messages."""
-    start_ns: int
-    """Receive time of the first message, ns; 0 without messages."""
-    end_ns: int
-
-    @property
-    def readable(self) -> bool:
-        """Whether :meth:`Log.read` can make streams of it."""
-        return is_readable(self.type, self.encoding)
 
 
 @dataclass(kw_only=True)
@@ -77,7 +56,7 @@ class Log:
     """
 
     def __init__(self, files: Sequence[LogFile]) -> None:
-        self._files = sorted(files, key=_start_ns)
+        self._files = sorted(files, key=lambda file: _span_ns(file.channels)[0])
         self.paths = tuple(each.path for each in self._files)
         self.topics = _topics(self._files)
 
@@ -122,9 +101,7 @@ class Log:
         _see_one_recording(self._files, wanted)
         collector = Collector()
         for number, file in enumerate(self._files):
-            channels = [
-                each.number for each in file.channels if each.topic in wanted and each.readable
-            ]
+            channels = [each.number for each in file.channels if each.name in wanted and each.kind]
             if channels:
                 share = _share(progress, number, len(self._files))
                 try:
@@ -141,7 +118,7 @@ class Log:
         for found in collector.finish():
             name = found.topic
             losses += self._shortfall(found)
-            match found.message_type.kind:
+            match MESSAGE_TYPES[found.type].kind:
                 case "imu":
                     imu, lost = imu_stream(found)
                     if imu is not None:
@@ -163,7 +140,7 @@ class Log:
         listed = sum(
             each.count
             for each in self.topics
-            if (each.name, each.type) == (found.topic, found.type) and each.readable
+            if (each.name, each.type) == (found.topic, found.type) and each.kind
         )
         if found.messages < listed:
             losses.append(
@@ -185,14 +162,10 @@ class Log:
 
     def _nothing_of(self, wanted: set[str]) -> LogData:
         """Topics of which damage may have left nothing are still there, without streams."""
-        kinds = {
-            each.name: MESSAGE_TYPES[each.type].kind
-            for each in self.topics
-            if each.name in wanted and each.readable and each.count
-        }
+        filled = [each for each in self.topics if each.name in wanted and each.count]
         return LogData(
-            joints={name: () for name, kind in kinds.items() if kind == "joints"},
-            poses={name: () for name, kind in kinds.items() if kind == "pose"},
+            joints={each.name: () for each in filled if each.kind == "joints"},
+            poses={each.name: () for each in filled if each.kind == "pose"},
         )
 
     def _check(self, wanted: set[str]) -> None:
@@ -200,7 +173,7 @@ class Log:
         for name in sorted(wanted - known):
             listed = ", ".join(sorted(known)) or "none"
             raise ChoiceError(f"there is no topic {name} in {self._label()}; it has: {listed}")
-        readable = {each.name for each in self.topics if each.readable}
+        readable = {each.name for each in self.topics if each.kind}
         for topic in self.topics:
             if topic.name in wanted and topic.name not in readable:
                 raise InputError(
@@ -239,12 +212,11 @@ def _bytes_of(path: Path) -> int:
     return path.stat().st_size + (wal.stat().st_size if wal.exists() else 0)
 
 
-def _start_ns(file: LogFile) -> int:
-    return min((each.start_ns for each in file.channels if each.count), default=0)
-
-
-def _end_ns(file: LogFile) -> int:
-    return max((each.end_ns for each in file.channels if each.count), default=0)
+def _span_ns(channels: Iterable[Channel]) -> tuple[int, int]:
+    """Receive times of the first message and the last, 0 where there is none."""
+    filled = [each for each in channels if each.count]
+    start_ns = min((each.start_ns for each in filled), default=0)
+    return start_ns, max((each.end_ns for each in filled), default=0)
 
 
 def _see_one_recording(files: Sequence[LogFile], wanted: set[str]) -> None:
@@ -252,15 +224,11 @@ def _see_one_recording(files: Sequence[LogFile], wanted: set[str]) -> None:
     heard: dict[str, tuple[LogFile, Channel]] = {}
     for file in files:
         for channel in file.channels:
-            if channel.topic not in wanted or not channel.count or not channel.readable:
-                continue
-            if MESSAGE_TYPES[channel.type].kind != "imu":
-                continue
-            if channel.topic in heard:
-                other, before = heard[channel.topic]
+            if channel.kind == "imu" and channel.name in wanted and channel.count:
+                other, before = heard.get(channel.name, (file, channel))
                 if other is not file:
                     _see_after(file, channel, other, before)
-            heard[channel.topic] = file, channel
+                heard[channel.name] = file, channel
 
 
 def _see_after(file: LogFile, channel: Channel, other: LogFile, before: Channel) -> None:
@@ -268,7 +236,7 @@ def _see_after(file: LogFile, channel: Channel, other: LogFile, before: Channel)
     overlap = (min(channel.end_ns, before.end_ns) - max(channel.start_ns, before.start_ns)) * 1e-9
     if overlap > max(_MAX_OVERLAP_S, _MAX_OVERLAP_SHARE * shorter):
         raise ChoiceError(
-            f"{other.path} and {file.path} both hold {channel.topic} over the same "
+            f"{other.path} and {file.path} both hold {channel.name} over the same "
             f"{overlap:.3g} s: they are two recordings, run on each alone"
         )
 
@@ -278,24 +246,17 @@ def _overlaps(files: Sequence[LogFile]) -> tuple[Finding, ...]:
 
     Tables do: there is one for each sensor.
     """
-    filled = [each for each in files if any(channel.count for channel in each.channels)]
-    filled = [each for each in filled if not each.IS_TEXT]
-    last: LogFile | None = None
-    found = []
-    for file in filled:
-        if last is not None:
-            overlap = (_end_ns(last) - _start_ns(file)) * 1e-9
-            if overlap > _MAX_OVERLAP_S:
-                found.append(
-                    warning(
-                        "log.files_overlap",
-                        first=str(last.path),
-                        second=str(file.path),
-                        seconds=overlap,
-                    )
-                )
-        if last is None or _end_ns(file) > _end_ns(last):
-            last = file
+    last, last_ns, found = "", 0, []
+    for file in files:
+        start_ns, end_ns = _span_ns(file.channels)
+        if file.IS_TEXT or not any(channel.count for channel in file.channels):
+            continue
+        overlap = (last_ns - start_ns) * 1e-9
+        if last and overlap > _MAX_OVERLAP_S:
+            told = {"first": last, "second": str(file.path), "seconds": overlap}
+            found.append(warning("log.files_overlap", **told))
+        if not last or end_ns > last_ns:
+            last, last_ns = str(file.path), end_ns
     return tuple(found)
 
 
@@ -303,20 +264,13 @@ def _topics(files: Sequence[LogFile]) -> tuple[Topic, ...]:
     groups: dict[tuple[str, str, str], list[Channel]] = {}
     for file in files:
         for channel in file.channels:
-            groups.setdefault((channel.topic, channel.type, channel.encoding), []).append(channel)
+            groups.setdefault((channel.name, channel.type, channel.encoding), []).append(channel)
     topics = []
     for (name, type_name, encoding), channels in sorted(groups.items()):
-        filled = [each for each in channels if each.count]
-        topics.append(
-            Topic(
-                name=name,
-                type=type_name,
-                encoding=encoding,
-                count=sum(each.count for each in filled),
-                start_ns=min((each.start_ns for each in filled), default=0),
-                end_ns=max((each.end_ns for each in filled), default=0),
-            )
-        )
+        count = sum(each.count for each in channels)
+        start_ns, end_ns = _span_ns(channels)
+        described = {"name": name, "type": type_name, "encoding": encoding}
+        topics.append(Topic(**described, count=count, start_ns=start_ns, end_ns=end_ns))
     return tuple(topics)
 
 

@@ -13,7 +13,7 @@ from imucalib_cli.logs.bag.file import BagFile
 from imucalib_cli.logs.csv_file import NAMES, CsvFile
 from imucalib_cli.logs.db3.file import Db3File
 from imucalib_cli.logs.mcap.file import McapFile
-from imucalib_cli.logs.tum_euroc import EurocFolder, TumFile
+from imucalib_cli.logs.tum_euroc import TABLES, EurocTable, TumFile
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     Readers = Sequence[type[LogFile]]
 
 
-READERS: list[type[LogFile]] = [McapFile, BagFile, Db3File, CsvFile, TumFile, EurocFolder]
+READERS: list[type[LogFile]] = [McapFile, BagFile, Db3File, EurocTable, CsvFile, TumFile]
 """Every format that can be read: a format is one file of this room and one name here."""
 
 _ZSTD = b"\x28\xb5\x2f\xfd"
@@ -139,9 +139,6 @@ def _known(readers: Readers) -> str:
 
 
 def _open_folder(folder: Path, readers: Readers) -> list[LogFile]:
-    reader = _reader(folder, b"", readers)
-    if reader is not None:
-        return [reader(folder)]
     named = _listed(folder) or []
     missing = [each for each in named if not each.is_file()]
     found = _guessed(folder, readers) if len(missing) == len(named) else named
@@ -186,7 +183,8 @@ def _listed(folder: Path) -> list[Path] | None:
 
 def _guessed(folder: Path, readers: Readers) -> list[Path]:
     """Log files of a folder without metadata: one recording, if their names say so."""
-    logs, tables = [], []
+    logs = []
+    tables = [each for each in sorted(folder.glob(TABLES)) if EurocTable.matches(_head(each), each)]
     for path in sorted(each for each in folder.iterdir() if each.is_file()):
         head = _head(path)
         reader = _reader(path, head, readers)

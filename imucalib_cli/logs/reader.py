@@ -3,62 +3,95 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, ClassVar, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.logs.damage import Tally
-from imucalib_cli.logs.messages import MESSAGE_TYPES
+from imucalib_cli.logs.messages import MESSAGE_TYPES, normalise_type
 
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from imucalib_cli.arrays import Bytes, Floats, Integers
     from imucalib_cli.findings import Finding
-    from imucalib_cli.logs.streams import Floats, Nanoseconds
+    from imucalib_cli.logs.messages import Kind
+    from imucalib_cli.logs.streams import Nanoseconds
 
 ENCODINGS = frozenset({"cdr", "ros1", "text"})
 """Encodings that can be decoded; ``text`` is of formats whose reader gives numbers itself."""
 
-Bytes = NDArray[np.uint8]
 Labels = dict[str, str | tuple[str, ...]]
 Progress = Callable[[float], None]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Channel:
-    """One publisher's messages on a topic, as the file numbers them."""
+class Topic:
+    """Messages of one type under one name; nothing of them has been decoded."""
 
-    number: int
-    topic: str
+    name: str
     type: str
-    """Normalised, sensor_msgs/Imu."""
+    """Without ``/msg/``: sensor_msgs/Imu."""
     encoding: str
-    """``cdr``, ``ros1``, ``text`` or whatever else the file says."""
-    definition: str = ""
-    """The type's definition in .msg form where the file embeds it."""
+    """``cdr``, ``ros1``, ``text`` or what else the file says."""
     count: int = 0
+    """Messages."""
     start_ns: int = 0
+    """Receive time of the first message, ns; 0 without messages."""
     end_ns: int = 0
 
     @property
-    def readable(self) -> bool:
-        """Whether streams can be made of it."""
-        return is_readable(self.type, self.encoding)
+    def kind(self) -> Kind | None:
+        """What streams can be made of it; None where none can."""
+        is_readable = self.type in MESSAGE_TYPES and self.encoding in ENCODINGS
+        return MESSAGE_TYPES[self.type].kind if is_readable else None
 
-    @classmethod
-    def counted(cls, tally: Tally | None, **described: Any) -> Channel:
-        """A channel with what was counted of it; None for nothing."""
-        seen = tally or Tally(start_ns=0)
-        return cls(count=seen.count, start_ns=seen.start_ns, end_ns=seen.end_ns, **described)
+
+@dataclass(frozen=True, kw_only=True)
+class Channel(Topic):
+    """One publisher's messages on a topic, as the file numbers them."""
+
+    number: int
+    definition: str = ""
+    """The type's definition in .msg form where the file embeds it."""
+
+
+@dataclass
+class Catalogue:
+    """Channels and their types by number, as records bring them."""
+
+    schemas: dict[int, tuple[str, str]] = field(default_factory=dict)
+    """Name and definition."""
+    publishers: dict[int, tuple[int, str, str]] = field(default_factory=dict)
+    """Schema number, topic, message encoding."""
+
+    def channels(self, tallies: dict[int, Tally]) -> tuple[Channel, ...]:
+        """All channels with what was counted."""
+        found = []
+        for number, (schema, name, encoding) in sorted(self.publishers.items()):
+            type_name, definition = self.schemas.get(schema, ("", ""))
+            seen = tallies.get(number) or Tally(start_ns=0)
+            found.append(
+                Channel(
+                    number=number,
+                    name=name,
+                    type=normalise_type(type_name),
+                    encoding=encoding,
+                    definition=definition,
+                    count=seen.count,
+                    start_ns=seen.start_ns,
+                    end_ns=seen.end_ns,
+                )
+            )
+        return tuple(found)
 
 
 @dataclass(frozen=True, eq=False)
 class Piece:
     """Decoded rows of a topic that share all their texts."""
 
-    arrival: NDArray[np.int64]
+    arrival: Integers
     """(n,), position in the file: orders rows of equal receive time."""
     log_ns: Nanoseconds
     stamp_ns: Nanoseconds
@@ -68,17 +101,10 @@ class Piece:
     """(n, k) each, by the same names."""
 
 
-def is_readable(type_name: str, encoding: str) -> bool:
-    """Whether streams can be made of messages of a type, in an encoding."""
-    return type_name in MESSAGE_TYPES and encoding in ENCODINGS
-
-
 class Sink(Protocol):
     """Takes messages as a reader comes upon them: payloads, or what is decoded already."""
 
-    def add(
-        self, channel: Channel, arrival: NDArray[np.int64], log_ns: Nanoseconds, rows: Bytes
-    ) -> None:
+    def add(self, channel: Channel, arrival: Integers, log_ns: Nanoseconds, rows: Bytes) -> None:
         """Take payloads of one length.
 
         Args:
@@ -93,7 +119,7 @@ class Sink(Protocol):
 
 
 class LogFile(Protocol):
-    """One file of a log, or a folder that is one.
+    """One file of a log.
 
     Args:
         path: The file; :meth:`matches` has looked at it.
@@ -122,13 +148,13 @@ class LogFile(Protocol):
 
     @classmethod
     def matches(cls, head: bytes, path: Path) -> bool:
-        """Whether a file that begins with these bytes is of the format; a folder has none."""
+        """Whether a file that begins with these bytes is of the format."""
 
     def read(self, wanted: Collection[int], sink: Sink, progress: Progress) -> None:
         """Give the sink all messages of the wanted channels, in one pass."""
 
 
-def cut(data: Bytes, starts: NDArray[np.int64], size: int) -> Bytes:
+def cut(data: Bytes, starts: Integers, size: int) -> Bytes:
     """Copy the slices ``data[start : start + size]`` into the rows of (n, size)."""
     if not size or not len(starts):
         return np.empty((len(starts), size), dtype=np.uint8)
@@ -144,8 +170,8 @@ class Located:
     """Payloads ``data[start : start + size]`` and their receive times."""
 
     data: Bytes
-    starts: NDArray[np.int64]
-    sizes: NDArray[np.int64]
+    starts: Integers
+    sizes: Integers
     log_ns: Nanoseconds
 
 

@@ -53,7 +53,7 @@ class _Scan:
 
     def _beyond(self, at: int) -> int | None:
         """Where the next record behind damage begins; None if there is none."""
-        found = self._grammar.find_record(self._file, self._search_from)
+        found = self._grammar.find_record(self._file, self._search_from, self._grammar.size)
         if found is None:
             what, size = self._grammar.PART, self._grammar.size
             self._losses.append(warning("log.cut_short", what=what, byte=at, size=size))
@@ -69,7 +69,9 @@ class _Scan:
         if record.kind == "end" and record.is_whole:
             self._end_run(at)
             return None
-        self._search_from = record.search_from
+        # a wrong length leads astray, unless it is a chunk's, which has two
+        is_sound = record.chunk is not None and record.is_whole
+        self._search_from = record.end if is_sound else at + 1
         if record.chunk is not None:
             if not record.is_whole and record.chunk.is_plain:
                 self._losses.append(warning("log.chunk_unchecked", byte=at))

@@ -7,24 +7,24 @@ from textwrap import shorten
 from typing import TYPE_CHECKING
 
 from imucalib_cli.errors import ChoiceError, InputError
-from imucalib_cli.logs.messages import MESSAGE_TYPES, TF_TYPES, Kind
+from imucalib_cli.logs.messages import TF_TYPES, Kind
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence
 
-    from imucalib_cli.logs.log import Topic
+    from imucalib_cli.logs.reader import Topic
     from imucalib_cli.logs.streams import JointStream
 
-_OPTIONS: dict[Kind, str] = {
-    "imu": "--imu-topic",
-    "joints": "--joint-topic",
-    "pose": "--pose-topic",
+_CALLED: dict[Kind, tuple[str, str]] = {
+    "imu": ("IMU", "--imu-topic"),
+    "joints": ("joint state", "--joint-topic"),
+    "pose": ("pose", "--pose-topic"),
 }
+"""What a kind is called, and the option that chooses it."""
 _ODOMETRY = "nav_msgs/Odometry"
 _MOST_LISTED = 20
 _LONGEST = 100
 """Letters of a name; damage makes longer ones."""
-_NAMES: dict[Kind, str] = {"imu": "IMU", "joints": "joint state", "pose": "pose"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,11 +48,7 @@ class Selection:
 
 def candidates(topics: Sequence[Topic], kind: Kind) -> tuple[Topic, ...]:
     """Topics with messages that can be read as this kind."""
-    return tuple(
-        each
-        for each in topics
-        if each.readable and each.count and MESSAGE_TYPES[each.type].kind == kind
-    )
+    return tuple(each for each in topics if each.count and each.kind == kind)
 
 
 def select_topics(
@@ -142,10 +138,9 @@ def _of_kind(topics: Sequence[Topic], kind: Kind, named: Sequence[str]) -> list[
                 what = f"{name} is {there[0].type or 'untyped'} ({there[0].encoding})"
             elif there:
                 what = f"{name} has no messages"
-            raise ChoiceError(
-                f"{what}: {_NAMES[kind]} topics for {_OPTIONS[kind]} are "
-                f"{_listed(possible) or 'none'}"
-            )
+            called, option = _CALLED[kind]
+            listed = _listed(possible) or "none"
+            raise ChoiceError(f"{what}: {called} topics for {option} are {listed}")
     return [by_name[name] for name in dict.fromkeys(named)]
 
 

@@ -18,51 +18,29 @@ if TYPE_CHECKING:
 
     from rosbags.typesys.store import Typestore
 
-    from imucalib_cli.logs.reader import Labels
+    from imucalib_cli.logs.reader import Channel, Labels
 
 _TF_MESSAGE = "geometry_msgs/TransformStamped[] transforms"
 
 
-class SlowDecoder:
-    """Decodes single payloads of one topic.
+def decode_one(channel: Channel, payload: bytes) -> list[Element]:
+    """Decode one payload into elements of one row each.
 
-    Args:
-        type_name: Normalised name, sensor_msgs/Imu.
-        message_type: The row of the table.
-        encoding: ``cdr`` or ``ros1``.
-        definition: Definition embedded in the log, in .msg form, if there is one; where it is
-            missing or cannot be parsed the standard one counts.
+    The definition that is embedded in the log counts; where it is missing or cannot be parsed,
+    the standard one.
+
+    Raises:
+        WireError: The payload does not fit its definition.
     """
-
-    def __init__(
-        self,
-        type_name: str,
-        message_type: messages.MessageType,
-        encoding: str,
-        definition: str = "",
-    ) -> None:
-        self._type_name = type_name
-        self._fields = message_type.fields
-        self._encoding = encoding
-        self._definition = definition
-
-    def __call__(self, payload: bytes) -> list[Element]:
-        """Decode one payload into elements of one row each.
-
-        Raises:
-            WireError: The payload does not fit its definition.
-        """
-        full_name = self._type_name.replace("/", "/msg/")
-        store = _typestore(self._encoding, full_name, self._definition)
-        try:
-            if self._encoding == "ros1":
-                message = store.deserialize_ros1(payload, full_name)
-            else:
-                message = store.deserialize_cdr(payload, full_name)
-            return [_element(part, fields) for part, fields in _parts(message, self._fields)]
-        # rosbags' generated code raises whatever the bytes provoke.
-        except Exception as error:
-            raise WireError(str(error)) from error
+    full_name = channel.type.replace("/", "/msg/")
+    store = _typestore(channel.encoding, full_name, channel.definition)
+    read = store.deserialize_ros1 if channel.encoding == "ros1" else store.deserialize_cdr
+    try:
+        parts = _parts(read(payload, full_name), messages.MESSAGE_TYPES[channel.type].fields)
+        return [_element(part, fields) for part, fields in parts]
+    # rosbags' generated code raises whatever the bytes provoke.
+    except Exception as error:
+        raise WireError(str(error)) from error
 
 
 @cache

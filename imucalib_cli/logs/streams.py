@@ -8,11 +8,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
+from imucalib_cli.arrays import Floats, Integers
 
-Floats = NDArray[np.float64]
-Nanoseconds = NDArray[np.int64]
+Nanoseconds = Integers
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

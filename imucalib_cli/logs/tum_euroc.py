@@ -1,4 +1,4 @@
-"""Two formats of published data sets: TUM trajectories and EuRoC folders."""
+"""Two formats of published data sets: TUM trajectories and the tables of EuRoC folders."""
 
 from __future__ import annotations
 
@@ -8,11 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 from imucalib_cli.logs.csv_file import CsvFile
 
 if TYPE_CHECKING:
-    from collections.abc import Collection
     from pathlib import Path
-
-    from imucalib_cli.findings import Finding
-    from imucalib_cli.logs.reader import Channel, Progress, Sink
 
 
 TABLES = "mav0/*/data.csv"
@@ -38,44 +34,15 @@ class TumFile(CsvFile):
         return False
 
 
-class EurocFolder:
-    """A folder ``mav0`` with one table for each sensor; IMUs and poses count.
-
-    Args:
-        path: The folder that ``mav0`` is in.
-    """
+class EurocTable(CsvFile):
+    """One sensor's table of a folder with ``mav0``: an IMU or poses, in nanoseconds."""
 
     FORMAT: ClassVar[str] = "an EuRoC folder"
-    IS_TEXT: ClassVar[bool] = True
 
     def __init__(self, path: Path) -> None:
-        self.path = path
-        self.losses: list[Finding] = []
-        self._parts: list[CsvFile] = []
-        for table in sorted(path.glob(TABLES)):
-            with table.open("rb") as file:
-                if not _is_sensor(file.readline(4096)):
-                    continue
-            number = len(self._parts)
-            self._parts.append(CsvFile(table, f"/{table.parent.name}", "ns", number))
+        super().__init__(path, f"/{path.parent.name}", "ns")
 
     @classmethod
     def matches(cls, head: bytes, path: Path) -> bool:
-        """Whether it is a folder with a table of an IMU or of poses."""
-        return not head and next(path.glob(TABLES), None) is not None
-
-    @property
-    def channels(self) -> tuple[Channel, ...]:
-        """One for each table."""
-        return tuple(channel for part in self._parts for channel in part.channels)
-
-    def read(self, wanted: Collection[int], sink: Sink, progress: Progress) -> None:
-        """Give the sink the rows of the wanted channels."""
-        for part in self._parts:
-            part.read(wanted, sink, lambda _: None)
-        progress(1.0)
-
-
-def _is_sensor(header: bytes) -> bool:
-    """Whether a table is of an IMU or of poses rather than of images."""
-    return b"w_RS_S_x" in header or b"q_RS_w" in header
+        """Whether it lies in such a folder, and is none of images."""
+        return path.match(TABLES) and (b"w_RS_S_x" in head or b"q_RS_w" in head)

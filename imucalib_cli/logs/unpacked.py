@@ -30,7 +30,7 @@ def unpack(path: Path) -> tuple[Path, Finding | None]:
     import zstandard
 
     loss = None
-    target = _temporary(path.with_suffix("").suffix)
+    target = _folder() / f"log{path.with_suffix('').suffix}"
     with target.open("wb") as out, path.open("rb") as packed:
         reader = zstandard.ZstdDecompressor().stream_reader(packed, read_across_frames=True)
         try:
@@ -45,8 +45,8 @@ def unpack(path: Path) -> tuple[Path, Finding | None]:
         except OSError as error:
             target.unlink()  # it may fill the disk
             raise InputError(
-                f"{path} cannot be unpacked into {target.parent}: {error}; free some space there "
-                "or set TMPDIR"
+                f"{path} cannot be unpacked into {tempfile.gettempdir()}: {error}; free some space "
+                "there or set TMPDIR"
             ) from error
         if not out.tell():
             raise InputError(f"{path} cannot be unpacked: record or copy it again")
@@ -62,16 +62,15 @@ def cut_table(target: Path, packed: int) -> Finding | None:
     return warning("log.unpacks_too_large", ratio=_TABLE_RATIO)
 
 
-def copy_with_companions(path: Path) -> Path:
-    """Copy an SQLite file with what lies beside it to where SQLite may take that in.
+def copy(path: Path, *, companions: bool) -> Path:
+    """Copy an SQLite file, if need be with what lies beside it, to where it may be changed.
 
     Raises:
         InputError: The disk is full.
     """
-    folder = Path(tempfile.mkdtemp(prefix="imucalib-"))
-    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    folder = _folder()
     try:
-        for end in ("", "-wal", "-journal"):
+        for end in ("", "-wal", "-journal") if companions else ("",):
             source = path.with_name(path.name + end)
             if source.exists():
                 shutil.copyfile(source, folder / f"log.db3{end}")
@@ -84,36 +83,8 @@ def copy_with_companions(path: Path) -> Path:
     return folder / "log.db3"
 
 
-def copy_with_page_count(path: Path) -> Path:
-    """Copy an SQLite file into a temporary one whose header names the pages that are there.
-
-    Offsets of the header: sqlite.org/fileformat2.html, 1.3.
-
-    Raises:
-        InputError: The disk is full.
-    """
-    target = _temporary(".db3")
-    try:
-        shutil.copyfile(path, target)
-        with target.open("r+b") as file:
-            header = file.read(100)
-            page_size = int.from_bytes(header[16:18], "big")
-            page_size = 65536 if page_size == 1 else max(page_size, 512)
-            file.seek(28)
-            file.write((path.stat().st_size // page_size).to_bytes(4, "big"))
-            # The count is believed only if it is as new as the last change.
-            file.seek(92)
-            file.write(header[24:28])
-    except OSError as error:
-        raise InputError(
-            f"{path} is damaged and cannot be copied to {target.parent} for repair: {error}"
-        ) from error
-    return target
-
-
-def _temporary(suffix: str) -> Path:
-    handle, name = tempfile.mkstemp(prefix="imucalib-", suffix=suffix)
-    os.close(handle)
-    target = Path(name)
-    atexit.register(target.unlink, missing_ok=True)
-    return target
+def _folder() -> Path:
+    """A folder that is removed when the process ends."""
+    folder = Path(tempfile.mkdtemp(prefix="imucalib-"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return folder

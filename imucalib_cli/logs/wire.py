@@ -16,27 +16,17 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from imucalib_cli.logs.messages import (
-    Field,
-    Header,
-    MessageType,
-    NumberList,
-    Numbers,
-    Repeat,
-    Text,
-    Texts,
-    is_sound_text,
-)
+from imucalib_cli.arrays import Bools, Bytes, Floats, Indices
+from imucalib_cli.logs import messages
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from imucalib_cli.logs.reader import Labels
-    from imucalib_cli.logs.streams import Floats, Nanoseconds
+    from imucalib_cli.logs.reader import Channel, Labels
+    from imucalib_cli.logs.streams import Nanoseconds
 
-Rows = NDArray[np.uint8]
+Rows = Bytes
 """(N, L): N payloads of one length."""
 
 _MAX_SHAPES = 64
@@ -54,7 +44,7 @@ class WireError(Exception):
 class Element:
     """Rows of a stream that share all their texts."""
 
-    rows: NDArray[np.intp]
+    rows: Indices
     """(n,), which messages of the block they come from."""
     stamp_ns: Nanoseconds
     texts: Labels
@@ -75,120 +65,111 @@ class _Place:
     numbers: dict[str, tuple[int, int]] = field(default_factory=dict)
 
 
-@dataclass
 class _Shape:
-    big_endian: bool
-    ros1: bool
-    places: list[_Place] = field(default_factory=list)
-    deciding: list[tuple[int, int]] = field(default_factory=list)
+    """Where the values of a payload lie, and which of its bytes decide that.
 
+    Raises:
+        WireError: The payload is not what its type says.
+    """
 
-class _Walker:
-    """A cursor over one payload that notes places and deciding bytes."""
-
-    def __init__(self, payload: bytes, *, ros1: bool) -> None:
-        self.payload = payload
+    def __init__(self, payload: bytes, fields: tuple[messages.Field, ...], *, ros1: bool) -> None:
         self.ros1 = ros1
-        self.at = 0
-        self.shape = _Shape(big_endian=False, ros1=ros1)
+        self.big_endian = False
+        self.places: list[_Place] = []
+        self.deciding: list[tuple[int, int]] = []
+        self._payload = payload
+        self._at = 0
         if not ros1:
             if len(payload) < 4 or payload[0] != 0 or payload[1] > 1:
                 raise WireError("not plain CDR")
-            self.shape.big_endian = payload[1] == 0
+            self.big_endian = payload[1] == 0
             self._decides(0, 2)
-            self.at = 4
-
-    def walk(self, fields: tuple[Field, ...]) -> _Shape:
+            self._at = 4
         place = _Place()
-        if not (len(fields) == 1 and isinstance(fields[0], Repeat)):
-            self.shape.places.append(place)
+        if not (len(fields) == 1 and isinstance(fields[0], messages.Repeat)):
+            self.places.append(place)
         self._fields(fields, place)
-        left = len(self.payload) - self.at
-        if left < 0 or left > (0 if self.ros1 else _TRAILING_PAD):
+        left = len(payload) - self._at
+        if left < 0 or left > (0 if ros1 else _TRAILING_PAD):
             raise WireError(f"{left} bytes beyond the last field")
-        return self.shape
 
-    def _fields(self, fields: tuple[Field, ...], place: _Place) -> None:
+    def _fields(self, fields: tuple[messages.Field, ...], place: _Place) -> None:
         for each in fields:
             match each:
-                case Header():
-                    self.at = self._aligned(4) + (4 if self.ros1 else 0)
-                    place.stamp = self.at
+                case messages.Header():
+                    self._at = self._aligned(4) + (4 if self.ros1 else 0)
+                    place.stamp = self._at
                     self._move(8)
                     place.texts["frame_id"] = self._text()
-                case Text(path):
+                case messages.Text(path):
                     place.texts[path] = self._text()
-                case Texts(path):
+                case messages.Texts(path):
                     # A string takes at least its length field: bounds what a count may claim.
                     place.texts[path] = tuple(self._text() for _ in range(self._count(4)))
-                case Numbers(_, count, name):
+                case messages.Numbers(_, count, name):
                     self._numbers(place, name, count)
-                case NumberList(_, name):
+                case messages.NumberList(_, name):
                     self._numbers(place, name, self._count(8))
-                case Repeat(_, inner):
+                case messages.Repeat(_, inner):
                     for _ in range(self._count(64)):
-                        self.shape.places.append(_Place())
-                        self._fields(inner, self.shape.places[-1])
+                        self.places.append(_Place())
+                        self._fields(inner, self.places[-1])
 
     def _aligned(self, size: int) -> int:
-        return self.at if self.ros1 else 4 + -(-(self.at - 4) // size) * size
+        return self._at if self.ros1 else 4 + -(-(self._at - 4) // size) * size
 
     def _move(self, size: int) -> None:
-        self.at += size
-        if self.at > len(self.payload):
+        self._at += size
+        if self._at > len(self._payload):
             raise WireError("payload is cut short")
 
     def _decides(self, start: int, stop: int) -> None:
-        last = self.shape.deciding
+        last = self.deciding
         if last and last[-1][1] == start:
             last[-1] = (last[-1][0], stop)
         else:
             last.append((start, stop))
 
     def _count(self, least_size: int) -> int:
-        start = self.at = self._aligned(4)
+        start = self._at = self._aligned(4)
         self._move(4)
-        order: Literal["big", "little"] = "big" if self.shape.big_endian else "little"
-        count = int.from_bytes(self.payload[start : self.at], order)
-        if count * least_size > len(self.payload) - self.at:
+        order: Literal["big", "little"] = "big" if self.big_endian else "little"
+        count = int.from_bytes(self._payload[start : self._at], order)
+        if count * least_size > len(self._payload) - self._at:
             raise WireError(f"a count of {count} does not fit into the payload")
-        self._decides(start, self.at)
+        self._decides(start, self._at)
         return count
 
     def _text(self) -> str:
         size = self._count(1)
-        start = self.at
+        start = self._at
         self._move(size)
-        self._decides(start, self.at)
-        raw = self.payload[start : self.at]
+        self._decides(start, self._at)
+        raw = self._payload[start : self._at]
         if not self.ros1:
             raw = raw[:-1]
         text = raw.decode("utf-8", errors="replace")
-        if not is_sound_text(text):
+        if not messages.is_sound_text(text):
             raise WireError("a text is no text")
         return text
 
     def _numbers(self, place: _Place, name: str, count: int) -> None:
         if count:  # an empty sequence has no padding after its count
-            self.at = self._aligned(8)
-        start = self.at
+            self._at = self._aligned(8)
+        start = self._at
         self._move(8 * count)
         if name:
             place.numbers[name] = (start, count)
 
 
 def decode(
-    rows: Rows,
-    message_type: MessageType,
-    encoding: str,
-    slow: Callable[[bytes], list[Element]],
+    rows: Rows, channel: Channel, slow: Callable[[bytes], list[Element]]
 ) -> Iterator[Element]:
     """Decode payloads of one length.
 
     Args:
         rows: (N, L), one payload a row.
-        message_type: What the payloads are.
-        encoding: ``cdr`` or ``ros1``.
+        channel: Whose they are.
         slow: Decodes one payload, for those the walk cannot follow; raises WireError where it
             cannot either. Its elements hold one row each, numbered 0.
 
@@ -196,14 +177,13 @@ def decode(
         Elements; a message that nothing can decode is in the ``rows`` of none of them, one with
         an empty sequence is in those of an element without texts.
     """
+    fields = messages.MESSAGE_TYPES[channel.type].fields
     left = np.arange(len(rows))
     for _ in range(_MAX_SHAPES):
         if not len(left):
             return
         try:
-            shape = _Walker(rows[left[0]].tobytes(), ros1=encoding == "ros1").walk(
-                message_type.fields
-            )
+            shape = _Shape(rows[left[0]].tobytes(), fields, ros1=channel.encoding == "ros1")
         except WireError:
             yield from _decode_slowly(rows, left[:1], slow)
             left = left[1:]
@@ -216,7 +196,7 @@ def decode(
 
 
 def _decode_slowly(
-    rows: Rows, which: NDArray[np.intp], slow: Callable[[bytes], list[Element]]
+    rows: Rows, which: Indices, slow: Callable[[bytes], list[Element]]
 ) -> Iterator[Element]:
     for row in which:
         try:
@@ -227,7 +207,7 @@ def _decode_slowly(
             yield Element(np.array([row]), each.stamp_ns, each.texts, each.numbers)
 
 
-def _same_structure(rows: Rows, shape: _Shape) -> NDArray[np.bool_]:
+def _same_structure(rows: Rows, shape: _Shape) -> Bools:
     same = np.ones(len(rows), dtype=bool)
     for start, stop in shape.deciding:
         equal = rows[:, start:stop] == rows[0, start:stop]
@@ -236,7 +216,7 @@ def _same_structure(rows: Rows, shape: _Shape) -> NDArray[np.bool_]:
     return same
 
 
-def _cut(rows: Rows, shape: _Shape, which: NDArray[np.intp]) -> Iterator[Element]:
+def _cut(rows: Rows, shape: _Shape, which: Indices) -> Iterator[Element]:
     mark = ">" if shape.big_endian else "<"
     if not shape.places:
         yield Element(which, _NOTHING.stamp_ns, {}, {})

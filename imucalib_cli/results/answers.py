@@ -7,15 +7,11 @@ the JSON Schema. Differences are found - told (verify), second - first (diff) or
 
 from __future__ import annotations
 
-import math
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Literal
 
-import numpy as np
 from msgspec import UNSET, Meta, UnsetType
 
 from imucalib_cli.results.codec import json_schema
-from imucalib_cli.results.from_estimate import plain
-from imucalib_cli.results.pose_comparison import Verdict
 from imucalib_cli.results.result import (
     Matrix6,
     Pose,
@@ -27,11 +23,8 @@ from imucalib_cli.results.result import (
     Vector3,
 )
 
-if TYPE_CHECKING:
-    from imucalib_cli.results.pose import PoseError
-    from imucalib_cli.results.pose_comparison import Part, PoseComparison, Test
-    from imucalib_cli.results.requirement import Tolerance
-
+Verdict = Literal["yes", "no", "unknown"]
+"""Whether two poses are one."""
 Size = Annotated[float, Meta(ge=0)]
 Range = Annotated[list[float], Meta(min_length=2, max_length=2)]
 
@@ -275,67 +268,6 @@ class KalibrAnswer(Tree, frozen=True):
     nominal: FramePoses | None
     """What the URDF says."""
     truth: TruthPose | None
-
-
-def within_entry(within: Tolerance) -> Within:
-    """A tolerance in its units."""
-    return Within(plain(within.translation * 1e3), plain(math.degrees(within.rotation)))
-
-
-def part_entries(
-    apart: PoseComparison, *verdicts: Verdict
-) -> tuple[TranslationEntry, RotationEntry]:
-    """Translation and rotation of a difference, and the verdicts on them where there are any."""
-    translation, rotation = verdicts or (UNSET, UNSET)
-    return (
-        TranslationEntry(verdict=translation, **_part(apart, apart.translation, "mm")),
-        RotationEntry(verdict=rotation, **_part(apart, apart.rotation, "deg")),
-    )
-
-
-def _part(apart: PoseComparison, part: Part, unit: str) -> dict[str, Any]:
-    scale = part.scale
-    std = None if part.covariance is None else plain(np.sqrt(np.diag(part.covariance)) * scale)
-    return {
-        f"difference_{unit}": plain(part.norm * scale),
-        f"sigma_{unit}": None if part.sigma is None else plain(part.sigma * scale),
-        f"between_{unit}": None if part.bounds is None else plain(np.array(part.bounds) * scale),
-        f"vector_{unit}": plain(part.vector * scale),
-        f"std_{unit}": std,
-        "unknown_directions": plain(part.unknown),
-        "test": test_entry(apart.test(part)),
-    }
-
-
-def test_entry(test: Test | None) -> TestEntry | None:
-    """A chi-squared test, if there is one."""
-    return None if test is None else TestEntry(plain(test.chi2), test.freedom, test.p_value)
-
-
-def significance_entry(apart: PoseComparison) -> Significance | None:
-    """How many sigma the difference is, and which part is so many."""
-    known = [
-        (part.norm / part.sigma if part.sigma > 0.0 else math.inf, part.kind)
-        for part in apart.parts
-        if part.sigma is not None and part.meaningful
-    ]
-    if not known:
-        return None
-    sigmas, kind = max(known)
-    return Significance(kind, plain(sigmas))
-
-
-def distance_entry(error: PoseError) -> Distance:
-    """A distance between poses in its units."""
-    return Distance(
-        distance_mm=plain(error.translation * 1e3),
-        angle_deg=plain(math.degrees(error.rotation)),
-        averaged=Averaged(
-            metric="ATOM compareTransforms: |mean of x y z|, mean of |roll| |pitch| |yaw|",
-            translation_mm=plain(error.averaged_translation * 1e3),
-            rotation_deg=plain(math.degrees(error.averaged_rotation)),
-        ),
-    )
 
 
 def schema_of(which: Literal["result", "comparison"]) -> str:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from imucalib_cli.errors import InputError
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from pathlib import Path
 
 _WRITABLE = 0o222
@@ -30,17 +31,13 @@ def write_whole(path: Path, content: str | bytes) -> None:
         InputError: The path cannot be written (folder missing, no permission, disk full).
     """
     data = content.encode() if isinstance(content, str) else content
-    try:
-        target = path.resolve()
+    with _told(path):
+        target = _target(path)
         if target.exists() and not target.is_file():
-            if target.is_dir():
-                raise InputError(f"{path}: is a folder; name a file in it")
             with target.open("wb") as device:
                 device.write(data)
-            return
-        _replace(target, data)
-    except (OSError, RuntimeError) as error:
-        raise _unwritable(path, error) from error
+        else:
+            _replace(target, data)
 
 
 def see_writable(path: Path) -> None:
@@ -51,19 +48,15 @@ def see_writable(path: Path) -> None:
     Raises:
         InputError: As :func:`write_whole`, or the file is write-protected.
     """
-    try:
-        target = path.resolve()
-        if target.is_dir():
-            raise InputError(f"{path}: is a folder; name a file in it")
-        if target.exists():
-            # replacing it needs only the folder; who protects a file means the file
-            if not target.stat().st_mode & _WRITABLE or not os.access(target, os.W_OK):
-                raise InputError(f"{path}: cannot be written: it is write-protected")
-            if not target.is_file():  # a device or a pipe
-                return
-        _see_folder(path, target.parent)
-    except (OSError, RuntimeError) as error:
-        raise _unwritable(path, error) from error
+    with _told(path):
+        target = _target(path)
+        if not target.exists():
+            _see_folder(target.parent)
+        # replacing it needs only the folder; who protects a file means the file
+        elif not target.stat().st_mode & _WRITABLE or not os.access(target, os.W_OK):
+            raise PermissionError(errno.EACCES, "it is write-protected")
+        elif target.is_file():
+            _see_folder(target.parent)
 
 
 def see_folder_writable(folder: Path) -> None:
@@ -72,32 +65,41 @@ def see_folder_writable(folder: Path) -> None:
     Raises:
         InputError: Something on its way is no folder, or may not be written to.
     """
-    try:
+    with _told(folder):
         nearest = folder.resolve()
         while not nearest.exists() and nearest != nearest.parent:
             nearest = nearest.parent
-        _see_folder(folder, nearest)
+        _see_folder(nearest)
+
+
+def _target(path: Path) -> Path:
+    """The file that is to be written, links followed."""
+    target = path.resolve()
+    if target.is_dir():
+        raise InputError(f"{path}: is a folder; name a file in it")
+    return target
+
+
+def _see_folder(folder: Path) -> None:
+    for holds, number in (
+        (folder.exists(), errno.ENOENT),
+        (folder.is_dir(), errno.ENOTDIR),
+        (os.access(folder, os.W_OK | os.X_OK), errno.EACCES),
+    ):
+        if not holds:
+            raise OSError(number, os.strerror(number))
+
+
+@contextlib.contextmanager
+def _told(path: Path) -> Iterator[None]:
+    """What the operating system has against a path, as an InputError."""
+    try:
+        yield
     except (OSError, RuntimeError) as error:
-        raise _unwritable(folder, error) from error
-
-
-def _see_folder(path: Path, folder: Path) -> None:
-    if not folder.exists():
-        raise FileNotFoundError(errno.ENOENT, "")
-    if not folder.is_dir():
-        number = errno.ENOTDIR
-    elif os.access(folder, os.W_OK | os.X_OK):
-        return
-    else:
-        number = errno.EACCES
-    raise InputError(f"{path}: cannot be written: {os.strerror(number)}")
-
-
-def _unwritable(path: Path, error: Exception) -> InputError:
-    reason = getattr(error, "strerror", None) or str(error)
-    if isinstance(error, FileNotFoundError):
-        reason = f"there is no folder {path.parent}; make it, or name another file"
-    return InputError(f"{path}: cannot be written: {reason}")
+        reason = getattr(error, "strerror", None) or str(error)
+        if isinstance(error, FileNotFoundError):
+            reason = f"there is no folder {path.parent}; make it, or name another file"
+        raise InputError(f"{path}: cannot be written: {reason}") from error
 
 
 def is_same_file(a: Path, b: Path) -> bool:

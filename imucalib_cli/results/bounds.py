@@ -11,11 +11,12 @@ away, but not nearer than the other components allow.
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+if TYPE_CHECKING:
+    from imucalib_cli.arrays import Floats
 
 _HALVINGS = 120
 _NUDGE = 1e-12

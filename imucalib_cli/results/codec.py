@@ -53,6 +53,7 @@ _WORDS = {
     "bool": "true or false",
 }
 """What msgspec calls a type, and what a user does."""
+_SAID_BY_MSGSPEC = ("Expected ", "Invalid ", "Number out of range")
 
 
 class PlainDumper(yaml.SafeDumper):
@@ -150,14 +151,9 @@ def result_from(document: object, name: str) -> Result:
         result = _with(result, findings=_uncoded(result))
     for place, complaint in _contradictions(result):
         _fail(name, place, complaint)
-    pose = result.uncertain_pose
-    if pose.covariance is not None and not is_covariance(pose.covariance):
-        raise InputError(
-            f"{name}: the covariance of {result.child} is none: it is not symmetric, or gives a "
-            "variance below zero; was it edited?"
-        )
     if "observable" in written or result.diagnostics.distrust:
         return result
+    pose = result.uncertain_pose
     known = known_directions(pose.t, pose.covariance, result.diagnostics.unobservable)
     return _with(result, observable=known)
 
@@ -200,6 +196,9 @@ def _complaint(error: str, document: object, kind: Any, what: str) -> tuple[str,
     if path.startswith("`key` in "):
         odd = "this version does not know" if said.startswith("Invalid") else "is no text"
         return place, f"has a key that {odd}: leave it out"
+    if not said.startswith(_SAID_BY_MSGSPEC):  # a rule of the tree's own, which names the field
+        field, _, complaint = said.partition(" ")
+        return f"{place}.{field}".removeprefix("."), complaint
     wanted = said.removeprefix("Expected ").partition(", got ")[0]
     if wanted == "`object`":
         return place, f"should be a mapping; is this {what}?"
@@ -263,9 +262,9 @@ def _unwritable(node: Any, place: str) -> Iterator[tuple[str, str]]:
 def _contradictions(result: Result) -> Iterator[tuple[str, str]]:
     """Places of a result that contradict each other, as edits by hand leave them."""
     yield from _pose_contradictions(result)
-    diagonal = [row[place] for place, row in enumerate(result.covariance or [])]
-    if any(variance is not None and variance < 0.0 for variance in diagonal):
-        yield "covariance", "should have no negative number on its diagonal"
+    covariance = result.uncertain_pose.covariance
+    if covariance is not None and not is_covariance(covariance):
+        yield "covariance", "is none: it is not symmetric, or gives a variance below zero"
     diagnostics = result.diagnostics
     status = "untrusted" if diagnostics.unobservable or diagnostics.distrust else "ok"
     if result.status != status:

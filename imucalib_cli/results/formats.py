@@ -64,18 +64,12 @@ def _summary(results: Sequence[Result]) -> str:
 
 def _joint(result: Result) -> str:
     """A <joint>, with its link where the URDF has none."""
-    from xml.sax.saxutils import quoteattr
-
     from imucalib_cli.results.urdf_edit import joint_snippet
 
     pose, nominal = result.pose, result.diagnostics.nominal
-    snippet = joint_snippet(result.parent, result.child, pose.translation, pose.rotation_rpy)
-    if nominal is None or not nominal.joint:
-        return snippet
-    # the URDF has the link already, and its joint has a name
-    _, joint = snippet.split("\n", 1)
-    made_up = quoteattr(f"{result.child}_joint")
-    return joint.replace(made_up, quoteattr(nominal.joint), 1)
+    joint = "" if nominal is None else nominal.joint
+    xyz, rpy = pose.translation, pose.rotation_rpy
+    return joint_snippet(result.parent, result.child, xyz, rpy, joint=joint)
 
 
 def _tf(result: Result) -> str:

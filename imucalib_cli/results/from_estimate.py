@@ -12,50 +12,22 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from msgspec import UNSET
 
-from imucalib_cli.results.pose import AFFECTED
-from imucalib_cli.results.result import (
-    SCHEMA,
-    Bias,
-    ConsistencyEntry,
-    CorrectionEntry,
-    Diagnostics,
-    FindingEntry,
-    Halves,
-    ImuModelEntry,
-    Kind,
-    NominalEntry,
-    Observable,
-    ParameterEntry,
-    Pose,
-    Provenance,
-    ResidualNormalised,
-    ResidualRms,
-    Result,
-    Scalar,
-    SensorCheckEntry,
-    Std,
-    Tangent,
-    TimeOffset,
-    Transform,
-    Tree,
-    Unobservable,
-    Whiteness,
-    WindowEntry,
-)
+from imucalib_cli.results import result as tree
+from imucalib_cli.results.pose import AFFECTED, across
 from imucalib_cli.robot.rotations import quaternion_from_matrix, rotation_angle, rpy_from_matrix
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
+    from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.estimate import Consistency, Estimate, Residuals
     from imucalib_cli.findings import Finding
     from imucalib_cli.results.pose import Nominal
 
-    Floats = NDArray[np.float64]
 
-T = TypeVar("T", bound=Tree)
+T = TypeVar("T", bound=tree.Tree)
 
 
 def result_of(
@@ -64,8 +36,8 @@ def result_of(
     parent: str,
     child: str,
     nominal: Nominal | None,
-    provenance: Provenance,
-) -> Result:
+    provenance: tree.Provenance,
+) -> tree.Result:
     """The result of one IMU.
 
     Args:
@@ -80,10 +52,10 @@ def result_of(
     known = np.all(np.abs(np.reshape(lost, (-1, 3))) < AFFECTED, axis=0).tolist()
     turned = any(each.kind == "rotation" for each in estimate.unobservable)
     covariance = estimate.covariance
-    return Result(
-        schema=SCHEMA,
+    return tree.Result(
+        schema=tree.SCHEMA,
         status="ok" if estimate.trusted else "untrusted",
-        transform=Transform(
+        transform=tree.Transform(
             parent=parent,
             child=child,
             translation=[x if k else None for x, k in zip(pose.translation, known, strict=True)],
@@ -92,10 +64,10 @@ def result_of(
         ),
         partial=pose if turned or not all(known) else UNSET,
         covariance=None if covariance is None else plain(covariance),
-        std=None if covariance is None else Std(*_tangent(np.sqrt(np.diag(covariance)))),
-        time_offset=TimeOffset(plain(estimate.time_offset), plain(estimate.time_offset_std)),
-        accel_bias=Bias(plain(estimate.accel_bias), plain(estimate.accel_bias_std)),
-        gyro_bias=Bias(plain(estimate.gyro_bias), plain(estimate.gyro_bias_std)),
+        std=None if covariance is None else tree.Std(*_tangent(np.sqrt(np.diag(covariance)))),
+        time_offset=tree.TimeOffset(plain(estimate.time_offset), plain(estimate.time_offset_std)),
+        accel_bias=tree.Bias(plain(estimate.accel_bias), plain(estimate.accel_bias_std)),
+        gyro_bias=tree.Bias(plain(estimate.gyro_bias), plain(estimate.gyro_bias_std)),
         gravity_world=plain(estimate.gravity_world),
         diagnostics=_diagnostics(estimate, nominal),
         provenance=provenance,
@@ -103,8 +75,8 @@ def result_of(
 
 
 def known_directions(
-    t_parent_imu: Floats, covariance: Floats | None, unobservable: list[Unobservable]
-) -> list[Observable]:
+    t_parent_imu: Floats, covariance: Floats | None, unobservable: list[tree.Unobservable]
+) -> list[tree.Observable]:
     """What the motion determined all the same, where it left something undetermined.
 
     Across the undetermined directions, in which the covariance is that of the estimate.
@@ -116,36 +88,28 @@ def known_directions(
     """
     if covariance is None or not unobservable:
         return []
-    found: list[Observable] = []
-    kinds: tuple[tuple[Kind, slice], ...] = (
+    found: list[tree.Observable] = []
+    kinds: tuple[tuple[tree.Kind, slice], ...] = (
         ("translation", slice(0, 3)),
         ("rotation", slice(3, 6)),
     )
     for kind, part in kinds:
-        basis = _across([each.direction_parent for each in unobservable if each.kind == kind])
+        basis = across([each.direction_parent for each in unobservable if each.kind == kind]).T
         values, vectors = np.linalg.eigh(basis.T @ covariance[part, part] @ basis)
         for variance, vector in zip(values, (basis @ vectors).T, strict=True):
             axis = vector * np.sign(vector[np.argmax(np.abs(vector))])
             value = float(axis @ t_parent_imu) if kind == "translation" else None
             std = float(np.sqrt(max(variance, 0.0)))
-            found.append(Observable(kind, plain(axis), plain(value), plain(std)))
+            found.append(tree.Observable(kind, plain(axis), plain(value), plain(std)))
     return found
 
 
-def _across(directions: list[list[float]]) -> Floats:
-    """(3, K), orthonormal basis of what is orthogonal to some directions."""
-    if not directions:
-        return np.eye(3)
-    _, sizes, Vt = np.linalg.svd(np.array(directions))
-    return np.asarray(Vt[int((sizes > AFFECTED).sum()) :].T)
-
-
-def _diagnostics(estimate: Estimate, nominal: Nominal | None) -> Diagnostics:
+def _diagnostics(estimate: Estimate, nominal: Nominal | None) -> tree.Diagnostics:
     residuals, check = estimate.residuals, estimate.imu_check
-    unobservable = [_copied(Unobservable, each) for each in estimate.unobservable]
+    unobservable = [_copied(tree.Unobservable, each) for each in estimate.unobservable]
     # a sigma that something contradicts tells nothing about any direction
     covariance = None if estimate.distrust else estimate.covariance
-    return Diagnostics(
+    return tree.Diagnostics(
         method=estimate.method,
         unobservable=unobservable,
         observable=known_directions(estimate.t_parent_imu, covariance, unobservable),
@@ -153,22 +117,25 @@ def _diagnostics(estimate: Estimate, nominal: Nominal | None) -> Diagnostics:
         distrust=list(estimate.distrust),
         warnings=list(estimate.warnings),
         sigma_source=estimate.sigma_source,
-        corrections={each.name: _copied(CorrectionEntry, each) for each in estimate.corrections},
+        corrections={
+            each.name: _copied(tree.CorrectionEntry, each) for each in estimate.corrections
+        },
         parameters=[
-            _copied(ParameterEntry, each, prior_learnt=each.learnt) for each in estimate.parameters
+            _copied(tree.ParameterEntry, each, prior_learnt=each.learnt)
+            for each in estimate.parameters
         ],
         nominal=None if nominal is None else _nominal(estimate, nominal),
-        window=_copied(WindowEntry, estimate.window, samples=int(estimate.window.samples)),
-        residual_rms=ResidualRms(plain(residuals.accel_rms), plain(residuals.gyro_rms)),
+        window=_copied(tree.WindowEntry, estimate.window, samples=int(estimate.window.samples)),
+        residual_rms=tree.ResidualRms(plain(residuals.accel_rms), plain(residuals.gyro_rms)),
         residual_normalised=_normalised(residuals),
         consistency=None if estimate.consistency is None else _consistency(estimate.consistency),
         imu_model=None
         if check is None
         else _copied(
-            ImuModelEntry,
+            tree.ImuModelEntry,
             check,
-            accel=_copied(SensorCheckEntry, check.accel),
-            gyro=_copied(SensorCheckEntry, check.gyro),
+            accel=_copied(tree.SensorCheckEntry, check.accel),
+            gyro=_copied(tree.SensorCheckEntry, check.gyro),
         ),
         windows_used=int(residuals.windows_used),
         windows_dropped=int(residuals.windows_dropped),
@@ -178,14 +145,14 @@ def _diagnostics(estimate: Estimate, nominal: Nominal | None) -> Diagnostics:
     )
 
 
-def pose_entry(R: ArrayLike, t: ArrayLike) -> Pose:
+def pose_entry(R: ArrayLike, t: ArrayLike) -> tree.Pose:
     """A pose as results write it: R (3, 3), t (3,), m."""
-    return Pose(plain(t), plain(quaternion_from_matrix(R)), plain(rpy_from_matrix(R)))
+    return tree.Pose(plain(t), plain(quaternion_from_matrix(R)), plain(rpy_from_matrix(R)))
 
 
-def finding_entry(finding: Finding) -> FindingEntry:
+def finding_entry(finding: Finding) -> tree.FindingEntry:
     """A finding: what decisions rest on, and the words."""
-    return FindingEntry(
+    return tree.FindingEntry(
         code=finding.code,
         severity=finding.severity.value,
         values={name: _value(value) for name, value in finding.values.items()},
@@ -197,11 +164,11 @@ def _value(value: Any) -> Any:
     return [_value(each) for each in value] if isinstance(value, tuple) else _scalar(value)
 
 
-def _nominal(estimate: Estimate, nominal: Nominal) -> NominalEntry:
+def _nominal(estimate: Estimate, nominal: Nominal) -> tree.NominalEntry:
     apart = np.linalg.norm(estimate.t_parent_imu - nominal.t_parent_imu)
     turn = rotation_angle(nominal.R_parent_imu.T @ estimate.R_parent_imu)
     return _copied(
-        NominalEntry,
+        tree.NominalEntry,
         pose_entry(nominal.R_parent_imu, nominal.t_parent_imu),
         joint=nominal.joint,
         distance_mm=plain(float(apart) * 1e3),
@@ -209,21 +176,21 @@ def _nominal(estimate: Estimate, nominal: Nominal) -> NominalEntry:
     )
 
 
-def _normalised(residuals: Residuals) -> ResidualNormalised | None:
+def _normalised(residuals: Residuals) -> tree.ResidualNormalised | None:
     accel, gyro = residuals.accel_normalised, residuals.gyro_normalised
     if accel is None or gyro is None:
         return None
-    return ResidualNormalised(plain(accel), plain(gyro))
+    return tree.ResidualNormalised(plain(accel), plain(gyro))
 
 
-def _consistency(parts: Consistency) -> ConsistencyEntry:
+def _consistency(parts: Consistency) -> tree.ConsistencyEntry:
     return _copied(
-        ConsistencyEntry,
+        tree.ConsistencyEntry,
         parts,
         folds=parts.folds,
-        fold_std=Tangent(*_tangent(parts.fold_std)),
-        halves=Halves(*_tangent(parts.halves_difference), plain(parts.halves_sigmas)),
-        whiteness=Whiteness(*plain(parts.whiteness)),
+        fold_std=tree.Tangent(*_tangent(parts.fold_std)),
+        halves=tree.Halves(*_tangent(parts.halves_difference), plain(parts.halves_sigmas)),
+        whiteness=tree.Whiteness(*plain(parts.whiteness)),
     )
 
 
@@ -251,12 +218,12 @@ def plain(value: Any) -> Any:
     )  # minus zero reads as if it meant something
 
 
-def scalars(values: Mapping[str, object]) -> dict[str, Scalar]:
+def scalars(values: Mapping[str, object]) -> dict[str, tree.Scalar]:
     """Notes or options: they may hold numpy scalars and infinities, a document may not."""
     return {name: _scalar(value) for name, value in values.items()}
 
 
-def _scalar(value: object) -> Scalar:
+def _scalar(value: object) -> tree.Scalar:
     if isinstance(value, np.generic):
         value = value.item()
     if isinstance(value, float) and not math.isfinite(value):

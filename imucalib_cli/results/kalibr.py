@@ -7,18 +7,19 @@ writes ``<log>.truth.yaml``.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any
 
+import msgspec
 import numpy as np
-from msgspec import UNSET, Meta, UnsetType
-from numpy.typing import NDArray
+from msgspec import Meta
 
-from imucalib_cli.digits import figures
+from imucalib_cli.arrays import Floats
+from imucalib_cli.digits import figures, fixed
 from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.findings import warning
 from imucalib_cli.guarded_yaml import YamlError, load_one
 from imucalib_cli.results.answers import (
+    Averaged,
     Distance,
     FramePoses,
     KalibrAnswer,
@@ -26,14 +27,11 @@ from imucalib_cli.results.answers import (
     OurPose,
     TimeShifts,
     TruthPose,
-    distance_entry,
-    part_entries,
-    test_entry,
 )
 from imucalib_cli.results.codec import FARTHEST, convert
 from imucalib_cli.results.from_estimate import plain, pose_entry
 from imucalib_cli.results.pose import fixed_transform, pose_error
-from imucalib_cli.results.pose_comparison import PoseComparison, compare_poses
+from imucalib_cli.results.pose_comparison import compare_poses
 from imucalib_cli.results.result import SCHEMA, Result, Tree, Vector3
 from imucalib_cli.robot.rotations import matrix_from_quaternion, nearest_rotation
 from imucalib_cli.shown import shown
@@ -41,10 +39,10 @@ from imucalib_cli.shown import shown
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from imucalib_cli.results.pose import PoseError
+    from imucalib_cli.results.pose import UncertainPose
+    from imucalib_cli.results.pose_comparison import PoseComparison
     from imucalib_cli.robot.urdf import Robot
 
-Floats = NDArray[np.float64]
 Pose = tuple[Floats, Floats]
 """R (3, 3) and t (3,), m."""
 _Four = Annotated[list[float], Meta(min_length=4, max_length=4)]
@@ -61,14 +59,35 @@ TRUTH = "the truth.yaml that imucalib simulate writes beside a log"
 """What the two files should be, for messages."""
 
 
-class _Camera(Tree, frozen=True):
-    """One camera of Kalibr's chain."""
+class Camera(Tree, frozen=True):
+    """The IMU in one camera of Kalibr's chain, or in the simulated one."""
 
     T_cam_imu: _Matrix4
-    timeshift_cam_imu: float | UnsetType = UNSET
+    """Maps coordinates of the IMU to the camera's optical frame."""
+    timeshift_cam_imu: float | None = None
+    """s, IMU stamp - camera stamp of the same instant (Kalibr's IccUtil.py, printResults: t_imu =
+    t_cam + shift); null where it was not estimated."""
+
+    def __post_init__(self) -> None:
+        R, _ = self.pose
+        if (
+            not np.abs(self.T_cam_imu).max() <= FARTHEST  # nor nan; squares may overflow
+            or np.abs(R.T @ R - np.eye(3)).max() > _ROUNDING
+            or abs(np.linalg.det(R) - 1.0) > _ROUNDING
+            or np.abs(np.subtract(self.T_cam_imu[3], [0.0, 0.0, 0.0, 1.0])).max() > _ROUNDING
+        ):
+            raise ValueError(
+                "T_cam_imu should be a rotation and a translation above the row 0 0 0 1"
+            )
+
+    @property
+    def pose(self) -> Pose:
+        """Of the IMU in the optical frame."""
+        T = np.array(self.T_cam_imu)
+        return T[:3, :3], T[:3, 3]
 
 
-class _TrueTransform(Tree, frozen=True):
+class TrueTransform(Tree, frozen=True):
     """Of the IMU in its parent link."""
 
     parent: str
@@ -76,54 +95,27 @@ class _TrueTransform(Tree, frozen=True):
     translation: Vector3
     rotation_xyzw: _Four
 
+    def __post_init__(self) -> None:
+        if abs(math.hypot(*self.rotation_xyzw) - 1.0) > 1e-6:
+            raise ValueError("rotation_xyzw should have norm 1")
 
-class _TrueCamera(Tree, frozen=True):
-    """Of the simulated camera."""
-
-    T_cam_imu: _Matrix4
-    timeshift_cam_imu: float
-
-
-class _Truth(Tree, frozen=True):
-    """What is read of a truth file."""
-
-    transform: _TrueTransform
-    time_offset: float
-    camera: _TrueCamera | None = None
+    @property
+    def pose(self) -> Pose:
+        """Of the IMU in the parent link."""
+        return matrix_from_quaternion(self.rotation_xyzw), np.array(self.translation)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class KalibrResult:
-    """Pose of the IMU in one camera of a chain."""
+class Truth(Tree, frozen=True):
+    """What is true about one IMU of a simulated log: what is read of its truth file."""
 
-    file: str
-    camera: str
-    T_camera_imu: Pose
-    timeshift: float | None
-    """s, IMU stamp - camera stamp of the same instant; None where it was not estimated."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class TruePose:
-    """What is true about one IMU of a simulated log."""
-
-    file: str
-    parent: str
-    child: str
-    T_parent_imu: Pose
-    T_camera_imu: Pose | None
-    """In the optical frame of the simulated camera; None where there was none."""
+    transform: TrueTransform
     time_offset: float
     """s, IMU stamp - robot stamp."""
-    timeshift: float | None
-    """s, IMU stamp - camera stamp."""
+    camera: Camera | None = None
 
 
-def read_kalibr(text: str, name: str, camera: str = "cam0") -> KalibrResult:
+def read_kalibr(text: str, name: str, camera: str = "cam0") -> Camera:
     """Read one camera of Kalibr's result.
-
-    ``T_cam_imu`` maps coordinates of the IMU to the camera's optical frame;
-    ``timeshift_cam_imu`` is defined by t_imu = t_cam + shift (Kalibr's IccUtil.py, printResults).
 
     Args:
         text: Content of the file.
@@ -135,69 +127,21 @@ def read_kalibr(text: str, name: str, camera: str = "cam0") -> KalibrResult:
         ChoiceError: It has no such camera.
     """
     loaded = _mapping(text, name)
-    cameras = [key for key in loaded if str(key).startswith("cam")]
-    if not cameras:
-        raise InputError(f"{name}: holds no cam0: it should be {KALIBR}")
-    if camera not in cameras:
-        raise ChoiceError(f"--camera {camera}: {name} has {', '.join(map(str, cameras))}")
-    if not isinstance(loaded[camera], dict) or "T_cam_imu" not in loaded[camera]:
-        raise InputError(
-            f"{name}: {camera} has no T_cam_imu: it should be {KALIBR}, not the camchain it reads"
-        )
-    found = convert(loaded[camera], _Camera, name, "Kalibr's -camchain-imucam.yaml", where=camera)
-    R, t = _pose(found.T_cam_imu, f"{name}: {camera}")
-    shift = found.timeshift_cam_imu
-    return KalibrResult(
-        file=name,
-        camera=camera,
-        T_camera_imu=(nearest_rotation(R), t),
-        timeshift=None if shift is UNSET else shift,
-    )
+    cameras = [str(key) for key in loaded if str(key).startswith("cam")]
+    if camera in cameras:
+        return convert(loaded[camera], Camera, name, KALIBR, where=camera)
+    if cameras:
+        raise ChoiceError(f"--camera {camera}: {name} has {', '.join(cameras)}")
+    raise InputError(f"{name}: holds no cam0: it should be {KALIBR}")
 
 
-def read_truth(text: str, name: str) -> TruePose:
+def read_truth(text: str, name: str) -> Truth:
     """Read ``<log>.truth.yaml`` of ``imucalib simulate``.
 
     Raises:
         InputError: It is no such file, or a value in it cannot be.
     """
-    loaded = _mapping(text, name)
-    if not {"transform", "time_offset"} <= set(loaded):
-        raise InputError(f"{name}: holds no transform and time_offset: it should be {TRUTH}")
-    if isinstance(loaded["time_offset"], dict):
-        raise InputError(f"{name}: is a result of imucalib run, no truth: it should be {TRUTH}")
-    found = convert(loaded, _Truth, name, "the truth.yaml of `imucalib simulate`")
-    transform, camera = found.transform, found.camera
-    if abs(math.hypot(*transform.rotation_xyzw) - 1.0) > 1e-6:
-        raise InputError(f"{name}: transform.rotation_xyzw should have norm 1")
-    return TruePose(
-        file=name,
-        parent=transform.parent,
-        child=transform.child,
-        T_parent_imu=(
-            matrix_from_quaternion(transform.rotation_xyzw),
-            np.array(transform.translation),
-        ),
-        T_camera_imu=None if camera is None else _pose(camera.T_cam_imu, f"{name}: camera"),
-        time_offset=found.time_offset,
-        timeshift=None if camera is None else camera.timeshift_cam_imu,
-    )
-
-
-def _pose(rows: list[list[float]], where: str) -> Pose:
-    """A transform (4, 4) of a file."""
-    T = np.array(rows)
-    R, far = T[:3, :3], np.abs(T).max() > FARTHEST  # squares of such numbers may overflow
-    if (
-        far
-        or np.abs(R.T @ R - np.eye(3)).max() > _ROUNDING
-        or abs(np.linalg.det(R) - 1.0) > _ROUNDING
-        or np.abs(T[3] - [0.0, 0.0, 0.0, 1.0]).max() > _ROUNDING
-    ):
-        raise InputError(
-            f"{where}.T_cam_imu should be a rotation and a translation above the row 0 0 0 1"
-        )
-    return R, T[:3, 3]
+    return convert(_mapping(text, name), Truth, name, TRUTH)
 
 
 def _mapping(text: str, name: str) -> dict[Any, Any]:
@@ -209,107 +153,121 @@ def _mapping(text: str, name: str) -> dict[Any, Any]:
     return loaded if isinstance(loaded, dict) else {}
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class KalibrComparison:
-    """The answer, and what its words are made from."""
-
-    answer: KalibrAnswer
-    apart: PoseComparison
-    """Kalibr's less ours in the parent's frame. Its covariance is ours alone: Kalibr's file has
-    none."""
-
-
 def compare_with_kalibr(
-    file: str,
-    result: Result,
-    kalibr: KalibrResult,
+    result: tuple[str, Result],
+    kalibr: tuple[str, str, Camera],
     robot: Robot,
     *,
     camera_link: str,
-    truth: TruePose | None = None,
-) -> KalibrComparison:
+    truth: tuple[str, Truth] | None = None,
+) -> tuple[KalibrAnswer, str]:
     """Express both results in both frames through the URDF's fixed joints.
 
     Args:
-        file: Name of our result's file.
-        result: Ours.
-        kalibr: Kalibr's.
+        result: Ours, after the name of its file.
+        kalibr: Kalibr's, after the names of its file and of the camera.
         robot: The URDF, whose fixed joints lead from the parent link to the camera.
         camera_link: The camera's optical frame in it.
-        truth: What is true, if anybody knows. Each is held against it in the frame that it was
-            estimated in, so that a camera that is drawn wrong counts against neither.
+        truth: What is true, if anybody knows, after the name of its file. Each is held against it
+            in the frame that it was estimated in, so that a camera that is drawn wrong counts
+            against neither.
+
+    Returns:
+        The answer, and it in a dozen lines for people.
 
     Raises:
         ChoiceError: A frame is not in the URDF, or a joint between them moves; or the truth is of
             another IMU or parent.
     """
-    found = result.uncertain_pose
-    if truth is not None and (truth.parent, truth.child) != (found.parent, found.child):
-        raise ChoiceError(
-            f"{truth.file} is of {truth.child} in {truth.parent}, {file} of {found.child} in "
-            f"{found.parent}: give the truth of the same log, or run with the same --parent"
-        )
+    (file, ours), (kalibr_file, camera_name, camera) = result, kalibr
+    found, shift = ours.uncertain_pose, camera.timeshift_cam_imu
     R, p = fixed_transform(robot, found.parent, camera_link)
-    ours, theirs = (found.R, found.t), (R @ kalibr.T_camera_imu[0], p + R @ kalibr.T_camera_imu[1])
-    nominal = None
+    R_camera, t_camera = nearest_rotation(camera.pose[0]), camera.pose[1]
+    our_pose, kalibr_pose = (found.R, found.t), (R @ R_camera, p + R @ t_camera)
+    nominal = error = kalibr_error = true = None
     if found.child in robot.links:
         nominal = fixed_transform(robot, found.parent, found.child)
-    our_error, their_error = None, None
     if truth is not None:
-        our_error = pose_error(*ours, *truth.T_parent_imu)
-        their_error = pose_error(*theirs, *truth.T_parent_imu)
-        if truth.T_camera_imu is not None:
-            their_error = pose_error(*kalibr.T_camera_imu, *truth.T_camera_imu)
+        true = _true_pose(*truth, file, found)
+        error = _distance(our_pose, truth[1].transform.pose)
+        kalibr_error = _distance(kalibr_pose, truth[1].transform.pose)
+        if truth[1].camera is not None:
+            kalibr_error = _distance((R_camera, t_camera), truth[1].camera.pose)
 
     def poses(pose: Pose) -> FramePoses:
         return FramePoses(pose_entry(R.T @ pose[0], R.T @ (pose[1] - p)), pose_entry(*pose))
 
-    def entries(pose: Pose, error: PoseError | None) -> dict[str, Any]:
-        both = poses(pose)
+    def entries(pose: Pose, error: Distance | None) -> dict[str, Any]:
         return {
-            "T_camera_imu": both.T_camera_imu,
-            "T_parent_imu": both.T_parent_imu,
-            "from_nominal": None
-            if nominal is None
-            else distance_entry(pose_error(*pose, *nominal)),
-            "error": None if error is None else distance_entry(error),
+            **msgspec.structs.asdict(poses(pose)),
+            "from_nominal": _distance(pose, nominal),
+            "error": error,
         }
 
-    apart = compare_poses(found, found.exactly(*theirs))
-    our_pose = OurPose(
-        file=file, time_offset=plain(result.time_offset.seconds), **entries(ours, our_error)
-    )
-    kalibr_pose = KalibrPose(
-        file=kalibr.file,
-        camera=kalibr.camera,
-        timeshift_cam_imu=plain(kalibr.timeshift),
-        **entries(theirs, their_error),
-    )
-    times = None if kalibr.timeshift is None else _time_shifts(result, kalibr.timeshift, truth)
-    translation, rotation = part_entries(apart)
+    apart = compare_poses(found, found.exactly(*kalibr_pose))
+    translation, rotation = apart.entries()
+    times = None if shift is None else _time_shifts(ours, shift, true)
+    offset = plain(ours.time_offset.seconds)
     answer = KalibrAnswer(
         schema=SCHEMA,
         comparison="kalibr",
-        status=result.status,
-        reason=_reason(result, apart, our_pose, kalibr_pose, times),
-        parent=result.parent,
-        child=result.child,
+        status=ours.status,
+        reason=_reason(ours, apart, (error, kalibr_error), times),
+        parent=ours.parent,
+        child=ours.child,
         camera_link=camera_link,
         urdf=str(robot.source),
         translation=translation,
         rotation=rotation,
-        test=test_entry(apart.test()),
+        test=apart.test(),
         time=times,
         warnings=_warnings(apart, camera_link, robot),
-        imucalib=our_pose,
-        kalibr=kalibr_pose,
+        imucalib=OurPose(file=file, time_offset=offset, **entries(our_pose, error)),
+        kalibr=KalibrPose(
+            file=kalibr_file,
+            camera=camera_name,
+            timeshift_cam_imu=plain(shift),
+            **entries(kalibr_pose, kalibr_error),
+        ),
         nominal=None if nominal is None else poses(nominal),
-        truth=None if truth is None else _truth_entry(truth),
+        truth=true,
     )
-    return KalibrComparison(answer=answer, apart=apart)
+    return answer, "\n".join(map(shown, _lines(answer, apart))) + "\n"
 
 
-def _time_shifts(result: Result, shift: float, truth: TruePose | None) -> TimeShifts:
+def _true_pose(name: str, truth: Truth, file: str, found: UncertainPose) -> TruthPose:
+    """What is true as answers write it, if it is of the same IMU as a result."""
+    true, camera = truth.transform, truth.camera
+    if (true.parent, true.child) != (found.parent, found.child):
+        raise ChoiceError(
+            f"{name} is of {true.child} in {true.parent}, {file} of {found.child} in "
+            f"{found.parent}: give the truth of the same log, or run with the same --parent"
+        )
+    return TruthPose(
+        file=name,
+        T_camera_imu=None if camera is None else pose_entry(*camera.pose),
+        T_parent_imu=pose_entry(*true.pose),
+        time_offset=plain(truth.time_offset),
+        timeshift_cam_imu=None if camera is None else plain(camera.timeshift_cam_imu),
+    )
+
+
+def _distance(pose: Pose, other: Pose | None) -> Distance | None:
+    if other is None:
+        return None
+    error = pose_error(*pose, *other)
+    return Distance(
+        distance_mm=plain(error.translation * 1e3),
+        angle_deg=plain(math.degrees(error.rotation)),
+        averaged=Averaged(
+            metric="ATOM compareTransforms: |mean of x y z|, mean of |roll| |pitch| |yaw|",
+            translation_mm=plain(error.averaged_translation * 1e3),
+            rotation_deg=plain(math.degrees(error.averaged_rotation)),
+        ),
+    )
+
+
+def _time_shifts(result: Result, shift: float, truth: TruthPose | None) -> TimeShifts:
     def milliseconds(value: float | None, true: float | None = 0.0) -> Any:
         return None if value is None or true is None else plain((value - true) * 1e3)
 
@@ -319,17 +277,7 @@ def _time_shifts(result: Result, shift: float, truth: TruePose | None) -> TimeSh
         sigma_ms=milliseconds(result.time_offset.std),
         camera_offset_ms=milliseconds(offset - shift),
         imucalib_error_ms=milliseconds(offset, None if truth is None else truth.time_offset),
-        kalibr_error_ms=milliseconds(shift, None if truth is None else truth.timeshift),
-    )
-
-
-def _truth_entry(truth: TruePose) -> TruthPose:
-    return TruthPose(
-        file=truth.file,
-        T_camera_imu=None if truth.T_camera_imu is None else pose_entry(*truth.T_camera_imu),
-        T_parent_imu=pose_entry(*truth.T_parent_imu),
-        time_offset=plain(truth.time_offset),
-        timeshift_cam_imu=plain(truth.timeshift),
+        kalibr_error_ms=milliseconds(shift, None if truth is None else truth.timeshift_cam_imu),
     )
 
 
@@ -345,15 +293,14 @@ def _warnings(apart: PoseComparison, camera_link: str, robot: Robot) -> list[str
 def _reason(
     result: Result,
     apart: PoseComparison,
-    ours: OurPose,
-    theirs: KalibrPose,
+    errors: tuple[Distance | None, Distance | None],
     times: TimeShifts | None,
 ) -> str:
     """One sentence with the figures."""
     said = f"{result.child} in {result.parent}: Kalibr's pose is {apart} from ours"
     if apart.in_sigmas:
         said += f", which is {apart.in_sigmas} of ours"
-    for name, error in (("ours", ours.error), ("Kalibr's", theirs.error)):
+    for name, error in zip(("ours", "Kalibr's"), errors, strict=True):
         if error is not None:
             said += f"; {name} is {_distance_words(error)} off the truth"
     return said if times is None else f"{said}; {_camera_clock_words(times)}"
@@ -373,12 +320,8 @@ def _camera_clock_words(times: TimeShifts) -> str:
     )
 
 
-def summarise_comparison(compared: KalibrComparison) -> str:
-    """A dozen lines, with a newline at the end: two columns, then what is between them."""
-    return "\n".join(map(shown, _lines(compared.answer, compared.apart))) + "\n"
-
-
 def _lines(answer: KalibrAnswer, apart: PoseComparison) -> Iterator[str]:
+    """Two columns, then what is between them."""
     ours, theirs, times = answer.imucalib, answer.kalibr, answer.time
     yield f"{answer.child} in {answer.parent}: Kalibr's pose beside ours"
     yield f"  ours from {ours.file}: {answer.status}"
@@ -422,4 +365,4 @@ def _milliseconds(value: float) -> str:
 
 
 def _numbers(values: list[float]) -> str:
-    return " ".join(f"{round(value, 6) + 0.0:.6f}" for value in values)
+    return " ".join(fixed(value, 6) for value in values)

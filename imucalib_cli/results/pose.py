@@ -6,16 +6,17 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.errors import ChoiceError
 from imucalib_cli.robot.mount import rigid_transform
 from imucalib_cli.robot.rotations import rotation_angle, rpy_from_matrix, skew
 
 if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from imucalib_cli.arrays import Floats
     from imucalib_cli.robot.urdf import Robot
 
-Floats = NDArray[np.float64]
 
 AFFECTED = 0.05
 """A translation component is unknown if an undetermined direction has at least this share of it
@@ -120,12 +121,29 @@ def is_covariance(matrix: Floats) -> bool:
 
     Rounding in the last digits that a file keeps is allowed for.
     """
-    scale = np.sqrt(np.abs(np.diag(matrix)))
-    scale = np.where(scale > 0.0, scale, 1.0)
-    correlation = matrix / np.outer(scale, scale)
-    if not np.allclose(correlation, correlation.T, rtol=0.0, atol=_ROUNDING):
+    _, scaled = correlation(matrix)
+    if not np.allclose(scaled, scaled.T, rtol=0.0, atol=_ROUNDING):
         return False
-    return bool(np.linalg.eigvalsh(correlation)[0] > -_ROUNDING)
+    return bool(np.linalg.eigvalsh(scaled)[0] > -_ROUNDING)
+
+
+def correlation(covariance: Floats) -> tuple[Floats, Floats]:
+    """Standard deviations, one where there is none, and the covariance over them."""
+    scale = np.sqrt(np.abs(np.diag(covariance)))
+    scale = np.where(scale > 0.0, scale, 1.0)
+    return scale, covariance / np.outer(scale, scale)
+
+
+def across(directions: ArrayLike) -> Floats:
+    """(k, 3), orthonormal basis of what is orthogonal to some directions, (n, 3).
+
+    Directions a few degrees apart are one.
+    """
+    found = np.reshape(np.asarray(directions, dtype=np.float64), (-1, 3))
+    if not len(found):
+        return np.eye(3)
+    _, sizes, rows = np.linalg.svd(found)
+    return np.asarray(rows[int((sizes > AFFECTED).sum()) :])
 
 
 def fixed_transform(robot: Robot, a: str, b: str) -> tuple[Floats, Floats]:

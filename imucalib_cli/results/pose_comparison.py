@@ -5,14 +5,22 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from msgspec import UNSET
 
-from imucalib_cli.digits import decimals, figures, with_std
+from imucalib_cli.digits import decimals, figures, fixed, with_std
+from imucalib_cli.results.answers import (
+    RotationEntry,
+    Significance,
+    TestEntry,
+    TranslationEntry,
+    Verdict,
+)
 from imucalib_cli.results.bounds import chance_of_more, norm_bounds
-from imucalib_cli.results.pose import AFFECTED
+from imucalib_cli.results.from_estimate import plain
+from imucalib_cli.results.pose import AFFECTED, across, correlation
 from imucalib_cli.robot.rotations import (
     left_jacobian_inverse,
     matrix_from_rotvec,
@@ -21,12 +29,10 @@ from imucalib_cli.robot.rotations import (
 )
 
 if TYPE_CHECKING:
+    from imucalib_cli.arrays import Floats
     from imucalib_cli.results.pose import UncertainPose
     from imucalib_cli.results.requirement import Tolerance
 
-Floats = NDArray[np.float64]
-Verdict = Literal["yes", "no", "unknown"]
-"""Whether two poses are one."""
 
 SIGMAS = 2.0
 """Half-width of what is taken to be possible, in standard deviations."""
@@ -39,18 +45,6 @@ RARE = 0.01
 hundred comparisons."""
 _UNITS = {"translation": ("mm", 1e3), "rotation": ("deg", math.degrees(1.0))}
 """Of each part: its unit, and how many of it a metre or a radian is."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Test:
-    """Chi-squared of a difference against none at all, in the directions that are known."""
-
-    __test__ = False  # not one of pytest's
-
-    chi2: float
-    freedom: int
-    p_value: float
-    """Chance that noise alone gives as much."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -110,11 +104,7 @@ class Part:
     @property
     def basis(self) -> Floats:
         """(3 - k, 3), orthonormal directions in which both poses are known."""
-        if not self.meaningful:
-            return np.zeros((0, 3))
-        if not len(self.unknown):
-            return np.eye(3)
-        return np.asarray(np.linalg.svd(self.unknown, full_matrices=True)[2][len(self.unknown) :])
+        return across(self.unknown) if self.meaningful else np.zeros((0, 3))
 
     def __str__(self) -> str:
         """Such as ``4.389 ± 0.010 mm``."""
@@ -142,16 +132,14 @@ class Part:
             return "anything"
         return f"{' to '.join(map(self._rounded, self.bounds))} {self.unit}"
 
-    def bound_words(self, bound: float) -> str:
-        """A bound in the part's unit."""
-        return f"{bound * self.scale:.6g} {self.unit}"
+    def bound_words(self, within: Tolerance) -> str:
+        """The bound on it in its unit."""
+        return f"{within.of(self.kind) * self.scale:.6g} {self.unit}"
 
     def _rounded(self, value: float) -> str:
         """A value in the unit, to the decimals that the norm's sigma earns."""
-        places = (
-            3 if self.sigma is None or not self.sigma > 0.0 else decimals(self.sigma * self.scale)
-        )
-        return f"{round(value * self.scale, places) + 0.0:.{max(places, 0)}f}"
+        sigma = self.sigma or 0.0
+        return fixed(value * self.scale, decimals(sigma * self.scale) if sigma > 0.0 else 3)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -168,7 +156,7 @@ class PoseComparison:
         """Translation and rotation."""
         return self.translation, self.rotation
 
-    def test(self, *chosen: Part) -> Test | None:
+    def test(self, *chosen: Part) -> TestEntry | None:
         """Test parts of the difference (default: both) together against no difference.
 
         Returns:
@@ -187,22 +175,17 @@ class PoseComparison:
         rows[: sizes[0], :3], rows[sizes[0] :, 3:] = bases
         value = rows @ np.concatenate([part.vector for part in self.parts])
         chi2 = _squared(value, rows @ self.covariance @ rows.T)
-        return Test(chi2=chi2, freedom=len(rows), p_value=chance_of_more(chi2, len(rows)))
+        return TestEntry(plain(chi2), len(rows), chance_of_more(chi2, len(rows)))
 
-    def judge(self, part: Part, bound: float) -> Verdict:
-        """Whether a part is within a bound: yes or no where two sigma leave no doubt.
+    def judge(self, part: Part, within: Tolerance) -> Verdict:
+        """Whether a part is within its bound: yes or no where two sigma leave no doubt.
 
         A direction that is not known withholds a yes, but not a no from the others.
         """
         if part.bounds is None:
             return "unknown"
-        test = self.test(part)
-        if (
-            test is not None
-            and part.meaningful
-            and part.bounds[0] > bound
-            and test.p_value < SIGNIFICANT
-        ):
+        test, bound = self.test(part), within.of(part.kind)
+        if test is not None and part.bounds[0] > bound and test.p_value < SIGNIFICANT:
             return "no"
         return "yes" if part.determined and part.bounds[1] <= bound else "unknown"
 
@@ -213,10 +196,7 @@ class PoseComparison:
         both know, is rarer than RARE in noise; and are if nothing is unknown and that is not so.
         """
         if within is not None:
-            parts = {
-                self.judge(self.translation, within.translation),
-                self.judge(self.rotation, within.rotation),
-            }
+            parts = {self.judge(part, within) for part in self.parts}
             return "no" if "no" in parts else "unknown" if "unknown" in parts else "yes"
         test = self.test()
         if test is None:
@@ -224,6 +204,41 @@ class PoseComparison:
         if test.p_value < RARE:
             return "no"
         return "yes" if all(part.determined for part in self.parts) else "unknown"
+
+    def entries(self, *verdicts: Verdict) -> tuple[TranslationEntry, RotationEntry]:
+        """Both parts as answers write them, with the verdicts on them where there are any."""
+        translation, rotation = verdicts or (UNSET, UNSET)
+        return (
+            TranslationEntry(verdict=translation, **self._entry(self.translation)),
+            RotationEntry(verdict=rotation, **self._entry(self.rotation)),
+        )
+
+    def _entry(self, part: Part) -> dict[str, Any]:
+        scale, unit = part.scale, part.unit
+        std = None if part.covariance is None else plain(np.sqrt(np.diag(part.covariance)) * scale)
+        return {
+            f"difference_{unit}": plain(part.norm * scale),
+            f"sigma_{unit}": None if part.sigma is None else plain(part.sigma * scale),
+            f"between_{unit}": None
+            if part.bounds is None
+            else plain(np.array(part.bounds) * scale),
+            f"vector_{unit}": plain(part.vector * scale),
+            f"std_{unit}": std,
+            "unknown_directions": plain(part.unknown),
+            "test": self.test(part),
+        }
+
+    def significance(self) -> Significance | None:
+        """How many sigma the difference is, and which part is so many."""
+        known = [
+            (part.norm / part.sigma if part.sigma > 0.0 else math.inf, part.kind)
+            for part in self.parts
+            if part.sigma is not None and part.meaningful
+        ]
+        if not known:
+            return None
+        sigmas, kind = max(known)
+        return Significance(kind, plain(sigmas))
 
     def __str__(self) -> str:
         """Both norms with their sigma."""
@@ -309,9 +324,8 @@ def _untwist(turn: Floats, axis: Floats) -> float:
 
 def _squared(value: Floats, covariance: Floats) -> float:
     """Mahalanobis distance squared, in mixed units; zero sigma makes any difference infinite."""
-    scale = np.sqrt(np.diag(covariance))
-    scale = np.where(scale > 0.0, scale, 1.0)
-    variances, axes = np.linalg.eigh(covariance / np.outer(scale, scale))
+    scale, scaled = correlation(covariance)
+    variances, axes = np.linalg.eigh(scaled)
     apart = axes.T @ (value / scale)
     with np.errstate(divide="ignore", invalid="ignore"):
         shares = np.where(apart == 0.0, 0.0, apart**2 / np.maximum(variances, 0.0))

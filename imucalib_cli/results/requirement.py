@@ -11,7 +11,9 @@ import numpy as np
 from imucalib_cli.findings import Finding, untrusted
 
 if TYPE_CHECKING:
+    from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.estimate import Estimate
+    from imucalib_cli.results.result import Kind
 
 CODES = frozenset({"require.sigma", "require.no_sigma", "require.text"})
 """Of findings that say that sigma is large, not that it is wrong; the last one is of a stored
@@ -28,6 +30,10 @@ class Tolerance:
     """m."""
     rotation: float = math.inf
     """rad."""
+
+    def of(self, kind: Kind) -> float:
+        """The bound on one of the two."""
+        return self.translation if kind == "translation" else self.rotation
 
 
 def require(estimate: Estimate, parent: str, tolerance: Tolerance) -> Estimate:
@@ -53,10 +59,9 @@ def _shortfall(estimate: Estimate, parent: str, tolerance: Tolerance) -> Finding
     stds = np.sqrt(np.diag(estimate.covariance))
     missed: dict[str, float | str] = {}
     excess = 1.0
-    for kind, std, bound in (
-        ("translation", stds[:3], tolerance.translation),
-        ("rotation", stds[3:], tolerance.rotation),
-    ):
+    parts: tuple[tuple[Kind, Floats], ...] = ("translation", stds[:3]), ("rotation", stds[3:])
+    for kind, std in parts:
+        bound = tolerance.of(kind)
         # negated comparison, so that a sigma that is not a number does not pass
         if not float(np.max(std)) <= bound:
             axis = int(np.argmax(np.nan_to_num(std, nan=np.inf)))

@@ -7,17 +7,18 @@ w >= 0. A number that is not known is null.
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from msgspec import UNSET, Meta, Struct, UnsetType
-from numpy.typing import NDArray
 
 from imucalib_cli.estimate.estimate import CorrectionName
 from imucalib_cli.results.pose import Nominal, UncertainPose
 from imucalib_cli.robot.rotations import matrix_from_quaternion
 
-Floats = NDArray[np.float64]
+if TYPE_CHECKING:
+    from imucalib_cli.arrays import Floats
+
 Scalar = bool | int | float | str | None
 Status = Literal["ok", "untrusted"]
 Kind = Literal["translation", "rotation"]

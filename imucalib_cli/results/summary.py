@@ -6,9 +6,8 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from imucalib_cli.digits import figures, sigma, with_std
+from imucalib_cli.digits import figures, fixed, sigma, with_std
 from imucalib_cli.robot.rotations import (
     matrix_from_quaternion,
     quaternion_from_matrix,
@@ -20,9 +19,9 @@ from imucalib_cli.shown import shown
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
+    from imucalib_cli.arrays import Floats
     from imucalib_cli.results.result import Bias, Observable, Result, Unobservable
 
-Floats = NDArray[np.float64]
 
 _AXES = "xyz"
 _MANY = 3
@@ -251,7 +250,4 @@ def _fit(result: Result) -> Iterator[str]:
 
 
 def _numbers(values: Sequence[float | None] | Floats, places: int) -> str:
-    return " ".join(
-        "nan" if value is None else f"{round(float(value), places) + 0.0:.{places}f}"
-        for value in values
-    )
+    return " ".join("nan" if value is None else fixed(float(value), places) for value in values)

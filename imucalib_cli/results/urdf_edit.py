@@ -20,9 +20,7 @@ from imucalib_cli.robot.rotations import rpy_from_matrix
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    import numpy as np
-    from numpy.typing import NDArray
-
+    from imucalib_cli.arrays import Floats
     from imucalib_cli.robot.urdf import Robot
 
 _DECIMALS = 13
@@ -57,8 +55,8 @@ def joint_for(
     robot: Robot,
     parent: str,
     child: str,
-    R_parent_imu: NDArray[np.float64],
-    t_parent_imu: NDArray[np.float64],
+    R_parent_imu: Floats,
+    t_parent_imu: Floats,
 ) -> JointOrigin:
     """Find the fixed joint that holds ``child`` and what its origin becomes.
 
@@ -124,22 +122,20 @@ def replace_origin(urdf: bytes, joint: str, xyz: Sequence[float], rpy: Sequence[
     Raises:
         InputError: There is not exactly one such joint, or the XML is not sound.
     """
-    finder = _Finder(joint)
-    finder.read(urdf)
+    elements = _elements(urdf, joint)
+    if not elements:
+        raise InputError(f"joint '{joint}' of the URDF is empty: give it a <parent> and a <child>")
     codec = _codec(urdf)
     values = {"xyz": _words(xyz), "rpy": _words(rpy)}
-    if finder.origin is not None:
-        start = finder.origin
-        tag = _start_tag(urdf[start:].decode(codec, "surrogatepass"))
-        changed = _with_attributes(tag, values)
-    elif finder.first_child is not None:
-        start = finder.first_child
+    start = next((at for tag, at in elements if tag == "origin"), None)
+    if start is None:
+        start = elements[0][1]
         before = urdf[:start].decode(codec, "surrogatepass")
         indent = before[len(before.rstrip(" \t\r\n")) :]
-        tag = ""
-        changed = f'<origin xyz="{values["xyz"]}" rpy="{values["rpy"]}"/>{indent}'
+        tag, changed = "", f'<origin xyz="{values["xyz"]}" rpy="{values["rpy"]}"/>{indent}'
     else:
-        raise InputError(f"joint '{joint}' of the URDF is empty: give it a <parent> and a <child>")
+        tag = _start_tag(urdf[start:].decode(codec, "surrogatepass"))
+        changed = _with_attributes(tag, values)
     rest = start + len(tag.encode(codec, "surrogatepass"))
     return urdf[:start] + changed.encode(codec, "surrogatepass") + urdf[rest:]
 
@@ -149,25 +145,25 @@ def joint_snippet(
     child: str,
     xyz: Sequence[float],
     rpy: Sequence[float],
+    *,
+    joint: str = "",
     taken: Sequence[str] = (),
 ) -> str:
-    """Write a fixed joint and its link, ready to paste into a URDF.
+    """Write a fixed joint, ready to paste into a URDF.
 
     Args:
         parent: Link that carries the IMU.
         child: The IMU's frame.
         xyz: m.
         rpy: rad, URDF convention.
+        joint: Its name in a URDF that has it; without one it gets a new name and a new link.
         taken: Names of joints that are there already.
     """
-    joint = next(
-        name
-        for number in count(1)
-        if (name := f"{child}_joint{number if number > 1 else ''}") not in taken
-    )
+    link = "" if joint else f"<link name={quoteattr(child)}/>\n"
+    names = (f"{child}_joint{number if number > 1 else ''}" for number in count(1))
+    name = joint or next(name for name in names if name not in taken)
     return (
-        f"<link name={quoteattr(child)}/>\n"
-        f'<joint name={quoteattr(joint)} type="fixed">\n'
+        f'{link}<joint name={quoteattr(name)} type="fixed">\n'
         f"  <parent link={quoteattr(parent)}/>\n"
         f"  <child link={quoteattr(child)}/>\n"
         f'  <origin xyz="{_words(xyz)}" rpy="{_words(rpy)}"/>\n'
@@ -175,55 +171,38 @@ def joint_snippet(
     )
 
 
-class _Finder:
-    """Byte offsets of a kinematic joint's origin and first element."""
+def _elements(urdf: bytes, joint: str) -> list[tuple[str, int]]:
+    """Tags and byte offsets of the elements of a joint that is a child of <robot>."""
+    joints: list[list[tuple[str, int]]] = []
+    path: list[str | None] = []  # None is the joint
+    parser = expat.ParserCreate()
 
-    def __init__(self, joint: str) -> None:
-        self.origin: int | None = None
-        self.first_child: int | None = None
-        self._joint = joint
-        self._path: list[str] = []
-        self._inside = False
-        self._found = 0
-        self._origins = 0
-        self._parser = expat.ParserCreate()
-        self._parser.StartElementHandler = self._start
-        self._parser.EndElementHandler = self._end
-        self._parser.StartDoctypeDeclHandler = self._doctype
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        is_joint = path == ["robot"] and tag == "joint" and attributes.get("name") == joint
+        if is_joint:
+            joints.append([])
+        elif len(path) == 2 and path[1] is None:
+            joints[-1].append((tag, parser.CurrentByteIndex))
+        path.append(None if is_joint else tag)
 
-    def read(self, urdf: bytes) -> None:
-        try:
-            self._parser.Parse(urdf, True)
-        except expat.ExpatError as error:
-            raise InputError(f"the URDF is not well-formed XML ({error}): repair it") from None
-        except (ValueError, LookupError) as error:
-            raise InputError(f"the URDF's encoding cannot be read ({error})") from None
-        if self._found != 1 or self._origins > 1:
-            what = (
-                f"{self._found} joints" if self._found != 1 else f"{self._origins} origins in joint"
-            )
-            raise InputError(f"the URDF has {what} '{self._joint}', it must have one")
-
-    def _start(self, tag: str, attributes: dict[str, str]) -> None:
-        depth = len(self._path)
-        if depth == 1 and tag == "joint" and self._path[0] == "robot":
-            self._inside = attributes.get("name") == self._joint
-            self._found += self._inside
-        elif depth == 2 and self._inside:
-            at = self._parser.CurrentByteIndex
-            if self.first_child is None:
-                self.first_child = at
-            if tag == "origin":
-                self.origin = at
-                self._origins += 1
-        self._path.append(tag)
-
-    def _end(self, _tag: str) -> None:
-        self._path.pop()
-        self._inside = self._inside and len(self._path) > 1
-
-    def _doctype(self, *_args: object) -> None:
+    def doctype(*_: object) -> None:
         raise InputError("the URDF has a DOCTYPE, whose entities could hide the joint: remove it")
+
+    parser.StartElementHandler = start
+    parser.EndElementHandler = lambda _: path.pop()
+    parser.StartDoctypeDeclHandler = doctype
+    try:
+        parser.Parse(urdf, True)
+    except expat.ExpatError as error:
+        raise InputError(f"the URDF is not well-formed XML ({error}): repair it") from None
+    except (ValueError, LookupError) as error:
+        raise InputError(f"the URDF's encoding cannot be read ({error})") from None
+    if len(joints) != 1:
+        raise InputError(f"the URDF has {len(joints)} joints '{joint}', it must have one")
+    origins = sum(tag == "origin" for tag, _ in joints[0])
+    if origins > 1:
+        raise InputError(f"the URDF has {origins} origins in joint '{joint}', it must have one")
+    return joints[0]
 
 
 def _codec(urdf: bytes) -> str:
@@ -248,28 +227,22 @@ def _start_tag(text: str) -> str:
 def _with_attributes(tag: str, values: dict[str, str]) -> str:
     """The start tag with these attributes' values, each in the quotes it had."""
     missing = dict(values)
-    pieces, done, quote = [], 0, '"'
-    for match in re.finditer(_ATTRIBUTE, tag):
+    quote, end = '"', len(tag.rstrip("/>").rstrip())
+
+    def replaced(match: re.Match[str]) -> str:
+        nonlocal quote
         quote = match["value"][0]
-        done_before, done = done, match.end()
-        if match["name"] in values:
-            pieces += [
-                tag[done_before : match.start("value")],
-                quote,
-                missing.pop(match["name"]),
-                quote,
-            ]
-        else:
-            pieces.append(tag[done_before:done])
-    head = re.match(r"<[^ \t\r\n/>]+", tag)
-    if done == 0 and head is not None:
-        done = head.end()
-        pieces = [head.group()]
-    pieces += [f" {name}={quote}{value}{quote}" for name, value in missing.items()]
-    return "".join([*pieces, tag[done:]])
+        if match["name"] not in missing:
+            return match[0]
+        before = match[0].removesuffix(match["value"])
+        return f"{before}{quote}{missing.pop(match['name'])}{quote}"
+
+    attributes = re.sub(_ATTRIBUTE, replaced, tag[:end])
+    added = "".join(f" {name}={quote}{value}{quote}" for name, value in missing.items())
+    return attributes + added + tag[end:]
 
 
-def _triple(values: Sequence[float] | NDArray[np.float64]) -> tuple[float, float, float]:
+def _triple(values: Sequence[float] | Floats) -> tuple[float, float, float]:
     x, y, z = (float(value) for value in values)
     return x, y, z
 

@@ -10,12 +10,11 @@ from imucalib_cli.findings import warning
 from imucalib_cli.results.answers import (
     DiffAnswer,
     Side,
+    TestEntry,
     ToldPose,
+    Verdict,
     VerifyAnswer,
-    part_entries,
-    significance_entry,
-    test_entry,
-    within_entry,
+    Within,
 )
 from imucalib_cli.results.from_estimate import plain, pose_entry
 from imucalib_cli.results.pose_comparison import PoseComparison, compare_poses
@@ -27,7 +26,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from imucalib_cli.results.pose import Nominal, UncertainPose
-    from imucalib_cli.results.pose_comparison import Test, Verdict
     from imucalib_cli.results.result import Result, SourceFile
 
 _MOVED: dict[Verdict, Literal["moved", "not moved", "unknown"]] = {
@@ -57,8 +55,7 @@ def verify(
     """
     found = result.uncertain_pose
     apart = compare_poses(found.exactly(told.R_parent_imu, told.t_parent_imu), found)
-    bounds = (within.translation, within.rotation)
-    verdicts = tuple(map(apart.judge, apart.parts, bounds))
+    verdicts = [apart.judge(part, within) for part in apart.parts]
     doubts = _contradictions(result)
     verdict: Verdict = "unknown" if doubts else apart.verdict(within)
     asked = _tolerance_words(within)
@@ -71,15 +68,15 @@ def verify(
         case "no":
             faults = (
                 f"the {part.kind} is off by {part} ({part.in_sigmas}), more than "
-                f"{part.bound_words(bound)}; as a vector in {found.parent} {part.vector_words}"
-                for part, bound, answer in zip(apart.parts, bounds, verdicts, strict=True)
+                f"{part.bound_words(within)}; as a vector in {found.parent} {part.vector_words}"
+                for part, answer in zip(apart.parts, verdicts, strict=True)
                 if answer == "no"
             )
             said = f"{place} is not where {by}: {'; '.join(faults)}"
         case "unknown":
             why = doubts or _open_questions(result, apart, within)
             said = f"cannot tell whether {place} is where {by}, within {asked}: {'; '.join(why)}"
-    translation, rotation = part_entries(apart, *verdicts)
+    translation, rotation = apart.entries(*verdicts)
     pose = pose_entry(told.R_parent_imu, told.t_parent_imu)
     return VerifyAnswer(
         schema=SCHEMA,
@@ -88,10 +85,10 @@ def verify(
         reason=said + _given_beforehand(result),
         parent=result.parent,
         child=result.child,
-        within=within_entry(within),
+        within=_within(within),
         translation=translation,
         rotation=rotation,
-        significance=significance_entry(apart),
+        significance=apart.significance(),
         told=ToldPose(
             joint=told.joint,
             translation=pose.translation,
@@ -140,7 +137,7 @@ def diff(
             why = doubts or [f"{n}: {gap}" for n, r in sides for gap in _gaps(r)]
             why = why or [_too_wide(apart, within)]
             said = f"cannot tell whether {place} has moved: {figures_said}; {'; '.join(why)}"
-    translation, rotation = part_entries(apart)
+    translation, rotation = apart.entries()
     covariance = apart.covariance
     return DiffAnswer(
         schema=SCHEMA,
@@ -149,16 +146,20 @@ def diff(
         reason=said,
         parent=poses[0].parent,
         child=poses[0].child,
-        within=None if within is None else within_entry(within),
+        within=None if within is None else _within(within),
         translation=translation,
         rotation=rotation,
-        significance=significance_entry(apart),
-        test=test_entry(test),
+        significance=apart.significance(),
+        test=test,
         covariance=plain(covariance),
         warnings=_warnings(first, second),
         first=_side(*first),
         second=_side(*second),
     )
+
+
+def _within(within: Tolerance) -> Within:
+    return Within(plain(within.translation * 1e3), plain(math.degrees(within.rotation)))
 
 
 def _contradictions(result: Result) -> list[str]:
@@ -195,12 +196,12 @@ def _open_questions(result: Result, apart: PoseComparison, within: Tolerance) ->
         remedy = (
             "the robot model, not noise, sets sigma, so correct the URDF's lengths and joint zeros"
         )
-    for part, bound in zip(apart.parts, (within.translation, within.rotation), strict=True):
-        if part.determined and apart.judge(part, bound) == "unknown":
+    for part in apart.parts:
+        if part.determined and apart.judge(part, within) == "unknown":
             yield (
-                f"the {part.kind} is off by {part}, so by {part.range_words} within two sigma, and "
-                f"the tolerance of {part.bound_words(bound)} lies in between: {remedy}, or ask for "
-                "another tolerance"
+                f"the {part.kind} is off by {part}, so by {part.range_words} within two sigma, "
+                f"and the tolerance of {part.bound_words(within)} lies in between: {remedy}, or "
+                "ask for another tolerance"
             )
 
 
@@ -223,12 +224,14 @@ def _tolerance_words(within: Tolerance) -> str:
     return f"{within.translation * 1e3:.6g} mm and {math.degrees(within.rotation):.6g} deg"
 
 
-def _chance(test: Test | None) -> str:
+def _chance(test: TestEntry | None) -> str:
     if test is None:
         return ""
     chance = "less than 1e-12" if test.p_value < 1e-12 else figures(test.p_value, 2)
+    chi2 = math.inf if test.chi2 is None else test.chi2
     return (
-        f" (chi-squared {figures(test.chi2, 3)} with {test.freedom} degrees of freedom, p {chance})"
+        f" (chi-squared {figures(chi2, 3)} with {test.degrees_of_freedom} degrees of freedom, "
+        f"p {chance})"
     )
 
 

@@ -13,7 +13,8 @@ from imucalib_cli.signals.samples import STANDARD_GRAVITY
 from imucalib_cli.signals.stamps import GAP_INTERVALS, GAP_SECONDS
 
 if TYPE_CHECKING:
-    from imucalib_cli.logs.streams import Floats, ImuStream, Nanoseconds
+    from imucalib_cli.arrays import Floats
+    from imucalib_cli.logs.streams import ImuStream, Nanoseconds
 
 _NS = 1_000_000_000
 NEAR = 0.15

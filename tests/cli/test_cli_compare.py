@@ -338,8 +338,8 @@ def test_one_of_several_imus(files: Path, capsys: pytest.CaptureFixture[str]) ->
         ("a: [", "not YAML"),
         ("5", "holds no cam0"),
         ("imu0: {}", "holds no cam0"),
-        ("cam0: 3", "has no T_cam_imu"),
-        ("cam0: {rostopic: /a}", "has no T_cam_imu"),
+        ("cam0: 3", "cam0 should be a mapping; is this the -camchain"),
+        ("cam0: {rostopic: /a}", "cam0.T_cam_imu is missing; is this the -camchain"),
         ("cam0: {T_cam_imu: [[1, 0], [0, 1]]}", "cam0.T_cam_imu should be a list of 4"),
         ("cam0: {T_cam_imu: 7}", "T_cam_imu"),
         (yaml.safe_dump({"cam0": chain(T_cam_imu=(2 * np.eye(4)).tolist())}), "a rotation"),
@@ -364,9 +364,9 @@ def test_a_bad_file_of_kalibrs_is_named(
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        ("cam0: {}", "should be the truth.yaml"),
-        ("transform: {}\ntime_offset: 0.0", "is this the truth.yaml of `imucalib simulate`?"),
-        (to_yaml([ours()]), "is a result of imucalib run, no truth"),
+        ("cam0: {}", "transform is missing; is this the truth.yaml"),
+        ("transform: {}\ntime_offset: 0.0", "transform.parent is missing; is this the truth.yaml"),
+        (to_yaml([ours()]), "time_offset should be a number"),
         (": [", "not YAML"),
     ],
 )

@@ -11,7 +11,7 @@ import pytest
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.logs.db3.file import Db3File
-from imucalib_cli.logs.db3.salvage import salvage
+from imucalib_cli.logs.db3.pages import salvage
 
 if TYPE_CHECKING:
     from pathlib import Path

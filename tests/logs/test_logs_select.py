@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from imucalib_cli.errors import ChoiceError, InputError
-from imucalib_cli.logs.log import Topic
+from imucalib_cli.logs.reader import Topic
 from imucalib_cli.logs.select import check_joint_topics, select_topics
 from imucalib_cli.logs.streams import JointStream
 

@@ -199,7 +199,9 @@ def test_euroc_folder(tmp_path: Path) -> None:
     write(mav / name / "data.csv", f"{EUROC_POSE}\n{lines(STAMPS, ordered)}")
     write(mav / "cam0" / "data.csv", "#timestamp [ns],filename\n1403636579763555584,1.png\n")
     write(mav / "leica0" / "data.csv", "#timestamp [ns],p_RS_R_x [m]\n1403636579763555584,1.0\n")
-    data = read(tmp_path / "MH_01")
+    log = open_log([tmp_path / "MH_01"])
+    assert [path.parent.name for path in log.paths] == ["imu0", name]  # files, which have a hash
+    data = log.read([each.name for each in log.topics])
     assert_imu(data, "/imu0")
     assert_pose(data, f"/{name}")
     assert (list(data.imus), list(data.joints), list(data.poses)) == (["/imu0"], [], [f"/{name}"])
@@ -268,7 +270,7 @@ class NpyFile:
         self.losses: list[Finding] = []
         self._rows = np.load(path)
         first, last = self._rows["ns"][[0, -1]].tolist()
-        imu = Channel(number=7, topic="/npy", type="sensor_msgs/Imu", encoding="text")
+        imu = Channel(number=7, name="/npy", type="sensor_msgs/Imu", encoding="text")
         self.channels = (replace(imu, count=len(self._rows), start_ns=first, end_ns=last),)
 
     @classmethod

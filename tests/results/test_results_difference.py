@@ -151,8 +151,9 @@ def test_chi_squared_is_that_of_the_whole_vector() -> None:
     moved = make_pose(Rotation.from_rotvec(d[3:]) * R, d[:3], C)
     test = compare_poses(make_pose(R, np.zeros(3), np.zeros((6, 6))), moved).test()
     assert test is not None
-    assert test.freedom == 6
+    assert test.degrees_of_freedom == 6
     assert test.chi2 == pytest.approx(d @ np.linalg.solve(C, d), rel=1e-2)
+    assert test.chi2 is not None
     assert test.p_value == pytest.approx(chi2.sf(test.chi2, 6))
 
 
@@ -162,7 +163,7 @@ def test_what_one_of_the_two_does_not_know_is_no_evidence() -> None:
     second = make_pose(Rotation.identity(), [2e-4, 0, -5.0], np.eye(6) * 1e-8)
     test = compare_poses(first, second).test()
     assert test is not None
-    assert test.freedom == 5
+    assert test.degrees_of_freedom == 5
     assert test.chi2 == pytest.approx(2e-4**2 / 2e-8, rel=1e-6)
     nothing = make_pose(Rotation.identity(), [0, 0, 0], None)
     assert compare_poses(first, nothing).test() is None
@@ -188,7 +189,7 @@ def test_a_turn_about_the_unknown_axis_is_none(unknown_in: str) -> None:
     assert found.rotation.bounds[1] == math.pi
     test = found.test(found.rotation)
     assert test is not None
-    assert test.freedom == 2
+    assert test.degrees_of_freedom == 2
     assert test.chi2 == pytest.approx((0.03 / 1e-4) ** 2, rel=1e-2)
     assert not found.translation.meaningful
     assert len(found.translation.basis) == 0

@@ -453,7 +453,11 @@ def _edited(path: tuple[Any, ...], value: Any, **changes: Any) -> str:
         (("transform", "rotation_xyzw", 0), 1e300, "should have norm 1"),
         (("transform", "rotation_rpy", 2), 2.9 + 1e-5, "is not the rotation of rotation_xyzw"),
         (("covariance", 1, 1), math.nan, "covariance[1][1] should be a finite number, not nan"),
-        (("covariance", 1, 1), -1e-9, "covariance should have no negative number"),
+        (
+            ("covariance", 1, 1),
+            -1e-9,
+            "covariance is none: it is not symmetric, or gives a variance below zero",
+        ),
         (("covariance", 2), [1.0], "covariance[2] should be a list of 6, not [1.0]"),
         (("accel_bias", "std", 0), math.inf, "accel_bias.std[0] should be a finite number"),
         (("time_offset", "seconds"), math.inf, "seconds should be a finite number, not inf"),

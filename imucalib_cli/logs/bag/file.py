@@ -2,59 +2,42 @@
 
 from __future__ import annotations
 
-import io
 from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
 
 from imucalib_cli.findings import note
-from imucalib_cli.logs.bag.records import (
-    BAG,
-    CHUNK,
-    CHUNK_INFO,
-    CONNECTION,
-    INDEX,
-    MAGIC,
-    MESSAGE,
-    describe,
-    number_of,
-    op_of,
-    read_head,
-    time_of,
-    walk,
-)
-from imucalib_cli.logs.bag.search import find_record
+from imucalib_cli.logs.bag import records
+from imucalib_cli.logs.bag.records import number_of, op_of, read_head, time_of
 from imucalib_cli.logs.chunks import (
-    Catalogue,
     Chunk,
     ChunkedFile,
     ChunkHead,
     Contents,
     Index,
-    Payloads,
     Record,
 )
 from imucalib_cli.logs.damage import DamageError, Tally, seek
-from imucalib_cli.logs.reader import Bytes, cut
+from imucalib_cli.logs.reader import Located, cut
 
 if TYPE_CHECKING:
     from collections.abc import Collection
     from pathlib import Path
 
-    from numpy.typing import NDArray
-
+    from imucalib_cli.arrays import Bools, Bytes, Integers
     from imucalib_cli.logs.bag.records import Fields
 
 _ENTRY = np.dtype([("sec", "<u4"), ("nsec", "<u4"), ("offset", "<u4")])
-_INDEX_ROOM = 1 << 14
 
 
 class BagFile(ChunkedFile):
     """One ROS 1 bag."""
 
-    MAGIC = MAGIC
+    MAGIC = records.MAGIC
     FORMAT = "a ROS 1 bag"
     PART = "bag"
+    walk = staticmethod(records.walk)
+    find_record = staticmethod(records.find_record)
 
     def __init__(self, path: Path) -> None:
         self._is_indexed = False
@@ -63,18 +46,18 @@ class BagFile(ChunkedFile):
             self.losses.append(note("log.unindexed"))
 
     def _summary(self, file: BinaryIO) -> Contents | None:
-        head, _, _ = read_head(file, len(MAGIC))
+        head, _, _ = read_head(file, len(records.MAGIC))
         at = number_of(head, "index_pos")
-        if op_of(head) != BAG or not len(MAGIC) < at < self.size:
+        if op_of(head) != records.BAG or not len(records.MAGIC) < at < self.size:
             return None
         expected = number_of(head, "chunk_count")
         contents = Contents()
         while at < self.size:
             head, start, size = read_head(file, at)
             data = self._data(file, start, size)
-            if op_of(head) == CONNECTION:
-                describe(contents.catalogue, head, data)
-            elif op_of(head) == CHUNK_INFO:
+            if op_of(head) == records.CONNECTION:
+                records.describe(contents.catalogue, head, data)
+            elif op_of(head) == records.CHUNK_INFO:
                 contents.chunks.append(_chunk_info(head, data, contents.tallies))
             at = start + size
         if len(contents.chunks) != expected:
@@ -94,17 +77,11 @@ class BagFile(ChunkedFile):
 
     def _chunk_head(self, file: BinaryIO, at: int) -> ChunkHead:
         head, start, size = read_head(file, at)
-        if op_of(head) != CHUNK:
+        if op_of(head) != records.CHUNK:
             raise DamageError("no chunk where the index says")
         return _parse_chunk(head, start, size)
 
     def _message_index(self, file: BinaryIO, chunk: Chunk, channels: Collection[int]) -> Index:
-        if isinstance(file, io.FileIO):  # many small records: one read for most of them
-            buffered = io.BufferedReader(file, _INDEX_ROOM)
-            try:
-                return self._message_index(buffered, chunk, channels)
-            finally:
-                buffered.detach()
         at = chunk.end
         if not at:
             head = self._chunk_head(file, chunk.start)
@@ -112,7 +89,7 @@ class BagFile(ChunkedFile):
         found: Index = {}
         while at < self.size:
             fields, start, size = read_head(file, at)
-            if op_of(fields) != INDEX:
+            if op_of(fields) != records.INDEX:
                 break
             number = number_of(fields, "conn")
             if number in channels:
@@ -128,43 +105,36 @@ class BagFile(ChunkedFile):
     def _locate(
         self,
         data: Bytes,
-        entries: NDArray[np.int64],
-        owner: NDArray[np.int64],  # noqa: ARG002 - the index alone says whose messages they are
-        limits: NDArray[np.int64],
-    ) -> Payloads:
+        entries: Integers,
+        owner: Integers,  # noqa: ARG002 - the index alone says whose messages they are
+        limits: Integers,
+    ) -> tuple[Located, Bools]:
         offsets = entries[:, 1]
         head_sizes, has_head = _sizes(data, offsets, limits)
         sizes, sound = _sizes(data, offsets + 4 + head_sizes, limits)
-        return Payloads(offsets + 8 + head_sizes, sizes, entries[:, 0], has_head & sound)
-
-    def walk(self, data: Bytes, catalogue: Catalogue) -> tuple[Index, int]:
-        """See :class:`~imucalib_cli.logs.chunks.ChunkedFile`."""
-        return walk(data.data, catalogue)
+        starts = offsets + 8 + head_sizes
+        return Located(data, starts, sizes, entries[:, 0]), has_head & sound
 
     def record(self, file: BinaryIO, at: int, contents: Contents) -> Record:
         """See :class:`~imucalib_cli.logs.chunks.ChunkedFile`."""
         if at >= self.size:
-            return Record("end", at, at)
+            return Record("end", at)
         head, start, size = read_head(file, at)
         op = op_of(head)
         end = start + size
-        whole = end <= self.size and MESSAGE <= op <= CONNECTION
-        if op == CHUNK:
+        whole = end <= self.size and records.MESSAGE <= op <= records.CONNECTION
+        if op == records.CHUNK:
             chunk = _parse_chunk(head, start, size)
-            return Record("chunk", end, end if whole else at + 1, is_whole=whole, chunk=chunk)
-        if op == MESSAGE and whole:
+            return Record("chunk", end, is_whole=whole, chunk=chunk)
+        if op == records.MESSAGE and whole:
             channel, log_ns = number_of(head, "conn"), time_of(head)
-            return Record("message", end, at + 1, channel=channel, log_ns=log_ns)
-        if op == CONNECTION and whole:
+            return Record("message", end, channel=channel, log_ns=log_ns)
+        if op == records.CONNECTION and whole:
             try:
-                describe(contents.catalogue, head, self._data(file, start, size))
+                records.describe(contents.catalogue, head, self._data(file, start, size))
             except DamageError:
                 whole = False
-        return Record("other", end, at + 1, is_whole=whole)
-
-    def find_record(self, file: BinaryIO, start: int) -> int | None:
-        """See :class:`~imucalib_cli.logs.chunks.ChunkedFile`."""
-        return find_record(file, start, self.size)
+        return Record("other", end, is_whole=whole)
 
 
 def _parse_chunk(head: Fields, start: int, size: int) -> ChunkHead:
@@ -184,9 +154,7 @@ def _chunk_info(head: Fields, data: bytes, tallies: dict[int, Tally]) -> Chunk:
     return Chunk(start=number_of(head, "chunk_pos"), index_at=index_at)
 
 
-def _sizes(
-    data: Bytes, offsets: NDArray[np.int64], limits: NDArray[np.int64]
-) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+def _sizes(data: Bytes, offsets: Integers, limits: Integers) -> tuple[Integers, Bools]:
     """The 4-byte lengths at the offsets, 0 where they are outside the data, and where not."""
     inside = (offsets >= 0) & (offsets <= limits - 4)
     if inside.all():

@@ -1,4 +1,4 @@
-"""The records of a ROS 1 bag, every length checked."""
+"""The records of a ROS 1 bag, every length checked, and where the next one is behind damage."""
 
 from __future__ import annotations
 
@@ -9,13 +9,29 @@ import numpy as np
 from imucalib_cli.logs.damage import Cursor, DamageError, seek
 
 if TYPE_CHECKING:
-    from imucalib_cli.logs.chunks import Catalogue, Index
+    from collections.abc import Iterator
+
+    from imucalib_cli.arrays import Bytes
+    from imucalib_cli.logs.chunks import Index
+    from imucalib_cli.logs.reader import Catalogue
 
 MAGIC = b"#ROSBAG V2.0\n"
 MESSAGE, BAG, INDEX, CHUNK, CHUNK_INFO, CONNECTION = 2, 3, 4, 5, 6, 7
 LARGEST_HEADER = 1 << 20
 _HEAD_ROOM = 256
 """Bytes that hold most headers."""
+_NEEDED = {
+    MESSAGE: {"conn", "time"},
+    INDEX: {"conn", "count", "ver"},
+    CHUNK: {"compression", "size"},
+    CHUNK_INFO: {"chunk_pos", "count"},
+    CONNECTION: {"conn", "topic"},
+}
+"""Fields without which a record is not one of its kind."""
+_OP = b"\x04\x00\x00\x00op="
+_BEFORE = 1 << 11
+"""Bytes of a header in front of the field that says its kind."""
+_SEARCHED = 1 << 22
 
 Fields = dict[str, bytes]
 
@@ -105,9 +121,9 @@ def describe(catalogue: Catalogue, head: Fields, data: bytes | memoryview) -> No
     catalogue.publishers[number] = (number, fields["topic"], "ros1")
 
 
-def walk(data: memoryview, catalogue: Catalogue) -> tuple[Index, int]:
+def walk(data: Bytes, catalogue: Catalogue) -> tuple[Index, int]:
     """See :meth:`~imucalib_cli.logs.chunks.ChunkedFile.walk`."""
-    cursor = Cursor(data)
+    cursor = Cursor(data.data)
     found: dict[int, list[tuple[int, int]]] = {}
     at = 0
     try:
@@ -125,3 +141,52 @@ def walk(data: memoryview, catalogue: Catalogue) -> tuple[Index, int]:
     except DamageError:
         pass
     return {number: np.array(rows, dtype=np.int64) for number, rows in found.items()}, at
+
+
+def find_record(file: BinaryIO, start: int, size: int) -> int | None:
+    """Where the next record begins that says its kind and has what that kind needs."""
+    return next(_candidates(file, start, size), None)
+
+
+def _candidates(file: BinaryIO, start: int, size: int) -> Iterator[int]:
+    for base in range(start, size, _SEARCHED):
+        first = max(start, base - _BEFORE)
+        file.seek(first)
+        data = file.read(base - first + _SEARCHED + _BEFORE)
+        op = data.find(_OP, base - first)
+        while 0 <= op < base - first + _SEARCHED:
+            for at in _heads_around(data, op):
+                if _is_record(file, first + at, size):
+                    yield first + at
+            op = data.find(_OP, op + 1)
+
+
+def _is_record(file: BinaryIO, at: int, size: int) -> bool:
+    try:
+        head, start, length = read_head(file, at)
+    except DamageError:
+        return False
+    needed = _NEEDED.get(op_of(head))
+    return needed is not None and needed <= head.keys() and length <= size - start
+
+
+def _heads_around(data: bytes, op: int) -> list[int]:
+    """Where a header may begin that holds the field at ``op``."""
+    found: list[int] = []
+    low = max(0, op - _BEFORE)
+    near = np.frombuffer(data, dtype=np.uint8, count=op - low, offset=low)
+    if len(near) < 4:
+        return found
+    windows = np.lib.stride_tricks.sliding_window_view(near, 4)
+    lengths = np.ascontiguousarray(windows).view("<u4")[:, 0].astype(np.int64)
+    starts = low + np.arange(len(lengths))
+    ends = starts + 4 + lengths
+    fits = (ends >= op + len(_OP) + 1) & (lengths <= LARGEST_HEADER) & (ends <= len(data))
+    for at, end in zip(starts[fits].tolist(), ends[fits].tolist(), strict=True):
+        try:
+            fields = parse_fields(data[at + 4 : end])
+        except DamageError:
+            continue
+        if op_of(fields):
+            found.append(at)
+    return found

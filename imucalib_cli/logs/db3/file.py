@@ -13,11 +13,9 @@ import numpy as np
 from imucalib_cli.errors import InputError
 from imucalib_cli.findings import Finding, warning
 from imucalib_cli.logs.damage import Tally
-from imucalib_cli.logs.db3.salvage import salvage
-from imucalib_cli.logs.db3.wal import pages_left_out
-from imucalib_cli.logs.messages import normalise_type
-from imucalib_cli.logs.reader import Channel, Located, Progress, Sink, add_by_length
-from imucalib_cli.logs.unpacked import copy_with_companions, copy_with_page_count
+from imucalib_cli.logs.db3.pages import count_pages, pages_left_out, salvage
+from imucalib_cli.logs.reader import Catalogue, Channel, Located, Progress, Sink, add_by_length
+from imucalib_cli.logs.unpacked import copy
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Sequence
@@ -74,7 +72,7 @@ class Db3File:
             if not any(each.exists() for each in beside):
                 raise
             # What is beside has to be taken in, which needs a folder that can be written to.
-            self._file = copy_with_companions(self.path)
+            self._file = copy(self.path, companions=True)
             self._mode = "mode=rw"
             with contextlib.suppress(*_BROKEN):
                 return self._channels()
@@ -82,7 +80,8 @@ class Db3File:
             pass
         # SQLite refuses a file that is shorter than its header says; one that says what is there
         # is read up to the first missing page.
-        self._file = copy_with_page_count(self.path)
+        self._file = copy(self.path, companions=False)
+        count_pages(self._file)
         self._mode = "mode=ro"
         self.losses.append(warning("log.database_cut_short"))
         left = [each.name for each in beside if each.exists()]
@@ -123,23 +122,15 @@ class Db3File:
             left, total = pages_left_out(self._file)
             if left:
                 self.losses.append(warning("log.database_wal", left=left, total=total))
-        found = []
+        catalogue = Catalogue()
         for number, *described in topics:
             if not all(isinstance(each, str) for each in described):
                 self.losses.append(warning("log.database_topic", number=number))
                 continue
             topic, type_name, encoding = described
-            found.append(
-                Channel.counted(
-                    tallies.get(number),
-                    number=number,
-                    topic=topic,
-                    type=normalise_type(type_name),
-                    encoding=encoding,
-                    definition=definitions.get(type_name, ""),
-                )
-            )
-        return tuple(found)
+            catalogue.publishers[number] = (number, topic, encoding)
+            catalogue.schemas[number] = (type_name, definitions.get(type_name, ""))
+        return catalogue.channels(tallies)
 
     def read(self, wanted: Collection[int], sink: Sink, progress: Progress) -> None:
         """Give the sink all messages of the wanted channels, in one scan."""

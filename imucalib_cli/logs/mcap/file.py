@@ -9,39 +9,27 @@ import numpy as np
 
 from imucalib_cli.findings import warning
 from imucalib_cli.logs.chunks import (
-    Catalogue,
     Chunk,
     ChunkedFile,
     ChunkHead,
     Contents,
     Index,
-    Payloads,
     Record,
 )
 from imucalib_cli.logs.damage import Cursor, DamageError, Tally, seek
 from imucalib_cli.logs.mcap import records
-from imucalib_cli.logs.mcap.records import (
-    CHUNK,
-    DATA_END,
-    FOOTER,
-    HEAD_ROOM,
-    LENGTHS,
-    MAGIC,
-    MESSAGE,
-    MESSAGE_HEAD,
-    RECORD_HEAD,
-)
-from imucalib_cli.logs.mcap.search import find_record, is_record
-from imucalib_cli.logs.reader import Bytes, cut
+from imucalib_cli.logs.mcap.records import MAGIC, MESSAGE_HEAD, RECORD_HEAD
+from imucalib_cli.logs.reader import Located, cut
 
 if TYPE_CHECKING:
     from collections.abc import Collection
 
-    from numpy.typing import NDArray
+    from imucalib_cli.arrays import Bools, Bytes, Integers
+
 
 _INDEX_HEAD = struct.Struct("<BQHI")
 _LARGEST_INDEX = 1 << 26
-"""Message indexes of one chunk beyond this are read one channel at a time."""
+"""Bytes of a message index: that of a million messages is smaller."""
 _FOOTER_SIZE = RECORD_HEAD.size + 20 + len(MAGIC)
 _LARGEST_SUMMARY = 1 << 28
 """Bytes: that of ten thousand chunks has a few million."""
@@ -53,13 +41,15 @@ class McapFile(ChunkedFile):
     MAGIC = MAGIC
     FORMAT = "an MCAP file"
     PART = "file"
+    walk = staticmethod(records.walk)
+    find_record = staticmethod(records.find_record)
 
     def _summary(self, file: BinaryIO) -> Contents | None:
         if self.size < len(MAGIC) + _FOOTER_SIZE:
             return None
         file.seek(self.size - _FOOTER_SIZE)
         footer = Cursor(file.read(_FOOTER_SIZE))
-        if footer.number(1) != FOOTER or footer.number(8) != 20:
+        if footer.number(1) != records.FOOTER or footer.number(8) != 20:
             return None
         start = footer.number(8)
         length = self.size - _FOOTER_SIZE - start
@@ -99,50 +89,34 @@ class McapFile(ChunkedFile):
         if at >= self.size:
             raise DamageError("it lies beyond the end of the file")
         file.seek(at)
-        return records.parse_chunk_head(file.read(HEAD_ROOM), at)
+        return records.parse_chunk_head(file.read(records.HEAD_ROOM), at)
 
     def _message_index(self, file: BinaryIO, chunk: Chunk, channels: Collection[int]) -> Index:
-        index_at = chunk.index_at or {}
         found = {}
-        first = min(index_at.values())
-        span = max(index_at.values()) - first + _INDEX_HEAD.size
-        together = b""
-        if span < _LARGEST_INDEX:
-            # One read for all channels: their indexes stand in a row behind the chunk. The last
-            # one's length is not known beforehand; most are smaller than this.
-            seek(file, first)
-            together = file.read(span + 4096)
-        for channel in channels:
-            if channel not in index_at:
+        for channel, at in (chunk.index_at or {}).items():
+            if channel not in channels:
                 continue
-            at = index_at[channel] - first
-            raw = together
-            if at + _INDEX_HEAD.size > len(raw):
-                seek(file, first + at)
-                raw, at = file.read(_INDEX_HEAD.size), 0
-                if len(raw) < _INDEX_HEAD.size:
-                    raise DamageError("the message index is cut short")
-            opcode, _, number, size = _INDEX_HEAD.unpack_from(raw, at)
+            seek(file, at)
+            head = file.read(_INDEX_HEAD.size)
+            if len(head) < _INDEX_HEAD.size:
+                raise DamageError("the message index is cut short")
+            opcode, _, number, size = _INDEX_HEAD.unpack(head)
             is_index = opcode == records.MESSAGE_INDEX and number == channel
             if not is_index or size % 16 or size > _LARGEST_INDEX:
                 raise DamageError("no message index where the chunk index says")
-            start = at + _INDEX_HEAD.size
-            if start + size > len(raw):
-                seek(file, index_at[channel] + _INDEX_HEAD.size)
-                raw, start = file.read(size), 0
-            if start + size > len(raw):
+            entries = file.read(size)
+            if len(entries) < size:
                 raise DamageError("the message index is cut short")
-            entries = np.frombuffer(raw, dtype="<i8", count=size // 8, offset=start)
-            found[channel] = entries.reshape(-1, 2)
+            found[channel] = np.frombuffer(entries, dtype="<i8").reshape(-1, 2)
         return found
 
     def _locate(
         self,
         data: Bytes,
-        entries: NDArray[np.int64],
-        owner: NDArray[np.int64],
-        limits: NDArray[np.int64],
-    ) -> Payloads:
+        entries: Integers,
+        owner: Integers,
+        limits: Integers,
+    ) -> tuple[Located, Bools]:
         offsets = entries[:, 1]
         starts = offsets + MESSAGE_HEAD.itemsize
         inside = (offsets >= 0) & (starts <= limits)
@@ -154,50 +128,42 @@ class McapFile(ChunkedFile):
             heads[inside] = here.view(MESSAGE_HEAD)[:, 0]
         # A length beyond any chunk is damage, whatever it would be as a signed number.
         sizes = np.minimum(heads["length"], 1 << 40).astype(np.int64) - records.LEAST_MESSAGE
-        sound = (heads["opcode"] == MESSAGE) & (heads["channel"] == owner) & (sizes >= 0)
-        return Payloads(starts, sizes, heads["log_time"].astype(np.int64), sound)
-
-    def walk(self, data: Bytes, catalogue: Catalogue) -> tuple[Index, int]:
-        """See :class:`~imucalib_cli.logs.chunks.ChunkedFile`."""
-        return records.walk(data, catalogue)
+        sound = (heads["opcode"] == records.MESSAGE) & (heads["channel"] == owner) & (sizes >= 0)
+        return Located(data, starts, sizes, heads["log_time"].astype(np.int64)), sound
 
     def record(self, file: BinaryIO, at: int, contents: Contents) -> Record:
         """See :class:`~imucalib_cli.logs.chunks.ChunkedFile`."""
         file.seek(at)
-        head = file.read(HEAD_ROOM)
+        head = file.read(records.HEAD_ROOM)
         if len(head) < RECORD_HEAD.size:
             raise DamageError("a record is cut short")
         opcode, length = RECORD_HEAD.unpack_from(head)
         end = at + RECORD_HEAD.size + length
         whole = end <= self.size
-        if opcode == CHUNK:
+        if opcode == records.CHUNK:
             chunk = records.parse_chunk_head(head, at)
             whole &= end == chunk.start + chunk.packed
-            return Record("chunk", end, end if whole else at + 1, is_whole=whole, chunk=chunk)
-        least, largest = LENGTHS.get(opcode, (0, 1 << 40))
+            return Record("chunk", end, is_whole=whole, chunk=chunk)
+        least, largest = records.LENGTHS.get(opcode, (0, 1 << 40))
         if opcode == 0 or not whole or not least <= length <= largest:
             raise DamageError("a record is cut short")
-        if opcode in {DATA_END, FOOTER}:
-            return Record("end", end, at + 1, is_whole=self._is_end(file, end))
-        if opcode == MESSAGE:
+        if opcode in {records.DATA_END, records.FOOTER}:
+            return Record("end", end, is_whole=self._is_end(file, end))
+        if opcode == records.MESSAGE:
             channel, log_ns = records.message_key(head)
-            return Record("message", end, at + 1, channel=channel, log_ns=log_ns)
+            return Record("message", end, channel=channel, log_ns=log_ns)
         if opcode in {records.SCHEMA, records.CHANNEL}:
             file.seek(at + RECORD_HEAD.size)
             try:
                 records.describe(contents.catalogue, opcode, file.read(length))
             except DamageError:
-                return Record("other", end, at + 1, is_whole=False)
-        elif opcode not in LENGTHS and opcode < records.PRIVATE:
+                return Record("other", end, is_whole=False)
+        elif opcode not in records.LENGTHS and opcode < records.PRIVATE:
             contents.losses.append(warning("log.record_unknown", kind=opcode, byte=at))
-        return Record("other", end, at + 1)
+        return Record("other", end)
 
     def _is_end(self, file: BinaryIO, at: int) -> bool:
         """Behind the end of the data there is the summary, the magic or nothing."""
         file.seek(at)
         rest = file.read(len(MAGIC))
-        return rest in {b"", MAGIC[: len(rest)]} or is_record(file, at, self.size)
-
-    def find_record(self, file: BinaryIO, start: int) -> int | None:
-        """See :class:`~imucalib_cli.logs.chunks.ChunkedFile`."""
-        return find_record(file, start, self.size)
+        return rest in {b"", MAGIC[: len(rest)]} or records.is_record(file, at, self.size)

@@ -1,13 +1,16 @@
-"""Rows of a damaged rosbag2 database, from every page that still reads as a leaf of its messages.
+"""What SQLite does not tell of a damaged rosbag2 database: rows, and pages of the -wal left out.
 
-SQLite stops at the first page that is not sound; the pages behind it are as good as before. The
-format is that of sqlite.org/fileformat2.html: a leaf holds rows, and what does not fit into it
-goes on in a chain of overflow pages.
+SQLite stops at the first page that is not sound; the pages behind it are as good as before, and
+each that still reads as a leaf of the messages counts. The format is that of
+sqlite.org/fileformat2.html: a leaf holds rows, and what does not fit into it goes on in a chain
+of overflow pages.
 """
 
 from __future__ import annotations
 
 import os
+import sys
+from contextlib import suppress
 from typing import TYPE_CHECKING, BinaryIO
 
 from imucalib_cli.logs.damage import DamageError
@@ -22,6 +25,10 @@ Row = tuple[int, int, bytes]
 _LEAF = 13
 _WIDTHS = {1: 1, 2: 2, 3: 3, 4: 4, 5: 6, 6: 8, 8: 0, 9: 0}
 """Bytes of an integer by its serial type; types 8 and 9 are the numbers 0 and 1 themselves."""
+_WAL_HEADER, _WAL_FRAME = 32, 24
+_SALTS = slice(16, 24), slice(8, 16)
+"""Where the header and a page's head say which round of writing they belong to."""
+_WAL_MAGICS = (0x377F0682, 0x377F0683)
 
 
 def salvage(path: Path, after: int, wanted: Collection[int]) -> Iterator[list[Row]]:
@@ -46,12 +53,31 @@ def salvage(path: Path, after: int, wanted: Collection[int]) -> Iterator[list[Ro
             yield list(found.values())
 
 
+def count_pages(path: Path) -> None:
+    """Let the header of a database name the pages that are there.
+
+    Offsets of the header: sqlite.org/fileformat2.html, 1.3.
+    """
+    with path.open("r+b") as file:
+        header = file.read(100)
+        count = path.stat().st_size // _page_size(header)
+        file.seek(28)
+        file.write(count.to_bytes(4, "big"))
+        # The count is believed only if it is as new as the last change.
+        file.seek(92)
+        file.write(header[24:28])
+
+
+def _page_size(header: bytes) -> int:
+    size = int.from_bytes(header[16:18], "big")
+    return 65536 if size == 1 else max(size, 512)
+
+
 class _Pages:
     def __init__(self, file: BinaryIO) -> None:
         self._handle = file.fileno()
         header = os.pread(self._handle, 100, 0).ljust(100, b"\0")
-        page_size = int.from_bytes(header[16:18], "big")
-        self._size = 65536 if page_size == 1 else max(page_size, 512)
+        self._size = _page_size(header)
         self._usable = max(self._size - header[20], 480)
         total = os.fstat(self._handle).st_size
         self.count = total // self._size
@@ -132,3 +158,32 @@ def _integer(page: bytes, kind: int, at: int) -> tuple[int, int]:
         return kind - 8, at
     end = at + _WIDTHS[kind]
     return int.from_bytes(page[at:end], "big", signed=True), end
+
+
+def pages_left_out(path: Path) -> tuple[int, int]:
+    """Pages of the -wal that SQLite does not use though they belong to it, and all of them.
+
+    It stops without a word where a checksum is wrong or a transaction was not finished
+    (sqlite.org/walformat.html).
+
+    Args:
+        path: The database, open at this moment, so that its -shm says what is used.
+    """
+    with suppress(OSError):
+        used = path.with_name(path.name + "-shm").read_bytes()[16:20]
+        with path.with_name(path.name + "-wal").open("rb") as wal:
+            header = wal.read(_WAL_HEADER)
+            page_size = int.from_bytes(header[8:12], "big")
+            if len(header) < _WAL_HEADER or int.from_bytes(header[:4], "big") not in _WAL_MAGICS:
+                return (1, 1) if header.strip(b"\0") else (0, 0)
+            step = _WAL_FRAME + max(page_size, 512)
+            whole = (os.fstat(wal.fileno()).st_size - _WAL_HEADER) // step
+            belongs = sum(
+                os.pread(wal.fileno(), _WAL_FRAME, _WAL_HEADER + k * step)[_SALTS[1]]
+                == header[_SALTS[0]]
+                for k in range(whole)
+            )
+            # The -shm is written in the machine's own byte order.
+            here = int.from_bytes(used, sys.byteorder)
+            return max(0, belongs - here), belongs
+    return 0, 0
