@@ -151,7 +151,7 @@ def calibration_request(
     options = estimator_options(estimator)
 
     from imucalib_cli.jobs.request import CalibrationRequest
-    from imucalib_cli.jobs.units import Units
+    from imucalib_cli.signals.units import Units
 
     units = Units(
         accel=recording.accel_unit,  # type: ignore[arg-type]  # checked above

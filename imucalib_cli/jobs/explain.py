@@ -16,9 +16,9 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.estimate import Estimate
     from imucalib_cli.jobs.motion import Motion
     from imucalib_cli.jobs.reading import Recording
-    from imucalib_cli.jobs.repair import Repaired
     from imucalib_cli.jobs.request import CalibrationRequest
     from imucalib_cli.robot.path import KinematicPath, Track
+    from imucalib_cli.signals.repair import Repaired
 
 
 def explain(

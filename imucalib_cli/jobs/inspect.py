@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from imucalib_cli.errors import ChoiceError, ImucalibError
 from imucalib_cli.estimate.options import MatchedOptions
-from imucalib_cli.jobs.calibrate import check_overlap
+from imucalib_cli.jobs.calibrate import check_overlap, mend
 from imucalib_cli.jobs.inspection import (
     Health,
     ImuFinding,
@@ -17,16 +17,16 @@ from imucalib_cli.jobs.inspection import (
     PoseFinding,
 )
 from imucalib_cli.jobs.motion import find_motion
-from imucalib_cli.jobs.reading import gather_sources, moving_streams
-from imucalib_cli.jobs.repair import look, repair
+from imucalib_cli.jobs.reading import gather_sources, moving_streams, samples_of
 from imucalib_cli.jobs.request import CalibrationRequest
 from imucalib_cli.logs.clock import choose_clock
 from imucalib_cli.logs.log import LogData, open_log
 from imucalib_cli.logs.messages import TF_TYPES
 from imucalib_cli.logs.select import candidates, select_topics
 from imucalib_cli.robot.urdf import load_robot
-from imucalib_cli.signals.health import guess_units, stamp_health
-from imucalib_cli.signals.samples import ImuSamples
+from imucalib_cli.signals.repair import look
+from imucalib_cli.signals.stream_health import stamp_health
+from imucalib_cli.signals.units import guess_units
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from imucalib_cli.logs.log import Log
     from imucalib_cli.logs.streams import ImuStream, JointStream, PoseStream
     from imucalib_cli.robot.urdf import Robot
+    from imucalib_cli.signals.samples import ImuSamples
 
 
 def inspect(
@@ -115,10 +116,11 @@ def _imus(
     findings, options = [], []
     hints = list(doubles)
     for imu in data.imus.values():
+        samples = samples_of(imu, clock)
         finding = ImuFinding(
             topic=imu.topic,
             frame_id=imu.frame_id,
-            units=guess_units(imu),
+            units=guess_units(samples),
             parent=None,
             world=None,
             motion=(),
@@ -127,11 +129,11 @@ def _imus(
         motion = None
         if problem is None:
             finding, motion = _with_motion(
-                finding, imu, sources, robot, request=request, clock=clock
+                finding, samples, sources, robot, request=request, clock=clock
             )
         if finding.units.accel_unit == "m/s², no gravity":
             options.append("--gravity none")
-        finding, told = _with_repairs(finding, imu, motion, request=request, clock=clock)
+        finding, told = _with_repairs(finding, samples, motion, request)
         hints += told
         findings.append(finding)
     return tuple(findings), tuple(dict.fromkeys(hints)), tuple(dict.fromkeys(options))
@@ -170,7 +172,7 @@ def _is_tf(topic: str, streams: tuple[PoseStream, ...]) -> bool:
 
 def _with_motion(
     finding: ImuFinding,
-    imu: ImuStream,
+    samples: ImuSamples,
     sources: Sources,
     robot: Robot | None,
     *,
@@ -178,10 +180,9 @@ def _with_motion(
     clock: Clock,
 ) -> tuple[ImuFinding, Motion | None]:
     """Say what carries and moves the IMU, or why that is not known."""
-    samples = ImuSamples(t=clock.seconds(imu), gyro=imu.gyro, accel=imu.accel)
     try:
         motion = find_motion(sources, robot, finding.frame_id, request)
-        check_overlap(samples, finding.topic, motion, clock)
+        check_overlap(samples, motion, clock)
     except ImucalibError as error:
         asks = isinstance(error, ChoiceError)
         return replace(finding, problem=str(error), needs_choice=asks, solved_by=error.option), None
@@ -200,22 +201,17 @@ def _with_motion(
 
 
 def _with_repairs(
-    finding: ImuFinding,
-    imu: ImuStream,
-    motion: Motion | None,
-    *,
-    request: CalibrationRequest,
-    clock: Clock,
+    finding: ImuFinding, samples: ImuSamples, motion: Motion | None, request: CalibrationRequest
 ) -> tuple[ImuFinding, tuple[Finding, ...]]:
     """What a run would mend or refuse in the IMU's values and in what moves it."""
     units = finding.units
     if motion is None:
-        return finding, (*units.findings, *look(imu, clock.seconds(imu)))
+        return finding, (*units.findings, *look(samples))
     floats = units.accel_unit == "m/s², no gravity"
     if floats:
         request = replace(request, estimator=MatchedOptions(gravity="none"))
     try:
-        mended = repair(imu, clock.seconds(imu), motion.path, request)
+        mended = mend(samples, motion.path, request)
     except ImucalibError as error:
         return replace(finding, problem=str(error)), ()
     if mended.gyro_unit == "deg/s":

@@ -15,7 +15,8 @@ if TYPE_CHECKING:
 
     from imucalib_cli.findings import Finding
     from imucalib_cli.logs.log import Topic
-    from imucalib_cli.signals.health import StampHealth, UnitGuess
+    from imucalib_cli.signals.stream_health import StampHealth
+    from imucalib_cli.signals.units import UnitGuess
 
 _MS = 1e3
 

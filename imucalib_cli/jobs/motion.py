@@ -9,14 +9,14 @@ import numpy as np
 
 from imucalib_cli.errors import ChoiceError, InputError, UntrustedError
 from imucalib_cli.findings import untrusted
-from imucalib_cli.jobs.static import is_static
-from imucalib_cli.jobs.told import nothing_told, see_told
-from imucalib_cli.results.pose import Nominal
+from imucalib_cli.results.pose import Nominal, fixed_transform
 from imucalib_cli.robot.build import find_base, is_still, joint_path, moving_base_path
 from imucalib_cli.robot.frames import Edge, frame_path
 from imucalib_cli.robot.mount import Mount, find_mount
+from imucalib_cli.robot.path import FixedStep
 from imucalib_cli.robot.rotations import matrix_from_quaternion
 from imucalib_cli.robot.urdf import near_matches
+from imucalib_cli.signals.moves import track_moves
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -24,11 +24,6 @@ if TYPE_CHECKING:
     from imucalib_cli.jobs.request import CalibrationRequest
     from imucalib_cli.robot.path import KinematicPath, Track
     from imucalib_cli.robot.urdf import Robot
-
-
-_PLAIN_M = 0.005
-_PLAIN_TURN = 1e-5
-"""1 - |cos| of half the angle: half a degree."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -75,13 +70,13 @@ def find_motion(
     """
     if robot is not None:
         if request.needs_nominal:
-            see_told(robot, frame_id, request.parent, request.imu_link)
+            see_nominal(robot, frame_id, request.parent, request.imu_link)
         motion = _with_robot(sources, robot, frame_id, request)
     else:
         motion = _from_frames(sources, frame_id, request)
     if request.needs_nominal and motion.nominal is None:
-        raise ChoiceError(nothing_told(motion.parent, motion.child))
-    if is_static(motion.path, sources):
+        raise ChoiceError(no_nominal(motion.parent, motion.child))
+    if _nothing_moves(motion.path, sources):
         raise UntrustedError(untrusted("robot.static"))
     if is_still(motion.path):
         raise InputError(
@@ -91,6 +86,17 @@ def find_motion(
             "it by --pose-topic"
         )
     return motion
+
+
+def _nothing_moves(path: KinematicPath, sources: Sources) -> bool:
+    """Whether a path has joints or poses that could move it, and nothing in the log moves.
+
+    Where only others move than those on the path, the path is in question, not the log.
+    """
+    if all(isinstance(step, FixedStep) for step in path.steps):
+        return False
+    moving = (edge.track for edge in sources.edges if not edge.is_static)
+    return not any(track_moves(track) for track in (*sources.joints, *moving))
 
 
 def _with_robot(
@@ -188,18 +194,9 @@ def _base(
     base = find_base(asked, robot)
     if base is not None or len(asked) == len(edges):
         return asked, base
-    moving = tuple(e for e in edges if e not in asked and _moves_plainly(e.track))
+    moving = tuple(e for e in edges if e not in asked and track_moves(e.track, plainly=True))
     base = find_base((*asked, *moving), robot)
     return ((*asked, *moving), base) if base is not None else (asked, None)
-
-
-def _moves_plainly(track: Track) -> bool:
-    """Whether a pose changes by more than odometry drifts at rest."""
-    values = track.values
-    if track.kind != "pose" or len(values) < 2:
-        return False
-    turned = 1.0 - np.abs(values[:, 3:] @ values[0, 3:]).min()
-    return bool(np.ptp(values[:, :3], axis=0).max() > _PLAIN_M or turned > _PLAIN_TURN)
 
 
 def _from_frames(sources: Sources, frame_id: str, request: CalibrationRequest) -> Motion:
@@ -262,3 +259,49 @@ def _topic_of(track: Track) -> str:
 
 def _topics(path: KinematicPath, sources: Sources) -> tuple[str, ...]:
     return tuple(dict.fromkeys(sources.topics[track.name] for track in path.tracks))
+
+
+def see_nominal(robot: Robot, frame_id: str, parent: str | None, imu_link: str | None) -> None:
+    """See before any computing that a URDF tells the pose of an IMU in the frame it is found in.
+
+    Raises:
+        ChoiceError: It has no such frame, or moves it relative to the parent that was asked for.
+    """
+    frame = imu_link or frame_id.lstrip("/")
+    if frame not in robot.links:
+        named = f"the IMU's frame '{frame}' is not in" if frame else "the IMU has no frame_id for"
+        raise ChoiceError(
+            f"{named} {robot.source}, so there is no pose to verify: name the IMU's link there "
+            f"with --imu-link{near_matches(frame, robot.links)}"
+        )
+    if parent is not None and parent in robot.links:
+        try:
+            fixed_transform(robot, parent, frame)
+        except ChoiceError as error:
+            raise ChoiceError(
+                f"{error}: leave --parent out, or name a link to which fixed joints alone lead"
+            ) from None
+
+
+def no_nominal(parent: str, child: str) -> str:
+    """The sentence for an IMU of which neither a URDF nor the log's static frames tell a pose."""
+    return (
+        f"neither a URDF nor a static frame of the log tells where '{child}' is on '{parent}', so "
+        "there is no pose to verify: give --urdf"
+    )
+
+
+def nominal_pose(robot: Robot, parent: str, child: str) -> Nominal:
+    """The pose of one link in another by the fixed joints of a URDF.
+
+    Raises:
+        ChoiceError: A link is not there, or a joint between them moves.
+    """
+    if child not in robot.links:
+        see_nominal(robot, child, None, None)
+    R, t = fixed_transform(robot, parent, child)
+    joint = robot.joint_above.get(child)
+    single = joint is not None and joint.kind == "fixed" and joint.parent == parent
+    return Nominal(
+        joint=joint.name if single and joint is not None else "", R_parent_imu=R, t_parent_imu=t
+    )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import threading
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -10,10 +12,10 @@ import numpy as np
 from imucalib_cli.errors import InputError
 from imucalib_cli.findings import Finding, note, warnings
 from imucalib_cli.jobs.motion import Sources
-from imucalib_cli.jobs.provenance import Fingerprints
 from imucalib_cli.logs.clock import choose_clock
 from imucalib_cli.logs.log import open_log
 from imucalib_cli.logs.select import select_topics
+from imucalib_cli.results.result import SourceFile
 from imucalib_cli.robot.frames import Edge
 from imucalib_cli.robot.path import Track
 from imucalib_cli.robot.urdf import load_robot
@@ -31,6 +33,8 @@ if TYPE_CHECKING:
 
 _SHOWN = 3
 """Losses told in one error; a damaged disk has thousands."""
+_BLOCK = 1 << 22
+"""Bytes hashed at a time."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -52,10 +56,6 @@ class Recording:
     def warnings(self) -> tuple[str, ...]:
         """The findings in words."""
         return warnings(self.findings)
-
-    def samples(self, imu: ImuStream) -> ImuSamples:
-        """One IMU on the log's clock."""
-        return ImuSamples(t=self.clock.seconds(imu), gyro=imu.gyro, accel=imu.accel)
 
 
 def read_recording(request: CalibrationRequest, progress: Progress | None = None) -> Recording:
@@ -88,6 +88,11 @@ def read_recording(request: CalibrationRequest, progress: Progress | None = None
         files=files,
         findings=(*data.findings, *clock.findings, *doubles),
     )
+
+
+def samples_of(imu: ImuStream, clock: Clock) -> ImuSamples:
+    """One IMU on the log's clock."""
+    return ImuSamples(t=clock.seconds(imu), gyro=imu.gyro, accel=imu.accel, topic=imu.topic)
 
 
 def _see_imus_used(
@@ -215,3 +220,51 @@ def moving_streams(data: LogData) -> list[Stream]:
     streams += [joint for joints in data.joints.values() for joint in joints]
     streams += [pose for poses in data.poses.values() for pose in poses if not pose.is_static]
     return streams
+
+
+class Fingerprints:
+    """SHA-256 of files, computed beside reading and estimating: hashing needs no interpreter.
+
+    The thread is a daemon, so that an error or Ctrl-C need not wait for gigabytes.
+    """
+
+    def __init__(self, paths: Iterable[Path]) -> None:
+        self._paths = tuple(paths)
+        self._files: tuple[SourceFile, ...] = ()
+        self._error: OSError | None = None
+        self._thread = threading.Thread(target=self._hash, name="fingerprints", daemon=True)
+        self._thread.start()
+
+    def result(self) -> tuple[SourceFile, ...]:
+        """Wait for the files, in the order they were given.
+
+        Raises:
+            InputError: A file cannot be read any more.
+        """
+        self._thread.join()
+        if self._error is not None:
+            named = self._error.filename
+            raise InputError(f"{named}: cannot be read: {self._error.strerror}") from self._error
+        return self._files
+
+    def _hash(self) -> None:
+        try:
+            self._files = tuple(
+                SourceFile(path=printable(path), sha256=_sha256(path)) for path in self._paths
+            )
+        except OSError as error:
+            self._error = error
+
+
+def printable(path: Path) -> str:
+    """A path as text that can be written: bytes that are no UTF-8 become question marks."""
+    return str(path).encode("utf-8", "surrogateescape").decode("utf-8", "replace")
+
+
+def _sha256(path: Path) -> str:
+    digest = hashlib.sha256()
+    buffer = memoryview(bytearray(_BLOCK))
+    with path.open("rb", buffering=0) as file:
+        while size := file.readinto(buffer):
+            digest.update(buffer[:size])
+    return digest.hexdigest()

@@ -12,23 +12,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from imucalib_cli.signals.spikes import MAD_TO_STD
+from imucalib_cli.signals.noise import MAD_TO_STD
+from imucalib_cli.signals.stamps import BUNCHED, SHORT, usual_interval
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.intp]
+if TYPE_CHECKING:
+    from imucalib_cli.arrays import Floats, Indices
 
-SHORT = 0.25
-"""Intervals below this share of the mean one are those within a burst."""
-BUNCHED = 0.05
-"""Share of short intervals from which stamps count as bunched; a rare hiccup is not worth it."""
 _LEAST = 200
 """Samples, for a rate."""
-SPAN = 128
-"""Samples over which the rate is looked at; the median over the log is blind to holes."""
 _SAME_STEP = 0.35
 """Mean square step of the values across short intervals over that across all: 1 for a device
 that keeps its rate, near 0 where samples were taken when they were stamped."""
@@ -109,7 +104,7 @@ def bunched_share(t: Floats) -> float:
     if len(t) < _LEAST:
         return 0.0
     steps = np.diff(t)
-    return float(np.mean(steps < SHORT * _usual_period(t)))
+    return float(np.mean(steps < SHORT * usual_interval(t)))
 
 
 def gathered(t: Floats) -> Floats:
@@ -118,7 +113,7 @@ def gathered(t: Floats) -> Floats:
     Args:
         t: (N,), s, finite, in the order of the messages.
     """
-    short = np.diff(t, prepend=-np.inf) < SHORT * _usual_period(t)
+    short = np.diff(t, prepend=-np.inf) < SHORT * usual_interval(t)
     first = np.maximum.accumulate(np.where(short, 0, np.arange(len(t))))
     return np.asarray(t[first])
 
@@ -139,7 +134,7 @@ def spread_bursts(t: Floats, *values: Floats) -> Spread | None:
     if rate_stretches(t):
         return None
     t = np.maximum.accumulate(t)
-    period = _usual_period(t)
+    period = usual_interval(t)
     if not _evenly_sampled(t, np.hstack(values), period):
         return None
     single = _Units(t, np.arange(len(t)), 1)
@@ -200,11 +195,6 @@ def _better(plain: Spread | None, other: Spread | None) -> Spread | None:
     if plain is None or other is None:
         return plain or other
     return other if other.scatter < _CLEARLY * plain.scatter else plain
-
-
-def _usual_period(t: Floats) -> float:
-    span = min(SPAN, len(t) - 1)
-    return float(np.median(t[span:] - t[:-span])) / span
 
 
 def _evenly_sampled(t: Floats, values: Floats, period: float) -> bool:

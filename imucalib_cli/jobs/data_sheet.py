@@ -1,4 +1,4 @@
-"""The IMU that the user says it is: what that tells an estimate beforehand, and afterwards."""
+"""The data sheet of the IMU that the user names: priors for the fit, and checks of it."""
 
 from __future__ import annotations
 

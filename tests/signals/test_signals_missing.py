@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from imucalib_cli.jobs.coverage import missing_parts
+from imucalib_cli.signals.stream_health import missing_parts
 
 T = np.arange(0.0, 60.0, 0.01)
 
