@@ -9,10 +9,9 @@ import numpy as np
 
 from imucalib_cli.errors import ChoiceError, InputError, UntrustedError
 from imucalib_cli.findings import untrusted
-from imucalib_cli.results.pose import Nominal, fixed_transform
 from imucalib_cli.robot.build import find_base, is_still, joint_path, moving_base_path
 from imucalib_cli.robot.frames import Edge, frame_path
-from imucalib_cli.robot.mount import Mount, find_mount
+from imucalib_cli.robot.mount import Nominal, find_mount, see_nominal
 from imucalib_cli.robot.path import FixedStep
 from imucalib_cli.robot.rotations import matrix_from_quaternion
 from imucalib_cli.robot.urdf import near_matches
@@ -103,13 +102,13 @@ def _with_robot(
     sources: Sources, robot: Robot, frame_id: str, request: CalibrationRequest
 ) -> Motion:
     mount = find_mount(robot, frame_id, request.parent, request.imu_link)
-    path = _robot_path(sources, robot, mount, request)
+    path = _robot_path(sources, robot, mount.parent, request)
     _see_poses_used(path, sources, request)
     return Motion(
         path=path,
         parent=mount.parent,
         child=mount.child,
-        nominal=_nominal(mount),
+        nominal=mount.nominal,
         topics=_topics(path, sources),
     )
 
@@ -127,8 +126,7 @@ def other_frames(
         return frames, lambda frame: frame_path(edges, frame, world=request.world)
 
     def path_to(link: str) -> KinematicPath:
-        mount = Mount(parent=link, child="", R_nominal=None, t_nominal=None, joint_name=None)
-        return _robot_path(sources, robot, mount, request)
+        return _robot_path(sources, robot, link, request)
 
     return robot.links, path_to
 
@@ -145,16 +143,8 @@ def _see_poses_used(path: KinematicPath, sources: Sources, request: CalibrationR
             )
 
 
-def _nominal(mount: Mount) -> Nominal | None:
-    if mount.R_nominal is None or mount.t_nominal is None:
-        return None
-    return Nominal(
-        joint=mount.joint_name or "", R_parent_imu=mount.R_nominal, t_parent_imu=mount.t_nominal
-    )
-
-
 def _robot_path(
-    sources: Sources, robot: Robot, mount: Mount, request: CalibrationRequest
+    sources: Sources, robot: Robot, parent: str, request: CalibrationRequest
 ) -> KinematicPath:
     """Joints through the URDF, below a moving base if the log has one; else frames alone."""
     # joints above all: with them a pose without a child can only be the base's
@@ -163,23 +153,23 @@ def _robot_path(
     try:
         if base is not None:
             return moving_base_path(
-                edges, robot, mount.parent, sources.joints, base=base.child, world=request.world
+                edges, robot, parent, sources.joints, base=base.child, world=request.world
             )
         if request.world is not None and request.world not in robot.links:
             raise ChoiceError(
                 f"--world {request.world}: no such link in {robot.source}"
                 f"{near_matches(request.world, robot.links)}"
             )
-        return joint_path(robot, mount.parent, sources.joints, world=request.world)
+        return joint_path(robot, parent, sources.joints, world=request.world)
     except InputError as error:
         # joint states of other joints only, while /tf knows all frames
-        if not any(mount.parent in (edge.parent, edge.child) for edge in edges):
+        if not any(parent in (edge.parent, edge.child) for edge in edges):
             if sources.unused:
                 # the URDF is not to blame for joints that are there and cannot be used
                 said = [str(error)] if sources.joints else []
                 raise InputError("; ".join((*sources.unused, *said))) from error
             raise
-    return frame_path(edges, mount.parent, world=request.world, robot=robot)
+    return frame_path(edges, parent, world=request.world, robot=robot)
 
 
 def _base(
@@ -261,47 +251,9 @@ def _topics(path: KinematicPath, sources: Sources) -> tuple[str, ...]:
     return tuple(dict.fromkeys(sources.topics[track.name] for track in path.tracks))
 
 
-def see_nominal(robot: Robot, frame_id: str, parent: str | None, imu_link: str | None) -> None:
-    """See before any computing that a URDF tells the pose of an IMU in the frame it is found in.
-
-    Raises:
-        ChoiceError: It has no such frame, or moves it relative to the parent that was asked for.
-    """
-    frame = imu_link or frame_id.lstrip("/")
-    if frame not in robot.links:
-        named = f"the IMU's frame '{frame}' is not in" if frame else "the IMU has no frame_id for"
-        raise ChoiceError(
-            f"{named} {robot.source}, so there is no pose to verify: name the IMU's link there "
-            f"with --imu-link{near_matches(frame, robot.links)}"
-        )
-    if parent is not None and parent in robot.links:
-        try:
-            fixed_transform(robot, parent, frame)
-        except ChoiceError as error:
-            raise ChoiceError(
-                f"{error}: leave --parent out, or name a link to which fixed joints alone lead"
-            ) from None
-
-
 def no_nominal(parent: str, child: str) -> str:
     """The sentence for an IMU of which neither a URDF nor the log's static frames tell a pose."""
     return (
         f"neither a URDF nor a static frame of the log tells where '{child}' is on '{parent}', so "
         "there is no pose to verify: give --urdf"
-    )
-
-
-def nominal_pose(robot: Robot, parent: str, child: str) -> Nominal:
-    """The pose of one link in another by the fixed joints of a URDF.
-
-    Raises:
-        ChoiceError: A link is not there, or a joint between them moves.
-    """
-    if child not in robot.links:
-        see_nominal(robot, child, None, None)
-    R, t = fixed_transform(robot, parent, child)
-    joint = robot.joint_above.get(child)
-    single = joint is not None and joint.kind == "fixed" and joint.parent == parent
-    return Nominal(
-        joint=joint.name if single and joint is not None else "", R_parent_imu=R, t_parent_imu=t
     )

@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 
 from imucalib_cli.errors import ChoiceError, ImucalibError
 from imucalib_cli.jobs.calibrate import calibrate
-from imucalib_cli.jobs.motion import no_nominal, nominal_pose
+from imucalib_cli.jobs.motion import no_nominal
 from imucalib_cli.jobs.result_files import display_name, read_result_file
 from imucalib_cli.results.result import SourceFile
 from imucalib_cli.results.verdicts import WITHIN, verify
+from imucalib_cli.robot.mount import nominal_pose
 from imucalib_cli.robot.urdf import load_robot
 
 if TYPE_CHECKING:

@@ -51,7 +51,7 @@ if TYPE_CHECKING:
 
     from imucalib_cli.estimate.estimate import Consistency, Estimate, Residuals
     from imucalib_cli.findings import Finding
-    from imucalib_cli.results.pose import Nominal
+    from imucalib_cli.robot.mount import Nominal
 
     Floats = NDArray[np.float64]
 

@@ -14,7 +14,8 @@ from msgspec import UNSET, Meta, Struct, UnsetType
 from numpy.typing import NDArray
 
 from imucalib_cli.estimate.estimate import CorrectionName
-from imucalib_cli.results.pose import Nominal, UncertainPose
+from imucalib_cli.results.pose import UncertainPose
+from imucalib_cli.robot.mount import Nominal
 from imucalib_cli.robot.rotations import matrix_from_quaternion
 
 Floats = NDArray[np.float64]

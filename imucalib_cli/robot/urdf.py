@@ -83,18 +83,6 @@ class Robot:
         """The joint that carries each link; the root has none."""
         return {joint.child: joint for joint in self.joints}
 
-    def chain(self, base: str, tip: str) -> tuple[Joint, ...]:
-        """Joints from ``base`` down to ``tip``, in this order.
-
-        Raises:
-            InputError: A link is not in the URDF, ``tip`` is not below ``base``, or a joint
-                between them is floating or planar.
-        """
-        joints = self._down(base, tip)
-        for joint in joints:
-            self.require_one_axis(joint)
-        return joints
-
     def route(self, start: str, end: str) -> tuple[tuple[Joint, bool], ...]:
         """Joints of any kind between two links, each with whether it is passed upwards.
 
