@@ -11,7 +11,12 @@ from imucalib_cli import __version__
 from imucalib_cli.errors import ChoiceError, ImucalibError, InputError
 from imucalib_cli.estimate.options import MatchedOptions, PaperOptions
 from imucalib_cli.findings import Finding, Severity
-from imucalib_cli.jobs.data_sheet import checked, contradicted, free, freed, with_priors
+from imucalib_cli.jobs.data_sheet import (
+    checked,
+    contradicted,
+    with_priors,
+    without_priors,
+)
 from imucalib_cli.jobs.explain import explain
 from imucalib_cli.jobs.motion import Motion, find_motion
 from imucalib_cli.jobs.reading import printable, read_recording, samples_of
@@ -90,17 +95,18 @@ def _calibrate_one(recording: Recording, imu: ImuStream, request: CalibrationReq
     tracks = {track.name: track.t for track in motion.path.tracks}
     missing = tuple(missing_parts({imu.topic: samples.t, **tracks}))
     mended = mend(samples, motion.path, request)
-    request = replace(request, estimator=with_priors(request.estimator, request.imu))
-    options = _with_initial(request.estimator, motion, verifying=request.needs_nominal)
+    options = with_priors(request.estimator, request.imu)
+    options = _with_initial(options, motion, verifying=request.needs_nominal)
     if isinstance(options, MatchedOptions):
         options = replace(options, either_sign=request.units.sign == "auto")
     estimate = _estimate(mended.samples, mended.path, options)
     wrong = contradicted(estimate, request.imu)
     if wrong:
-        request, options = freed(request, wrong), free(options, wrong)
+        options = without_priors(options, wrong)
         estimate = _estimate(mended.samples, mended.path, options)
-    # The published method's guess is recorded as where it came from, a prior as what it was.
-    told = replace(request, estimator=options) if isinstance(options, MatchedOptions) else request
+    if isinstance(options, MatchedOptions):
+        # A prior is recorded as what it was, the published method's guess as where it came from.
+        request = replace(request, estimator=options)
     estimate = checked(estimate, mended.samples, request.imu, wrong)
     estimate = explain(estimate, mended, motion, recording, request)
     estimate = _with_repairs(estimate, mended, (*recording.findings, *missing))
@@ -111,7 +117,7 @@ def _calibrate_one(recording: Recording, imu: ImuStream, request: CalibrationReq
         parent=motion.parent,
         child=motion.child,
         nominal=motion.nominal,
-        provenance=_provenance(recording, imu, motion, told),
+        provenance=_provenance(recording, imu, motion, request),
     )
 
 
@@ -150,9 +156,7 @@ def _with_repairs(
 
 
 def _estimate(
-    samples: ImuSamples,
-    path: KinematicPath,
-    options: MatchedOptions | PaperOptions,
+    samples: ImuSamples, path: KinematicPath, options: MatchedOptions | PaperOptions
 ) -> Estimate:
     if isinstance(options, MatchedOptions):
         from imucalib_cli.estimate.matched import calibrate_matched
