@@ -13,6 +13,7 @@ from imucalib_cli.estimate.imu_model import imu_assumptions
 from imucalib_cli.estimate.judge import DISTRUST_SIGMAS
 from imucalib_cli.estimate.options import MatchedOptions, PaperOptions
 from imucalib_cli.findings import Finding, warning
+from imucalib_cli.signals.imu_checks import beyond_ranges
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -25,8 +26,6 @@ if TYPE_CHECKING:
 
 FIRST_ORDER = math.pi / 2.0
 """Noise bandwidth over -3 dB bandwidth of a first-order filter, the widest skirt there is."""
-_BEYOND = 1.05
-"""Reading over full scale from which the sensor is another: converters reach a little farther."""
 _SENSORS: tuple[Sensor, Sensor] = ("accel", "gyro")
 
 
@@ -98,7 +97,7 @@ def checked(
         )
         for sensor in dropped
     ]
-    told = (*beyond, *_noise(check, model), *_beyond_range(samples, model))
+    told = (*beyond, *_noise(check, model), *beyond_ranges(samples, model.name, model.ranges))
     return replace(estimate, imu_check=check, findings=(*estimate.findings, *told))
 
 
@@ -129,18 +128,3 @@ def _least(expected: float, rate: float, bandwidth: float | None) -> float:
     if bandwidth is None:
         return expected
     return expected * math.sqrt(min(1.0, FIRST_ORDER * bandwidth / (rate / 2.0)))
-
-
-def _beyond_range(imu: ImuSamples, model: ImuModel) -> Iterator[Finding]:
-    """A finding for each sensor that reads what the IMU named cannot."""
-    for sensor in _SENSORS:
-        full_scale = max(model.ranges(sensor), default=math.inf)
-        beyond = np.count_nonzero(np.abs(imu.of(sensor)).max(axis=1) > _BEYOND * full_scale)
-        if beyond:
-            yield warning(
-                "imu.beyond_range",
-                sensor=sensor,
-                samples=beyond,
-                full_scale=full_scale,
-                model=model.name,
-            )

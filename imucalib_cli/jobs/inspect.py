@@ -24,7 +24,7 @@ from imucalib_cli.logs.log import LogData, open_log
 from imucalib_cli.logs.messages import TF_TYPES
 from imucalib_cli.logs.select import Selection, candidates, select_topics
 from imucalib_cli.robot.urdf import load_robot
-from imucalib_cli.signals.repair import look
+from imucalib_cli.signals.repair import check_alone
 from imucalib_cli.signals.stream_health import stamp_health
 from imucalib_cli.signals.units import guess_units
 
@@ -68,9 +68,9 @@ def inspect(
     chosen, request, problem = _chosen(log, request)
     read = data if chosen is None else _part_of(data, chosen)
     clock = choose_clock(moving_streams(read), "auto")
-    sources, doubles = gather_sources(read, clock, () if chosen is None else chosen.unasked)
+    sources, duplicates = gather_sources(read, clock, () if chosen is None else chosen.unasked)
     imus: list[ImuFinding] = []
-    hints = [*data.findings, *clock.findings, *doubles]
+    hints = [*data.findings, *clock.findings, *duplicates]
     for imu in data.imus.values():
         found, told = _imu(imu, clock, sources, robot, request=request, problem=problem)
         imus.append(found)
@@ -139,7 +139,7 @@ def _imu(
     except ImucalibError as error:
         asks = isinstance(error, ChoiceError)
         found = replace(found, problem=str(error), needs_choice=asks, solved_by=error.option)
-        return found, (*units.findings, *look(samples))
+        return found, (*units.findings, *check_alone(samples))
     unnamed = any(
         not edge.child and sources.topics[edge.track.name] == motion.parent
         for edge in sources.edges

@@ -11,7 +11,7 @@ from imucalib_cli.errors import ChoiceError, InputError, UntrustedError
 from imucalib_cli.findings import untrusted
 from imucalib_cli.robot.build import find_base, is_still, joint_path, moving_base_path
 from imucalib_cli.robot.frames import Edge, frame_path
-from imucalib_cli.robot.mount import Nominal, find_mount, see_nominal
+from imucalib_cli.robot.mount import Nominal, find_mount, require_nominal
 from imucalib_cli.robot.path import FixedStep
 from imucalib_cli.robot.rotations import matrix_from_quaternion
 from imucalib_cli.robot.urdf import near_matches
@@ -69,7 +69,7 @@ def find_motion(
     """
     if robot is not None:
         if request.needs_nominal:
-            see_nominal(robot, frame_id, request.parent, request.imu_link)
+            require_nominal(robot, frame_id, request.parent, request.imu_link)
         motion = _with_robot(sources, robot, frame_id, request)
     else:
         motion = _from_frames(sources, frame_id, request)
@@ -103,7 +103,7 @@ def _with_robot(
 ) -> Motion:
     mount = find_mount(robot, frame_id, request.parent, request.imu_link)
     path = _robot_path(sources, robot, mount.parent, request)
-    _see_poses_used(path, sources, request)
+    _require_poses_used(path, sources, request)
     return Motion(
         path=path,
         parent=mount.parent,
@@ -131,7 +131,7 @@ def other_frames(
     return robot.links, path_to
 
 
-def _see_poses_used(path: KinematicPath, sources: Sources, request: CalibrationRequest) -> None:
+def _require_poses_used(path: KinematicPath, sources: Sources, request: CalibrationRequest) -> None:
     """A pose topic that was asked for and does not move the robot is a mistake, not a detail."""
     unused = set(request.pose_topics) - set(_topics(path, sources))
     for edge in sources.edges:

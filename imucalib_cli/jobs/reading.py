@@ -74,10 +74,10 @@ def read_recording(request: CalibrationRequest, progress: Progress | None = None
         chosen.all, None if progress is None else lambda share: progress("reading", share)
     )
     imus = tuple(imu for imu in data.imus.values() if len(imu))
-    _see_imus_used(imus, chosen.imus, data, request)
+    _require_imus(imus, chosen.imus, data, request)
     clock = choose_clock(moving_streams(data), request.clock)
-    _see_stamps_advance(imus, clock)
-    sources, doubles = gather_sources(data, clock, chosen.unasked)
+    _require_advancing_stamps(imus, clock)
+    sources, duplicates = gather_sources(data, clock, chosen.unasked)
     return Recording(
         imus=imus,
         joints=data.joints,
@@ -86,7 +86,7 @@ def read_recording(request: CalibrationRequest, progress: Progress | None = None
         robot=None if request.urdf is None else load_robot(request.urdf),
         paths=log.paths,
         files=files,
-        findings=(*data.findings, *clock.findings, *doubles),
+        findings=(*data.findings, *clock.findings, *duplicates),
     )
 
 
@@ -95,7 +95,7 @@ def samples_of(imu: ImuStream, clock: Clock) -> ImuSamples:
     return ImuSamples(t=clock.seconds(imu), gyro=imu.gyro, accel=imu.accel, topic=imu.topic)
 
 
-def _see_imus_used(
+def _require_imus(
     imus: tuple[ImuStream, ...],
     topics: Iterable[str],
     data: LogData,
@@ -108,7 +108,7 @@ def _see_imus_used(
         raise InputError("; ".join(_why_unused(topic, data) for topic in unused))
 
 
-def _see_stamps_advance(imus: tuple[ImuStream, ...], clock: Clock) -> None:
+def _require_advancing_stamps(imus: tuple[ImuStream, ...], clock: Clock) -> None:
     """Without any difference in time there is nothing to estimate."""
     for imu in imus:
         stamps = clock.stamps_ns(imu)
@@ -162,7 +162,7 @@ def gather_sources(
     poses = [pose for streams in data.poses.values() for pose in streams]
     told = {(pose.parent, pose.child) for pose in poses if pose.topic not in unasked}
     poses = [p for p in poses if p.topic not in unasked or (p.parent, p.child) not in told]
-    kept, doubles = _one_for_each_edge(poses)
+    kept, duplicates = _one_for_each_edge(poses)
     edges = []
     for pose in kept:
         name = f"{pose.topic} ({pose.parent} -> {pose.child or '?'})"
@@ -186,13 +186,13 @@ def gather_sources(
         unused=unused,
         unasked=frozenset(unasked),
     )
-    return sources, doubles
+    return sources, duplicates
 
 
 def _one_for_each_edge(poses: list[PoseStream]) -> tuple[list[PoseStream], tuple[Finding, ...]]:
     """Of several topics that tell the same pose, such as /odom and /tf, the one with most rows."""
     best: dict[tuple[str, str, str], PoseStream] = {}
-    doubles = []
+    duplicates = []
     for pose in poses:
         # poses without a child are of different things until told otherwise
         key = (pose.parent, pose.child, "" if pose.child else pose.topic)
@@ -202,7 +202,7 @@ def _one_for_each_edge(poses: list[PoseStream]) -> tuple[list[PoseStream], tuple
             continue
         keep, drop = (pose, known) if len(pose) > len(known) else (known, pose)
         best[key] = keep
-        doubles.append(
+        duplicates.append(
             note(
                 "pose.told_twice",
                 topic=drop.topic,
@@ -211,7 +211,7 @@ def _one_for_each_edge(poses: list[PoseStream]) -> tuple[list[PoseStream], tuple
                 used=keep.topic,
             )
         )
-    return list(best.values()), tuple(doubles)
+    return list(best.values()), tuple(duplicates)
 
 
 def moving_streams(data: LogData) -> list[Stream]:

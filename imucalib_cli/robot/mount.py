@@ -81,7 +81,7 @@ def find_mount(
     return Mount(parent=parent, child=frame, nominal=nominal)
 
 
-def see_nominal(robot: Robot, frame_id: str, parent: str | None, imu_link: str | None) -> None:
+def require_nominal(robot: Robot, frame_id: str, parent: str | None, imu_link: str | None) -> None:
     """See before any computing that a URDF tells the pose of an IMU in the frame it is found in.
 
     Raises:
@@ -109,7 +109,7 @@ def nominal_pose(robot: Robot, parent: str, child: str) -> Nominal:
     Raises:
         ChoiceError: A link is not there, or a joint between them moves.
     """
-    see_nominal(robot, child, None, None)
+    require_nominal(robot, child, None, None)
     return _nominal(robot, parent, child, *fixed_transform(robot, parent, child))
 
 

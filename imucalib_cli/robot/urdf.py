@@ -21,7 +21,6 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any, Literal, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.robot.urdf_check import check_urdf
@@ -31,7 +30,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-Floats = NDArray[np.float64]
+    from imucalib_cli.arrays import Floats
+
 JointKind = Literal["fixed", "revolute", "continuous", "prismatic", "floating", "planar"]
 
 

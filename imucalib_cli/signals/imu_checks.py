@@ -13,9 +13,7 @@ import numpy as np
 from imucalib_cli.errors import InputError
 from imucalib_cli.findings import Finding, untrusted, warning
 from imucalib_cli.signals.noise import white_noise
-from imucalib_cli.signals.samples import AXES, SENSORS, Sensor
-from imucalib_cli.signals.saturation import saturated
-from imucalib_cli.signals.stuck import (
+from imucalib_cli.signals.repeats import (
     ALIVE_NOISE,
     Fault,
     constant_axes,
@@ -24,9 +22,13 @@ from imucalib_cli.signals.stuck import (
     repeated_runs,
     repeats_by_chance,
 )
+from imucalib_cli.signals.samples import AXES, SENSORS, Sensor
+from imucalib_cli.signals.saturation import saturated
 from imucalib_cli.signals.turning import AGREE, TURNING
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
     from imucalib_cli.arrays import Bools, Floats
     from imucalib_cli.signals.samples import ImuSamples
     from imucalib_cli.signals.stretches import Stretches
@@ -34,6 +36,8 @@ if TYPE_CHECKING:
 
 _IMPOSSIBLE: dict[Sensor, tuple[float, str]] = {"gyro": (1e3, "rad/s"), "accel": (1e5, "m/s²")}
 """Beyond any IMU: the fastest gyroscopes end at 350 rad/s, shock sensors at 10^5 m/s²."""
+_BEYOND = 1.05
+"""Reading over full scale from which the sensor is another: converters reach a little farther."""
 _LEFT = 0.05
 """Share of the rotation that a gyroscope may miss."""
 _ALIKE = 0.7
@@ -131,6 +135,30 @@ def _dead(imu: ImuSamples, sensor: Sensor, axes: str) -> dict[str, Any]:
     """Values of a finding about axes that never change."""
     held = [float(np.median(imu.of(sensor)[:, AXES.index(axis)])) for axis in axes]
     return {"topic": imu.topic, "sensor": sensor, "axes": axes, "held": held}
+
+
+def beyond_ranges(
+    imu: ImuSamples, model: str, ranges: Callable[[Sensor], tuple[float, ...]]
+) -> Iterator[Finding]:
+    """A finding for each sensor that reads what the IMU named cannot.
+
+    Args:
+        imu: In order, SI.
+        model: Name of the IMU.
+        ranges: Its full scales, m/s² or rad/s; empty where they are not known.
+    """
+    for sensor in ("accel", "gyro"):
+        full_scale = max(ranges(sensor), default=np.inf)
+        largest = np.abs(imu.of(sensor)).max(axis=1)
+        beyond = np.count_nonzero(largest > _BEYOND * full_scale)
+        if beyond:
+            yield warning(
+                "imu.beyond_range",
+                sensor=sensor,
+                samples=beyond,
+                full_scale=full_scale,
+                model=model,
+            )
 
 
 def sensor_faults(

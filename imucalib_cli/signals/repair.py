@@ -14,7 +14,7 @@ import numpy as np
 from imucalib_cli.errors import InputError
 from imucalib_cli.findings import Finding, reasons, untrusted, warning, warnings
 from imucalib_cli.robot.path import JointStep
-from imucalib_cli.signals.bursts import bunched_share, gathered, rate_stretches, spread_bursts
+from imucalib_cli.signals.bursts import bunched_share, gathered, rate_stretches, time_bursts
 from imucalib_cli.signals.imu_checks import (
     dead_in_motion,
     refuse_dead,
@@ -151,7 +151,7 @@ def repair(
     )
 
 
-def look(imu: ImuSamples) -> tuple[Finding, ...]:
+def check_alone(imu: ImuSamples) -> tuple[Finding, ...]:
     """What is wrong with an IMU's stamps and values, as far as it shows without kinematics."""
     for refuse in (refuse_impossible, refuse_dead):
         try:
@@ -235,7 +235,7 @@ def _even(
     if stretches:
         rates, starts = zip(*((each.rate, each.start) for each in stretches), strict=True)
         return t, [warning("stamps.rate_changes", stream=name, rates=rates, starts=starts)]
-    spread = spread_bursts(t[rows], *(each[rows] for each in values))
+    spread = time_bursts(t[rows], *(each[rows] for each in values))
     if spread is None:
         return t, []
     share = bunched_share(t[rows])

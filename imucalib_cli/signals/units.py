@@ -293,7 +293,7 @@ def largest_rate(imu: ImuSamples) -> float:
 
 
 def _relative_spread(values: Floats) -> Floats:
-    """Spread within each stretch relative to the typical one: (count,)."""
+    """BurstTiming within each stretch relative to the typical one: (count,)."""
     spread: Floats = np.sqrt(values.var(axis=1).sum(axis=1))
     typical = float(np.median(spread))
     return spread / typical if typical > 0 else spread

@@ -15,7 +15,7 @@ from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.robot.path import KinematicPath, PoseStep, Track
 from imucalib_cli.robot.rotations import quaternion_from_matrix
-from imucalib_cli.signals.repair import Repaired, look, repair
+from imucalib_cli.signals.repair import Repaired, check_alone, repair
 from imucalib_cli.signals.units import Units
 from tests.estimate.estimate_arm import (
     Log,
@@ -359,11 +359,11 @@ def test_a_sign_that_no_motion_tells_is_left_to_the_user() -> None:
 def test_much_shows_without_kinematics() -> None:
     log = _log()
     imu = replace(log.imu, topic="/imu", gyro=np.clip(log.imu.gyro, -1.3, 1.3))
-    assert [each.message[:12] for each in look(imu)] == ["/imu: gyro x"]
-    (said,) = look(replace(imu, gyro=np.zeros_like(imu.gyro)))
+    assert [each.message[:12] for each in check_alone(imu)] == ["/imu: gyro x"]
+    (said,) = check_alone(replace(imu, gyro=np.zeros_like(imu.gyro)))
     assert "gyro is zero" in said.message
     _, stamps = _arrive(log.imu.t, 3, batch=10, drops=0.0)
-    (said,) = look(replace(imu, gyro=log.imu.gyro, t=stamps))
+    (said,) = check_alone(replace(imu, gyro=log.imu.gyro, t=stamps))
     assert said.code == "stamps.bunched"
 
 
