@@ -89,30 +89,22 @@ class Robot:
         Raises:
             InputError: A link is not in the URDF.
         """
-        self.require_link(start)
-        self.require_link(end)
-        above_start = [start]
-        while above_start[-1] in self.joint_above:
-            above_start.append(self.joint_above[above_start[-1]].parent)
-        common = end
-        while common not in above_start:
-            common = self.joint_above[common].parent
-        up = [(joint, True) for joint in reversed(self._down(common, start))]
-        down = [(joint, False) for joint in self._down(common, end)]
-        return (*up, *down)
+        above_start, above_end = self._ancestors(start), self._ancestors(end)
+        common = next(link for link in above_end if link in above_start)
+        up = above_start[: above_start.index(common)]
+        down = above_end[: above_end.index(common)]
+        return (
+            *((self.joint_above[link], True) for link in up),
+            *((self.joint_above[link], False) for link in reversed(down)),
+        )
 
-    def _down(self, base: str, tip: str) -> tuple[Joint, ...]:
-        self.require_link(base)
-        self.require_link(tip)
-        joints = []
-        link = tip
-        while link != base:
-            joint = self.joint_above.get(link)
-            if joint is None:
-                raise InputError(f"{self.source}: link '{tip}' is not below link '{base}'")
-            joints.append(joint)
-            link = joint.parent
-        return tuple(reversed(joints))
+    def _ancestors(self, link: str) -> list[str]:
+        """The link and all above it, to the root."""
+        self.require_link(link)
+        path = [link]
+        while path[-1] in self.joint_above:
+            path.append(self.joint_above[path[-1]].parent)
+        return path
 
     def require_link(self, link: str) -> None:
         """Raise InputError with near matches if the URDF has no such link."""

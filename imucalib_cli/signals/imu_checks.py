@@ -111,11 +111,11 @@ def dead_in_motion(imu: ImuSamples, turning: Turning) -> tuple[Finding, ...]:
     if rates[1] > _TWO_AXES * rates[0]:
         _refuse_axes(imu, "accel", _letters(constant_axes(imu.accel)))
     dead = _letters(constant_axes(imu.gyro))
-    both = np.isfinite(turning.derived) & np.isfinite(turning.measured)
-    derived, ratio = turning.derived[both], turning.ratio
+    ratio = turning.ratio
     if not dead or ratio is None or turning.correlation < _ALIKE:
         return ()
-    left = turning.measured[both] / ratio - derived
+    derived = turning.derived[turning.known]
+    left = turning.measured[turning.known] / ratio.value - derived
     if float(np.mean(left**2)) < _LEFT**2 * float(np.mean(derived**2)):
         return ()
     return (warning("imu.axes_dead_in_motion", **_dead(imu, "gyro", dead)),)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from imucalib_cli.errors import InputError
-from imucalib_cli.findings import Finding, reasons, untrusted, warning, warnings
+from imucalib_cli.findings import Finding, Severity, reasons, untrusted, warning, warnings
 from imucalib_cli.robot.path import JointStep
 from imucalib_cli.signals.bursts import bunched_share, gathered, rate_stretches, time_bursts
 from imucalib_cli.signals.imu_checks import (
@@ -47,10 +47,14 @@ _MOST_LEAPS = 0.05
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Repaired:
-    """Streams as an estimator may have them."""
+    """Streams as an estimator may have them, and what was done to them so far."""
 
     samples: ImuSamples
     path: KinematicPath
+    trajectory: Trajectory
+    """Of the path before stretches in which the robot's stream is held were left out."""
+    turning: Turning | None
+    """None where the IMU has too few samples for any of this, as the estimator will say."""
     findings: tuple[Finding, ...]
     """What was mended or left out, and why what is left says too little."""
     gyro_unit: str = "rad/s"
@@ -98,57 +102,100 @@ def repair(
     """
     refuse_impossible(imu, "accel")
     refuse_dead(imu)
-    streams = _on_sound_stamps(imu, path, max_offset)
-    path, turning = streams.path, streams.turning
-    if turning is None:
-        # too few for any of this, as the estimator will say
+    mended = _on_even_stamps(imu, path, max_offset)
+    if mended.turning is None:
         refuse_impossible(imu, "gyro")
-        return Repaired(samples=imu, path=path, findings=streams.findings)
-    tidy = streams.imu
-    suspects = list(dead_in_motion(tidy, turning))
-    turns = gyro_factor(tidy, turning, units.gyro, most_angle=_most_angle(path))
+        return replace(mended, samples=imu)
+    mended = _in_si_units(mended, units, gravity)
+    mended = _without_faults(mended, accel_ranges, max_offset)
+    mended = _without_held_robot(mended)
+    graver_first = sorted(mended.findings, key=lambda each: each.severity is Severity.WARNING)
+    return replace(mended, findings=tuple(graver_first))
+
+
+def _in_si_units(mended: Repaired, units: Units, gravity: float) -> Repaired:
+    turning = mended.turning
+    if turning is None:
+        return mended
+    imu, suspects = mended.samples, list(dead_in_motion(mended.samples, turning))
+    turns = gyro_factor(imu, turning, units.gyro, most_angle=_most_angle(mended.path))
     if not turns.is_mended:  # the motion knows better what raw counts are
         refuse_impossible(imu, "gyro")
-    pulls = accel_factor(tidy, units.accel, gravity=gravity)
-    findings = list(streams.findings)
+    pulls = accel_factor(imu, units.accel, gravity=gravity)
+    findings = list(mended.findings)
     for each in (turns, pulls):
         if each.finding is not None and not each.contradicted:
             (findings if each.is_mended else suspects).append(each.finding)
-    gyro, accel = _times(tidy.gyro, turns.value), _times(tidy.accel, pulls.value)
-    tidy = replace(tidy, gyro=gyro, accel=-accel if units.sign == "down" else accel)
-    turning = turning.scaled(turns.value)
-
-    faults = sensor_faults(tidy, turning, accel_ranges)
-    findings += [fault.finding(tidy) for fault in faults]
-    out, sound = np.zeros(0), tidy
-    if faults:
-        at_fault = clear_of(tidy.t, np.any([fault.rows for fault in faults], axis=0))
-        out, sound = tidy.t[at_fault], tidy.at(~at_fault)
-        if len(sound) < _LEAST_IMU:
-            raise InputError(
-                f"{findings[-1].message}: nothing else is left, so record again", topic=imu.topic
-            )
-        turning = compare_turning(sound.t, sound.gyro, streams.trajectory, max_offset)
-    # A link may stand still while its publisher is alive and other joints move.
-    held = [
-        stretch
-        for stretch in turning.held_robot()
-        if all(_repeats(track, *stretch) for track in path.tracks)
-    ]
-    if held:
-        names = [track.name for track in path.tracks]
-        findings.append(warning("robot.held", streams=names, stretches=held))
-        path = replace(path, tracks=tuple(_without(track, held) for track in path.tracks))
-    return Repaired(
-        samples=sound,
-        path=path,
-        findings=(*_too_much(turning, out, held), *findings),
+    gyro = imu.gyro * turns.value if turns.is_mended else imu.gyro
+    accel = imu.accel * pulls.value if pulls.is_mended else imu.accel
+    return replace(
+        mended,
+        samples=replace(imu, gyro=gyro, accel=-accel if units.sign == "down" else accel),
+        turning=turning.scaled(turns.value),
+        findings=tuple(findings),
         gyro_unit=turns.unit,
         accel_unit=pulls.unit,
-        samples_at_fault=len(out),
         suspects=tuple(suspects),
         contradicted=(*turns.contradicted, *pulls.contradicted),
     )
+
+
+def _without_faults(
+    mended: Repaired, accel_ranges: tuple[float, ...], max_offset: float
+) -> Repaired:
+    """Leave out frozen and saturated samples.
+
+    Raises:
+        InputError: Hardly anything is left.
+    """
+    imu = mended.samples
+    faults = sensor_faults(imu, mended.turning, accel_ranges)
+    if not faults:
+        return mended
+    findings = [*mended.findings, *(fault.finding(imu) for fault in faults)]
+    out = clear_of(imu.t, np.any([fault.rows for fault in faults], axis=0))
+    sound = imu.at(~out)
+    if len(sound) < _LEAST_IMU:
+        raise InputError(
+            f"{findings[-1].message}: nothing else is left, so record again", topic=imu.topic
+        )
+    turning = compare_turning(sound.t, sound.gyro, mended.trajectory, max_offset)
+    moved = np.nan_to_num(turning.derived)
+    lost = moved[np.unique(turning.bins_of(imu.t[out]))].sum() / max(moved.sum(), 1e-12)
+    if lost > _MOST_LOST:
+        findings.append(untrusted("imu.motion_left_out", share=lost))
+    return replace(
+        mended,
+        samples=sound,
+        turning=turning,
+        findings=tuple(findings),
+        samples_at_fault=int(out.sum()),
+    )
+
+
+def _without_held_robot(mended: Repaired) -> Repaired:
+    """Leave out stretches in which the robot's stream stands still while the IMU turns.
+
+    A link may stand still while its publisher is alive and other joints move.
+    """
+    tracks, turning = mended.path.tracks, mended.turning
+    if turning is None:
+        return mended
+    held = [
+        stretch
+        for stretch in turning.held_robot()
+        if all(_repeats(track, *stretch) for track in tracks)
+    ]
+    if not held:
+        return mended
+    names = [track.name for track in tracks]
+    findings = [*mended.findings, warning("robot.held", streams=names, stretches=held)]
+    turned = np.nan_to_num(turning.measured)
+    alone = sum(turned[turning.between(*stretch)].sum() for stretch in held)
+    if alone > _MOST_LOST * turned.sum():
+        findings.append(untrusted("robot.held_in_motion", share=alone / turned.sum()))
+    path = replace(mended.path, tracks=tuple(_without(track, held) for track in tracks))
+    return replace(mended, path=path, findings=tuple(findings))
 
 
 def check_alone(imu: ImuSamples) -> tuple[Finding, ...]:
@@ -165,25 +212,7 @@ def check_alone(imu: ImuSamples) -> tuple[Finding, ...]:
     return (*findings, *(fault.finding(tidy) for fault in faults))
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Streams:
-    """Streams on stamps one can compute with."""
-
-    imu: ImuSamples
-    """In order."""
-    path: KinematicPath
-    trajectory: Trajectory
-    turning: Turning | None
-    """None where the IMU has too few samples."""
-    findings: tuple[Finding, ...]
-
-    @property
-    def unexplained(self) -> float:
-        """Share of the IMU's turning that the robot's does not explain."""
-        return 1.0 if self.turning is None else 1.0 - self.turning.correlation
-
-
-def _on_sound_stamps(imu: ImuSamples, path: KinematicPath, max_offset: float) -> _Streams:
+def _on_even_stamps(imu: ImuSamples, path: KinematicPath, max_offset: float) -> Repaired:
     """Bursts become even ticks, but where the motion says that they are none.
 
     Junk that comes at once, of a damaged chunk or a driver's buffer, looks like a burst; counted
@@ -196,14 +225,14 @@ def _on_sound_stamps(imu: ImuSamples, path: KinematicPath, max_offset: float) ->
             continue
         tried = (*as_recorded, str(each.values["stream"]))
         other = _evened(imu, path, max_offset, tried)
-        if other.unexplained < _FAR_BETTER * best.unexplained:
+        if _unexplained(other) < _FAR_BETTER * _unexplained(best):
             best, as_recorded = other, tried
     return best
 
 
 def _evened(
     imu: ImuSamples, path: KinematicPath, max_offset: float, as_recorded: tuple[str, ...]
-) -> _Streams:
+) -> Repaired:
     """The streams without bursts, those of some left as they are."""
     imu, findings = _mended_imu(imu, as_recorded)
     tracks = []
@@ -216,13 +245,14 @@ def _evened(
     turning = None
     if len(imu) >= _LEAST_IMU:
         turning = compare_turning(imu.t, imu.gyro, trajectory, max_offset)
-    return _Streams(
-        imu=imu,
-        path=path,
-        trajectory=trajectory,
-        turning=turning,
-        findings=tuple(findings),
+    return Repaired(
+        samples=imu, path=path, trajectory=trajectory, turning=turning, findings=tuple(findings)
     )
+
+
+def _unexplained(streams: Repaired) -> float:
+    """Share of the IMU's turning that the robot's does not explain."""
+    return 1.0 if streams.turning is None else 1.0 - streams.turning.correlation
 
 
 def _even(
@@ -288,10 +318,6 @@ def _mended_track(track: Track, as_recorded: tuple[str, ...]) -> tuple[Track, li
     return replace(track, t=t[keep], values=track.values[keep]), findings
 
 
-def _times(values: Floats, factor: float) -> Floats:
-    return values if factor == 1.0 else values * factor
-
-
 def clear_of(t: Floats, rows: Bools) -> Bools:
     """Rows to leave out so that no window reaches over those at fault: (N,).
 
@@ -313,21 +339,6 @@ def _without(track: Track, stretches: list[tuple[float, float]]) -> Track:
     for start, end in stretches:
         keep &= (track.t < start) | (track.t > end)
     return replace(track, t=track.t[keep], values=track.values[keep])
-
-
-def _too_much(
-    turning: Turning, out: Floats, held: list[tuple[float, float]]
-) -> tuple[Finding, ...]:
-    """Whether what was left out, at some instants of the IMU's clock, is most of the motion."""
-    found = []
-    moved, turned = np.nan_to_num(turning.derived), np.nan_to_num(turning.measured)
-    lost = float(moved[np.unique(turning.bins_of(out))].sum()) / max(float(moved.sum()), 1e-12)
-    if lost > _MOST_LOST:
-        found.append(untrusted("imu.motion_left_out", share=lost))
-    alone = sum(float(turned[turning.between(*each)].sum()) for each in held)
-    if alone > _MOST_LOST * float(turned.sum()):
-        found.append(untrusted("robot.held_in_motion", share=alone / float(turned.sum())))
-    return tuple(found)
 
 
 def _most_angle(path: KinematicPath) -> float:

@@ -96,11 +96,10 @@ def _outrun(top: FlatTop, t: Floats, suspected: Floats, turning: Turning | None)
         return top.shape == "abrupt"
     count = len(turning.derived)
     full = np.bincount(turning.bins_of(t[top.rows]), minlength=count)
-    both = np.isfinite(turning.measured) & np.isfinite(turning.derived)
-    here = both & (full >= 0.5 * BIN / float(np.median(np.diff(t))))
+    here = turning.known & (full >= 0.5 * BIN / float(np.median(np.diff(t))))
     if not here.any():
         return top.shape == "abrupt"
-    elsewhere = both & (turning.derived > TURNING)
+    elsewhere = turning.known & (turning.derived > TURNING)
     elsewhere[turning.bins_of(suspected)] = False
     usual = 1.0
     if elsewhere.sum() >= _ELSEWHERE:

@@ -8,7 +8,7 @@ one of the two streams stands still alone.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -44,6 +44,17 @@ _MOST_BINS, _MOST_EMPTY = 1_000_000, 20
 """Bins that are held whatever the number of samples, and per sample."""
 
 
+class RateRatio(NamedTuple):
+    """How many times the robot's rate of turning an IMU reads."""
+
+    value: float
+    """Median over bins."""
+    scatter: float
+    """Standard deviation of a bin's ratio, over the ratio."""
+    std: float
+    """Standard deviation of the value, of bins that err independently."""
+
+
 @dataclass(frozen=True, eq=False)
 class Turning:
     """Mean rates in bins of one length; the IMU's bins are those of its own clock, lag taken off.
@@ -64,37 +75,25 @@ class Turning:
     """Of the two at that lag; 0 where they could not be compared."""
 
     @property
-    def ratio(self) -> float | None:
-        """Measured over derived where the link turns plainly; None where it hardly does."""
-        ratios = self._ratios()
-        return None if ratios is None else float(np.median(ratios))
+    def known(self) -> Bools:
+        """(B,), bins in which both rates are told."""
+        return np.isfinite(self.derived) & np.isfinite(self.measured)
 
     @property
-    def ratio_scatter(self) -> float:
-        """Standard deviation of a bin's ratio over the ratio, by its median; 0.0 where none is."""
-        ratios = self._ratios()
-        if ratios is None:
-            return 0.0
-        middle = float(np.median(ratios))
-        return MAD_TO_STD * float(np.median(np.abs(ratios - middle))) / max(middle, 1e-300)
+    def ratio(self) -> RateRatio | None:
+        """Measured over derived, by the faster half of the bins in which the link turns plainly.
 
-    @property
-    def ratio_std(self) -> float:
-        """Standard deviation of the ratio, of bins that err independently; 0.0 where none is."""
-        ratios = self._ratios()
-        if ratios is None:
-            return 0.0
-        middle = float(np.median(ratios))
-        return _MEDIAN_OVER_MEAN * self.ratio_scatter * middle / float(np.sqrt(len(ratios)))
-
-    def _ratios(self) -> Floats | None:
-        """Measured over derived in the faster half of the bins in which the link turns plainly."""
-        both = np.isfinite(self.derived) & np.isfinite(self.measured)
-        fast = both & (self.derived > TURNING)
+        None where it hardly turns.
+        """
+        fast = self.known & (self.derived > TURNING)
         if fast.sum() < _LEAST_BINS:
             return None
         fast &= self.derived >= np.median(self.derived[fast])
-        return np.asarray(self.measured[fast] / self.derived[fast])
+        ratios = self.measured[fast] / self.derived[fast]
+        middle = float(np.median(ratios))
+        scatter = MAD_TO_STD * float(np.median(np.abs(ratios - middle)))
+        std = _MEDIAN_OVER_MEAN * scatter / float(np.sqrt(len(ratios)))
+        return RateRatio(middle, scatter / max(middle, 1e-300), std)
 
     def scaled(self, factor: float) -> Turning:
         """The same with the IMU's rates in another unit."""
@@ -102,7 +101,7 @@ class Turning:
 
     def agreement(self, besides: Bools) -> float:
         """Correlation of the two rates at the lag, some bins left aside; 0 if too few are left."""
-        both = np.isfinite(self.derived) & np.isfinite(self.measured) & ~besides
+        both = self.known & ~besides
         a, b = self.derived[both], self.measured[both]
         if len(a) < _LEAST_BINS or np.ptp(a) == 0.0 or np.ptp(b) == 0.0:
             return 0.0
@@ -127,8 +126,7 @@ class Turning:
 
     def held_robot(self) -> list[tuple[float, float]]:
         """Stretches, robot seconds, in which the kinematics stand still and the IMU turns."""
-        known = np.isfinite(self.derived) & np.isfinite(self.measured)
-        still = known & (self.derived < _EXACTLY_STILL)
+        still = self.known & (self.derived < _EXACTLY_STILL)
         # Half a bin of lag, and motion that begins within one.
         inner = still & np.roll(still, 1) & np.roll(still, -1)
         turns = inner & (self.measured > _HELD_TURNING)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from imucalib_cli.arrays import Floats
     from imucalib_cli.signals.samples import ImuSamples
-    from imucalib_cli.signals.turning import Turning
+    from imucalib_cli.signals.turning import RateRatio, Turning
 
 _DEG = 180.0 / math.pi
 _NEAR = 0.15
@@ -32,15 +32,12 @@ _FLOATING = 0.05
 _USUAL_RATE = 100.0
 """Hz, of an IMU whose stamps tell none."""
 ACCEL_FACTORS = {"m/s2": 1.0, "g": STANDARD_GRAVITY, "mg": STANDARD_GRAVITY / 1000.0}
-GYRO_FACTORS = {"rad/s": 1.0, "deg/s": 1.0 / _DEG}
-"""What a unit that the user may state is multiplied by."""
+"""What values of a unit are multiplied by."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class KnownRatio:
-    """A factor by which gyroscopes are known to misread the robot's rate of turning."""
+class KnownRatio(NamedTuple):
+    """How gyroscopes of a unit are known to read the robot's rate of turning."""
 
-    unit: str
     ratio: float
     """Read over true."""
     factor: str
@@ -49,15 +46,14 @@ class KnownRatio:
     """Of the two rates, for the ratio to mean this."""
 
 
-KNOWN_RATIOS = (
-    KnownRatio(unit="rad/s", ratio=1.0, factor="1", least_correlation=0.0),
-    KnownRatio(unit="deg/s", ratio=_DEG, factor="pi/180", least_correlation=0.5),
+_TWICE = "rad/s converted twice"
+KNOWN_RATIOS = {
+    "rad/s": KnownRatio(1.0, "1", 0.0),
+    "deg/s": KnownRatio(_DEG, "pi/180", 0.5),
     # An IMU that hardly turns reads a small share of the robot's rate too: the rates must agree.
-    KnownRatio(
-        unit="rad/s converted twice", ratio=1.0 / _DEG, factor="180/pi", least_correlation=AGREE
-    ),
-)
-"""What the ratio of two rates of turning may be; any other constant factor is told, not mended."""
+    _TWICE: KnownRatio(1.0 / _DEG, "180/pi", AGREE),
+}
+"""By unit; any other constant factor between the two rates is refused, not mended."""
 _CLEAR = 0.5
 """Correlation of the two rates of turning from which their ratio means something."""
 _FAR = 5.0
@@ -118,62 +114,63 @@ def gyro_factor(
         InputError: It speaks in no known unit.
     """
     ratio = turning.ratio if turning.correlation > _CLEAR else None
-    known = None if ratio is None else _known(ratio, turning)
-    if known is not None and known.ratio < 1.0 and most_angle > _MOST_ANGLE:
-        known = KNOWN_RATIOS[0]
+    reads = None if ratio is None else ratio.value
+    unit = None if reads is None else _unit_of(reads, turning.correlation)
+    if unit == _TWICE and most_angle > _MOST_ANGLE:
+        unit = "rad/s"
     if wanted != "auto":
+        stated = KNOWN_RATIOS[wanted].ratio
         wrong = None
-        if known is not None and known.unit != wanted:
-            stated = next(each.ratio for each in KNOWN_RATIOS if each.unit == wanted)
+        if unit not in (None, wanted):
             wrong = untrusted(
                 "imu.gyro_unit_contradicted",
                 topic=imu.topic,
                 stated=wanted,
-                ratio=ratio,
+                ratio=reads,
                 expected=stated,
-                unit=known.unit,
+                unit=unit,
             )
-        return Factor(unit=wanted, value=GYRO_FACTORS[wanted], finding=wrong)
-    kept = Factor(unit="rad/s", value=1.0)
-    if ratio is not None and known is not None and known.ratio != 1.0:
-        told = warning(
+        return Factor(unit=wanted, value=1.0 / stated, finding=wrong)
+    if unit not in (None, "rad/s"):
+        known = KNOWN_RATIOS[unit]
+        converted = warning(
             "imu.gyro_unit_converted",
             topic=imu.topic,
-            ratio=ratio,
-            unit=known.unit,
+            ratio=reads,
+            unit=unit,
             factor=known.factor,
             keep="rad/s",
         )
-        return Factor(unit=known.unit, value=1.0 / known.ratio, finding=told)
-    if ratio is not None and known is None and _is_constant(ratio, turning):
+        return Factor(unit=unit, value=1.0 / known.ratio, finding=converted)
+    if unit is None and ratio is not None and _is_constant(ratio, turning):
         raise InputError(
             untrusted(
                 "imu.gyro_factor_unknown",
                 topic=imu.topic,
-                factor=ratio,
-                std=turning.ratio_std,
-                known=[f"{each.ratio:.3g} for {each.unit}" for each in KNOWN_RATIOS],
+                factor=reads,
+                std=ratio.std,
+                known=[f"{each.ratio:.3g} for {name}" for name, each in KNOWN_RATIOS.items()],
             )
         )
     largest = largest_rate(imu)
     if largest > _MOST_RATE:
         raise InputError(
-            untrusted("imu.gyro_too_fast", topic=imu.topic, largest=largest, ratio=ratio)
+            untrusted("imu.gyro_too_fast", topic=imu.topic, largest=largest, ratio=reads)
         )
-    return kept
+    return Factor(unit="rad/s", value=1.0)
 
 
-def _known(ratio: float, turning: Turning) -> KnownRatio | None:
-    for each in KNOWN_RATIOS:
-        if abs(ratio / each.ratio - 1.0) < _NEAR and turning.correlation > each.least_correlation:
-            return each
+def _unit_of(ratio: float, correlation: float) -> str | None:
+    for unit, known in KNOWN_RATIOS.items():
+        if abs(ratio / known.ratio - 1.0) < _NEAR and correlation > known.least_correlation:
+            return unit
     return None
 
 
-def _is_constant(ratio: float, turning: Turning) -> bool:
+def _is_constant(ratio: RateRatio, turning: Turning) -> bool:
     """Whether a ratio far from 1 is the same throughout, as that of a wrong unit is."""
-    far = max(ratio, 1.0 / max(ratio, 1e-300)) > _FAR
-    return far and turning.correlation > AGREE and turning.ratio_scatter < _CONSTANT
+    far = max(ratio.value, 1.0 / max(ratio.value, 1e-300)) > _FAR
+    return far and turning.correlation > AGREE and ratio.scatter < _CONSTANT
 
 
 def accel_factor(imu: ImuSamples, wanted: AccelUnit, *, gravity: float) -> Factor:

@@ -59,7 +59,8 @@ def test_a_sound_sensor_is_not_blamed(
 def test_rates_of_turning_agree_whatever_the_mount(clean: Log) -> None:
     turning = _turning(_sensed(clean, MEMS, (0.0, 0.0)))
     assert turning.lag == pytest.approx(0.2, abs=0.01)
-    assert turning.ratio == pytest.approx(1.0, abs=0.01)
+    assert turning.ratio is not None
+    assert turning.ratio.value == pytest.approx(1.0, abs=0.01)
     assert turning.correlation > 0.99
     # biases that estimate_arm adds
     np.testing.assert_allclose(turning.bias, (0.01, -0.02, 0.005), atol=2e-3)
@@ -187,3 +188,26 @@ def test_clocks_that_do_not_match_are_no_fault_of_the_robot(clean: Log) -> None:
     imu = clean.noisy(3).imu
     turning = compare_turning(imu.t + 4.7, imu.gyro, Trajectory.of(clean.path), 1.0)
     assert turning.held_robot() == []
+
+
+TWO_G = 2 * 9.80665
+QUANTUM = TWO_G / 32768
+
+
+def test_a_gentle_flat_top_is_saturation_only_at_a_known_range() -> None:
+    """It ends so gently that the values do not tell."""
+    t = np.arange(4000) / 200.0
+    # Barely beyond the range, so that the slope before the flat top is that of any motion.
+    swing = 1.004 * TWO_G * np.sin(2 * np.pi * 0.5 * t)
+    rest = 0.3 * np.sin(1.3 * t), 9.8 + 0.2 * np.cos(0.7 * t)
+    accel = np.stack([np.clip(swing, -TWO_G, TWO_G), *rest], axis=1)
+    accel = np.round(accel / QUANTUM) * QUANTUM
+    gyro = 0.01 * np.stack([np.sin(0.4 * t), np.cos(0.3 * t), np.sin(0.2 * t)], axis=1)
+    imu = ImuSamples(t=t, gyro=gyro, accel=accel)
+    assert sensor_faults(imu, None) == []
+    (fault,) = sensor_faults(imu, None, (TWO_G, 2 * TWO_G))
+    assert (fault.sensor, fault.kind, fault.axes) == ("accel", "saturated", "x")
+    assert fault.value == pytest.approx([-TWO_G, TWO_G], rel=1e-4)
+    assert fault.rows.sum() == (np.abs(swing) >= TWO_G - QUANTUM / 2).sum()
+    # At another range the same top is the motion's.
+    assert sensor_faults(imu, None, (3 * TWO_G,)) == []

@@ -35,8 +35,7 @@ def turning(ratio: float, *, scatter: float = 0.01, correlation: float = 0.99) -
 def test_known_ratios_are_taken_for_their_unit(ratio: float, unit: str) -> None:
     found = gyro_factor(resting(G), turning(ratio), "auto", most_angle=2.0)
     assert found.unit == unit
-    known = next(each.ratio for each in KNOWN_RATIOS if each.unit == unit)
-    assert found.value == pytest.approx(1.0 / known)
+    assert found.value == pytest.approx(1.0 / KNOWN_RATIOS[unit].ratio)
     assert (found.finding is None) == (unit == "rad/s")
 
 
