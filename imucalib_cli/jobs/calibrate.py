@@ -111,12 +111,12 @@ def _calibrate_one(recording: Recording, imu: ImuStream, request: CalibrationReq
     estimate = explain(estimate, mended, motion, recording, request)
     estimate = _with_repairs(estimate, mended, (*recording.findings, *missing))
     if request.require is not None:
-        estimate = require(estimate, motion.parent, request.require)
+        estimate = require(estimate, motion.mount.parent, request.require)
     return result_of(
         estimate,
-        parent=motion.parent,
-        child=motion.child,
-        nominal=motion.nominal,
+        parent=motion.mount.parent,
+        child=motion.mount.child,
+        nominal=motion.mount.nominal,
         provenance=_provenance(recording, imu, motion, request),
     )
 
@@ -175,7 +175,7 @@ def _with_initial(
     Raises:
         ChoiceError: It is needed and nothing tells it, or it is what is to be verified.
     """
-    nominal = motion.nominal
+    nominal = motion.mount.nominal
     if isinstance(options, PaperOptions):
         if options.R_initial is not None or nominal is None:
             return options
@@ -190,8 +190,8 @@ def _with_initial(
         )
     if nominal is None:
         raise ChoiceError(
-            f"--fix and --prior-std need a pose of {motion.child} in {motion.parent} to be about, "
-            'and no joint tells it: give --initial "X Y Z R P Y", or --imu-link'
+            f"--fix and --prior-std need a pose of {motion.mount.child} in {motion.mount.parent} "
+            'to be about, and no joint tells it: give --initial "X Y Z R P Y", or --imu-link'
         )
     told = replace(prior, R_parent_imu=nominal.R_parent_imu, t_parent_imu=nominal.t_parent_imu)
     return replace(options, pose=told)

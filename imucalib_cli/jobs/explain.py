@@ -55,9 +55,9 @@ def explain(
         # what was seen of the sensor before the fit
         causes = tuple(replace(each, severity=Severity.UNTRUSTED) for each in mended.suspects)
     estimate = explained(estimate, causes)
-    if motion.nominal is None or not estimate.trusted:
+    if motion.mount.nominal is None or not estimate.trusted:
         return estimate
-    nominal = motion.nominal
+    nominal = motion.mount.nominal
     inverted = inverted_nominal(estimate, nominal.R_parent_imu, nominal.t_parent_imu, nominal.joint)
     if inverted is None:
         return estimate

@@ -141,12 +141,12 @@ def _imu(
         found = replace(found, problem=str(error), needs_choice=asks, solved_by=error.option)
         return found, (*units.findings, *check_alone(samples))
     unnamed = any(
-        not edge.child and sources.topics[edge.track.name] == motion.parent
+        not edge.child and sources.topics[edge.track.name] == motion.mount.parent
         for edge in sources.edges
     )
     found = replace(
         found,
-        parent=motion.parent,
+        parent=motion.mount.parent,
         world=motion.path.world,
         motion=motion.topics,
         parent_unnamed=unnamed,

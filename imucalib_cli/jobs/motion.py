@@ -11,7 +11,7 @@ from imucalib_cli.errors import ChoiceError, InputError, UntrustedError
 from imucalib_cli.findings import untrusted
 from imucalib_cli.robot.build import find_base, is_still, joint_path, moving_base_path
 from imucalib_cli.robot.frames import Edge, frame_path
-from imucalib_cli.robot.mount import Nominal, find_mount, require_nominal
+from imucalib_cli.robot.mount import Mount, Nominal, find_mount, require_nominal
 from imucalib_cli.robot.path import FixedStep
 from imucalib_cli.robot.rotations import matrix_from_quaternion
 from imucalib_cli.robot.urdf import near_matches
@@ -45,9 +45,7 @@ class Motion:
     """How the parent of one IMU moves, and what was believed about the mount before."""
 
     path: KinematicPath
-    parent: str
-    child: str
-    nominal: Nominal | None
+    mount: Mount
     topics: tuple[str, ...]
 
 
@@ -67,19 +65,22 @@ def find_motion(
         InputError: The log does not tell how the parent moves.
         UntrustedError: Nothing that the log tells of moves, so that no pose can be determined.
     """
-    if robot is not None:
+    if robot is None:
+        path, mount = _from_frames(sources, frame_id, request)
+    else:
         if request.needs_nominal:
             require_nominal(robot, frame_id, request.parent, request.imu_link)
-        motion = _with_robot(sources, robot, frame_id, request)
-    else:
-        motion = _from_frames(sources, frame_id, request)
-    if request.needs_nominal and motion.nominal is None:
-        raise ChoiceError(no_nominal(motion.parent, motion.child))
+        mount = find_mount(robot, frame_id, request.parent, request.imu_link)
+        path = _robot_path(sources, robot, mount.parent, request)
+        _require_poses_used(path, sources, request)
+    motion = Motion(path=path, mount=mount, topics=_topics(path, sources))
+    if request.needs_nominal and motion.mount.nominal is None:
+        raise ChoiceError(no_nominal(motion.mount.parent, motion.mount.child))
     if _nothing_moves(motion.path, sources):
         raise UntrustedError(untrusted("robot.static"))
     if is_still(motion.path):
         raise InputError(
-            f"{motion.parent} never moves in {motion.path.world} according to "
+            f"{motion.mount.parent} never moves in {motion.path.world} according to "
             f"{', '.join(motion.topics) or 'the URDF, whose joints on the way are all fixed'}: "
             "check --parent and --urdf, record a log in which the robot moves, or give what moves "
             "it by --pose-topic"
@@ -96,21 +97,6 @@ def _nothing_moves(path: KinematicPath, sources: Sources) -> bool:
         return False
     moving = (edge.track for edge in sources.edges if not edge.is_static)
     return not any(track_moves(track) for track in (*sources.joints, *moving))
-
-
-def _with_robot(
-    sources: Sources, robot: Robot, frame_id: str, request: CalibrationRequest
-) -> Motion:
-    mount = find_mount(robot, frame_id, request.parent, request.imu_link)
-    path = _robot_path(sources, robot, mount.parent, request)
-    _require_poses_used(path, sources, request)
-    return Motion(
-        path=path,
-        parent=mount.parent,
-        child=mount.child,
-        nominal=mount.nominal,
-        topics=_topics(path, sources),
-    )
 
 
 def other_frames(
@@ -189,7 +175,10 @@ def _base(
     return ((*asked, *moving), base) if base is not None else (asked, None)
 
 
-def _from_frames(sources: Sources, frame_id: str, request: CalibrationRequest) -> Motion:
+def _from_frames(
+    sources: Sources, frame_id: str, request: CalibrationRequest
+) -> tuple[KinematicPath, Mount]:
+    """Path and mount by the log's own frames, where there is no URDF."""
     if not sources.edges:
         if sources.joints:
             listed = ", ".join(dict.fromkeys(sources.topics[t.name] for t in sources.joints))
@@ -205,9 +194,7 @@ def _from_frames(sources: Sources, frame_id: str, request: CalibrationRequest) -
         parent, nominal = _guess_parent(edges, frame_id)
     path = frame_path(edges, parent, world=request.world)
     child = request.imu_link or frame_id or "imu"
-    return Motion(
-        path=path, parent=parent, child=child, nominal=nominal, topics=_topics(path, sources)
-    )
+    return path, Mount(parent=parent, child=child, nominal=nominal)
 
 
 def _guess_parent(edges: tuple[Edge, ...], frame_id: str) -> tuple[str, Nominal | None]:
