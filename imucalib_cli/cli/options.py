@@ -313,7 +313,7 @@ def calibration_request(
         InputError: The data sheet of the user's own states something else.
     """
     from imucalib_cli.jobs.request import CalibrationRequest
-    from imucalib_cli.jobs.units import Units
+    from imucalib_cli.signals.units import Units
 
     asked: dict[str, Any] = {
         name: tuple(value) if isinstance(value, list) else value

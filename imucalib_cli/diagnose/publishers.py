@@ -13,7 +13,7 @@ import numpy as np
 from imucalib_cli.diagnose.edits import label_of, topic_of
 from imucalib_cli.findings import Finding, untrusted
 from imucalib_cli.robot.path import JointStep, PoseStep
-from imucalib_cli.signals.spikes import MAD_TO_STD
+from imucalib_cli.signals.noise import MAD_TO_STD
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats

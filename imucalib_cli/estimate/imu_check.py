@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from imucalib_cli.signals.noise import white_noise
 from imucalib_cli.signals.stamps import tidy_rows
-from imucalib_cli.signals.stuck import noise
 
 if TYPE_CHECKING:
     from imucalib_cli.estimate.estimate import Residuals
@@ -73,7 +73,7 @@ def check_imu(
     accel, gyro = (
         SensorCheck(
             expected=model.noise(sensor) * float(np.sqrt(rate / 2.0)),
-            measured=float(np.sqrt(np.mean(noise(values[sensor]) ** 2))),
+            measured=float(np.sqrt(np.mean(white_noise(values[sensor]) ** 2))),
             in_windows=None if left is None else left[place],
             bias_prior=priors.get(sensor),
         )

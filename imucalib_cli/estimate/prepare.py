@@ -11,9 +11,9 @@ import numpy as np
 from imucalib_cli.errors import InputError
 from imucalib_cli.signals.grid import ImuGrid, imu_grid
 from imucalib_cli.signals.interpolate import lagrange
+from imucalib_cli.signals.noise import white_noise
 from imucalib_cli.signals.spikes import find_spikes
 from imucalib_cli.signals.stamps import Ticks, TidyRows, constant_rate_ticks, tidy_rows
-from imucalib_cli.signals.stuck import noise as white_noise
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from imucalib_cli.signals.spikes import MAD_TO_STD
+from imucalib_cli.signals.noise import MAD_TO_STD
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats

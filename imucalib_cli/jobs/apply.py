@@ -10,7 +10,7 @@ import numpy as np
 
 from imucalib_cli.digits import figures
 from imucalib_cli.errors import ChoiceError, ImucalibError
-from imucalib_cli.jobs.result_files import display_name, names_of, read_result_file
+from imucalib_cli.jobs.result_files import display_name, read_result_file, results_of
 from imucalib_cli.results.formats import refuse_untrusted
 from imucalib_cli.results.urdf_edit import JointOrigin, joint_for, replace_origin
 from imucalib_cli.robot.rotations import matrix_from_rpy, rotation_angle
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
     from pathlib import Path
 
-    from imucalib_cli.results.result import Result
     from imucalib_cli.robot.urdf import Robot
 
 
@@ -60,7 +59,7 @@ def apply(result: str, urdf: Path, *, imus: Sequence[str] = (), force: bool = Fa
         InputError: A file cannot be used.
         ChoiceError: An IMU is not in the file, or two results are for one joint.
     """
-    results = _chosen(read_result_file(result), imus, display_name(result))
+    results = results_of(read_result_file(result), imus, display_name(result))
     robot = load_robot(urdf)
     origins: dict[str, JointOrigin] = {}
     changes: list[str] = []
@@ -92,15 +91,6 @@ def _with_origins(content: bytes, origins: Iterable[JointOrigin]) -> bytes:
     for origin in origins:
         content = replace_origin(content, origin.joint, origin.xyz, origin.rpy)
     return content
-
-
-def _chosen(results: list[Result], imus: Sequence[str], name: str) -> list[Result]:
-    """Results of the named frames or topics."""
-    for imu in imus:
-        if not any(imu in names_of(each) for each in results):
-            there = ", ".join(f"{each.child} ({each.imu_topic})" for each in results)
-            raise ChoiceError(f"--imu {imu}: not in {name}; there are: {there}")
-    return [each for each in results if not imus or not names_of(each).isdisjoint(imus)]
 
 
 def _change(robot: Robot, child: str, origin: JointOrigin) -> str:

@@ -10,19 +10,24 @@ import numpy as np
 from imucalib_cli import __version__
 from imucalib_cli.errors import ChoiceError, ImucalibError, InputError
 from imucalib_cli.estimate.options import MatchedOptions, PaperOptions
-from imucalib_cli.jobs.coverage import missing_parts
-from imucalib_cli.jobs.expected import checked, contradicted, free, freed, with_priors
+from imucalib_cli.findings import Finding, Severity
+from imucalib_cli.jobs.data_sheet import (
+    checked,
+    contradicted,
+    with_priors,
+    without_priors,
+)
 from imucalib_cli.jobs.explain import explain
 from imucalib_cli.jobs.motion import Motion, find_motion
-from imucalib_cli.jobs.provenance import printable
-from imucalib_cli.jobs.reading import read_recording
+from imucalib_cli.jobs.reading import printable, read_recording, samples_of
 from imucalib_cli.jobs.recorded_options import recorded_options
-from imucalib_cli.jobs.repair import repair
 from imucalib_cli.logs.select import check_joint_topics
 from imucalib_cli.results.from_estimate import result_of, scalars
 from imucalib_cli.results.requirement import require
 from imucalib_cli.results.result import Provenance, SourceFile, Topics
 from imucalib_cli.robot.path import JointStep
+from imucalib_cli.signals.repair import Repaired, repair
+from imucalib_cli.signals.stream_health import missing_parts
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -83,44 +88,75 @@ def _about(error: ImucalibError, imu: ImuStream, *, several: bool) -> ImucalibEr
 
 
 def _calibrate_one(recording: Recording, imu: ImuStream, request: CalibrationRequest) -> Result:
-    samples = recording.samples(imu)
+    samples = samples_of(imu, recording.clock)
     motion = find_motion(recording.sources, recording.robot, imu.frame_id, request)
     check_joint_topics(recording.joints, _driven(motion.path))
-    check_overlap(samples, imu.topic, motion, recording.clock)
+    check_overlap(samples, motion, recording.clock)
     tracks = {track.name: track.t for track in motion.path.tracks}
     missing = tuple(missing_parts({imu.topic: samples.t, **tracks}))
-    mended = repair(imu, samples.t, motion.path, request)
-    request = replace(request, estimator=with_priors(request.estimator, request.imu))
-    options = _with_initial(request.estimator, motion, verifying=request.needs_nominal)
-    either_sign = request.units.sign == "auto"
+    mended = mend(samples, motion.path, request)
+    options = with_priors(request.estimator, request.imu)
+    options = _with_initial(options, motion, verifying=request.needs_nominal)
     if isinstance(options, MatchedOptions):
-        options = replace(options, either_sign=either_sign)
+        options = replace(options, either_sign=request.units.sign == "auto")
     estimate = _estimate(mended.samples, mended.path, options)
     wrong = contradicted(estimate, request.imu)
     if wrong:
-        request, options = freed(request, wrong), free(options, wrong)
+        options = without_priors(options, wrong)
         estimate = _estimate(mended.samples, mended.path, options)
-    # The published method's guess is recorded as where it came from, a prior as what it was.
-    told = replace(request, estimator=options) if isinstance(options, MatchedOptions) else request
+    if isinstance(options, MatchedOptions):
+        # A prior is recorded as what it was, the published method's guess as where it came from.
+        request = replace(request, estimator=options)
     estimate = checked(estimate, mended.samples, request.imu, wrong)
-    estimate = mended.told(explain(estimate, mended, motion, recording, request))
-    findings = (*recording.findings, *missing, *estimate.findings)
-    estimate = replace(estimate, findings=findings)
+    estimate = explain(estimate, mended, motion, recording, request)
+    estimate = _with_repairs(estimate, mended, (*recording.findings, *missing))
     if request.require is not None:
-        estimate = require(estimate, motion.parent, request.require)
+        estimate = require(estimate, motion.mount.parent, request.require)
     return result_of(
         estimate,
-        parent=motion.parent,
-        child=motion.child,
-        nominal=motion.nominal,
-        provenance=_provenance(recording, imu, motion, told),
+        parent=motion.mount.parent,
+        child=motion.mount.child,
+        nominal=motion.mount.nominal,
+        provenance=_provenance(recording, imu, motion, request),
+    )
+
+
+def mend(samples: ImuSamples, path: KinematicPath, request: CalibrationRequest) -> Repaired:
+    """Repair one IMU and what moves it, as a request has it.
+
+    Raises:
+        InputError: As :func:`imucalib_cli.signals.repair.repair`.
+    """
+    return repair(
+        samples,
+        path,
+        units=request.units,
+        gravity=request.gravity,
+        max_offset=request.max_offset,
+        accel_ranges=() if request.imu is None else request.imu.model.ranges("accel"),
+    )
+
+
+def _with_repairs(
+    estimate: Estimate, mended: Repaired, of_the_log: tuple[Finding, ...]
+) -> Estimate:
+    """An estimate with all that was found and done before it."""
+    blamed = {each.code for each in estimate.findings if each.severity is Severity.UNTRUSTED}
+    suspects = (each for each in mended.suspects if each.code not in blamed)
+    record: dict[str, float | str | bool | None] = {
+        "gyro_unit": mended.gyro_unit,
+        "accel_unit": mended.accel_unit,
+        "imu_samples_at_fault": mended.samples_at_fault,
+    }
+    return replace(
+        estimate,
+        findings=(*of_the_log, *mended.findings, *suspects, *estimate.findings),
+        notes={**record, **estimate.notes},
     )
 
 
 def _estimate(
-    samples: ImuSamples,
-    path: KinematicPath,
-    options: MatchedOptions | PaperOptions,
+    samples: ImuSamples, path: KinematicPath, options: MatchedOptions | PaperOptions
 ) -> Estimate:
     if isinstance(options, MatchedOptions):
         from imucalib_cli.estimate.matched import calibrate_matched
@@ -139,7 +175,7 @@ def _with_initial(
     Raises:
         ChoiceError: It is needed and nothing tells it, or it is what is to be verified.
     """
-    nominal = motion.nominal
+    nominal = motion.mount.nominal
     if isinstance(options, PaperOptions):
         if options.R_initial is not None or nominal is None:
             return options
@@ -154,8 +190,8 @@ def _with_initial(
         )
     if nominal is None:
         raise ChoiceError(
-            f"--fix and --prior-std need a pose of {motion.child} in {motion.parent} to be about, "
-            'and no joint tells it: give --initial "X Y Z R P Y", or --imu-link'
+            f"--fix and --prior-std need a pose of {motion.mount.child} in {motion.mount.parent} "
+            'to be about, and no joint tells it: give --initial "X Y Z R P Y", or --imu-link'
         )
     told = replace(prior, R_parent_imu=nominal.R_parent_imu, t_parent_imu=nominal.t_parent_imu)
     return replace(options, pose=told)
@@ -170,7 +206,7 @@ def _driven(path: KinematicPath) -> set[str]:
     }
 
 
-def check_overlap(samples: ImuSamples, topic: str, motion: Motion, clock: Clock) -> None:
+def check_overlap(samples: ImuSamples, motion: Motion, clock: Clock) -> None:
     """See that an IMU and what moves it were stamped at the same time.
 
     Raises:
@@ -183,9 +219,10 @@ def check_overlap(samples: ImuSamples, topic: str, motion: Motion, clock: Clock)
         first, last = float(np.min(track.t)), float(np.max(track.t))
         if first > end or last < start:
             raise InputError(
-                f"{topic} is stamped from {start:.3f} to {end:.3f} s of the log, {track.name} "
-                f"from {first:.3f} to {last:.3f} s: they never meet; {_other_clock(clock)}",
-                topic=topic,
+                f"{samples.topic} is stamped from {start:.3f} to {end:.3f} s of the log, "
+                f"{track.name} from {first:.3f} to {last:.3f} s: they never meet; "
+                f"{_other_clock(clock)}",
+                topic=samples.topic,
             )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from imucalib_cli.errors import ChoiceError
-from imucalib_cli.jobs.result_files import display_name, names_of, read_result_file, read_text
+from imucalib_cli.jobs.result_files import display_name, read_result_file, read_text, results_of
 from imucalib_cli.results.kalibr import (
     KALIBR,
     OPTICAL,
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from imucalib_cli.results.answers import KalibrAnswer
-    from imucalib_cli.results.result import Result
     from imucalib_cli.robot.urdf import Robot
 
 
@@ -56,7 +55,11 @@ def compare_files(
     """
     if [result, kalibr, truth].count("-") > 1:
         raise ChoiceError("standard input can be one of the files, not two: name the others")
-    ours = _chosen(read_result_file(result), display_name(result), imu)
+    wanted = () if imu is None else (imu,)
+    ours, *more = results_of(read_result_file(result), wanted, display_name(result))
+    if more:
+        topics = ", ".join(each.imu_topic for each in (ours, *more))
+        raise ChoiceError(f"{display_name(result)} has results of {topics}: choose one with --imu")
     theirs = read_kalibr(read_text(kalibr, KALIBR), display_name(kalibr), camera)
     true = None
     if truth is not None:
@@ -70,14 +73,6 @@ def compare_files(
         camera_link=link,
         truth=true,
     )
-
-
-def _chosen(results: list[Result], name: str, imu: str | None) -> Result:
-    candidates = [each for each in results if imu is None or imu in names_of(each)]
-    if len(candidates) == 1:
-        return candidates[0]
-    said = f"{name} has results of {', '.join(r.imu_topic for r in results)}"
-    raise ChoiceError(f"{said}: choose one with --imu" if imu is None else f"--imu {imu}: {said}")
 
 
 def _only_optical(robot: Robot) -> str:

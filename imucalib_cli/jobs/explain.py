@@ -9,16 +9,16 @@ from imucalib_cli.diagnose.diagnose import diagnose, explained, needs_diagnosis
 from imucalib_cli.diagnose.hypotheses import Case
 from imucalib_cli.diagnose.nominal import inverted_nominal
 from imucalib_cli.estimate.options import MatchedOptions
-from imucalib_cli.findings import Finding, Severity
+from imucalib_cli.findings import Severity
 from imucalib_cli.jobs.motion import other_frames
 
 if TYPE_CHECKING:
     from imucalib_cli.estimate.estimate import Estimate
     from imucalib_cli.jobs.motion import Motion
     from imucalib_cli.jobs.reading import Recording
-    from imucalib_cli.jobs.repair import Repaired
     from imucalib_cli.jobs.request import CalibrationRequest
     from imucalib_cli.robot.path import KinematicPath, Track
+    from imucalib_cli.signals.repair import Repaired
 
 
 def explain(
@@ -52,14 +52,16 @@ def explain(
     # A unit stated wrongly explains all that follows; what else fits it better is chance.
     causes = mended.contradicted or diagnose(case)
     if needs_diagnosis(estimate) and not causes:
-        causes = _suspected(mended)
+        # what was seen of the sensor before the fit
+        causes = tuple(replace(each, severity=Severity.UNTRUSTED) for each in mended.suspects)
     estimate = explained(estimate, causes)
-    return _with_nominal(estimate, motion)
-
-
-def _suspected(mended: Repaired) -> tuple[Finding, ...]:
-    """What was seen of the sensor before the fit, where no fault of robot or log explains it."""
-    return tuple(replace(each, severity=Severity.UNTRUSTED) for each in mended.suspects)
+    if motion.mount.nominal is None or not estimate.trusted:
+        return estimate
+    nominal = motion.mount.nominal
+    inverted = inverted_nominal(estimate, nominal.R_parent_imu, nominal.t_parent_imu, nominal.joint)
+    if inverted is None:
+        return estimate
+    return replace(estimate, findings=(inverted, *estimate.findings))
 
 
 def _stamped_as(path: KinematicPath, mended: KinematicPath) -> KinematicPath:
@@ -71,14 +73,3 @@ def _stamped_as(path: KinematicPath, mended: KinematicPath) -> KinematicPath:
         return other if len(other.t) == len(track.t) else track
 
     return replace(path, tracks=tuple(mend(track) for track in path.tracks))
-
-
-def _with_nominal(estimate: Estimate, motion: Motion) -> Estimate:
-    """Warn if the URDF holds the found pose the wrong way round."""
-    nominal = motion.nominal
-    if nominal is None or not estimate.trusted:
-        return estimate
-    inverted = inverted_nominal(estimate, nominal.R_parent_imu, nominal.t_parent_imu, nominal.joint)
-    if inverted is None:
-        return estimate
-    return replace(estimate, findings=(inverted, *estimate.findings))

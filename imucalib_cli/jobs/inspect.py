@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from imucalib_cli.errors import ChoiceError, ImucalibError
 from imucalib_cli.estimate.options import MatchedOptions
-from imucalib_cli.jobs.calibrate import check_overlap
+from imucalib_cli.jobs.calibrate import check_overlap, mend
 from imucalib_cli.jobs.inspection import (
     Health,
     ImuFinding,
@@ -17,22 +17,23 @@ from imucalib_cli.jobs.inspection import (
     PoseFinding,
 )
 from imucalib_cli.jobs.motion import find_motion
-from imucalib_cli.jobs.reading import gather_sources, moving_streams
-from imucalib_cli.jobs.repair import look, repair
+from imucalib_cli.jobs.reading import gather_sources, moving_streams, samples_of
 from imucalib_cli.jobs.request import CalibrationRequest
 from imucalib_cli.logs.clock import choose_clock
 from imucalib_cli.logs.log import LogData, open_log
 from imucalib_cli.logs.messages import TF_TYPES
-from imucalib_cli.logs.select import candidates, select_topics
+from imucalib_cli.logs.select import Selection, candidates, select_topics
 from imucalib_cli.robot.urdf import load_robot
-from imucalib_cli.signals.health import guess_units, stamp_health
-from imucalib_cli.signals.samples import ImuSamples
+from imucalib_cli.signals.repair import check_alone
+from imucalib_cli.signals.stream_health import stamp_health
+from imucalib_cli.signals.units import guess_units
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from pathlib import Path
 
     from imucalib_cli.findings import Finding
-    from imucalib_cli.jobs.motion import Motion, Sources
+    from imucalib_cli.jobs.motion import Sources
     from imucalib_cli.jobs.request import Progress
     from imucalib_cli.logs.clock import Clock
     from imucalib_cli.logs.log import Log
@@ -64,173 +65,109 @@ def inspect(
     data = log.read(names, None if progress is None else lambda share: progress("reading", share))
     robot = None if urdf is None else load_robot(urdf)
     request = CalibrationRequest(logs=logs, csv_columns=csv_columns, urdf=urdf)
-    request, problem = _request(log, request)
-    clock = choose_clock(moving_streams(_chosen(data, request)), "auto")
-    findings, hints, options = _imus(data, robot, clock, request, problem)
-    commands, placeholders = _command(request, findings, data, options)
+    chosen, request, problem = _chosen(log, request)
+    read = data if chosen is None else _part_of(data, chosen)
+    clock = choose_clock(moving_streams(read), "auto")
+    sources, duplicates = gather_sources(read, clock, () if chosen is None else chosen.unasked)
+    imus: list[ImuFinding] = []
+    hints = [*data.findings, *clock.findings, *duplicates]
+    for imu in data.imus.values():
+        found, told = _imu(imu, clock, sources, robot, request=request, problem=problem)
+        imus.append(found)
+        hints += told
+    commands, placeholders = _command(request, imus, data)
     return Inspection(
         files=tuple(str(path) for path in log.paths),
         topics=log.topics,
         health=_health(data),
         clock=clock.kind,
-        imus=findings,
+        imus=tuple(imus),
         joints=_joints(data, robot),
         poses=_poses(data),
         urdf=None if urdf is None else str(urdf),
-        findings=(*data.findings, *clock.findings, *hints),
+        findings=tuple(dict.fromkeys(hints)),
         command=commands[0] if commands else None,
         more_commands=commands[1:],
         placeholders=placeholders,
     )
 
 
-def _request(
+def _chosen(
     log: Log, request: CalibrationRequest
-) -> tuple[CalibrationRequest, ImucalibError | None]:
-    """The plainest request that selects topics; of several pose topics the one with most rows."""
+) -> tuple[Selection | None, CalibrationRequest, ImucalibError | None]:
+    """What a run would read, of several pose topics the one with most rows, or why it cannot."""
     try:
-        select_topics(log.topics)
+        return select_topics(log.topics), request, None
     except ChoiceError:
         poses = [t for t in candidates(log.topics, "pose") if t.type not in TF_TYPES]
         if not poses:
             raise
-        longest = max(poses, key=lambda topic: topic.count)
-        return replace(request, pose_topics=(longest.name,)), None
+        longest = (max(poses, key=lambda topic: topic.count).name,)
+        request = replace(request, pose_topics=longest)
+        return select_topics(log.topics, pose_topics=longest), request, None
     except ImucalibError as error:
-        return request, error
-    return request, None
+        return None, request, error
 
 
-def _imus(
-    data: LogData,
-    robot: Robot | None,
-    clock: Clock,
-    request: CalibrationRequest,
-    problem: ImucalibError | None,
-) -> tuple[tuple[ImuFinding, ...], tuple[Finding, ...], tuple[str, ...]]:
-    """What is said of each IMU, findings, and options that the command needs."""
-    # what run reads beside joint states without being asked
-    unasked = () if request.pose_topics or not data.joints else _odometry(data)
-    sources, doubles = gather_sources(_chosen(data, request, unasked), clock, unasked)
-    findings, options = [], []
-    hints = list(doubles)
-    for imu in data.imus.values():
-        finding = ImuFinding(
-            topic=imu.topic,
-            frame_id=imu.frame_id,
-            units=guess_units(imu),
-            parent=None,
-            world=None,
-            motion=(),
-            problem=None if problem is None else str(problem),
-        )
-        motion = None
-        if problem is None:
-            finding, motion = _with_motion(
-                finding, imu, sources, robot, request=request, clock=clock
-            )
-        if finding.units.accel_unit == "m/s², no gravity":
-            options.append("--gravity none")
-        finding, told = _with_repairs(finding, imu, motion, request=request, clock=clock)
-        hints += told
-        findings.append(finding)
-    return tuple(findings), tuple(dict.fromkeys(hints)), tuple(dict.fromkeys(options))
-
-
-def _odometry(data: LogData) -> tuple[str, ...]:
-    """Topics that give poses a child but are no tf: odometry."""
-    return tuple(
-        topic
-        for topic, streams in data.poses.items()
-        if not _is_tf(topic, streams) and any(stream.child for stream in streams)
+def _part_of(data: LogData, chosen: Selection) -> LogData:
+    return LogData(
+        imus=data.imus,
+        joints={topic: data.joints[topic] for topic in data.joints if topic in chosen.all},
+        poses={topic: data.poses[topic] for topic in data.poses if topic in chosen.all},
+        findings=data.findings,
     )
 
 
-def _chosen(data: LogData, request: CalibrationRequest, unasked: tuple[str, ...] = ()) -> LogData:
-    """What a run would read: without a wish, joint states go before poses."""
-    poses = data.poses
-    if request.pose_topics:
-        poses = {
-            topic: streams
-            for topic, streams in poses.items()
-            if topic in request.pose_topics or any(stream.is_static for stream in streams)
-        }
-    elif data.joints:
-        poses = {
-            topic: streams
-            for topic, streams in poses.items()
-            if topic in unasked or _is_tf(topic, streams)
-        }
-    return LogData(imus=data.imus, joints=data.joints, poses=poses, findings=data.findings)
-
-
-def _is_tf(topic: str, streams: tuple[PoseStream, ...]) -> bool:
-    return topic.rsplit("/", 1)[-1] in {"tf", "tf_static"} or any(s.is_static for s in streams)
-
-
-def _with_motion(
-    finding: ImuFinding,
+def _imu(
     imu: ImuStream,
+    clock: Clock,
     sources: Sources,
     robot: Robot | None,
     *,
     request: CalibrationRequest,
-    clock: Clock,
-) -> tuple[ImuFinding, Motion | None]:
-    """Say what carries and moves the IMU, or why that is not known."""
-    samples = ImuSamples(t=clock.seconds(imu), gyro=imu.gyro, accel=imu.accel)
+    problem: ImucalibError | None,
+) -> tuple[ImuFinding, tuple[Finding, ...]]:
+    """What an IMU measures, what carries it, and what a run would mend or refuse."""
+    samples = samples_of(imu, clock)
+    units = guess_units(samples)
+    found = ImuFinding(topic=imu.topic, frame_id=imu.frame_id, units=units)
     try:
-        motion = find_motion(sources, robot, finding.frame_id, request)
-        check_overlap(samples, finding.topic, motion, clock)
+        if problem is not None:
+            raise problem
+        motion = find_motion(sources, robot, imu.frame_id, request)
+        check_overlap(samples, motion, clock)
     except ImucalibError as error:
         asks = isinstance(error, ChoiceError)
-        return replace(finding, problem=str(error), needs_choice=asks, solved_by=error.option), None
+        found = replace(found, problem=str(error), needs_choice=asks, solved_by=error.option)
+        return found, (*units.findings, *check_alone(samples))
     unnamed = any(
-        not edge.child and sources.topics[edge.track.name] == motion.parent
+        not edge.child and sources.topics[edge.track.name] == motion.mount.parent
         for edge in sources.edges
     )
     found = replace(
-        finding,
-        parent=motion.parent,
+        found,
+        parent=motion.mount.parent,
         world=motion.path.world,
         motion=motion.topics,
         parent_unnamed=unnamed,
     )
-    return found, motion
-
-
-def _with_repairs(
-    finding: ImuFinding,
-    imu: ImuStream,
-    motion: Motion | None,
-    *,
-    request: CalibrationRequest,
-    clock: Clock,
-) -> tuple[ImuFinding, tuple[Finding, ...]]:
-    """What a run would mend or refuse in the IMU's values and in what moves it."""
-    units = finding.units
-    if motion is None:
-        return finding, (*units.findings, *look(imu, clock.seconds(imu)))
-    floats = units.accel_unit == "m/s², no gravity"
-    if floats:
+    if found.floats:
         request = replace(request, estimator=MatchedOptions(gravity="none"))
     try:
-        mended = repair(imu, clock.seconds(imu), motion.path, request)
+        mended = mend(samples, motion.path, request)
     except ImucalibError as error:
-        return replace(finding, problem=str(error)), ()
+        return replace(found, problem=str(error)), ()
     if mended.gyro_unit == "deg/s":
-        finding = replace(finding, units=replace(units, gyro_unit="deg/s"))
+        found = replace(found, units=replace(units, gyro_unit="deg/s"))
     # of the units a run that has the kinematics says all there is to say, but for this
-    return finding, (*(units.findings if floats else ()), *mended.findings)
+    return found, (*(units.findings if found.floats else ()), *mended.findings)
 
 
 def _command(
-    request: CalibrationRequest,
-    findings: tuple[ImuFinding, ...],
-    data: LogData,
-    options: tuple[str, ...],
+    request: CalibrationRequest, findings: Sequence[ImuFinding], data: LogData
 ) -> tuple[tuple[str, ...], str]:
     """The commands for the IMUs that can be calibrated, and what to replace in them."""
+    options = ["--gravity none"] if any(finding.floats for finding in findings) else []
     if not findings or not any((*data.joints.values(), *data.poses.values())):
         return (), ""
     words = ["imucalib", "run", *_inputs(request)]

@@ -15,7 +15,8 @@ if TYPE_CHECKING:
 
     from imucalib_cli.findings import Finding
     from imucalib_cli.logs.reader import Topic
-    from imucalib_cli.signals.health import StampHealth, UnitGuess
+    from imucalib_cli.signals.stream_health import StampHealth
+    from imucalib_cli.signals.units import UnitGuess
 
 _MS = 1e3
 
@@ -37,12 +38,12 @@ class ImuFinding:
     topic: str
     frame_id: str
     units: UnitGuess
-    parent: str | None
+    parent: str | None = None
     """Frame that would be taken as its parent."""
-    world: str | None
-    motion: tuple[str, ...]
+    world: str | None = None
+    motion: tuple[str, ...] = ()
     """Topics that tell how the parent moves."""
-    problem: str | None
+    problem: str | None = None
     """Why it cannot be calibrated as the log and the options stand."""
     needs_choice: bool = False
     """The problem is one that an option solves."""
@@ -50,6 +51,11 @@ class ImuFinding:
     """That option, where there is just one, such as ``--parent``."""
     parent_unnamed: bool = False
     """The parent's poses name no frame, so that it goes by their topic."""
+
+    @property
+    def floats(self) -> bool:
+        """Whether its accelerometer feels no gravity."""
+        return self.units.accel_unit == "m/s², no gravity"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,14 +9,13 @@ import numpy as np
 
 from imucalib_cli.errors import ChoiceError, InputError, UntrustedError
 from imucalib_cli.findings import untrusted
-from imucalib_cli.jobs.static import is_static
-from imucalib_cli.jobs.told import nothing_told, see_told
-from imucalib_cli.results.pose import Nominal
 from imucalib_cli.robot.build import find_base, is_still, joint_path, moving_base_path
 from imucalib_cli.robot.frames import Edge, frame_path
-from imucalib_cli.robot.mount import Mount, find_mount
+from imucalib_cli.robot.mount import Mount, Nominal, find_mount, require_nominal
+from imucalib_cli.robot.path import FixedStep
 from imucalib_cli.robot.rotations import matrix_from_quaternion
 from imucalib_cli.robot.urdf import near_matches
+from imucalib_cli.signals.moves import track_moves
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -24,11 +23,6 @@ if TYPE_CHECKING:
     from imucalib_cli.jobs.request import CalibrationRequest
     from imucalib_cli.robot.path import KinematicPath, Track
     from imucalib_cli.robot.urdf import Robot
-
-
-_PLAIN_M = 0.005
-_PLAIN_TURN = 1e-5
-"""1 - |cos| of half the angle: half a degree."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -51,9 +45,7 @@ class Motion:
     """How the parent of one IMU moves, and what was believed about the mount before."""
 
     path: KinematicPath
-    parent: str
-    child: str
-    nominal: Nominal | None
+    mount: Mount
     topics: tuple[str, ...]
 
 
@@ -73,19 +65,22 @@ def find_motion(
         InputError: The log does not tell how the parent moves.
         UntrustedError: Nothing that the log tells of moves, so that no pose can be determined.
     """
-    if robot is not None:
-        if request.needs_nominal:
-            see_told(robot, frame_id, request.parent, request.imu_link)
-        motion = _with_robot(sources, robot, frame_id, request)
+    if robot is None:
+        path, mount = _from_frames(sources, frame_id, request)
     else:
-        motion = _from_frames(sources, frame_id, request)
-    if request.needs_nominal and motion.nominal is None:
-        raise ChoiceError(nothing_told(motion.parent, motion.child))
-    if is_static(motion.path, sources):
+        if request.needs_nominal:
+            require_nominal(robot, frame_id, request.parent, request.imu_link)
+        mount = find_mount(robot, frame_id, request.parent, request.imu_link)
+        path = _robot_path(sources, robot, mount.parent, request)
+        _require_poses_used(path, sources, request)
+    motion = Motion(path=path, mount=mount, topics=_topics(path, sources))
+    if request.needs_nominal and motion.mount.nominal is None:
+        raise ChoiceError(no_nominal(motion.mount.parent, motion.mount.child))
+    if _nothing_moves(motion.path, sources):
         raise UntrustedError(untrusted("robot.static"))
     if is_still(motion.path):
         raise InputError(
-            f"{motion.parent} never moves in {motion.path.world} according to "
+            f"{motion.mount.parent} never moves in {motion.path.world} according to "
             f"{', '.join(motion.topics) or 'the URDF, whose joints on the way are all fixed'}: "
             "check --parent and --urdf, record a log in which the robot moves, or give what moves "
             "it by --pose-topic"
@@ -93,19 +88,15 @@ def find_motion(
     return motion
 
 
-def _with_robot(
-    sources: Sources, robot: Robot, frame_id: str, request: CalibrationRequest
-) -> Motion:
-    mount = find_mount(robot, frame_id, request.parent, request.imu_link)
-    path = _robot_path(sources, robot, mount, request)
-    _see_poses_used(path, sources, request)
-    return Motion(
-        path=path,
-        parent=mount.parent,
-        child=mount.child,
-        nominal=_nominal(mount),
-        topics=_topics(path, sources),
-    )
+def _nothing_moves(path: KinematicPath, sources: Sources) -> bool:
+    """Whether a path has joints or poses that could move it, and nothing in the log moves.
+
+    Where only others move than those on the path, the path is in question, not the log.
+    """
+    if all(isinstance(step, FixedStep) for step in path.steps):
+        return False
+    moving = (edge.track for edge in sources.edges if not edge.is_static)
+    return not any(track_moves(track) for track in (*sources.joints, *moving))
 
 
 def other_frames(
@@ -121,13 +112,12 @@ def other_frames(
         return frames, lambda frame: frame_path(edges, frame, world=request.world)
 
     def path_to(link: str) -> KinematicPath:
-        mount = Mount(parent=link, child="", R_nominal=None, t_nominal=None, joint_name=None)
-        return _robot_path(sources, robot, mount, request)
+        return _robot_path(sources, robot, link, request)
 
     return robot.links, path_to
 
 
-def _see_poses_used(path: KinematicPath, sources: Sources, request: CalibrationRequest) -> None:
+def _require_poses_used(path: KinematicPath, sources: Sources, request: CalibrationRequest) -> None:
     """A pose topic that was asked for and does not move the robot is a mistake, not a detail."""
     unused = set(request.pose_topics) - set(_topics(path, sources))
     for edge in sources.edges:
@@ -139,16 +129,8 @@ def _see_poses_used(path: KinematicPath, sources: Sources, request: CalibrationR
             )
 
 
-def _nominal(mount: Mount) -> Nominal | None:
-    if mount.R_nominal is None or mount.t_nominal is None:
-        return None
-    return Nominal(
-        joint=mount.joint_name or "", R_parent_imu=mount.R_nominal, t_parent_imu=mount.t_nominal
-    )
-
-
 def _robot_path(
-    sources: Sources, robot: Robot, mount: Mount, request: CalibrationRequest
+    sources: Sources, robot: Robot, parent: str, request: CalibrationRequest
 ) -> KinematicPath:
     """Joints through the URDF, below a moving base if the log has one; else frames alone."""
     # joints above all: with them a pose without a child can only be the base's
@@ -157,23 +139,23 @@ def _robot_path(
     try:
         if base is not None:
             return moving_base_path(
-                edges, robot, mount.parent, sources.joints, base=base.child, world=request.world
+                edges, robot, parent, sources.joints, base=base.child, world=request.world
             )
         if request.world is not None and request.world not in robot.links:
             raise ChoiceError(
                 f"--world {request.world}: no such link in {robot.source}"
                 f"{near_matches(request.world, robot.links)}"
             )
-        return joint_path(robot, mount.parent, sources.joints, world=request.world)
+        return joint_path(robot, parent, sources.joints, world=request.world)
     except InputError as error:
         # joint states of other joints only, while /tf knows all frames
-        if not any(mount.parent in (edge.parent, edge.child) for edge in edges):
+        if not any(parent in (edge.parent, edge.child) for edge in edges):
             if sources.unused:
                 # the URDF is not to blame for joints that are there and cannot be used
                 said = [str(error)] if sources.joints else []
                 raise InputError("; ".join((*sources.unused, *said))) from error
             raise
-    return frame_path(edges, mount.parent, world=request.world, robot=robot)
+    return frame_path(edges, parent, world=request.world, robot=robot)
 
 
 def _base(
@@ -188,21 +170,15 @@ def _base(
     base = find_base(asked, robot)
     if base is not None or len(asked) == len(edges):
         return asked, base
-    moving = tuple(e for e in edges if e not in asked and _moves_plainly(e.track))
+    moving = tuple(e for e in edges if e not in asked and track_moves(e.track, plainly=True))
     base = find_base((*asked, *moving), robot)
     return ((*asked, *moving), base) if base is not None else (asked, None)
 
 
-def _moves_plainly(track: Track) -> bool:
-    """Whether a pose changes by more than odometry drifts at rest."""
-    values = track.values
-    if track.kind != "pose" or len(values) < 2:
-        return False
-    turned = 1.0 - np.abs(values[:, 3:] @ values[0, 3:]).min()
-    return bool(np.ptp(values[:, :3], axis=0).max() > _PLAIN_M or turned > _PLAIN_TURN)
-
-
-def _from_frames(sources: Sources, frame_id: str, request: CalibrationRequest) -> Motion:
+def _from_frames(
+    sources: Sources, frame_id: str, request: CalibrationRequest
+) -> tuple[KinematicPath, Mount]:
+    """Path and mount by the log's own frames, where there is no URDF."""
     if not sources.edges:
         if sources.joints:
             listed = ", ".join(dict.fromkeys(sources.topics[t.name] for t in sources.joints))
@@ -218,9 +194,7 @@ def _from_frames(sources: Sources, frame_id: str, request: CalibrationRequest) -
         parent, nominal = _guess_parent(edges, frame_id)
     path = frame_path(edges, parent, world=request.world)
     child = request.imu_link or frame_id or "imu"
-    return Motion(
-        path=path, parent=parent, child=child, nominal=nominal, topics=_topics(path, sources)
-    )
+    return path, Mount(parent=parent, child=child, nominal=nominal)
 
 
 def _guess_parent(edges: tuple[Edge, ...], frame_id: str) -> tuple[str, Nominal | None]:
@@ -262,3 +236,11 @@ def _topic_of(track: Track) -> str:
 
 def _topics(path: KinematicPath, sources: Sources) -> tuple[str, ...]:
     return tuple(dict.fromkeys(sources.topics[track.name] for track in path.tracks))
+
+
+def no_nominal(parent: str, child: str) -> str:
+    """The sentence for an IMU of which neither a URDF nor the log's static frames tell a pose."""
+    return (
+        f"neither a URDF nor a static frame of the log tells where '{child}' is on '{parent}', so "
+        "there is no pose to verify: give --urdf"
+    )

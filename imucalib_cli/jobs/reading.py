@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import threading
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -10,10 +12,10 @@ import numpy as np
 from imucalib_cli.errors import InputError
 from imucalib_cli.findings import Finding, note, warnings
 from imucalib_cli.jobs.motion import Sources
-from imucalib_cli.jobs.provenance import Fingerprints
 from imucalib_cli.logs.clock import choose_clock
 from imucalib_cli.logs.log import open_log
 from imucalib_cli.logs.select import select_topics
+from imucalib_cli.results.result import SourceFile
 from imucalib_cli.robot.frames import Edge
 from imucalib_cli.robot.path import Track
 from imucalib_cli.robot.urdf import load_robot
@@ -31,6 +33,8 @@ if TYPE_CHECKING:
 
 _SHOWN = 3
 """Losses told in one error; a damaged disk has thousands."""
+_BLOCK = 1 << 22
+"""Bytes hashed at a time."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -53,10 +57,6 @@ class Recording:
         """The findings in words."""
         return warnings(self.findings)
 
-    def samples(self, imu: ImuStream) -> ImuSamples:
-        """One IMU on the log's clock."""
-        return ImuSamples(t=self.clock.seconds(imu), gyro=imu.gyro, accel=imu.accel)
-
 
 def read_recording(request: CalibrationRequest, progress: Progress | None = None) -> Recording:
     """Open, choose topics, read them in one pass, load the URDF.
@@ -74,10 +74,10 @@ def read_recording(request: CalibrationRequest, progress: Progress | None = None
         chosen.all, None if progress is None else lambda share: progress("reading", share)
     )
     imus = tuple(imu for imu in data.imus.values() if len(imu))
-    _see_imus_used(imus, chosen.imus, data, request)
+    _require_imus(imus, chosen.imus, data, request)
     clock = choose_clock(moving_streams(data), request.clock)
-    _see_stamps_advance(imus, clock)
-    sources, doubles = gather_sources(data, clock, chosen.unasked)
+    _require_advancing_stamps(imus, clock)
+    sources, duplicates = gather_sources(data, clock, chosen.unasked)
     return Recording(
         imus=imus,
         joints=data.joints,
@@ -86,11 +86,16 @@ def read_recording(request: CalibrationRequest, progress: Progress | None = None
         robot=None if request.urdf is None else load_robot(request.urdf),
         paths=log.paths,
         files=files,
-        findings=(*data.findings, *clock.findings, *doubles),
+        findings=(*data.findings, *clock.findings, *duplicates),
     )
 
 
-def _see_imus_used(
+def samples_of(imu: ImuStream, clock: Clock) -> ImuSamples:
+    """One IMU on the log's clock."""
+    return ImuSamples(t=clock.seconds(imu), gyro=imu.gyro, accel=imu.accel, topic=imu.topic)
+
+
+def _require_imus(
     imus: tuple[ImuStream, ...],
     topics: Iterable[str],
     data: LogData,
@@ -103,7 +108,7 @@ def _see_imus_used(
         raise InputError("; ".join(_why_unused(topic, data) for topic in unused))
 
 
-def _see_stamps_advance(imus: tuple[ImuStream, ...], clock: Clock) -> None:
+def _require_advancing_stamps(imus: tuple[ImuStream, ...], clock: Clock) -> None:
     """Without any difference in time there is nothing to estimate."""
     for imu in imus:
         stamps = clock.stamps_ns(imu)
@@ -157,7 +162,7 @@ def gather_sources(
     poses = [pose for streams in data.poses.values() for pose in streams]
     told = {(pose.parent, pose.child) for pose in poses if pose.topic not in unasked}
     poses = [p for p in poses if p.topic not in unasked or (p.parent, p.child) not in told]
-    kept, doubles = _one_for_each_edge(poses)
+    kept, duplicates = _one_for_each_edge(poses)
     edges = []
     for pose in kept:
         name = f"{pose.topic} ({pose.parent} -> {pose.child or '?'})"
@@ -181,13 +186,13 @@ def gather_sources(
         unused=unused,
         unasked=frozenset(unasked),
     )
-    return sources, doubles
+    return sources, duplicates
 
 
 def _one_for_each_edge(poses: list[PoseStream]) -> tuple[list[PoseStream], tuple[Finding, ...]]:
     """Of several topics that tell the same pose, such as /odom and /tf, the one with most rows."""
     best: dict[tuple[str, str, str], PoseStream] = {}
-    doubles = []
+    duplicates = []
     for pose in poses:
         # poses without a child are of different things until told otherwise
         key = (pose.parent, pose.child, "" if pose.child else pose.topic)
@@ -197,7 +202,7 @@ def _one_for_each_edge(poses: list[PoseStream]) -> tuple[list[PoseStream], tuple
             continue
         keep, drop = (pose, known) if len(pose) > len(known) else (known, pose)
         best[key] = keep
-        doubles.append(
+        duplicates.append(
             note(
                 "pose.told_twice",
                 topic=drop.topic,
@@ -206,7 +211,7 @@ def _one_for_each_edge(poses: list[PoseStream]) -> tuple[list[PoseStream], tuple
                 used=keep.topic,
             )
         )
-    return list(best.values()), tuple(doubles)
+    return list(best.values()), tuple(duplicates)
 
 
 def moving_streams(data: LogData) -> list[Stream]:
@@ -215,3 +220,51 @@ def moving_streams(data: LogData) -> list[Stream]:
     streams += [joint for joints in data.joints.values() for joint in joints]
     streams += [pose for poses in data.poses.values() for pose in poses if not pose.is_static]
     return streams
+
+
+class Fingerprints:
+    """SHA-256 of files, computed beside reading and estimating: hashing needs no interpreter.
+
+    The thread is a daemon, so that an error or Ctrl-C need not wait for gigabytes.
+    """
+
+    def __init__(self, paths: Iterable[Path]) -> None:
+        self._paths = tuple(paths)
+        self._files: tuple[SourceFile, ...] = ()
+        self._error: OSError | None = None
+        self._thread = threading.Thread(target=self._hash, name="fingerprints", daemon=True)
+        self._thread.start()
+
+    def result(self) -> tuple[SourceFile, ...]:
+        """Wait for the files, in the order they were given.
+
+        Raises:
+            InputError: A file cannot be read any more.
+        """
+        self._thread.join()
+        if self._error is not None:
+            named = self._error.filename
+            raise InputError(f"{named}: cannot be read: {self._error.strerror}") from self._error
+        return self._files
+
+    def _hash(self) -> None:
+        try:
+            self._files = tuple(
+                SourceFile(path=printable(path), sha256=_sha256(path)) for path in self._paths
+            )
+        except OSError as error:
+            self._error = error
+
+
+def printable(path: Path) -> str:
+    """A path as text that can be written: bytes that are no UTF-8 become question marks."""
+    return str(path).encode("utf-8", "surrogateescape").decode("utf-8", "replace")
+
+
+def _sha256(path: Path) -> str:
+    digest = hashlib.sha256()
+    buffer = memoryview(bytearray(_BLOCK))
+    with path.open("rb", buffering=0) as file:
+        while size := file.readinto(buffer):
+            digest.update(buffer[:size])
+    return digest.hexdigest()

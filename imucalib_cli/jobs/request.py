@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
 from imucalib_cli.estimate.options import MatchedOptions, PaperOptions
-from imucalib_cli.jobs.units import Units
+from imucalib_cli.signals.units import Units
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     Progress = Callable[[str, float | None], None]
 
 ClockChoice = Literal["auto", "header", "log"]
+_SEARCH = 1.0
+"""s, where the method itself looks for no time offset."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,9 +66,15 @@ class CalibrationRequest:
     """Whether the pose of every IMU must be told by the URDF or the log's own frames."""
 
     @property
-    def wants_gravity(self) -> bool:
-        """Whether the accelerometer should feel gravity at rest."""
+    def gravity(self) -> float:
+        """What the accelerometer should feel at rest, m/s²; 0 for none."""
         options = self.estimator
         if isinstance(options, MatchedOptions) and not options.has_gravity:
-            return False
-        return options.gravity_norm > 0.0
+            return 0.0
+        return options.gravity_norm
+
+    @property
+    def max_offset(self) -> float:
+        """Largest time offset looked for, s."""
+        options = self.estimator
+        return options.max_offset if isinstance(options, MatchedOptions) else _SEARCH

@@ -7,11 +7,13 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from imucalib_cli.errors import InputError
+from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.guarded_yaml import YamlError, read_bounded
 from imucalib_cli.results.codec import read_results
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from imucalib_cli.results.result import Result
 
 _SUFFIXES = {".yaml", ".yml", ".json"}
@@ -44,9 +46,23 @@ def read_result_file(name: str) -> list[Result]:
     return read_results(read_text(name), display_name(name))
 
 
-def names_of(result: Result) -> set[str]:
-    """By what a user may call an IMU: its frame, with a leading slash or without, or its topic."""
-    return {result.child, f"/{result.child}", result.imu_topic}
+def results_of(results: list[Result], imus: Sequence[str], name: str) -> list[Result]:
+    """Results of some IMUs, by their frame, with a leading slash or without, or topic.
+
+    Args:
+        results: Of one file.
+        imus: As the user calls them; empty takes all.
+        name: Of the file.
+
+    Raises:
+        ChoiceError: An IMU is not in the file.
+    """
+    known = [({r.child, f"/{r.child}", r.imu_topic}, r) for r in results]
+    for imu in imus:
+        if not any(imu in names for names, _ in known):
+            there = ", ".join(f"{each.child} ({each.imu_topic})" for each in results)
+            raise ChoiceError(f"--imu {imu}: not in {name}; there are: {there}")
+    return [each for names, each in known if not imus or not names.isdisjoint(imus)]
 
 
 def display_name(name: str) -> str:

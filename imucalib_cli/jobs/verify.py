@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 
 from imucalib_cli.errors import ChoiceError, ImucalibError
 from imucalib_cli.jobs.calibrate import calibrate
+from imucalib_cli.jobs.motion import no_nominal
 from imucalib_cli.jobs.result_files import display_name, read_result_file
-from imucalib_cli.jobs.told import nothing_told, told_by
 from imucalib_cli.results.result import SourceFile
 from imucalib_cli.results.verdicts import WITHIN, verify
+from imucalib_cli.robot.mount import nominal_pose
 from imucalib_cli.robot.urdf import load_robot
 
 if TYPE_CHECKING:
@@ -46,7 +47,7 @@ def verify_recording(
     for result in outcome.results:
         told = result.nominal
         if told is None:  # needs_nominal has seen to it
-            raise ChoiceError(nothing_told(result.parent, result.child))
+            raise ChoiceError(no_nominal(result.parent, result.child))
         answers.append(verify(result, told, within, result.provenance.urdf))
     return Answers(answers=tuple(answers), failures=outcome.failures)
 
@@ -90,7 +91,7 @@ def verify_results(
     failures: list[ImucalibError] = []
     for name, result in found:
         try:
-            told = told_by(robot, result.parent, imu_link or result.child)
+            told = nominal_pose(robot, result.parent, imu_link or result.child)
         except ImucalibError as error:
             failures.append(error.about(display_name(name)))
         else:

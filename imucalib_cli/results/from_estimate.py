@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.estimate import Consistency, Estimate, Residuals
     from imucalib_cli.findings import Finding
-    from imucalib_cli.results.pose import Nominal
+    from imucalib_cli.robot.mount import Nominal
 
 
 T = TypeVar("T", bound=tree.Tree)

@@ -30,9 +30,10 @@ from imucalib_cli.results.answers import (
 )
 from imucalib_cli.results.codec import FARTHEST, convert
 from imucalib_cli.results.from_estimate import plain, pose_entry
-from imucalib_cli.results.pose import fixed_transform, pose_error
+from imucalib_cli.results.pose import pose_error
 from imucalib_cli.results.pose_comparison import compare_poses
 from imucalib_cli.results.result import SCHEMA, Result, Tree, Vector3
+from imucalib_cli.robot.mount import fixed_transform
 from imucalib_cli.robot.rotations import matrix_from_quaternion, nearest_rotation
 from imucalib_cli.shown import shown
 

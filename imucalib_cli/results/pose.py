@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from imucalib_cli.errors import ChoiceError
-from imucalib_cli.robot.mount import rigid_transform
+from imucalib_cli.robot.mount import fixed_transform
 from imucalib_cli.robot.rotations import rotation_angle, rpy_from_matrix, skew
 
 if TYPE_CHECKING:
@@ -23,18 +23,6 @@ AFFECTED = 0.05
 (3 degrees off the axis): less is the noise of the direction itself."""
 _ROUNDING = 1e-6
 """Of a correlation."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Nominal:
-    """What the URDF or the log's own frames say about the pose of an IMU."""
-
-    joint: str
-    """Name of the URDF's fixed joint; empty where no single joint says so."""
-    R_parent_imu: Floats
-    """(3, 3)."""
-    t_parent_imu: Floats
-    """(3,), m."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -144,27 +132,6 @@ def across(directions: ArrayLike) -> Floats:
         return np.eye(3)
     _, sizes, rows = np.linalg.svd(found)
     return np.asarray(rows[int((sizes > AFFECTED).sum()) :])
-
-
-def fixed_transform(robot: Robot, a: str, b: str) -> tuple[Floats, Floats]:
-    """R_a_b and p_a_b of a URDF where fixed joints alone lie between two links.
-
-    Raises:
-        ChoiceError: A link is not there, or a joint between them moves.
-    """
-    from imucalib_cli.robot.urdf import near_matches
-
-    for link in (a, b):
-        if link not in robot.links:
-            raise ChoiceError(f"'{link}' is not in {robot.source}{near_matches(link, robot.links)}")
-    between = rigid_transform(robot, a, b)
-    if between is None:
-        moving = next(joint for joint, _ in robot.route(a, b) if joint.kind != "fixed")
-        raise ChoiceError(
-            f"'{b}' moves relative to '{a}' in {robot.source}: the {moving.kind} joint "
-            f"'{moving.name}' is between them"
-        )
-    return between
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,7 +13,8 @@ import numpy as np
 from msgspec import UNSET, Meta, Struct, UnsetType
 
 from imucalib_cli.estimate.estimate import CorrectionName
-from imucalib_cli.results.pose import Nominal, UncertainPose
+from imucalib_cli.results.pose import UncertainPose
+from imucalib_cli.robot.mount import Nominal
 from imucalib_cli.robot.rotations import matrix_from_quaternion
 
 if TYPE_CHECKING:

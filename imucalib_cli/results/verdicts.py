@@ -25,8 +25,9 @@ from imucalib_cli.results.summary import unobservable_lines
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from imucalib_cli.results.pose import Nominal, UncertainPose
+    from imucalib_cli.results.pose import UncertainPose
     from imucalib_cli.results.result import Result, SourceFile
+    from imucalib_cli.robot.mount import Nominal
 
 _MOVED: dict[Verdict, Literal["moved", "not moved", "unknown"]] = {
     "yes": "not moved",

@@ -1,30 +1,39 @@
-"""Which link carries the IMU, and where the URDF believes it to be."""
+"""Which link carries the IMU, and where the URDF has it."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.errors import ChoiceError
 from imucalib_cli.robot.urdf import Robot, near_matches
 
-Floats = NDArray[np.float64]
+if TYPE_CHECKING:
+    from imucalib_cli.arrays import Floats
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Nominal:
+    """What the URDF or the log's own frames say about the pose of an IMU."""
+
+    joint: str
+    """Name of the URDF's fixed joint; empty where no single joint says so."""
+    R_parent_imu: Floats
+    """(3, 3)."""
+    t_parent_imu: Floats
+    """(3,), m."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Mount:
-    """The parent link, the IMU's frame, and their transform by the URDF, if it has one."""
+    """The parent link, the IMU's frame, and the URDF's nominal pose of the one in the other."""
 
     parent: str
     child: str
-    R_nominal: Floats | None
-    """(3, 3), R_parent_imu of the URDF; None where the URDF does not tell."""
-    t_nominal: Floats | None
-    """(3,), p_parent_imu of the URDF, m."""
-    joint_name: str | None
-    """The fixed joint that says so, if it is a single one."""
+    nominal: Nominal | None
+    """None where the URDF does not tell."""
 
 
 def find_mount(
@@ -56,27 +65,78 @@ def find_mount(
                 "--imu-link",
                 option="--parent",
             )
-        return Mount(
-            parent=parent, child=frame or "imu", R_nominal=None, t_nominal=None, joint_name=None
-        )
+        return Mount(parent=parent, child=frame or "imu", nominal=None)
     holder = robot.joint_above.get(frame)
-    if parent == frame and holder is not None and holder.kind == "fixed":
+    if holder is not None and holder.kind != "fixed":
+        holder = None
+    if parent == frame and holder is not None:
         raise ChoiceError(
             f"--parent {parent} is the IMU's own frame in {robot.source}: name the link it is "
             f"bolted to, such as {holder.parent}, or leave --parent out"
         )
     if parent is None:
-        parent = holder.parent if holder is not None and holder.kind == "fixed" else frame
-    nominal = rigid_transform(robot, parent, frame)
-    R_nominal, t_nominal = nominal if nominal is not None else (None, None)
-    single = holder is not None and holder.kind == "fixed" and holder.parent == parent
-    return Mount(
-        parent=parent,
-        child=frame,
-        R_nominal=R_nominal,
-        t_nominal=t_nominal,
-        joint_name=holder.name if single and holder is not None else None,
-    )
+        parent = frame if holder is None else holder.parent
+    between = rigid_transform(robot, parent, frame)
+    nominal = None if between is None else _nominal(robot, parent, frame, *between)
+    return Mount(parent=parent, child=frame, nominal=nominal)
+
+
+def require_nominal(robot: Robot, frame_id: str, parent: str | None, imu_link: str | None) -> None:
+    """See before any computing that a URDF tells the pose of an IMU in the frame it is found in.
+
+    Raises:
+        ChoiceError: It has no such frame, or moves it relative to the parent that was asked for.
+    """
+    frame = imu_link or frame_id.lstrip("/")
+    if frame not in robot.links:
+        named = f"the IMU's frame '{frame}' is not in" if frame else "the IMU has no frame_id for"
+        raise ChoiceError(
+            f"{named} {robot.source}, so there is no pose to verify: name the IMU's link there "
+            f"with --imu-link{near_matches(frame, robot.links)}"
+        )
+    if parent is not None and parent in robot.links:
+        try:
+            fixed_transform(robot, parent, frame)
+        except ChoiceError as error:
+            raise ChoiceError(
+                f"{error}: leave --parent out, or name a link to which fixed joints alone lead"
+            ) from None
+
+
+def nominal_pose(robot: Robot, parent: str, child: str) -> Nominal:
+    """The pose of one link in another by the fixed joints of a URDF.
+
+    Raises:
+        ChoiceError: A link is not there, or a joint between them moves.
+    """
+    require_nominal(robot, child, None, None)
+    return _nominal(robot, parent, child, *fixed_transform(robot, parent, child))
+
+
+def _nominal(robot: Robot, parent: str, child: str, R: Floats, t: Floats) -> Nominal:
+    joint = robot.joint_above.get(child)
+    single = joint is not None and joint.kind == "fixed" and joint.parent == parent
+    name = joint.name if joint is not None and single else ""
+    return Nominal(joint=name, R_parent_imu=R, t_parent_imu=t)
+
+
+def fixed_transform(robot: Robot, a: str, b: str) -> tuple[Floats, Floats]:
+    """R_a_b (3, 3) and p_a_b (3,), m, of a URDF where fixed joints alone lie between two links.
+
+    Raises:
+        ChoiceError: A link is not there, or a joint between them moves.
+    """
+    for link in (a, b):
+        if link not in robot.links:
+            raise ChoiceError(f"'{link}' is not in {robot.source}{near_matches(link, robot.links)}")
+    between = rigid_transform(robot, a, b)
+    if between is None:
+        moving = next(joint for joint, _ in robot.route(a, b) if joint.kind != "fixed")
+        raise ChoiceError(
+            f"'{b}' moves relative to '{a}' in {robot.source}: the {moving.kind} joint "
+            f"'{moving.name}' is between them"
+        )
+    return between
 
 
 def rigid_transform(robot: Robot, a: str, b: str) -> tuple[Floats, Floats] | None:

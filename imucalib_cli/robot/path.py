@@ -11,14 +11,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.robot.rotations import matrix_from_quaternion
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-Floats = NDArray[np.float64]
+    from imucalib_cli.arrays import Floats
 
 _BLOCK = 4096
 """Instants multiplied through at a time: their matrices stay in the processor's cache."""

@@ -7,10 +7,14 @@ whole calibration.
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from typing import TYPE_CHECKING
 
-Floats = NDArray[np.float64]
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from imucalib_cli.arrays import Floats
 
 _GIMBAL_LOCK = 1e-14
 """cos(pitch) below which roll and yaw are one angle in double precision."""

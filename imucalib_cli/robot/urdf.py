@@ -21,7 +21,6 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any, Literal, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.robot.urdf_check import check_urdf
@@ -31,7 +30,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-Floats = NDArray[np.float64]
+    from imucalib_cli.arrays import Floats
+
 JointKind = Literal["fixed", "revolute", "continuous", "prismatic", "floating", "planar"]
 
 
@@ -83,48 +83,28 @@ class Robot:
         """The joint that carries each link; the root has none."""
         return {joint.child: joint for joint in self.joints}
 
-    def chain(self, base: str, tip: str) -> tuple[Joint, ...]:
-        """Joints from ``base`` down to ``tip``, in this order.
-
-        Raises:
-            InputError: A link is not in the URDF, ``tip`` is not below ``base``, or a joint
-                between them is floating or planar.
-        """
-        joints = self._down(base, tip)
-        for joint in joints:
-            self.require_one_axis(joint)
-        return joints
-
     def route(self, start: str, end: str) -> tuple[tuple[Joint, bool], ...]:
         """Joints of any kind between two links, each with whether it is passed upwards.
 
         Raises:
             InputError: A link is not in the URDF.
         """
-        self.require_link(start)
-        self.require_link(end)
-        above_start = [start]
-        while above_start[-1] in self.joint_above:
-            above_start.append(self.joint_above[above_start[-1]].parent)
-        common = end
-        while common not in above_start:
-            common = self.joint_above[common].parent
-        up = [(joint, True) for joint in reversed(self._down(common, start))]
-        down = [(joint, False) for joint in self._down(common, end)]
-        return (*up, *down)
+        above_start, above_end = self._ancestors(start), self._ancestors(end)
+        common = next(link for link in above_end if link in above_start)
+        up = above_start[: above_start.index(common)]
+        down = above_end[: above_end.index(common)]
+        return (
+            *((self.joint_above[link], True) for link in up),
+            *((self.joint_above[link], False) for link in reversed(down)),
+        )
 
-    def _down(self, base: str, tip: str) -> tuple[Joint, ...]:
-        self.require_link(base)
-        self.require_link(tip)
-        joints = []
-        link = tip
-        while link != base:
-            joint = self.joint_above.get(link)
-            if joint is None:
-                raise InputError(f"{self.source}: link '{tip}' is not below link '{base}'")
-            joints.append(joint)
-            link = joint.parent
-        return tuple(reversed(joints))
+    def _ancestors(self, link: str) -> list[str]:
+        """The link and all above it, to the root."""
+        self.require_link(link)
+        path = [link]
+        while path[-1] in self.joint_above:
+            path.append(self.joint_above[path[-1]].parent)
+        return path
 
     def require_link(self, link: str) -> None:
         """Raise InputError with near matches if the URDF has no such link."""

@@ -12,23 +12,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from imucalib_cli.signals.spikes import MAD_TO_STD
+from imucalib_cli.signals.noise import MAD_TO_STD
+from imucalib_cli.signals.stamps import BUNCHED, SHORT, usual_interval
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.intp]
+if TYPE_CHECKING:
+    from imucalib_cli.arrays import Floats, Indices
 
-SHORT = 0.25
-"""Intervals below this share of the mean one are those within a burst."""
-BUNCHED = 0.05
-"""Share of short intervals from which stamps count as bunched; a rare hiccup is not worth it."""
 _LEAST = 200
 """Samples, for a rate."""
-SPAN = 128
-"""Samples over which the rate is looked at; the median over the log is blind to holes."""
 _SAME_STEP = 0.35
 """Mean square step of the values across short intervals over that across all: 1 for a device
 that keeps its rate, near 0 where samples were taken when they were stamped."""
@@ -87,15 +82,13 @@ class Stretch:
 
 
 @dataclass(frozen=True, eq=False)
-class Spread:
+class BurstTiming:
     """When the samples of a bunched stream were taken, up to a constant."""
 
     t: Floats
     """(N,), s, in the order of the messages, strictly increasing."""
     period: float
     """s."""
-    delay: float
-    """Root mean square of stamp - tick about its mean, s."""
     batch: int
     """Samples per burst where the device sends batches, else 1."""
     lost: int
@@ -109,7 +102,7 @@ def bunched_share(t: Floats) -> float:
     if len(t) < _LEAST:
         return 0.0
     steps = np.diff(t)
-    return float(np.mean(steps < SHORT * _usual_period(t)))
+    return float(np.mean(steps < SHORT * usual_interval(t)))
 
 
 def gathered(t: Floats) -> Floats:
@@ -118,12 +111,12 @@ def gathered(t: Floats) -> Floats:
     Args:
         t: (N,), s, finite, in the order of the messages.
     """
-    short = np.diff(t, prepend=-np.inf) < SHORT * _usual_period(t)
+    short = np.diff(t, prepend=-np.inf) < SHORT * usual_interval(t)
     first = np.maximum.accumulate(np.where(short, 0, np.arange(len(t))))
     return np.asarray(t[first])
 
 
-def spread_bursts(t: Floats, *values: Floats) -> Spread | None:
+def time_bursts(t: Floats, *values: Floats) -> BurstTiming | None:
     """Find when the samples of a constant-rate device were taken, from when they arrived.
 
     Args:
@@ -139,7 +132,7 @@ def spread_bursts(t: Floats, *values: Floats) -> Spread | None:
     if rate_stretches(t):
         return None
     t = np.maximum.accumulate(t)
-    period = _usual_period(t)
+    period = usual_interval(t)
     if not _evenly_sampled(t, np.hstack(values), period):
         return None
     single = _Units(t, np.arange(len(t)), 1)
@@ -196,15 +189,10 @@ def rate_stretches(t: Floats) -> tuple[Stretch, ...]:
     return tuple(found) if len(found) > 1 else ()
 
 
-def _better(plain: Spread | None, other: Spread | None) -> Spread | None:
+def _better(plain: BurstTiming | None, other: BurstTiming | None) -> BurstTiming | None:
     if plain is None or other is None:
         return plain or other
     return other if other.scatter < _CLEARLY * plain.scatter else plain
-
-
-def _usual_period(t: Floats) -> float:
-    span = min(SPAN, len(t) - 1)
-    return float(np.median(t[span:] - t[:-span])) / span
 
 
 def _evenly_sampled(t: Floats, values: Floats, period: float) -> bool:
@@ -249,7 +237,7 @@ def _batches(t: Floats, period: float) -> _Units | None:
     return _Units(t[ends - 1][group], first, batch)
 
 
-def _straight(t: Floats, units: _Units, period: float) -> Spread | None:
+def _straight(t: Floats, units: _Units, period: float) -> BurstTiming | None:
     """Ticks of an even rate from the first unit to the last; None where the count wanders."""
     index = np.arange(len(units.arrival), dtype=np.float64)
     rest = units.arrival - units.samples * period * index
@@ -289,7 +277,7 @@ def _robust_line(x: Floats, y: Floats) -> Floats:
     return np.asarray(line)
 
 
-def _with_losses(t: Floats, units: _Units, period: float) -> Spread | None:
+def _with_losses(t: Floats, units: _Units, period: float) -> BurstTiming | None:
     """Ticks where messages are missing; None if arrivals do not betray the device's period.
 
     Each loss is a step by a whole period in the lower edge of arrival - index * period.
@@ -311,7 +299,7 @@ def _with_losses(t: Floats, units: _Units, period: float) -> Spread | None:
     return _between(t, units, found * (index + best), int(best[-1] - best[0]))
 
 
-def _followed(t: Floats, units: _Units, period: float) -> Spread:
+def _followed(t: Floats, units: _Units, period: float) -> BurstTiming:
     """Ticks that follow the lower edge of arrivals from chunk to chunk, whatever is missing."""
     period = units.samples * period
     index = np.arange(len(units.arrival), dtype=np.float64)
@@ -347,7 +335,7 @@ def _period_in(arrival: Floats, usual: float) -> float | None:
     return 1.0 / float(frequency[peak])
 
 
-def _between(t: Floats, units: _Units, ticks: Floats, lost_units: int) -> Spread:
+def _between(t: Floats, units: _Units, ticks: Floats, lost_units: int) -> BurstTiming:
     """Ticks of the messages, given those of the units: a unit's last sample is sent at once."""
     sizes = np.diff(np.concatenate([units.first, [len(t)]]))
     unit = np.repeat(np.arange(len(sizes)), sizes)
@@ -356,10 +344,9 @@ def _between(t: Floats, units: _Units, ticks: Floats, lost_units: int) -> Spread
     share = (within + 0.5) / sizes[unit] - (1.0 - 0.5 / units.samples)
     placed = ticks[unit] + unit_period * share
     missing = (len(ticks) + lost_units) * units.samples - len(t)
-    return Spread(
+    return BurstTiming(
         t=placed,
         period=unit_period / units.samples,
-        delay=float(np.std(t - placed)),
         batch=units.samples,
         lost=max(missing, 0) if missing >= units.samples else 0,
         scatter=float(np.std(_low_edge(t - placed)[1])),

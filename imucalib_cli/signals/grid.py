@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.signals.interpolate import lagrange
-from imucalib_cli.signals.stamps import EXACT_SECONDS, gap_breaks, sample_interval
+from imucalib_cli.signals.stamps import EXACT_SECONDS, gap_breaks, outside_gaps, sample_interval
 
-Floats = NDArray[np.float64]
+if TYPE_CHECKING:
+    from imucalib_cli.arrays import Bools, Floats
+
 _POINTS = 4
 """A cubic through four samples, as the quadrature of the filters has it."""
 _MOST_EMPTY = 20.0
@@ -30,7 +32,7 @@ class ImuGrid:
     """(N, 3), rad/s."""
     accel: Floats
     """(N, 3), m/s²."""
-    usable: NDArray[np.bool_]
+    usable: Bools
     """(N,)."""
     gaps: int
     refine: int
@@ -75,15 +77,12 @@ def imu_grid(t: Floats, gyro: Floats, accel: Floats, refine: int = 1) -> ImuGrid
     off = np.flatnonzero(~on_grid)
     if len(off):
         placed[off] = lagrange(t, values, grid[off], points=_POINTS, breaks=breaks)
-    usable = np.ones(count, dtype=bool)
-    for index in breaks:
-        usable &= (grid <= t[index - 1] + EXACT_SECONDS) | (grid >= t[index] - EXACT_SECONDS)
     return ImuGrid(
         t0=float(t[0]),
         dt=dt,
         gyro=np.ascontiguousarray(placed[:, :3]),
         accel=np.ascontiguousarray(placed[:, 3:]),
-        usable=usable,
+        usable=outside_gaps(grid, t, breaks, EXACT_SECONDS),
         gaps=len(breaks),
         refine=refine,
     )

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.intp]
+import numpy as np
+
+if TYPE_CHECKING:
+    from imucalib_cli.arrays import Floats, Indices
 
 
 def lagrange(

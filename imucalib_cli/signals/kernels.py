@@ -15,12 +15,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+if TYPE_CHECKING:
+    from imucalib_cli.arrays import Floats, Indices
 
 MARGIN = 1
 """Samples beyond the window, on each side, that the local cubic of the quadrature touches."""
@@ -124,7 +125,7 @@ def matched_filter(samples: int, degree: int, order: int, dt: float) -> MatchedF
     return MatchedFilter(h / dt**order, quadrature_weights(h, order), order)
 
 
-def convolve_at(values: Floats, weights: Floats, first: NDArray[np.intp]) -> Floats:
+def convolve_at(values: Floats, weights: Floats, first: Indices) -> Floats:
     """Weighted sums of consecutive rows, only where they are wanted.
 
     Args:

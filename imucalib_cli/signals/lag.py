@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+if TYPE_CHECKING:
+    from imucalib_cli.arrays import Bools, Floats
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,7 +30,7 @@ LEAST_OVERLAP = 0.5
 """Share of the shorter series that must overlap: the correlation of less is high by chance."""
 
 
-def best_lag(reference: Floats, series: Floats, usable: NDArray[np.bool_], most: int) -> Lag | None:
+def best_lag(reference: Floats, series: Floats, usable: Bools, most: int) -> Lag | None:
     """Find k such that series[i + k] matches reference[i], by normalised cross-correlation.
 
     Only shifts count at which at least half of the usable samples of the shorter series meet

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
-Floats = NDArray[np.float64]
+if TYPE_CHECKING:
+    from imucalib_cli.arrays import Bools, Floats, Indices
 
 STANDARD_GRAVITY = 9.80665
 """m/s², CGPM 1901."""
+AXES = "xyz"
+Sensor = Literal["gyro", "accel"]
+SENSORS: tuple[Sensor, Sensor] = ("gyro", "accel")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -23,3 +25,16 @@ class ImuSamples:
     """(N, 3), angular rate in the IMU frame, rad/s."""
     accel: Floats
     """(N, 3), specific force in the IMU frame, m/s²; at rest it points up."""
+    topic: str = ""
+    """For messages."""
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    def of(self, sensor: Sensor) -> Floats:
+        """Values of one sensor, (N, 3)."""
+        return self.gyro if sensor == "gyro" else self.accel
+
+    def at(self, rows: Bools | Indices) -> ImuSamples:
+        """Some of the samples."""
+        return replace(self, t=self.t[rows], gyro=self.gyro[rows], accel=self.accel[rows])

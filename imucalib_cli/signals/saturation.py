@@ -6,27 +6,17 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from imucalib_cli.signals.stuck import (
-    ALIVE_NOISE,
-    AXES,
-    DEAD,
-    Fault,
-    Sensor,
-    noise,
-    quantum,
-    repeats_by_chance,
-    runs_of,
-)
+from imucalib_cli.signals.noise import quantum, white_noise
+from imucalib_cli.signals.repeats import ALIVE_NOISE, DEAD, Fault, repeats, repeats_by_chance
+from imucalib_cli.signals.samples import AXES, SENSORS
 from imucalib_cli.signals.turning import AGREE, BIN, TURNING
 
 if TYPE_CHECKING:
+    from imucalib_cli.arrays import Floats, Indices
+    from imucalib_cli.signals.samples import ImuSamples
     from imucalib_cli.signals.turning import Turning
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.intp]
-Mask = NDArray[np.bool_]
 Shape = Literal["certain", "abrupt", "smooth"]
 
 _TOP_RUN = 3
@@ -48,45 +38,36 @@ sensor, not of the motion."""
 
 
 def saturated(
-    t: Floats,
-    gyro: Floats,
-    accel: Floats,
-    turning: Turning | None,
-    accel_ranges: tuple[float, ...] = (),
+    imu: ImuSamples, turning: Turning | None, accel_ranges: tuple[float, ...] = ()
 ) -> list[Fault]:
     """One fault for each sensor that is cut off, on whichever axes.
 
     Args:
-        t: (N,), s, ascending.
-        gyro: (N, 3), rad/s.
-        accel: (N, 3), m/s².
+        imu: In order, SI.
         turning: Of the same IMU; None where no kinematics are known.
         accel_ranges: Full scales of the accelerometer, m/s², as far as they are known: what is
             flat there is no motion's. Of the gyroscope the kinematics know better.
     """
     found = []
-    sensors: tuple[tuple[Sensor, Floats], ...] = (("gyro", gyro), ("accel", accel))
-    for sensor, values in sensors:
-        suspects = flat_tops(values)
+    for sensor in SENSORS:
+        suspects = flat_tops(imu.of(sensor))
         aside = np.concatenate([top.rows for top in suspects] or [np.zeros(0, np.intp)])
-        if sensor == "accel":
-            tops = [
-                top
-                for top in suspects
-                if top.shape == "certain" or _ends(top, accel_ranges) or _turns(top, gyro, turning)
-            ]
-        else:
-            tops = [
-                top
-                for top in suspects
-                if top.shape == "certain" or _outrun(top, t, t[aside], turning)
-            ]
+        tops = [
+            top
+            for top in suspects
+            if top.shape == "certain"
+            or (
+                _outrun(top, imu.t, imu.t[aside], turning)
+                if sensor == "gyro"
+                else _ends(top, accel_ranges) or _turns(top, imu.gyro, turning)
+            )
+        ]
         if tops:
-            rows = np.zeros(len(t), dtype=bool)
+            rows = np.zeros(len(imu), dtype=bool)
             rows[np.concatenate([top.rows for top in tops])] = True
             axes = "".join(sorted({top.axis for top in tops}))
             limits = np.unique([top.limit for top in tops])
-            found.append(Fault(sensor, "saturated", rows, axes, limits, count_stretches(rows)))
+            found.append(Fault(sensor, "saturated", rows, axes, limits))
     return found
 
 
@@ -115,22 +96,16 @@ def _outrun(top: FlatTop, t: Floats, suspected: Floats, turning: Turning | None)
         return top.shape == "abrupt"
     count = len(turning.derived)
     full = np.bincount(turning.bins_of(t[top.rows]), minlength=count)
-    both = np.isfinite(turning.measured) & np.isfinite(turning.derived)
-    here = both & (full >= 0.5 * BIN / float(np.median(np.diff(t))))
+    here = turning.known & (full >= 0.5 * BIN / float(np.median(np.diff(t))))
     if not here.any():
         return top.shape == "abrupt"
-    elsewhere = both & (turning.derived > TURNING)
+    elsewhere = turning.known & (turning.derived > TURNING)
     elsewhere[turning.bins_of(suspected)] = False
     usual = 1.0
     if elsewhere.sum() >= _ELSEWHERE:
         usual = float(np.median(turning.measured[elsewhere] / turning.derived[elsewhere]))
     measured, derived = (float(np.sum(x[here])) for x in (turning.measured, turning.derived))
     return measured < _CUT * usual * derived
-
-
-def count_stretches(rows: Mask) -> int:
-    """Runs of True in a mask."""
-    return int(np.count_nonzero(np.diff(rows.astype(np.int8), prepend=0) == 1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,7 +128,7 @@ def flat_tops(values: Floats) -> list[FlatTop]:
         values: (N, 3).
     """
     found = []
-    spread = np.maximum(noise(values), quantum(values))
+    spread = np.maximum(white_noise(values), quantum(values))
     for axis, channel in enumerate(values.T):
         for limit in (float(channel.max()), float(channel.min())):
             rows, shape = _flat_rows(channel, limit, float(spread[axis]))
@@ -171,8 +146,8 @@ def _flat_rows(channel: Floats, limit: float, spread: float) -> tuple[Indices, S
     rows = np.flatnonzero(at)
     if len(rows) < _TOP_SAMPLES or np.mean(at[np.minimum(rows + 1, len(at) - 1)]) < _TOP_STAY:
         return none, "smooth"
-    runs = runs_of(at[1:] & at[:-1])
-    runs = runs.where((runs.end - runs.first >= _TOP_RUN) & (runs.first >= 3))
+    runs = repeats(at[1:] & at[:-1])
+    runs = runs.where((runs.lengths >= _TOP_RUN) & (runs.first >= 3))
     if not len(runs):
         return none, "smooth"
     ends = at | (channel == channel.max()) | (channel == channel.min())

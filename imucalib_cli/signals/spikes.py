@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING
 
-Floats = NDArray[np.float64]
+import numpy as np
+
+from imucalib_cli.signals.noise import MAD_TO_STD, deviation_from_neighbours
+from imucalib_cli.signals.stretches import stretches_of
+
+if TYPE_CHECKING:
+    from imucalib_cli.arrays import Bools, Floats
 
 _THRESHOLD = 6.0
 """Robust standard deviations; white noise passes it once in 10^9 samples."""
@@ -13,8 +18,6 @@ _MAX_RUN = 3
 """Longest run of neighbours that is still a glitch and not motion."""
 _BLOCK = 256
 """Samples over which noise is taken as constant: vibration comes and goes with motion."""
-MAD_TO_STD = 1.4826
-"""Standard deviation over median absolute deviation, of normal noise."""
 _SIDES = (-2, -1, 1, 2)
 _MOST_SPREAD = 2.5
 """Times the usual spread of a sample's neighbours."""
@@ -22,7 +25,7 @@ _GLITCH_ROUNDS = 4
 """Glitches close to each other show one after the other."""
 
 
-def find_spikes(values: Floats, floor: float) -> NDArray[np.bool_]:
+def find_spikes(values: Floats, floor: float) -> Bools:
     """Mark isolated samples far off the cubic through their neighbours.
 
     Args:
@@ -41,18 +44,18 @@ def find_spikes(values: Floats, floor: float) -> NDArray[np.bool_]:
     return _short_runs(found)
 
 
-def _channel_spikes(channel: Floats, floor: float) -> NDArray[np.bool_]:
+def _channel_spikes(channel: Floats, floor: float) -> Bools:
     found = np.zeros(len(channel), dtype=bool)
     work = channel.copy()
     apart = _distance_from_both_sides(channel)
     found |= apart > np.maximum(_THRESHOLD * _local_scale(apart), floor)
     _bridge(work, found)
-    limit = np.maximum(_THRESHOLD * _local_scale(np.abs(channel - _prediction(channel))), floor)
+    limit = np.maximum(_THRESHOLD * _local_scale(np.abs(deviation_from_neighbours(channel))), floor)
     # A spike also disturbs the prediction of its neighbours: take the worst of each
     # neighbourhood, mend it, look again.
     for _ in range(4):
-        off = np.abs(work - _prediction(work))
-        peak = off >= np.maximum.reduce([np.roll(off, shift) for shift in (-2, -1, 1, 2)])
+        off = np.abs(deviation_from_neighbours(work))
+        peak = off >= np.maximum.reduce([np.roll(off, shift) for shift in _SIDES])
         new = peak & (off > limit) & ~found
         if not new.any():
             break
@@ -62,7 +65,7 @@ def _channel_spikes(channel: Floats, floor: float) -> NDArray[np.bool_]:
     return found & (np.abs(channel - work) > limit)
 
 
-def find_glitches(t: Floats, values: Floats, floor: float) -> NDArray[np.bool_]:
+def find_glitches(t: Floats, values: Floats, floor: float) -> Bools:
     """Mark single samples that leap away and back, whatever the stamps.
 
     For joints and poses: their second derivative makes much of an encoder's one wrong reading.
@@ -85,7 +88,7 @@ def find_glitches(t: Floats, values: Floats, floor: float) -> NDArray[np.bool_]:
     return found
 
 
-def _leaps(t: Floats, values: Floats, floor: float) -> NDArray[np.bool_]:
+def _leaps(t: Floats, values: Floats, floor: float) -> Bools:
     """The worst of each neighbourhood, off the cubic across it and the parabolas on both sides."""
     found = np.zeros(len(t), dtype=bool)
     if len(t) < 2 * _BLOCK // 8:
@@ -99,7 +102,7 @@ def _leaps(t: Floats, values: Floats, floor: float) -> NDArray[np.bool_]:
     return found
 
 
-def _channel_leaps(t: Floats, values: Floats, floor: float) -> NDArray[np.bool_]:
+def _channel_leaps(t: Floats, values: Floats, floor: float) -> Bools:
     size = _off_polynomial(t, values, _SIDES)
     far = size > max(_THRESHOLD * MAD_TO_STD * float(np.median(size)), floor)
     if not far.any():
@@ -132,37 +135,11 @@ def _off_polynomial(t: Floats, values: Floats, sides: tuple[int, ...]) -> Floats
     return np.abs(off)
 
 
-def _bridge(work: Floats, found: NDArray[np.bool_]) -> None:
+def _bridge(work: Floats, found: Bools) -> None:
     """Replace what was found by straight lines between the rest."""
     good = np.flatnonzero(~found)
     if len(good):
         work[found] = np.interp(np.flatnonzero(found), good, work[good])
-
-
-NOISE_OF_DEVIATION = 1.394
-"""Standard deviation of the deviation from four neighbours, of white noise of unit deviation."""
-
-
-def deviation_from_neighbours(values: Floats) -> Floats:
-    """Distance of each sample from the cubic through the two on either side.
-
-    Blind to smooth motion; of unit white noise its standard deviation is 1.394.
-
-    Args:
-        values: (N,) or (N, C), evenly spaced.
-
-    Returns:
-        As the values.
-    """
-    return np.asarray(
-        np.apply_along_axis(lambda channel: channel - _prediction(channel), 0, values)
-    )
-
-
-def _prediction(x: Floats) -> Floats:
-    """Value at each sample of the cubic through the two on either side."""
-    padded = np.pad(x, 2, mode="reflect", reflect_type="odd")
-    return (4.0 * (padded[1:-3] + padded[3:-1]) - (padded[:-4] + padded[4:])) / 6.0
 
 
 def _distance_from_both_sides(x: Floats) -> Floats:
@@ -190,12 +167,7 @@ def _local_scale(off: Floats) -> Floats:
     return np.asarray(local[np.minimum(np.arange(len(off)) // size, blocks - 1)])
 
 
-def _short_runs(found: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _short_runs(found: Bools) -> Bools:
     """Keep runs of at most _MAX_RUN samples; a longer one is an event, not a glitch."""
-    edges = np.diff(np.concatenate([[0], found.astype(np.int8), [0]]))
-    starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
-    kept = found.copy()
-    for start, end in zip(starts, ends, strict=True):
-        if end - start > _MAX_RUN:
-            kept[start:end] = False
-    return kept
+    runs = stretches_of(found)
+    return found & ~runs.where(runs.lengths > _MAX_RUN).mask(len(found))

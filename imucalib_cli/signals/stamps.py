@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from imucalib_cli.arrays import Bools, Floats, Indices
 
 Number = TypeVar("Number", np.float64, np.complex128)
-Floats = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 GAP_INTERVALS = 3.0
 GAP_SECONDS = 0.010
@@ -20,6 +22,15 @@ _ASTRAY_SPANS = 2.0
 """Stamps further than this many spans of the log from its middle belong to no log."""
 EXACT_SECONDS = 6e-7
 """Stamps this close to a constant rate are one: half a microsecond is how some drivers round."""
+
+SHORT = 0.25
+"""Intervals below this share of the usual one are those within a burst."""
+BUNCHED = 0.05
+"""Share of short intervals from which stamps count as bunched; a rare hiccup is not worth it."""
+_SPAN = 128
+"""Samples over which the usual interval is looked at: many bursts, and few holes."""
+_LEAST_INTERVAL = 1e-9
+"""s, the resolution of stamps."""
 
 _PHASE_SAMPLES = 65
 """Samples whose mean phase tells where the ticks are: jitter down by 8, drift not yet seen."""
@@ -66,34 +77,36 @@ def tidy_rows(t: Floats, *values: Floats) -> TidyRows:
         t: (N,), s, as recorded.
         values: Each (N, C).
     """
-    finite = finite_rows(t, *values)
-    rows = np.flatnonzero(finite)
-    astray = 0
-    if len(rows):
-        near = near_stamps(t[rows])
-        astray = int((~near).sum())
-        rows = rows[near]
+    finite, usable = _usable(t, values)
+    rows = np.flatnonzero(usable)
     backward = int((np.diff(t[rows]) < 0).sum())
     if backward:
         rows = rows[np.argsort(t[rows], kind="stable")]
-    keep = np.concatenate([[True], np.diff(t[rows]) > 0]) if len(rows) else np.zeros(0, bool)
-    return TidyRows(rows[keep], int((~keep).sum()), backward, int((~finite).sum()), astray)
+    keep = np.diff(t[rows], prepend=-np.inf) > 0
+    return TidyRows(
+        rows=rows[keep],
+        repeated=int((~keep).sum()),
+        backward=backward,
+        not_finite=int((~finite).sum()),
+        astray=int((finite & ~usable).sum()),
+    )
 
 
-def finite_rows(t: Floats, *values: Floats) -> NDArray[np.bool_]:
-    """(N,), where stamps (N,) and all values, each (N, C), are numbers."""
+def usable_rows(t: Floats, *values: Floats) -> Bools:
+    """(N,), where stamps (N,) belong to the log, and they and all values (N, C) are numbers."""
+    return _usable(t, values)[1]
+
+
+def _usable(t: Floats, values: tuple[Floats, ...]) -> tuple[Bools, Bools]:
+    """Rows that are numbers, and those of them whose stamps are not from another time."""
     finite = np.isfinite(t)
     for each in values:
         finite &= np.isfinite(each).all(axis=1)
-    return finite
-
-
-def near_stamps(t: Floats) -> NDArray[np.bool_]:
-    """Which stamps belong to the log and are not from another time, (N,)."""
-    if not len(t):
-        return np.zeros(0, dtype=bool)
-    early, middle, late = np.percentile(t, (5, 50, 95))
-    return np.asarray(np.abs(t - middle) <= _ASTRAY_SPANS * (late - early) + 1.0)
+    usable = finite.copy()
+    if finite.any():
+        early, middle, late = np.percentile(t[finite], (5, 50, 95))
+        usable[finite] = np.abs(t[finite] - middle) <= _ASTRAY_SPANS * (late - early) + 1.0
+    return finite, usable
 
 
 def gap_limit(t: Floats) -> float:
@@ -106,6 +119,36 @@ def gap_breaks(t: Floats) -> Indices:
     if len(t) < 2:
         return np.zeros(0, np.intp)
     return np.flatnonzero(np.diff(t) > gap_limit(t)) + 1
+
+
+def outside_gaps(at: Floats, t: Floats, breaks: Indices, slack: float = 0.0) -> Bools:
+    """Which instants lie in no gap, nor farther inside one than a slack.
+
+    Args:
+        at: (M,), s.
+        t: (N,), s, ascending.
+        breaks: Of :func:`gap_breaks`.
+        slack: s.
+    """
+    if not len(breaks):
+        return np.ones(len(at), dtype=bool)
+    begins, ends = t[breaks - 1] + slack, t[breaks] - slack
+    last = np.searchsorted(begins, at) - 1  # the last gap that begins before
+    return np.asarray((last < 0) | (at >= ends[last]))
+
+
+def usual_interval(t: Floats) -> float:
+    """Mean interval of a stream, s, holes aside and whether or not its messages come in bursts.
+
+    Args:
+        t: (N,), s, N at least 2, in the order of the messages.
+    """
+    span = min(_SPAN, len(t) - 1)
+    took = t[span:] - t[:-span]
+    near = np.abs(took) <= 1.5 * max(float(np.median(took)), _LEAST_INTERVAL)
+    return (
+        max(float(np.mean(took[near])) / span, _LEAST_INTERVAL) if near.any() else _LEAST_INTERVAL
+    )
 
 
 def sample_interval(t: Floats) -> float:

@@ -4,22 +4,26 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
+from weakref import WeakKeyDictionary
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.signals.interpolate import lagrange
-from imucalib_cli.signals.spikes import MAD_TO_STD, NOISE_OF_DEVIATION, deviation_from_neighbours
-from imucalib_cli.signals.stamps import Ticks, constant_rate_ticks, gap_breaks, tidy_rows
-from imucalib_cli.signals.turns import unwrapped
+from imucalib_cli.signals.noise import white_noise
+from imucalib_cli.signals.stamps import (
+    Ticks,
+    constant_rate_ticks,
+    gap_breaks,
+    outside_gaps,
+    tidy_rows,
+)
 
 if TYPE_CHECKING:
+    from imucalib_cli.arrays import Bools, Floats, Indices
     from imucalib_cli.robot.path import KinematicPath, Track
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.intp]
 MIN_TRACK_SAMPLES = 6
 _BLOCK = 1 << 15
 """Instants whose poses are made at once."""
@@ -27,6 +31,11 @@ _RATE_SECONDS = 0.02
 """s: half of what a rate is differenced over; long against an encoder's steps."""
 _HELD = 0.5
 """Share of repeated rows in fast motion from which a publisher holds its values."""
+_TURN = 2.0 * np.pi
+_SLACK = 0.1
+"""rad beyond a turn that a channel kept within one may reach: encoder noise at its end."""
+_LEAST_JUMP = _TURN - 1.0
+"""rad: no joint moves as far from one message to the next, and a wrapped one jumps back by it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,14 +64,11 @@ class CleanTrack:
         """
         variance = np.zeros(self.values.shape[1])
         for channel, values in enumerate(self.values.T):
-            rest = deviation_from_neighbours(values)
             speed = np.abs(np.gradient(values))
             # Not the largest speed: a tracker that jumps once would be all that moves.
             active = speed > 0.2 * np.percentile(speed, 95)
             if active.sum() >= 8:
-                variance[channel] = (
-                    np.median(np.abs(rest[active])) * MAD_TO_STD / NOISE_OF_DEVIATION
-                ) ** 2
+                variance[channel] = white_noise(values[:, None], active)[0] ** 2
         return variance
 
 
@@ -79,31 +85,63 @@ def _with_rates(track: CleanTrack, stamps: Floats, part: slice) -> Floats:
     return np.hstack([values, rates])
 
 
+_CLEANED: WeakKeyDictionary[Track, CleanTrack] = WeakKeyDictionary()
+"""Tracks are immutable, and each is cleaned once in its life."""
+
+
 def clean_track(track: Track) -> CleanTrack:
     """Order a track, find its gaps, and make its quaternions and angles continuous.
 
     Raises:
         InputError: Fewer usable samples than an interpolation needs.
     """
+    if track not in _CLEANED:
+        _CLEANED[track] = _cleaned(track)
+    return _CLEANED[track]
+
+
+def _cleaned(track: Track) -> CleanTrack:
     tidy = tidy_rows(track.t, track.values)
     if len(tidy.rows) < MIN_TRACK_SAMPLES:
         raise InputError(
             f"{track.name}: {len(tidy.rows)} usable samples of {len(track.t)}, "
             f"need at least {MIN_TRACK_SAMPLES}: record a longer log"
         )
-    t, values = tidy.of(track.t), tidy.of(track.values)
-    if track.kind == "pose":
-        values = values.copy()
-        q = values[:, 3:]
-        flips = np.sum(q[1:] * q[:-1], axis=1) < 0  # q and -q are one rotation
-        values[1:, 3:] *= np.where(np.cumsum(flips) % 2, -1.0, 1.0)[:, None]
-    else:
-        values = unwrapped(values)
+    t, values = tidy.of(track.t), continuous(track.kind, tidy.of(track.values))
     changes = _changes(values)
     held = len(changes) < len(t)
     if held:
         t, values = t[changes], values[changes]
     return CleanTrack(track.name, t, values, gap_breaks(t), constant_rate_ticks(t), held)
+
+
+def continuous(kind: Literal["joints", "pose"], values: Floats) -> Floats:
+    """Values of a track, in the order of time, without jumps that are no motion.
+
+    Quaternions keep one sign. Joint positions go on where they were taken back by a turn: only
+    channels that stay within one turn can have been. Positions in degrees, or of a joint that
+    counts its turns, are left alone.
+
+    Args:
+        kind: Of the track.
+        values: (N, 7) or (N, J).
+
+    Returns:
+        As the values, the first row unchanged; the same array where no joint jumps.
+    """
+    if kind == "pose":
+        values = values.copy()
+        q = values[:, 3:]
+        flips = np.sum(q[1:] * q[:-1], axis=1) < 0  # q and -q are one rotation
+        values[1:, 3:] *= np.where(np.cumsum(flips) % 2, -1.0, 1.0)[:, None]
+        return values
+    jumps = np.diff(values, axis=0)
+    within = np.ptp(values, axis=0) < _TURN + _SLACK if len(values) else False
+    turns = np.where((np.abs(jumps) > _LEAST_JUMP) & within, np.sign(jumps), 0.0)
+    if turns.any():
+        values = values.copy()
+        values[1:] -= _TURN * np.cumsum(turns, axis=0)
+    return values
 
 
 def _changes(values: Floats) -> Indices:
@@ -179,14 +217,13 @@ class Trajectory:
         stamps = [self._stamps(track) for track in self.tracks]
         return max(t[0] for t in stamps), min(t[-1] for t in stamps)
 
-    def covered(self, t: Floats) -> NDArray[np.bool_]:
+    def covered(self, t: Floats) -> Bools:
         """Whether every track has samples around each instant: inside it and in no gap."""
         result = np.ones(len(t), dtype=bool)
         for track, breaks in zip(self.tracks, self._breaks, strict=True):
             stamps = self._stamps(track)
             result &= (t >= stamps[0]) & (t <= stamps[-1])
-            for index in breaks:
-                result &= (t <= stamps[index - 1]) | (t >= stamps[index])
+            result &= outside_gaps(t, stamps, breaks)
         return result
 
     def nearest_covered(self, t: Floats) -> Floats:

@@ -8,29 +8,32 @@ one of the two streams stands still alone.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.signals.lag import best_lag
-from imucalib_cli.signals.spikes import MAD_TO_STD
+from imucalib_cli.signals.noise import MAD_TO_STD
+from imucalib_cli.signals.stretches import stretches_of
 
 if TYPE_CHECKING:
+    from imucalib_cli.arrays import Bools, Floats, Indices
     from imucalib_cli.signals.trajectory import Trajectory
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 BIN = 0.05
 """s over which turning is averaged: encoder steps and trackers' noise stay small in it."""
 TURNING = 0.05
-"""rad/s: less is standing still."""
+"""rad/s: less is not turning, by either stream. Biases of MEMS gyroscopes stay below it."""
+STILL = 0.005
+"""rad/s by the kinematics: standing still. Encoder steps and trackers' noise stay below it."""
+_EXACTLY_STILL = 1e-6
+"""rad/s: positions repeat, and rounding is all that moves."""
+_HELD_TURNING = 2.0 * TURNING
+_HELD_SECONDS = 0.5
+"""The robot's stream is held where it is exactly still so long while the IMU turns so fast."""
 AGREE = 0.9
 """Correlation of the two rates of turning elsewhere from which the kinematics tell faults."""
-STILL = 0.005
-"""rad/s by the kinematics: not turning."""
 _LEAST_BINS = 20
 _LEAST_STILL = 5
 _MEDIAN_OVER_MEAN = float(np.sqrt(np.pi / 2.0))
@@ -39,6 +42,17 @@ _HOLES = 3.0
 """A bin with a hole of so many intervals has no mean rate."""
 _MOST_BINS, _MOST_EMPTY = 1_000_000, 20
 """Bins that are held whatever the number of samples, and per sample."""
+
+
+class RateRatio(NamedTuple):
+    """How many times the robot's rate of turning an IMU reads."""
+
+    value: float
+    """Median over bins."""
+    scatter: float
+    """Standard deviation of a bin's ratio, over the ratio."""
+    std: float
+    """Standard deviation of the value, of bins that err independently."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,52 +75,40 @@ class Turning:
     """Of the two at that lag; 0 where they could not be compared."""
 
     @property
-    def ratio(self) -> float | None:
-        """Measured over derived where the link turns plainly; None where it hardly does."""
-        ratios = self._ratios()
-        return None if ratios is None else float(np.median(ratios))
+    def known(self) -> Bools:
+        """(B,), bins in which both rates are told."""
+        return np.isfinite(self.derived) & np.isfinite(self.measured)
 
     @property
-    def ratio_scatter(self) -> float:
-        """Standard deviation of a bin's ratio over the ratio, by its median; 0.0 where none is."""
-        ratios = self._ratios()
-        if ratios is None:
-            return 0.0
-        middle = float(np.median(ratios))
-        return MAD_TO_STD * float(np.median(np.abs(ratios - middle))) / max(middle, 1e-300)
+    def ratio(self) -> RateRatio | None:
+        """Measured over derived, by the faster half of the bins in which the link turns plainly.
 
-    @property
-    def ratio_std(self) -> float:
-        """Standard deviation of the ratio, of bins that err independently; 0.0 where none is."""
-        ratios = self._ratios()
-        if ratios is None:
-            return 0.0
-        middle = float(np.median(ratios))
-        return _MEDIAN_OVER_MEAN * self.ratio_scatter * middle / float(np.sqrt(len(ratios)))
-
-    def _ratios(self) -> Floats | None:
-        """Measured over derived in the faster half of the bins in which the link turns plainly."""
-        both = np.isfinite(self.derived) & np.isfinite(self.measured)
-        fast = both & (self.derived > TURNING)
+        None where it hardly turns.
+        """
+        fast = self.known & (self.derived > TURNING)
         if fast.sum() < _LEAST_BINS:
             return None
         fast &= self.derived >= np.median(self.derived[fast])
-        return np.asarray(self.measured[fast] / self.derived[fast])
+        ratios = self.measured[fast] / self.derived[fast]
+        middle = float(np.median(ratios))
+        scatter = MAD_TO_STD * float(np.median(np.abs(ratios - middle)))
+        std = _MEDIAN_OVER_MEAN * scatter / float(np.sqrt(len(ratios)))
+        return RateRatio(middle, scatter / max(middle, 1e-300), std)
 
     def scaled(self, factor: float) -> Turning:
         """The same with the IMU's rates in another unit."""
         return replace(self, measured=self.measured * factor, bias=self.bias * factor)
 
-    def agreement(self, besides: Mask) -> float:
+    def agreement(self, besides: Bools) -> float:
         """Correlation of the two rates at the lag, some bins left aside; 0 if too few are left."""
-        both = np.isfinite(self.derived) & np.isfinite(self.measured) & ~besides
+        both = self.known & ~besides
         a, b = self.derived[both], self.measured[both]
         if len(a) < _LEAST_BINS or np.ptp(a) == 0.0 or np.ptp(b) == 0.0:
             return 0.0
         a, b = np.minimum(a, np.percentile(a, 99)), np.minimum(b, np.percentile(b, 99))
         return float(np.corrcoef(a, b)[0, 1])
 
-    def bins_of(self, t: Floats) -> NDArray[np.intp]:
+    def bins_of(self, t: Floats) -> Indices:
         """Bins of instants of the IMU's clock; those outside are left out."""
         bins = np.floor((t - self.lag - self.t0) / BIN).astype(np.intp)
         return np.asarray(bins[(bins >= 0) & (bins < len(self.derived))])
@@ -115,18 +117,29 @@ class Turning:
         """Bins between two instants of the robot's clock."""
         return slice(max(round((start - self.t0) / BIN), 0), max(round((end - self.t0) / BIN), 0))
 
-    def edges(self, which: Mask) -> tuple[Floats, Floats]:
-        """Starts and ends, robot seconds, of the runs of bins in a mask."""
-        change = np.diff(np.concatenate([[0], which.astype(np.int8), [0]]))
-        starts, ends = np.flatnonzero(change == 1), np.flatnonzero(change == -1)
-        return np.asarray(self.t0 + BIN * starts), np.asarray(self.t0 + BIN * ends)
-
     def derived_between(self, start: float, end: float) -> Floats:
         """Derived rates of the bins wholly between two instants of the IMU's clock."""
         first = int(np.ceil((start - self.lag - self.t0) / BIN)) + 1
         last = int(np.floor((end - self.lag - self.t0) / BIN)) - 1
         found = self.derived[max(first, 0) : max(last, 0)]
         return np.asarray(found[np.isfinite(found)])
+
+    def held_robot(self) -> list[tuple[float, float]]:
+        """Stretches, robot seconds, in which the kinematics stand still and the IMU turns."""
+        still = self.known & (self.derived < _EXACTLY_STILL)
+        # Half a bin of lag, and motion that begins within one.
+        inner = still & np.roll(still, 1) & np.roll(still, -1)
+        turns = inner & (self.measured > _HELD_TURNING)
+        aside = np.zeros(len(still), dtype=bool)
+        found = []
+        stretches = stretches_of(still)
+        for first, end in zip(stretches.first, stretches.end, strict=True):
+            if turns[first:end].sum() * BIN >= _HELD_SECONDS:
+                aside[first:end] = True
+                # The last sample that stood still may lie in the bin after.
+                found.append((self.t0 + BIN * float(first), self.t0 + BIN * float(end) + BIN))
+        # Where the rest does not agree either, something else is wrong.
+        return found if self.agreement(aside) > AGREE else []
 
 
 def compare_turning(t: Floats, gyro: Floats, trajectory: Trajectory, most: float) -> Turning:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from imucalib_cli.estimate import columns
 from imucalib_cli.robot.rotations import skew
-from imucalib_cli.signals.spikes import MAD_TO_STD
+from imucalib_cli.signals.noise import MAD_TO_STD
 
 if TYPE_CHECKING:
     from imucalib_cli.estimate.paper_filters import Instants

@@ -36,9 +36,13 @@ def _read(log: Path, **wishes: Any) -> tuple[Recording, Motion]:
 
 def test_joints_move_the_link_that_holds_the_frame(log_writer: LogWriter, arm_urdf: Path) -> None:
     motion = motion_of(log_writer.imu().joints().write(), urdf=arm_urdf)
-    assert (motion.parent, motion.child, motion.path.world) == ("hand", "imu_link", "base")
-    assert motion.nominal is not None
-    assert motion.nominal.joint == "imu_joint"
+    assert (motion.mount.parent, motion.mount.child, motion.path.world) == (
+        "hand",
+        "imu_link",
+        "base",
+    )
+    assert motion.mount.nominal is not None
+    assert motion.mount.nominal.joint == "imu_joint"
     # by hand: pan and lift at zero put the hand 0.2 m out and 0.3 m up
     R, p = motion.path.poses((np.zeros((1, 2)),))
     np.testing.assert_allclose(p[0], [0.2, 0.0, 0.3], atol=1e-15)
@@ -61,9 +65,13 @@ def test_parent_and_imu_link_may_be_told(log_writer: LogWriter, arm_urdf: Path) 
     with pytest.raises(ChoiceError, match="one of: base, upper, hand, imu_link; or, if the IMU"):
         motion_of(log, urdf=arm_urdf)
     told = motion_of(log, urdf=arm_urdf, parent="upper")
-    assert (told.parent, told.child, told.nominal) == ("upper", "unheard_of", None)
+    assert (told.mount.parent, told.mount.child, told.mount.nominal) == (
+        "upper",
+        "unheard_of",
+        None,
+    )
     linked = motion_of(log, urdf=arm_urdf, imu_link="imu_link")
-    assert (linked.parent, linked.child) == ("hand", "imu_link")
+    assert (linked.mount.parent, linked.mount.child) == ("hand", "imu_link")
 
 
 def test_a_moving_base_carries_the_arm(log_writer: LogWriter, arm_urdf: Path) -> None:
@@ -120,20 +128,24 @@ def test_a_world_that_is_no_link_is_refused(log_writer: LogWriter, arm_urdf: Pat
 def test_tf_replaces_joint_states(log_writer: LogWriter, arm_urdf: Path) -> None:
     log = log_writer.imu().tf("base", "upper").tf("upper", "hand").write()
     motion = motion_of(log, urdf=arm_urdf)
-    assert (motion.parent, motion.path.world, motion.topics) == ("hand", "base", ("/tf",))
-    assert motion.nominal is not None
+    assert (motion.mount.parent, motion.path.world, motion.topics) == ("hand", "base", ("/tf",))
+    assert motion.mount.nominal is not None
 
 
 def test_without_urdf_a_static_edge_names_the_parent(log_writer: LogWriter) -> None:
     log = log_writer.imu().tf("map", "body").tf("body", "imu_link", moving=False).write()
     motion = motion_of(log)
-    assert (motion.parent, motion.child, motion.path.world) == ("body", "imu_link", "map")
-    assert motion.nominal is not None
-    np.testing.assert_array_equal(motion.nominal.t_parent_imu, [1.0, 2.0, 3.0])
+    assert (motion.mount.parent, motion.mount.child, motion.path.world) == (
+        "body",
+        "imu_link",
+        "map",
+    )
+    assert motion.mount.nominal is not None
+    np.testing.assert_array_equal(motion.mount.nominal.t_parent_imu, [1.0, 2.0, 3.0])
 
 
 def test_without_urdf_the_only_moving_frame_is_the_parent(log_writer: LogWriter) -> None:
-    assert motion_of(log_writer.imu().tf("map", "body").write()).parent == "body"
+    assert motion_of(log_writer.imu().tf("map", "body").write()).mount.parent == "body"
 
 
 def test_several_moving_frames_are_a_choice(log_writer: LogWriter) -> None:
@@ -145,15 +157,15 @@ def test_several_moving_frames_are_a_choice(log_writer: LogWriter) -> None:
 
 def test_a_tracked_imu_frame_is_its_own_parent(log_writer: LogWriter) -> None:
     motion = motion_of(log_writer.imu().tf("map", "imu_link").write())
-    assert (motion.parent, motion.child) == ("imu_link", "imu_link")
-    assert motion.nominal is not None
-    np.testing.assert_array_equal(motion.nominal.R_parent_imu, np.eye(3))
+    assert (motion.mount.parent, motion.mount.child) == ("imu_link", "imu_link")
+    assert motion.mount.nominal is not None
+    np.testing.assert_array_equal(motion.mount.nominal.R_parent_imu, np.eye(3))
 
 
 def test_a_pose_without_child_is_named_by_the_user_or_its_topic(log_writer: LogWriter) -> None:
     log = log_writer.imu().poses("/mocap/pose").write()
-    assert motion_of(log).parent == "/mocap/pose"
-    assert motion_of(log, parent="drone").parent == "drone"
+    assert motion_of(log).mount.parent == "/mocap/pose"
+    assert motion_of(log, parent="drone").mount.parent == "drone"
     assert motion_of(log, parent="drone").path.world == "room"
 
 
@@ -166,7 +178,7 @@ def test_a_path_that_stands_still_is_refused(log_writer: LogWriter, arm_urdf: Pa
 def test_a_pose_told_twice_is_taken_once_and_told(log_writer: LogWriter) -> None:
     log = log_writer.imu().tf("map", "body").tf("map", "body", moving=False).write()
     recording, motion = _read(log)
-    assert motion.parent == "body"
+    assert motion.mount.parent == "body"
     assert any("/tf_static tells the pose of body in map too" in w for w in recording.warnings)
 
 
@@ -175,7 +187,11 @@ def test_a_leading_slash_is_no_part_of_a_link_name(log_writer: LogWriter, arm_ur
         arm_urdf.read_text().replace('link="', 'link="/').replace('link name="', 'link name="/')
     )
     motion = motion_of(log_writer.imu(frame="/imu_link").joints().write(), urdf=arm_urdf)
-    assert (motion.parent, motion.child, motion.path.world) == ("hand", "imu_link", "base")
+    assert (motion.mount.parent, motion.mount.child, motion.path.world) == (
+        "hand",
+        "imu_link",
+        "base",
+    )
 
 
 def test_links_that_differ_by_a_slash_alone_are_refused(arm_urdf: Path) -> None:

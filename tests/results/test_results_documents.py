@@ -32,10 +32,10 @@ from imucalib_cli.results.answers import schema_of
 from imucalib_cli.results.codec import read_results, result_from, to_document, to_json, to_yaml
 from imucalib_cli.results.formats import FORMATS, refuse_untrusted
 from imucalib_cli.results.from_estimate import finding_entry, result_of, scalars
-from imucalib_cli.results.pose import Nominal
 from imucalib_cli.results.requirement import Tolerance, require
 from imucalib_cli.results.result import Provenance, Result, SourceFile, Topics
 from imucalib_cli.results.summary import summarise
+from imucalib_cli.robot.mount import Nominal
 
 ROOT = Path(__file__).parents[2]
 SCHEMA = json.loads((ROOT / "docs/result.schema.json").read_text())

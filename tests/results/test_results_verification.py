@@ -12,9 +12,9 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import ortho_group
 
 from imucalib_cli.findings import Severity, texts
-from imucalib_cli.results.pose import Nominal
 from imucalib_cli.results.requirement import Tolerance, require
 from imucalib_cli.results.verdicts import diff, verify
+from imucalib_cli.robot.mount import Nominal
 from tests.results.test_results_documents import ROLL, UP, make_estimate, make_result
 
 if TYPE_CHECKING:

@@ -170,19 +170,6 @@ def test_utf_16_is_read(tmp_path: Path) -> None:
     assert load_robot(write(tmp_path, text.encode("utf-16"))).links == ("a", "b", "c")
 
 
-def test_chain_goes_down_only_and_refuses_what_is_not_one_number(tmp_path: Path) -> None:
-    body = '<link name="d"/>' + LINKS + AB + BC + joint("cd", "planar", "c", "d")
-    loaded = load_robot(write(tmp_path, robot(body)))
-    assert [joint.name for joint in loaded.chain("a", "c")] == ["ab", "bc"]
-    assert loaded.chain("b", "b") == ()
-    with pytest.raises(InputError, match="'a' is not below link 'c'"):
-        loaded.chain("c", "a")
-    with pytest.raises(InputError, match="joint 'cd' is planar"):
-        loaded.chain("a", "d")
-    with pytest.raises(InputError, match="no link 'e'"):
-        loaded.chain("a", "e")
-
-
 def test_route_goes_up_and_down_past_the_common_link() -> None:
     panda = load_robot(DATA / "panda.urdf")
     route = panda.route("panda_leftfinger", "panda_rightfinger")

@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from imucalib_cli.signals.faults import clear_of, held_robot, sensor_faults
+from imucalib_cli.signals.imu_checks import sensor_faults
+from imucalib_cli.signals.repair import clear_of
+from imucalib_cli.signals.repeats import dead_axes
+from imucalib_cli.signals.samples import ImuSamples
 from imucalib_cli.signals.saturation import flat_tops
 from imucalib_cli.signals.stamps import gap_breaks
-from imucalib_cli.signals.stuck import dead_axes
 from imucalib_cli.signals.trajectory import Trajectory
 from imucalib_cli.signals.turning import Turning, compare_turning
 from tests.estimate.estimate_arm import INDUSTRIAL, MEMS, Log, make_log
@@ -49,15 +51,16 @@ def test_a_sound_sensor_is_not_blamed(
 ) -> None:
     log = _sensed(clean, densities, quanta)
     imu = log.imu
-    assert sensor_faults(imu.t, imu.gyro, imu.accel, _turning(log)) == []
+    assert sensor_faults(imu, _turning(log)) == []
     assert dead_axes(imu.gyro) == dead_axes(imu.accel) == ""
-    assert held_robot(_turning(log)) == []
+    assert _turning(log).held_robot() == []
 
 
 def test_rates_of_turning_agree_whatever_the_mount(clean: Log) -> None:
     turning = _turning(_sensed(clean, MEMS, (0.0, 0.0)))
     assert turning.lag == pytest.approx(0.2, abs=0.01)
-    assert turning.ratio == pytest.approx(1.0, abs=0.01)
+    assert turning.ratio is not None
+    assert turning.ratio.value == pytest.approx(1.0, abs=0.01)
     assert turning.correlation > 0.99
     # biases that estimate_arm adds
     np.testing.assert_allclose(turning.bias, (0.01, -0.02, 0.005), atol=2e-3)
@@ -75,7 +78,7 @@ def test_a_sensor_that_freezes_in_motion_is_found(
     gyro[first:end], accel[first:end] = gyro[first], accel[first]
     for frozen_gyro, frozen_accel in ((gyro, accel), (gyro, imu.accel), (imu.gyro, accel)):
         log = clean.with_imu(imu.t, frozen_gyro, frozen_accel)
-        faults = sensor_faults(imu.t, frozen_gyro, frozen_accel, _turning(log))
+        faults = sensor_faults(log.imu, _turning(log))
         assert {fault.sensor for fault in faults} == {
             name
             for name, given, sound in (
@@ -95,7 +98,7 @@ def test_an_axis_that_freezes_alone_is_found(clean: Log) -> None:
     imu = _sensed(clean, MEMS, WIDE).imu
     gyro = imu.gyro.copy()
     gyro[2000:2300, 1] = gyro[2000, 1]
-    (fault,) = sensor_faults(imu.t, gyro, imu.accel, _turning(clean))
+    (fault,) = sensor_faults(replace(imu, gyro=gyro), _turning(clean))
     assert (fault.sensor, fault.kind, fault.axes) == ("gyro", "frozen", "y")
     assert fault.rows[2000:2300].all()
     assert fault.rows.sum() == 300
@@ -111,7 +114,7 @@ def test_flat_tops_are_found_on_both_sides(
     limit = 0.6 * float(np.abs(imu.gyro).max())
     gyro = np.clip(imu.gyro, -limit, limit)
     log = clean.with_imu(imu.t, gyro, imu.accel)
-    (fault,) = sensor_faults(imu.t, gyro, imu.accel, _turning(log))
+    (fault,) = sensor_faults(log.imu, _turning(log))
     assert (fault.sensor, fault.kind) == ("gyro", "saturated")
     clipped = (np.abs(gyro) == limit).any(axis=1)
     # What a quiet sensor says for a moment at its limit may as well be its own.
@@ -125,7 +128,7 @@ def test_an_accelerometer_at_its_limit_is_found(clean: Log) -> None:
     limit = float(np.percentile(np.abs(imu.accel[:, 0]), 97))
     accel = imu.accel.copy()
     accel[:, 0] = np.clip(accel[:, 0], -limit, limit)
-    (fault,) = sensor_faults(imu.t, imu.gyro, accel, _turning(clean))
+    (fault,) = sensor_faults(replace(imu, accel=accel), _turning(clean))
     assert (fault.sensor, fault.kind, fault.axes) == ("accel", "saturated", "x")
     assert fault.rows.sum() == (np.abs(accel[:, 0]) == limit).sum()
 
@@ -136,14 +139,15 @@ def test_a_steady_rotation_is_not_saturation() -> None:
     rate = np.clip(3.0 * np.sin(t), -1.5, 1.5)
     gyro = np.stack([np.zeros_like(t), np.zeros_like(t), rate], axis=1)
     accel = np.tile([0.0, 0.0, 9.80665], (len(t), 1))
+    imu = ImuSamples(t=t, gyro=gyro, accel=accel)
     assert flat_tops(gyro)  # from the values alone it looks like one
     bins = int(12.0 / 0.05)
     mean = np.abs(rate.reshape(bins, -1).mean(axis=1))
     turning = Turning(0.0, mean, mean, np.zeros(3), 0.0, 1.0)
-    assert sensor_faults(t, gyro, accel, turning) == []
+    assert sensor_faults(imu, turning) == []
     lively = np.where(mean < 1.3, mean, 1.1 * mean)
     cut = Turning(0.0, lively, mean, np.zeros(3), 0.0, 1.0)
-    (fault,) = sensor_faults(t, gyro, accel, cut)
+    (fault,) = sensor_faults(imu, cut)
     assert (fault.sensor, fault.kind, fault.axes) == ("gyro", "saturated", "z")
 
 
@@ -165,7 +169,6 @@ def test_no_window_reaches_over_what_is_left_out() -> None:
     assert out[500:503].all()
     assert out.sum() < 40
     assert len(gap_breaks(t[~out])) == 1
-    assert not clear_of(t, np.zeros(2000, dtype=bool)).any()
 
 
 def test_a_robot_that_stands_still_alone_is_found(clean: Log) -> None:
@@ -175,7 +178,7 @@ def test_a_robot_that_stands_still_alone_is_found(clean: Log) -> None:
     path = replace(clean.path, tracks=(replace(track, values=values),))
     noisy = clean.noisy(2)
     turning = compare_turning(noisy.imu.t, noisy.imu.gyro, Trajectory.of(path), 1.0)
-    held = held_robot(turning)
+    held = turning.held_robot()
     # The pauses at either end belong to it as far as positions repeat.
     assert held[0][0] == pytest.approx(7.5, abs=0.5)
     assert held[-1][1] == pytest.approx(10.5, abs=0.1)
@@ -184,4 +187,27 @@ def test_a_robot_that_stands_still_alone_is_found(clean: Log) -> None:
 def test_clocks_that_do_not_match_are_no_fault_of_the_robot(clean: Log) -> None:
     imu = clean.noisy(3).imu
     turning = compare_turning(imu.t + 4.7, imu.gyro, Trajectory.of(clean.path), 1.0)
-    assert held_robot(turning) == []
+    assert turning.held_robot() == []
+
+
+TWO_G = 2 * 9.80665
+QUANTUM = TWO_G / 32768
+
+
+def test_a_gentle_flat_top_is_saturation_only_at_a_known_range() -> None:
+    """It ends so gently that the values do not tell."""
+    t = np.arange(4000) / 200.0
+    # Barely beyond the range, so that the slope before the flat top is that of any motion.
+    swing = 1.004 * TWO_G * np.sin(2 * np.pi * 0.5 * t)
+    rest = 0.3 * np.sin(1.3 * t), 9.8 + 0.2 * np.cos(0.7 * t)
+    accel = np.stack([np.clip(swing, -TWO_G, TWO_G), *rest], axis=1)
+    accel = np.round(accel / QUANTUM) * QUANTUM
+    gyro = 0.01 * np.stack([np.sin(0.4 * t), np.cos(0.3 * t), np.sin(0.2 * t)], axis=1)
+    imu = ImuSamples(t=t, gyro=gyro, accel=accel)
+    assert sensor_faults(imu, None) == []
+    (fault,) = sensor_faults(imu, None, (TWO_G, 2 * TWO_G))
+    assert (fault.sensor, fault.kind, fault.axes) == ("accel", "saturated", "x")
+    assert fault.value == pytest.approx([-TWO_G, TWO_G], rel=1e-4)
+    assert fault.rows.sum() == (np.abs(swing) >= TWO_G - QUANTUM / 2).sum()
+    # At another range the same top is the motion's.
+    assert sensor_faults(imu, None, (3 * TWO_G,)) == []

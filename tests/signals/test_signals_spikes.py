@@ -7,7 +7,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from imucalib_cli.signals.spikes import deviation_from_neighbours, find_spikes
+from imucalib_cli.signals.noise import deviation_from_neighbours
+from imucalib_cli.signals.spikes import find_spikes
 
 Floats = NDArray[np.float64]
 

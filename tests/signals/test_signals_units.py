@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from imucalib_cli.errors import InputError
-from imucalib_cli.jobs.units import (
+from imucalib_cli.signals.samples import ImuSamples
+from imucalib_cli.signals.turning import Turning
+from imucalib_cli.signals.units import (
     ACCEL_FACTORS,
     KNOWN_RATIOS,
     AccelUnit,
@@ -14,8 +16,6 @@ from imucalib_cli.jobs.units import (
     accel_factor,
     gyro_factor,
 )
-from imucalib_cli.logs.streams import ImuStream
-from imucalib_cli.signals.turning import Turning
 
 DEG = 180.0 / np.pi
 G = 9.80665
@@ -33,28 +33,27 @@ def turning(ratio: float, *, scatter: float = 0.01, correlation: float = 0.99) -
     [(1.0, "rad/s"), (1.2, "rad/s"), (DEG, "deg/s"), (1.0 / DEG, "rad/s converted twice")],
 )
 def test_known_ratios_are_taken_for_their_unit(ratio: float, unit: str) -> None:
-    found = gyro_factor("/imu", 1.0, turning(ratio), "auto", most_angle=2.0)
+    found = gyro_factor(resting(G), turning(ratio), "auto", most_angle=2.0)
     assert found.unit == unit
-    known = next(each.ratio for each in KNOWN_RATIOS if each.unit == unit)
-    assert found.value == pytest.approx(1.0 / known)
+    assert found.value == pytest.approx(1.0 / KNOWN_RATIOS[unit].ratio)
     assert (found.finding is None) == (unit == "rad/s")
 
 
 def test_joints_that_turn_many_times_are_rather_in_degrees() -> None:
-    found = gyro_factor("/imu", 1.0, turning(1.0 / DEG), "auto", most_angle=60.0)
+    found = gyro_factor(resting(G), turning(1.0 / DEG), "auto", most_angle=60.0)
     assert (found.unit, found.value, found.finding) == ("rad/s", 1.0, None)
 
 
 @pytest.mark.parametrize("ratio", [1.0 / DEG, 8.0, 0.1])
 def test_rates_that_agree_poorly_tell_another_link_and_no_unit(ratio: float) -> None:
-    found = gyro_factor("/imu", 1.0, turning(ratio, correlation=0.8), "auto", most_angle=2.0)
+    found = gyro_factor(resting(G), turning(ratio, correlation=0.8), "auto", most_angle=2.0)
     assert (found.unit, found.finding) == ("rad/s", None)
 
 
 @pytest.mark.parametrize("ratio", [8.0, 286.5, 0.1])
 def test_another_constant_factor_is_told_with_its_deviation(ratio: float) -> None:
     with pytest.raises(InputError, match=r"times the rate .* belongs to no known unit") as caught:
-        gyro_factor("/imu", 1.0, turning(ratio, scatter=0.05), "auto", most_angle=2.0)
+        gyro_factor(resting(G), turning(ratio, scatter=0.05), "auto", most_angle=2.0)
     finding = caught.value.finding
     assert finding is not None
     factor, std = finding.values["factor"], finding.values["std"]
@@ -66,7 +65,7 @@ def test_another_constant_factor_is_told_with_its_deviation(ratio: float) -> Non
 
 
 def test_a_factor_that_is_not_constant_is_no_unit() -> None:
-    found = gyro_factor("/imu", 1.0, turning(8.0, scatter=0.4), "auto", most_angle=2.0)
+    found = gyro_factor(resting(G), turning(8.0, scatter=0.4), "auto", most_angle=2.0)
     assert (found.unit, found.finding) == ("rad/s", None)
 
 
@@ -75,7 +74,7 @@ def test_a_factor_that_is_not_constant_is_no_unit() -> None:
     [(1.0, "deg/s"), (DEG, "rad/s"), (1.0 / DEG, "rad/s"), (1.0 / DEG, "deg/s")],
 )
 def test_a_gyro_unit_stated_against_the_motion_is_named(ratio: float, stated: GyroUnit) -> None:
-    found = gyro_factor("/imu", 1.0, turning(ratio), stated, most_angle=2.0)
+    found = gyro_factor(resting(G), turning(ratio), stated, most_angle=2.0)
     assert [each.code for each in found.contradicted] == ["imu.gyro_unit_contradicted"]
     assert found.unit == stated
     assert found.contradicted[0].values["ratio"] == pytest.approx(ratio, rel=0.01)
@@ -85,7 +84,7 @@ def test_a_gyro_unit_stated_against_the_motion_is_named(ratio: float, stated: Gy
 
 @pytest.mark.parametrize(("ratio", "stated"), [(1.1, "rad/s"), (DEG, "deg/s"), (8.0, "deg/s")])
 def test_a_gyro_unit_that_nothing_contradicts_is_taken(ratio: float, stated: GyroUnit) -> None:
-    assert gyro_factor("/imu", 1.0, turning(ratio), stated, most_angle=2.0).finding is None
+    assert gyro_factor(resting(G), turning(ratio), stated, most_angle=2.0).finding is None
 
 
 @pytest.mark.parametrize(("reads", "stated"), [(G, "g"), (1.0, "m/s2"), (1.0, "mg"), (1000.0, "g")])
@@ -107,14 +106,11 @@ def test_an_accel_unit_that_nothing_contradicts_is_taken(
     assert accel_factor(resting(reads), stated, gravity=gravity).finding is None
 
 
-def resting(norm: float) -> ImuStream:
+def resting(norm: float) -> ImuSamples:
     rng = np.random.default_rng(0)
-    stamps = np.arange(400, dtype=np.int64) * 10_000_000
-    return ImuStream(
+    return ImuSamples(
         topic="/imu",
-        header_ns=stamps,
-        log_ns=stamps,
-        frame_id="imu",
+        t=np.arange(400, dtype=np.float64) * 0.01,
         gyro=rng.normal(0.0, 1e-3, (400, 3)),
         accel=np.array([0.0, 0.0, norm]) * (1.0 + rng.normal(0.0, 1e-4, (400, 1))),
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -13,12 +13,10 @@ from numpy.typing import NDArray
 from imucalib_cli.errors import InputError
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions
-from imucalib_cli.jobs.repair import Repaired, look, repair
-from imucalib_cli.jobs.request import CalibrationRequest
-from imucalib_cli.jobs.units import Units
-from imucalib_cli.logs.streams import ImuStream
 from imucalib_cli.robot.path import KinematicPath, PoseStep, Track
 from imucalib_cli.robot.rotations import quaternion_from_matrix
+from imucalib_cli.signals.repair import Repaired, check_alone, repair
+from imucalib_cli.signals.units import Units
 from tests.estimate.estimate_arm import (
     Log,
     Moves,
@@ -41,24 +39,15 @@ def _log() -> Log:
     return make_log(Moves(seconds=30.0), time_offset=0.05).noisy(0)
 
 
-def _repaired(log: Log, **wishes: Any) -> Repaired:
-    ns = (log.imu.t * 1e9).astype(np.int64) + 10**18
-    imu = ImuStream(
-        topic="/imu",
-        header_ns=ns,
-        log_ns=ns,
-        frame_id="imu",
-        gyro=log.imu.gyro,
-        accel=log.imu.accel,
-    )
-    return repair(imu, log.imu.t, log.path, CalibrationRequest(logs=(), **wishes))
+def _repaired(log: Log, units: Units | None = None, gravity: float = _G) -> Repaired:
+    imu = replace(log.imu, topic="/imu")
+    return repair(imu, log.path, units=units or Units(), gravity=gravity, max_offset=1.0)
 
 
-def _estimate(mended: Repaired, options: MatchedOptions | None = None) -> Estimate:
-    options = options or MatchedOptions()
-    return mended.told(
-        calibrate_matched(mended.samples, mended.path, replace(options, either_sign=True))
-    )
+def _estimate(mended: Repaired) -> Estimate:
+    """An estimate of what is left, with the findings of before."""
+    estimate = calibrate_matched(mended.samples, mended.path, MatchedOptions(either_sign=True))
+    return replace(estimate, findings=(*mended.findings, *estimate.findings))
 
 
 def _see_right(estimate: Estimate, log: Log, most: float = 1.5e-3) -> None:
@@ -133,9 +122,8 @@ def test_what_the_user_says_of_units_counts() -> None:
 
 def test_other_norms_of_gravity_are_units_too() -> None:
     moon = 1.62 / _G
-    options = MatchedOptions(gravity_norm=1.62)
-    assert _repaired(_scaled(accel=moon), estimator=options).warnings == ()
-    in_g = _repaired(_scaled(accel=moon / _G), estimator=options)
+    assert _repaired(_scaled(accel=moon), gravity=1.62).warnings == ()
+    in_g = _repaired(_scaled(accel=moon / _G), gravity=1.62)
     assert in_g.accel_unit == "g"
     strange = _repaired(_scaled(accel=0.5))
     assert "neither gravity nor a unit that is known" in strange.suspects[0].message
@@ -210,9 +198,8 @@ def test_gravity_that_was_taken_off_is_refused_and_asked_for() -> None:
     flat = log.with_imu(log.imu.t, log.imu.gyro, log.imu.accel * 0.01)
     with pytest.raises(InputError, match=r"gravity is not in it.*--gravity none"):
         _repaired(flat)
-    none = MatchedOptions(gravity="none")
-    assert _repaired(flat, estimator=none).warnings == ()
-    assert "yet --gravity none was given" in _repaired(log, estimator=none).suspects[0].message
+    assert _repaired(flat, gravity=0.0).warnings == ()
+    assert "yet --gravity none was given" in _repaired(log, gravity=0.0).suspects[0].message
 
 
 @pytest.mark.parametrize(
@@ -242,9 +229,9 @@ def test_a_dead_axis_of_a_sensor_without_noise_is_told_by_the_motion() -> None:
     with pytest.raises(InputError, match="accel z reads 0 from first message to last"):
         _repaired(replace(log, imu=deaf))
     blind = replace(log, imu=replace(log.imu, gyro=log.imu.gyro * (1, 0, 1)))
-    estimate = _estimate(_repaired(blind))
-    assert "gyro y reads 0 from first message to last, and" in estimate.warnings[0]
-    assert not estimate.trusted
+    mended = _repaired(blind)
+    assert "gyro y reads 0 from first message to last, and" in mended.suspects[0].message
+    assert not _estimate(mended).trusted
 
 
 def test_a_frozen_stretch_is_left_out() -> None:
@@ -371,20 +358,12 @@ def test_a_sign_that_no_motion_tells_is_left_to_the_user() -> None:
 
 def test_much_shows_without_kinematics() -> None:
     log = _log()
-    ns = (log.imu.t * 1e9).astype(np.int64)
-    imu = ImuStream(
-        topic="/imu",
-        header_ns=ns,
-        log_ns=ns,
-        frame_id="imu",
-        gyro=np.clip(log.imu.gyro, -1.3, 1.3),
-        accel=log.imu.accel,
-    )
-    assert [each.message[:12] for each in look(imu, log.imu.t)] == ["/imu: gyro x"]
-    (said,) = look(replace(imu, gyro=np.zeros_like(imu.gyro)), log.imu.t)
+    imu = replace(log.imu, topic="/imu", gyro=np.clip(log.imu.gyro, -1.3, 1.3))
+    assert [each.message[:12] for each in check_alone(imu)] == ["/imu: gyro x"]
+    (said,) = check_alone(replace(imu, gyro=np.zeros_like(imu.gyro)))
     assert "gyro is zero" in said.message
     _, stamps = _arrive(log.imu.t, 3, batch=10, drops=0.0)
-    (said,) = look(replace(imu, gyro=log.imu.gyro), stamps)
+    (said,) = check_alone(replace(imu, gyro=log.imu.gyro, t=stamps))
     assert said.code == "stamps.bunched"
 
 
@@ -407,6 +386,7 @@ def test_junk_that_comes_at_once_is_no_sample(at: float, bursts: int) -> None:
     spoilt = log.with_imu(t, gyro, log.imu.accel[rows])
     mended = _repaired(spoilt)
     estimate = _estimate(mended)
-    assert [each.code for each in mended.findings] == ["stamps.surplus"]
+    codes = [each.code for each in mended.findings]
+    assert codes == ["stamps.surplus", "imu.samples_left_out"]
     assert estimate.time_offset == pytest.approx(0.05, abs=2e-4)
     _see_right(estimate, log)

@@ -10,8 +10,8 @@ import pytest
 from imucalib_cli.errors import ImucalibError, InputError
 from imucalib_cli.jobs.calibrate import calibrate
 from imucalib_cli.jobs.request import CalibrationRequest
-from imucalib_cli.jobs.rest import refuse_impossible
-from imucalib_cli.logs.streams import ImuStream
+from imucalib_cli.signals.imu_checks import refuse_impossible
+from imucalib_cli.signals.samples import ImuSamples
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -19,15 +19,12 @@ if TYPE_CHECKING:
     from tests.conftest import LogWriter
 
 
-def _imu(gyro: float = 0.1, accel: float = 9.8, *, share: float = 1.0) -> ImuStream:
+def _imu(gyro: float = 0.1, accel: float = 9.8, *, share: float = 1.0) -> ImuSamples:
     """A level IMU of which a share of the rows says these values instead."""
     count = 1000
-    stamps = np.arange(count) * 10_000_000
-    stream = ImuStream(
+    stream = ImuSamples(
         topic="/imu",
-        header_ns=stamps,
-        log_ns=stamps,
-        frame_id="imu",
+        t=np.arange(count, dtype=np.float64) * 0.01,
         gyro=np.full((count, 3), 0.1),
         accel=np.tile([0.0, 0.0, 9.8], (count, 1)),
     )

@@ -1,4 +1,4 @@
-"""The IMU that the user says it is: what that tells an estimate beforehand, and afterwards."""
+"""The data sheet of the IMU that the user names: priors for the fit, and checks of it."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from imucalib_cli.estimate.imu_model import imu_assumptions
 from imucalib_cli.estimate.judge import DISTRUST_SIGMAS
 from imucalib_cli.estimate.options import MatchedOptions, PaperOptions
 from imucalib_cli.findings import Finding, warning
+from imucalib_cli.signals.imu_checks import beyond_ranges
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -20,13 +21,11 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.estimate import Estimate
     from imucalib_cli.estimate.imu_check import ImuCheck
     from imucalib_cli.estimate.imu_model import ImuModel, Sensor
-    from imucalib_cli.jobs.request import CalibrationRequest, ExpectedImu
+    from imucalib_cli.jobs.request import ExpectedImu
     from imucalib_cli.signals.samples import ImuSamples
 
 FIRST_ORDER = math.pi / 2.0
 """Noise bandwidth over -3 dB bandwidth of a first-order filter, the widest skirt there is."""
-_BEYOND = 1.05
-"""Reading over full scale from which the sensor is another: converters reach a little farther."""
 _SENSORS: tuple[Sensor, Sensor] = ("accel", "gyro")
 
 
@@ -58,20 +57,12 @@ def contradicted(estimate: Estimate, expected: ExpectedImu | None) -> tuple[Sens
     )
 
 
-def free(
+def without_priors(
     options: MatchedOptions | PaperOptions, sensors: tuple[Sensor, ...]
 ) -> MatchedOptions | PaperOptions:
     """Options with the biases of some sensors free again."""
     given: dict[str, Any] = {f"{sensor}_bias_std": math.inf for sensor in sensors}
     return replace(options, **given)
-
-
-def freed(request: CalibrationRequest, sensors: tuple[Sensor, ...]) -> CalibrationRequest:
-    """A request without the sheet's priors of some sensors."""
-    imu = request.imu
-    if imu is not None:
-        imu = replace(imu, priors=tuple(s for s in imu.priors if s not in sensors))
-    return replace(request, estimator=free(request.estimator, sensors), imu=imu)
 
 
 def checked(
@@ -85,14 +76,16 @@ def checked(
     Args:
         estimate: Final.
         samples: It was made of.
-        expected: The IMU, with the priors that were used.
-        dropped: Sensors whose priors were left out.
+        expected: The IMU.
+        dropped: Sensors whose priors were not used in the end.
     """
     if expected is None:
         return estimate
     model = expected.model
-    priors = expected.bias_priors if estimate.method == "matched" else {}
-    check = check_imu(samples, estimate.residuals, model, priors)
+    priors = {s: prior for s, prior in expected.bias_priors.items() if s not in dropped}
+    check = check_imu(
+        samples, estimate.residuals, model, priors if estimate.method == "matched" else {}
+    )
     found = {"accel": estimate.accel_bias, "gyro": estimate.gyro_bias}
     beyond = [
         warning(
@@ -104,7 +97,7 @@ def checked(
         )
         for sensor in dropped
     ]
-    told = (*beyond, *_noise(check, model), *_beyond_range(samples, model))
+    told = (*beyond, *_noise(check, model), *beyond_ranges(samples, model.name, model.ranges))
     return replace(estimate, imu_check=check, findings=(*estimate.findings, *told))
 
 
@@ -120,14 +113,14 @@ def _noise(check: ImuCheck, model: ImuModel) -> Iterator[Finding]:
             "model": check.name,
             "rate": check.rate,
         }
+        least = _least(found.expected, check.rate, model.bandwidth(sensor)) / factor
         if found.measured > factor * found.expected:
             yield warning("imu.noise_above_sheet", **values)
-        elif found.measured < _least(found.expected, check.rate, model.bandwidth(sensor)) / factor:
-            # A low-pass filter leaves the noise below its cut-off, which is that of windows.
-            if found.in_windows is not None and found.in_windows > found.expected / factor:
-                yield warning("imu.noise_filtered", **values)
-            else:
-                yield warning("imu.noise_below_sheet", **values)
+        # A low-pass filter leaves the noise below its cut-off, which is that of windows.
+        elif found.measured < least and (found.in_windows or 0.0) > found.expected / factor:
+            yield warning("imu.noise_filtered", **values)
+        elif found.measured < least:
+            yield warning("imu.noise_below_sheet", **values)
 
 
 def _least(expected: float, rate: float, bandwidth: float | None) -> float:
@@ -135,23 +128,3 @@ def _least(expected: float, rate: float, bandwidth: float | None) -> float:
     if bandwidth is None:
         return expected
     return expected * math.sqrt(min(1.0, FIRST_ORDER * bandwidth / (rate / 2.0)))
-
-
-def _beyond_range(imu: ImuSamples, model: ImuModel) -> Iterator[Finding]:
-    """A finding for each sensor that reads what the IMU named cannot."""
-    for sensor in _SENSORS:
-        ranges = model.ranges(sensor)
-        if not ranges:
-            continue
-        values = imu.accel if sensor == "accel" else imu.gyro
-        largest = np.nanmax(np.abs(np.where(np.isfinite(values), values, np.nan)), axis=1)
-        full_scale = max(ranges)
-        beyond = int(np.count_nonzero(largest > _BEYOND * full_scale))
-        if beyond:
-            yield warning(
-                "imu.beyond_range",
-                sensor=sensor,
-                samples=beyond,
-                full_scale=full_scale,
-                model=model.name,
-            )

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from imucalib_cli.cli.main import main
-from imucalib_cli.jobs.static import track_moves
 from imucalib_cli.robot.path import Track
+from imucalib_cli.signals.moves import track_moves
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -50,7 +50,9 @@ def test_what_does_not_move(values: Floats) -> None:
     ids=["plainly", "shaken", "shaken a little"],
 )
 def test_what_moves(values: Floats) -> None:
-    assert track_moves(joints(values + RNG.normal(0.0, 1e-4, len(T))))
+    track = joints(values + RNG.normal(0.0, 1e-4, len(T)))
+    assert track_moves(track)
+    assert track_moves(track, plainly=True) == (np.ptp(values) > 0.005)
 
 
 @pytest.mark.parametrize(("turn", "shift", "moves"), [(0, 0, 0), (0.2, 0, 1), (0, 0.02, 1)])

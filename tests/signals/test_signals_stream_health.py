@@ -1,14 +1,16 @@
-"""Stamp health and units at rest."""
+"""How good the stamps of a stream are, how much of a log it is there for, and units at rest."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from imucalib_cli.logs.streams import ImuStream
-from imucalib_cli.signals.health import guess_units, stamp_health
+from imucalib_cli.signals.samples import ImuSamples
+from imucalib_cli.signals.stream_health import missing_parts, stamp_health
+from imucalib_cli.signals.units import guess_units
 
 START = 1_700_000_000_000_000_000
 
@@ -60,15 +62,7 @@ def test_the_rate_of_bunched_stamps_is_that_of_the_messages(apart: int) -> None:
 def test_units_are_guessed_though_messages_come_in_bursts() -> None:
     sound = imu(1.0, 1.0)
     index = np.arange(len(sound))
-    late = START + (index // 10 + 1) * 100_000_000 + index % 10
-    bunched = ImuStream(
-        topic="/imu",
-        header_ns=late,
-        log_ns=late,
-        frame_id="imu",
-        gyro=sound.gyro,
-        accel=sound.accel,
-    )
+    bunched = replace(sound, t=(index // 10 + 1) * 0.1 + index % 10 * 1e-9)
     assert guess_units(bunched).accel_at_rest == pytest.approx(9.81, abs=0.02)
 
 
@@ -79,20 +73,17 @@ def test_too_few_stamps_have_no_rate(stamps: list[int]) -> None:
     assert health.count == len(stamps)
 
 
-def imu(accel_scale: float, gyro_scale: float, gravity: float = 9.81) -> ImuStream:
+def imu(accel_scale: float, gyro_scale: float, gravity: float = 9.81) -> ImuSamples:
     """Ten seconds of shaking, two of rest, in SI times the scales."""
     rng = np.random.default_rng(2)
     count = 1200
-    stamps = START + np.arange(count) * 10_000_000
     shake = np.where(np.arange(count) < 1000, 1.0, 0.0)[:, None]
     accel = np.array([0.0, 0.0, gravity]) + shake * rng.normal(scale=4.0, size=(count, 3))
     gyro = shake * rng.normal(scale=1.0, size=(count, 3))
     noise = rng.normal(scale=0.01, size=(2, count, 3))
-    return ImuStream(
+    return ImuSamples(
         topic="/imu",
-        header_ns=stamps,
-        log_ns=stamps,
-        frame_id="imu",
+        t=np.arange(count, dtype=np.float64) * 0.01,
         gyro=(gyro + noise[0]) * gyro_scale,
         accel=(accel + noise[1]) * accel_scale,
     )
@@ -108,7 +99,9 @@ def imu(accel_scale: float, gyro_scale: float, gravity: float = 9.81) -> ImuStre
         (imu(0.4, 1.0), "unknown", "rad/s", 1),
     ],
 )
-def test_units_are_guessed_at_rest(stream: ImuStream, accel: str, gyro: str, warnings: int) -> None:
+def test_units_are_guessed_at_rest(
+    stream: ImuSamples, accel: str, gyro: str, warnings: int
+) -> None:
     guess = guess_units(stream)
     assert guess.accel_unit == accel
     assert guess.gyro_unit == gyro
@@ -122,8 +115,31 @@ def test_rest_is_found_though_most_is_motion() -> None:
 
 def test_empty_imu_has_unknown_units() -> None:
     empty: Any = np.empty((0, 3))
-    none = np.empty(0, dtype=np.int64)
-    stream = ImuStream(
-        topic="/imu", header_ns=none, log_ns=none, frame_id="", gyro=empty, accel=empty
-    )
+    stream = ImuSamples(topic="/imu", t=np.empty(0), gyro=empty, accel=empty)
     assert guess_units(stream).accel_unit == "unknown"
+
+
+T = np.arange(0.0, 60.0, 0.01)
+
+
+@pytest.mark.parametrize(
+    ("t", "words"),
+    [
+        (T[T < 30.0], "missing for 30 of the 60 s of the log, the longest time from 30.0 to 60.0"),
+        (T[T > 12.0], "missing for 12 of the 60 s of the log, the longest time from 0.0 to 12.0"),
+        (T[abs(T - 25.0) > 5.0], "missing for 10 of the 60 s of the log, the longest time from 20"),
+    ],
+)
+def test_a_stream_that_is_not_there_is_named(t: np.ndarray, words: str) -> None:
+    (told,) = missing_parts({"/imu": t, "/joint_states": T})
+    assert told.message.startswith(f"/imu is {words}")
+    # an epoch's stray stamp does not hide it, nor make more of it
+    (again,) = missing_parts({"/imu": np.append(t, 1.7e9), "/joint_states": T})
+    assert again.message == told.message
+
+
+def test_what_is_lost_here_and_there_or_slow_is_there() -> None:
+    rng = np.random.default_rng(0)
+    lossy = T[rng.random(len(T)) < 0.5]
+    slow = T[::100]  # 1 Hz
+    assert list(missing_parts({"/imu": lossy, "/tf": slow, "/odom": T[T < 57.0]})) == []

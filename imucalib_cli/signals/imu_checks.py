@@ -1,0 +1,263 @@
+"""Whether an IMU's data is usable: impossible values, dead, frozen and saturated sensors.
+
+Units are told in :mod:`imucalib_cli.signals.units`, stamps in :mod:`imucalib_cli.signals.stamps`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from imucalib_cli.errors import InputError
+from imucalib_cli.findings import Finding, untrusted, warning
+from imucalib_cli.signals.noise import white_noise
+from imucalib_cli.signals.repeats import (
+    ALIVE_NOISE,
+    Fault,
+    constant_axes,
+    dead_axes,
+    jumps_out,
+    repeated_runs,
+    repeats_by_chance,
+)
+from imucalib_cli.signals.samples import AXES, SENSORS, Sensor
+from imucalib_cli.signals.saturation import saturated
+from imucalib_cli.signals.turning import AGREE, TURNING
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from imucalib_cli.arrays import Bools, Floats
+    from imucalib_cli.signals.samples import ImuSamples
+    from imucalib_cli.signals.stretches import Stretches
+    from imucalib_cli.signals.turning import Turning
+
+_IMPOSSIBLE: dict[Sensor, tuple[float, str]] = {"gyro": (1e3, "rad/s"), "accel": (1e5, "m/s²")}
+"""Beyond any IMU: the fastest gyroscopes end at 350 rad/s, shock sensors at 10^5 m/s²."""
+_BEYOND = 1.05
+"""Reading over full scale from which the sensor is another: converters reach a little farther."""
+_LEFT = 0.05
+"""Share of the rotation that a gyroscope may miss."""
+_ALIKE = 0.7
+"""Correlation of the two rates from which it is the same motion."""
+_TWO_AXES = 0.2
+"""Share of a second axis in the rotation from which all axes of an accelerometer feel it."""
+_TURNED = 0.5
+"""rad: having turned so far, an accelerometer has felt it."""
+_SIMILAR = 0.2
+"""Share by which a rate held may differ from the kinematics' and be a steady rotation."""
+
+
+def refuse_impossible(imu: ImuSamples, *sensors: Sensor) -> None:
+    """Refuse what no sensor says; single rows of it are the estimator's to bridge.
+
+    Args:
+        imu: As read.
+        sensors: To look at; none means both.
+
+    Raises:
+        InputError: Most values are beyond any IMU.
+    """
+    for sensor in sensors or SENSORS:
+        limit, unit = _IMPOSSIBLE[sensor]
+        beyond = int(np.count_nonzero(np.abs(imu.of(sensor)).max(axis=1) > limit))
+        if 2 * beyond > len(imu):
+            raise InputError(
+                untrusted(
+                    "imu.impossible",
+                    topic=imu.topic,
+                    sensor=sensor,
+                    limit=limit,
+                    unit=unit,
+                    count=beyond,
+                    total=len(imu),
+                )
+            )
+
+
+def refuse_dead(imu: ImuSamples) -> None:
+    """Refuse a sensor that is not there: all zero, or with an axis that never changes.
+
+    Raises:
+        InputError: It is so.
+    """
+    zero = [sensor for sensor in SENSORS if not imu.of(sensor).any()]
+    for sensor in SENSORS if len(imu) else ():
+        if sensor in zero:
+            which = "both" if len(zero) == 2 else sensor
+            raise InputError(untrusted("imu.zero", topic=imu.topic, sensor=which, count=len(imu)))
+        _refuse_axes(imu, sensor, dead_axes(imu.of(sensor)))
+
+
+def dead_in_motion(imu: ImuSamples, turning: Turning) -> tuple[Finding, ...]:
+    """Axes that never change though the motion says they should.
+
+    A sensor as quiet as its quantum shows no noise on an axis that nothing moves, so that noise
+    alone does not tell.
+
+    Args:
+        imu: As read.
+        turning: Rates of the robot and of the IMU, in units of its own.
+
+    Returns:
+        Warnings about the gyroscope, which may as well ride on another link than is told.
+
+    Raises:
+        InputError: The IMU turns about two axes and the accelerometer does not feel it.
+    """
+    rates = np.linalg.svd(imu.gyro - np.median(imu.gyro, axis=0), compute_uv=False)
+    if rates[1] > _TWO_AXES * rates[0]:
+        _refuse_axes(imu, "accel", _letters(constant_axes(imu.accel)))
+    dead = _letters(constant_axes(imu.gyro))
+    ratio = turning.ratio
+    if not dead or ratio is None or turning.correlation < _ALIKE:
+        return ()
+    derived = turning.derived[turning.known]
+    left = turning.measured[turning.known] / ratio.value - derived
+    if float(np.mean(left**2)) < _LEFT**2 * float(np.mean(derived**2)):
+        return ()
+    return (warning("imu.axes_dead_in_motion", **_dead(imu, "gyro", dead)),)
+
+
+def _letters(which: Bools) -> str:
+    """Names of some axes; none of all three, which are a sensor that is not there."""
+    return "" if which.all() else "".join(AXES[axis] for axis in np.flatnonzero(which))
+
+
+def _refuse_axes(imu: ImuSamples, sensor: Sensor, dead: str) -> None:
+    if dead:
+        raise InputError(untrusted("imu.axes_dead", **_dead(imu, sensor, dead)))
+
+
+def _dead(imu: ImuSamples, sensor: Sensor, axes: str) -> dict[str, Any]:
+    """Values of a finding about axes that never change."""
+    held = [float(np.median(imu.of(sensor)[:, AXES.index(axis)])) for axis in axes]
+    return {"topic": imu.topic, "sensor": sensor, "axes": axes, "held": held}
+
+
+def beyond_ranges(
+    imu: ImuSamples, model: str, ranges: Callable[[Sensor], tuple[float, ...]]
+) -> Iterator[Finding]:
+    """A finding for each sensor that reads what the IMU named cannot.
+
+    Args:
+        imu: In order, SI.
+        model: Name of the IMU.
+        ranges: Its full scales, m/s² or rad/s; empty where they are not known.
+    """
+    for sensor in ("accel", "gyro"):
+        full_scale = max(ranges(sensor), default=np.inf)
+        largest = np.abs(imu.of(sensor)).max(axis=1)
+        beyond = np.count_nonzero(largest > _BEYOND * full_scale)
+        if beyond:
+            yield warning(
+                "imu.beyond_range",
+                sensor=sensor,
+                samples=beyond,
+                full_scale=full_scale,
+                model=model,
+            )
+
+
+def sensor_faults(
+    imu: ImuSamples, turning: Turning | None, accel_ranges: tuple[float, ...] = ()
+) -> list[Fault]:
+    """Frozen and saturated stretches of an IMU.
+
+    Args:
+        imu: In order, SI.
+        turning: Of the same IMU; None where no kinematics are known.
+        accel_ranges: Full scales of the accelerometer, m/s², as far as they are known.
+    """
+    tops = _not_dead(imu, saturated(imu, turning, accel_ranges))
+    cut = {sensor: np.zeros(len(imu), dtype=bool) for sensor in SENSORS}
+    cut |= {fault.sensor: fault.rows for fault in tops}
+    stuck = _outside(_frozen_gyro(imu, turning), cut["gyro"])
+    held = _outside(_frozen_accel(imu, turning, stuck), cut["accel"])
+    found = []
+    for sensor, runs in zip(SENSORS, (stuck, held), strict=True):
+        values = imu.of(sensor)
+        if len(runs):
+            found.append(_frozen(sensor, runs, values, AXES))
+        known = runs.mask(len(imu)) | cut[sensor]
+        for name, column in zip(AXES, np.split(values, 3, axis=1), strict=True):
+            alone = _outside(repeated_runs(imu.t, column), known)
+            if len(alone) and not repeats_by_chance(column, alone.mask(len(imu)) | known):
+                found.append(_frozen(sensor, alone, column, name))
+    return [*found, *tops]
+
+
+def _not_dead(imu: ImuSamples, tops: list[Fault]) -> list[Fault]:
+    """Saturation without what is none: where both sensors stop at once, the driver stopped."""
+    if not tops:
+        return tops
+    both = np.hstack([imu.gyro, imu.accel])
+    dead = repeated_runs(imu.t, both).mask(len(imu))
+    if not dead.any() or repeats_by_chance(both, dead):
+        return tops
+    return [replace(top, rows=top.rows & ~dead) for top in tops if (top.rows & ~dead).any()]
+
+
+def _outside(runs: Stretches, known: Bools) -> Stretches:
+    """Runs that are not explained already."""
+    return runs.where(~known[runs.first] & ~known[runs.end - 1])
+
+
+def _frozen(sensor: Sensor, runs: Stretches, values: Floats, axes: str) -> Fault:
+    return Fault(sensor, "frozen", runs.mask(len(values)), axes, values[runs.first[0]].copy())
+
+
+def _frozen_gyro(imu: ImuSamples, turning: Turning | None) -> Stretches:
+    t, gyro = imu.t, imu.gyro
+    runs = repeated_runs(t, gyro)
+    if not len(runs) or not repeats_by_chance(gyro, runs.mask(len(t))):
+        return runs
+    bias = np.zeros(3) if turning is None else turning.bias
+    if turning is not None:
+        aside = np.zeros(len(turning.derived), dtype=bool)
+        aside[turning.bins_of(t[runs.mask(len(t))])] = True
+        if turning.agreement(aside) < AGREE:
+            turning = None
+    jumps = jumps_out(gyro, runs, "gyro")
+    which = np.zeros(len(runs), dtype=bool)
+    for k, (first, end) in enumerate(zip(runs.first, runs.end, strict=True)):
+        rate = float(np.linalg.norm(gyro[first] - bias))
+        known = np.zeros(0)
+        if turning is not None:
+            known = turning.derived_between(float(t[first]), float(t[end - 1]))
+        if len(known):
+            off = np.abs(known - rate) > TURNING + _SIMILAR * np.maximum(known, rate)
+            which[k] = np.mean(off) > 0.5 or off.sum() >= 4
+        else:
+            which[k] = jumps[k] and rate > TURNING
+    return runs.where(which)
+
+
+def _frozen_accel(imu: ImuSamples, turning: Turning | None, stuck: Stretches) -> Stretches:
+    t, gyro, accel = imu.t, imu.gyro, imu.accel
+    runs = repeated_runs(t, accel)
+    if not len(runs) or not repeats_by_chance(accel, runs.mask(len(t))):
+        return runs
+    if max(white_noise(gyro).max(), white_noise(accel).max()) < ALIVE_NOISE:
+        return runs.where(np.zeros(len(runs), dtype=bool))  # made without noise, maybe constant
+    jumps = jumps_out(accel, runs, "accel")
+    bias = np.zeros(3) if turning is None else turning.bias
+    steps = np.gradient(t)
+    rate = np.linalg.norm(gyro - bias, axis=1)
+    rate[stuck.mask(len(t))] = 0.0
+    which = np.zeros(len(runs), dtype=bool)
+    for k, (first, end) in enumerate(zip(runs.first, runs.end, strict=True)):
+        fast = rate[first:end] > TURNING
+        turned = float(np.sum((rate * steps)[first:end][fast]))
+        moved = (jumps[k] and fast.mean() > 0.5) or turned > _TURNED
+        which[k] = moved or _together(first, end, stuck)
+    return runs.where(which)
+
+
+def _together(first: int, end: int, stuck: Stretches) -> bool:
+    """Whether a run is about the same as one of the gyroscope's."""
+    common = np.minimum(end, stuck.end) - np.maximum(first, stuck.first)
+    longest = np.maximum(end - first, stuck.lengths)
+    return bool((common > 0.5 * longest).any())

@@ -1,0 +1,69 @@
+"""Whether anything moves that a log tells of: noise, a glitch and drift are no motion."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from imucalib_cli.arrays import Floats
+    from imucalib_cli.robot.path import Track
+
+_WANDER = (math.radians(0.5), 0.005)
+"""rad and m: no encoder, tracker or odometry at rest wanders so far."""
+_SHAKE = (math.radians(0.02), 0.0002)
+"""rad and m below which even a quick shake moves no IMU measurably."""
+_QUICK = 0.02
+"""rad/s or m/s: slower than this small motion is drift."""
+_SMOOTH = 0.5
+"""Correlation of a value with the next from which it moves, and is no noise."""
+_TAILS = (1.0, 99.0)
+"""Percentiles between which values are looked at: single glitches are no motion."""
+_LEAST_ROWS = 8
+
+
+def track_moves(track: Track, *, plainly: bool = False) -> bool:
+    """Whether any joint, or the pose, of a track moves.
+
+    Args:
+        track: As stamped.
+        plainly: By more than it wanders at rest; else a small quick shake is motion too.
+    """
+    if track.kind == "joints":
+        # A track does not tell which joints turn and which slide: 0.005 is 0.3 deg or 5 mm.
+        columns = [(column, 1) for column in track.values.T]
+    else:
+        quaternion = track.values[:, 3:]
+        rows = np.isfinite(quaternion).all(axis=1)
+        if not rows.any():
+            return False
+        first = quaternion[rows][0]
+        signs = np.where(quaternion @ first < 0.0, -1.0, 1.0)[:, None]
+        # Twice the vector part of a small rotation is its angle.
+        turned = 2.0 * (quaternion * signs - first)
+        columns = [(column, 1) for column in track.values[:, :3].T]
+        columns += [(column, 0) for column in turned.T]
+    return any(
+        _moves(track.t, column, _WANDER[unit], math.inf if plainly else _SHAKE[unit])
+        for column, unit in columns
+    )
+
+
+def _moves(t: Floats, values: Floats, wander: float, shake: float) -> bool:
+    """Whether a value moves, plainly or little and quickly."""
+    finite = np.isfinite(values) & np.isfinite(t)
+    t, values = t[finite], values[finite]
+    if len(values) < 2:
+        return False
+    low, high = np.percentile(values, _TAILS)
+    if high - low > wander:
+        return True
+    if high - low < shake or len(values) < _LEAST_ROWS:
+        return False
+    inside = np.clip(values, low, high) - np.mean(values)
+    alike = float(np.sum(inside[1:] * inside[:-1]) / np.sum(inside**2))
+    step = float(np.median(np.diff(t)))
+    speed = float(np.sqrt(np.mean(np.diff(inside) ** 2))) / step if step > 0.0 else 0.0
+    return alike > _SMOOTH and speed > _QUICK

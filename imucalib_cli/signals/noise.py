@@ -1,0 +1,65 @@
+"""White noise of a sampled signal, and its quantum: how far samples stand off their neighbours."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from imucalib_cli.arrays import Bools, Floats
+
+MAD_TO_STD = 1.4826
+"""Standard deviation over median absolute deviation, of normal noise."""
+NOISE_OF_DEVIATION = 1.394
+"""Standard deviation of the deviation from four neighbours, of white noise of unit deviation."""
+_CALMEST_PERCENT = 20.0
+_CALMEST_DEVIATION = 0.2533
+"""A fifth of normal deviations are smaller than this, in standard deviations."""
+_ROUNDING = 1e-12
+
+
+def white_noise(values: Floats, rows: Bools | None = None, *, calmest: bool = False) -> Floats:
+    """Standard deviation of each channel's white noise.
+
+    Args:
+        values: (N, C), evenly spaced.
+        rows: (N,), those that count; default: all.
+        calmest: Of the calmest part of the log, where vibration comes and goes with motion.
+
+    Returns:
+        (C,), in the unit of the values.
+    """
+    off = np.abs(deviation_from_neighbours(values))
+    off = off if rows is None else off[rows]
+    if calmest:
+        low = np.percentile(off, _CALMEST_PERCENT, axis=0)
+        return np.asarray(low / (_CALMEST_DEVIATION * NOISE_OF_DEVIATION))
+    return np.asarray(np.median(off, axis=0) * MAD_TO_STD / NOISE_OF_DEVIATION)
+
+
+def quantum(values: Floats) -> Floats:
+    """Least step between neighbours that is more than rounding, of each channel: (C,)."""
+    steps = np.abs(np.diff(values, axis=0))
+    least = np.array([np.min(each[each > _ROUNDING], initial=np.inf) for each in steps.T])
+    return np.where(np.isfinite(least), least, 0.0)
+
+
+def deviation_from_neighbours(values: Floats) -> Floats:
+    """Distance of each sample from the cubic through the two on either side.
+
+    Blind to smooth motion; of unit white noise its standard deviation is 1.394.
+
+    Args:
+        values: (N,) or (N, C), evenly spaced.
+
+    Returns:
+        As the values.
+    """
+    return np.asarray(np.apply_along_axis(_deviation, 0, values))
+
+
+def _deviation(x: Floats) -> Floats:
+    padded = np.pad(x, 2, mode="reflect", reflect_type="odd")
+    near, far = padded[1:-3] + padded[3:-1], padded[:-4] + padded[4:]
+    return np.asarray(x - (4.0 * near - far) / 6.0)

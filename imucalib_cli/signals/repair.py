@@ -1,0 +1,352 @@
+"""What is mended or left out of one IMU and of what moves it, before anything is fitted.
+
+Bursts become even ticks, units become SI, frozen and saturated stretches are left out. Each
+repair is a finding; what cannot be mended safely is refused.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from imucalib_cli.errors import InputError
+from imucalib_cli.findings import Finding, Severity, reasons, untrusted, warning, warnings
+from imucalib_cli.robot.path import JointStep
+from imucalib_cli.signals.bursts import bunched_share, gathered, rate_stretches, time_bursts
+from imucalib_cli.signals.imu_checks import (
+    dead_in_motion,
+    refuse_dead,
+    refuse_impossible,
+    sensor_faults,
+)
+from imucalib_cli.signals.spikes import find_glitches
+from imucalib_cli.signals.stamps import gap_limit, tidy_rows, usable_rows
+from imucalib_cli.signals.trajectory import Trajectory, continuous
+from imucalib_cli.signals.turning import BIN, compare_turning
+from imucalib_cli.signals.units import Units, accel_factor, gyro_factor
+
+if TYPE_CHECKING:
+    from imucalib_cli.arrays import Bools, Floats
+    from imucalib_cli.robot.path import KinematicPath, Track
+    from imucalib_cli.signals.samples import ImuSamples
+    from imucalib_cli.signals.turning import Turning
+
+_MOST_LOST = 0.5
+"""Share of the turning left out from which the rest no longer speaks for the log."""
+_LEAST_IMU = 50
+_FAR_BETTER = 0.5
+"""Times as much of the turning may be left unexplained by stamps that are believed instead."""
+_SAME = 1e-6
+_LEAP = 0.01
+"""rad or m by which a single message may leap and come back: faster than any robot shakes."""
+_MOST_LEAPS = 0.05
+"""Share of leaps beyond which they are how the robot moves, or noise."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Repaired:
+    """Streams as an estimator may have them, and what was done to them so far."""
+
+    samples: ImuSamples
+    path: KinematicPath
+    trajectory: Trajectory
+    """Of the path before stretches in which the robot's stream is held were left out."""
+    turning: Turning | None
+    """None where the IMU has too few samples for any of this, as the estimator will say."""
+    findings: tuple[Finding, ...]
+    """What was mended or left out, and why what is left says too little."""
+    gyro_unit: str = "rad/s"
+    """That the gyroscope was read in."""
+    accel_unit: str = "m/s2"
+    samples_at_fault: int = 0
+    """IMU samples that were left out as frozen or saturated."""
+    suspects: tuple[Finding, ...] = ()
+    """What does no harm to a good fit, and is the likely cause of a poor one."""
+    contradicted: tuple[Finding, ...] = ()
+    """Units that the user states and the data contradict."""
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What was mended or left out, in words."""
+        return warnings(self.findings)
+
+    @property
+    def distrust(self) -> tuple[str, ...]:
+        """Why what is left says too little, in words."""
+        return reasons(self.findings)
+
+
+def repair(
+    imu: ImuSamples,
+    path: KinematicPath,
+    *,
+    units: Units,
+    gravity: float,
+    max_offset: float,
+    accel_ranges: tuple[float, ...] = (),
+) -> Repaired:
+    """Mend what can be mended of one IMU and of what moves it.
+
+    Args:
+        imu: As read.
+        path: Of its parent link, as stamped.
+        units: As far as the user says.
+        gravity: Norm that is expected at rest, m/s²; 0 for none.
+        max_offset: Largest time offset between the two, s.
+        accel_ranges: Full scales of the accelerometer, m/s², as far as they are known.
+
+    Raises:
+        InputError: Values are beyond any IMU, in no known unit, or all the same.
+    """
+    refuse_impossible(imu, "accel")
+    refuse_dead(imu)
+    mended = _on_even_stamps(imu, path, max_offset)
+    if mended.turning is None:
+        refuse_impossible(imu, "gyro")
+        return replace(mended, samples=imu)
+    mended = _in_si_units(mended, units, gravity)
+    mended = _without_faults(mended, accel_ranges, max_offset)
+    mended = _without_held_robot(mended)
+    graver_first = sorted(mended.findings, key=lambda each: each.severity is Severity.WARNING)
+    return replace(mended, findings=tuple(graver_first))
+
+
+def _in_si_units(mended: Repaired, units: Units, gravity: float) -> Repaired:
+    turning = mended.turning
+    if turning is None:
+        return mended
+    imu, suspects = mended.samples, list(dead_in_motion(mended.samples, turning))
+    turns = gyro_factor(imu, turning, units.gyro, most_angle=_most_angle(mended.path))
+    if not turns.is_mended:  # the motion knows better what raw counts are
+        refuse_impossible(imu, "gyro")
+    pulls = accel_factor(imu, units.accel, gravity=gravity)
+    findings = list(mended.findings)
+    for each in (turns, pulls):
+        if each.finding is not None and not each.contradicted:
+            (findings if each.is_mended else suspects).append(each.finding)
+    gyro = imu.gyro * turns.value if turns.is_mended else imu.gyro
+    accel = imu.accel * pulls.value if pulls.is_mended else imu.accel
+    return replace(
+        mended,
+        samples=replace(imu, gyro=gyro, accel=-accel if units.sign == "down" else accel),
+        turning=turning.scaled(turns.value),
+        findings=tuple(findings),
+        gyro_unit=turns.unit,
+        accel_unit=pulls.unit,
+        suspects=tuple(suspects),
+        contradicted=(*turns.contradicted, *pulls.contradicted),
+    )
+
+
+def _without_faults(
+    mended: Repaired, accel_ranges: tuple[float, ...], max_offset: float
+) -> Repaired:
+    """Leave out frozen and saturated samples.
+
+    Raises:
+        InputError: Hardly anything is left.
+    """
+    imu = mended.samples
+    faults = sensor_faults(imu, mended.turning, accel_ranges)
+    if not faults:
+        return mended
+    findings = [*mended.findings, *(fault.finding(imu) for fault in faults)]
+    out = clear_of(imu.t, np.any([fault.rows for fault in faults], axis=0))
+    sound = imu.at(~out)
+    if len(sound) < _LEAST_IMU:
+        raise InputError(
+            f"{findings[-1].message}: nothing else is left, so record again", topic=imu.topic
+        )
+    turning = compare_turning(sound.t, sound.gyro, mended.trajectory, max_offset)
+    moved = np.nan_to_num(turning.derived)
+    lost = moved[np.unique(turning.bins_of(imu.t[out]))].sum() / max(moved.sum(), 1e-12)
+    if lost > _MOST_LOST:
+        findings.append(untrusted("imu.motion_left_out", share=lost))
+    return replace(
+        mended,
+        samples=sound,
+        turning=turning,
+        findings=tuple(findings),
+        samples_at_fault=int(out.sum()),
+    )
+
+
+def _without_held_robot(mended: Repaired) -> Repaired:
+    """Leave out stretches in which the robot's stream stands still while the IMU turns.
+
+    A link may stand still while its publisher is alive and other joints move.
+    """
+    tracks, turning = mended.path.tracks, mended.turning
+    if turning is None:
+        return mended
+    held = [
+        stretch
+        for stretch in turning.held_robot()
+        if all(_repeats(track, *stretch) for track in tracks)
+    ]
+    if not held:
+        return mended
+    names = [track.name for track in tracks]
+    findings = [*mended.findings, warning("robot.held", streams=names, stretches=held)]
+    turned = np.nan_to_num(turning.measured)
+    alone = sum(turned[turning.between(*stretch)].sum() for stretch in held)
+    if alone > _MOST_LOST * turned.sum():
+        findings.append(untrusted("robot.held_in_motion", share=alone / turned.sum()))
+    path = replace(mended.path, tracks=tuple(_without(track, held) for track in tracks))
+    return replace(mended, path=path, findings=tuple(findings))
+
+
+def check_alone(imu: ImuSamples) -> tuple[Finding, ...]:
+    """What is wrong with an IMU's stamps and values, as far as it shows without kinematics."""
+    for refuse in (refuse_impossible, refuse_dead):
+        try:
+            refuse(imu)
+        except InputError as error:
+            if error.finding is None:
+                raise
+            return (error.finding,)
+    tidy, findings = _mended_imu(imu, ())
+    faults = sensor_faults(tidy, None) if len(tidy) >= _LEAST_IMU else []
+    return (*findings, *(fault.finding(tidy) for fault in faults))
+
+
+def _on_even_stamps(imu: ImuSamples, path: KinematicPath, max_offset: float) -> Repaired:
+    """Bursts become even ticks, but where the motion says that they are none.
+
+    Junk that comes at once, of a damaged chunk or a driver's buffer, looks like a burst; counted
+    as ticks it would shift all that comes after it.
+    """
+    best = _evened(imu, path, max_offset, ())
+    as_recorded: tuple[str, ...] = ()
+    for each in best.findings:
+        if each.code != "stamps.bunched":
+            continue
+        tried = (*as_recorded, str(each.values["stream"]))
+        other = _evened(imu, path, max_offset, tried)
+        if _unexplained(other) < _FAR_BETTER * _unexplained(best):
+            best, as_recorded = other, tried
+    return best
+
+
+def _evened(
+    imu: ImuSamples, path: KinematicPath, max_offset: float, as_recorded: tuple[str, ...]
+) -> Repaired:
+    """The streams without bursts, those of some left as they are."""
+    imu, findings = _mended_imu(imu, as_recorded)
+    tracks = []
+    for raw in path.tracks:
+        track, found = _mended_track(raw, as_recorded)
+        tracks.append(track)
+        findings += found
+    path = replace(path, tracks=tuple(tracks))
+    trajectory = Trajectory.of(path)
+    turning = None
+    if len(imu) >= _LEAST_IMU:
+        turning = compare_turning(imu.t, imu.gyro, trajectory, max_offset)
+    return Repaired(
+        samples=imu, path=path, trajectory=trajectory, turning=turning, findings=tuple(findings)
+    )
+
+
+def _unexplained(streams: Repaired) -> float:
+    """Share of the IMU's turning that the robot's does not explain."""
+    return 1.0 if streams.turning is None else 1.0 - streams.turning.correlation
+
+
+def _even(
+    name: str, t: Floats, *values: Floats, as_recorded: tuple[str, ...] = ()
+) -> tuple[Floats, list[Finding]]:
+    """Stamps without their bursts, if they come in bursts, and what was found of them."""
+    usable = usable_rows(t, *values)
+    rows = slice(None) if usable.all() else usable  # a slice copies nothing
+    stretches = rate_stretches(t[rows])
+    if stretches:
+        rates, starts = zip(*((each.rate, each.start) for each in stretches), strict=True)
+        return t, [warning("stamps.rate_changes", stream=name, rates=rates, starts=starts)]
+    spread = time_bursts(t[rows], *(each[rows] for each in values))
+    if spread is None:
+        return t, []
+    share = bunched_share(t[rows])
+    even = t.copy()
+    if name in as_recorded:
+        even[rows] = gathered(t[rows])
+        return even, [warning("stamps.surplus", stream=name, share=share)]
+    even[rows] = spread.t
+    return even, [
+        warning(
+            "stamps.bunched",
+            stream=name,
+            share=share,
+            period=spread.period,
+            batch=spread.batch,
+            lost=spread.lost,
+        )
+    ]
+
+
+def _mended_imu(imu: ImuSamples, as_recorded: tuple[str, ...]) -> tuple[ImuSamples, list[Finding]]:
+    """An IMU on even stamps, in order."""
+    t, findings = _even(imu.topic, imu.t, imu.gyro, imu.accel, as_recorded=as_recorded)
+    tidy = tidy_rows(t, imu.gyro, imu.accel)
+    if any(tidy.left_out.values()):
+        findings.append(warning("imu.samples_left_out", **tidy.left_out))
+    return replace(imu, t=tidy.of(t), gyro=tidy.of(imu.gyro), accel=tidy.of(imu.accel)), findings
+
+
+def _mended_track(track: Track, as_recorded: tuple[str, ...]) -> tuple[Track, list[Finding]]:
+    """A track on even stamps, without single messages that leap away and back."""
+    t, findings = _even(track.name, track.t, track.values, as_recorded=as_recorded)
+    tidy = tidy_rows(t, track.values)
+    if tidy.not_finite or tidy.backward or tidy.astray:
+        findings.append(warning("stream.rows_left_out", stream=track.name, **tidy.left_out))
+    read = tidy.of(track.values)
+    values = continuous(track.kind, read)
+    if track.kind == "joints" and values is not read:
+        whole = track.values.copy()  # also for who asks for rival publishers later
+        whole[tidy.rows] = values
+        track = replace(track, values=whole)
+    track = replace(track, t=t)
+    leaps = find_glitches(tidy.of(t), values, _LEAP)
+    if not leaps.any() or np.mean(leaps) > _MOST_LEAPS:
+        return track, findings
+    count = np.count_nonzero(leaps)
+    findings.append(warning("stream.leaps", stream=track.name, count=count, least=_LEAP))
+    keep = np.ones(len(t), dtype=bool)
+    keep[tidy.rows[leaps]] = False
+    return replace(track, t=t[keep], values=track.values[keep]), findings
+
+
+def clear_of(t: Floats, rows: Bools) -> Bools:
+    """Rows to leave out so that no window reaches over those at fault: (N,).
+
+    Holes shorter than a gap would be bridged.
+    """
+    reach = int(np.ceil(gap_limit(t) / (2.0 * float(np.median(np.diff(t)))))) + 1
+    wide = np.convolve(rows, np.ones(2 * reach + 1), mode="same") > 0.5
+    return np.asarray(wide)
+
+
+def _repeats(track: Track, start: float, end: float) -> bool:
+    """Whether no value of a track moves in a stretch, its ends aside."""
+    values = track.values[(track.t >= start + BIN) & (track.t <= end - 2.0 * BIN)]
+    return bool(len(values) < 2 or np.ptp(values, axis=0).max() < _SAME)
+
+
+def _without(track: Track, stretches: list[tuple[float, float]]) -> Track:
+    keep = np.ones(len(track.t), dtype=bool)
+    for start, end in stretches:
+        keep &= (track.t < start) | (track.t > end)
+    return replace(track, t=track.t[keep], values=track.values[keep])
+
+
+def _most_angle(path: KinematicPath) -> float:
+    """Largest range of a revolute joint's positions on a path, rad."""
+    most = 0.0
+    for step in path.steps:
+        if isinstance(step, JointStep) and step.kind == "revolute":
+            values = path.tracks[step.track].values[:, step.column]
+            values = values[np.isfinite(values)]
+            most = max(most, float(np.ptp(values)) if len(values) else 0.0)
+    return most

@@ -1,0 +1,134 @@
+"""How good the stamps of a stream are, and how much of the log it is there for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from imucalib_cli.findings import Finding, warning
+from imucalib_cli.signals.stamps import (
+    BUNCHED,
+    GAP_INTERVALS,
+    GAP_SECONDS,
+    SHORT,
+    usual_interval,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    from imucalib_cli.arrays import Floats
+    from imucalib_cli.logs.streams import Nanoseconds
+
+_NS = 1_000_000_000
+_QUARTILES_TO_STD = 1.349
+"""Distance of the quartiles of a normal distribution, in standard deviations."""
+_HOLE = 0.5
+"""s without a sample that are a hole, if they are also this many intervals long."""
+_HOLE_INTERVALS = 10.0
+_STRAY = 0.001
+"""Share of a stream's stamps that may be anywhere."""
+_MISSED = 0.1
+"""Share of the log, missing from a stream, that is worth telling."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class StampHealth:
+    """What the stamps of one topic look like, in the order of the log."""
+
+    count: int
+    duration: float
+    """First to last plausible stamp, s."""
+    rate_hz: float
+    """1 / median interval, or the mean rate where stamps are bunched; 0 for fewer than two."""
+    median_interval: float
+    """s, of those that advance."""
+    jitter: float
+    """Standard deviation of an interval, from its quartiles so that gaps do not count, s."""
+    longest_gap: float
+    """s."""
+    gaps: int
+    """Intervals longer than 3 median ones and 10 ms."""
+    duplicates: int
+    """Stamps equal to the one before."""
+    backwards: int
+    """Stamps before the one before."""
+    zeros: int
+    bursts: int
+    """Intervals that advance by less than a quarter of the usual: messages bunched together."""
+
+
+def stamp_health(stamp_ns: Nanoseconds) -> StampHealth:
+    """Describe stamps.
+
+    Args:
+        stamp_ns: (N,), in the order of the log, ns.
+    """
+    stamps = stamp_ns[stamp_ns > 0]
+    steps: Floats = np.diff(stamps) / _NS
+    forward = steps[steps > 0]
+    duration = rate = median = jitter = longest = 0.0
+    gaps = bursts = 0
+    if len(forward):
+        duration, longest = float(stamps.max() - stamps.min()) / _NS, float(forward.max())
+        low, median, high = (float(x) for x in np.percentile(forward, (25, 50, 75)))
+        jitter = (high - low) / _QUARTILES_TO_STD
+        usual = usual_interval((stamps - stamps[0]) / _NS)
+        if np.mean(steps < SHORT * usual) < BUNCHED:
+            usual = median
+        rate = 1 / usual
+        short = forward < SHORT * usual
+        bursts = int(np.count_nonzero(short))
+        between = float(np.median(forward[~short]))  # of bursts, if there are any
+        gaps = int(np.count_nonzero(forward > max(GAP_INTERVALS * between, GAP_SECONDS)))
+    return StampHealth(
+        count=len(stamp_ns),
+        duration=duration,
+        rate_hz=rate,
+        median_interval=median,
+        jitter=jitter,
+        longest_gap=longest,
+        gaps=gaps,
+        duplicates=int(np.count_nonzero(steps == 0)),
+        backwards=int(np.count_nonzero(steps < 0)),
+        zeros=len(stamp_ns) - len(stamps),
+        bursts=bursts,
+    )
+
+
+def missing_parts(streams: Mapping[str, Floats]) -> Iterator[Finding]:
+    """A finding for each stream that much of the log is without.
+
+    Args:
+        streams: Stamps, s, in any order, by what they are called.
+    """
+    ends = np.array([_ends(t) for t in streams.values()])
+    first, last = float(ends[:, 0].min()), float(ends[:, 1].max())
+    whole = last - first
+    for name, unordered in streams.items():
+        t = np.sort(np.clip(unordered, first, last))
+        # The ends of the log bound holes like samples.
+        steps = np.diff(np.concatenate([[first], t, [last]]))
+        hole = max(_HOLE, _HOLE_INTERVALS * float(np.median(steps)))
+        missing = np.flatnonzero(steps > hole)
+        total = float(steps[missing].sum())
+        if total > _MISSED * whole:
+            longest = int(missing[np.argmax(steps[missing])])
+            begins = float(t[longest - 1]) - first if longest else 0.0
+            yield warning(
+                "stream.missing",
+                stream=name,
+                missing=total,
+                whole=whole,
+                start=begins,
+                end=begins + steps[longest],
+            )
+
+
+def _ends(t: Floats) -> tuple[float, float]:
+    """First and last stamp; a few from another epoch do not make a stream longer."""
+    low, high = np.quantile(t, (_STRAY, 1.0 - _STRAY))
+    near = t[np.abs(t - (low + high) / 2.0) <= 0.6 * (high - low) + 1.0]
+    return float(near.min()), float(near.max())

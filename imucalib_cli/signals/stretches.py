@@ -1,0 +1,44 @@
+"""Stretches of neighbouring samples at which something holds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from imucalib_cli.arrays import Bools, Indices
+
+
+@dataclass(frozen=True, eq=False)
+class Stretches:
+    """Each from a row to before another, in order."""
+
+    first: Indices
+    end: Indices
+
+    def __len__(self) -> int:
+        return len(self.first)
+
+    @property
+    def lengths(self) -> Indices:
+        """Rows of each."""
+        return self.end - self.first
+
+    def where(self, which: Bools) -> Stretches:
+        """Some of them."""
+        return Stretches(self.first[which], self.end[which])
+
+    def mask(self, count: int) -> Bools:
+        """(count,), True inside."""
+        edges = np.zeros(count + 1, np.intp)
+        np.add.at(edges, self.first, 1)
+        np.add.at(edges, self.end, -1)
+        return np.asarray(np.cumsum(edges[:-1]) > 0)
+
+
+def stretches_of(holds: Bools) -> Stretches:
+    """Where a mask (N,) is True."""
+    change = np.diff(np.concatenate([[0], holds.astype(np.int8), [0]]))
+    return Stretches(np.flatnonzero(change == 1), np.flatnonzero(change == -1))
