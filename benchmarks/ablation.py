@@ -22,12 +22,12 @@ import numpy as np
 import sweeps
 from robots import ROBOTS, ROWS
 
-from imucalib_cli.estimate import fit
-from imucalib_cli.estimate.layout import lay_out
-from imucalib_cli.estimate.unknowns import TABLE, Unknown
+from imucalib_cli.estimate.model.layout import lay_out
+from imucalib_cli.estimate.model.unknowns import TABLE, Unknown
+from imucalib_cli.estimate.solution import fit
 
 if TYPE_CHECKING:
-    from imucalib_cli.estimate.layout import Layout
+    from imucalib_cli.estimate.model.layout import Layout
     from imucalib_cli.estimate.options import MatchedOptions
     from imucalib_cli.signals.trajectory import Trajectory
 

@@ -17,7 +17,7 @@ from common import clean_recording
 
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import PaperOptions, WindowChoice
-from imucalib_cli.estimate.paper import calibrate_paper
+from imucalib_cli.estimate.published.method import calibrate_paper
 from imucalib_cli.simulate.options import PhysicsOptions
 from imucalib_cli.study.contest import exact_system
 from imucalib_cli.study.recordings import error_of, streams_of

@@ -24,10 +24,10 @@ import numpy as np
 from robots import ROBOTS, ROWS, Row
 from sweeps import Job, Line, read
 
-from imucalib_cli.estimate.fit import whole_fit
 from imucalib_cli.estimate.options import MatchedOptions
-from imucalib_cli.estimate.prepare import clean_imu
+from imucalib_cli.estimate.solution.fit import whole_fit
 from imucalib_cli.estimate.stamps import best_attempt
+from imucalib_cli.signals.prepare import clean_imu
 from imucalib_cli.signals.trajectory import Trajectory
 
 KNOWN = 1e-12

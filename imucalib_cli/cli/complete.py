@@ -65,7 +65,7 @@ def imus(ctx: typer.Context, incomplete: str) -> list[str]:
 
 def imu_models(incomplete: str) -> list[str]:
     """IMUs of configs/imus."""
-    from imucalib_cli.estimate.imu_model import imu_names
+    from imucalib_cli.signals.imu.data_sheet import imu_names
 
     return _beginning(incomplete, imu_names())
 

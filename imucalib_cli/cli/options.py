@@ -313,7 +313,7 @@ def calibration_request(
         InputError: The data sheet of the user's own states something else.
     """
     from imucalib_cli.jobs.request import CalibrationRequest
-    from imucalib_cli.signals.units import Units
+    from imucalib_cli.signals.imu.units import Units
 
     asked: dict[str, Any] = {
         name: tuple(value) if isinstance(value, list) else value
@@ -437,8 +437,8 @@ def _expected_imu(estimator: EstimatorOptions) -> ExpectedImu | None:
             f"--imu-model {name}: expected the name of an IMU such as bmi088, or a YAML file; "
             "--imu-topic takes a topic"
         )
-    from imucalib_cli.estimate.imu_model import load_imu_model
     from imucalib_cli.jobs.request import ExpectedImu
+    from imucalib_cli.signals.imu.data_sheet import load_imu_model
 
     stated = {"accel": estimator.accel_bias_std, "gyro": estimator.gyro_bias_std}
     priors: Any = tuple(sensor for sensor, std in stated.items() if std is None)

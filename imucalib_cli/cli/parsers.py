@@ -212,7 +212,7 @@ def frame(text: str) -> str:
 
 def imu_name(text: str) -> str:
     """Name of an IMU as configs/imus spells it: ICM-20948 is icm20948; what is none stays."""
-    from imucalib_cli.estimate.imu_model import imu_names
+    from imucalib_cli.signals.imu.data_sheet import imu_names
 
     spelled = {_letters(name): name for name in imu_names()}
     return spelled.get(_letters(text), text)

@@ -7,7 +7,7 @@ model does, and with all those that the log cannot tell from it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final, get_args
 
 import numpy as np
@@ -16,31 +16,31 @@ from imucalib_cli.diagnose import edits
 from imucalib_cli.diagnose.hypotheses import Hypothesis, Kind, double_faults, single_faults
 from imucalib_cli.diagnose.sensor_axes import reoriented
 from imucalib_cli.errors import InputError
-from imucalib_cli.estimate.fit import MIN_WINDOWS, lean_fit
-from imucalib_cli.estimate.judge import own_noise
-from imucalib_cli.estimate.offset import coarse_time_offset
-from imucalib_cli.estimate.prepare import clean_imu
-from imucalib_cli.estimate.segments import DECISIVE
-from imucalib_cli.estimate.stamps import best_attempt
-from imucalib_cli.estimate.unknowns import LEAN, TABLE, JointCurve, Unknown
-from imucalib_cli.estimate.windows import (
+from imucalib_cli.estimate.checks.judge import own_noise
+from imucalib_cli.estimate.checks.segments import DECISIVE
+from imucalib_cli.estimate.model.unknowns import LEAN, TABLE, JointCurve, Unknown
+from imucalib_cli.estimate.model.windows import (
     Windowing,
     odd_length,
     plan_windows,
     shortest_length,
 )
+from imucalib_cli.estimate.solution.fit import MIN_WINDOWS, lean_fit
+from imucalib_cli.estimate.stamps import best_attempt
 from imucalib_cli.signals.lag import LEAST_OVERLAP
+from imucalib_cli.signals.offset import coarse_time_offset
+from imucalib_cli.signals.prepare import clean_imu
 from imucalib_cli.signals.samples import ImuSamples
-from imucalib_cli.signals.trajectory import CleanTrack, Trajectory, clean_track
+from imucalib_cli.signals.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
     from imucalib_cli.arrays import Floats
     from imucalib_cli.diagnose.hypotheses import Case
-    from imucalib_cli.estimate.fit import Fit
     from imucalib_cli.estimate.options import MatchedOptions
-    from imucalib_cli.robot.path import KinematicPath, Track
+    from imucalib_cli.estimate.solution.fit import Fit
+    from imucalib_cli.robot.path import KinematicPath
 
 
 _SECONDS: Final = 60.0
@@ -132,19 +132,14 @@ class Fitter:
     options: MatchedOptions
     windowing: Windowing
     """As given."""
-    _cleaned: dict[int, tuple[Track, CleanTrack]] = field(default_factory=dict)
 
     def trajectory(self, path: KinematicPath) -> Trajectory:
-        """Trajectory of a path; each track is cleaned once.
+        """Trajectory of a path, its stamps taken as those of the path as given.
 
         Raises:
             InputError: A track has too few usable samples.
         """
-        for track in path.tracks:
-            if id(track) not in self._cleaned:
-                self._cleaned[id(track)] = (track, clean_track(track))
-        tracks = tuple(self._cleaned[id(track)][1] for track in path.tracks)
-        return Trajectory(path, tracks, use_ticks=self.windowing.trajectory.use_ticks)
+        return Trajectory.of(path).with_ticks(self.windowing.trajectory.use_ticks)
 
     def coarse(
         self, path: KinematicPath, about: float = 0.0, most: float | None = None

@@ -9,7 +9,7 @@ import numpy as np
 
 from imucalib_cli.diagnose.alternatives import short_windows, trimmed_rms
 from imucalib_cli.diagnose.edits import joints_of
-from imucalib_cli.estimate.judge import own_noise
+from imucalib_cli.estimate.checks.judge import own_noise
 from imucalib_cli.findings import Finding, untrusted
 
 if TYPE_CHECKING:

@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from imucalib_cli.diagnose.hypotheses import Hypothesis
-from imucalib_cli.estimate import columns
+from imucalib_cli.estimate.model import columns
 from imucalib_cli.robot.rotations import rotation_angle
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats
-    from imucalib_cli.estimate.windows import WindowRows
+    from imucalib_cli.estimate.model.windows import WindowRows
     from imucalib_cli.robot.path import KinematicPath
 
 

@@ -9,7 +9,6 @@ from imucalib_cli.findings import reasons, status, warnings
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats
-    from imucalib_cli.estimate.imu_check import ImuCheck
     from imucalib_cli.findings import Finding
 
 CorrectionName = Literal[
@@ -91,6 +90,32 @@ class Residuals:
     white_equivalent: tuple[float, float] | None = None
     """Standard deviation of a sample's white noise that would leave these in a window, m/s² and
     rad/s; not written to files."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensorCheck:
+    """One sensor: standard deviations of a sample's white noise, m/s² or rad/s."""
+
+    expected: float
+    """By the sheet's density, at the log's rate: density * sqrt(rate / 2)."""
+    measured: float
+    """By how far samples stand off their neighbours."""
+    in_windows: float | None
+    """White noise that would leave of the windows what the fit leaves; None where the method does
+    not tell."""
+    bias_prior: float | None
+    """1 sigma that the estimate took from the sheet; None where it took none."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImuCheck:
+    """A log against a data sheet."""
+
+    name: str
+    rate: float
+    """Of the log, Hz."""
+    accel: SensorCheck
+    gyro: SensorCheck
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

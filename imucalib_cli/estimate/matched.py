@@ -6,21 +6,21 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from imucalib_cli.estimate import judge
+from imucalib_cli.estimate.checks import judge
+from imucalib_cli.estimate.checks.observability import widen
+from imucalib_cli.estimate.checks.segments import DECISIVE, Segments
+from imucalib_cli.estimate.checks.specification import window_dependence
 from imucalib_cli.estimate.estimate import Correction, Estimate, Parameter, Residuals
-from imucalib_cli.estimate.fit import whole_fit
-from imucalib_cli.estimate.observability import widen
-from imucalib_cli.estimate.prepare import clean_imu
-from imucalib_cli.estimate.segments import DECISIVE, Segments
-from imucalib_cli.estimate.specification import window_dependence
+from imucalib_cli.estimate.model.unknowns import Gravity, Mount
+from imucalib_cli.estimate.solution.fit import whole_fit
 from imucalib_cli.estimate.stamps import best_attempt
-from imucalib_cli.estimate.unknowns import Gravity, Mount
+from imucalib_cli.signals.prepare import clean_imu
 from imucalib_cli.signals.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats
-    from imucalib_cli.estimate.fit import Fit
     from imucalib_cli.estimate.options import MatchedOptions
+    from imucalib_cli.estimate.solution.fit import Fit
     from imucalib_cli.estimate.stamps import Attempt
     from imucalib_cli.robot.path import KinematicPath
     from imucalib_cli.signals.samples import ImuSamples

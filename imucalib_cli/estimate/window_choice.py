@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from imucalib_cli.estimate.estimate import Window
-from imucalib_cli.estimate.windows import odd_length, shortest_length
+from imucalib_cli.estimate.model.windows import odd_length, shortest_length
 from imucalib_cli.signals.kernels import matched_filter
 
 if TYPE_CHECKING:

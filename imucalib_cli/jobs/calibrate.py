@@ -26,8 +26,8 @@ from imucalib_cli.results.from_estimate import result_of, scalars
 from imucalib_cli.results.requirement import require
 from imucalib_cli.results.result import Provenance, SourceFile, Topics
 from imucalib_cli.robot.path import JointStep
-from imucalib_cli.signals.repair import Repaired, repair
-from imucalib_cli.signals.stream_health import missing_parts
+from imucalib_cli.signals.imu.repair import Repaired, repair
+from imucalib_cli.signals.imu.stream_health import missing_parts
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -125,7 +125,7 @@ def mend(samples: ImuSamples, path: KinematicPath, request: CalibrationRequest) 
     """Repair one IMU and what moves it, as a request has it.
 
     Raises:
-        InputError: As :func:`imucalib_cli.signals.repair.repair`.
+        InputError: As :func:`imucalib_cli.signals.imu.repair.repair`.
     """
     return repair(
         samples,
@@ -162,7 +162,7 @@ def _estimate(
         from imucalib_cli.estimate.matched import calibrate_matched
 
         return calibrate_matched(samples, path, options)
-    from imucalib_cli.estimate.paper import calibrate_paper
+    from imucalib_cli.estimate.published.method import calibrate_paper
 
     return calibrate_paper(samples, path, options)
 

@@ -8,21 +8,22 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from imucalib_cli.estimate.imu_check import check_imu
-from imucalib_cli.estimate.imu_model import imu_assumptions
-from imucalib_cli.estimate.judge import DISTRUST_SIGMAS
+from imucalib_cli.estimate.checks.judge import DISTRUST_SIGMAS
+from imucalib_cli.estimate.estimate import ImuCheck, SensorCheck
 from imucalib_cli.estimate.options import MatchedOptions, PaperOptions
 from imucalib_cli.findings import Finding, warning
-from imucalib_cli.signals.imu_checks import beyond_ranges
+from imucalib_cli.signals.imu.checks import beyond_ranges
+from imucalib_cli.signals.imu.data_sheet import imu_assumptions
+from imucalib_cli.signals.noise import white_noise
+from imucalib_cli.signals.stamps import tidy_rows
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from imucalib_cli.estimate.estimate import Estimate
-    from imucalib_cli.estimate.imu_check import ImuCheck
-    from imucalib_cli.estimate.imu_model import ImuModel, Sensor
+    from imucalib_cli.estimate.estimate import Estimate, Residuals
     from imucalib_cli.jobs.request import ExpectedImu
-    from imucalib_cli.signals.samples import ImuSamples
+    from imucalib_cli.signals.imu.data_sheet import ImuModel
+    from imucalib_cli.signals.samples import ImuSamples, Sensor
 
 FIRST_ORDER = math.pi / 2.0
 """Noise bandwidth over -3 dB bandwidth of a first-order filter, the widest skirt there is."""
@@ -83,7 +84,7 @@ def checked(
         return estimate
     model = expected.model
     priors = {s: prior for s, prior in expected.bias_priors.items() if s not in dropped}
-    check = check_imu(
+    check = _check(
         samples, estimate.residuals, model, priors if estimate.method == "matched" else {}
     )
     found = {"accel": estimate.accel_bias, "gyro": estimate.gyro_bias}
@@ -99,6 +100,34 @@ def checked(
     ]
     told = (*beyond, *_noise(check, model), *beyond_ranges(samples, model.name, model.ranges))
     return replace(estimate, imu_check=check, findings=(*estimate.findings, *told))
+
+
+def _check(
+    imu: ImuSamples,
+    residuals: Residuals,
+    model: ImuModel,
+    priors: dict[Sensor, float],
+) -> ImuCheck:
+    """Measure a log's noise and put the sheet's beside it.
+
+    Two levels are known without asking the fit: how far samples stand off their neighbours, which
+    is noise near half the sampling rate, and what the fit leaves of the windows, which is noise of
+    some hertz. Vibration raises the first, a filter in a driver lowers it and leaves the second.
+    """
+    rows = tidy_rows(imu.t, imu.gyro, imu.accel).rows
+    rate = 1.0 / float(np.median(np.diff(imu.t[rows])))
+    values = {"accel": imu.accel[rows], "gyro": imu.gyro[rows]}
+    left = residuals.white_equivalent
+    accel, gyro = (
+        SensorCheck(
+            expected=model.noise(sensor) * float(np.sqrt(rate / 2.0)),
+            measured=float(np.sqrt(np.mean(white_noise(values[sensor]) ** 2))),
+            in_windows=None if left is None else left[place],
+            bias_prior=priors.get(sensor),
+        )
+        for place, sensor in enumerate(_SENSORS)
+    )
+    return ImuCheck(name=model.name, rate=rate, accel=accel, gyro=gyro)
 
 
 def _noise(check: ImuCheck, model: ImuModel) -> Iterator[Finding]:

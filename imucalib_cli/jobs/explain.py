@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from imucalib_cli.jobs.reading import Recording
     from imucalib_cli.jobs.request import CalibrationRequest
     from imucalib_cli.robot.path import KinematicPath, Track
-    from imucalib_cli.signals.repair import Repaired
+    from imucalib_cli.signals.imu.repair import Repaired
 
 
 def explain(

@@ -24,9 +24,9 @@ from imucalib_cli.logs.log import LogData, open_log
 from imucalib_cli.logs.messages import TF_TYPES
 from imucalib_cli.logs.select import Selection, candidates, select_topics
 from imucalib_cli.robot.urdf import load_robot
-from imucalib_cli.signals.repair import check_alone
-from imucalib_cli.signals.stream_health import stamp_health
-from imucalib_cli.signals.units import guess_units
+from imucalib_cli.signals.imu.repair import check_alone
+from imucalib_cli.signals.imu.stream_health import stamp_health
+from imucalib_cli.signals.imu.units import guess_units
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

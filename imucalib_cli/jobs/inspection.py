@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 
     from imucalib_cli.findings import Finding
     from imucalib_cli.logs.reader import Topic
-    from imucalib_cli.signals.stream_health import StampHealth
-    from imucalib_cli.signals.units import UnitGuess
+    from imucalib_cli.signals.imu.stream_health import StampHealth
+    from imucalib_cli.signals.imu.units import UnitGuess
 
 _MS = 1e3
 

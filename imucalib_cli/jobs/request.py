@@ -6,14 +6,15 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
 from imucalib_cli.estimate.options import MatchedOptions, PaperOptions
-from imucalib_cli.signals.units import Units
+from imucalib_cli.signals.imu.units import Units
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from imucalib_cli.estimate.imu_model import ImuModel, Sensor
     from imucalib_cli.results.requirement import Tolerance
+    from imucalib_cli.signals.imu.data_sheet import ImuModel
+    from imucalib_cli.signals.samples import Sensor
 
     Progress = Callable[[str, float | None], None]
 

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from imucalib_cli.configuration import build, builtin_names, read_builtin, read_yaml
 from imucalib_cli.errors import ChoiceError
-from imucalib_cli.estimate.imu_model import Sensor, imu_assumptions, load_imu_model
-from imucalib_cli.signals.samples import STANDARD_GRAVITY
+from imucalib_cli.signals.imu.data_sheet import imu_assumptions, load_imu_model
+from imucalib_cli.signals.samples import STANDARD_GRAVITY, Sensor
 from imucalib_cli.simulate.config import SystemConfig
 from imucalib_cli.simulate.options import NoiseOptions, Vector
 

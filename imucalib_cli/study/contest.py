@@ -11,7 +11,7 @@ import numpy as np
 from imucalib_cli.errors import InputError
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions, PaperOptions, WindowChoice
-from imucalib_cli.estimate.paper import calibrate_paper
+from imucalib_cli.estimate.published.method import calibrate_paper
 from imucalib_cli.results.pose import PoseError, pose_error
 from imucalib_cli.study.recordings import streams_of
 

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from imucalib_cli.estimate import columns
-from imucalib_cli.estimate.solve import Known, solve_globally
+from imucalib_cli.estimate.model import columns
+from imucalib_cli.estimate.solution.solve import Known, solve_globally
 from imucalib_cli.robot.rotations import matrix_from_rotvec, rotvec_from_matrix
 from imucalib_cli.study.conditions import Pose
 from imucalib_cli.study.contest import pose_only

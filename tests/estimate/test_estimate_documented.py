@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from imucalib_cli.estimate.unknowns import SCALES, TABLE, Unknown
+from imucalib_cli.estimate.model.unknowns import SCALES, TABLE, Unknown
 
 METHOD = (Path(__file__).parents[2] / "docs" / "method.md").read_text(encoding="utf-8")
 

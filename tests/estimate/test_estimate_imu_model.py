@@ -12,7 +12,7 @@ import pytest
 import yaml
 
 from imucalib_cli.errors import ChoiceError, InputError
-from imucalib_cli.estimate.imu_model import (
+from imucalib_cli.signals.imu.data_sheet import (
     ImuModel,
     imu_assumptions,
     imu_names,

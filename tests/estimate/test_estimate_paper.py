@@ -15,8 +15,8 @@ from scipy.spatial.transform import Rotation
 from imucalib_cli.errors import InputError
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import PaperOptions, WindowChoice
-from imucalib_cli.estimate.paper import calibrate_paper
-from imucalib_cli.estimate.paper_filters import DEFAULT_EXCLUSION, filtered_instants
+from imucalib_cli.estimate.published.filters import DEFAULT_EXCLUSION, filtered_instants
+from imucalib_cli.estimate.published.method import calibrate_paper
 from tests.estimate.estimate_arm import (
     EXACT,
     GRAVITY,

@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from imucalib_cli.estimate import columns
 from imucalib_cli.estimate.matched import calibrate_matched
+from imucalib_cli.estimate.model import columns
 from imucalib_cli.estimate.options import MatchedOptions, PosePrior
-from imucalib_cli.estimate.solve import Known, refine
+from imucalib_cli.estimate.solution.solve import Known, refine
 from imucalib_cli.findings import Severity
 from tests.estimate.estimate_arm import EXACT, GRAVITY, INDUSTRIAL, MOUNT, Log, Moves, parent_motion
 from tests.estimate.estimate_faults import flawed_log, nees, pose_error

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from imucalib_cli.estimate.scales import Problem, integrate, most_likely
+from imucalib_cli.estimate.solution.scales import Problem, integrate, most_likely
 
 Floats = NDArray[np.float64]
 

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from imucalib_cli.estimate.matched import calibrate_matched
+from imucalib_cli.estimate.model.unknowns import TABLE, Clock, Reading
 from imucalib_cli.estimate.options import MatchedOptions
-from imucalib_cli.estimate.unknowns import TABLE, Clock, Reading
 from imucalib_cli.findings import Severity
 from tests.estimate.estimate_arm import INDUSTRIAL, LINKS, MEMS, MOUNT, Log, Moves
 from tests.estimate.estimate_faults import Flaws, as_told, flawed_log, nees

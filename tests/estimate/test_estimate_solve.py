@@ -10,19 +10,19 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from imucalib_cli.estimate import columns as lean
-from imucalib_cli.estimate.design import Model
-from imucalib_cli.estimate.fit import whitened
-from imucalib_cli.estimate.layout import lay_out
 from imucalib_cli.estimate.matched import calibrate_matched
+from imucalib_cli.estimate.model import columns as lean
+from imucalib_cli.estimate.model.design import Model
+from imucalib_cli.estimate.model.layout import lay_out
+from imucalib_cli.estimate.model.state import State, gravity_axes, tilt_from_down, tilted
+from imucalib_cli.estimate.model.windows import Windowing, WindowRows, plan_windows
 from imucalib_cli.estimate.options import MatchedOptions
-from imucalib_cli.estimate.prepare import clean_imu
-from imucalib_cli.estimate.robust import window_weights
-from imucalib_cli.estimate.solve import Known, cube_rotations, refine, solve_globally
-from imucalib_cli.estimate.spectrum import part_matrices, statistics
-from imucalib_cli.estimate.state import State, gravity_axes, tilt_from_down, tilted
-from imucalib_cli.estimate.windows import Windowing, WindowRows, plan_windows
+from imucalib_cli.estimate.solution.fit import whitened
+from imucalib_cli.estimate.solution.robust import window_weights
+from imucalib_cli.estimate.solution.solve import Known, cube_rotations, refine, solve_globally
+from imucalib_cli.estimate.solution.spectrum import part_matrices, statistics
 from imucalib_cli.robot.rotations import nearest_rotation
+from imucalib_cli.signals.prepare import clean_imu
 from imucalib_cli.signals.trajectory import Trajectory
 from tests.estimate.estimate_arm import (
     GRAVITY,

@@ -15,23 +15,23 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from imucalib_cli.estimate.design import Model
-from imucalib_cli.estimate.fit import lean_fit
-from imucalib_cli.estimate.jacobian import columns
-from imucalib_cli.estimate.layout import lay_out
+from imucalib_cli.estimate.model.design import Model
+from imucalib_cli.estimate.model.jacobian import columns
+from imucalib_cli.estimate.model.layout import lay_out
+from imucalib_cli.estimate.model.state import State
+from imucalib_cli.estimate.model.unknowns import LEAN, TABLE, JointCurve, Origin, Reading, Unknown
+from imucalib_cli.estimate.model.windows import Windowing, plan_windows
 from imucalib_cli.estimate.options import MatchedOptions
-from imucalib_cli.estimate.prepare import clean_imu
-from imucalib_cli.estimate.state import State
-from imucalib_cli.estimate.unknowns import LEAN, TABLE, JointCurve, Origin, Reading, Unknown
-from imucalib_cli.estimate.windows import Windowing, plan_windows
+from imucalib_cli.estimate.solution.fit import lean_fit
 from imucalib_cli.robot.path import FixedStep, JointStep, KinematicPath, PoseStep, Track
+from imucalib_cli.signals.prepare import clean_imu
 from imucalib_cli.signals.samples import ImuSamples
 from imucalib_cli.signals.trajectory import Trajectory
 from tests.estimate.estimate_arm import GRAVITY, MOUNT, Log, Moves, make_log
 
 if TYPE_CHECKING:
-    from imucalib_cli.estimate.layout import Layout, Placed
-    from imucalib_cli.estimate.unknowns import Samples
+    from imucalib_cli.estimate.model.layout import Layout, Placed
+    from imucalib_cli.estimate.model.unknowns import Samples
 
 Floats = NDArray[np.float64]
 

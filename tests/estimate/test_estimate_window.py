@@ -9,13 +9,13 @@ import pytest
 
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions, WindowChoice
-from imucalib_cli.estimate.prepare import clean_imu
 from imucalib_cli.estimate.window_choice import (
     choose_window,
     kinematic_noise,
     second_derivative_gain,
 )
 from imucalib_cli.signals.kernels import matched_filter
+from imucalib_cli.signals.prepare import clean_imu
 from imucalib_cli.signals.trajectory import Trajectory
 from tests.estimate.estimate_arm import Log, Moves, arm_path, make_log
 

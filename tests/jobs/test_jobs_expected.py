@@ -13,10 +13,10 @@ import pytest
 from scipy.signal import butter, lfilter
 
 from imucalib_cli.cli.main import main
-from imucalib_cli.estimate.imu_model import load_imu_model
 from imucalib_cli.jobs.calibrate import calibrate
 from imucalib_cli.jobs.request import CalibrationRequest, ExpectedImu
 from imucalib_cli.results.codec import result_from, to_document
+from imucalib_cli.signals.imu.data_sheet import load_imu_model
 from imucalib_cli.simulate.load import load_imu, load_system
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import LogOptions, NoiseOptions, PhysicsOptions

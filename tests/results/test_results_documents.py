@@ -22,11 +22,12 @@ from imucalib_cli.estimate.estimate import (
     Consistency,
     Correction,
     Estimate,
+    ImuCheck,
     Residuals,
+    SensorCheck,
     UnobservableDirection,
     Window,
 )
-from imucalib_cli.estimate.imu_check import ImuCheck, SensorCheck
 from imucalib_cli.findings import Severity, note, texts, untrusted, warning
 from imucalib_cli.results.answers import schema_of
 from imucalib_cli.results.codec import read_results, result_from, to_document, to_json, to_yaml

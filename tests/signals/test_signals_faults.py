@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from imucalib_cli.signals.imu_checks import sensor_faults
-from imucalib_cli.signals.repair import clear_of
-from imucalib_cli.signals.repeats import dead_axes
+from imucalib_cli.signals.imu.checks import sensor_faults
+from imucalib_cli.signals.imu.repair import clear_of
+from imucalib_cli.signals.imu.repeats import dead_axes
+from imucalib_cli.signals.imu.saturation import flat_tops
 from imucalib_cli.signals.samples import ImuSamples
-from imucalib_cli.signals.saturation import flat_tops
 from imucalib_cli.signals.stamps import gap_breaks
 from imucalib_cli.signals.trajectory import Trajectory
 from imucalib_cli.signals.turning import Turning, compare_turning

@@ -15,8 +15,8 @@ from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.robot.path import KinematicPath, PoseStep, Track
 from imucalib_cli.robot.rotations import quaternion_from_matrix
-from imucalib_cli.signals.repair import Repaired, check_alone, repair
-from imucalib_cli.signals.units import Units
+from imucalib_cli.signals.imu.repair import Repaired, check_alone, repair
+from imucalib_cli.signals.imu.units import Units
 from tests.estimate.estimate_arm import (
     Log,
     Moves,

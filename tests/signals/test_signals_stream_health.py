@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from imucalib_cli.signals.imu.stream_health import missing_parts, stamp_health
+from imucalib_cli.signals.imu.units import guess_units
 from imucalib_cli.signals.samples import ImuSamples
-from imucalib_cli.signals.stream_health import missing_parts, stamp_health
-from imucalib_cli.signals.units import guess_units
 
 START = 1_700_000_000_000_000_000
 

@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 
 from imucalib_cli.errors import InputError
-from imucalib_cli.signals.samples import ImuSamples
-from imucalib_cli.signals.turning import Turning
-from imucalib_cli.signals.units import (
+from imucalib_cli.signals.imu.units import (
     ACCEL_FACTORS,
     KNOWN_RATIOS,
     AccelUnit,
@@ -16,6 +14,8 @@ from imucalib_cli.signals.units import (
     accel_factor,
     gyro_factor,
 )
+from imucalib_cli.signals.samples import ImuSamples
+from imucalib_cli.signals.turning import Turning
 
 DEG = 180.0 / np.pi
 G = 9.80665

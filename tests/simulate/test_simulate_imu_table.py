@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from imucalib_cli.estimate.imu_model import ImuModel, imu_names, load_imu_model
+from imucalib_cli.signals.imu.data_sheet import ImuModel, imu_names, load_imu_model
 
 PAGE = Path(__file__).parents[2] / "docs" / "simulation.md"
 HEAD = (

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import PaperOptions, WindowChoice
-from imucalib_cli.estimate.paper import calibrate_paper
+from imucalib_cli.estimate.published.method import calibrate_paper
 from imucalib_cli.study.contest import exact_system, pose_only
 from imucalib_cli.study.methods.answer import Answer
 from imucalib_cli.study.methods.bspline import calibrate_bspline, calibrate_bspline_camera

@@ -17,15 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
-from imucalib_cli.estimate import columns
+from imucalib_cli.estimate.model import columns
+from imucalib_cli.estimate.model.windows import Windowing, plan_windows
 from imucalib_cli.estimate.options import MatchedOptions, PaperOptions, WindowChoice
-from imucalib_cli.estimate.paper_filters import filtered_instants
-from imucalib_cli.estimate.prepare import clean_imu
-from imucalib_cli.estimate.robust import residual_scales
-from imucalib_cli.estimate.solve import Known, solve_globally
+from imucalib_cli.estimate.published.filters import filtered_instants
+from imucalib_cli.estimate.solution.robust import residual_scales
+from imucalib_cli.estimate.solution.solve import Known, solve_globally
 from imucalib_cli.estimate.window_choice import choose_window
-from imucalib_cli.estimate.windows import Windowing, plan_windows
 from imucalib_cli.results.pose import pose_error
+from imucalib_cli.signals.prepare import clean_imu
 from imucalib_cli.signals.trajectory import Trajectory
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.study.bound import bound_columns

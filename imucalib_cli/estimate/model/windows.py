@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from imucalib_cli.estimate import columns
+from imucalib_cli.estimate.model import columns
 from imucalib_cli.robot.rotations import vee
 from imucalib_cli.signals.kernels import MARGIN, MatchedFilter, convolve_at, matched_filter
 

@@ -17,18 +17,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from imucalib_cli.estimate.state import Chain
-from imucalib_cli.estimate.unknowns import SENSORS, Clock, Reading, Samples
-from imucalib_cli.estimate.windows import average, blocks, derive, window_centres
+from imucalib_cli.estimate.model.state import Chain
+from imucalib_cli.estimate.model.unknowns import SENSORS, Clock, Reading, Samples
+from imucalib_cli.estimate.model.windows import average, blocks, derive, window_centres
 from imucalib_cli.robot.rotations import skew, vee
 from imucalib_cli.signals.kernels import MARGIN
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats, Indices
-    from imucalib_cli.estimate.layout import Layout
-    from imucalib_cli.estimate.state import State
-    from imucalib_cli.estimate.unknowns import Sensor
-    from imucalib_cli.estimate.windows import Windowing, WindowPlan
+    from imucalib_cli.estimate.model.layout import Layout
+    from imucalib_cli.estimate.model.state import State
+    from imucalib_cli.estimate.model.windows import Windowing, WindowPlan
+    from imucalib_cli.signals.samples import Sensor
 
 
 BLOCK = 256

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Final, TypeVar
 
 import numpy as np
 
-from imucalib_cli.estimate.scales import with_learnt
-from imucalib_cli.estimate.unknowns import (
+from imucalib_cli.estimate.model.unknowns import (
     SCALES,
     TABLE,
     JointCurve,
@@ -17,6 +16,7 @@ from imucalib_cli.estimate.unknowns import (
     PoseScale,
     Unknown,
 )
+from imucalib_cli.estimate.solution.scales import with_learnt
 from imucalib_cli.robot.path import FixedStep, JointStep, PoseStep
 
 if TYPE_CHECKING:

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Final, Literal
 import numpy as np
 
 from imucalib_cli.estimate.estimate import Consistency
-from imucalib_cli.estimate.layout import places_of
-from imucalib_cli.estimate.spectrum import PARTS, embedded, inverse_of, squared_distance
-from imucalib_cli.estimate.windows import WINDOWS_PER_LENGTH
+from imucalib_cli.estimate.model.layout import places_of
+from imucalib_cli.estimate.model.windows import WINDOWS_PER_LENGTH
+from imucalib_cli.estimate.solution.spectrum import PARTS, embedded, inverse_of, squared_distance
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats, Indices
-    from imucalib_cli.estimate.fit import Fit
+    from imucalib_cli.estimate.solution.fit import Fit
 
 
 _FOLDS: Final = 12

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Final, Literal
 import numpy as np
 
 from imucalib_cli.estimate.estimate import UnobservableDirection
-from imucalib_cli.estimate.unknowns import LEAN, TABLE, Mount
+from imucalib_cli.estimate.model.unknowns import LEAN, TABLE, Mount
 from imucalib_cli.estimate.window_choice import kinematic_noise, second_derivative_gain
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from imucalib_cli.arrays import Bools, Floats
-    from imucalib_cli.estimate.fit import Fit
+    from imucalib_cli.estimate.solution.fit import Fit
 
 
 GOOD_IMU: Final = (1e-3, 5e-5)

@@ -7,17 +7,17 @@ from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
 
-from imucalib_cli.estimate.layout import places_of
-from imucalib_cli.estimate.observability import (
+from imucalib_cli.estimate.checks.observability import (
     GOOD_IMU,
     excitation,
     undetermined,
     unobservable_directions,
 )
-from imucalib_cli.estimate.spectrum import inverse_of
-from imucalib_cli.estimate.state import tilt_from_down
-from imucalib_cli.estimate.told import POSE_NAMES, contradicted
-from imucalib_cli.estimate.unknowns import Clock, JointCurve, Mount, Origin, PoseScale
+from imucalib_cli.estimate.checks.stated import POSE_NAMES, contradicted
+from imucalib_cli.estimate.model.layout import places_of
+from imucalib_cli.estimate.model.state import tilt_from_down
+from imucalib_cli.estimate.model.unknowns import Clock, JointCurve, Mount, Origin, PoseScale
+from imucalib_cli.estimate.solution.spectrum import inverse_of
 from imucalib_cli.estimate.window_choice import kinematic_noise, second_derivative_gain
 from imucalib_cli.findings import Finding, Severity, note, untrusted, warning
 
@@ -25,12 +25,12 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from imucalib_cli.arrays import Floats
+    from imucalib_cli.estimate.checks.segments import Change
+    from imucalib_cli.estimate.checks.specification import Dependence
     from imucalib_cli.estimate.estimate import UnobservableDirection
-    from imucalib_cli.estimate.fit import Fit
-    from imucalib_cli.estimate.segments import Change
-    from imucalib_cli.estimate.specification import Dependence
+    from imucalib_cli.estimate.model.windows import Windowing
+    from imucalib_cli.estimate.solution.fit import Fit
     from imucalib_cli.estimate.stamps import Attempt
-    from imucalib_cli.estimate.windows import Windowing
 
 Sign = Literal["as read", "reversed", "in doubt"]
 

@@ -15,17 +15,17 @@ from imucalib_cli.errors import InputError
 from imucalib_cli.findings import Finding, Severity, reasons, untrusted, warning, warnings
 from imucalib_cli.robot.path import JointStep
 from imucalib_cli.signals.bursts import bunched_share, gathered, rate_stretches, time_bursts
-from imucalib_cli.signals.imu_checks import (
+from imucalib_cli.signals.imu.checks import (
     dead_in_motion,
     refuse_dead,
     refuse_impossible,
     sensor_faults,
 )
+from imucalib_cli.signals.imu.units import Units, accel_factor, gyro_factor
 from imucalib_cli.signals.spikes import find_glitches
 from imucalib_cli.signals.stamps import gap_limit, tidy_rows, usable_rows
 from imucalib_cli.signals.trajectory import Trajectory, continuous
 from imucalib_cli.signals.turning import BIN, compare_turning
-from imucalib_cli.signals.units import Units, accel_factor, gyro_factor
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Bools, Floats

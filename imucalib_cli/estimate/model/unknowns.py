@@ -32,8 +32,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from imucalib_cli.arrays import Floats
+    from imucalib_cli.signals.samples import Sensor
 
-Sensor = Literal["accel", "gyro"]
 SENSORS: Final[tuple[Sensor, Sensor]] = ("accel", "gyro")
 Group = Literal["mount", "bias", "gravity", "offset", "sensor", "robot"]
 

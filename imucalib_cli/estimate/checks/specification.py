@@ -17,16 +17,16 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from imucalib_cli.estimate.fit import part_statistics
-from imucalib_cli.estimate.spectrum import PARTS, embedded, squared_distance
+from imucalib_cli.estimate.model.windows import odd_length, plan_windows, spread
+from imucalib_cli.estimate.solution.fit import part_statistics
+from imucalib_cli.estimate.solution.spectrum import PARTS, embedded, squared_distance
 from imucalib_cli.estimate.window_choice import MAX_ATTENUATION, attenuation
-from imucalib_cli.estimate.windows import odd_length, plan_windows, spread
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats, Indices
-    from imucalib_cli.estimate.design import Model
-    from imucalib_cli.estimate.fit import Fit
-    from imucalib_cli.estimate.windows import WindowPlan
+    from imucalib_cli.estimate.model.design import Model
+    from imucalib_cli.estimate.model.windows import WindowPlan
+    from imucalib_cli.estimate.solution.fit import Fit
 
 
 FACTORS: Final = (0.5, 2.0)

@@ -13,7 +13,10 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from imucalib_cli.estimate.fit import (
+from imucalib_cli.estimate.checks.observability import undetermined
+from imucalib_cli.estimate.checks.segments import DECISIVE
+from imucalib_cli.estimate.model.layout import lay_out
+from imucalib_cli.estimate.solution.fit import (
     lean_fit,
     part_statistics,
     prior_offset,
@@ -21,19 +24,16 @@ from imucalib_cli.estimate.fit import (
     transferred,
     whole_fit,
 )
-from imucalib_cli.estimate.layout import lay_out
-from imucalib_cli.estimate.observability import undetermined
-from imucalib_cli.estimate.scales import integrate, most_likely
-from imucalib_cli.estimate.segments import DECISIVE
+from imucalib_cli.estimate.solution.scales import integrate, most_likely
 from imucalib_cli.findings import Finding, untrusted
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from imucalib_cli.arrays import Floats, Indices
-    from imucalib_cli.estimate.fit import Fit
-    from imucalib_cli.estimate.layout import Layout
+    from imucalib_cli.estimate.model.layout import Layout
     from imucalib_cli.estimate.options import MatchedOptions
+    from imucalib_cli.estimate.solution.fit import Fit
 
 
 POSE_NAMES: Final = ("tx", "ty", "tz", "rx", "ry", "rz")

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from imucalib_cli.signals.imu.repeats import ALIVE_NOISE, DEAD, Fault, repeats, repeats_by_chance
 from imucalib_cli.signals.noise import quantum, white_noise
-from imucalib_cli.signals.repeats import ALIVE_NOISE, DEAD, Fault, repeats, repeats_by_chance
 from imucalib_cli.signals.samples import AXES, SENSORS
 from imucalib_cli.signals.turning import AGREE, BIN, TURNING
 

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from imucalib_cli.estimate.design import BLOCK
-from imucalib_cli.estimate.layout import places_of
-from imucalib_cli.estimate.state import Chain, gravity_axes
-from imucalib_cli.estimate.unknowns import (
+from imucalib_cli.estimate.model.design import BLOCK
+from imucalib_cli.estimate.model.layout import places_of
+from imucalib_cli.estimate.model.state import Chain, gravity_axes
+from imucalib_cli.estimate.model.unknowns import (
     Clock,
     Gravity,
     JointCurve,
@@ -25,7 +25,7 @@ from imucalib_cli.estimate.unknowns import (
     Reading,
     with_ends,
 )
-from imucalib_cli.estimate.windows import blocks
+from imucalib_cli.estimate.model.windows import blocks
 from imucalib_cli.robot.path import JointStep, PoseStep
 from imucalib_cli.robot.rotations import cross, vee
 from imucalib_cli.signals.kernels import convolve_at, matched_filter
@@ -34,11 +34,11 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from imucalib_cli.arrays import Floats, Indices
-    from imucalib_cli.estimate.design import Model
-    from imucalib_cli.estimate.layout import Joint, Placed
-    from imucalib_cli.estimate.state import State
-    from imucalib_cli.estimate.unknowns import Samples
-    from imucalib_cli.estimate.windows import WindowPlan
+    from imucalib_cli.estimate.model.design import Model
+    from imucalib_cli.estimate.model.layout import Joint, Placed
+    from imucalib_cli.estimate.model.state import State
+    from imucalib_cli.estimate.model.unknowns import Samples
+    from imucalib_cli.estimate.model.windows import WindowPlan
     from imucalib_cli.robot.path import KinematicPath
     from imucalib_cli.signals.kernels import MatchedFilter
 

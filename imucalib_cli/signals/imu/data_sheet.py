@@ -10,9 +10,8 @@ from typing import Literal
 
 from imucalib_cli.configuration import build, builtin_names, read_builtin, read_yaml
 from imucalib_cli.errors import ChoiceError, InputError
-from imucalib_cli.signals.samples import STANDARD_GRAVITY
+from imucalib_cli.signals.samples import STANDARD_GRAVITY, Sensor
 
-Sensor = Literal["accel", "gyro"]
 BiasKind = Literal["typical", "1 sigma", "max"]
 
 _FOLDER = "imus"

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from imucalib_cli.estimate.unknowns import Gravity, JointCurve, Mount, Origin, PoseScale
+from imucalib_cli.estimate.model.unknowns import Gravity, JointCurve, Mount, Origin, PoseScale
 from imucalib_cli.robot.path import FixedStep
 from imucalib_cli.robot.rotations import cross, matrix_from_rotvec, rotvec_from_matrix
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Bools, Floats
-    from imucalib_cli.estimate.layout import Joint, Layout
+    from imucalib_cli.estimate.model.layout import Joint, Layout
     from imucalib_cli.robot.path import KinematicPath, Step
     from imucalib_cli.signals.trajectory import Trajectory
 

@@ -14,14 +14,14 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from imucalib_cli.estimate.robust import SCALE_FLOOR
-from imucalib_cli.estimate.windows import runs
+from imucalib_cli.estimate.model.windows import runs
+from imucalib_cli.estimate.solution.robust import SCALE_FLOOR
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from imucalib_cli.arrays import Bools, Floats, Indices
-    from imucalib_cli.estimate.windows import WindowPlan
+    from imucalib_cli.estimate.model.windows import WindowPlan
 
     Rows = Iterable[tuple[slice, Floats]]
     """Of parts of the windows, in order, (w, 6, n + 1)."""

@@ -9,20 +9,23 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from imucalib_cli.errors import InputError
-from imucalib_cli.estimate import columns as lean_columns
-from imucalib_cli.estimate.design import Model, Residuals
-from imucalib_cli.estimate.jacobian import columns, plan_nodes
-from imucalib_cli.estimate.layout import Layout, Placed, lay_out, places_of
-from imucalib_cli.estimate.robust import SCALE_FLOOR, residual_scales, window_weights
-from imucalib_cli.estimate.scales import Problem, integrate, most_likely
-from imucalib_cli.estimate.solve import (
+from imucalib_cli.estimate.model import columns as lean_columns
+from imucalib_cli.estimate.model.design import Model, Residuals
+from imucalib_cli.estimate.model.jacobian import columns, plan_nodes
+from imucalib_cli.estimate.model.layout import Layout, Placed, lay_out, places_of
+from imucalib_cli.estimate.model.state import State, tilt_from_down, turned_about
+from imucalib_cli.estimate.model.unknowns import LEAN, SENSORS, Gravity, Reading, Unknown
+from imucalib_cli.estimate.model.windows import spread
+from imucalib_cli.estimate.solution.robust import SCALE_FLOOR, residual_scales, window_weights
+from imucalib_cli.estimate.solution.scales import Problem, integrate, most_likely
+from imucalib_cli.estimate.solution.solve import (
     SAME_ROTATION,
     Known,
     Solution,
     refine,
     solve_globally,
 )
-from imucalib_cli.estimate.spectrum import (
+from imucalib_cli.estimate.solution.spectrum import (
     PARTS,
     PartSums,
     Statistics,
@@ -32,17 +35,14 @@ from imucalib_cli.estimate.spectrum import (
     part_matrices,
     statistics,
 )
-from imucalib_cli.estimate.state import State, tilt_from_down, turned_about
-from imucalib_cli.estimate.unknowns import LEAN, SENSORS, Gravity, Reading, Unknown
-from imucalib_cli.estimate.windows import spread
 from imucalib_cli.robot.rotations import rotation_angle, rotvec_from_matrix
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from imucalib_cli.arrays import Floats, Indices
+    from imucalib_cli.estimate.model.windows import Windowing, WindowPlan, WindowRows
     from imucalib_cli.estimate.options import MatchedOptions
-    from imucalib_cli.estimate.windows import Windowing, WindowPlan, WindowRows
 
 
 _FIRST_SCALES: Final = (0.05, 0.005)

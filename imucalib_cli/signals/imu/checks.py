@@ -1,6 +1,6 @@
 """Whether an IMU's data is usable: impossible values, dead, frozen and saturated sensors.
 
-Units are told in :mod:`imucalib_cli.signals.units`, stamps in :mod:`imucalib_cli.signals.stamps`.
+Units are judged in signals/imu/units.py, stamps in signals/stamps.py.
 """
 
 from __future__ import annotations
@@ -12,8 +12,7 @@ import numpy as np
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.findings import Finding, untrusted, warning
-from imucalib_cli.signals.noise import white_noise
-from imucalib_cli.signals.repeats import (
+from imucalib_cli.signals.imu.repeats import (
     ALIVE_NOISE,
     Fault,
     constant_axes,
@@ -22,8 +21,9 @@ from imucalib_cli.signals.repeats import (
     repeated_runs,
     repeats_by_chance,
 )
+from imucalib_cli.signals.imu.saturation import saturated
+from imucalib_cli.signals.noise import white_noise
 from imucalib_cli.signals.samples import AXES, SENSORS, Sensor
-from imucalib_cli.signals.saturation import saturated
 from imucalib_cli.signals.turning import AGREE, TURNING
 
 if TYPE_CHECKING:

@@ -1,0 +1,1 @@
+"""The unknowns, and what a filter window says of them."""

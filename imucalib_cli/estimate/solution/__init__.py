@@ -1,0 +1,1 @@
+"""From windows to the posterior of every unknown."""

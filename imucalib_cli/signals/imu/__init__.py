@@ -1,0 +1,1 @@
+"""Whether an IMU's data can be used, and its repair."""
