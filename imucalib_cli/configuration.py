@@ -13,7 +13,7 @@ from imucalib_cli.errors import InputError
 from imucalib_cli.guarded_yaml import YamlError, load_one, read_bounded
 
 if TYPE_CHECKING:
-    from importlib.resources.abc import Traversable
+    from importlib.abc import Traversable
 
 T = TypeVar("T")
 

@@ -62,7 +62,7 @@ def _channel_spikes(channel: Floats, floor: float) -> Bools:
         found |= new
         _bridge(work, found)
     # Samples between two spikes were suspected with them: those on the bridge are innocent.
-    return found & (np.abs(channel - work) > limit)
+    return np.asarray(found & (np.abs(channel - work) > limit))
 
 
 def find_glitches(t: Floats, values: Floats, floor: float) -> Bools:

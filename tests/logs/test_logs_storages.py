@@ -76,11 +76,11 @@ def read_rows(data: LogData) -> dict[tuple[str, ...], np.ndarray[Any, Any]]:
     """The streams as read, in the same form; integers beside floats, hence object arrays."""
     found: dict[tuple[str, ...], np.ndarray[Any, Any]] = {}
     for topic, each in data.imus.items():
-        found[topic,] = _table(each.log_ns, each.header_ns, each.gyro, each.accel)
+        found[(topic,)] = _table(each.log_ns, each.header_ns, each.gyro, each.accel)
     for topic, streams in data.joints.items():
         for joint in streams:
-            table = _table(joint.log_ns, joint.header_ns, joint.position)
-            found[(topic, *joint.names)] = table
+            names = (topic, *joint.names)
+            found[names] = _table(joint.log_ns, joint.header_ns, joint.position)
     for topic, poses in data.poses.items():
         for pose in poses:
             values = (pose.position, pose.quaternion_xyzw)

@@ -198,7 +198,7 @@ def _widened(*directions: UnobservableDirection) -> NDArray[np.float64]:
         covariance[part, part] += std**2 * np.outer(
             direction.direction_parent, direction.direction_parent
         )
-    return covariance
+    return np.asarray(covariance)
 
 
 def test_an_unknown_translation_withholds_yes_but_not_no() -> None:

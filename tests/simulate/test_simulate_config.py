@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pinocchio as pin
 import pytest
-import tomllib
 import yaml
 from rosbags.highlevel import AnyReader
 
@@ -75,6 +74,7 @@ def test_builtin_systems_are_found_and_nothing_else() -> None:
 
 
 def test_the_package_carries_configs_and_every_folder_of_code() -> None:
+    tomllib = pytest.importorskip("tomllib", reason="Python 3.11 has it")
     setuptools = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]
     init = (path.parent for path in (ROOT / "imucalib_cli").rglob("__init__.py"))
     folders = {".".join(path.relative_to(ROOT).parts) for path in init}

@@ -38,7 +38,7 @@ def with_stamps(stamp: Floats, received: Floats | None = None) -> Recording:
 
 
 def stamps() -> Floats:
-    return noisy(ARM).imu.stamp.copy()
+    return np.array(noisy(ARM).imu.stamp)
 
 
 @provokes("stamps-zero")

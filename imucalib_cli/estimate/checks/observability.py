@@ -104,7 +104,7 @@ def _swept(covariance: Floats, rotation: Sequence[UnobservableDirection]) -> Flo
     To first order the turn moves the place along the circle's tangent only; where it is large,
     the place is as little known across it.
     """
-    wide = covariance.copy()
+    wide = np.array(covariance)
     for turn in rotation:
         u = turn.direction_parent
         plane = np.eye(3) - np.outer(u, u)
@@ -149,7 +149,7 @@ def widen(covariance: Floats, directions: Sequence[UnobservableDirection]) -> Fl
         covariance: (6, 6), parent frame.
         directions: Of :func:`unobservable_directions`.
     """
-    wide = covariance.copy()
+    wide = np.array(covariance)
     for direction in directions:
         part = _PARTS[direction.kind]
         u = direction.direction_parent

@@ -90,7 +90,7 @@ class Model:
 
     def less_errors(self, state: State, samples: Samples, sensor: Sensor) -> Floats:
         """(M, 3), readings of a sensor with its errors taken off."""
-        reading = (samples.accel if sensor == "accel" else samples.gyro).copy()
+        reading = np.array(samples.accel if sensor == "accel" else samples.gyro)
         for each, effect in self.layout.of(Reading):
             value = state.x[each.part]
             if effect.sensor == sensor and value.any():

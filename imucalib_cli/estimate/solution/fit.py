@@ -415,7 +415,7 @@ def problem_of(layout: Layout, information: Floats, score: Floats, offset: Float
 
 def prior_offset(layout: Layout, options: MatchedOptions, state: State) -> Floats:
     """Distance of each component from what its prior expects."""
-    offset, known = state.x.copy(), options.pose
+    offset, known = np.array(state.x), options.pose
     clock = layout.part("time_offset")
     offset[clock] = 0.0 if options.time_offset is None else state.x[clock] - options.time_offset
     for each, gravity in layout.of(Gravity):

@@ -155,4 +155,4 @@ def _fine_rays(lens: Intrinsics) -> NDArray[np.float32]:
         shape[axis] = len(at)
         share = (at - before).reshape(shape)
         rays = rays.take(before, axis) * (1 - share) + rays.take(before + 1, axis) * share
-    return rays.astype(np.float32)
+    return np.asarray(rays, dtype=np.float32)
