@@ -80,7 +80,7 @@ def explained_of(log: Log) -> Estimate:
     return explained(estimate, diagnose(case))
 
 
-@pytest.mark.parametrize("which", slow_after(2, WIRINGS))
+@pytest.mark.parametrize("which", slow_after(1, WIRINGS))
 def test_the_cause_is_told_and_nothing_that_follows_from_it(which: str) -> None:
     gyro, accel, words = WIRINGS[which]
     grade = INDUSTRIAL if "swapped" in which else MEMS

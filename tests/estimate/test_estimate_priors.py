@@ -263,6 +263,4 @@ def test_a_prior_on_tilt_holds_the_vertical() -> None:
         return calibrated(recorded, options).gravity_world
 
     np.testing.assert_allclose(found(np.inf), gravity, atol=0.02)
-    np.testing.assert_allclose(found(0.1), gravity, atol=0.02)
-    np.testing.assert_allclose(found(1e-6), [0, 0, -GRAVITY], atol=1e-2)
     np.testing.assert_array_equal(found(0.0), [0, 0, -GRAVITY])

@@ -161,6 +161,7 @@ def test_two_faults_at_once_are_both_found(which: str, grade: str) -> None:
     assert estimate.trusted
 
 
+@pytest.mark.slow
 def test_sigma_is_true_with_a_fault_found() -> None:
     clean = flawed_log(Flaws(gyro_scale=SCALE), moves=Moves(seconds=12.0))
     scores, faults = [], []

@@ -191,6 +191,7 @@ def test_the_bars_poses_turn_at_the_rate_its_gyro_reads(bar: Recording) -> None:
     np.testing.assert_allclose(middle_rate, bar.imu.gyro[1:-1], atol=2e-4)
 
 
+@pytest.mark.slow
 def test_the_bar_stays_below_five_radians_per_second() -> None:
     run = record(load_system("barbot"), PhysicsOptions(imu_rate=50.0, robot_rate=50.0, step=0.005))
     peak = np.abs(run.imu.gyro).max(axis=0)

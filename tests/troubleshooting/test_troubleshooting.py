@@ -116,12 +116,12 @@ def test_every_code_is_provoked_but_for_those_named() -> None:
     assert set(MESSAGES) - shown == NOT_HERE
 
 
-@pytest.mark.parametrize("key", [row for table in TABLES for row in slow_after(3, table)])
+@pytest.mark.parametrize("key", [row for table in TABLES for row in slow_after(2, table)])
 def test_the_user_sees_it(key: str, tmp_path: Path) -> None:
     assert provoked(key, tmp_path) == TOLD[key]
 
 
-@pytest.mark.parametrize("system", [ARM, BODY])
+@pytest.mark.parametrize("system", slow_after(1, [ARM, BODY]))
 def test_a_sound_log_says_nothing(system: str, tmp_path: Path) -> None:
     """Without a fault none of the sentences appears."""
     seen = (on_arm() if system == ARM else on_body())(Scene(tmp_path))
