@@ -179,6 +179,7 @@ def test_a_hum_is_no_mount_that_gives() -> None:
     assert not any(each.values.get("name") == "mount_give" for each in told.findings)
 
 
+@pytest.mark.slow
 def test_a_base_that_turns_while_the_joints_stand_still() -> None:
     _, told, found, _ = judged(ARM, flawed("base", size=0.2))
     assert not told.trusted

@@ -205,6 +205,7 @@ def clean_noise() -> list[Estimate]:
     return [calibrated(clean.noisy(seed)) for seed in range(6)]
 
 
+@pytest.mark.slow
 def test_jackknife_is_sigma_where_there_is_only_noise() -> None:
     ratios = [agreement(each).fold_std / sigma(each) for each in clean_noise()]
     # Seven folds of one log tell a sigma to a third; the mean over logs to a tenth.
@@ -213,6 +214,7 @@ def test_jackknife_is_sigma_where_there_is_only_noise() -> None:
     assert 0.75 < np.mean(typical) < 1.5
 
 
+@pytest.mark.slow
 def test_halves_differ_by_chance_where_there_is_only_noise() -> None:
     squares = [agreement(estimate).halves_sigmas ** 2 for estimate in clean_noise()]
     low, high = (float(chi2.ppf(p, 6 * len(squares))) for p in (0.0005, 0.9995))

@@ -126,6 +126,7 @@ def test_publishers_share_the_joints_and_not_the_instants() -> None:
     np.testing.assert_allclose(second.t, first.t[: len(second.t)] + 0.005)
 
 
+@pytest.mark.slow
 def test_the_arm_is_lively_and_stays_within_its_limits() -> None:
     system = load_system("rihibot")
     run = record(system, PhysicsOptions(imu_rate=100.0, robot_rate=100.0))
