@@ -7,17 +7,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.typesys import Stores, get_typestore
+
+from tests.logs.logs_samples import Said, T, header, quaternion, vector, write_log
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
 
     from numpy.typing import NDArray
-    from rosbags.typesys.store import Typestore
 
-STORE: Typestore = get_typestore(Stores.ROS2_HUMBLE)
-TYPES = STORE.types
 START_NS = 1_700_000_000_000_000_000
 
 URDF = """<?xml version="1.0"?>
@@ -61,19 +59,13 @@ class LogWriter:
         rate: float = 100.0,
     ) -> LogWriter:
         """An IMU that is level and turns to and fro; no physics, unless a fake needs none."""
-        for t in _times(start, seconds, rate):
-            turn = gyro * np.sin(2.0 * t)
-            message = TYPES["sensor_msgs/msg/Imu"](
-                header=self._header(t, frame),
-                orientation=_quaternion((0.0, 0.0, 0.0, 1.0)),
-                orientation_covariance=np.zeros(9),
-                angular_velocity=_vector((0.0, 0.0, turn)),
-                angular_velocity_covariance=np.zeros(9),
-                linear_acceleration=_vector((0.0, 0.0, accel)),
-                linear_acceleration_covariance=np.zeros(9),
-            )
-            self._add(topic, "sensor_msgs/msg/Imu", t, message)
-        return self
+        unknown = np.zeros(9)
+
+        def message(ns: int, t: float) -> Any:
+            w, a = vector((0, 0, gyro * np.sin(2.0 * t))), vector((0, 0, accel))
+            return T["Imu"](header(ns, frame), _upright(), unknown, w, unknown, a, unknown)
+
+        return self._add(topic, "sensor_msgs/msg/Imu", message, _times(start, seconds, rate))
 
     def joints(
         self,
@@ -83,107 +75,80 @@ class LogWriter:
         start: float = 0.0,
         seconds: float = 4.0,
     ) -> LogWriter:
-        for t in _times(start, seconds, 50.0):
-            message = TYPES["sensor_msgs/msg/JointState"](
-                header=self._header(t, ""),
-                name=list(names),
-                position=np.array([np.sin(t + i) for i in range(len(names))]),
-                velocity=np.zeros(0),
-                effort=np.zeros(0),
-            )
-            self._add(topic, "sensor_msgs/msg/JointState", t, message)
-        return self
+        none = np.zeros(0)
+
+        def message(ns: int, t: float) -> Any:
+            position = np.array([np.sin(t + i) for i in range(len(names))])
+            return T["JointState"](header(ns, ""), list(names), position, none, none)
+
+        return self._add(topic, "sensor_msgs/msg/JointState", message, _times(start, seconds))
 
     def tf(
         self, parent: str, child: str, *, moving: bool = True, xyz: tuple[float, ...] = (1, 2, 3)
     ) -> LogWriter:
-        topic = "/tf" if moving else "/tf_static"
-        for t in _times(0.0, 4.0, 50.0) if moving else [0.0]:
-            transform = TYPES["geometry_msgs/msg/TransformStamped"](
-                header=self._header(t, parent),
-                child_frame_id=child,
-                transform=TYPES["geometry_msgs/msg/Transform"](
-                    translation=_vector(xyz),
-                    rotation=_quaternion((0.0, 0.0, np.sin(t / 2), np.cos(t / 2))),
-                ),
-            )
-            message = TYPES["tf2_msgs/msg/TFMessage"](transforms=[transform])
-            self._add(topic, "tf2_msgs/msg/TFMessage", t, message)
-        return self
+        def message(ns: int, t: float) -> Any:
+            pose = T["Transform"](vector(xyz), _turned(t))
+            return T["TFMessage"]([T["TransformStamped"](header(ns, parent), child, pose)])
+
+        times = _times() if moving else np.zeros(1)
+        return self._add(
+            "/tf" if moving else "/tf_static", "tf2_msgs/msg/TFMessage", message, times
+        )
 
     def poses(self, topic: str = "/mocap/pose") -> LogWriter:
-        for t in _times(0.0, 4.0, 50.0):
-            message = TYPES["geometry_msgs/msg/PoseStamped"](
-                header=self._header(t, "room"),
-                pose=TYPES["geometry_msgs/msg/Pose"](
-                    position=TYPES["geometry_msgs/msg/Point"](x=0.0, y=0.0, z=1.0),
-                    orientation=_quaternion((0.0, 0.0, np.sin(t / 2), np.cos(t / 2))),
-                ),
-            )
-            self._add(topic, "geometry_msgs/msg/PoseStamped", t, message)
-        return self
+        def message(ns: int, t: float) -> Any:
+            pose = T["Pose"](T["Point"](0.0, 0.0, 1.0), _turned(t))
+            return T["PoseStamped"](header(ns, "room"), pose)
+
+        return self._add(topic, "geometry_msgs/msg/PoseStamped", message)
 
     def odometry(self, topic: str = "/odom", *, reach: float = 0.5) -> LogWriter:
         """The pose of the arm's base in odom, to and fro by ``reach``, m."""
-        for t in _times(0.0, 4.0, 50.0):
-            pose = TYPES["geometry_msgs/msg/Pose"](
-                position=TYPES["geometry_msgs/msg/Point"](x=reach * np.sin(t), y=0.0, z=0.0),
-                orientation=_quaternion((0.0, 0.0, 0.0, 1.0)),
-            )
-            still = TYPES["geometry_msgs/msg/Twist"](
-                linear=_vector((0.0, 0.0, 0.0)), angular=_vector((0.0, 0.0, 0.0))
-            )
-            message = TYPES["nav_msgs/msg/Odometry"](
-                header=self._header(t, "odom"),
-                child_frame_id="base",
-                pose=TYPES["geometry_msgs/msg/PoseWithCovariance"](
-                    pose=pose, covariance=np.zeros(36)
-                ),
-                twist=TYPES["geometry_msgs/msg/TwistWithCovariance"](
-                    twist=still, covariance=np.zeros(36)
-                ),
-            )
-            self._add(topic, "nav_msgs/msg/Odometry", t, message)
-        return self
+        unknown = np.zeros(36)
+        still = T["TwistWithCovariance"](T["Twist"](vector((0, 0, 0)), vector((0, 0, 0))), unknown)
+
+        def message(ns: int, t: float) -> Any:
+            pose = T["Pose"](T["Point"](reach * float(np.sin(t)), 0.0, 0.0), _upright())
+            told = T["PoseWithCovariance"](pose, unknown)
+            return T["Odometry"](header(ns, "odom"), "base", told, still)
+
+        return self._add(topic, "nav_msgs/msg/Odometry", message)
 
     def text(self, topic: str = "/chatter") -> LogWriter:
-        self._add(topic, "std_msgs/msg/String", 0.0, TYPES["std_msgs/msg/String"](data="hi"))
-        return self
+        return self._add(
+            topic, "std_msgs/msg/String", lambda _ns, _t: T["String"](data="hi"), np.zeros(1)
+        )
 
     def write(self) -> Path:
         """The MCAP file."""
-        with Writer(self.path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-            connections = {
-                topic: writer.add_connection(topic, kind, typestore=STORE)
-                for topic, kind in {m[0]: m[1] for m in self.messages}.items()
-            }
-            for topic, kind, stamp, message in sorted(self.messages, key=lambda m: m[2]):
-                writer.write(connections[topic], stamp, STORE.serialize_cdr(message, kind))
+        rows = sorted(self.messages, key=lambda row: row[2])
+        said = (Said(topic, kind, message, ns) for topic, kind, ns, message in rows)
+        write_log(self.path, said, "mcap2")
         return next(self.path.glob("*.mcap"))
 
-    def _add(self, topic: str, kind: str, t: float, message: Any) -> None:
-        self.messages.append((topic, kind, START_NS + round(t * 1e9), message))
+    def _add(
+        self,
+        topic: str,
+        kind: str,
+        message: Callable[[int, float], Any],
+        times: NDArray[np.float64] | None = None,
+    ) -> LogWriter:
+        for t in (_times() if times is None else times).tolist():
+            ns = START_NS + round(t * 1e9)
+            self.messages.append((topic, kind, ns, message(ns, t)))
+        return self
 
-    def _header(self, t: float, frame: str) -> Any:
-        seconds, nanoseconds = divmod(START_NS + round(t * 1e9), 1_000_000_000)
-        return TYPES["std_msgs/msg/Header"](
-            stamp=TYPES["builtin_interfaces/msg/Time"](sec=seconds, nanosec=nanoseconds),
-            frame_id=frame,
-        )
 
-
-def _times(start: float, seconds: float, rate: float) -> NDArray[np.float64]:
+def _times(start: float = 0.0, seconds: float = 4.0, rate: float = 50.0) -> NDArray[np.float64]:
     return start + np.arange(round(seconds * rate)) / rate
 
 
-def _vector(xyz: tuple[float, ...]) -> Any:
-    x, y, z = (float(value) for value in xyz)
-    return TYPES["geometry_msgs/msg/Vector3"](x=x, y=y, z=z)
+def _upright() -> Any:
+    return quaternion((0, 0, 0, 1))
 
 
-def _quaternion(xyzw: tuple[float, ...]) -> Any:
-    x, y, z, w = (float(value) for value in xyzw)
-    return TYPES["geometry_msgs/msg/Quaternion"](x=x, y=y, z=z, w=w)
+def _turned(t: float) -> Any:
+    return quaternion((0.0, 0.0, np.sin(t / 2), np.cos(t / 2)))
 
 
 @pytest.fixture

@@ -123,7 +123,16 @@ def test_sample_commands_run(command: str) -> None:
 
 def test_no_text_points_into_someones_machine() -> None:
     places = re.compile(r"(?<![\w./:-])/(?:home|root|work|Users)/\w")
-    for folder in ("imucalib_cli", "configs", "docs", "benchmarks", "tests", "sample_data", "."):
+    for folder in (
+        "imucalib_cli",
+        "configs",
+        "docs",
+        "benchmarks",
+        "tests",
+        "tools",
+        "sample_data",
+        ".",
+    ):
         files = ROOT.glob("*") if folder == "." else (ROOT / folder).rglob("*")
         for file in files:
             if file.suffix in {".py", ".md", ".yaml", ".toml", ".urdf", ".cff", ".svg", ".json"}:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from typing import TYPE_CHECKING
 
@@ -17,6 +17,7 @@ from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions
 from tests.estimate.estimate_arm import INDUSTRIAL, MEMS, Log, Moves, arm_path, random_mount
 from tests.estimate.estimate_faults import flawed_log
+from tests.slow import slow_after
 
 if TYPE_CHECKING:
     from imucalib_cli.estimate.estimate import Estimate
@@ -31,56 +32,33 @@ ANGLE = np.degrees(Rotation.from_matrix(TURNED).magnitude())
 QUARTER = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 """Rows say along what the new axes point: x along y, y along -x, z along z."""
 LEFT = "the IMU's axes are left-handed"
-APART = "accelerometer and gyroscope do not share their axes: "
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Wiring:
-    """Rows: along which true axes each sensor's point; and how it should be told."""
-
-    gyro: Floats
-    accel: Floats
-    words: str
+def apart(how: str) -> str:
+    return f"accelerometer and gyroscope do not share their axes: {how}"
 
 
-WIRINGS = {
-    "mirrored": Wiring(gyro=MIRRORED, accel=MIRRORED, words=LEFT),
-    "swapped": Wiring(gyro=SWAPPED, accel=SWAPPED, words=LEFT),
-    "all negated": Wiring(gyro=-SAME, accel=-SAME, words=LEFT),
-    "accelerometer negated": Wiring(
-        gyro=SAME, accel=-SAME, words="the accelerometer's sign is reversed on all axes"
+def along(axes: str) -> str:
+    return apart(f"the gyroscope's x, y, z point along the accelerometer's {axes}")
+
+
+WIRINGS: dict[str, tuple[Floats, Floats, str]] = {
+    "mirrored": (MIRRORED, MIRRORED, LEFT),
+    "gyroscope a quarter turned": (QUARTER, SAME, along("y, -x, z")),
+    "swapped": (SWAPPED, SWAPPED, LEFT),
+    "all negated": (-SAME, -SAME, LEFT),
+    "accelerometer negated": (SAME, -SAME, "the accelerometer's sign is reversed on all axes"),
+    "gyroscope negated": (-SAME, SAME, "the gyroscope's sign is reversed on all axes"),
+    "accelerometer a quarter turned": (SAME, QUARTER, along("-y, x, z")),
+    "gyroscope swapped": (SWAPPED, SAME, along("y, x, z; those of the gyroscope are left-handed")),
+    "one axis of the accelerometer negated": (
+        SAME,
+        MIRRORED,
+        along("-x, y, z; those of the accelerometer are left-handed"),
     ),
-    "gyroscope negated": Wiring(
-        gyro=-SAME, accel=SAME, words="the gyroscope's sign is reversed on all axes"
-    ),
-    "gyroscope a quarter turned": Wiring(
-        gyro=QUARTER,
-        accel=SAME,
-        words=f"{APART}the gyroscope's x, y, z point along the accelerometer's y, -x, z",
-    ),
-    "accelerometer a quarter turned": Wiring(
-        gyro=SAME,
-        accel=QUARTER,
-        words=f"{APART}the gyroscope's x, y, z point along the accelerometer's -y, x, z",
-    ),
-    "gyroscope swapped": Wiring(
-        gyro=SWAPPED,
-        accel=SAME,
-        words=f"{APART}the gyroscope's x, y, z point along the accelerometer's y, x, z; those of "
-        "the gyroscope are left-handed",
-    ),
-    "one axis of the accelerometer negated": Wiring(
-        gyro=SAME,
-        accel=MIRRORED,
-        words=f"{APART}the gyroscope's x, y, z point along the accelerometer's -x, y, z; those of "
-        "the accelerometer are left-handed",
-    ),
-    "turned": Wiring(
-        gyro=TURNED,
-        accel=SAME,
-        words=f"{APART}they are turned by {ANGLE:.0f} deg against each other",
-    ),
+    "turned": (TURNED, SAME, apart(f"they are turned by {ANGLE:.0f} deg against each other")),
 }
+"""Along which true axes gyroscope's and accelerometer's point, in rows; and how it is told."""
 
 
 @cache
@@ -102,13 +80,13 @@ def explained_of(log: Log) -> Estimate:
     return explained(estimate, diagnose(case))
 
 
-@pytest.mark.parametrize("which", WIRINGS)
+@pytest.mark.parametrize("which", slow_after(1, WIRINGS))
 def test_the_cause_is_told_and_nothing_that_follows_from_it(which: str) -> None:
-    wiring = WIRINGS[which]
+    gyro, accel, words = WIRINGS[which]
     grade = INDUSTRIAL if "swapped" in which else MEMS
-    estimate = calibrated(log_of(3).noisy(3, grade), wiring.gyro, wiring.accel)
+    estimate = calibrated(log_of(3).noisy(3, grade), gyro, accel)
     assert len(estimate.distrust) == 1
-    assert wiring.words in estimate.distrust[0]
+    assert words in estimate.distrust[0]
     assert estimate.corrections == ()
 
 

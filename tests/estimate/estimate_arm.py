@@ -4,15 +4,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
 
+from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.robot.path import FixedStep, JointStep, KinematicPath, Track
 from imucalib_cli.signals.samples import ImuSamples
+
+if TYPE_CHECKING:
+    from imucalib_cli.estimate.estimate import Estimate
 
 Floats = NDArray[np.float64]
 
@@ -33,6 +39,9 @@ GRAVITY = 9.80665
 MEMS = (300e-6 * GRAVITY, float(np.radians(0.014)))
 INDUSTRIAL = (17e-6 * GRAVITY, float(np.radians(0.002)))
 """One-sided densities of accelerometer and gyroscope, m/s²/sqrt(Hz), rad/s/sqrt(Hz)."""
+GRADES = {"mems": MEMS, "industrial": INDUSTRIAL}
+UNLIKELY = float(chi2.ppf(0.999, 6))
+"""Of the squared pose error in stated sigmas."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -220,3 +229,32 @@ def make_log(
 def rotation_error(R: Floats, truth: Floats) -> Floats:
     """Rotation vector of R times truth inverse, rad, parent frame."""
     return np.asarray(Rotation.from_matrix(R @ truth.T).as_rotvec())
+
+
+def calibrated(log: Log, options: MatchedOptions | None = None) -> Estimate:
+    """What the estimator says."""
+    return calibrate_matched(log.imu, log.path, options or MatchedOptions())
+
+
+def taken_as_exact(log: Log, **options: Any) -> Estimate:
+    """The same with robot, sensor and gravity believed."""
+    return calibrated(log, replace(EXACT, **options))
+
+
+def pose_error(estimate: Estimate, mount: Mount) -> Floats:
+    """(6,), translation and rotation error in the parent frame."""
+    turned = rotation_error(estimate.R_parent_imu, mount.R)
+    return np.concatenate([estimate.t_parent_imu - mount.t, turned])
+
+
+def sigma(estimate: Estimate) -> Floats:
+    """(6,), as stated."""
+    assert estimate.covariance is not None
+    return np.asarray(np.sqrt(np.diag(estimate.covariance)))
+
+
+def nees(estimate: Estimate, mount: Mount) -> float:
+    """Square of the pose error in stated sigmas; chi-squared of six degrees of freedom."""
+    assert estimate.covariance is not None
+    error = pose_error(estimate, mount)
+    return float(error @ np.linalg.solve(estimate.covariance, error))

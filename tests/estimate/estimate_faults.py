@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,11 +19,7 @@ from tests.estimate.estimate_arm import (
     arm_path,
     parent_motion,
     readings,
-    rotation_error,
 )
-
-if TYPE_CHECKING:
-    from imucalib_cli.estimate.estimate import Estimate
 
 Floats = NDArray[np.float64]
 Triple = tuple[float, float, float]
@@ -133,16 +128,3 @@ def as_told(mount: Mount, *, last_zero: float = 0.0, last_length: float = 0.0) -
     """
     R = Rotation.from_euler("z", -last_zero).as_matrix()
     return Mount(R=R @ mount.R, t=R @ mount.t - [0.0, 0.0, last_length])
-
-
-def pose_error(estimate: Estimate, mount: Mount) -> Floats:
-    """(6,), translation and rotation error in the parent frame."""
-    turned = rotation_error(estimate.R_parent_imu, mount.R)
-    return np.concatenate([estimate.t_parent_imu - mount.t, turned])
-
-
-def nees(estimate: Estimate, mount: Mount) -> float:
-    """Square of the pose error in stated sigmas; chi-squared of six degrees of freedom."""
-    assert estimate.covariance is not None
-    error = pose_error(estimate, mount)
-    return float(error @ np.linalg.solve(estimate.covariance, error))

@@ -12,16 +12,19 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions
 from tests.estimate.estimate_arm import (
     GRAVITY,
     Log,
     Moves,
+    calibrated,
     make_log,
     parent_motion,
+    pose_error,
     rotation_error,
+    sigma,
 )
+from tests.slow import slow_after
 
 if TYPE_CHECKING:
     from imucalib_cli.estimate.estimate import Estimate, UnobservableDirection
@@ -32,13 +35,13 @@ STATIC = (0.0,) * 6
 WRIST = (0.0,) * 5 + (1.5,)
 PAN = (1.0,) + (0.0,) * 5
 PLANAR = (0.0, 0.5, 0.5, 0.5, 0.0, 0.0)
-NOISY = pytest.mark.parametrize("noisy", [True, False], ids=["noisy", "clean"])
+NOISY = pytest.mark.parametrize("noisy", slow_after(1, [True, False]))
 
 
 def calibrate(amplitude: tuple[float, ...], noisy: bool) -> tuple[Log, Estimate]:
     log = make_log(Moves(amplitude=amplitude, seconds=30.0))
     log = log.noisy(0) if noisy else log
-    return log, calibrate_matched(log.imu, log.path, MatchedOptions())
+    return log, calibrated(log)
 
 
 def turning_axis(amplitude: tuple[float, ...]) -> Floats:
@@ -67,12 +70,7 @@ def assert_known_across(
     """Across an axis the error is small and the stated covariance covers it."""
     assert estimate.covariance is not None
     part = slice(0, 3) if kind == "translation" else slice(3, 6)
-    error = np.concatenate(
-        [
-            estimate.t_parent_imu - log.mount.t,
-            rotation_error(estimate.R_parent_imu, log.mount.R),
-        ]
-    )[part]
+    error = pose_error(estimate, log.mount)[part]
     across = np.linalg.svd(axis[None])[2][1:]
     P = across @ estimate.covariance[part, part] @ across.T
     assert np.sqrt(np.linalg.eigvalsh(P)[-1]) < std
@@ -83,8 +81,7 @@ def assert_known_across(
 def assert_covers(estimate: Estimate, log: Log) -> None:
     """The stated sigma covers the error of every component, determined or not."""
     assert estimate.covariance is not None
-    sigma = np.sqrt(np.diag(estimate.covariance))
-    assert np.all(np.abs(estimate.t_parent_imu - log.mount.t) < 4 * sigma[:3] + 1e-6)
+    assert np.all(np.abs(estimate.t_parent_imu - log.mount.t) < 4 * sigma(estimate)[:3] + 1e-6)
     values = np.linalg.eigvalsh(estimate.covariance)
     # Ten metres squared beside squared micrometres: the difference is rounding.
     assert values[0] > -1e-10 * values[-1]
@@ -153,24 +150,21 @@ def test_moving_in_a_plane_hides_the_way_across_it_only(noisy: bool) -> None:
     assert hidden.std is None
     assert "rotate the parent link about its y or z axis" in hidden.motion
     assert_known_across(estimate, log, axis, kind="translation", std=5e-3)
-    assert estimate.covariance is not None
-    assert np.sqrt(np.diag(estimate.covariance)[3:]).max() < 2e-3
-    rotation = rotation_error(estimate.R_parent_imu, log.mount.R)
-    assert np.all(np.abs(rotation) < 4 * np.sqrt(np.diag(estimate.covariance)[3:]) + 1e-6)
+    turn = sigma(estimate)[3:]
+    assert turn.max() < 2e-3
+    assert np.all(np.abs(pose_error(estimate, log.mount)[3:]) < 4 * turn + 1e-6)
 
 
 @NOISY
 def test_two_axes_are_enough(noisy: bool) -> None:
     log, estimate = calibrate((0.5, 0, 0, 0, 0, 1.0), noisy)
     assert estimate.trusted
-    assert estimate.covariance is not None
-    error = estimate.t_parent_imu - log.mount.t
-    sigma = np.sqrt(np.diag(estimate.covariance)[:3])
-    assert np.all(np.abs(error) < 4 * sigma + 1e-6)
+    error, std = estimate.t_parent_imu - log.mount.t, sigma(estimate)[:3]
+    assert np.all(np.abs(error) < 4 * std + 1e-6)
     if noisy:
         # The wrist stands nearly upright: its axis is the worst known, and said to be.
-        assert sigma.argmax() == 2
-        assert 1e-3 < sigma[2] < 1e-2
+        assert std.argmax() == 2
+        assert 1e-3 < std[2] < 1e-2
     else:
         assert np.linalg.norm(error) < 1e-4
 
@@ -181,7 +175,7 @@ def test_a_known_vertical_shows_the_turn_about_a_single_axis() -> None:
         1, accel_bias=(0, 0, 0)
     )
     options = MatchedOptions(gravity="fixed", gravity_std=0.0, accel_bias_std=0.0)
-    estimate = calibrate_matched(log.imu, log.path, options)
+    estimate = calibrated(log, options)
     axis = turning_axis((0.0, 0.8, 0, 0, 0, 0))
     assert not of_kind(estimate, "rotation")
     assert along(of_kind(estimate, "translation")[0], axis) > 0.999
@@ -199,14 +193,13 @@ def test_a_level_base_is_named_as_a_way_out_where_it_is_one(
     log, estimate = calibrate(amplitude, noisy=True)
     (turn,) = of_kind(estimate, "rotation")
     assert ("base is level" in turn.motion) == helps
-    level = calibrate_matched(log.imu, log.path, MatchedOptions(gravity="fixed"))
+    level = calibrated(log, MatchedOptions(gravity="fixed"))
     assert (not of_kind(level, "rotation")) == helps
 
 
 def test_slow_motion_is_trusted_as_far_as_its_sigma_says() -> None:
     log, estimate = calibrate((0.04,) * 6, noisy=True)
     assert estimate.trusted
-    assert estimate.covariance is not None
-    sigma = np.sqrt(np.diag(estimate.covariance)[:3])
-    assert 1e-3 < sigma.max() < 0.05
-    assert np.all(np.abs(estimate.t_parent_imu - log.mount.t) < 4 * sigma)
+    std = sigma(estimate)[:3]
+    assert 1e-3 < std.max() < 0.05
+    assert np.all(np.abs(estimate.t_parent_imu - log.mount.t) < 4 * std)

@@ -3,17 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from imucalib_cli.estimate.matched import calibrate_matched
-from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.robot.path import FixedStep
-from tests.estimate.estimate_arm import EXACT, GRAVITY, MEMS, Log, make_log, rotation_error
+from tests.estimate.estimate_arm import (
+    GRAVITY,
+    MEMS,
+    Log,
+    calibrated,
+    make_log,
+    rotation_error,
+    sigma,
+    taken_as_exact,
+)
 
 if TYPE_CHECKING:
     from imucalib_cli.estimate.estimate import Estimate
@@ -29,13 +36,9 @@ def log() -> Log:
     return make_log().noisy(3)
 
 
-def calibrate(log: Log, **options: Any) -> Estimate:
-    return calibrate_matched(log.imu, log.path, replace(EXACT, **options))
-
-
 @pytest.fixture(scope="module")
 def plain(log: Log) -> Estimate:
-    return calibrate(log)
+    return taken_as_exact(log)
 
 
 def covariance(estimate: Estimate) -> Floats:
@@ -43,13 +46,9 @@ def covariance(estimate: Estimate) -> Floats:
     return estimate.covariance
 
 
-def sigma(estimate: Estimate) -> Floats:
-    return np.asarray(np.sqrt(np.diag(covariance(estimate))))
-
-
 def test_where_the_world_frame_is_does_not_matter(log: Log, plain: Estimate) -> None:
     steps = (FixedStep(R=TURN, p=SHIFT), *log.path.steps)
-    turned = calibrate(replace(log, path=replace(log.path, steps=steps)))
+    turned = taken_as_exact(replace(log, path=replace(log.path, steps=steps)))
     shift = turned.t_parent_imu - plain.t_parent_imu
     assert np.all(np.abs(shift) < 1e-4 * sigma(plain)[:3])
     turn = rotation_error(turned.R_parent_imu, plain.R_parent_imu)
@@ -61,7 +60,7 @@ def test_where_the_world_frame_is_does_not_matter(log: Log, plain: Estimate) -> 
 def test_another_parent_frame_re_expresses_pose_and_covariance(log: Log, plain: Estimate) -> None:
     """The tangent is the parent frame's: both blocks turn with it, and nothing mixes."""
     steps = (*log.path.steps, FixedStep(R=TURN, p=SHIFT))
-    moved = calibrate(replace(log, path=replace(log.path, steps=steps)))
+    moved = taken_as_exact(replace(log, path=replace(log.path, steps=steps)))
     t = TURN @ moved.t_parent_imu + SHIFT
     # Scales are medians over axes, so the weights differ a little: far less than sigma.
     assert np.all(np.abs(t - plain.t_parent_imu) < 0.1 * sigma(plain)[:3])
@@ -74,7 +73,7 @@ def test_another_parent_frame_re_expresses_pose_and_covariance(log: Log, plain: 
 
 
 def test_another_imu_frame_turns_the_rotation_and_the_biases(log: Log, plain: Estimate) -> None:
-    turned = calibrate(log.with_imu(log.imu.t, log.imu.gyro @ TURN, log.imu.accel @ TURN))
+    turned = taken_as_exact(log.with_imu(log.imu.t, log.imu.gyro @ TURN, log.imu.accel @ TURN))
     np.testing.assert_allclose(turned.R_parent_imu, plain.R_parent_imu @ TURN, atol=1e-8)
     np.testing.assert_allclose(turned.t_parent_imu, plain.t_parent_imu, atol=1e-8)
     np.testing.assert_allclose(turned.accel_bias, TURN.T @ plain.accel_bias, atol=1e-7)
@@ -86,7 +85,7 @@ def test_another_imu_frame_turns_the_rotation_and_the_biases(log: Log, plain: Es
 
 def test_with_all_of_the_table_free_frames_hardly_matter(log: Log) -> None:
     """Errors along axes have priors, so other axes are other priors: less than half a sigma."""
-    plain = calibrate_matched(log.imu, log.path, MatchedOptions())
+    plain = calibrated(log)
     turned = log.with_imu(log.imu.t, log.imu.gyro @ TURN, log.imu.accel @ TURN)
     at_parent = replace(
         log, path=replace(log.path, steps=(*log.path.steps, FixedStep(R=TURN, p=SHIFT)))
@@ -99,7 +98,7 @@ def test_with_all_of_the_table_free_frames_hardly_matter(log: Log) -> None:
         (at_parent, TURN, np.eye(3), SHIFT),
         (in_world, np.eye(3), np.eye(3), np.zeros(3)),
     ):
-        found = calibrate_matched(other.imu, other.path, MatchedOptions())
+        found = calibrated(other)
         t, R = R_new_old @ found.t_parent_imu + p, R_new_old @ found.R_parent_imu @ R_imu.T
         assert np.all(np.abs(t - plain.t_parent_imu) < 0.5 * sigma(plain)[:3])
         assert np.all(np.abs(rotation_error(R, plain.R_parent_imu)) < 0.5 * sigma(plain)[3:])
@@ -107,7 +106,7 @@ def test_with_all_of_the_table_free_frames_hardly_matter(log: Log) -> None:
 
 def test_sigma_scales_with_the_noise() -> None:
     quiet, loud = make_log().noisy(4), make_log().noisy(4, (4 * MEMS[0], 4 * MEMS[1]))
-    one, other = calibrate(quiet), calibrate(loud)
+    one, other = taken_as_exact(quiet), taken_as_exact(loud)
     np.testing.assert_allclose(sigma(other) / sigma(one), 4.0, rtol=0.05)
 
 
@@ -115,7 +114,7 @@ def test_when_the_log_began_does_not_matter(log: Log, plain: Estimate) -> None:
     track = log.path.tracks[0]
     path = replace(log.path, tracks=(replace(track, t=track.t + 4096.0),))
     imu = replace(log.imu, t=log.imu.t + 4096.0)
-    later = calibrate(replace(log, path=path, imu=imu))
+    later = taken_as_exact(replace(log, path=path, imu=imu))
     np.testing.assert_allclose(later.t_parent_imu, plain.t_parent_imu, atol=1e-7)
     assert later.time_offset == pytest.approx(plain.time_offset, abs=1e-8)
 
@@ -123,7 +122,7 @@ def test_when_the_log_began_does_not_matter(log: Log, plain: Estimate) -> None:
 def test_units_of_gravity_follow_the_norm_told() -> None:
     """Everything measured in other units of length is the same answer in those units."""
     log = make_log().noisy(5)
-    one = calibrate(log)
+    one = taken_as_exact(log)
     steps = tuple(
         replace(step, p=3.0 * step.p) if isinstance(step, FixedStep) else step
         for step in log.path.steps
@@ -132,7 +131,7 @@ def test_units_of_gravity_follow_the_norm_told() -> None:
         log.with_imu(log.imu.t, log.imu.gyro, 3.0 * log.imu.accel),
         path=replace(log.path, steps=steps),
     )
-    other = calibrate(longer, gravity_norm=3.0 * GRAVITY)
+    other = taken_as_exact(longer, gravity_norm=3.0 * GRAVITY)
     assert np.all(np.abs(other.t_parent_imu / 3.0 - one.t_parent_imu) < 0.1 * sigma(one)[:3])
     np.testing.assert_allclose(sigma(other)[:3] / 3.0, sigma(one)[:3], rtol=0.05)
     np.testing.assert_allclose(sigma(other)[3:], sigma(one)[3:], rtol=0.05)

@@ -13,19 +13,19 @@ from scipy.signal import savgol_filter
 from scipy.spatial.transform import Rotation
 
 from imucalib_cli.errors import InputError
-from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import PaperOptions, WindowChoice
 from imucalib_cli.estimate.published.filters import DEFAULT_EXCLUSION, filtered_instants
 from imucalib_cli.estimate.published.method import calibrate_paper
 from tests.estimate.estimate_arm import (
-    EXACT,
     GRAVITY,
     Log,
     Moves,
     make_log,
     parent_motion,
     rotation_error,
+    taken_as_exact,
 )
+from tests.slow import slow_after
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -88,8 +88,8 @@ def minimised(differences: Callable[[Floats], Floats], *, components: bool) -> F
     )
 
 
-@pytest.mark.parametrize("samples", [11, 25])
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("samples", slow_after(1, [11, 25]))
+@pytest.mark.parametrize("seed", slow_after(1, range(3)))
 def test_the_error_is_the_papers_at_any_guess(log: Log, samples: int, seed: int) -> None:
     options = PaperOptions(window=WindowChoice(samples=samples), exclusion_threshold=0.0)
     instants, _, _ = filtered_instants(log.imu, log.path, options, np.eye(3), np.zeros(3))
@@ -131,26 +131,6 @@ def test_a_guess_far_off_leads_to_the_same_answer(log: Log, angle: float) -> Non
     np.testing.assert_allclose(turned, 0.0, atol=1e-5)
 
 
-def test_exclusion_drops_what_exceeds_the_threshold() -> None:
-    """Of the IMU's own true acceleration and the quaternion's, which limits turning."""
-    log = make_log(MOVES)
-    counts = []
-    for limit in (None, 2.0, 0.5, 0.0):
-        options = PaperOptions(exclusion_threshold=limit)
-        instants, _, _ = filtered_instants(log.imu, log.path, options, log.mount.R, log.mount.t)
-        counts.append(np.sum(~instants.kept))
-        assert len(instants.kept) == len(log.imu.t)
-        instants = instants.compared()
-        if limit is not None and limit > 0:
-            # Second differences over one interval are the acceleration but for O(dt²).
-            assert np.abs(instants.p_acceleration + instants.R_acceleration @ log.mount.t).max() < (
-                1.15 * limit + 0.15
-            )
-    assert counts[3] == 0
-    assert counts[0] <= counts[1] < counts[2]
-    assert pytest.approx(1e-4 * 250**2) == DEFAULT_EXCLUSION
-
-
 @pytest.mark.parametrize("limit", [0.15, 1.0])
 def test_exclusion_is_by_second_differences_of_the_imus_pose(limit: float) -> None:
     """Position by the limit, quaternion by ten per metre times it, as the authors' have it."""
@@ -168,6 +148,7 @@ def test_exclusion_is_by_second_differences_of_the_imus_pose(limit: float) -> No
     assert np.sum(~instants.kept) == (dropped[0] | dropped[1]).sum()
     assert dropped[0].any()
     assert dropped[1].any() == (limit < 0.2)
+    assert pytest.approx(1e-4 * 250**2) == DEFAULT_EXCLUSION
 
 
 def test_the_threshold_does_not_depend_on_the_rate() -> None:
@@ -190,7 +171,7 @@ def test_its_bias_grows_with_the_window_and_ours_does_not() -> None:
             log, samples, exclusion_threshold=0.0, R_initial=log.mount.R, t_initial=log.mount.t
         )
         window = WindowChoice(samples=samples)
-        matched = calibrate_matched(log.imu, log.path, replace(EXACT, window=window))
+        matched = taken_as_exact(log, window=window)
         theirs.append(float(np.linalg.norm(paper.t_parent_imu - log.mount.t)))
         ours.append(float(np.linalg.norm(matched.t_parent_imu - log.mount.t)))
     assert theirs[2] > 4 * theirs[1] > 16 * theirs[0]

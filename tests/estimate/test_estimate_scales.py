@@ -77,16 +77,6 @@ def test_the_integral_is_the_dense_grids(seed: int) -> None:
     np.testing.assert_allclose(found.u, logs, atol=0.5)
 
 
-def test_the_mode_is_that_of_the_marginal_likelihood() -> None:
-    """By the values that the problem states, nowhere higher about it."""
-    given = problem(1)
-    mode = most_likely(given)
-    best = given.likelihood(mode)[0]
-    for step in 0.2 * np.array([[1, 0], [-1, 0], [0, 1], [0, -1]]):
-        near = np.clip(mode + step, *BOUNDS.T)
-        assert given.likelihood(near)[0] <= best + 0.02
-
-
 @pytest.mark.parametrize(("size", "bound"), [(0.0, 1e-3), (1e3, 10.0)])
 def test_what_is_nothing_or_huge_ends_at_its_bound(size: float, bound: float) -> None:
     n = 6

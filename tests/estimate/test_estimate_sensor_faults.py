@@ -6,109 +6,64 @@ instants at which the flawed sensor really measured.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
-from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.model.unknowns import TABLE, Clock, Reading
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.findings import Severity
-from tests.estimate.estimate_arm import INDUSTRIAL, LINKS, MEMS, MOUNT, Log, Moves
-from tests.estimate.estimate_faults import Flaws, as_told, flawed_log, nees
+from tests.estimate.estimate_arm import (
+    GRADES,
+    LINKS,
+    MOUNT,
+    UNLIKELY,
+    Log,
+    Moves,
+    calibrated,
+    nees,
+)
+from tests.estimate.estimate_faults import Flaws, as_told, flawed_log
+from tests.slow import slow_after
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
     from imucalib_cli.estimate.estimate import CorrectionName, Estimate
 
 Floats = NDArray[np.float64]
 
-GRADES = {"mems": MEMS, "industrial": INDUSTRIAL}
 SENSORS = {
     each.name
     for each in TABLE
     if isinstance(each.effect, (Reading, Clock)) or "gravity" in each.name
 }
-UNLIKELY = float(chi2.ppf(0.999, 6))
 SCALE, TURN = (1.01, 0.99, 1.005), (0.005, -0.01, 0.008)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Fault:
-    """A flaw, what it should be called, its size and what a sensor without it would have."""
-
-    flaws: Flaws
-    name: CorrectionName
-    size: tuple[float, ...]
-    ideal: float
-
-
-FAULTS = {
-    "fast clock": Fault(
-        flaws=Flaws(drift=2e-4),
-        name="clock_drift",
-        size=(2e-4,),
-        ideal=0.0,
-    ),
-    "slow clock": Fault(
-        flaws=Flaws(drift=-1e-4, time_offset=0.1),
-        name="clock_drift",
-        size=(-1e-4,),
-        ideal=0.0,
-    ),
-    "late gyroscope": Fault(
-        flaws=Flaws(gyro_delay=4e-3),
-        name="gyro_delay",
-        size=(4e-3,),
-        ideal=0.0,
-    ),
-    "late accelerometer": Fault(
-        flaws=Flaws(gyro_delay=-4e-3, time_offset=-0.02),
-        name="gyro_delay",
-        size=(-4e-3,),
-        ideal=0.0,
-    ),
-    "accelerometer's scale": Fault(
-        flaws=Flaws(accel_scale=SCALE),
-        name="accel_scale",
-        size=SCALE,
-        ideal=1.0,
-    ),
-    "gyroscope's scale": Fault(
-        flaws=Flaws(gyro_scale=SCALE),
-        name="gyro_scale",
-        size=SCALE,
-        ideal=1.0,
-    ),
-    "turned gyroscope": Fault(
-        flaws=Flaws(gyro_turn=TURN),
-        name="gyro_misalignment",
-        size=TURN,
-        ideal=0.0,
-    ),
-    # Farther off than anywhere on Earth, which is no fault.
-    "another gravity": Fault(
-        flaws=Flaws(gravity=9.86),
-        name="gravity_norm",
-        size=(9.86,),
-        ideal=9.80665,
-    ),
-}
-
-
-def calibrated(log: Log, options: MatchedOptions | None = None) -> Estimate:
-    return calibrate_matched(log.imu, log.path, options or MatchedOptions())
 
 
 @cache
 def noisy(flaws: Flaws, seed: int, grade: str) -> Log:
     return flawed_log(flaws).noisy(seed, GRADES[grade])
+
+
+FAULTS: dict[str, tuple[Flaws, CorrectionName, tuple[float, ...], float]] = {
+    "fast clock": (Flaws(drift=2e-4), "clock_drift", (2e-4,), 0.0),
+    "slow clock": (Flaws(drift=-1e-4, time_offset=0.1), "clock_drift", (-1e-4,), 0.0),
+    "late gyroscope": (Flaws(gyro_delay=4e-3), "gyro_delay", (4e-3,), 0.0),
+    "late accelerometer": (
+        Flaws(gyro_delay=-4e-3, time_offset=-0.02),
+        "gyro_delay",
+        (-4e-3,),
+        0.0,
+    ),
+    "accelerometer's scale": (Flaws(accel_scale=SCALE), "accel_scale", SCALE, 1.0),
+    "gyroscope's scale": (Flaws(gyro_scale=SCALE), "gyro_scale", SCALE, 1.0),
+    "turned gyroscope": (Flaws(gyro_turn=TURN), "gyro_misalignment", TURN, 0.0),
+    # Farther off than anywhere on Earth, which is no fault.
+    "another gravity": (Flaws(gravity=9.86), "gravity_norm", (9.86,), 9.80665),
+}
+"""A flaw, what it should be called, its size and what a sensor without it would have."""
 
 
 def found(estimate: Estimate) -> dict[str, tuple[Floats, Floats]]:
@@ -121,46 +76,31 @@ def named(estimate: Estimate) -> set[str]:
     return {str(each.values["name"]) for each in estimate.findings if each.code == "unknown.found"}
 
 
-def cases(names: Iterable[str]) -> list[Any]:
-    return [pytest.param(name) for name in names]
-
-
-@pytest.mark.parametrize("grade", GRADES)
-@pytest.mark.parametrize("which", cases(FAULTS))
+@pytest.mark.parametrize("grade", slow_after(1, GRADES))
+@pytest.mark.parametrize("which", slow_after(3, sorted(FAULTS)))
 def test_a_fault_alone_is_found_sized_and_told(which: str, grade: str) -> None:
-    fault = FAULTS[which]
-    log = noisy(fault.flaws, 1, grade)
+    flaws, name, size, ideal = FAULTS[which]
+    log = noisy(flaws, 1, grade)
     estimate = calibrated(log)
     assert [each.code for each in estimate.findings] == ["unknown.found"]
-    assert named(estimate) == {fault.name}
-    value, std = found(estimate)[fault.name]
-    off = np.abs(value - fault.size)
+    assert named(estimate) == {name}
+    value, std = found(estimate)[name]
+    off = np.abs(value - size)
     assert np.all(off < 5 * std)
     # Sigma must not be true by being large, nor the size.
-    largest = float(np.abs(np.array(fault.size) - fault.ideal).max())
+    largest = float(np.abs(np.array(size) - ideal).max())
     assert off.max() < 0.08 * largest
     assert std.max() < 0.07 * largest
     assert nees(estimate, log.mount) < UNLIKELY
     assert estimate.time_offset_std is not None
     # The offset is the gyroscope's.
-    offset = log.time_offset + fault.flaws.gyro_delay
+    offset = log.time_offset + flaws.gyro_delay
     assert abs(estimate.time_offset - offset) < 5 * estimate.time_offset_std
     assert estimate.trusted
 
 
-@pytest.mark.parametrize("grade", GRADES)
-def test_a_turned_gyroscope_is_named_and_turns_nothing_else(grade: str) -> None:
-    log = noisy(Flaws(gyro_turn=TURN), 1, grade)
-    estimate = calibrated(log)
-    assert named(estimate) == {"gyro_misalignment"}
-    value, std = found(estimate)["gyro_misalignment"]
-    assert np.all(np.abs(np.abs(value) - np.abs(TURN)) < 5 * std)
-    assert nees(estimate, log.mount) < UNLIKELY
-    assert estimate.trusted
-
-
-@pytest.mark.parametrize("grade", GRADES)
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("grade", slow_after(1, GRADES))
+@pytest.mark.parametrize("seed", slow_after(1, range(4)))
 def test_an_ideal_sensor_has_no_fault(seed: int, grade: str) -> None:
     log = flawed_log(moves=Moves(seed=seed, seconds=18.0)).noisy(seed, GRADES[grade])
     estimate = calibrated(log)
@@ -169,8 +109,8 @@ def test_an_ideal_sensor_has_no_fault(seed: int, grade: str) -> None:
     assert estimate.trusted
 
 
-@pytest.mark.parametrize("grade", GRADES)
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("grade", slow_after(1, GRADES))
+@pytest.mark.parametrize("seed", slow_after(1, range(3)))
 def test_a_wrong_robot_is_no_fault_of_the_sensor(seed: int, grade: str) -> None:
     rng = np.random.default_rng(seed)
     moves = Moves(seed=seed, seconds=18.0)
@@ -207,8 +147,8 @@ PAIRS: dict[str, tuple[Flaws, dict[str, tuple[float, ...]]]] = {
 }
 
 
-@pytest.mark.parametrize("grade", GRADES)
-@pytest.mark.parametrize("which", cases(PAIRS))
+@pytest.mark.parametrize("grade", slow_after(1, GRADES))
+@pytest.mark.parametrize("which", slow_after(1, PAIRS))
 def test_two_faults_at_once_are_both_found(which: str, grade: str) -> None:
     flaws, sizes = PAIRS[which]
     log = noisy(flaws, 2, grade)
@@ -221,6 +161,7 @@ def test_two_faults_at_once_are_both_found(which: str, grade: str) -> None:
     assert estimate.trusted
 
 
+@pytest.mark.slow
 def test_sigma_is_true_with_a_fault_found() -> None:
     clean = flawed_log(Flaws(gyro_scale=SCALE), moves=Moves(seconds=12.0))
     scores, faults = [], []

@@ -28,6 +28,7 @@ from imucalib_cli.signals.prepare import clean_imu
 from imucalib_cli.signals.samples import ImuSamples
 from imucalib_cli.signals.trajectory import Trajectory
 from tests.estimate.estimate_arm import GRAVITY, MOUNT, Log, Moves, make_log
+from tests.slow import slow_after
 
 if TYPE_CHECKING:
     from imucalib_cli.estimate.model.layout import Layout, Placed
@@ -40,7 +41,7 @@ H = 1e-4
 """s: of the differences that the mixed robot's readings are made by."""
 MIXED_OFFSET = 0.003
 COARSE = "ur10e, several samples to a node"
-ROBOTS = pytest.mark.parametrize("robot", ["ur10e", COARSE, "mixed"])
+ROBOTS = pytest.mark.parametrize("robot", slow_after(1, ["mixed", "ur10e", COARSE]))
 
 
 def _mixed_values(t: Floats) -> tuple[Floats, Floats]:

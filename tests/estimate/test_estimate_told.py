@@ -13,11 +13,19 @@ from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions, PosePrior
 from imucalib_cli.robot.path import JointStep, KinematicPath
 from imucalib_cli.signals.samples import ImuSamples
-from tests.estimate.estimate_arm import GRAVITY, INDUSTRIAL, MOUNT, Moves, make_log
-from tests.estimate.estimate_faults import nees, pose_error
+from tests.estimate.estimate_arm import (
+    GRAVITY,
+    INDUSTRIAL,
+    MOUNT,
+    UNLIKELY,
+    Moves,
+    calibrated,
+    make_log,
+    nees,
+    pose_error,
+)
+from tests.slow import slow_after
 
-UNLIKELY = 27.9
-"""chi-squared, six degrees of freedom, p = 1e-4."""
 MOVES = Moves(seed=4, seconds=24.0)
 BIASED: dict[str, Any] = {"accel_bias_std": 0.0}
 WRONG: dict[str, tuple[dict[str, Any], str, float]] = {
@@ -28,11 +36,11 @@ WRONG: dict[str, tuple[dict[str, Any], str, float]] = {
 }
 
 
-@pytest.mark.parametrize("what", WRONG)
+@pytest.mark.parametrize("what", slow_after(2, WRONG))
 def test_a_wrong_value_is_contradicted_with_its_size_and_nothing_else_is_blamed(what: str) -> None:
     stated, option, step = WRONG[what]
     log = make_log(MOVES).noisy(1, INDUSTRIAL)
-    estimate = calibrate_matched(log.imu, log.path, MatchedOptions(**stated))
+    estimate = calibrated(log, MatchedOptions(**stated))
     assert not estimate.trusted
     (found,) = (each for each in estimate.findings if each.code == "prior.contradicted")
     assert found.values["option"] == option
@@ -46,19 +54,19 @@ def test_a_wrong_value_is_contradicted_with_its_size_and_nothing_else_is_blamed(
 def test_a_base_that_is_not_as_level_as_stated_is_told() -> None:
     gravity = Rotation.from_rotvec([0.03, 0.0, 0.0]).apply([0.0, 0.0, -GRAVITY])
     log = make_log(MOVES, gravity_world=gravity).noisy(1, INDUSTRIAL)
-    estimate = calibrate_matched(log.imu, log.path, MatchedOptions(tilt_std=1e-3))
+    estimate = calibrated(log, MatchedOptions(tilt_std=1e-3))
     (found,) = (each for each in estimate.findings if each.code == "prior.contradicted")
     assert found.values["option"] == "--tilt-std"
     assert abs(float(str(found.values["step"]))) == pytest.approx(0.03, abs=1e-4)
-    level = calibrate_matched(log.imu, log.path, MatchedOptions(tilt_std=0.03))
+    level = calibrated(log, MatchedOptions(tilt_std=0.03))
     assert level.trusted
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", slow_after(1, range(3)))
 def test_true_values_are_believed(seed: int) -> None:
     log = make_log(MOVES).noisy(seed, INDUSTRIAL)
     options = MatchedOptions(gravity="fixed", gravity_std=0.0, time_offset=0.0)
-    estimate = calibrate_matched(log.imu, log.path, options)
+    estimate = calibrated(log, options)
     assert estimate.trusted
     assert nees(estimate, MOUNT) < UNLIKELY
 
@@ -74,7 +82,7 @@ def with_zeros(path: KinematicPath, zeros: dict[int, float]) -> KinematicPath:
     return replace(path, steps=steps)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", slow_after(1, range(4)))
 def test_zeros_of_joints_that_stand_still_are_in_sigma(seed: int) -> None:
     """They turn what is found as the mount, and no log without their motion tells."""
     rng = np.random.default_rng(seed)
@@ -85,7 +93,7 @@ def test_zeros_of_joints_that_stand_still_are_in_sigma(seed: int) -> None:
     (found,) = (each for each in estimate.findings if each.code == "robot.joints_still")
     assert found.values["joints"] == ("j3", "j4", "j5")
     assert nees(estimate, MOUNT) < UNLIKELY
-    exact = calibrate_matched(log.imu, log.path, MatchedOptions(robot="exact"))
+    exact = calibrated(log, MatchedOptions(robot="exact"))
     assert "robot.joints_still" not in {each.code for each in exact.findings}
     assert nees(exact, MOUNT) < UNLIKELY
 
@@ -102,7 +110,7 @@ def test_a_wrong_value_is_sized_where_the_clocks_are_far_apart() -> None:
 def test_no_log_tells_hidden_errors_from_the_mount_however_sharp_it_is() -> None:
     moves = replace(MOVES, amplitude=(*MOVES.amplitude[:3], 0.0, 0.0, 0.0))
     log = make_log(moves)
-    estimate = calibrate_matched(log.imu, log.path, MatchedOptions(robot=(1e-3, 5e-4)))
+    estimate = calibrated(log, MatchedOptions(robot=(1e-3, 5e-4)))
     hidden = {"joint_zero": ("j2", "j3", "j4", "j5"), "origin": ("j4", "j5")}
     found = [
         (each.std, each.prior_std)

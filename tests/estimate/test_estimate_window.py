@@ -7,17 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions, WindowChoice
 from imucalib_cli.estimate.window_choice import (
     choose_window,
-    kinematic_noise,
-    second_derivative_gain,
 )
 from imucalib_cli.signals.kernels import matched_filter
 from imucalib_cli.signals.prepare import clean_imu
 from imucalib_cli.signals.trajectory import Trajectory
-from tests.estimate.estimate_arm import Log, Moves, arm_path, make_log
+from tests.estimate.estimate_arm import Log, Moves, arm_path, calibrated, make_log
 
 MOVES = Moves(seconds=30.0)
 
@@ -48,7 +45,7 @@ def test_quiet_joints_take_the_shortest(log: Log) -> None:
 def test_noisy_encoders_take_longer_windows_and_ever_longer(log: Log) -> None:
     seconds = [window_of(with_encoders(log, std), WindowChoice())[1] for std in (1e-5, 1e-4, 1e-3)]
     assert seconds[0] < seconds[1] < seconds[2] <= 1.0
-    estimate = calibrate_matched(log.imu, with_encoders(log, 1e-4).path, MatchedOptions())
+    estimate = calibrated(with_encoders(log, 1e-4))
     assert estimate.window.seconds > 0.2
     assert "kinematics" in estimate.window.reason
 
@@ -57,14 +54,13 @@ def test_the_longer_window_is_what_saves_the_lever_arm(log: Log) -> None:
     noisy = with_encoders(log, 3e-4)
     errors = []
     for choice in (WindowChoice(), WindowChoice(seconds=0.05)):
-        options = MatchedOptions(window=choice)
-        estimate = calibrate_matched(noisy.imu, noisy.path, options)
+        estimate = calibrated(noisy, MatchedOptions(window=choice))
         errors.append(float(np.linalg.norm(estimate.t_parent_imu - log.mount.t)))
     assert errors[0] < 2e-3
     assert errors[1] > 5 * errors[0]
 
 
-@pytest.mark.parametrize("samples", [7, 21, 51, 101])
+@pytest.mark.parametrize("samples", [7, 101])
 def test_samples_asked_for_are_samples_used(log: Log, samples: int) -> None:
     length, seconds, used = window_of(log, WindowChoice(samples=samples))
     assert (length, used) == (samples, samples)
@@ -78,7 +74,7 @@ def test_samples_are_the_imus_even_on_a_finer_grid() -> None:
     assert seconds == pytest.approx(0.2)
 
 
-@pytest.mark.parametrize("seconds", [0.05, 0.1, 0.333, 0.5])
+@pytest.mark.parametrize("seconds", [0.05, 0.333])
 def test_seconds_asked_for_are_met_to_a_sample(log: Log, seconds: float) -> None:
     length, used, _ = window_of(with_encoders(log, 1e-3), WindowChoice(seconds=seconds))
     assert length % 2 == 1
@@ -89,19 +85,6 @@ def test_seconds_asked_for_are_met_to_a_sample(log: Log, seconds: float) -> None
 def test_a_window_is_never_too_short_for_its_degree(log: Log, degree: int, shortest: int) -> None:
     assert window_of(log, WindowChoice(samples=3), degree)[0] == shortest
     matched_filter(shortest, degree, 2, 0.005)
-
-
-def test_encoder_noise_is_measured(log: Log) -> None:
-    rotation, position = kinematic_noise(Trajectory.of(with_encoders(log, 2e-4).path))
-    # Each of six joints puts 2 sigma² into |dR|², and a metre's arm sigma² into |dp|².
-    assert rotation == pytest.approx(2 * 6 * 2e-4**2 * 0.005, rel=0.15)
-    assert position == pytest.approx(6 * 2e-4**2 * 0.005, rel=0.15)
-
-
-def test_gain_of_the_second_derivative_is_that_of_the_filter() -> None:
-    dt = 0.001
-    h = matched_filter(401, 3, 2, dt).derivative
-    assert second_derivative_gain(0.4) * dt == pytest.approx(float(h @ h), rel=0.02)
 
 
 def test_joints_in_short_bursts_do_not_break_the_choice(log: Log) -> None:

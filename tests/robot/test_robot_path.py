@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from imucalib_cli.robot.build import joint_path
-from imucalib_cli.robot.path import FixedStep, KinematicPath, PoseStep, Step, Track, merge_fixed
+from imucalib_cli.robot.path import FixedStep, KinematicPath, PoseStep, Track
 from imucalib_cli.robot.urdf import Robot, load_robot
 
 Floats = NDArray[np.float64]
@@ -97,25 +97,6 @@ def test_arms_are_where_pinocchio_puts_them(file: str, tip: str) -> None:
     R_expected, p_expected = by_pinocchio(source.read_text(), values, robot.root, tip)
     np.testing.assert_allclose(R, R_expected, atol=1e-12)
     np.testing.assert_allclose(p, p_expected, atol=1e-12)
-
-
-def test_ur10e_is_its_published_dh_table() -> None:
-    a = (0.0, -0.6127, -0.57155, 0.0, 0.0, 0.0)
-    d = (0.1807, 0.0, 0.0, 0.17415, 0.11985, 0.11655)
-    alpha = (np.pi / 2, 0.0, 0.0, np.pi / 2, -np.pi / 2, 0.0)
-    robot = load_robot(DATA / "ur10e.urdf")
-    values = positions(robot, 20, seed=3)
-    R, p = by_us(robot, values, "base_link", "flange", seed=4)
-    for k in range(20):
-        T = np.eye(4)
-        for i, joint in enumerate(joint for joint in robot.joints if joint.kind != "fixed"):
-            step = np.eye(4)
-            turn = Rotation.from_euler("z", values[joint.name][k]).as_matrix()
-            step[:3, :3] = turn @ Rotation.from_euler("x", alpha[i]).as_matrix()
-            step[:3, 3] = turn @ (a[i], 0.0, 0.0) + (0.0, 0.0, d[i])
-            T = T @ step
-        np.testing.assert_allclose(R[k], T[:3, :3], atol=1e-12)
-        np.testing.assert_allclose(p[k], T[:3, 3], atol=1e-12)
 
 
 @st.composite
@@ -209,24 +190,6 @@ def test_pose_steps_and_their_inverses_are_scipys_products() -> None:
     np.testing.assert_allclose(p, p_expected, atol=1e-13)
     assert R.flags.c_contiguous
     assert p.flags.c_contiguous
-
-
-def test_merging_fixed_steps_changes_nothing_but_their_number() -> None:
-    rng = np.random.default_rng(6)
-    fixed = [
-        FixedStep(R=Rotation.random(rng=rng).as_matrix(), p=rng.normal(size=3)) for _ in range(4)
-    ]
-    steps: list[Step] = [fixed[0], fixed[1], PoseStep(track=0), fixed[2], fixed[3]]
-    values = np.column_stack((rng.normal(size=(3, 3)), Rotation.random(3, rng=rng).as_quat()))
-    track = Track(name="", kind="pose", t=np.arange(3.0), values=values)
-    merged = merge_fixed(steps)
-    assert [type(step) for step in merged] == [FixedStep, PoseStep, FixedStep]
-    before, after = (
-        KinematicPath(world="w", parent="f", steps=tuple(some), tracks=(track,)).poses((values,))
-        for some in (steps, merged)
-    )
-    np.testing.assert_allclose(after[0], before[0], atol=1e-14)
-    np.testing.assert_allclose(after[1], before[1], atol=1e-14)
 
 
 def test_values_must_match_the_tracks() -> None:

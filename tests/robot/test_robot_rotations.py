@@ -134,3 +134,14 @@ def test_every_function_takes_stacks_of_any_shape() -> None:
         for function, values in stacked:
             whole = function(values)
             np.testing.assert_array_equal(whole[1, 3], function(values[1, 3]))
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(deadline=None, max_examples=25)
+def test_nearest_rotation_is_scipys(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    M = Rotation.random(rng=rng).as_matrix() + 0.3 * rng.normal(size=(3, 3))
+    found = rotations.nearest_rotation(M)
+    assert np.linalg.det(found) == pytest.approx(1.0)
+    best, _ = Rotation.align_vectors(M.T, np.eye(3))
+    np.testing.assert_allclose(found, best.as_matrix(), atol=1e-7)

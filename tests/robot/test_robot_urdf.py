@@ -1,8 +1,8 @@
 """What is refused of a URDF and what is not; expected faults are written by hand."""
 
+import itertools
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -57,6 +57,9 @@ def bc(rest: str, kind: str = "revolute") -> str:
         ('<?xml version="1.0" encoding="klingon"?><robot/>', "encoding"),
         ('<!DOCTYPE r [<!ENTITY e "x">]><robot name="&e;"/>', "DOCTYPE"),
         ('<!DOCTYPE r SYSTEM "file:///etc/passwd"><robot/>', "DOCTYPE"),
+        ('<!DOCTYPE r [<!ENTITY % x SYSTEM "file:///dev/zero"> %x;]><robot/>', "DOCTYPE"),
+        ('<!DOCTYPE r PUBLIC "-//x//y" "robot.dtd"><robot/>', "DOCTYPE"),
+        ('<robot name="&x;"/>', "undefined entity"),
         (robot("<xacro:include filename='x'/>"), r"line 1: <xacro:include> is xacro.*`xacro "),
         (robot('<link name="${prefix}a"/>'), "is xacro"),
         (bc('<origin xyz="0 0 ${d}"/>'), 'line 1: <origin xyz="0 0 ..d}"> is xacro'),
@@ -82,6 +85,12 @@ def bc(rest: str, kind: str = "revolute") -> str:
         (bc('<origin rpy="0 0"/>'), "is not three finite numbers"),
         (bc('<origin rpy="0 0 x"/>'), "is not three finite numbers"),
         (bc('<origin xyz="1e999 0 0"/>'), "is not three finite numbers"),
+        (bc('<axis xyz="nan 0 1"/>'), "is not three finite numbers"),
+        (bc(f'<axis xyz="0 0 {"1" * 1_000_000}"/>'), "is not three finite numbers"),
+        (bc('<axis xyz="1e308 1e308 0"/>'), "is no direction"),
+        (bc('<axis xyz="0 0 1e-320"/>'), "is no direction"),
+        (bc('<mimic joint="ab" multiplier="1e308"/>'), "no joint follows another by that"),
+        (bc('<mimic joint="ab" offset="-1e300"/>'), "no joint follows another by that"),
         (bc("<origin/><origin/>"), "more than one <origin>"),
         (bc('<axis xyz="0 0 0"/>'), "joint 'bc': its <axis> is zero"),
         (bc('<mimic joint="no"/>'), "joint 'bc' mimics 'no', which is not there"),
@@ -93,8 +102,9 @@ def bc(rest: str, kind: str = "revolute") -> str:
             ),
             "mimics 'ab', which has no position",
         ),
-        ("<robot>" + "<a>" * 300, "nested"),
+        ("<robot>" + "<a>" * 100_000, "nested"),
     ],
+    ids=itertools.count(),
 )
 def test_faults_are_told_in_one_line_with_file_and_element(
     tmp_path: Path, text: str | bytes, said: str
@@ -102,23 +112,16 @@ def test_faults_are_told_in_one_line_with_file_and_element(
     source = write(tmp_path, text)
     with pytest.raises(InputError, match=said) as caught:
         load_robot(source)
-    assert str(caught.value).startswith(f"{source}: ")
-    assert "\n" not in str(caught.value)
+    told = str(caught.value)
+    assert told.startswith(f"{source}: ")
+    assert "\n" not in told
+    assert len(told) < 2000
 
 
 def test_several_faults_are_told_at_once_with_their_lines(tmp_path: Path) -> None:
     bad = "\n".join(joint(f"j{k}", "bogus", "a", "b") for k in range(5))
     with pytest.raises(InputError, match=r"line 2: .*; line 3: .*; line 4: .*; and 2 more faults"):
         load_robot(write(tmp_path, robot(LINKS + "\n" + bad)))
-
-
-def test_an_entity_bomb_is_refused_at_once(tmp_path: Path) -> None:
-    levels = "".join(f'<!ENTITY e{k} "{f"&e{k - 1};" * 10}">' for k in range(1, 30))
-    bomb = f'<!DOCTYPE robot [<!ENTITY e0 "boom">{levels}]><robot name="&e29;"/>'
-    begin = time.perf_counter()
-    with pytest.raises(InputError, match="DOCTYPE"):
-        load_robot(write(tmp_path, bomb))
-    assert time.perf_counter() - begin < 1.0
 
 
 def test_size_is_limited(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -96,6 +96,7 @@ def test_pattern_is_in_view_and_upright(images: CameraRecord) -> None:
     assert -up[1] > abs(up[0])  # pixel rows grow downwards
 
 
+@pytest.mark.slow
 def test_the_whole_motion_is_lively_within_limits_and_keeps_the_pattern_in_view() -> None:
     whole = record(RIHIBOT, PhysicsOptions(imu_rate=50.0, robot_rate=50.0), camera=CAMERA)
     assert whole.camera is not None

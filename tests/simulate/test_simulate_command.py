@@ -63,6 +63,19 @@ def test_single_options_win_over_the_grade(tmp_path: Path) -> None:
     assert noise["spikes"] == 0.1
 
 
+def test_an_imu_has_a_name_and_single_options_win(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["rihibot", "--imu-model", "BMI088", "--gyro-noise", "0.1", "--accel-range", "9.5"]
+    truth = settings(tmp_path, *words)
+    noise = truth["settings"]["noise"]
+    assert noise["accel_noise"] == pytest.approx(190e-6 * 9.80665)
+    assert noise["gyro_noise"] == 0.1
+    assert noise["gyro_range"] == pytest.approx(math.radians(2000.0))
+    assert truth["log"]["imu_saturated"] > 0  # gravity alone is more
+    assert "cut off at the sensor's range" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("order", "first"),
     [("alphabetical", "elbow_joint"), ("reversed", "wrist_3_joint"), ("chain", None)],
@@ -88,6 +101,8 @@ def test_a_system_of_ones_own(tmp_path: Path) -> None:
         (["robbot"], 2, "choose barbot, rihibot"),
         (["--config", "none.yaml"], 1, "none.yaml"),
         (["barbot", "--grade", "cheap"], 2, "choose ideal, industrial, mems"),
+        (["barbot", "--imu-model", "bmi088", "--grade", "mems"], 2, "give one of them"),
+        (["barbot", "--imu-model", "help"], 2, "choose adis16448"),
         (["barbot", "--publishers", "2"], 1, "no joints to split"),
         (["barbot", "--mount-xyz", "1 2"], 2, "three numbers"),
         (["barbot", "--base-tilt-deg", "1"], 2, "two angles"),

@@ -150,6 +150,7 @@ def test_corners_are_where_they_project_to(
     assert np.abs(error).max() < 0.12
 
 
+@pytest.mark.slow
 def test_kalibrs_own_refinement_finds_them_too(
     record: CameraRecord, images: list[NDArray[np.uint8]]
 ) -> None:
@@ -161,6 +162,7 @@ def test_kalibrs_own_refinement_finds_them_too(
         assert (error**2).sum(axis=1).max() < 1.5  # maxSubpixDisplacement2
 
 
+@pytest.mark.slow
 def test_apriltags_own_detector_knows_the_tags_and_their_order() -> None:
     """It wants the usual border of one cell and no squares that touch the tags."""
     picture = board_picture(CAMERA.target, CAMERA.shades, border_bits=1)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from imucalib_cli.simulate.config import Arm, FreeBody, Move
 from imucalib_cli.simulate.load import load_system
-from imucalib_cli.simulate.motion import ArmReference, PushPlan, instants, quintic
+from imucalib_cli.simulate.motion import ArmReference, PushPlan
 
 
 def the_arm() -> Arm:
@@ -27,19 +27,6 @@ def the_bar() -> FreeBody:
 
 
 ARM, BAR = the_arm(), the_bar()
-
-
-@given(st.floats(0.001, 0.999))
-def test_the_quintic_rises_as_its_derivative_says(x: float) -> None:
-    step = 1e-5 * min(x, 1 - x)
-    difference = (quintic(x + step)[0] - quintic(x - step)[0]) / (2 * step)
-    assert quintic(x)[1] == pytest.approx(difference, rel=1e-5, abs=1e-6)
-    assert quintic(x)[0] + quintic(1 - x)[0] == pytest.approx(1.0)
-
-
-def test_the_quintic_starts_and_ends_at_rest() -> None:
-    assert quintic(0.0) == (0.0, 0.0)
-    assert quintic(1.0) == (1.0, 0.0)
 
 
 @given(st.floats(0.0, 200.0))
@@ -87,12 +74,3 @@ def test_pushes_are_in_the_papers_order() -> None:
     assert torques[8:] == (0.2 * np.kron(np.eye(3), [[1], [-1]])).tolist()
     assert plan(127.99)[2] == 8.0  # the last pause ends with the log
     assert plan(128.01)[0].any()
-
-
-@given(st.floats(1.0, 1000.0), st.floats(0.1, 20.0), st.sampled_from([0.0, 0.25, 0.5]))
-def test_instants_fill_the_duration(rate: float, duration: float, phase: float) -> None:
-    t = instants(rate, duration, phase)
-    if len(t):
-        assert t[0] == phase / rate
-        assert t[-1] <= duration + 1e-9
-    assert duration - (t[-1] if len(t) else (phase - 1) / rate) < 1 / rate + 1e-9

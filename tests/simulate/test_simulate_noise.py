@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from imucalib_cli.errors import InputError
-from imucalib_cli.simulate.load import load_grade, load_system
+from imucalib_cli.simulate.load import load_grade, load_imu, load_system
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
 from imucalib_cli.simulate.physics import record
@@ -254,6 +254,7 @@ def test_a_recording_is_corrupted_once(arm: Recording) -> None:
         ({"time_offset": float("nan")}, "time_offset: must be a finite number"),
         ({"gyro_bias": (0.0, float("inf"), 0.0)}, "gyro_bias"),
         ({"coloured_time": 0.0}, "coloured_time 0"),
+        ({"gyro_range": 0.0}, "gyro_range 0: must be positive"),
     ],
 )
 def test_options_out_of_range_are_named(arm: Recording, option: Any, words: str) -> None:
@@ -267,3 +268,36 @@ def test_grades_are_in_si() -> None:
     assert grade.accel_noise * np.sqrt(138) / 9.80665 == pytest.approx(0.0002, rel=0.01)
     assert grade.gyro_noise == pytest.approx(3.49e-5, rel=0.01)
     assert load_grade("ideal") == NoiseOptions()
+
+
+def test_noise_at_rest_is_the_sheets_density_over_half_the_rate() -> None:
+    # Figures as they stand in the sheet of the BMI088: 190 ug and 0.014 deg/s per sqrt(Hz).
+    noisy = corrupt(still(40_000), load_imu("bmi088"), seed=1).imu
+    tolerance = 5.0 / np.sqrt(2 * 3 * 40_000)
+    assert noisy.accel.std(axis=0) == pytest.approx(190e-6 * 9.80665 * 10.0, rel=tolerance * 2)
+    assert noisy.gyro.std(axis=0) == pytest.approx(np.radians(0.014) * 10.0, rel=tolerance * 2)
+    assert np.abs(noisy.accel.mean(axis=0)) == pytest.approx(
+        0.020 * 9.80665 * np.array([0.8, 0.6, 1.0]), abs=1e-3
+    )
+
+
+def test_the_bias_walks_where_the_sheet_says_how_stable_it_is() -> None:
+    assert load_imu("bmi088").gyro_bias_walk == 0.0
+    noise = load_imu("adis16448")
+    assert noise.gyro_bias_walk == pytest.approx(np.radians(14.5 / 3600.0) / 10.0)
+    corruption = corrupt(still(40_000), noise, seed=4).corruption
+    assert corruption is not None
+    steps = np.diff(corruption.gyro_bias, axis=0)
+    assert steps.std() * np.sqrt(RATE) == pytest.approx(noise.gyro_bias_walk, rel=0.02)
+
+
+def test_readings_end_at_the_range_and_the_truth_counts_them() -> None:
+    noise = NoiseOptions(accel_white=1.0, gyro_white=0.1, accel_range=2.0, gyro_range=10.0)
+    noisy = corrupt(still(5_000), noise, seed=2)
+    free = corrupt(still(5_000), replace(noise, accel_range=None), seed=2).imu
+    assert np.abs(noisy.imu.accel).max() == 2.0
+    np.testing.assert_array_equal(noisy.imu.accel, np.clip(free.accel, -2.0, 2.0))
+    assert noisy.corruption is not None
+    beyond = (np.abs(free.accel) > 2.0).any(axis=1)
+    np.testing.assert_array_equal(noisy.corruption.saturated, beyond)
+    assert 0.1 < beyond.mean() < 0.2  # three axes of 4.6 %

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import TYPE_CHECKING, Any
@@ -15,18 +16,33 @@ from imucalib_cli.simulate.options import LogOptions, PhysicsOptions
 from imucalib_cli.simulate.physics import record
 from imucalib_cli.simulate.urdf import urdf_text
 from imucalib_cli.simulate.write_log import write_log
-from imucalib_cli.study.faults import with_faulty_sensor
 from tests.conftest import LogWriter
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
     from pathlib import Path
 
-    from imucalib_cli.simulate.recording import JointRecord, PoseRecord, Recording
-    from imucalib_cli.study.faults import Fault
+    from imucalib_cli.simulate.recording import Recording
 
+ARM, BODY = "rihibot", "barbot"
 RATE = 100
 """Hz, of IMU and robot."""
+
+Edit = Callable[[str], str]
+"""Of a URDF."""
+
+
+@cache
+def clean(system: str) -> Recording:
+    """24 s of the arm, or 45 s of the free body, without noise."""
+    seconds = 24.0 if system == ARM else 45.0
+    physics = PhysicsOptions(duration=seconds, imu_rate=RATE, robot_rate=RATE)
+    return record(load_system(system), physics)
+
+
+@cache
+def noisy(system: str = ARM, seed: int = 3) -> Recording:
+    """The same with the noise of an industrial IMU."""
+    return corrupt(clean(system), load_grade("industrial"), seed=seed)
 
 
 @dataclass(frozen=True)
@@ -35,60 +51,7 @@ class Seen:
 
     code: int
     err: str
-
-
-PROVOCATIONS: dict[str, Callable[[Scene], Seen]] = {}
-"""By the key of their row."""
-
-
-def provokes(key: str) -> Callable[[Callable[[Scene], Seen]], Callable[[Scene], Seen]]:
-    """Register what makes the sentence of a row appear."""
-
-    def register(provocation: Callable[[Scene], Seen]) -> Callable[[Scene], Seen]:
-        assert key not in PROVOCATIONS, f"{key} is provoked twice"
-        PROVOCATIONS[key] = provocation
-        return provocation
-
-    return register
-
-
-@cache
-def clean(system: str) -> Recording:
-    """24 s of an arm (rihibot), or 45 s of a free body (barbot), without noise."""
-    seconds = 24.0 if system == "rihibot" else 45.0
-    physics = PhysicsOptions(duration=seconds, imu_rate=RATE, robot_rate=RATE)
-    return record(load_system(system), physics)
-
-
-@cache
-def noisy(system: str, fault: Fault | None = None) -> Recording:
-    """The same with the noise of an industrial IMU, and perhaps a fault under it."""
-    recording = clean(system)
-    if fault is not None:
-        recording = with_faulty_sensor(recording, fault)
-    return corrupt(recording, load_grade("industrial"), seed=3)
-
-
-def row(seconds: float) -> int:
-    """Of the sample at an instant."""
-    return round(seconds * RATE)
-
-
-def with_imu(recording: Recording, **changes: Any) -> Recording:
-    """Other readings or stamps of the IMU."""
-    return replace(recording, imu=replace(recording.imu, **changes))
-
-
-def with_robot(recording: Recording, **changes: Any) -> Recording:
-    """Other values or stamps of the one publisher of joints or poses."""
-    (record_,) = recording.robot
-    return replace(recording, robot=(replace(record_, **changes),))
-
-
-def robot_of(recording: Recording) -> JointRecord | PoseRecord:
-    """The one publisher of joints or poses."""
-    (record_,) = recording.robot
-    return record_
+    out: str = ""
 
 
 @dataclass
@@ -98,7 +61,6 @@ class Scene:
     folder: Path
 
     def path(self, name: str) -> Path:
-        """Of a file in the folder."""
         return self.folder / name
 
     def writer(self, name: str = "recording") -> LogWriter:
@@ -110,11 +72,10 @@ class Scene:
         write_log(recording, self.path(name), LogOptions(**options))
         return self.path(name)
 
-    def urdf(self, edit: Callable[[str], str] = lambda text: text) -> Path:
+    def urdf(self, edit: Edit = lambda text: text) -> Path:
         """The arm's URDF, perhaps spoilt."""
         path = self.path("robot.urdf")
-        right = urdf_text(load_system("rihibot"))
-        path.write_text(edit(right))
+        path.write_text(edit(urdf_text(load_system(ARM))))
         return path
 
     def cli(self, *arguments: object) -> Seen:
@@ -122,28 +83,59 @@ class Scene:
         out, err = io.StringIO(), io.StringIO()
         with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
             code = main([str(argument) for argument in arguments])
-        assert "Traceback" not in err.getvalue()
-        return Seen(code=code, err=err.getvalue())
+        return Seen(code, err.getvalue(), out.getvalue())
 
     def run(self, log: object, *arguments: object) -> Seen:
         """`imucalib run` with the arm's URDF, which is written if it is not there yet."""
         urdf = self.path("robot.urdf")
-        if not urdf.exists():
-            self.urdf()
-        return self.cli("run", log, "--urdf", urdf, *arguments)
+        return self.cli("run", log, "--urdf", urdf if urdf.exists() else self.urdf(), *arguments)
 
-    def run_arm(self, recording: Recording, *arguments: object) -> Seen:
-        """The same on an arm's recording."""
-        return self.run(self.log(recording), *arguments)
-
-    def run_body(self, recording: Recording, *arguments: object) -> Seen:
-        """`imucalib run` on the recording of a body that floats, without a URDF."""
-        parent = ("--parent", "bar_link", "--gravity", "none")
-        return self.cli("run", self.log(recording), *parent, *arguments)
+    def result(self, name: str = "result.yaml", *, seed: int = 3) -> Path:
+        """Of a run on one log of the arm; another seed is another log."""
+        log = self.log(noisy(seed=seed), f"log{seed}.mcap")
+        assert self.run(log, "-o", self.path(name)).code == 0
+        return self.path(name)
 
 
-def joint(text: str, name: str, old: str, new: str) -> str:
-    """A URDF in which the first `old` within a joint is `new`."""
-    start = text.index(f'<joint name="{name}"')
-    assert old in text[start : text.index("</joint>", start)]
-    return text[:start] + text[start:].replace(old, new, 1)
+Provocation = Callable[[Scene], Seen]
+"""What makes a message appear."""
+
+
+def on_arm(
+    make: Callable[[], Recording] = noisy, *arguments: object, urdf: Edit = lambda text: text
+) -> Provocation:
+    """`imucalib run` on a recording of the arm, beside its URDF, perhaps spoilt."""
+
+    def provocation(scene: Scene) -> Seen:
+        scene.urdf(urdf)
+        return scene.run(scene.log(make()), *arguments)
+
+    return provocation
+
+
+def on_body(make: Callable[[], Recording] = lambda: noisy(BODY)) -> Provocation:
+    """`imucalib run` on a recording of a body that floats, without a URDF."""
+    options = ("--parent", "bar_link", "--gravity", "none")
+    return lambda scene: scene.cli("run", scene.log(make()), *options)
+
+
+def joint(name: str, old: str, new: str) -> Edit:
+    """Of a URDF: the first `old` within a joint is `new`."""
+
+    def edit(text: str) -> str:
+        start = text.index(f'<joint name="{name}"')
+        assert old in text[start : text.index("</joint>", start)]
+        return text[:start] + text[start:].replace(old, new, 1)
+
+    return edit
+
+
+def with_imu(recording: Recording, **changes: Any) -> Recording:
+    """Other values or stamps of the IMU."""
+    return replace(recording, imu=replace(recording.imu, **changes))
+
+
+def with_robot(recording: Recording, **changes: Any) -> Recording:
+    """Other values or stamps of the one publisher of joints or poses."""
+    (publisher,) = recording.robot
+    return replace(recording, robot=(replace(publisher, **changes),))

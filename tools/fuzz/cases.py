@@ -7,13 +7,13 @@ from dataclasses import dataclass, field
 from random import Random
 from typing import TYPE_CHECKING
 
-from tests.fuzz import seeds
-from tests.fuzz.mutate_bag import damage_bag
-from tests.fuzz.mutate_bytes import damage
-from tests.fuzz.mutate_db3 import damage_db3
-from tests.fuzz.mutate_mcap import damage_mcap
-from tests.fuzz.mutate_messages import damage_messages
-from tests.fuzz.mutate_texts import damage_text, damage_urdf, same_chain
+from tools.fuzz import seeds
+from tools.fuzz.mutate_bag import damage_bag
+from tools.fuzz.mutate_bytes import damage
+from tools.fuzz.mutate_db3 import damage_db3
+from tools.fuzz.mutate_mcap import damage_mcap
+from tools.fuzz.mutate_messages import damage_messages
+from tools.fuzz.mutate_texts import damage_text, damage_urdf, same_chain
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -10,8 +10,8 @@ import struct
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from tests.fuzz.mutate_bytes import damage, odd_number
-from tests.fuzz.seeds import IMU, JOINTS, Message, as_said
+from tools.fuzz.mutate_bytes import damage, odd_number
+from tools.fuzz.seeds import IMU, JOINTS, Message, as_said
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

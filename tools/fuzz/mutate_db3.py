@@ -8,7 +8,7 @@ from contextlib import closing, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tests.fuzz.mutate_bytes import damage, odd_number
+from tools.fuzz.mutate_bytes import damage, odd_number
 
 if TYPE_CHECKING:
     from random import Random

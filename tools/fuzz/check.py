@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 
     from imucalib_cli.jobs.reading import Recording
     from imucalib_cli.jobs.request import CalibrationRequest, Progress
-    from tests.fuzz.cases import Case
-    from tests.fuzz.seeds import Scene
+    from tools.fuzz.cases import Case
+    from tools.fuzz.seeds import Scene
 
 SECONDS = 10.0
 """Of processor time; the clock on the wall says more of the other processes."""

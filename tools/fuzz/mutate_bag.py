@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 import lz4.frame
 
-from tests.fuzz.mutate_bytes import damage, odd_number
-from tests.fuzz.mutate_records import damage_records, drop, move, repeat
+from tools.fuzz.mutate_bytes import damage, odd_number
+from tools.fuzz.mutate_records import damage_records, drop, move, repeat
 
 if TYPE_CHECKING:
     from collections.abc import Callable

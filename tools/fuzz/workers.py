@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tests.fuzz import cases
-from tests.fuzz.check import check, prepare
+from tools.fuzz import cases
+from tools.fuzz.check import check, prepare
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

@@ -7,7 +7,7 @@ import re
 from typing import TYPE_CHECKING
 from xml.etree import ElementTree as ET
 
-from tests.fuzz.mutate_bytes import damage
+from tools.fuzz.mutate_bytes import damage
 
 if TYPE_CHECKING:
     from random import Random

@@ -1,4 +1,4 @@
-"""Fuzz imucalib: ``python -m tests.fuzz --cases 20000`` from the root of the repository."""
+"""Fuzz imucalib: ``python -m tools.fuzz --cases 20000`` from the root of the repository."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import time
 from collections import Counter
 from pathlib import Path
 
-from tests.fuzz.cases import KINDS, make
-from tests.fuzz.workers import Job, run
+from tools.fuzz.cases import KINDS, make
+from tools.fuzz.workers import Job, run
 
 _TOLD_EVERY = 1000
 _MOST_KEPT = 20
@@ -20,7 +20,7 @@ _MOST_KEPT = 20
 
 def main() -> int:
     """Run cases, keep those with findings, say how to repeat them."""
-    parser = argparse.ArgumentParser(prog="python -m tests.fuzz", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m tools.fuzz", description=__doc__)
     parser.add_argument("--cases", type=int, default=1000)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--first", type=int, default=0, help="number of the first case")
@@ -51,7 +51,7 @@ def main() -> int:
         again = (
             f"--seed {options.seed} --first {done.number} --cases 1 --runs {options.runs} {kind}"
         )
-        told = f"case {done.number}: {done.what}\n{text}\nagain: python -m tests.fuzz {again}\n"
+        told = f"case {done.number}: {done.what}\n{text}\nagain: python -m tools.fuzz {again}\n"
         print(told, flush=True)  # noqa: T201
         kept[text[:8]] += 1
         if done.what and kept[text[:8]] <= _MOST_KEPT:

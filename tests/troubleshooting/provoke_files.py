@@ -1,0 +1,434 @@
+"""Files and options: what cannot be read, found, chosen, compared or written."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import re
+import resource
+import shutil
+import signal
+import sys
+from dataclasses import replace
+from typing import TYPE_CHECKING
+from unittest.mock import patch
+
+import yaml
+
+from imucalib_cli.simulate.recording import rows_kept
+from tests.troubleshooting.scene import (
+    BODY,
+    Edit,
+    Provocation,
+    Scene,
+    Seen,
+    joint,
+    noisy,
+    on_arm,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from tests.conftest import LogWriter
+
+LINK = '<link name="base_link" />'
+NAMES = (
+    "shoulder_pan_joint",
+    "shoulder_lift_joint",
+    "elbow_joint",
+    "wrist_1_joint",
+    "wrist_2_joint",
+    "wrist_3_joint",
+)
+
+
+def cut(name: str) -> Provocation:
+    """The first part of a log, as a full disk leaves it."""
+
+    def provocation(scene: Scene) -> Seen:
+        log = scene.log(noisy(), name)
+        os.truncate(log, int(0.8 * log.stat().st_size))
+        return scene.run(log)
+
+    return provocation
+
+
+def no_file(scene: Scene) -> Seen:
+    return scene.run(scene.path("log.mcap"))
+
+
+def pipe(scene: Scene) -> Seen:
+    os.mkfifo(scene.path("log.mcap"))
+    return scene.run(scene.path("log.mcap"))
+
+
+def empty(scene: Scene) -> Seen:
+    scene.path("log.mcap").touch()
+    return scene.run(scene.path("log.mcap"))
+
+
+def no_log_in_folder(scene: Scene) -> Seen:
+    scene.path("recording").mkdir()
+    return scene.run(scene.path("recording"))
+
+
+def several_recordings(scene: Scene) -> Seen:
+    for name in ("a", "b"):
+        shutil.copy(scene.writer(name).imu().joints().write(), scene.path(f"{name}.mcap"))
+        shutil.rmtree(scene.path(name))
+    return scene.run(scene.folder)
+
+
+def unindexed(scene: Scene) -> Seen:
+    log = scene.log(noisy(), "log.bag", compression="none")
+    data = log.read_bytes()
+    # The bag header says where the index begins; 0 says that the bag was never closed.
+    at = data.index(b"index_pos=") + len(b"index_pos=")
+    index = int.from_bytes(data[at : at + 8], "little")
+    log.write_bytes((data[:at] + bytes(8) + data[at + 8 :])[:index])
+    return scene.run(log)
+
+
+def damaged_chunk(scene: Scene) -> Seen:
+    log = scene.log(noisy(), compression="none")
+    data = bytearray(log.read_bytes())
+    middle = len(data) // 2
+    data[middle : middle + 64] = bytes(64)
+    log.write_bytes(data)
+    return scene.run(log)
+
+
+def overlap(scene: Scene) -> Seen:
+    other = scene.log(noisy(), "b.mcap", imu_topic="/imu/other")
+    return scene.run(scene.log(noisy(), "a.mcap"), other, "--imu-topic", "/imu/data")
+
+
+def other_encoding(scene: Scene) -> Seen:
+    from mcap.writer import Writer
+
+    log = scene.path("log.mcap")
+    with log.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        schema = writer.register_schema(name="foxglove.Imu", encoding="jsonschema", data=b"{}")
+        channel = writer.register_channel(topic="/imu", message_encoding="json", schema_id=schema)
+        writer.add_message(channel, log_time=1, data=b"{}", publish_time=1)
+        writer.finish()  # type: ignore[no-untyped-call]
+    return scene.run(log)
+
+
+def no_memory(scene: Scene) -> Seen:
+    with patch("imucalib_cli.jobs.reading.open_log", side_effect=MemoryError):
+        return scene.run("log.mcap")
+
+
+def holds_too_much(scene: Scene) -> Seen:
+    """As if the last tenth were too much."""
+    log = scene.log(noisy())
+    with (
+        patch("imucalib_cli.logs.decode._MESSAGES_PER_BYTE", 0.0),
+        patch("imucalib_cli.logs.decode._MESSAGES_ALWAYS", 4300),
+    ):
+        return scene.run(log)
+
+
+def urdf(edit: Edit) -> Provocation:
+    """A sound log beside a URDF that is none."""
+
+    def provocation(scene: Scene) -> Seen:
+        scene.urdf(edit)
+        return scene.run(scene.writer().imu().joints().write())
+
+    return provocation
+
+
+READING: dict[str, Provocation] = {
+    "no-file": no_file,
+    "pipe": pipe,
+    "empty": empty,
+    "not-a-log": lambda scene: scene.run(scene.urdf()),
+    "no-log-in-folder": no_log_in_folder,
+    "several-recordings": several_recordings,
+    "cut-short": cut("log.mcap"),
+    "cut-short-bag": cut("log.bag"),
+    "cut-short-db3": cut("log.db3"),
+    "unindexed": unindexed,
+    "damaged-chunk": damaged_chunk,
+    "two-recordings": lambda scene: scene.run(
+        scene.log(noisy(), "a.mcap"), scene.log(noisy(), "b.mcap")
+    ),
+    "overlap-of-files": overlap,
+    "other-encoding": other_encoding,
+    "no-memory": no_memory,
+    "holds-too-much": holds_too_much,
+    "xacro": urdf(
+        lambda text: text.replace(
+            "<robot ", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" ', 1
+        ).replace(LINK, LINK + '<xacro:arm prefix="left_"/>')
+    ),
+    "not-xml": urdf(lambda text: text.replace("</robot>", "")),
+    "not-a-urdf": urdf(lambda _: '<sdf version="1.7"><model name="arm"/></sdf>'),
+    "doctype": urdf(
+        lambda text: text.replace("<robot", '<!DOCTYPE robot [<!ENTITY a "b">]><robot', 1)
+    ),
+    "undefined-link": urdf(lambda text: text.replace(LINK, "")),
+    "two-roots": urdf(lambda text: text.replace(LINK, LINK + '<link name="table"/>')),
+    "urdf-millimetres": urdf(joint("elbow_joint", "-0.6127 0 0", "-612700 0 0")),
+}
+
+
+def messages(make: Callable[[LogWriter], LogWriter], *arguments: object) -> Provocation:
+    """`imucalib run` without a URDF on four seconds of messages."""
+    return lambda scene: scene.cli("run", make(scene.writer()).write(), *arguments)
+
+
+def arm_messages(
+    *arguments: object,
+    make: Callable[[LogWriter], LogWriter] = lambda log: log,
+    frame: str = "imu_link",
+    names: tuple[str, ...] = NAMES,
+) -> Provocation:
+    """The same with the arm's URDF, on an IMU, the arm's joints and what ``make`` adds."""
+
+    def provocation(scene: Scene) -> Seen:
+        log = make(scene.writer().imu(frame=frame).joints(names=names))
+        return scene.run(log.write(), *arguments)
+
+    return provocation
+
+
+def no_joint_states(scene: Scene) -> Seen:
+    return scene.run(scene.writer().imu().tf("map", "base_link").write())
+
+
+def prefix_extra(scene: Scene) -> Seen:
+    scene.urdf(lambda text: text.replace('joint name="', 'joint name="left_'))
+    return arm_messages()(scene)
+
+
+def frames_mixed(scene: Scene) -> Seen:
+    recording = noisy()
+    early = recording.imu.t < 16.0
+    first = replace(recording, imu=rows_kept(recording.imu, early))
+    last = replace(recording, imu=rows_kept(recording.imu, ~early), robot=())
+    return scene.run(scene.log(first, "a.mcap"), scene.log(last, "b.mcap", imu_frame="imu"))
+
+
+CHOICES: dict[str, Provocation] = {
+    "no-imu": lambda scene: scene.run(scene.writer().joints().text().write()),
+    "no-motion-topic": lambda scene: scene.run(scene.writer().imu().text().write()),
+    "topic-not-there": arm_messages("--imu-topic", "/imu"),
+    "topic-of-another-type": arm_messages("--imu-topic", "/joint_states"),
+    "no-urdf": messages(lambda log: log.imu().joints(names=NAMES)),
+    "no-joint-states": no_joint_states,
+    "joint-missing": arm_messages(names=(*NAMES[:5], "wrist_4_joint")),
+    "joint-prefix-missing": arm_messages(names=tuple(f"left_{name}" for name in NAMES)),
+    "joint-prefix-extra": prefix_extra,
+    "frame-not-in-urdf": arm_messages(frame="imu"),
+    "frame-empty": arm_messages(frame=""),
+    "parent-misspelt": arm_messages("--parent", "wrist_3"),
+    "parent-is-imu": arm_messages("--parent", "imu_link"),
+    "joint-twice": arm_messages(
+        make=lambda log: log.joints("/controller/joint_states", names=NAMES)
+    ),
+    "several-imus-one-link": arm_messages(
+        "--imu-link", "imu_link", make=lambda log: log.imu("/imu/other")
+    ),
+    "several-poses": messages(lambda log: log.imu().poses("/mocap/hand").poses("/mocap/table")),
+    "which-frame": messages(lambda log: log.imu().tf("map", "base").tf("base", "hand")),
+    "no-such-frame": messages(lambda log: log.imu().tf("map", "base"), "--parent", "hand"),
+    "separate-trees": messages(
+        lambda log: log.imu().tf("map", "base").tf("room", "hand"),
+        *("--parent", "hand", "--world", "map"),
+    ),
+    "never-moves": arm_messages("--parent", "base_link"),
+    "pose-told-twice": messages(
+        lambda log: log.imu().tf("map", "hand").tf("odom", "hand"), "--parent", "hand"
+    ),
+    "frames-mixed": frames_mixed,
+}
+
+
+def edited(path: Path, pattern: str, new: str) -> Path:
+    """A result with something changed by hand."""
+    text, count = re.subn(pattern, new, path.read_text(), count=1)
+    assert count == 1
+    path.write_text(text)
+    return path
+
+
+def applied(content: str) -> Provocation:
+    """`imucalib apply` of a file that is no result."""
+
+    def provocation(scene: Scene) -> Seen:
+        scene.path("result.yaml").write_text(content)
+        return scene.cli("apply", scene.path("result.yaml"), "--urdf", scene.urdf())
+
+    return provocation
+
+
+def verified(*arguments: object, edit: Edit = lambda text: text, **options: str) -> Provocation:
+    """`imucalib verify` on the arm."""
+    return lambda scene: scene.cli(
+        "verify", scene.log(noisy(), **options), "--urdf", scene.urdf(edit), *arguments
+    )
+
+
+def verify_no_urdf(scene: Scene) -> Seen:
+    log = scene.log(noisy(BODY), imu_frame="imu")
+    return scene.cli("verify", log, "--parent", "bar_link", "--gravity", "none")
+
+
+def compared(*edits: tuple[str, str], seed: int = 4) -> Provocation:
+    """`imucalib diff` of two results, the second one edited."""
+
+    def provocation(scene: Scene) -> Seen:
+        a, b = scene.result("a.yaml"), scene.result("b.yaml", seed=seed)
+        for pattern, new in edits:
+            edited(b, pattern, new)
+        return scene.cli("diff", a, b)
+
+    return provocation
+
+
+def diff_unpaired(scene: Scene) -> Seen:
+    a, b = scene.result("a.yaml"), scene.result("b.yaml", seed=4)
+    first = a.read_text()
+    second = edited(edited(a, "child: imu_link", "child: other"), "imu: /imu/data", "imu: /other")
+    a.write_text(first + "---\n" + second.read_text())
+    return scene.cli("diff", a, b)
+
+
+def apply_two_results(scene: Scene) -> Seen:
+    both = "---\n".join(scene.result(f"{seed}.yaml", seed=seed).read_text() for seed in (3, 4))
+    return applied(both)(scene)
+
+
+def apply_no_joint(scene: Scene) -> Seen:
+    result = edited(scene.result(), "child: imu_link", "child: imu")
+    return scene.cli("apply", result, "--urdf", scene.urdf())
+
+
+def written(name: str) -> Provocation:
+    """`imucalib run -o` to that name in the folder."""
+    return lambda scene: scene.run(scene.log(noisy()), "-o", scene.path(name))
+
+
+def output_full(scene: Scene) -> Seen:
+    log = scene.log(noisy())
+    scene.urdf()
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    before = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100, limits[1]))
+    try:
+        return scene.run(log, "-o", scene.path("result.yaml"))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+        signal.signal(signal.SIGXFSZ, before)
+
+
+def output_twice(scene: Scene) -> Seen:
+    log = scene.path("same.mcap")
+    return scene.cli("simulate", "barbot", "-o", log, "--urdf", log)
+
+
+def output_is_log(scene: Scene) -> Seen:
+    scene.path("other.mcap").write_bytes(scene.log(noisy()).read_bytes())
+    return scene.run(scene.path("log.mcap"), "-o", scene.path("other.mcap"))
+
+
+def output_is_urdf(scene: Scene) -> Seen:
+    scene.path("other.urdf").write_bytes(scene.urdf().read_bytes())
+    return written("other.urdf")(scene)
+
+
+def output_numbered(scene: Scene) -> Seen:
+    scene.path("results").mkdir()
+    scene.path("results/log.imu_link.yaml").write_text("something else")
+    return written("results")(scene)
+
+
+def output_protected(scene: Scene) -> Seen:
+    scene.path("result.yaml").touch(mode=0o444)
+    return written("result.yaml")(scene)
+
+
+RESULTS: dict[str, Provocation] = {
+    "yaml-alias": applied("a: &a [*a]\n"),
+    "yaml-deep": applied("a: " + "[" * 100),
+    "yaml-twice": applied("schema: 1\nschema: 1\n"),
+    "verify-no": verified("--within", "1mm,0.1deg"),
+    "verify-between": verified("--within", "4.38mm,5deg"),
+    "verify-untrusted": verified(
+        edit=joint("elbow_joint", 'axis xyz="0 0 1"', 'axis xyz="0 0 -1"')
+    ),
+    "verify-no-pose": verified("--parent", "wrist_3_link", imu_frame="imu"),
+    "verify-no-urdf": verify_no_urdf,
+    "diff-moved": compared((r"translation: \[-0\.02\d+", "translation: [-0.0245")),
+    "diff-same-log": compared(seed=3),
+    "diff-unpaired": diff_unpaired,
+    "diff-parents": compared(("parent: wrist_3_link", "parent: flange")),
+    "covariance-edited": compared((r"(covariance:[^,]*,) [^,]*", r"\1 1.0")),
+    "not-a-result": applied("arm: rihibot\n"),
+    "apply-two-results": apply_two_results,
+    "apply-no-joint": apply_no_joint,
+    "untrusted-format": on_arm(noisy, "--format", "urdf", "--require", "0.001mm"),
+    "output-is-input": written("log.mcap"),
+    "output-folder": written("missing/result.yaml"),
+    "output-full": output_full,
+    "output-twice": output_twice,
+    "output-is-log": output_is_log,
+    "output-is-urdf": output_is_urdf,
+    "output-empty": on_arm(noisy, "-o", ""),
+    "output-numbered": output_numbered,
+    "output-older": lambda scene: scene.run(scene.path("missing.mcap"), "-o", scene.result()),
+    "output-protected": output_protected,
+}
+
+
+def study(scene: Scene, name: str = "noise") -> Seen:
+    return scene.cli("study", name, "--quick", "-o", scene.path("study"))
+
+
+def study_needs(scene: Scene) -> Seen:
+    with patch.dict(sys.modules, {"cv2": None}):
+        return study(scene, "methods")
+
+
+def rows_of_study(content: str, *, locked: bool = False) -> Provocation:
+    """A study whose file holds that already."""
+
+    def provocation(scene: Scene) -> Seen:
+        scene.path("study").mkdir()
+        with scene.path("study/noise-quick.jsonl").open("w") as file:
+            file.write(content)
+            file.flush()
+            if locked:
+                fcntl.flock(file, fcntl.LOCK_EX)
+            return study(scene)
+
+    return provocation
+
+
+def compared_with_kalibr(content: str) -> Provocation:
+    """`imucalib compare` with that file of Kalibr's."""
+
+    def provocation(scene: Scene) -> Seen:
+        scene.path("kalibr.yaml").write_text(content)
+        options = ["--kalibr", scene.path("kalibr.yaml"), "--camera-link", "camera_link"]
+        return scene.cli("compare", scene.result(), "--urdf", scene.urdf(), *options)
+
+    return provocation
+
+
+UPRIGHT = [[float(row == column) for column in range(4)] for row in range(4)]
+STUDIES: dict[str, Provocation] = {
+    "study-needs": study_needs,
+    "study-rows": rows_of_study("some notes\n"),
+    "study-other": rows_of_study('{"study": "noise", "imucalib": "0.0.1", "config": {}}\n'),
+    "study-twice": rows_of_study("", locked=True),
+    "compare-far": compared_with_kalibr(yaml.safe_dump({"cam0": {"T_cam_imu": UPRIGHT}})),
+    "compare-not-kalibr": compared_with_kalibr("cam0: {rostopic: /cam0/image_raw}\n"),
+}
