@@ -130,7 +130,7 @@ def judge(system: str, fault: Fault, noise: str, seed: int) -> Verdict:
             sentence=str(error),
         )
     asked = needs_diagnosis(estimate)
-    findings = diagnose(told.case(estimate, options))
+    findings = diagnose(told.poor_fit(estimate, options))
     estimate = explained(estimate, findings)
     error, covariance = error_of(estimate, noisy), np.asarray(estimate.covariance)
     shift, turn = (np.sqrt(np.trace(covariance[part, part])) for part in (slice(3), slice(3, 6)))

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
     from imucalib_cli.arrays import Floats
-    from imucalib_cli.diagnose.hypotheses import Case
+    from imucalib_cli.diagnose.hypotheses import PoorFit
     from imucalib_cli.estimate.options import MatchedOptions
     from imucalib_cli.estimate.solution.fit import Fit
     from imucalib_cli.robot.path import KinematicPath
@@ -204,23 +204,23 @@ def trimmed_rms(values: Floats) -> float:
     return float(np.sqrt(np.mean(squares[: max(int(len(squares) * (1 - _TRIMMED)), 1)])))
 
 
-def given_trial(case: Case, *, reversed_accel: bool) -> tuple[Fitter, Trial]:
+def given_trial(poor: PoorFit, *, reversed_accel: bool) -> tuple[Fitter, Trial]:
     """Fit what was given to the liveliest stretch of the log.
 
     Args:
-        case: The fit that is to be explained.
+        poor: The fit that is to be explained.
         reversed_accel: Whether it took the accelerometer's readings with the other sign.
 
     Raises:
         InputError: Too few usable samples or windows.
     """
     # A pose known in one link is no guide in another, and what holds it would be blamed elsewhere.
-    options = replace(case.options, pose=None, robot="nominal", either_sign=False)
-    clean = clean_imu(_liveliest(case.samples))
+    options = replace(poor.options, pose=None, robot="nominal", either_sign=False)
+    clean = clean_imu(_liveliest(poor.samples))
     if reversed_accel:
         clean = clean.reversed()
-    attempt = best_attempt(clean, Trajectory.of(case.path), options)
-    given = trial_of(Hypothesis(kind="offset", path=case.path), attempt.lean)
+    attempt = best_attempt(clean, Trajectory.of(poor.path), options)
+    given = trial_of(Hypothesis(kind="offset", path=poor.path), attempt.lean)
     # A time offset that is given may be what is wrong.
     return Fitter(replace(options, time_offset=None), attempt.lean.model.windowing), given
 
@@ -246,24 +246,24 @@ def _liveliest(samples: ImuSamples) -> ImuSamples:
     return ImuSamples(t=samples.t[kept], gyro=samples.gyro[kept], accel=samples.accel[kept])
 
 
-def explaining(fitter: Fitter, case: Case, given: Trial) -> list[Trial]:
+def explaining(fitter: Fitter, poor: PoorFit, given: Trial) -> list[Trial]:
     """Alternatives that explain decisively: the best, and those that the log cannot tell from it.
 
     What leaves little is no gross fault: then only a zero is a little off.
     """
     if given.good:
-        return _best(given, _slight(fitter, case, given))
-    single = (*_tried(fitter, single_faults(case), given), *_slight(fitter, case, given))
-    return _best(given, single) or _best(given, _tried(fitter, double_faults(case), given))
+        return _best(given, _slight(fitter, poor, given))
+    single = (*_tried(fitter, single_faults(poor), given), *_slight(fitter, poor, given))
+    return _best(given, single) or _best(given, _tried(fitter, double_faults(poor), given))
 
 
-def _slight(fitter: Fitter, case: Case, given: Trial) -> Iterator[Trial]:
+def _slight(fitter: Fitter, poor: PoorFit, given: Trial) -> Iterator[Trial]:
     """What cannot be listed beforehand, but is found by a fit."""
-    offset, _ = fitter.coarse(case.path)
-    found, centres = [_small_zero(fitter, case, offset)], fitter.windowing.centres(offset)
+    offset, _ = fitter.coarse(poor.path)
+    found, centres = [_small_zero(fitter, poor, offset)], fitter.windowing.centres(offset)
     if len(centres) >= MIN_WINDOWS:
         rows = fitter.windowing.rows(offset, centres[:: max(len(centres) // _ENOUGH, 1)])
-        found.append(reoriented(rows, case.path, given.lean.state.gravity))
+        found.append(reoriented(rows, poor.path, given.lean.state.gravity))
     for hypothesis in found:
         if hypothesis is not None:
             trial = fitter.trial(hypothesis, fitter.coarse(hypothesis.path)[0])
@@ -341,13 +341,13 @@ def _searched(given: Trial, offset: float) -> bool:
     return abs(offset) <= asked.max_offset or abs(offset - given.offset) < _STRETCH / 100.0
 
 
-def _small_zero(fitter: Fitter, case: Case, offset: float) -> Hypothesis | None:
+def _small_zero(fitter: Fitter, poor: PoorFit, offset: float) -> Hypothesis | None:
     """The joint whose zero is farthest off if all are free: what is smaller than gross."""
     try:
         lean = lean_fit(fitter.windowing, fitter.options, offset, table=(*LEAN, _zero(None)))
     except InputError:
         return None
-    joints = {name: joint for joint, name in edits.turning_joints(case.path).items()}
+    joints = {name: joint for joint, name in edits.turning_joints(poor.path).items()}
     found = {
         placed.labels[0]: float(lean.state.x[placed.part][0])
         for placed in lean.model.layout.placed
@@ -356,7 +356,7 @@ def _small_zero(fitter: Fitter, case: Case, offset: float) -> Hypothesis | None:
     name = max(found, key=lambda name: abs(found[name]), default=None)
     if name is None or name not in joints:
         return None
-    turned = edits.with_zero(case.path, joints[name], found[name])
+    turned = edits.with_zero(poor.path, joints[name], found[name])
     return Hypothesis(
         kind="zero", names=(name,), sizes=(found[name],), path=turned, joint=joints[name]
     )

@@ -15,7 +15,7 @@ from imucalib_cli.findings import Finding, Severity, untrusted
 
 if TYPE_CHECKING:
     from imucalib_cli.diagnose.alternatives import Trial
-    from imucalib_cli.diagnose.hypotheses import Case
+    from imucalib_cli.diagnose.hypotheses import PoorFit
     from imucalib_cli.estimate.estimate import Estimate
 
 GENERIC: Final = frozenset(
@@ -61,31 +61,31 @@ def needs_diagnosis(estimate: Estimate) -> bool:
     )
 
 
-def diagnose(case: Case) -> tuple[Finding, ...]:
+def diagnose(poor: PoorFit) -> tuple[Finding, ...]:
     """Try what may be wrong with robot and log; name what explains decisively.
 
     Args:
-        case: The fit and what else could be true.
+        poor: The fit and what else could be true.
 
     Returns:
         Findings, the first the most likely; empty where nothing tried explains, and where the fit
         is good.
     """
     # Their jumps look like a noisy encoder to the fit, which may be content with it.
-    rivals = find_rival_publishers(case.path)
+    rivals = find_rival_publishers(poor.path)
     if rivals is not None:
         return (rivals,)
-    if not needs_diagnosis(case.estimate):
+    if not needs_diagnosis(poor.estimate):
         return ()
-    reversed_accel = any(each.code == "imu.accel_reversed" for each in case.estimate.findings)
+    reversed_accel = any(each.code == "imu.accel_reversed" for each in poor.estimate.findings)
     found: tuple[Finding, ...] = ()
     # The fit may have reversed the accelerometer for another fault's sake.
     for sign in (False, True) if reversed_accel else (False,):
         try:
-            fitter, given = given_trial(case, reversed_accel=sign)
+            fitter, given = given_trial(poor, reversed_accel=sign)
         except InputError:
             return found
-        ties = explaining(fitter, case, given)
+        ties = explaining(fitter, poor, given)
         if ties:
             return (_cause(ties, given),)
         if not found:

@@ -34,8 +34,8 @@ _LONGEST_ORIGIN: Final = 10.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Case:
-    """A fit that may be poor, and what else the log and the URDF would allow."""
+class PoorFit:
+    """A fit that is poor, and what else the log and the URDF would allow."""
 
     samples: ImuSamples
     path: KinematicPath
@@ -67,11 +67,11 @@ class Hypothesis:
     """(3, 3), likewise of the gyroscope."""
 
 
-def single_faults(case: Case) -> Iterator[Hypothesis]:
+def single_faults(poor: PoorFit) -> Iterator[Hypothesis]:
     """Everything that one mistake may have made of the path."""
-    path = case.path
+    path = poor.path
     yield Hypothesis(kind="offset", path=path)
-    yield from _links(case)
+    yield from _links(poor)
     yield from _signs(path, 1)
     yield from _orders(path)
     yield from _units(path)
@@ -79,25 +79,25 @@ def single_faults(case: Case) -> Iterator[Hypothesis]:
     yield from _zeros(path)
 
 
-def double_faults(case: Case) -> Iterator[Hypothesis]:
+def double_faults(poor: PoorFit) -> Iterator[Hypothesis]:
     """Two or three joints turned over at once."""
     for count, most in ((2, _MOST_PAIRED), (3, _MOST_TRIPLED)):
-        if len(edits.joints_of(case.path)) <= most:
-            yield from _signs(case.path, count)
+        if len(edits.joints_of(poor.path)) <= most:
+            yield from _signs(poor.path, count)
 
 
-def _links(case: Case) -> Iterator[Hypothesis]:
+def _links(poor: PoorFit) -> Iterator[Hypothesis]:
     """Links that move otherwise, one of those that are rigidly joined."""
-    seen = {edits.driven_key(case.path)}
-    for frame in case.frames if case.path_to is not None else ():
+    seen = {edits.driven_key(poor.path)}
+    for frame in poor.frames if poor.path_to is not None else ():
         try:
-            path = case.path_to(frame)  # type: ignore[misc]
+            path = poor.path_to(frame)  # type: ignore[misc]
         except ImucalibError:
             continue
         key = edits.driven_key(path)
         if key and key not in seen:
             seen.add(key)
-            yield Hypothesis(kind="link", names=(frame,), detail=(case.path.parent,), path=path)
+            yield Hypothesis(kind="link", names=(frame,), detail=(poor.path.parent,), path=path)
 
 
 def _signs(path: KinematicPath, count: int) -> Iterator[Hypothesis]:

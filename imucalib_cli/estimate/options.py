@@ -88,7 +88,7 @@ class MatchedOptions:
 
         0 holds a component at its nominal value.
         """
-        told = self._told_stds()
+        told = self._stated_stds()
         if unknown.group in self._held_groups():
             return np.zeros(1)
         if unknown.name in told:
@@ -112,7 +112,7 @@ class MatchedOptions:
         }
         return {group for group, is_held in held.items() if is_held}
 
-    def _told_stds(self) -> dict[str, float | Floats]:
+    def _stated_stds(self) -> dict[str, float | Floats]:
         """Standard deviations that the user or a data sheet tells, by entry or by learnt scale."""
         told: dict[str, float | Floats] = {
             "accel_bias": self.accel_bias_std,
@@ -129,7 +129,7 @@ class MatchedOptions:
             told |= {"joint_zero": self.robot[0], "length": self.robot[1]}
         return told
 
-    def told_std(self, name: str) -> float:
+    def stated_std(self, name: str) -> float:
         """Prior of a bias that the user states; who states one does not wonder at it."""
         std = {"accel_bias": self.accel_bias_std, "gyro_bias": self.gyro_bias_std}.get(name, 0.0)
         return std if math.isfinite(std) else 0.0

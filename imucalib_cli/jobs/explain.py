@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from imucalib_cli.diagnose.diagnose import diagnose, explained, needs_diagnosis
-from imucalib_cli.diagnose.hypotheses import Case
+from imucalib_cli.diagnose.hypotheses import PoorFit
 from imucalib_cli.diagnose.nominal import inverted_nominal
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.findings import Severity
@@ -41,7 +41,7 @@ def explain(
     if not isinstance(options, MatchedOptions):
         return explained(estimate, mended.contradicted)
     frames, path_to = other_frames(recording.sources, recording.robot, request)
-    case = Case(
+    poor = PoorFit(
         samples=mended.samples,
         path=mended.path,
         options=options,
@@ -50,7 +50,7 @@ def explain(
         path_to=lambda frame: _stamped_as(path_to(frame), mended.path),
     )
     # A unit stated wrongly explains all that follows; what else fits it better is chance.
-    causes = mended.contradicted or diagnose(case)
+    causes = mended.contradicted or diagnose(poor)
     if needs_diagnosis(estimate) and not causes:
         # what was seen of the sensor before the fit
         causes = tuple(replace(each, severity=Severity.UNTRUSTED) for each in mended.suspects)

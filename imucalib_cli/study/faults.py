@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from imucalib_cli.diagnose.hypotheses import Case
+from imucalib_cli.diagnose.hypotheses import PoorFit
 from imucalib_cli.errors import InputError
 from imucalib_cli.robot.build import joint_path
 from imucalib_cli.robot.rotations import matrix_from_quaternion, matrix_from_rotvec
@@ -51,10 +51,10 @@ class Told:
     path: KinematicPath
     robot: Robot | None
 
-    def case(self, estimate: Estimate, options: MatchedOptions) -> Case:
+    def poor_fit(self, estimate: Estimate, options: MatchedOptions) -> PoorFit:
         """The question why an estimate is poor."""
         robot, tracks = self.robot, self.path.tracks
-        return Case(
+        return PoorFit(
             samples=self.imu,
             path=self.path,
             options=options,

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from imucalib_cli.diagnose.diagnose import diagnose, explained
-from imucalib_cli.diagnose.hypotheses import Case
+from imucalib_cli.diagnose.hypotheses import PoorFit
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions
 from tests.estimate.estimate_arm import INDUSTRIAL, MEMS, Log, Moves, arm_path, random_mount
@@ -76,7 +76,7 @@ def explained_of(log: Log) -> Estimate:
     """The estimate with what is found out about its cause."""
     options = MatchedOptions(either_sign=False)
     estimate = calibrate_matched(log.imu, log.path, options)
-    case = Case(samples=log.imu, path=log.path, options=options, estimate=estimate)
+    case = PoorFit(samples=log.imu, path=log.path, options=options, estimate=estimate)
     return explained(estimate, diagnose(case))
 
 

@@ -45,7 +45,7 @@ def judged(system: str, fault: Fault) -> tuple[Estimate, Estimate, tuple[Finding
     told = told_wrongly(noisy, fault)
     options = MatchedOptions(gravity="none" if system == BODY else "tilt")
     plain = calibrate_matched(told.imu, told.path, options)
-    found = diagnose(told.case(plain, options))
+    found = diagnose(told.poor_fit(plain, options))
     return plain, explained(plain, found), found, error_of(plain, noisy)
 
 
@@ -150,7 +150,7 @@ def test_a_time_offset_given_wrongly_is_contradicted(late: float) -> None:
     told = told_wrongly(noisy, flawed("none"))
     options = MatchedOptions(time_offset=0.0)
     plain = calibrate_matched(told.imu, told.path, options)
-    judged_by = explained(plain, diagnose(told.case(plain, options)))
+    judged_by = explained(plain, diagnose(told.poor_fit(plain, options)))
     assert not judged_by.trusted
     found = judged_by.findings[0]
     if found.code == "prior.contradicted":
@@ -232,7 +232,7 @@ def test_no_motion_is_advised_where_an_unknown_cause_spoils_the_fit() -> None:
     told = told_wrongly(replace(noisy, imu=replace(imu, accel=accel)), flawed("none"))
     plain = calibrate_matched(told.imu, told.path, MatchedOptions())
     assert plain.unobservable
-    assert not diagnose(told.case(plain, MatchedOptions()))
+    assert not diagnose(told.poor_fit(plain, MatchedOptions()))
     estimate = explained(plain, ())
     assert estimate.distrust == plain.distrust
     for direction in estimate.unobservable:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from imucalib_cli.diagnose.diagnose import diagnose
-from imucalib_cli.diagnose.hypotheses import Case
+from imucalib_cli.diagnose.hypotheses import PoorFit
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.jobs.calibrate import calibrate
@@ -85,7 +85,7 @@ def test_frames_of_tf_are_tried_as_links_are(told: str) -> None:
     motion = find_motion(sources, None, "imu_link", request)
     estimate = calibrate_matched(imu, motion.path, options)
     frames, path_to = other_frames(sources, None, request)
-    case = Case(
+    case = PoorFit(
         samples=imu,
         path=motion.path,
         options=options,

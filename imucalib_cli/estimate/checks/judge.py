@@ -347,7 +347,7 @@ def _errors(evidence: Evidence) -> Iterator[Finding]:
         what = {"name": unknown.name, "words": unknown.words, "unit": each.unit}
         if unknown.group == "bias":
             size = float(np.linalg.norm(value))
-            if size > max(limit, _WITHIN * evidence.fit.options.told_std(unknown.name)):
+            if size > max(limit, _WITHIN * evidence.fit.options.stated_std(unknown.name)):
                 yield warning("bias.unusual", name=unknown.name, size=size)
         elif (surely > limit).any():
             worst = int(np.argmax(surely))

@@ -103,8 +103,8 @@ class Segments:
         folds = np.array_split(np.arange(len(self._A)), _FOLDS)
         A, b = (np.array([each[fold].sum(axis=0) for fold in folds]) for each in (self._A, self._b))
         each = (inverse_of(self._total - A) @ b[:, :, None])[:, pose, 0]
-        spread = each - each.mean(axis=0)
-        fold_std = np.sqrt((_FOLDS - 1) / _FOLDS * (spread**2).sum(axis=0))
+        scatter = each - each.mean(axis=0)
+        fold_std = np.sqrt((_FOLDS - 1) / _FOLDS * (scatter**2).sum(axis=0))
         half = len(self._A) // 2
         solutions, covariances = [], []
         for part in (slice(0, half), slice(half, None)):

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from imucalib_cli.estimate.model.windows import odd_length, plan_windows, spread
+from imucalib_cli.estimate.model.windows import odd_length, plan_windows, thinned
 from imucalib_cli.estimate.solution.fit import part_statistics
 from imucalib_cli.estimate.solution.spectrum import PARTS, embedded, squared_distance
 from imucalib_cli.estimate.window_choice import MAX_ATTENUATION, attenuation
@@ -84,7 +84,7 @@ def window_dependence(fit: Fit) -> list[Dependence]:
             continue
         plan = plan_windows(length, own.degree, windowing.grid.dt, hop=own.hop)
         model = replace(fit.model, windowing=replace(windowing, plan=plan))
-        fitting = spread(np.intersect1d(centres, model.centres(fit.linearised)), _MOST)
+        fitting = thinned(np.intersect1d(centres, model.centres(fit.linearised)), _MOST)
         if _lengths(fitting, plan) >= _FEWEST_PARTS:
             others.append((model, fitting))
     if not others:

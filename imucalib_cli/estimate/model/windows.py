@@ -196,7 +196,7 @@ class Windowing:
         return WindowRows(centres, accel, gyro)
 
 
-def spread(centres: Indices, most: int) -> Indices:
+def thinned(centres: Indices, most: int) -> Indices:
     """Windows in stretches evenly over the log, about so many in all; all where there are fewer."""
     if len(centres) <= most:
         return centres

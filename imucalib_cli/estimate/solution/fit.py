@@ -15,7 +15,7 @@ from imucalib_cli.estimate.model.jacobian import columns, plan_nodes
 from imucalib_cli.estimate.model.layout import Layout, Placed, lay_out, places_of
 from imucalib_cli.estimate.model.state import State, tilt_from_down, turned_about
 from imucalib_cli.estimate.model.unknowns import LEAN, SENSORS, Gravity, Reading, Unknown
-from imucalib_cli.estimate.model.windows import spread
+from imucalib_cli.estimate.model.windows import thinned
 from imucalib_cli.estimate.solution.robust import SCALE_FLOOR, residual_scales, window_weights
 from imucalib_cli.estimate.solution.scales import Problem, integrate, most_likely
 from imucalib_cli.estimate.solution.solve import (
@@ -216,7 +216,7 @@ def _globally(
 ) -> tuple[State, float]:
     centres = windowing.centres(time_offset)
     _see_enough(windowing, centres, time_offset)
-    rows = windowing.rows(time_offset, spread(centres, _FEW))
+    rows = windowing.rows(time_offset, thinned(centres, _FEW))
     known, scales = Known.of(options), _FIRST_SCALES
     normal = _normal(windowing, rows, np.ones(len(rows.centres)), scales)
     found = solve_globally(normal, known)
@@ -316,7 +316,7 @@ def _fitted(model: Model, options: MatchedOptions, state: State, rise: float, mo
     clock = layout.part("time_offset")
     for turn in range(_PASSES):
         every = _enough(model, state)
-        centres = spread(every, _FEW * more**turn)
+        centres = thinned(every, _FEW * more**turn)
         (residuals,) = model.residuals(state, centres)
         scales = _floored(residual_scales(residuals.values))
         # While a first solution may still be far off, no window is left out.

@@ -265,23 +265,23 @@ def _even(
     if stretches:
         rates, starts = zip(*((each.rate, each.start) for each in stretches), strict=True)
         return t, [warning("stamps.rate_changes", stream=name, rates=rates, starts=starts)]
-    spread = time_bursts(t[rows], *(each[rows] for each in values))
-    if spread is None:
+    timed = time_bursts(t[rows], *(each[rows] for each in values))
+    if timed is None:
         return t, []
     share = bunched_share(t[rows])
     even = t.copy()
     if name in as_recorded:
         even[rows] = gathered(t[rows])
         return even, [warning("stamps.surplus", stream=name, share=share)]
-    even[rows] = spread.t
+    even[rows] = timed.t
     return even, [
         warning(
             "stamps.bunched",
             stream=name,
             share=share,
-            period=spread.period,
-            batch=spread.batch,
-            lost=spread.lost,
+            period=timed.period,
+            batch=timed.batch,
+            lost=timed.lost,
         )
     ]
 
