@@ -102,7 +102,7 @@ def bunched_share(t: Floats) -> float:
     if len(t) < _LEAST:
         return 0.0
     steps = np.diff(t)
-    return float(np.mean(steps < SHORT * usual_interval(t)))
+    return float(np.mean(steps < SHORT * usual_interval(t, robust=True)))
 
 
 def gathered(t: Floats) -> Floats:
@@ -111,7 +111,7 @@ def gathered(t: Floats) -> Floats:
     Args:
         t: (N,), s, finite, in the order of the messages.
     """
-    short = np.diff(t, prepend=-np.inf) < SHORT * usual_interval(t)
+    short = np.diff(t, prepend=-np.inf) < SHORT * usual_interval(t, robust=True)
     first = np.maximum.accumulate(np.where(short, 0, np.arange(len(t))))
     return np.asarray(t[first])
 
@@ -132,7 +132,7 @@ def time_bursts(t: Floats, *values: Floats) -> BurstTiming | None:
     if rate_stretches(t):
         return None
     t = np.maximum.accumulate(t)
-    period = usual_interval(t)
+    period = usual_interval(t, robust=True)
     if not _evenly_sampled(t, np.hstack(values), period):
         return None
     single = _Units(t, np.arange(len(t)), 1)

@@ -137,18 +137,19 @@ def outside_gaps(at: Floats, t: Floats, breaks: Indices, slack: float = 0.0) -> 
     return np.asarray((last < 0) | (at >= ends[last]))
 
 
-def usual_interval(t: Floats) -> float:
-    """Mean interval of a stream, s, holes aside and whether or not its messages come in bursts.
+def usual_interval(t: Floats, *, robust: bool = False) -> float:
+    """Interval of a stream, s, holes aside and whether or not its messages come in bursts.
 
     Args:
         t: (N,), s, N at least 2, in the order of the messages.
+        robust: The median, which missing messages do not change; else the mean, which batches that
+            share a stamp do not change.
     """
     span = min(_SPAN, len(t) - 1)
     took = t[span:] - t[:-span]
-    near = np.abs(took) <= 1.5 * max(float(np.median(took)), _LEAST_INTERVAL)
-    return (
-        max(float(np.mean(took[near])) / span, _LEAST_INTERVAL) if near.any() else _LEAST_INTERVAL
-    )
+    median = float(np.median(took))
+    near = took[np.abs(took) <= 1.5 * max(median, _LEAST_INTERVAL)]
+    return max((median if robust or not len(near) else float(near.mean())) / span, _LEAST_INTERVAL)
 
 
 def sample_interval(t: Floats) -> float:
