@@ -56,6 +56,7 @@ def test_readme_has_the_commands_it_promises() -> None:
     assert README.count("python3 -m venv") == 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", _commands())
 def test_readme_command_runs(command: str, tmp_path: Path) -> None:
     for place in ("calibrated.urdf", "mine.mcap", "mine.urdf", "results/"):

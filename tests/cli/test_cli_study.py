@@ -49,6 +49,7 @@ def test_every_study_is_listed_and_has_parameters(capsys: pytest.CaptureFixture[
         assert 0 < len(quick.cells()) < len(whole.cells())
 
 
+@pytest.mark.slow
 def test_tables_figures_and_rows(
     small: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -153,6 +154,7 @@ def test_rows_that_are_there_need_nothing_and_no_figures_are_no_error(
     assert "warning" not in again.err
 
 
+@pytest.mark.slow
 def test_figures_of_a_quick_run_have_their_own_names(
     derivation: tuple[str, ...], tmp_path: Path
 ) -> None:

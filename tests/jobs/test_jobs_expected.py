@@ -99,6 +99,7 @@ def test_five_times_the_noise_is_told_and_changes_nothing(tmp_path: Path) -> Non
     assert untold.diagnostics.imu_model is None
 
 
+@pytest.mark.slow
 def test_too_little_noise_is_told_with_its_likely_cause(tmp_path: Path) -> None:
     quiet = replace(load_imu("bmi088"), accel_noise=1e-4, gyro_noise=1e-5)
     accel, gyro = of_model(result(written(tmp_path, quiet), "bmi270"))

@@ -35,6 +35,7 @@ def test_the_wrong_parent_is_answered_with_the_right_command() -> None:
     assert "--parent wrist_3_link" in first
 
 
+@pytest.mark.slow
 def test_a_reversed_axis_and_an_inverted_mount_in_the_urdf(tmp_path: Path) -> None:
     text = URDF.read_text()
     joint = text.index('<joint name="elbow_joint"')
@@ -62,6 +63,7 @@ def test_a_reversed_axis_and_an_inverted_mount_in_the_urdf(tmp_path: Path) -> No
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("told", ["tool", "bar_link"])
 def test_frames_of_tf_are_tried_as_links_are(told: str) -> None:
     physics = PhysicsOptions(duration=45.0, imu_rate=125, robot_rate=125)

@@ -235,6 +235,7 @@ def test_forbidden_file_is_named(tmp_path: Path) -> None:
         open_log([path])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("storage", ["bag-none", "bag-lz4", "mcap-none", "mcap-zstd", "db3"])
 @settings(
     max_examples=60,

@@ -93,6 +93,7 @@ def _covariance(rng: np.random.Generator, smallest: float) -> NDArray[np.float64
     return np.asarray(axes * sizes**2 @ axes.T)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("tolerance", "ceiling"), [(30.0, 0.035), (5.0, 0.05), (1.0, 0.09), (0.01, 0.06)]
 )
@@ -133,6 +134,7 @@ def test_what_is_plainly_right_or_wrong_is_called_so() -> None:
         assert answers.count(verdict) == 150
 
 
+@pytest.mark.slow
 def test_mounts_that_did_not_move_alarm_once_in_a_hundred() -> None:
     rng = np.random.default_rng(13)
     root = rng.normal(scale=[[1e-3]] * 3 + [[1e-4]] * 3, size=(6, 6))

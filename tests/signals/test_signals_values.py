@@ -53,6 +53,7 @@ def test_single_values_of_no_imu_are_left_to_the_estimator() -> None:
     refuse_impossible(_imu(gyro=2e3, accel=1e8, share=0.001))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("spike", [1e7, 1e160, 1e300])
 def test_impossible_spikes_end_in_a_result_or_a_sentence(
     spike: float, log_writer: LogWriter, arm_urdf: Path

@@ -65,6 +65,7 @@ def test_a_held_out_move_is_in_no_stream() -> None:
     assert len(left.corruption.accel_bias) == len(left.imu.t)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("noise", "fold", "translation", "rotation_deg"),
     [

@@ -193,6 +193,7 @@ def test_robust_values_are_those_scipy_minimises(spiked: PoseCost) -> None:
         assert 2.0 * found.cost == pytest.approx(value_of(scaled, pose, kind))
 
 
+@pytest.mark.slow
 def test_a_tiny_study_tells_errors_and_finds(tmp_path: Path) -> None:
     loaded = load_study("optimiser", quick=True)
     assert isinstance(loaded, OptimiserStudy)
@@ -245,6 +246,7 @@ def test_cells_are_every_guess_under_every_condition() -> None:
         assert quick or study.seeds >= 5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cost", ["published", "matched"])
 def test_true_derivatives_lead_to_the_same_pose_in_fewer_evaluations(cost: str) -> None:
     loaded = load_study("optimiser", quick=True)

@@ -69,6 +69,7 @@ def test_every_value_meets_every_condition_and_seed(name: str) -> None:
         assert quick or loaded.seeds >= 5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", VALUES)
 def test_a_tiny_run_gives_finite_errors_tables_and_a_figure(name: str, tmp_path: Path) -> None:
     small = tiny(name)

@@ -36,6 +36,7 @@ def test_noise_runs_every_pair_on_every_fold_with_every_seed() -> None:
     assert {0.0002, 0.00196133} <= {c["accel"] for c in cells}
 
 
+@pytest.mark.slow
 def test_one_run_by_every_method_against_the_engine() -> None:
     (cell,) = (
         c
