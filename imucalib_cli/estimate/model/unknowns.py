@@ -3,7 +3,7 @@
 Each entry has a prior that physics or data sheets give. No entry is switched on or off by a test of
 its own: it is always there, and its prior decides how far it may go. Entries that share a ``scale``
 share one standard deviation that no data sheet tells (how good this robot and this sensor are); it
-is learnt from the log (scales.py).
+is learnt from the log (solution/scales.py).
 
 To add an unknown, add one entry to TABLE. What an entry does is one of a few kinds:
 
