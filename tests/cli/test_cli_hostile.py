@@ -57,6 +57,7 @@ def test_no_name_of_a_log_commands_the_terminal(
     assert all(line.isprintable() for line in (out + err).split("\n"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fmt", ["yaml", "json"])
 def test_on_a_terminal_documents_do_not_either(
     fmt: str,

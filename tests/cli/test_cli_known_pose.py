@@ -138,6 +138,7 @@ def test_the_sensor_model_reaches_the_estimator(
         assert asked.options.pose is None
 
 
+@pytest.mark.slow
 def test_a_result_says_what_was_held(
     arm_log: Path, arm_urdf: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

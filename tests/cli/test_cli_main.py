@@ -196,6 +196,7 @@ def test_closed_streams_that_are_not_needed_do_no_harm(
     assert "standard input is closed" in done.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("redirection", ["2>/dev/full", "2>&-"])
 @pytest.mark.parametrize(
     ("arguments", "code"),
@@ -248,6 +249,7 @@ def test_an_interruption_at_any_moment_is_quiet(number: int) -> None:
     assert codes[:3] == [130] * 3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupted_simulation_leaves_nothing(number: int, tmp_path: Path) -> None:
     command = ["simulate", "barbot", "--duration", "60", "-o", "log.bag", "--compression", "bz2"]

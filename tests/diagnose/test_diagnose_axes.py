@@ -97,6 +97,7 @@ def test_a_proper_turn_of_both_is_only_another_mount() -> None:
     np.testing.assert_allclose(estimate.R_parent_imu @ QUARTER @ TURNED, log.mount.R, atol=1e-3)
 
 
+@pytest.mark.slow
 def test_other_faults_are_not_blamed_on_the_axes() -> None:
     """Joints that turn the other way are no fault of the sensor."""
     log = log_of(3).noisy(3)
@@ -110,6 +111,7 @@ def test_other_faults_are_not_blamed_on_the_axes() -> None:
     assert "share their axes" not in told
 
 
+@pytest.mark.slow
 def test_motion_about_one_axis_says_too_little_to_tell() -> None:
     one = Moves(seed=1, seconds=14.0, amplitude=(0, 0, 0, 0, 0, 1.5))
     log = flawed_log(moves=one).noisy(1)

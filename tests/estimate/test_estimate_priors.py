@@ -222,6 +222,7 @@ def test_what_the_motion_leaves_open_a_fix_closes() -> None:
     assert sigma(weighed)[1] == pytest.approx(1e-3, rel=0.05)
 
 
+@pytest.mark.slow
 def test_a_prior_is_true_of_itself() -> None:
     """Priors drawn about the truth leave sigma true."""
     clean, rng = flawed_log(moves=Moves(seed=4, seconds=12.0)), np.random.default_rng(8)

@@ -62,6 +62,7 @@ def of_model(found: Result) -> list[str]:
     return [w for w in found.diagnostics.warnings if "data sheet" in w]
 
 
+@pytest.mark.slow
 def test_noise_that_fits_the_sheet_is_no_news(tmp_path: Path) -> None:
     found = result(written(tmp_path, load_imu("bmi088")), "bmi088")
     assert found.status == "ok"
@@ -188,6 +189,7 @@ def test_readings_beyond_what_the_sensor_can_read_are_told(tmp_path: Path) -> No
     assert "are beyond the 235.4 m/s² where bmi088 ends" in spiked[0]
 
 
+@pytest.mark.slow
 def test_published_method_is_compared_too(tmp_path: Path) -> None:
     from imucalib_cli.estimate.options import PaperOptions
 

@@ -26,6 +26,7 @@ SAMPLES = Path(__file__).parents[2] / "sample_data"
 LOG, URDF = SAMPLES / "rihibot.mcap", SAMPLES / "rihibot.urdf"
 
 
+@pytest.mark.slow
 def test_the_wrong_parent_is_answered_with_the_right_command() -> None:
     request = CalibrationRequest(logs=(LOG,), urdf=URDF, parent="forearm_link")
     (result,) = calibrate(request).results

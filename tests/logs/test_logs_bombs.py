@@ -65,6 +65,7 @@ def test_a_chunk_that_unpacks_to_gigabytes_costs_only_itself(tmp_path: Path) -> 
     assert any("used as far as it can be unpacked" in loss for loss in data_read.losses)
 
 
+@pytest.mark.slow
 def test_messages_that_unpack_to_gigabytes_are_left_out(
     written: Write, monkeypatch: pytest.MonkeyPatch
 ) -> None:

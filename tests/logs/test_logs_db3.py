@@ -165,6 +165,7 @@ def test_other_values_than_rosbag2_writes_go_through_sqlite(tmp_path: Path) -> N
     assert by_us(path, [1, 2]) == [row for row in expected if type(row[2]) is bytes]
 
 
+@pytest.mark.slow
 def test_flipped_bytes_never_raise_nor_invent_rows(tmp_path: Path) -> None:
     rows = make_rows(6, [60, 130, 5000], count=400)
     clean = write(tmp_path / "a.db3", rows, 1024).read_bytes()

@@ -367,6 +367,7 @@ def test_much_shows_without_kinematics() -> None:
     assert said.code == "stamps.bunched"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("at", [0.2, 0.5, 0.97])
 @pytest.mark.parametrize("bursts", [1, 8])
 def test_junk_that_comes_at_once_is_no_sample(at: float, bursts: int) -> None:

@@ -114,6 +114,7 @@ def assert_same_bound(bound: Bound, covariance: Floats) -> None:
     np.testing.assert_allclose(bound.pose / unit, covariance[:6, :6] / unit, atol=0.02)
 
 
+@pytest.mark.slow
 def test_bound_with_every_unknown(arm: Recording, brute: Brute) -> None:
     bound = cramer_rao(arm, ACCEL, GYRO)
     expected = brute.covariance(list(range(15)))

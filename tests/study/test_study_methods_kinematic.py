@@ -70,6 +70,7 @@ def test_both_find_the_truth_without_noise(arm: Recording) -> None:
         np.testing.assert_allclose(answer.gravity_world, arm.gravity_world, atol=1e-4)  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 def test_the_spline_reaches_the_bound_and_gyro_first_is_near(arm: Recording) -> None:
     bound = cramer_rao(arm, ACCEL_STD, GYRO_STD)
     seeds = range(4)
@@ -156,6 +157,7 @@ def _near(controls: np.ndarray, segment: np.ndarray) -> np.ndarray:
     return np.asarray(controls[segment[:, None] + np.arange(6)].reshape(len(segment), -1))
 
 
+@pytest.mark.slow
 def test_what_is_known_is_held(arm: Recording) -> None:
     level = record(load_system("rihibot"), replace(arm.physics, base_tilt=(0.0, 0.0)))
     imu, path = streams_of(level)

@@ -90,6 +90,7 @@ def test_errors_are_those_of_the_camera_imu_transform(clean: Recording) -> None:
     assert failed["translation"] is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["gyro-first hand-eye", "paper"])
 def test_a_run_is_what_the_method_says_on_the_same_data(
     study: MethodsStudy, clean: Recording, method: str
@@ -111,6 +112,7 @@ def test_a_run_is_what_the_method_says_on_the_same_data(
         assert rows[1]["setting"] == "L 5, drops none, components"
 
 
+@pytest.mark.slow
 def test_every_entrant_answers(study: MethodsStudy, clean: Recording) -> None:
     pytest.importorskip("cv2")
     data = given(corrupt(clean, study.condition_of({"condition": NOISY}).sensors, 0), study, 0)
