@@ -14,7 +14,7 @@ from imucalib_cli.estimate.options import MatchedOptions, PaperOptions
 from imucalib_cli.findings import Finding, warning
 from imucalib_cli.signals.imu.checks import beyond_ranges
 from imucalib_cli.signals.imu.data_sheet import imu_assumptions
-from imucalib_cli.signals.noise import white_noise
+from imucalib_cli.signals.noise import noise_level
 from imucalib_cli.signals.stamps import tidy_rows
 
 if TYPE_CHECKING:
@@ -121,7 +121,7 @@ def _check(
     accel, gyro = (
         SensorCheck(
             expected=model.noise(sensor) * float(np.sqrt(rate / 2.0)),
-            measured=float(np.sqrt(np.mean(white_noise(values[sensor]) ** 2))),
+            measured=noise_level(values[sensor]),
             in_windows=None if left is None else left[place],
             bias_prior=priors.get(sensor),
         )

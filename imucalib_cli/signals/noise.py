@@ -38,6 +38,11 @@ def white_noise(values: Floats, rows: Bools | None = None, *, calmest: bool = Fa
     return np.asarray(np.median(off, axis=0) * MAD_TO_STD / NOISE_OF_DEVIATION)
 
 
+def noise_level(values: Floats) -> float:
+    """White noise of a sensor's sample, root mean square of its axes."""
+    return float(np.sqrt(np.mean(white_noise(values) ** 2)))
+
+
 def quantum(values: Floats) -> Floats:
     """Least step between neighbours that is more than rounding, of each channel: (C,)."""
     steps = np.abs(np.diff(values, axis=0))

@@ -8,9 +8,9 @@ import numpy as np
 
 from imucalib_cli.signals.kernels import convolve_at, matched_filter
 from imucalib_cli.signals.lag import Lag, best_lag
+from imucalib_cli.signals.stretches import all_hold
 
 if TYPE_CHECKING:
-    from imucalib_cli.arrays import Bools, Indices
     from imucalib_cli.signals.grid import ImuGrid
     from imucalib_cli.signals.trajectory import Trajectory
 
@@ -46,7 +46,7 @@ def coarse_time_offset(
     if not covered.any():
         return 0.0, None
     centres = np.arange(reach, len(t_robot) - reach)
-    clean = _windows_clean(covered, centres, reach)
+    clean = all_hold(covered, centres - reach, 2 * reach + 1)
     derived = np.zeros(len(centres))
     pair = matched_filter(2 * reach + 1, 2, 1, step)
     for first in range(0, len(centres), _BLOCK):
@@ -65,13 +65,8 @@ def coarse_time_offset(
     inside = (inner >= half) & (inner < len(grid.usable) - half)
     rate = convolve_at(grid.gyro, pair.average, inner[inside] - half)
     measured[inside] = np.linalg.norm(rate, axis=1)
-    measured_clean[inside] = _windows_clean(grid.usable, inner[inside], half)
+    measured_clean[inside] = all_hold(grid.usable, inner[inside] - half, 2 * half + 1)
     lag = best_lag(derived, measured, np.stack([clean, measured_clean]), lead)
     if lag is None:
         return 0.0, None
     return (lag.samples + lag.between) * step, lag
-
-
-def _windows_clean(usable: Bools, centres: Indices, reach: int) -> Bools:
-    holes = np.concatenate([[0], np.cumsum(~usable)])
-    return np.asarray(holes[centres + reach + 1] == holes[centres - reach])

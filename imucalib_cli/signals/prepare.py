@@ -11,7 +11,7 @@ import numpy as np
 from imucalib_cli.errors import InputError
 from imucalib_cli.signals.grid import ImuGrid, imu_grid
 from imucalib_cli.signals.interpolate import lagrange
-from imucalib_cli.signals.noise import white_noise
+from imucalib_cli.signals.noise import noise_level
 from imucalib_cli.signals.spikes import find_spikes
 from imucalib_cli.signals.stamps import Ticks, TidyRows, constant_rate_ticks, tidy_rows
 
@@ -58,10 +58,7 @@ class CleanImu:
     @cached_property
     def noise(self) -> tuple[float, float]:
         """White noise of a sample, m/s² and rad/s, root mean square of the axes."""
-        accel, gyro = (
-            float(np.sqrt(np.mean(white_noise(values) ** 2))) for values in (self.accel, self.gyro)
-        )
-        return accel, gyro
+        return noise_level(self.accel), noise_level(self.gyro)
 
 
 def clean_imu(imu: ImuSamples) -> CleanImu:

@@ -38,6 +38,12 @@ class Stretches:
         return np.asarray(np.cumsum(edges[:-1]) > 0)
 
 
+def all_hold(holds: Bools, first: Indices, count: int) -> Bools:
+    """(W,), whether a mask (N,) is True at all of ``count`` samples from each of some rows on."""
+    failures = np.concatenate([[0], np.cumsum(~holds)])
+    return np.asarray(failures[first + count] == failures[first])
+
+
 def stretches_of(holds: Bools) -> Stretches:
     """Where a mask (N,) is True."""
     change = np.diff(np.concatenate([[0], holds.astype(np.int8), [0]]))

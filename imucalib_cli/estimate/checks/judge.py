@@ -68,7 +68,8 @@ SLIP: Final = (2e-3, 5e-3)
 """m and rad: a mount that slips moves by the clearance of its bolts; what gives moves less."""
 _WITHIN: Final = 2.0
 """Sigmas of a told prior within which a bias is what was told."""
-_TOLD_ELSEWHERE: Final = frozenset({"time_offset", "gravity_direction"})
+_JUDGED_ELSEWHERE: Final = frozenset({"time_offset", "gravity_direction"})
+"""Entries of the table that have findings of their own."""
 _LEVEL: Final = "; or tell that the base is level (--gravity fixed, or --tilt-std)"
 
 
@@ -326,10 +327,7 @@ def _errors(evidence: Evidence) -> Iterator[Finding]:
     pose, stated = fit.layout.pose, np.sqrt(np.diag(_pose(fit, fit.covariance)))
     for each in fit.layout.placed:
         unknown, part, value = each.unknown, each.part, fit.value(each)
-        if isinstance(unknown.effect, Mount) or unknown.name in {
-            "time_offset",
-            "gravity_direction",
-        }:
+        if isinstance(unknown.effect, Mount) or unknown.name in _JUDGED_ELSEWHERE:
             continue
         if evidence.clock_stepped and isinstance(unknown.effect, Clock):
             continue

@@ -114,21 +114,24 @@ def _gain(fit: Fit, freed: MatchedOptions) -> float:
     if not len(about):  # held by another option too
         return 0.0
     state = transferred(fit.linearised, fit.layout, layout)
-    matrices, noise_score = part_statistics(
-        replace(fit.model, layout=layout),
-        state,
-        fit.centres,
-        residuals=fit.residuals.values,
-        weights=fit.weights,
-        scales=fit.residual_scales,
-    )
-    total, offset = matrices.sum(axis=0) / fit.level, prior_offset(layout, fit.options, state)
-    score = total[1:, 0] - noise_score / fit.level
+    information, score = fit.statistics.information, fit.statistics.score
+    if layout.size > fit.layout.size:  # what is held exactly has no columns yet
+        matrices, noise_score = part_statistics(
+            replace(fit.model, layout=layout),
+            state,
+            fit.centres,
+            residuals=fit.residuals.values,
+            weights=fit.weights,
+            scales=fit.residual_scales,
+        )
+        total = matrices.sum(axis=0)
+        information, score = total[1:, 1:], total[1:, 0] - noise_score
+    offset = prior_offset(layout, fit.options, state)
     std = layout.std.copy()
     std[about] = np.maximum(_stated_std(layout, fit.options)[about], _NEGLIGIBLE)
     likelihoods = []
     for each in (layout, replace(layout, std=std)):
-        problem = problem_of(each, total[1:, 1:], score, offset)
+        problem = problem_of(each, information / fit.level, score / fit.level, offset)
         marginal = integrate(problem, most_likely(problem), problem.information)
         likelihoods.append(marginal.log_likelihood)
     return 2.0 * (likelihoods[0] - likelihoods[1])

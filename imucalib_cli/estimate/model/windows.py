@@ -19,6 +19,7 @@ import numpy as np
 from imucalib_cli.estimate.model import columns
 from imucalib_cli.robot.rotations import vee
 from imucalib_cli.signals.kernels import MARGIN, MatchedFilter, convolve_at, matched_filter
+from imucalib_cli.signals.stretches import all_hold
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -116,9 +117,8 @@ def window_centres(plan: WindowPlan, usable: Bools) -> Indices:
     reach = plan.reach
     if len(usable) < 2 * reach + 1:
         return np.zeros(0, np.intp)
-    holes = np.concatenate([[0], np.cumsum(~usable)])
     candidates = np.arange(-(-reach // plan.hop) * plan.hop, len(usable) - reach, plan.hop)
-    clean = holes[candidates + reach + 1] == holes[candidates - reach]
+    clean = all_hold(usable, candidates - reach, 2 * reach + 1)
     return np.asarray(candidates[clean], dtype=np.intp)
 
 

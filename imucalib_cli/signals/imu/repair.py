@@ -22,6 +22,7 @@ from imucalib_cli.signals.imu.checks import (
     sensor_faults,
 )
 from imucalib_cli.signals.imu.units import Units, accel_factor, gyro_factor
+from imucalib_cli.signals.prepare import MIN_IMU_SAMPLES
 from imucalib_cli.signals.spikes import find_glitches
 from imucalib_cli.signals.stamps import gap_limit, tidy_rows, usable_rows
 from imucalib_cli.signals.trajectory import Trajectory, continuous
@@ -35,7 +36,6 @@ if TYPE_CHECKING:
 
 _MOST_LOST = 0.5
 """Share of the turning left out from which the rest no longer speaks for the log."""
-_LEAST_IMU = 50
 _FAR_BETTER = 0.5
 """Times as much of the turning may be left unexplained by stamps that are believed instead."""
 _SAME = 1e-6
@@ -155,7 +155,7 @@ def _without_faults(
     findings = [*mended.findings, *(fault.finding(imu) for fault in faults)]
     out = clear_of(imu.t, np.any([fault.rows for fault in faults], axis=0))
     sound = imu.at(~out)
-    if len(sound) < _LEAST_IMU:
+    if len(sound) < MIN_IMU_SAMPLES:
         raise InputError(
             f"{findings[-1].message}: nothing else is left, so record again", topic=imu.topic
         )
@@ -208,7 +208,7 @@ def check_alone(imu: ImuSamples) -> tuple[Finding, ...]:
                 raise
             return (error.finding,)
     tidy, findings = _mended_imu(imu, ())
-    faults = sensor_faults(tidy, None) if len(tidy) >= _LEAST_IMU else []
+    faults = sensor_faults(tidy, None) if len(tidy) >= MIN_IMU_SAMPLES else []
     return (*findings, *(fault.finding(tidy) for fault in faults))
 
 
@@ -243,7 +243,7 @@ def _evened(
     path = replace(path, tracks=tuple(tracks))
     trajectory = Trajectory.of(path)
     turning = None
-    if len(imu) >= _LEAST_IMU:
+    if len(imu) >= MIN_IMU_SAMPLES:
         turning = compare_turning(imu.t, imu.gyro, trajectory, max_offset)
     return Repaired(
         samples=imu, path=path, trajectory=trajectory, turning=turning, findings=tuple(findings)

@@ -19,6 +19,7 @@ from imucalib_cli.signals.kernels import convolve_at, savitzky_golay
 from imucalib_cli.signals.offset import coarse_time_offset
 from imucalib_cli.signals.samples import STANDARD_GRAVITY
 from imucalib_cli.signals.stamps import tidy_rows
+from imucalib_cli.signals.stretches import all_hold
 from imucalib_cli.signals.trajectory import Trajectory
 from imucalib_cli.study.methods.answer import Answer
 
@@ -120,8 +121,8 @@ def _smoothed(imu: ImuSamples, seconds: float, degree: int) -> _Smoothed:
         raise InputError(f"{len(rows)} usable IMU samples: record a longer log")
     grid = imu_grid(imu.t[rows], imu.gyro[rows], imu.accel[rows])
     samples = 2 * max(round(seconds / grid.dt / 2), (degree + 1) // 2 + 1) + 1
-    holes = np.concatenate([[0], np.cumsum(~grid.usable)])
-    first = np.flatnonzero(holes[samples:] == holes[:-samples])
+    starts = np.arange(len(grid.usable) - samples + 1)
+    first = starts[all_hold(grid.usable, starts, samples)]
     if len(first) == 0:
         raise InputError(f"no {samples} IMU samples without a gap: record a longer log")
     weights = savitzky_golay(samples, degree, 0)
@@ -133,8 +134,7 @@ def _derived(imu: _Smoothed, trajectory: Trajectory, time_offset: float) -> _Der
     """Differentiate the poses at the IMU's instants."""
     t = imu.grid.t - time_offset
     covered = trajectory.covered(t)
-    holes = np.concatenate([[0], np.cumsum(~covered)])
-    rows = np.flatnonzero(holes[imu.first + imu.samples] == holes[imu.first])
+    rows = np.flatnonzero(all_hold(covered, imu.first, imu.samples))
     if len(rows) == 0:
         raise InputError("the IMU's samples and the robot's do not overlap in time")
     R, p = trajectory.poses(t[covered])
