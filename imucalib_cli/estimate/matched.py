@@ -10,6 +10,7 @@ from imucalib_cli.estimate.checks import judge
 from imucalib_cli.estimate.checks.observability import widen
 from imucalib_cli.estimate.checks.segments import DECISIVE, Segments
 from imucalib_cli.estimate.checks.specification import window_dependence
+from imucalib_cli.estimate.details import details_of
 from imucalib_cli.estimate.estimate import Correction, Estimate, Parameter, Residuals
 from imucalib_cli.estimate.model.unknowns import Gravity, Mount
 from imucalib_cli.estimate.solution.fit import whole_fit
@@ -39,13 +40,16 @@ _RECORDED: Final = (
 """Entries of the table that schema 1 has under ``corrections``, where they stand clear."""
 
 
-def calibrate_matched(imu: ImuSamples, path: KinematicPath, options: MatchedOptions) -> Estimate:
+def calibrate_matched(
+    imu: ImuSamples, path: KinematicPath, options: MatchedOptions, *, details: bool = False
+) -> Estimate:
     """Find the IMU's pose in the path's parent link by matched Savitzky-Golay filters.
 
     Args:
         imu: As stamped.
         path: Kinematics of the parent link, as stamped.
         options: What to find and what is known.
+        details: Whether to keep what a report draws.
 
     Returns:
         The estimate, with what it could not determine named in it.
@@ -103,6 +107,7 @@ def calibrate_matched(imu: ImuSamples, path: KinematicPath, options: MatchedOpti
         consistency=segments.consistency(fit.statistics.whiteness(fit.levels)),
         unobservable=directions,
         findings=judge.findings(evidence, unknown=bool(directions)),
+        details=details_of(fit, clean, segments, dependence) if details else None,
         notes={
             "residual_over_known_noise": max(evidence.over_noise),
             "offset_correlation": attempt.lag.correlation if attempt.lag else None,

@@ -30,8 +30,6 @@ from imucalib_cli.signals.imu.repair import Repaired, repair
 from imucalib_cli.signals.imu.stream_health import missing_parts
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from imucalib_cli.estimate.estimate import Estimate
     from imucalib_cli.jobs.reading import Recording
     from imucalib_cli.jobs.request import CalibrationRequest, Progress
@@ -42,14 +40,29 @@ if TYPE_CHECKING:
     from imucalib_cli.signals.samples import ImuSamples
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Calibrated:
+    """One IMU: its result, and what it was made of."""
+
+    result: Result
+    estimate: Estimate
+    samples: ImuSamples
+    """As stamped, in the log's units."""
+    motion: Motion
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Outcome:
     """What came out: a result for each IMU that could be calibrated, an error for each other."""
 
-    results: tuple[Result, ...]
-    files: tuple[Path, ...]
-    """That the recording is made of; never to be written to."""
+    recording: Recording
+    calibrated: tuple[Calibrated, ...]
     failures: tuple[ImucalibError, ...] = ()
+
+    @property
+    def results(self) -> tuple[Result, ...]:
+        """Of the IMUs that could be calibrated."""
+        return tuple(each.result for each in self.calibrated)
 
 
 def calibrate(request: CalibrationRequest, progress: Progress | None = None) -> Outcome:
@@ -70,16 +83,16 @@ def calibrate(request: CalibrationRequest, progress: Progress | None = None) -> 
             f"--imu-link {request.imu_link} is the link of one IMU, the log has several: choose "
             f"one with --imu-topic: {topics}"
         )
-    results: list[Result] = []
+    calibrated: list[Calibrated] = []
     failures: list[ImucalibError] = []
     for imu in recording.imus:
         if progress is not None:
             progress(f"estimating {imu.topic}", None)
         try:
-            results.append(_calibrate_one(recording, imu, request))
+            calibrated.append(_calibrate_one(recording, imu, request))
         except ImucalibError as error:
             failures.append(_about(error, imu, several=len(recording.imus) > 1))
-    return Outcome(results=tuple(results), files=recording.paths, failures=tuple(failures))
+    return Outcome(recording=recording, calibrated=tuple(calibrated), failures=tuple(failures))
 
 
 def _about(error: ImucalibError, imu: ImuStream, *, several: bool) -> ImucalibError:
@@ -87,7 +100,7 @@ def _about(error: ImucalibError, imu: ImuStream, *, several: bool) -> ImucalibEr
     return error.about(imu.topic) if several and error.topic != imu.topic else error
 
 
-def _calibrate_one(recording: Recording, imu: ImuStream, request: CalibrationRequest) -> Result:
+def _calibrate_one(recording: Recording, imu: ImuStream, request: CalibrationRequest) -> Calibrated:
     samples = samples_of(imu, recording.clock)
     motion = find_motion(recording.sources, recording.robot, imu.frame_id, request)
     check_joint_topics(recording.joints, _driven(motion.path))
@@ -99,11 +112,11 @@ def _calibrate_one(recording: Recording, imu: ImuStream, request: CalibrationReq
     options = _with_initial(options, motion, verifying=request.needs_nominal)
     if isinstance(options, MatchedOptions):
         options = replace(options, either_sign=request.units.sign == "auto")
-    estimate = _estimate(mended.samples, mended.path, options)
+    estimate = _estimate(mended.samples, mended.path, options, details=request.details)
     wrong = contradicted(estimate, request.imu)
     if wrong:
         options = without_priors(options, wrong)
-        estimate = _estimate(mended.samples, mended.path, options)
+        estimate = _estimate(mended.samples, mended.path, options, details=request.details)
     if isinstance(options, MatchedOptions):
         # A prior is recorded as what it was, the published method's guess as where it came from.
         request = replace(request, estimator=options)
@@ -112,13 +125,14 @@ def _calibrate_one(recording: Recording, imu: ImuStream, request: CalibrationReq
     estimate = _with_repairs(estimate, mended, (*recording.findings, *missing))
     if request.require is not None:
         estimate = require(estimate, motion.mount.parent, request.require)
-    return result_of(
+    result = result_of(
         estimate,
         parent=motion.mount.parent,
         child=motion.mount.child,
         nominal=motion.mount.nominal,
         provenance=_provenance(recording, imu, motion, request),
     )
+    return Calibrated(result=result, estimate=estimate, samples=samples, motion=motion)
 
 
 def mend(samples: ImuSamples, path: KinematicPath, request: CalibrationRequest) -> Repaired:
@@ -156,12 +170,16 @@ def _with_repairs(
 
 
 def _estimate(
-    samples: ImuSamples, path: KinematicPath, options: MatchedOptions | PaperOptions
+    samples: ImuSamples,
+    path: KinematicPath,
+    options: MatchedOptions | PaperOptions,
+    *,
+    details: bool,
 ) -> Estimate:
     if isinstance(options, MatchedOptions):
         from imucalib_cli.estimate.matched import calibrate_matched
 
-        return calibrate_matched(samples, path, options)
+        return calibrate_matched(samples, path, options, details=details)
     from imucalib_cli.estimate.published.method import calibrate_paper
 
     return calibrate_paper(samples, path, options)

@@ -66,6 +66,9 @@ class CalibrationRequest:
     needs_nominal: bool = False
     """Whether the pose of every IMU must be told by the URDF or the log's own frames."""
 
+    details: bool = False
+    """Whether to keep the series and curves that a report draws."""
+
     @property
     def gravity(self) -> float:
         """What the accelerometer should feel at rest, m/s²; 0 for none."""

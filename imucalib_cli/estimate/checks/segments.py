@@ -61,6 +61,24 @@ class Change:
     """(6,), the pose with the change taken into account less the pose without, m and rad."""
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Stretches:
+    """Parts of the log of equal duration, and what they tell about the pose (tx .. rz)."""
+
+    edges: Floats
+    """(P + 1,), s of the log."""
+    share: Floats
+    """(P, 6), share of what the log teaches about each component that this part teaches."""
+    std_so_far: Floats
+    """(P, 6), 1 sigma of a log that ends with this part, m and rad."""
+    fold_edges: Floats
+    """(F + 1,), s: a few longer parts, each solved on its own."""
+    fold_difference: Floats
+    """(F, 6), the pose by the part alone less the pose by the whole log, m and rad."""
+    fold_std: Floats
+    """(F, 6), 1 sigma of the pose by the part alone."""
+
+
 class Segments:
     """Normal matrices of the parts of a log about the solution of all of it."""
 
@@ -121,6 +139,25 @@ class Segments:
             halves_sigmas=float(np.sqrt(squared_distance(difference, C) / len(pose))),
             segment_chi2=float(np.mean((fold_std / stated) ** 2)),
             whiteness=whiteness,
+        )
+
+    def stretches(self) -> Stretches | None:
+        """What each part of the log tells about the pose; None where the pose is not free."""
+        pose = self._places("translation", "rotation")
+        if len(pose) < 6:
+            return None
+        told = np.einsum("pi,kij,pj->kp", self._inverse[pose], self._A, self._inverse[pose])
+        so_far = inverse_of(np.cumsum(self._A, axis=0) + self._P)
+        folds = range(0, len(self._A), len(self._A) // _FOLDS)
+        A, b = (np.add.reduceat(each, list(folds), axis=0) for each in (self._A, self._b))
+        inverse = inverse_of(A + self._P)
+        return Stretches(
+            edges=self._edges,
+            share=told / told.sum(axis=0),
+            std_so_far=np.sqrt(np.diagonal(so_far, axis1=1, axis2=2)[:, pose]),
+            fold_edges=self._edges[:: len(self._A) // _FOLDS],
+            fold_difference=-(inverse @ b[:, :, None])[:, pose, 0],
+            fold_std=np.sqrt(np.diagonal(inverse, axis1=1, axis2=2)[:, pose]),
         )
 
     def change(self) -> Change | None:

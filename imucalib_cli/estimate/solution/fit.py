@@ -196,6 +196,8 @@ def lean_fit(
         state, rise = _globally(windowing, options, time_offset, model.layout)
     else:
         state, rise = transferred(near.state, near.layout, model.layout), near.runner_up_rise
+        if options.time_offset is not None:
+            state = replace(state, held_offset=options.time_offset)
     return _fitted(model, options, state, rise, more=1)
 
 

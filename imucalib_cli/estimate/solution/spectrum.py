@@ -54,7 +54,7 @@ class BandSums:
             size: Channels.
         """
         self._slots = slots
-        self.length = min(PIECE, 1 << max(int(slots[-1]), 1).bit_length())
+        self.length = _transform_length(slots)
         self._bands = _bands(self.length)
         self.sums = np.zeros((2, len(self._bands), size, size))
         self._buffer = np.zeros((6, size, self.length))
@@ -259,6 +259,23 @@ def deviance(plan: WindowPlan, centres: Indices, residuals: Floats) -> float:
         level = power[sensor, heard] / (freedom * response)[heard] + least
         total += float(freedom[heard] @ np.log(level))
     return total / len(centres)
+
+
+def band_frequencies(plan: WindowPlan, centres: Indices, dt: float) -> Floats:
+    """(bands,), Hz, middle of each band of the :func:`statistics` of some windows.
+
+    Args:
+        plan: Of the windows.
+        centres: (W,), grid indices, ascending.
+        dt: Of the grid, s.
+    """
+    length = _transform_length((centres - centres[0]) // plan.hop)
+    f = np.fft.rfftfreq(length, plan.hop * dt)
+    return np.array([f[band].mean() for band in _bands(length)])
+
+
+def _transform_length(slots: Indices) -> int:
+    return min(PIECE, 1 << max(int(slots[-1]), 1).bit_length())
 
 
 def _bounded(residuals: Floats) -> Floats:

@@ -1,0 +1,225 @@
+"""What is behind an estimate, as arrays: for plots, files and programs.
+
+Nothing here decides anything; it is made only where it is asked for.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from imucalib_cli.estimate.model.state import Chain
+from imucalib_cli.estimate.solution.fit import lean_fit
+from imucalib_cli.estimate.solution.spectrum import band_frequencies
+
+if TYPE_CHECKING:
+    from imucalib_cli.arrays import Floats, Indices
+    from imucalib_cli.estimate.checks.segments import Segments, Stretches
+    from imucalib_cli.estimate.checks.specification import Dependence
+    from imucalib_cli.estimate.solution.fit import Fit
+    from imucalib_cli.signals.prepare import CleanImu
+
+_MOST_WINDOWS: Final = 20_000
+"""In the series: more than a screen has pixels, few enough to write as text."""
+_OFFSETS: Final = 8
+"""Time offsets tried on either side of the one found."""
+_NEAREST_SIGMAS: Final = 0.5
+"""Of the time offset: where the first is tried."""
+_FARTHEST_OFFSET: Final = 0.05
+"""s: where the last is tried, well beyond what is left of a time offset that was found."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class WindowSeries:
+    """What the windows measure and what the robot's motion predicts, at W instants.
+
+    Vectors are in the IMU's axes at the window's centre. Errors of sensor and robot that were
+    found are taken off, biases too. Both sides are seen through the same filters, so what is left
+    is noise.
+    """
+
+    t: Floats
+    """(W,), s of the log, by the IMU's stamps."""
+    accel_measured: Floats
+    """(W, 3), specific force, m/s²."""
+    accel_predicted: Floats
+    """(W, 3)."""
+    gyro_measured: Floats
+    """(W, 3), rad/s."""
+    gyro_predicted: Floats
+    """(W, 3)."""
+    weight: Floats
+    """(W,), 0 to 1, of the nearest window of the fit; 0 is left out."""
+
+    @property
+    def accel_residual(self) -> Floats:
+        """(W, 3), measured less predicted, m/s²."""
+        return self.accel_measured - self.accel_predicted
+
+    @property
+    def gyro_residual(self) -> Floats:
+        """(W, 3), measured less predicted, rad/s."""
+        return self.gyro_measured - self.gyro_predicted
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Spectrum:
+    """Density of what the fit leaves of one sensor, told as noise of its samples."""
+
+    frequency: Floats
+    """(B,), Hz, middle of each band that the filters let through."""
+    density: Floats
+    """(B,), m/s²/√Hz or rad/s/√Hz, one-sided."""
+    own: float
+    """Density of the sensor's own white noise, by how far samples stand off their neighbours."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class OffsetProfile:
+    """How much worse the log fits with another time offset, all else found anew."""
+
+    seconds: Floats
+    """(K,), IMU stamp - robot stamp, ascending."""
+    sigmas: Floats
+    """(K,), square root of the rise of the chi-squared: in a linear model, sigmas away."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Details:
+    """What is behind an estimate by the matched method."""
+
+    windows: WindowSeries
+    half_window: float
+    """s: what a window reaches to either side of its instant."""
+    imu_t: Floats
+    """(N,), s of the log: the IMU's samples as they were used, in order, spikes bridged."""
+    imu_accel: Floats
+    """(N, 3), IMU axes, m/s²."""
+    imu_gyro: Floats
+    """(N, 3), IMU axes, rad/s."""
+    spectra: tuple[Spectrum, Spectrum]
+    """Accelerometer, gyroscope."""
+    stretches: Stretches | None
+    """None where a component of the pose is held."""
+    dependence: tuple[Dependence, ...]
+    """The answer by other windows, where they can be tried."""
+    offset: OffsetProfile | None
+    """None where the time offset was told."""
+
+
+def details_of(
+    fit: Fit, clean: CleanImu, segments: Segments, dependence: tuple[Dependence, ...]
+) -> Details:
+    """All that a report draws of a fit.
+
+    Args:
+        fit: The solution.
+        clean: The IMU's samples.
+        segments: Of the log, about the solution.
+        dependence: On the window.
+    """
+    plan, grid = fit.model.windowing.plan, fit.model.windowing.grid
+    return Details(
+        windows=window_series(fit),
+        half_window=0.5 * grid.dt * (plan.length - 1),
+        imu_t=clean.t,
+        imu_accel=clean.accel,
+        imu_gyro=clean.gyro,
+        spectra=_spectra(fit),
+        stretches=segments.stretches(),
+        dependence=dependence,
+        offset=_offset_profile(fit),
+    )
+
+
+def window_series(fit: Fit, most: int = _MOST_WINDOWS) -> WindowSeries:
+    """Both sides of the equations at every window of the fit, and at instants between them.
+
+    Args:
+        fit: The solution.
+        most: Instants; where the fit has more windows, all of them are taken.
+    """
+    windowing, state = fit.model.windowing, fit.state
+    model = replace(
+        fit.model, windowing=replace(windowing, plan=replace(windowing.plan, hop=_step(fit, most)))
+    )
+    centres = model.centres(state)
+    (residuals,) = model.residuals(state, centres)
+    t = windowing.grid.t[centres]
+    robot_times = windowing.trajectory.nearest_covered(model.robot_times(t, model.shifts(state)[0]))
+    R_parent_world = np.swapaxes(
+        Chain.of(windowing.trajectory, model.layout, state.x).poses(robot_times)[0], 1, 2
+    )
+    force = np.einsum("wij,wj->wi", R_parent_world, residuals.acceleration - state.gravity)
+    # Residuals are predicted less measured, in the parent's axes.
+    accel, gyro = force @ state.R, residuals.rate @ state.R
+    return WindowSeries(
+        t=t,
+        accel_measured=accel - residuals.values[:, :3] @ state.R,
+        accel_predicted=accel,
+        gyro_measured=gyro - residuals.values[:, 3:] @ state.R,
+        gyro_predicted=gyro,
+        weight=fit.weights[_nearest(fit.centres, centres)],
+    )
+
+
+def _step(fit: Fit, most: int) -> int:
+    """Grid samples between instants of the series: a fraction of the fit's own."""
+    plan = fit.model.windowing.plan
+    wanted = max(most // max(len(fit.centres), 1), 1)
+    parts = [n for n in range(1, plan.hop // plan.node + 1) if plan.hop % n == 0 and n <= wanted]
+    return plan.hop // max(parts, default=1)
+
+
+def _nearest(ascending: Indices, values: Indices) -> Indices:
+    """Places of the nearest of some ascending numbers."""
+    after = np.clip(np.searchsorted(ascending, values), 1, max(len(ascending) - 1, 1))
+    before = after - 1
+    after = np.minimum(after, len(ascending) - 1)
+    return np.where(values - ascending[before] <= ascending[after] - values, before, after)
+
+
+def _spectra(fit: Fit) -> tuple[Spectrum, Spectrum]:
+    windowing, statistics = fit.model.windowing, fit.statistics
+    grid = windowing.grid
+    frequency = band_frequencies(windowing.plan, fit.centres, grid.dt)
+    # Levels are of rows that stand for the samples up to the next window.
+    to_density = np.sqrt(2.0 * grid.dt * grid.refine / windowing.plan.hop)
+    accel, gyro = (
+        Spectrum(
+            frequency=frequency[heard],
+            density=np.sqrt(levels[heard]) * (scale / gain * to_density),
+            own=noise * float(np.sqrt(2.0 * grid.dt * grid.refine)),
+        )
+        for heard, levels, scale, gain, noise in zip(
+            statistics.heard,
+            fit.levels,
+            fit.residual_scales,
+            windowing.white_gains,
+            grid.noise,
+            strict=True,
+        )
+    )
+    return accel, gyro
+
+
+def _offset_profile(fit: Fit) -> OffsetProfile | None:
+    """Solve again with the time offset held at values about the one found."""
+    value, std = fit.of("time_offset")
+    if not len(value) or std[0] <= 0.0:
+        return None
+    first = _NEAREST_SIGMAS * float(std[0])
+    steps = np.geomspace(first, max(_FARTHEST_OFFSET, 4.0 * first), _OFFSETS)
+    seconds = value[0] + np.concatenate([-steps[::-1], [0.0], steps])
+    fits = []
+    near = fit
+    for each in seconds:
+        options = replace(fit.options, time_offset=float(each))
+        near = lean_fit(fit.model.windowing, options, float(each), near)
+        fits.append(near)
+    rises = np.array([-each.evidence_over(fits[_OFFSETS]) for each in fits])
+    # Lean fits take some of the windows, which stand for those left out too.
+    rises *= len(fit.centres) / len(fits[_OFFSETS].centres)
+    return OffsetProfile(seconds=seconds, sigmas=np.sqrt(rises - rises.min()))
