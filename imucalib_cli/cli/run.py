@@ -137,7 +137,8 @@ def _deliverable(outcome: "Outcome", fmt: str, *, force: bool) -> "list[Result]"
 
 def _tell(outcome: "Outcome", *, shown: bool) -> None:
     """To a human the whole story, unless it is shown already; to a log what needs attention."""
-    from imucalib_cli.results.summary import summarise, unobservable_lines
+    from imucalib_cli.results.fields import unobservable_fields
+    from imucalib_cli.results.summary import summarise
 
     for result in outcome.results:
         if is_terminal(sys.stderr):
@@ -145,7 +146,7 @@ def _tell(outcome: "Outcome", *, shown: bool) -> None:
                 sys.stderr.write(summarise(result, colour=wants_colour(sys.stderr)))
             continue
         # the cause, where one was found, before what comes of it
-        for reason in (*result.diagnostics.distrust, *unobservable_lines(result)):
+        for reason in (*result.diagnostics.distrust, *unobservable_fields(result)):
             say("untrusted", f"{result.child}: {reason}")
         for warning in result.diagnostics.warnings:
             say("warning", warning)

@@ -16,11 +16,11 @@ from imucalib_cli.results.answers import (
     VerifyAnswer,
     Within,
 )
+from imucalib_cli.results.fields import unobservable_fields
 from imucalib_cli.results.from_estimate import plain, pose_entry
 from imucalib_cli.results.pose_comparison import PoseComparison, compare_poses
 from imucalib_cli.results.requirement import CODES, Tolerance
 from imucalib_cli.results.result import SCHEMA
-from imucalib_cli.results.summary import unobservable_lines
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -180,7 +180,7 @@ def _gaps(result: Result) -> Iterator[str]:
     """What a result does not know."""
     if result.covariance is None:
         yield f"--method {result.diagnostics.method} states no sigma: use --method matched"
-    yield from unobservable_lines(result)
+    yield from map(str, unobservable_fields(result))
 
 
 def _open_questions(result: Result, apart: PoseComparison, within: Tolerance) -> Iterator[str]:
@@ -191,7 +191,7 @@ def _open_questions(result: Result, apart: PoseComparison, within: Tolerance) ->
             f"{apart} away: use --method matched"
         )
         return
-    yield from unobservable_lines(result)
+    yield from map(str, unobservable_fields(result))
     remedy = "record longer or livelier motion"
     if result.diagnostics.sigma_source == "segments":
         remedy = (

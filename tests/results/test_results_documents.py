@@ -31,6 +31,7 @@ from imucalib_cli.estimate.estimate import (
 from imucalib_cli.findings import Severity, note, texts, untrusted, warning
 from imucalib_cli.results.answers import schema_of
 from imucalib_cli.results.codec import read_results, result_from, to_document, to_json, to_yaml
+from imucalib_cli.results.fields import sections, verdict
 from imucalib_cli.results.formats import FORMATS, refuse_untrusted
 from imucalib_cli.results.from_estimate import finding_entry, result_of, scalars
 from imucalib_cli.results.requirement import Tolerance, require
@@ -595,6 +596,47 @@ def test_the_summary_gives_both_directions_and_they_undo_each_other() -> None:
     assert example is not None
     expected = np.add(R_TRUE.apply([0.1, 0.0, 0.0]), [-0.0225, 0.1, 1e-5])
     np.testing.assert_allclose(_numbers(example.group(1)), expected, atol=5.1e-5)
+
+
+def test_every_field_of_the_list_is_in_the_summary() -> None:
+    result = make_result(unobservable=(UP,), findings=texts(Severity.WARNING, ["it creaks"]))
+    listed = sections(result)
+    assert len({section.title for section in listed}) == len(listed)
+    assert [section.title for section in listed if section.formula] == [
+        "pose of imu_link in wrist_3_link",
+        "the other way, pose of wrist_3_link in imu_link",
+    ]
+    fields = [field for section in listed for field in section.fields]
+    text = summarise(result)
+    assert all(field.label in text and field.text in text for field in fields)
+    severities = {field.severity: field.label for field in fields if field.severity}
+    assert severities["untrusted"] == "not determined"
+    assert severities["warning"] == "warning"
+
+
+def test_the_summary_says_that_plus_minus_is_1_sigma() -> None:
+    lines = summarise(make_result()).splitlines()
+    assert lines.index("  ± is 1 sigma") == min(n for n, line in enumerate(lines) if "±" in line)
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({}, "ok: imu_link in wrist_3_link is known to 0.35 mm and 0.019 deg (1 sigma, "),
+        ({"covariance": None}, "ok: imu_link in wrist_3_link is found; --method matched states no"),
+        ({"covariance": np.zeros((6, 6))}, "ok: imu_link in wrist_3_link is held as told by --fix"),
+        (
+            {"unobservable": (UP,), "findings": texts(Severity.UNTRUSTED, ["it wobbles"])},
+            "untrusted, do not use as it stands: it wobbles",
+        ),
+        (
+            {"unobservable": (UP,)},
+            "untrusted, do not use as it stands: not determined: translation along (0.00 0.00 1.00",
+        ),
+    ],
+)
+def test_the_verdict_is_one_sentence(changes: dict[str, Any], sentence: str) -> None:
+    assert verdict(make_result(**changes)).startswith(sentence)
 
 
 def _numbers(text: str) -> list[float]:

@@ -1,0 +1,317 @@
+"""What a person is told about a result: one list of fields, from which every form is rendered.
+
+The text summary is one renderer of it (results.summary), the HTML report another.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from imucalib_cli.digits import figures, fixed, sigma, with_std
+from imucalib_cli.robot.rotations import (
+    matrix_from_quaternion,
+    quaternion_from_matrix,
+    rotvec_from_matrix,
+    rpy_from_matrix,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from imucalib_cli.arrays import Floats
+    from imucalib_cli.results.result import Bias, Observable, Result, Unobservable
+
+_AXES = "xyz"
+_MANY = 3
+"""Directions that are told one by one."""
+
+
+@dataclass(frozen=True)
+class Field:
+    """One thing to be told, as plain text: names in it may hold anything, so escape them."""
+
+    label: str
+    """Empty where the text says itself what it is."""
+    text: str
+    """A value with its unit, or a sentence."""
+    severity: Literal["untrusted", "warning", "note"] | None = None
+    """Of a reason or a warning; None for a value."""
+
+    def __str__(self) -> str:
+        """As a sentence."""
+        return f"{self.label}: {self.text}" if self.label else self.text
+
+
+@dataclass(frozen=True)
+class Section:
+    """Fields that belong together; at least one."""
+
+    title: str
+    fields: tuple[Field, ...]
+    formula: str = ""
+    """Of a pose: what it does to the coordinates of a point."""
+
+
+def verdict(result: Result) -> str:
+    """Whether the result can be used, in one sentence: how well it is known, or the gravest reason.
+
+    The gravest is the cause of a poor fit, where one was found, before what comes of it.
+    """
+    reasons = [*result.diagnostics.distrust, *map(str, unobservable_fields(result))]
+    if result.status != "ok":
+        reason = f": {reasons[0]}" if reasons else ""
+        return f"untrusted, do not use as it stands{reason}"
+    place = f"ok: {result.child} in {result.parent} is"
+    if result.std is None:
+        return f"{place} found; --method {result.diagnostics.method} states no sigma"
+    units = {"mm": result.std.translation_mm, "deg": result.std.rotation_deg}
+    largest = {unit: max(filter(None, stds), default=None) for unit, stds in units.items()}
+    known = " and ".join(f"{sigma(std)} {unit}" for unit, std in largest.items() if std)
+    if not known:
+        return f"{place} held as told by --fix"
+    return f"{place} known to {known} (1 sigma, of the axis known least)"
+
+
+def sections(result: Result) -> tuple[Section, ...]:
+    """All that is told about one IMU, in the order in which it is read."""
+    diagnostics = result.diagnostics
+    parent, child = result.parent, result.child
+    R, t = result.pose.R, result.pose.t
+    files = ", ".join(file.path for file in result.provenance.files)
+    topics = result.provenance.topics
+    distrust = (Field("not trusted", reason, "untrusted") for reason in diagnostics.distrust)
+    warnings = (Field("warning", warning, "warning") for warning in diagnostics.warnings)
+    given = "  (conditional: some of it is not determined, see above)" if result.partial else ""
+    return tuple(
+        section
+        for section in (
+            Section(
+                "log",
+                (Field("", f"from {files}: {topics.imu} with {', '.join(topics.motion)}"),),
+            ),
+            Section("reasons against it", (*distrust, *unobservable_fields(result))),
+            Section(
+                f"pose of {child} in {parent}",
+                (*_paste(R, t), *_use(result)),
+                f"p_{parent} = R p_{child} + t{given}",
+            ),
+            Section(
+                f"the other way, pose of {parent} in {child}",
+                tuple(_paste(R.T, -R.T @ t)),
+                f"p_{child} = R p_{parent} + t{given}",
+            ),
+            Section("uncertainty", tuple(_sigmas(result))),
+            Section("time offset, biases and gravity", tuple(_nuisances(result))),
+            Section("fit", tuple(_fit(result))),
+            Section("nominal pose", tuple(_nominal(result))),
+            Section("warnings", tuple(warnings)),
+        )
+        if section.fields
+    )
+
+
+def unobservable_fields(result: Result) -> Iterator[Field]:
+    """What was not determined: each direction, or one field where one cause is behind many."""
+    directions = result.diagnostics.unobservable
+    if len(directions) > _MANY and len({each.motion for each in directions}) == 1:
+        # one cause behind them all: which way they point says nothing
+        kinds = dict.fromkeys(each.kind for each in directions)
+        sigmas = (
+            f"{kind} (sigma "
+            f"{', '.join(_direction_std(each) for each in directions if each.kind == kind)})"
+            for kind in kinds
+        )
+        text = f"{' and '.join(sigmas)}; {directions[0].motion}"
+        yield Field("not determined", text, "untrusted")
+        directions = []
+    for direction in directions:
+        axis = _numbers(direction.direction_parent, 2)
+        how = "along" if direction.kind == "translation" else "about"
+        text = (
+            f"{direction.kind} {how} ({axis}) of {result.parent}, "
+            f"sigma {_direction_std(direction)}; {direction.motion}"
+        )
+        yield Field("not determined", text, "untrusted")
+    if known := result.diagnostics.observable:
+        text = "; ".join(_known(direction) for direction in known)
+        yield Field("known all the same", text, "note")
+
+
+def _known(direction: Observable) -> str:
+    axis = _numbers(direction.direction_parent, 2)
+    if direction.value is None:
+        return f"rotation about ({axis}) to ± {figures(math.degrees(direction.std), 2)} deg"
+    return f"place along ({axis}) {with_std(direction.value * 1e3, direction.std * 1e3)} mm"
+
+
+def _direction_std(direction: Unobservable) -> str:
+    if direction.std is None:
+        return "unbounded"
+    if direction.kind == "translation":
+        return f"{figures(direction.std * 1e3, 2)} mm"
+    return f"{figures(math.degrees(direction.std), 2)} deg"
+
+
+def _paste(R: Floats, t: Floats) -> Iterator[Field]:
+    yield Field("xyz", f"{_numbers(t, 6)}    m")
+    yield Field("rpy", f"{_numbers(rpy_from_matrix(R), 6)}    rad, about fixed x, y, z")
+    yield Field("quaternion xyzw", _numbers(quaternion_from_matrix(R), 8))
+
+
+def _use(result: Result) -> Iterator[Field]:
+    R, t = result.pose.R, result.pose.t
+    yield Field("", f'<origin xyz="{_numbers(t, 6)}" rpy="{_numbers(rpy_from_matrix(R), 6)}"/>')
+    example = _numbers(R @ np.array([0.1, 0.0, 0.0]) + t, 4)
+    yield Field("", f"e.g. the point (0.1 0 0) of {result.child} is ({example}) of {result.parent}")
+
+
+def _sigmas(result: Result) -> Iterator[Field]:
+    if result.std is None:
+        yield Field("sigma", f"none: --method {result.diagnostics.method} states no covariance")
+        return
+    source = ""
+    if result.diagnostics.sigma_source == "segments":
+        source = (
+            ", set by how segments of the log scatter: the robot model, not the noise, limits "
+            "this result"
+        )
+    yield Field("", f"± is 1 sigma{source}")
+    for axis, value, std, known in zip(
+        _AXES,
+        result.pose.t * 1e3,
+        result.std.translation_mm,
+        result.transform.translation,
+        strict=True,
+    ):
+        text = "not determined" if known is None else f"{with_std(value, std)} mm"
+        if std == 0.0:
+            text = f"{figures(value, 6)} mm, held as told by --fix"
+        yield Field(axis, text)
+    rotation = "not determined"
+    if result.transform.rotation_xyzw is not None:
+        rotation = _rotation(result.std.rotation_deg, result.parent)
+    yield Field("rotation", rotation)
+    yield from _least_known(result)
+
+
+def _least_known(result: Result) -> Iterator[Field]:
+    """Where a log that determined the place told least of it, and what would tell more.
+
+    The place along a direction is felt in turns about axes across it.
+    """
+    covariance = result.uncertain_pose.covariance
+    if covariance is None or None in result.transform.translation:
+        return
+    variances, directions = np.linalg.eigh(covariance[:3, :3])
+    if variances[-1] <= 0.0:  # all of it is held
+        return
+    axis = directions[:, -1] * np.sign(directions[np.argmax(np.abs(directions[:, -1])), -1])
+    std = sigma(float(np.sqrt(variances[-1])) * 1e3)
+    yield Field(
+        "least known",
+        f"along ({_numbers(axis, 2)}) of {result.parent}, ± {std} mm: faster turns about axes "
+        "across it tell more",
+    )
+
+
+def _rotation(stds: Sequence[float | None], parent: str) -> str:
+    """Of the axes that were found a sigma each; those that are held, once and in words."""
+    found = [axis for axis, std in zip(_AXES, stds, strict=True) if std != 0.0]
+    held = ", ".join(axis for axis in _AXES if axis not in found)
+    words = f"held about {held} of {parent}, as told by --fix"
+    if not found:
+        return words
+    sigmas = " ".join(sigma(math.nan if std is None else std) for std in stds if std != 0.0)
+    return f"± {sigmas} deg about {', '.join(found)} of {parent}{'; ' + words if held else ''}"
+
+
+def _nuisances(result: Result) -> Iterator[Field]:
+    offset, std = result.time_offset.seconds, result.time_offset.std
+    if std is None:
+        number = f"{offset * 1e3:g} ms, not estimated"
+    else:
+        number = f"{with_std(offset * 1e3, std * 1e3)} ms"
+    sense = "late" if offset > 0 else "early"
+    significant = abs(offset) > 2.0 * (std or 0.0)
+    if "clock_drift" in result.diagnostics.corrections:
+        number += " in the middle of the log"
+    stamps = "times of receipt" if result.provenance.clock == "log" else "stamps"
+    yield Field(
+        "time offset",
+        f"{number}: t_robot = t_imu - ({offset:.6f} s)"
+        + (f", the IMU's {stamps} are {sense}" if significant else ""),
+    )
+    yield Field("accel bias", f"{_bias(result.accel_bias)} m/s²")
+    yield Field("gyro bias", f"{_bias(result.gyro_bias)} rad/s")
+    yield Field("gravity", _gravity(result))
+
+
+def _bias(bias: Bias) -> str:
+    if bias.std is None:
+        return f"{_numbers(bias.value, 6)} (not estimated)"
+    return ", ".join(with_std(v, s) for v, s in zip(bias.value, bias.std, strict=True))
+
+
+def _gravity(result: Result) -> str:
+    x, y, z = result.gravity_world
+    norm = float(np.linalg.norm(result.gravity_world))
+    if norm == 0.0:
+        return "none"
+    parameters = result.diagnostics.parameters
+    found = next((each for each in parameters if each.name == "gravity_norm"), None)
+    size = f"{norm:.5f}" if found is None else with_std(norm, found.std)
+    tilt = math.degrees(math.atan2(math.hypot(x, y), -z))
+    return f"{size} m/s², {figures(tilt, 2)} deg off -z of {result.provenance.world}"
+
+
+def _fit(result: Result) -> Iterator[Field]:
+    diagnostics = result.diagnostics
+    window, rms = diagnostics.window, diagnostics.residual_rms
+    seconds = figures(window.seconds, 3)
+    yield Field("window", f"{window.samples} samples, {seconds} s: {window.reason}")
+    yield Field(
+        "windows",
+        f"{diagnostics.windows_used} used, {diagnostics.windows_dropped} dropped, "
+        f"{diagnostics.samples_replaced} spikes bridged, {diagnostics.gaps} gaps",
+    )
+    yield Field(
+        "residual rms",
+        f"accel {_numbers(rms.accel, 5)} m/s², gyro {_numbers(rms.gyro, 6)} rad/s",
+    )
+    if (model := diagnostics.imu_model) is not None:
+        yield Field(
+            "noise",
+            f"accel {model.accel.measured:.2g} m/s², gyro {model.gyro.measured:.2g} rad/s in a "
+            f"sample; {model.accel.expected:.2g} and {model.gyro.expected:.2g} by the data sheet "
+            f"of {model.name}",
+        )
+    if (parts := diagnostics.consistency) is not None:
+        apart = float(np.linalg.norm(parts.halves.translation_mm))
+        turned = float(np.linalg.norm(parts.halves.rotation_deg))
+        yield Field(
+            "consistency",
+            f"first and second half {figures(apart, 2)} mm and {figures(turned, 2)} deg apart, "
+            f"{figures(parts.halves.sigmas, 2)} sigma",
+        )
+
+
+def _nominal(result: Result) -> Iterator[Field]:
+    if (nominal := result.diagnostics.nominal) is None:
+        return
+    where = f"joint {nominal.joint}" if nominal.joint else "what URDF or tf say"
+    shift = (result.pose.t - nominal.translation) * 1e3
+    R_nominal = matrix_from_quaternion(nominal.rotation_xyzw)
+    turn = np.degrees(rotvec_from_matrix(result.pose.R @ R_nominal.T))
+    yield Field(
+        "from nominal",
+        f"{figures(nominal.distance_mm, 3)} mm and {figures(nominal.distance_deg, 3)} deg away "
+        f"from {where}: ({_numbers(shift, 2)}) mm, ({_numbers(turn, 3)}) deg in {result.parent}",
+    )
+
+
+def _numbers(values: Sequence[float | None] | Floats, places: int) -> str:
+    return " ".join("nan" if value is None else fixed(float(value), places) for value in values)
