@@ -24,6 +24,7 @@ from imucalib_cli.cli.inspect import inspect_command
 from imucalib_cli.cli.options import with_groups
 from imucalib_cli.cli.output import deliver, guard_streams, say, say_error
 from imucalib_cli.cli.parsers import WrongValue
+from imucalib_cli.cli.report import report_command
 from imucalib_cli.cli.run import run_command
 from imucalib_cli.cli.simulate import simulate_command
 from imucalib_cli.cli.study import study_command
@@ -57,6 +58,7 @@ def schema_command(
 COMMANDS: dict[str, Callable[..., None]] = {
     "run": run_command,
     "inspect": inspect_command,
+    "report": report_command,
     "apply": apply_command,
     "verify": verify_command,
     "diff": diff_command,

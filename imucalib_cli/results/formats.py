@@ -5,14 +5,17 @@ What a format needs is imported when it is used, so that ``--help`` can list the
 
 from __future__ import annotations
 
+import re
 from shlex import quote
 from typing import TYPE_CHECKING, NamedTuple
 
 from imucalib_cli.errors import UntrustedError
+from imucalib_cli.shown import shown
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    from imucalib_cli.arrays import Floats
     from imucalib_cli.results.result import Result
 
 
@@ -82,6 +85,70 @@ def _tf(result: Result) -> str:
     return f"{numbers} --frame-id {parent} --child-frame-id {child}\n"
 
 
+def _tf1(result: Result) -> str:
+    """The arguments of ROS 1's static_transform_publisher, one line."""
+    values = (*result.pose.translation, *result.pose.rotation_xyzw)
+    numbers = " ".join(f"{value + 0.0:.12g}" for value in values)
+    return f"{numbers} {quote(result.parent)} {quote(result.child)}\n"
+
+
+def _launch(result: Result) -> str:
+    """A node of ROS 2's XML launch files."""
+    from xml.sax.saxutils import quoteattr
+
+    return (
+        '<node pkg="tf2_ros" exec="static_transform_publisher" args='
+        f"{quoteattr(_tf(result).rstrip())}/>\n"
+    )
+
+
+def _xacro(result: Result) -> str:
+    """Two properties to paste."""
+    name = re.sub(r"\W", "_", result.child)
+    return "".join(
+        f'<xacro:property name="{name}_{what}" value="{" ".join(_number(v) for v in values)}"/>\n'
+        for what, values in (
+            ("xyz", result.pose.translation),
+            ("rpy", result.pose.rotation_rpy),
+        )
+    )
+
+
+def _matrix(result: Result) -> str:
+    """T_parent_imu, four rows of four numbers."""
+    rows = [*_rows(result.pose.R, result.pose.t), (0.0, 0.0, 0.0, 1.0)]
+    return "".join(" ".join(map(_number, row)) + "\n" for row in rows)
+
+
+def _kalibr(result: Result) -> str:
+    """As a Kalibr camchain has it, for a parent that is a camera."""
+    rows = [*_rows(result.pose.R, result.pose.t), (0.0, 0.0, 0.0, 1.0)]
+    lines = "".join(f"- [{', '.join(map(_number, row))}]\n" for row in rows)
+    return f"{_comment(result, 'T_cam_imu, the camera being')}T_cam_imu:\n{lines}"
+
+
+def _fast_lio(result: Result) -> str:
+    """As FAST-LIO's configurations have it, for a parent that is a LiDAR: its pose in the IMU."""
+    R, t = result.pose.R.T, -result.pose.R.T @ result.pose.t
+    numbers = ", ".join(_number(value) for row in R for value in row)
+    return (
+        f"{_comment(result, 'pose of the LiDAR in the IMU, the LiDAR being')}"
+        f"extrinsic_T: [{', '.join(map(_number, t))}]\nextrinsic_R: [{numbers}]\n"
+    )
+
+
+def _comment(result: Result, words: str) -> str:
+    return f"# {words} {shown(result.parent)}, the IMU {shown(result.child)}\n"
+
+
+def _rows(R: Floats, t: Floats) -> list[tuple[float, ...]]:
+    return [(*row, place) for row, place in zip(R.tolist(), t.tolist(), strict=True)]
+
+
+def _number(value: float) -> str:
+    return f"{value + 0.0:.12g}"
+
+
 def _each(render: Callable[[Result], str]) -> Callable[[Sequence[Result]], str]:
     return lambda results: "".join(map(render, results))
 
@@ -92,6 +159,12 @@ FORMATS: dict[str, Format] = {
     # a <joint> alone is no URDF and its file is not called one
     "urdf": Format(".joint.xml", True, _each(_joint), "a <joint> to paste"),
     "tf": Format(".txt", True, _each(_tf), "named arguments of ROS 2's static_transform_publisher"),
+    "tf1": Format(".txt", True, _each(_tf1), "arguments of ROS 1's static_transform_publisher"),
+    "launch": Format(".launch.xml", True, _each(_launch), "a <node> of a ROS 2 launch file"),
+    "xacro": Format(".xacro", True, _each(_xacro), "xacro properties to paste"),
+    "matrix": Format(".txt", True, _each(_matrix), "4x4, T_parent_imu"),
+    "kalibr": Format(".kalibr.yaml", True, _each(_kalibr), "T_cam_imu, for a camera as parent"),
+    "fast-lio": Format(".yaml", True, _each(_fast_lio), "extrinsic_T, _R, for a LiDAR as parent"),
     "summary": Format(".txt", False, _summary, "words"),
 }
 """By name."""

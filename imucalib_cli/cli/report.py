@@ -1,0 +1,33 @@
+"""``imucalib report``: a result as a page to look at."""
+
+import sys
+from typing import Annotated
+
+import typer
+
+from imucalib_cli.cli.files import files_of, writing
+from imucalib_cli.cli.options import OutputFile, Quiet
+from imucalib_cli.cli.output import deliver, is_terminal
+from imucalib_cli.errors import ChoiceError
+
+
+def report_command(
+    result: Annotated[
+        str, typer.Argument(metavar="RESULT", help="Result of `imucalib run`; - reads stdin.")
+    ],
+    *,
+    output: OutputFile = None,
+    quiet: Quiet = False,
+) -> None:
+    """Write a result as one HTML page that needs no network.
+
+    Plots of the motion, the residuals and the parts of the log need the log itself: imucalib run
+    LOG --report FILE.html.
+    """
+    del quiet
+    if output is None and is_terminal(sys.stdout):
+        raise ChoiceError("a page is not for a terminal: add -o report.html, or redirect it")
+    with writing(output, read=files_of(result)):
+        from imucalib_cli.jobs.report import report_of_file
+
+        deliver(report_of_file(result), output)

@@ -1,0 +1,39 @@
+"""From what a run leaves, or from a result alone, to a page to look at."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from imucalib_cli.jobs.result_files import read_result_file
+from imucalib_cli.report.figures import Material
+from imucalib_cli.report.page import page
+
+if TYPE_CHECKING:
+    from imucalib_cli.jobs.calibrate import Calibrated, Outcome
+
+
+def report(outcome: Outcome) -> str:
+    """HTML about every IMU that could be calibrated, at least one.
+
+    Args:
+        outcome: Of a request with ``details``.
+    """
+    return page([_material(each) for each in outcome.calibrated])
+
+
+def report_of_file(name: str) -> str:
+    """HTML of a stored result, ``-`` for standard input: what is not in it needs the log.
+
+    Raises:
+        InputError: The file cannot be read or holds no result.
+    """
+    return page([Material(result=result) for result in read_result_file(name)])
+
+
+def _material(calibrated: Calibrated) -> Material:
+    samples, tracks = calibrated.samples, calibrated.motion.path.tracks
+    return Material(
+        result=calibrated.result,
+        details=calibrated.estimate.details,
+        stamps={samples.topic: samples.t} | {track.name: track.t for track in tracks},
+    )

@@ -1,0 +1,1 @@
+"""A result to look at: one HTML page, and files for other tools."""

@@ -1,0 +1,128 @@
+"""Drawings of a report that need no script: SVG and tables."""
+
+from __future__ import annotations
+
+import math
+from html import escape
+from itertools import groupby
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from imucalib_cli.digits import figures, with_std
+from imucalib_cli.shown import shown
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from imucalib_cli.arrays import Floats
+    from imucalib_cli.results.result import ParameterEntry
+
+_LABELS, _CELLS, _ROW, _FOOT = 90, 700, 26, 40
+"""Widths of labels and cells, heights of a row and the axis, in units of the drawing."""
+_MOST_TICKS = 6
+_REACH = 2.0
+"""Prior sigmas that a bar's scale reaches to either side."""
+_FARTHEST = 20.0
+"""Prior sigmas from zero, beyond which a value is about another nominal one."""
+
+
+def heat_map(share: Floats, rows: Sequence[str], edges: Floats, unit: str) -> str:
+    """Cells (columns, rows), darker for a greater share; the darkest of a row is its greatest.
+
+    Args:
+        share: (C, R), 0 to 1.
+        rows: Their names.
+        edges: (C + 1,), of the columns along x.
+        unit: Of the edges.
+    """
+    span = float(edges[-1] - edges[0])
+    x = _LABELS + _CELLS * (edges - edges[0]) / span
+    greatest = np.maximum(share.max(axis=0), 1e-12)
+    parts = []
+    for row, name in enumerate(rows):
+        y = row * _ROW
+        parts.append(f'<text x="{_LABELS - 8}" y="{y + 17}" text-anchor="end">{name}</text>')
+        for column in range(len(share)):
+            value = float(share[column, row])
+            parts.append(
+                f'<rect x="{x[column]:.1f}" y="{y}" width="{x[column + 1] - x[column]:.1f}" '
+                f'height="{_ROW - 3}" fill-opacity="{value / greatest[row]:.3f}"><title>'
+                f"{name}, {edges[column]:.1f} to {edges[column + 1]:.1f} {unit}: "
+                f"{100.0 * value:.1f} %</title></rect>"
+            )
+    foot = len(rows) * _ROW
+    step = _round_step(span / _MOST_TICKS)
+    ticks = np.arange(math.ceil(edges[0] / step) * step, edges[-1], step)
+    for tick in ticks.tolist():
+        at = _LABELS + _CELLS * (tick - edges[0]) / span
+        parts.append(f'<text x="{at:.1f}" y="{foot + 15}" text-anchor="middle">{tick:g}</text>')
+    parts.append(
+        f'<text x="{_LABELS + _CELLS / 2}" y="{foot + 34}" text-anchor="middle">time of the log, '
+        f"{unit}</text>"
+    )
+    size = f"0 0 {_LABELS + _CELLS + 10} {foot + _FOOT}"
+    drawn = "".join(parts)
+    return f'<div class="wide"><svg class="heat" viewBox="{size}" role="img">{drawn}</svg></div>'
+
+
+def parameter_table(parameters: Sequence[ParameterEntry]) -> str:
+    """A row for each unknown: name, value, prior, and both as bars on one scale."""
+    rows = []
+    for name, entries in groupby(parameters, lambda each: each.name):
+        rows += [
+            _parameter_row(each, name if place == 0 else "") for place, each in enumerate(entries)
+        ]
+    return (
+        '<div class="wide"><table class="parameters"><thead><tr><th>unknown</th><th></th>'
+        "<th>found, ± 1 σ</th><th>1 σ beforehand</th><th>before and after</th><th>taught</th></tr>"
+        f"</thead><tbody>{''.join(rows)}</tbody></table></div>"
+    )
+
+
+def _parameter_row(entry: ParameterEntry, name: str) -> str:
+    head = f"<th>{escape(name.replace('_', ' '))}</th><td>{escape(shown(entry.label))}</td>"
+    unit = "" if entry.unit == "1" else escape(entry.unit)
+    if entry.value is None or entry.std is None:
+        return f'<tr>{head}<td colspan="4">not determined</td></tr>'
+    prior, stated, bars, taught = entry.prior_std, "unbounded", "", "all of it"
+    if prior is not None and 0.0 < prior < math.inf:
+        stated = f"{_with_power(prior)} {unit}{', learnt' if entry.prior_learnt else ''}"
+        bars = _bars(entry.value, entry.std, prior)
+        taught = f"{100.0 * max(1.0 - (entry.std / prior) ** 2, 0.0):.0f} %"
+    found = _with_power(entry.value, entry.std)
+    return (
+        f"<tr>{head}<td>{found} {unit}</td><td>{stated}</td><td>{bars}</td><td>{taught}</td></tr>"
+    )
+
+
+def _bars(value: float, std: float, prior: float) -> str:
+    """The prior's 1 sigma as a pale bar about zero, the posterior's as a dark one."""
+    if abs(value) > _FARTHEST * prior:
+        return ""
+    scale = 100.0 / (_REACH * prior)
+    left = min(max(scale * (value - std), -100.0), 98.0)
+    width = min(max(2.0 * scale * std, 2.0), 100.0 - left)
+    return (
+        '<svg class="bars" viewBox="-100 0 200 14" role="img">'
+        f'<rect class="prior" x="{-scale * prior:.1f}" y="1" width="{2 * scale * prior:.1f}" '
+        f'height="12"/><rect class="posterior" x="{left:.1f}" y="4" width="{width:.1f}" '
+        'height="6"/><line x1="0" x2="0" y1="0" y2="14"/></svg>'
+    )
+
+
+def _with_power(value: float, std: float | None = None) -> str:
+    """A number, ± its sigma if it has one, with a power of thousand where it is small or large."""
+    size = max(abs(value), std or 0.0)
+    power = 0 if not size or 1e-3 <= size < 1e4 else 3 * math.floor(math.log10(size) / 3.0)
+    factor = 10.0**-power
+    text = figures(value * factor, 2) if std is None else with_std(value * factor, std * factor)
+    if not power:
+        return text
+    return f"{f'({text})' if std else text}·10<sup>{power}</sup>"
+
+
+def _round_step(step: float) -> float:
+    """1, 2 or 5 of a power of ten, at least the step."""
+    power = 10.0 ** math.floor(math.log10(step))
+    return next(power * each for each in (1.0, 2.0, 5.0, 10.0) if power * each >= step)

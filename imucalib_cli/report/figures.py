@@ -1,0 +1,353 @@
+"""The figures of a report, in the order in which they are read; their words are in words.py."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from imucalib_cli.report.chart import (
+    AXIS_COLOURS,
+    AXIS_STYLES,
+    Figure,
+    Plot,
+    Trace,
+    ranges,
+    thinned,
+)
+from imucalib_cli.report.drawings import heat_map, parameter_table
+from imucalib_cli.report.words import WORDS
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from imucalib_cli.arrays import Floats
+    from imucalib_cli.estimate.checks.segments import Stretches
+    from imucalib_cli.estimate.details import Details, OffsetProfile, WindowSeries
+    from imucalib_cli.report.chart import Style
+    from imucalib_cli.results.result import Result
+
+_AXES = "xyz"
+_TIME = "time of the log, s"
+_LOG_TIME = "time"
+_UNITS = {"accel": "m/s²", "gyro": "rad/s"}
+_NAMES = {"accel": "Acceleration", "gyro": "Angular rate"}
+_SENSORS = {"accel": "Accelerometer", "gyro": "Gyroscope"}
+_LONGEST_NAME = 70
+"""Letters of a stream's name that fit above a plot."""
+_GAP = 2.5
+"""Usual steps, from which there is a gap."""
+_WIDE = 8.0
+"""Times the median error bar, from which a part tells so little that the plot may cut it off."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Material:
+    """All that a report of one IMU is drawn from."""
+
+    result: Result
+    details: Details | None = None
+    """None where only the result is at hand."""
+    stamps: Mapping[str, Floats] | None = None
+    """Stamps of each stream, s of the log, in the order in which they were recorded."""
+
+
+def figures(material: Material) -> Iterator[Figure]:
+    """All that the material can show."""
+    details = material.details
+    if details is not None:
+        details = replace(details, windows=_with_gaps(details.windows))
+        yield _motion(material, details, "accel")
+        yield _motion(material, details, "gyro")
+        yield _residuals(details.windows)
+        yield _spectra(details)
+        if details.dependence:
+            yield _window(details)
+        if details.stretches is not None:
+            yield _segments(details.stretches)
+            yield _so_far(details.stretches)
+            yield _taught(details.stretches)
+        if details.offset is not None:
+            yield _offset(details.offset, material.result.time_offset.seconds)
+    if material.stamps:
+        yield _stamps(material.stamps)
+    if material.result.diagnostics.parameters:
+        yield _parameters(material.result)
+
+
+def _motion(material: Material, details: Details, sensor: str) -> Figure:
+    series, result = details.windows, material.result
+    measured = np.asarray(getattr(series, f"{sensor}_measured"))
+    predicted = np.asarray(getattr(series, f"{sensor}_predicted"))
+    bias = result.accel_bias if sensor == "accel" else result.gyro_bias
+    samples = getattr(details, f"imu_{sensor}") - np.array(bias.value)
+    plots = []
+    for axis, name in enumerate(_AXES):
+        at = thinned(np.stack([measured[:, axis], predicted[:, axis]], axis=1))
+        t = series.t[at]
+        plots.append(
+            Plot(
+                title=name,
+                x=t,
+                traces=(
+                    Trace(
+                        label="samples, less bias",
+                        values=ranges(details.imu_t, samples[:, axis : axis + 1], t)[:, 0],
+                        style="band",
+                        colour="faint",
+                    ),
+                    Trace(label="measured", values=measured[at, axis]),
+                    Trace(
+                        label="predicted",
+                        values=predicted[at, axis],
+                        style="dashed",
+                        colour="second",
+                    ),
+                ),
+                x_label=_TIME,
+                y_label=_UNITS[sensor],
+                shared_x=_LOG_TIME,
+                shaded=_left_out(series),
+            )
+        )
+    return _figure(
+        sensor,
+        quantity=_NAMES[sensor],
+        seconds=f"{2.0 * details.half_window:.3g}",
+        plots=tuple(plots),
+    )
+
+
+def _residuals(series: WindowSeries) -> Figure:
+    plots = []
+    for sensor, name in _SENSORS.items():
+        values = np.asarray(getattr(series, f"{sensor}_residual"))
+        at = thinned(values)
+        plots.append(
+            Plot(
+                title=name,
+                x=series.t[at],
+                traces=_by_axis(values[at]),
+                x_label=_TIME,
+                y_label=_UNITS[sensor],
+                shared_x=_LOG_TIME,
+                shaded=_left_out(series),
+            )
+        )
+    return _figure(
+        "residuals",
+        plots=tuple(plots),
+    )
+
+
+def _spectra(details: Details) -> Figure:
+    plots = tuple(
+        Plot(
+            title=_SENSORS[sensor],
+            x=spectrum.frequency,
+            traces=(Trace(label="residual", values=spectrum.density, style="points"),),
+            x_label="frequency, Hz",
+            y_label=f"{_UNITS[sensor]}/√Hz",
+            log="xy",
+            levels=(("the IMU's own noise", spectrum.own),),
+        )
+        for sensor, spectrum in zip(_SENSORS, details.spectra, strict=True)
+    )
+    return _figure(
+        "spectra",
+        plots=plots,
+    )
+
+
+def _window(details: Details) -> Figure:
+    own = 2.0 * details.half_window
+    solved = sorted(
+        [(own, np.zeros(6), np.zeros(6))]
+        + [
+            (each.seconds, each.difference, np.sqrt(np.diag(each.covariance)))
+            for each in details.dependence
+        ],
+        key=lambda each: each[0],
+    )
+    seconds = np.array([each[0] for each in solved])
+    difference, std = (np.array([each[place] for each in solved]) for place in (1, 2))
+    return _figure(
+        "window",
+        seconds=f"{own:.3g}",
+        plots=_pose_plots(seconds, difference, std, x_label="window, s", log="x"),
+    )
+
+
+def _segments(stretches: Stretches) -> Figure:
+    middle = 0.5 * (stretches.fold_edges[1:] + stretches.fold_edges[:-1])
+    return _figure(
+        "segments",
+        count=len(middle),
+        plots=_pose_plots(
+            middle, stretches.fold_difference, stretches.fold_std, x_label=_TIME, shared=_LOG_TIME
+        ),
+    )
+
+
+def _so_far(stretches: Stretches) -> Figure:
+    return _figure(
+        "enough",
+        plots=tuple(
+            Plot(
+                title=name,
+                x=stretches.edges[1:] - stretches.edges[0],
+                traces=_by_axis(stretches.std_so_far[:, part] * factor, AXIS_STYLES),
+                x_label="duration, s",
+                y_label=f"1 σ, {unit}",
+                log="xy",
+            )
+            for name, unit, factor, part in _POSE_PARTS
+        ),
+    )
+
+
+def _taught(stretches: Stretches) -> Figure:
+    return _figure(
+        "taught",
+        drawing=heat_map(
+            stretches.share,
+            rows=tuple(f"{kind} {axis}" for kind in ("along", "about") for axis in _AXES),
+            edges=stretches.edges,
+            unit="s",
+        ),
+    )
+
+
+def _offset(profile: OffsetProfile, found: float) -> Figure:
+    return _figure(
+        "offset",
+        found=f"{found * 1e3:.6g}",
+        plots=(
+            Plot(
+                title="Time offset",
+                x=profile.seconds * 1e3,
+                traces=(Trace(label="worse by", values=profile.sigmas),),
+                x_label="IMU stamp less robot stamp, ms",
+                y_label="σ",
+            ),
+        ),
+    )
+
+
+def _stamps(stamps: Mapping[str, Floats]) -> Figure:
+    plots = []
+    for name, t in stamps.items():
+        intervals = np.diff(t) * 1e3
+        at = thinned(intervals[:, None])
+        plots.append(
+            Plot(
+                title=name if len(name) <= _LONGEST_NAME else f"{name[:_LONGEST_NAME]}…",
+                x=np.maximum.accumulate(t[1:])[at],
+                traces=(Trace(label="interval", values=intervals[at]),),
+                x_label=_TIME,
+                y_label="ms",
+                shared_x=_LOG_TIME,
+                levels=(("median", float(np.median(intervals))),),
+            )
+        )
+    return _figure(
+        "stamps",
+        plots=tuple(plots),
+    )
+
+
+def _parameters(result: Result) -> Figure:
+    return _figure(
+        "parameters",
+        drawing=parameter_table(result.diagnostics.parameters),
+    )
+
+
+def _figure(
+    key: str, *, plots: tuple[Plot, ...] = (), drawing: str = "", **values: object
+) -> Figure:
+    """A figure with its words, the values of this log filled in."""
+    words = WORDS[key]
+    return Figure(
+        key=key,
+        words=words._replace(
+            title=words.title.format(**values), shows=words.shows.format(**values)
+        ),
+        plots=plots,
+        drawing=drawing,
+    )
+
+
+_POSE_PARTS = (
+    ("Translation", "mm", 1e3, slice(0, 3)),
+    ("Rotation", "deg", float(np.degrees(1.0)), slice(3, 6)),
+)
+
+
+def _pose_plots(
+    x: Floats, values: Floats, std: Floats, *, x_label: str, shared: str = "", log: str = ""
+) -> tuple[Plot, ...]:
+    """Translation and rotation with error bars: values and std are (N, 6), m and rad."""
+    return tuple(
+        Plot(
+            title=name,
+            x=x,
+            traces=tuple(
+                Trace(
+                    label=axis,
+                    values=values[:, part][:, place] * factor,
+                    half_width=std[:, part][:, place] * factor,
+                    style="bars",
+                    colour=AXIS_COLOURS[place],
+                )
+                for place, axis in enumerate(_AXES)
+            ),
+            x_label=x_label,
+            y_label=unit,
+            shared_x=shared,
+            log=log,
+            levels=(("", 0.0),),
+            y_range=_shown_range(values[:, part] * factor, std[:, part] * factor),
+        )
+        for name, unit, factor, part in _POSE_PARTS
+    )
+
+
+def _shown_range(values: Floats, half_width: Floats) -> tuple[float, float]:
+    """Range that shows all but error bars of parts that tell next to nothing."""
+    usual = half_width <= _WIDE * np.median(half_width)
+    most = float(np.max((np.abs(values) + half_width)[usual], initial=0.0))
+    return (-1.1 * most, 1.1 * most) if most > 0.0 else (-1.0, 1.0)
+
+
+def _by_axis(values: Floats, styles: Sequence[Style] = ("line",) * 3) -> tuple[Trace, ...]:
+    return tuple(
+        Trace(label=axis, values=column, style=style, colour=colour)
+        for axis, column, style, colour in zip(_AXES, values.T, styles, AXIS_COLOURS, strict=True)
+    )
+
+
+def _with_gaps(series: WindowSeries) -> WindowSeries:
+    """The series with a row of no numbers in each gap, so that no line crosses it."""
+    steps = np.diff(series.t)
+    gaps = np.flatnonzero(steps > _GAP * np.median(steps)) + 1
+    if not len(gaps):
+        return series
+    columns = {each.name: getattr(series, each.name) for each in fields(series)}
+    filled = {name: np.insert(values, gaps, np.nan, axis=0) for name, values in columns.items()}
+    middle = 0.5 * (series.t[gaps - 1] + series.t[gaps])
+    return replace(series, **filled | {"t": np.insert(series.t, gaps, middle)})
+
+
+def _left_out(series: WindowSeries) -> list[tuple[float, float]]:
+    """Stretches whose windows the fit left out."""
+    out = series.weight <= 0.0
+    if not out.any():
+        return []
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], out, [False]])))
+    half = 0.5 * float(np.median(np.diff(series.t)))
+    return [
+        (float(series.t[first]) - half, float(series.t[last - 1]) + half)
+        for first, last in edges.reshape(-1, 2)
+    ]

@@ -1,0 +1,216 @@
+"""One HTML page about one or several IMUs, with all it needs in it: no network, no other file."""
+
+from __future__ import annotations
+
+import json
+import re
+from html import escape
+from importlib.resources import files
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from imucalib_cli.report.chart import plain
+from imucalib_cli.report.figures import figures
+from imucalib_cli.results.fields import sections, verdict
+from imucalib_cli.results.formats import FORMATS
+from imucalib_cli.shown import shown, shown_lines
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from imucalib_cli.report.chart import Figure
+    from imucalib_cli.report.figures import Material
+    from imucalib_cli.results.fields import Field, Section
+    from imucalib_cli.results.result import Result
+
+_POLICY = "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; img-src data:"
+"""The page loads nothing, whatever a name in a log holds."""
+_FIRST = "urdf"
+"""Format that is shown first."""
+
+
+def page(materials: Sequence[Material]) -> str:
+    """The whole page.
+
+    Args:
+        materials: Of the IMUs, at least one.
+    """
+    names = [f"{each.result.child} in {each.result.parent}" for each in materials]
+    data: dict[str, Any] = {"plots": {}, "mounts": {}}
+    articles = [_article(each, number, data) for number, each in enumerate(materials)]
+    # Nothing that ends the element may stand in it.
+    text = json.dumps(data, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
+    return (
+        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">\n'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        '<meta name="color-scheme" content="light dark">\n'
+        f"<title>{_text('; '.join(names))}</title>\n"
+        f"<style>{_asset('uPlot.min.css')}{_asset('report.css')}</style>\n</head>\n<body>\n"
+        f"<main>{''.join(articles)}</main>\n"
+        '<noscript><p class="warning">Plots need JavaScript; all numbers are above.</p></noscript>'
+        f'\n<script id="data" type="application/json">{text}</script>\n'
+        f"<script>{_asset('uPlot.min.js')}</script>\n<script>{_asset('report.js')}</script>\n"
+        "</body>\n</html>\n"
+    )
+
+
+def _article(material: Material, number: int, data: dict[str, Any]) -> str:
+    """One IMU; what the script draws goes into ``data``."""
+    result = material.result
+    prefix = f"imu{number}-"
+    found = list(figures(material))
+    mount = f"{prefix}mount"
+    data["mounts"][mount] = _mount(result)
+    contents = [("pose", "The pose"), ("mount", "Where it is")]
+    contents += [(each.key, each.words.title) for each in found] + [
+        ("source", "Where this is from")
+    ]
+    links = "".join(f'<li><a href="#{prefix}{key}">{title}</a></li>' for key, title in contents)
+    drawn = "".join(_figure(each, prefix, data) for each in found)
+    if material.details is None:
+        drawn = f"<p>{_ALONE}</p>{drawn}"
+    return (
+        f"<article><header>{_head(result)}</header><nav><ul>{links}</ul></nav>"
+        f'<section id="{prefix}pose"><h2>The pose</h2>{_fields(result)}{_copies(result)}</section>'
+        f'<section id="{mount}"><h2>Where it is</h2>{_mount_words(result)}'
+        f'<div class="views" data-mount="{mount}"></div></section>'
+        f"{drawn}{_source(result, prefix)}</article>"
+    )
+
+
+_ALONE = (
+    "This page was made from a result alone. Measured and predicted motion, residuals and spectra "
+    "need the log: <code>imucalib run … --report report.html</code>."
+)
+
+
+def _head(result: Result) -> str:
+    status = "ok" if result.status == "ok" else "untrusted"
+    return (
+        f"<h1>{_text(result.child)} in {_text(result.parent)}</h1>"
+        f'<p class="verdict {status}"><strong>{status}</strong> '
+        f"{_text(verdict(result).removeprefix(status).lstrip(':, '))}</p>"
+    )
+
+
+def _fields(result: Result) -> str:
+    return "".join(map(_section, sections(result)))
+
+
+def _section(section: Section) -> str:
+    rows = "".join(map(_field, section.fields))
+    formula = f"<p><code>{_text(section.formula)}</code></p>" if section.formula else ""
+    return f"<h3>{_text(_capital(section.title))}</h3>{formula}<dl>{rows}</dl>"
+
+
+def _field(field: Field) -> str:
+    if field.severity:
+        return f'<dd class="alone {field.severity}">{_text(field.text)}</dd>'
+    if not field.label:
+        return f'<dd class="alone">{_text(field.text)}</dd>'
+    return f"<dt>{_text(field.label)}</dt><dd>{_text(field.text)}</dd>"
+
+
+def _copies(result: Result) -> str:
+    """The pose in every format that takes it, ready to copy."""
+    formats = {name: each for name, each in FORMATS.items() if each.is_bare_pose}
+    entries = []
+    for name, each in formats.items():
+        opened = " open" if name == _FIRST and result.status == "ok" else ""
+        entries.append(
+            f"<details{opened}><summary>{_text(_capital(name))}: {_text(each.words)}</summary>"
+            f"{_copied(each.render([result]))}</details>"
+        )
+    entries.append(
+        "<details><summary>YAML: the whole result</summary>"
+        f"{_copied(FORMATS['yaml'].render([result]))}</details>"
+    )
+    warning = ""
+    if result.status != "ok":
+        warning = (
+            '<p class="untrusted">The result is untrusted: do not use the pose as it stands.</p>'
+        )
+    return f"<h3>To copy</h3>{warning}{''.join(entries)}"
+
+
+def _copied(text: str) -> str:
+    return (
+        '<div class="copy"><button type="button">Copy</button>'
+        f'<pre tabindex="0">{escape(shown_lines(text))}</pre></div>'
+    )
+
+
+def _figure(figure: Figure, prefix: str, data: dict[str, Any]) -> str:
+    words, places = figure.words, []
+    for number, plot in enumerate(figure.plots):
+        key = f"{prefix}{figure.key}-{number}"
+        data["plots"][key] = plot.data()
+        places.append(
+            f'<div class="plot" data-plot="{key}" tabindex="0" role="application" '
+            f'aria-label="{_text(words.title)}, {_text(plot.title)}. Keys: plus and minus zoom, '
+            'left and right move, 0 shows all."></div>'
+        )
+    faults = "".join(f"<li>{_text(each)}</li>" for each in words.faults)
+    return (
+        f'<section id="{prefix}{figure.key}"><h2>{_text(words.title)}</h2>'
+        f"<p>{_text(words.shows)}</p><figure>{''.join(places)}{figure.drawing}</figure>"
+        f'<p class="good"><strong>Good:</strong> {_text(words.good)}</p>'
+        f"<details><summary>What faults look like</summary><ul>{faults}</ul></details></section>"
+    )
+
+
+def _mount(result: Result) -> dict[str, Any]:
+    """Poses in the parent link for the 3D view, m, and the covariance of the place, m²."""
+    covariance = result.uncertain_pose.covariance
+    nominal = result.nominal
+    return {
+        "parent": shown(result.parent),
+        "child": shown(result.child),
+        "R": [plain(row, 9) for row in result.pose.R],
+        "t": plain(result.pose.t, 9),
+        "nominal": None
+        if nominal is None
+        else {
+            "R": [plain(row, 9) for row in nominal.R_parent_imu],
+            "t": plain(nominal.t_parent_imu, 9),
+        },
+        "covariance": None if covariance is None else [plain(row) for row in covariance[:3, :3]],
+    }
+
+
+def _mount_words(result: Result) -> str:
+    nominal = "" if result.nominal is None else ", and as the URDF or the log has it (dashed)"
+    words = f"{_text(result.parent)} with its axes, and the IMU as found{nominal}."
+    covariance = result.uncertain_pose.covariance
+    if covariance is not None and covariance[:3, :3].any():
+        words += " Beside it a close look at the place, with its 3 σ ellipsoid."
+        axes = 3e3 * np.sqrt(np.maximum(np.linalg.eigvalsh(covariance[:3, :3]), 0.0))[::-1]
+        size = " by ".join(f"{value:.2g}" for value in axes)
+        words += f" The half axes of the ellipsoid are {size} mm."
+    return f"<p>{words} Drag, or use the arrow keys, to turn both.</p>"
+
+
+def _source(result: Result, prefix: str) -> str:
+    source = result.provenance
+    rows = [(each.path, f"sha256 {each.sha256}") for each in source.files]
+    if source.urdf is not None:
+        rows.append((source.urdf.path, f"sha256 {source.urdf.sha256}"))
+    rows.append(("made by", f"{source.tool} {source.version}"))
+    rows += [(name, "default" if v is None else str(v)) for name, v in source.options.items()]
+    text = "".join(f"<dt>{_text(name)}</dt><dd>{_text(value)}</dd>" for name, value in rows)
+    return f'<section id="{prefix}source"><h2>Where this is from</h2><dl>{text}</dl></section>'
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]
+
+
+def _text(text: str) -> str:
+    return escape(shown(text))
+
+
+def _asset(name: str) -> str:
+    text = (files("imucalib_cli.report") / "assets" / name).read_text(encoding="utf-8")
+    return re.sub(r"</(?=script|style)", r"<\\/", text)
