@@ -34,6 +34,8 @@ def page_of(name: str) -> str:
 
 def data_of(page: str) -> dict[str, Any]:
     """What the page's script draws."""
-    (text,) = re.findall(r'<script id="data" type="application/json">(.*?)</script>', page, re.S)
+    (text,) = re.findall(
+        r'<script id="data" type="application/json">(.*?)</script>', page, re.DOTALL
+    )
     found: dict[str, Any] = json.loads(text)
     return found
