@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import itertools
 import json
 import re
 import sys
@@ -244,27 +245,28 @@ def test_an_interruption_says_what_is_kept(
     assert capsys.readouterr().err == ""
 
 
-def test_a_terminal_gets_columns_of_one_width(
+def test_a_terminal_gets_columns_that_fit(
     derivation: tuple[str, ...],
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    assert run(*derivation, "--no-figures", "-q") == 0
-    plain = capsys.readouterr().out
-    monkeypatch.setattr("imucalib_cli.cli.study.is_terminal", lambda _: True)
+    assert run(*derivation, "--no-figures", "-q", "--format", "json") == 0
+    tables = json.loads(capsys.readouterr().out)
+    for module in ("study", "tables"):
+        monkeypatch.setattr(f"imucalib_cli.cli.{module}.is_terminal", lambda _: True)
+    monkeypatch.setenv("COLUMNS", "110")
+    monkeypatch.setenv("NO_COLOR", "1")
     assert run(*derivation, "--no-figures", "-q") == 0
     shown = capsys.readouterr().out
-    lines = [[line for line in block.splitlines() if line[0] == "|"] for block in _blocks(shown)]
-    assert lines
-    for block in lines:
-        assert len({tuple(_bars(line)) for line in block}) == 1
-    assert re.sub(" +", " ", re.sub("-{3,}", "---", shown)).replace("| --- |", "|---|") == plain
-
-
-def _blocks(text: str) -> list[str]:
-    return [block for block in text.split("\n\n") if block.startswith("|")]
-
-
-def _bars(line: str) -> list[int]:
-    """Where columns end."""
-    return [found.start() for found in re.finditer(r"(?<!\\)\|", line)]
+    cells = [line for line in shown.splitlines() if line.startswith("  ")]
+    assert max(map(len, cells)) <= 110
+    for table in tables:
+        assert table["title"] in shown.splitlines()
+        for word in " ".join(itertools.chain.from_iterable(table["rows"])).split():
+            assert word in shown
+    assert run() == 0
+    assert "  study          what it repeats or asks\n  derivation     Figures" in (
+        capsys.readouterr().out
+    )
+    assert run(*derivation, "--no-figures", "-q", "--format", "markdown") == 0
+    assert "|---|" in capsys.readouterr().out
