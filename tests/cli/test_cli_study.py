@@ -8,6 +8,7 @@ import itertools
 import json
 import re
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,23 +17,34 @@ import yaml
 
 from imucalib_cli.cli.main import main
 from imucalib_cli.configuration import builtin_names
+from imucalib_cli.study.recordings import clean_recording
 from imucalib_cli.study.studies.derivation import DerivationStudy
 from imucalib_cli.study.study import STUDIES, load_study
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from imucalib_cli.simulate.options import PhysicsOptions
+    from imucalib_cli.simulate.recording import Recording
     from imucalib_cli.study.study import Cell, Row
 
 CONFIGS = Path(__file__).parents[2] / "configs" / "studies"
 
 
 @pytest.fixture(scope="module")
-def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The study of derivations at one window and a rate that is soon simulated."""
+def small(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """The study of derivations at one window, of short recordings at a low rate."""
     raw = yaml.safe_load((CONFIGS / "derivation.yaml").read_text("utf-8"))
     raw |= {"windows": [5], "drawn_window": 5, "imu_rate": 50.0, "robot_rate": 50.0}
     path = tmp_path_factory.mktemp("study") / "small.yaml"
     path.write_text(yaml.safe_dump(raw), encoding="utf-8")
-    return path
+
+    def short(system: str, physics: PhysicsOptions) -> Recording:
+        return clean_recording(system, replace(physics, duration=28.0))
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("imucalib_cli.study.studies.derivation.clean_recording", short)
+        yield path
 
 
 def run(*arguments: str | Path) -> int:

@@ -40,7 +40,9 @@ from imucalib_cli.results.summary import summarise
 from imucalib_cli.robot.mount import Nominal
 
 ROOT = Path(__file__).parents[2]
-SCHEMA = json.loads((ROOT / "docs/result.schema.json").read_text())
+SCHEMA = jsonschema.Draft202012Validator(
+    json.loads((ROOT / "docs/result.schema.json").read_text())
+)
 
 R_TRUE = Rotation.from_euler("xyz", [0.1, -0.4, 2.9])
 UP = UnobservableDirection(
@@ -146,8 +148,8 @@ VARIANTS: dict[str, dict[str, Any]] = {
 def test_documents_obey_the_schema_and_read_back_equal(variant: str, write: Any) -> None:
     document = to_document(make_result(**VARIANTS[variant]))
     text = write([document])
-    jsonschema.validate(document, SCHEMA, cls=jsonschema.Draft202012Validator)
-    jsonschema.validate(yaml.safe_load(text), SCHEMA) if write is to_yaml else json.loads(text)
+    SCHEMA.validate(document)
+    SCHEMA.validate(yaml.safe_load(text)) if write is to_yaml else json.loads(text)
     (again,) = read_results(text, "result.yaml")
     assert to_document(again) == document
 
@@ -223,10 +225,10 @@ def test_several_imus_are_a_stream_or_an_array() -> None:
     assert len(list(yaml.safe_load_all(to_yaml(documents)))) == 2
     array = json.loads(to_json(documents))
     assert len(array) == 2
-    jsonschema.validate(array, SCHEMA, cls=jsonschema.Draft202012Validator)
+    SCHEMA.validate(array)
     del array[1]["status"]
     with pytest.raises(jsonschema.ValidationError):
-        jsonschema.validate(array, SCHEMA, cls=jsonschema.Draft202012Validator)
+        SCHEMA.validate(array)
     for text in (to_yaml(documents), to_json(documents)):
         assert [c.status for c in read_results(text, "x")] == ["ok", "untrusted"]
 
