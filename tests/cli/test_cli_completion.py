@@ -32,7 +32,7 @@ def _asked(*words: str) -> dict[str, str]:
 @pytest.mark.parametrize(
     ("words", "offered"),
     [
-        (["r"], ["run"]),
+        (["r"], ["run", "report"]),
         (["run", "--imu-"], ["--imu-topic", "--imu-link", "--imu-model"]),
         (["run", LOG, "--clock", ""], ["auto", "header", "log"]),
         (["run", LOG, "--imu-topic", ""], ["/imu/data"]),
