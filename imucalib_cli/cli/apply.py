@@ -48,7 +48,7 @@ def apply_command(
             if output is not None:
                 read = files_of(result, urdf)
                 see_places(read=read, written=[output], force=force, made_here=applied.made)
-            deliver(applied.content, output)
+            deliver(applied.content, output, quiet=quiet)
         if not quiet:
             for change in applied.changes:
                 say("applied", change)

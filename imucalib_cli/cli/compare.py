@@ -1,15 +1,16 @@
 """``imucalib compare``: a result beside one of another tool."""
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import typer
 
 from imucalib_cli.cli import complete
 from imucalib_cli.cli.exit_codes import EXIT_OK, EXIT_UNTRUSTED
 from imucalib_cli.cli.files import files_of, writing
-from imucalib_cli.cli.options import OUTPUT, OutputFile, Quiet
-from imucalib_cli.cli.output import deliver, say
+from imucalib_cli.cli.options import AnswerFormat, OutputFile, Quiet
+from imucalib_cli.cli.output import chosen_format, deliver, say
+from imucalib_cli.cli.tables import deliver_blocks
 
 
 def compare_command(
@@ -51,12 +52,7 @@ def compare_command(
         str | None,
         typer.Option(metavar="FILE", help="truth.yaml of a simulated log: the errors of both."),
     ] = None,
-    fmt: Annotated[
-        Literal["yaml", "json", "summary"],
-        typer.Option(
-            "--format", help="Form of the answer; summary is words.", rich_help_panel=OUTPUT
-        ),
-    ] = "yaml",
+    fmt: AnswerFormat = None,
     output: OutputFile = None,
     quiet: Quiet = False,
 ) -> None:
@@ -65,15 +61,17 @@ def compare_command(
         from imucalib_cli.jobs.compare import compare_files
         from imucalib_cli.results.codec import to_json, to_yaml
 
-        answer, text = compare_files(
+        answer, words = compare_files(
             result, kalibr, urdf, camera=camera, camera_link=camera_link, imu=imu, truth=truth
         )
-        if fmt != "summary":
-            text = (to_json if fmt == "json" else to_yaml)([answer])
-        deliver(text, output)
+        chosen = chosen_format(fmt, output)
+        if chosen == "summary":
+            deliver_blocks(words, output, quiet=quiet)
+        else:
+            deliver((to_json if chosen == "json" else to_yaml)([answer]), output, quiet=quiet)
         trusted = answer.status == "ok"
         if not quiet:
-            if fmt != "summary":
+            if chosen != "summary":
                 say("compared", answer.reason)
             for warning in answer.warnings:
                 say("warning", warning)

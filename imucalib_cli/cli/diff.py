@@ -23,7 +23,7 @@ def diff_command(
         ),
     ] = None,
     within: Within = None,
-    fmt: AnswerFormat = "yaml",
+    fmt: AnswerFormat = None,
     output: OutputFile = None,
     quiet: Quiet = False,
 ) -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import fields
 from typing import TYPE_CHECKING
 
-from imucalib_cli.cli.output import say
+from imucalib_cli.cli.output import deliver
 from imucalib_cli.optional import optional
 
 if TYPE_CHECKING:
@@ -59,7 +59,6 @@ def write_extras(
     Raises:
         ChoiceError, InputError: As results.places.see_places.
     """
-    from imucalib_cli.results.atomic import write_whole
     from imucalib_cli.results.places import see_places
 
     if not outcome.calibrated:
@@ -69,9 +68,7 @@ def write_extras(
     # with several IMUs there are other files than those named
     see_places(read=read, written=[*written, *(path for path, _ in contents)], force=force)
     for path, content in contents:
-        write_whole(path, content)
-        if not quiet:
-            say("written", path)
+        deliver(content, path, quiet=quiet)
 
 
 def _asked(files: ExtraFiles) -> dict[str, Path]:

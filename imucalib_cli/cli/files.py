@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from imucalib_cli.cli.output import say
+from imucalib_cli.cli.output import deliver, say
 from imucalib_cli.errors import ImucalibError, InputError
 
 if TYPE_CHECKING:
@@ -68,6 +68,7 @@ def deliver_into(
     fmt: str,
     *,
     force: bool,
+    quiet: bool,
     read: Iterable[Path],
 ) -> None:
     """Write ``<log>.<imu>.<suffix>`` for each IMU into a folder, which is made if need be.
@@ -77,7 +78,6 @@ def deliver_into(
     Raises:
         ChoiceError, InputError: As results.places.see_places.
     """
-    from imucalib_cli.results.atomic import write_whole
     from imucalib_cli.results.formats import FORMATS
     from imucalib_cli.results.names import fitted, labels_of, sameness
     from imucalib_cli.results.places import see_places
@@ -105,7 +105,7 @@ def deliver_into(
             )
     see_places(read=read, written=texts, force=force)
     for path, text in texts.items():
-        write_whole(path, text)
+        deliver(text, path, quiet=quiet)
     for words in displaced:
         say("warning", words)
 

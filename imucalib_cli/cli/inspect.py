@@ -6,9 +6,10 @@ from typing import Annotated, Literal
 import typer
 
 from imucalib_cli.cli.files import files_of, writing
-from imucalib_cli.cli.options import OUTPUT, CsvColumns, OutputFile
+from imucalib_cli.cli.options import OUTPUT, CsvColumns, OutputFile, Quiet
 from imucalib_cli.cli.output import deliver
 from imucalib_cli.cli.progress import ProgressBar
+from imucalib_cli.cli.tables import deliver_blocks
 
 
 def inspect_command(
@@ -28,9 +29,7 @@ def inspect_command(
         typer.Option("--format", help="Form of the report.", rich_help_panel=OUTPUT),
     ] = "text",
     output: OutputFile = None,
-    quiet: Annotated[
-        bool, typer.Option("-q", "--quiet", help="No progress bar.", rich_help_panel=OUTPUT)
-    ] = False,
+    quiet: Quiet = False,
 ) -> None:
     """Tell topics, rates, gaps, stamps and units of a log, and the command to run on it."""
     from imucalib_cli.jobs.inspect import inspect
@@ -38,4 +37,7 @@ def inspect_command(
     with writing(output, read=files_of(*logs, urdf)):
         with ProgressBar(quiet=quiet) as bar:
             report = inspect(tuple(logs), urdf, bar.report, csv_columns or ())
-        deliver(report.as_json() if fmt == "json" else report.as_text(), output)
+        if fmt == "json":
+            deliver(report.as_json(), output, quiet=quiet)
+        else:
+            deliver_blocks(report.blocks(), output, quiet=quiet)

@@ -54,7 +54,12 @@ CsvColumns = Annotated[
         help="Columns of a CSV table without a header: t,gx,gy,gz,ax,ay,az; - for none.",
     ),
 ]
-AnswerFormat = Annotated[Literal["yaml", "json"], _output("--format", help="Form of the answer.")]
+WORDS_OR_YAML = "summary on a terminal, else yaml"
+"""Default of ``--format``, as output.chosen_format has it."""
+AnswerFormat = Annotated[
+    Literal["yaml", "json", "summary"] | None,
+    _output("--format", help="Form of the answer; summary: in words.", show_default=WORDS_OR_YAML),
+]
 OutputFile = Annotated[
     Path | None,
     _output(

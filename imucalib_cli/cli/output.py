@@ -27,22 +27,36 @@ _LONGEST = 4000
 """Letters of a sentence: a name in a file may have a million."""
 
 
-def deliver(content: str | bytes, output: Path | None = None) -> None:
-    """Write a result to a file, or to stdout where none is named.
+def chosen_format(asked: str | None, output: Path | None) -> str:
+    """The format that was asked for; else words on a terminal, YAML into files and pipes."""
+    return asked or ("summary" if output is None and is_terminal(sys.stdout) else "yaml")
+
+
+def deliver(content: str | bytes, output: Path | None = None, *, quiet: bool = False) -> None:
+    """Write a result to a file and say so, or to stdout where none is named.
 
     Raises:
         InputError: As results.atomic.write_whole.
     """
-    if output is not None:
-        from imucalib_cli.results.atomic import write_whole
-
-        write_whole(output, content)
+    if output is None:
+        if isinstance(content, str) and is_terminal(sys.stdout):
+            content = shown_lines(content)
+        show(content)
         return
+    from imucalib_cli.results.atomic import write_whole
+
+    write_whole(output, content)
+    if not quiet:
+        say("wrote", output)
+
+
+def show(content: str | bytes) -> None:
+    """Write to stdout as it is; of text for a terminal all names have been through ``shown``."""
     try:
         if isinstance(content, bytes):
             sys.stdout.buffer.write(content)
         else:
-            sys.stdout.write(shown_lines(content) if is_terminal(sys.stdout) else content)
+            sys.stdout.write(content)
         sys.stdout.flush()
     except BrokenPipeError:
         # the reader has what it wanted; keep the interpreter from flushing into the pipe again
@@ -69,9 +83,14 @@ def is_terminal(stream: TextIO) -> bool:
     return stream.isatty()
 
 
+def takes_codes(stream: TextIO) -> bool:
+    """Whether the stream is a terminal that knows escape codes."""
+    return is_terminal(stream) and os.environ.get("TERM") != "dumb"
+
+
 def wants_colour(stream: TextIO) -> bool:
-    """Whether to colour: on a terminal, unless NO_COLOR is set (no-color.org)."""
-    return is_terminal(stream) and not os.environ.get("NO_COLOR")
+    """Whether to colour: on a terminal that can, unless NO_COLOR is set (no-color.org)."""
+    return takes_codes(stream) and not os.environ.get("NO_COLOR")
 
 
 def guard_streams() -> None:

@@ -9,7 +9,7 @@ from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
 from imucalib_cli.cli.entry import last_words
-from imucalib_cli.cli.output import is_terminal, say
+from imucalib_cli.cli.output import say, takes_codes
 from imucalib_cli.shown import shown
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ class ProgressBar:
     """
 
     def __init__(self, *, quiet: bool = False) -> None:
-        self._enabled = is_terminal(sys.stderr) and not quiet
+        self._enabled = takes_codes(sys.stderr) and not quiet
         self._lock = threading.Lock()
         self._words = "starting"
         self._share: float | None = None
@@ -105,7 +105,7 @@ class StudyProgress:
     def __init__(self, name: str, file: Path, *, jobs: int, quiet: bool) -> None:
         self._name, self._file, self._jobs = name, file, jobs
         self._bar = ProgressBar(quiet=quiet)
-        self._lines = not is_terminal(sys.stderr) and not quiet
+        self._lines = not takes_codes(sys.stderr) and not quiet
         self._quiet = quiet
         self._lock = threading.Lock()
         self._begun = time.monotonic()

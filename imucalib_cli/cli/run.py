@@ -12,19 +12,31 @@ from imucalib_cli.cli.extras import see_extras, write_extras
 from imucalib_cli.cli.files import deliver_into, files_of, of_log, telling_what_is_left
 from imucalib_cli.cli.options import (
     OUTPUT,
+    WORDS_OR_YAML,
     EstimatorOptions,
     ExtraFiles,
     Quiet,
     RecordingOptions,
     calibration_request,
 )
-from imucalib_cli.cli.output import deliver, is_terminal, say, say_error, wants_colour
+from imucalib_cli.cli.output import (
+    chosen_format,
+    deliver,
+    is_terminal,
+    say,
+    say_error,
+    show,
+    wants_colour,
+)
 from imucalib_cli.cli.parsers import file_or_folder, is_folder, tolerance
 from imucalib_cli.cli.progress import ProgressBar
 from imucalib_cli.errors import UntrustedError
 from imucalib_cli.results.formats import FORMATS, refuse_untrusted
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from typing import TextIO
+
     from imucalib_cli.jobs.calibrate import Outcome
     from imucalib_cli.results.requirement import Tolerance
     from imucalib_cli.results.result import Result
@@ -49,14 +61,15 @@ def run_command(
     recording: RecordingOptions,
     estimator: EstimatorOptions,
     fmt: Annotated[
-        FormatName,
+        FormatName | None,
         typer.Option(
             "--format",
             help="; ".join(f"{name}: {each.words}" for name, each in FORMATS.items() if each.words)
             + ".",
+            show_default=WORDS_OR_YAML,
             rich_help_panel=OUTPUT,
         ),
-    ] = "yaml",
+    ] = None,
     output: Annotated[
         str | None,
         typer.Option(
@@ -99,6 +112,8 @@ def run_command(
     request = calibration_request(ctx, logs, recording, estimator, require)
     read = files_of(*logs, recording.urdf, estimator.imu_model)
     target = None if output is None else Path(output)
+    chosen = chosen_format(fmt, target)
+    in_words = chosen == "summary" and target is None
     folder = target if output is not None and is_folder(output) else None
     # found out before minutes of computing what would come to light after them
     if folder is not None:
@@ -111,14 +126,18 @@ def run_command(
     with telling_what_is_left(*older):
         with ProgressBar(quiet=quiet) as bar:
             outcome = calibrate(request, bar.report)
-        results = _deliverable(outcome, fmt, force=force)
+        results = _deliverable(outcome, chosen, force=force)
         if folder is not None and results:
-            deliver_into(folder, results, logs[0], fmt, force=force, read=read)
+            deliver_into(folder, results, logs[0], chosen, force=force, quiet=quiet, read=read)
+        elif results and in_words:
+            show(_in_words(results, sys.stdout))
         elif results:
-            deliver(FORMATS[fmt].render(results), target)
+            deliver(FORMATS[chosen].render(results), target, quiet=quiet)
         write_extras(extras, outcome, read=read, written=single, force=force, quiet=quiet)
         if not quiet:
-            _tell(outcome, shown=fmt == "summary" and target is None)
+            _tell(outcome, in_words=in_words, on_stdout=target is None)
+            if results and in_words and fmt is None:
+                say("note", "for the result as YAML add -o FILE or --format yaml, or pipe it")
         for failure in outcome.failures:
             say_error(failure)
         codes = [exit_code(failure) for failure in outcome.failures]
@@ -139,16 +158,28 @@ def _deliverable(outcome: "Outcome", fmt: str, *, force: bool) -> "list[Result]"
     return usable
 
 
-def _tell(outcome: "Outcome", *, shown: bool) -> None:
-    """To a human the whole story, unless it is shown already; to a log what needs attention."""
-    from imucalib_cli.results.fields import unobservable_fields
+def _in_words(results: "Sequence[Result]", stream: "TextIO") -> str:
     from imucalib_cli.results.summary import summarise
 
+    return "\n".join(summarise(result, colour=wants_colour(stream)) for result in results)
+
+
+def _tell(outcome: "Outcome", *, in_words: bool, on_stdout: bool) -> None:
+    """To a person the summary, unless stdout has it; beside a result, and to a log, what is wrong.
+
+    Args:
+        outcome: Of all IMUs.
+        in_words: Whether stdout has the summary.
+        on_stdout: Whether the result is on stdout.
+    """
+    from imucalib_cli.results.fields import unobservable_fields
+
+    if is_terminal(sys.stderr) and in_words:
+        return
+    if is_terminal(sys.stderr) and not (on_stdout and is_terminal(sys.stdout)):
+        sys.stderr.write(_in_words(outcome.results, sys.stderr))
+        return
     for result in outcome.results:
-        if is_terminal(sys.stderr):
-            if not shown:
-                sys.stderr.write(summarise(result, colour=wants_colour(sys.stderr)))
-            continue
         # the cause, where one was found, before what comes of it
         for reason in (*result.diagnostics.distrust, *unobservable_fields(result)):
             say("untrusted", f"{result.child}: {reason}")

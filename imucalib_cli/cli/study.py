@@ -13,11 +13,17 @@ from imucalib_cli.cli.files import files_of
 from imucalib_cli.cli.options import Quiet
 from imucalib_cli.cli.output import deliver, is_terminal, say
 from imucalib_cli.cli.progress import StudyProgress
+from imucalib_cli.cli.tables import deliver_blocks
 from imucalib_cli.errors import ChoiceError
+from imucalib_cli.layout import Table
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+    from imucalib_cli.layout import Block
     from imucalib_cli.study.study import Row, Study
-    from imucalib_cli.study.tables import Table
+    from imucalib_cli.study.tables import Table as StudyTable
+    from imucalib_cli.study.tables import TableFormat
 
 FOLDER = Path("imucalib-study")
 
@@ -57,9 +63,13 @@ def study_command(
         bool, typer.Option("--fresh", help="Forget what an earlier run left in DIR.")
     ] = False,
     fmt: Annotated[
-        Literal["markdown", "csv", "json"],
-        typer.Option("--format", help="Form of the tables; each prints the same cells."),
-    ] = "markdown",
+        Literal["markdown", "csv", "json"] | None,
+        typer.Option(
+            "--format",
+            help="Form of the tables; each prints the same cells.",
+            show_default="columns on a terminal, else markdown",
+        ),
+    ] = None,
     figures: Annotated[
         bool, typer.Option("--figures/--no-figures", help="Draw the figures, if there are any.")
     ] = True,
@@ -73,14 +83,13 @@ def study_command(
     from imucalib_cli.study.study import STUDIES, can_draw, load_study, see_installed
 
     if not name:
-        deliver("".join(f"{known:14} {words}\n" for known, (_, words) in STUDIES.items()))
+        _list({known: words for known, (_, words) in STUDIES.items()})
         return
     if name not in STUDIES:
         *known, last = STUDIES
         raise ChoiceError(f"study {name}: expected {', '.join(known)} or {last}")
 
     from imucalib_cli.study.runner import run_study
-    from imucalib_cli.study.tables import render_tables
 
     study = load_study(name, config, quick=quick)
     suffix = "-quick" if quick else ""
@@ -109,7 +118,7 @@ def study_command(
         progress.tell_interrupted(fresh=fresh)
         raise
     tables = _tables(study, rows, file, old=progress.before > 0)
-    deliver(render_tables(tables, fmt, aligned=is_terminal(sys.stdout)))
+    _print(tables, fmt)
     if not quiet:
         say("rows", file)
     for figure, draw in study.figures(rows).items() if figures else ():
@@ -119,7 +128,31 @@ def study_command(
             say("figure", path)
 
 
-def _tables(study: "Study", rows: "list[Row]", file: Path, *, old: bool) -> "list[Table]":
+def _list(studies: dict[str, str]) -> None:
+    if is_terminal(sys.stdout):
+        deliver_blocks([Table(("study", "what it repeats or asks"), tuple(studies.items()))])
+    else:
+        deliver("".join(f"{name:14} {words}\n" for name, words in studies.items()))
+
+
+def _print(tables: "list[StudyTable]", fmt: "TableFormat | None") -> None:
+    from imucalib_cli.study.tables import render_tables
+
+    if fmt is None and is_terminal(sys.stdout):
+        deliver_blocks(_blocks(tables))
+    else:
+        deliver(render_tables(tables, fmt or "markdown"))
+
+
+def _blocks(tables: "Iterable[StudyTable]") -> "Iterator[Block]":
+    for table in tables:
+        yield table.title
+        if table.note:
+            yield from ("", table.note)
+        yield from ("", Table(table.header, table.rows), "")
+
+
+def _tables(study: "Study", rows: "list[Row]", file: Path, *, old: bool) -> "list[StudyTable]":
     """Tables of rows, of which some may be from a file that somebody changed.
 
     Raises:

@@ -19,7 +19,7 @@ from imucalib_cli.cli.options import (
     calibration_request,
     options_given,
 )
-from imucalib_cli.cli.output import deliver, say, say_error
+from imucalib_cli.cli.output import chosen_format, deliver, say, say_error
 from imucalib_cli.cli.progress import ProgressBar
 from imucalib_cli.errors import ChoiceError
 
@@ -51,7 +51,7 @@ def verify_command(
     recording: RecordingOptions,
     estimator: EstimatorOptions,
     within: Within = None,
-    fmt: AnswerFormat = "yaml",
+    fmt: AnswerFormat = None,
     output: OutputFile = None,
     quiet: Quiet = False,
 ) -> None:
@@ -87,21 +87,26 @@ def give_answers(
     given: "Answers[Any]",
     warnings: Iterable[str],
     *,
-    fmt: str,
+    fmt: str | None,
     output: Path | None,
     quiet: bool,
 ) -> int:
-    """Write answers and a sentence each; the exit code is that of the worst IMU."""
+    """Write answers, and a sentence each where it is not the answer; the worst IMU's exit code."""
     from imucalib_cli.results.codec import to_json, to_yaml
 
+    def to_words(answers: Iterable[Any]) -> str:
+        return "".join(f"{answer.verdict}: {answer.reason}\n" for answer in answers)
+
+    renderers = {"yaml": to_yaml, "json": to_json, "summary": to_words}
+    chosen = chosen_format(fmt, output)
     answers, failures = given.answers, given.failures
     if not quiet:
         for warning in warnings:
             say("warning", warning)
     if answers:
-        deliver(to_json(answers) if fmt == "json" else to_yaml(answers), output)
-    for answer in answers:
-        if not quiet:
+        deliver(renderers[chosen](answers), output, quiet=quiet)
+    if not quiet and (chosen != "summary" or output is not None):
+        for answer in answers:
             say(answer.verdict, answer.reason)
     for failure in failures:
         say_error(failure)

@@ -19,6 +19,7 @@ from imucalib_cli.robot.urdf import frame_name, load_robot
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from imucalib_cli.layout import Block
     from imucalib_cli.results.answers import KalibrAnswer
     from imucalib_cli.robot.urdf import Robot
 
@@ -32,7 +33,7 @@ def compare_files(
     camera_link: str | None = None,
     imu: str | None = None,
     truth: str | None = None,
-) -> tuple[KalibrAnswer, str]:
+) -> tuple[KalibrAnswer, tuple[Block, ...]]:
     """Compare one result with Kalibr's.
 
     Args:

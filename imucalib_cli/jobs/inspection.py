@@ -6,19 +6,26 @@ import json
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING
 
+from imucalib_cli.layout import Table, plain
 from imucalib_cli.results.codec import to_document
 from imucalib_cli.results.from_estimate import finding_entry
-from imucalib_cli.shown import shown
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator
 
     from imucalib_cli.findings import Finding
+    from imucalib_cli.layout import Block
     from imucalib_cli.logs.reader import Topic
     from imucalib_cli.signals.imu.stream_health import StampHealth
     from imucalib_cli.signals.imu.units import UnitGuess
 
 _MS = 1e3
+_TOPIC = ("topic", "type", "messages", "seconds", "Hz")
+_HEALTH = (
+    *("stream", "Hz", "jitter ms", "gaps", "longest s"),
+    *("same", "bunched", "back", "zero"),
+)
+"""Heads of the two tables."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,26 +127,21 @@ class Inspection:
 
     def as_text(self) -> str:
         """Everything, for people."""
-        return "\n".join(shown(line) for line in self._lines()) + "\n"
+        return plain(self.blocks())
 
-    def _lines(self) -> Iterator[str]:
+    def blocks(self) -> Iterator[Block]:
+        """Everything, for people, as lines and tables."""
         yield f"log       {', '.join(self.files)}"
         if self.urdf is not None:
             yield f"urdf      {self.urdf}"
         yield ""
-        yield from _table(
-            ("topic", "type", "messages", "seconds", "Hz"),
-            [_topic_row(topic) for topic in self.topics],
-        )
+        yield Table(_TOPIC, tuple(map(_topic_row, self.topics)), frozenset(_TOPIC[2:]))
         if self.health:
             yield ""
             yield f"stamps    {self.clock} stamps would be used"
-            heads = (
-                *("stream", "Hz", "jitter ms", "gaps", "longest s"),
-                *("same", "bunched", "back", "zero"),
-            )
             kind = "log" if self.clock == "log" else "header"
-            yield from _table(heads, [_health_row(each, kind) for each in self.health])
+            health = tuple(_health_row(each, kind) for each in self.health)
+            yield Table(_HEALTH, health, frozenset(_HEALTH[1:]))
         yield ""
         yield from self._imu_lines()
         yield from self._motion_lines()
@@ -201,15 +203,3 @@ def _health_row(each: Health, kind: str) -> tuple[str, ...]:
         str(health.backwards),
         str(health.zeros),
     )
-
-
-def _table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> Iterator[str]:
-    """Columns: text to the left, numbers to the right."""
-    widths = [max(len(row[i]) for row in (heads, *rows)) for i in range(len(heads))]
-    texts = {"topic", "type", "stream"}
-    for row in (heads, *rows):
-        cells = (
-            cell.ljust(width) if head in texts else cell.rjust(width)
-            for cell, width, head in zip(row, widths, heads, strict=True)
-        )
-        yield ("  " + "  ".join(cells)).rstrip()

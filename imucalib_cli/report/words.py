@@ -57,8 +57,8 @@ WORDS: dict[str, Words] = {
         good="Flat, at the line or a little above it.",
         faults=(
             (
-                "Flat but far above the line: the robot's encoders or its tracking are noisier than "
-                "the IMU; σ knows it."
+                "Flat but far above the line: the robot's encoders or its tracking are noisier "
+                "than the IMU; σ knows it."
             ),
             "Rising to the left: a bias that walks, or errors of the robot's geometry.",
             "A peak: vibration, or a mount that rings.",
@@ -73,8 +73,8 @@ WORDS: dict[str, Words] = {
         good="All within a few bars of zero: the answer does not depend on the filter.",
         faults=(
             (
-                "Far from zero: something that no unknown of the model explains, such as a soft mount, "
-                "play in the joints, or a wrong rate of the stamps."
+                "Far from zero: something that no unknown of the model explains, such as a soft "
+                "mount, play in the joints, or a wrong rate of the stamps."
             ),
         ),
     ),
@@ -97,8 +97,8 @@ WORDS: dict[str, Words] = {
         good="σ falls all the way: ten times the duration for a third of σ.",
         faults=(
             (
-                "A component that stays far above the others: the motion does not turn about the axes "
-                "that would show it."
+                "A component that stays far above the others: the motion does not turn about the "
+                "axes that would show it."
             ),
             "A late fall: the telling motion came late; begin with it next time.",
             "A flat end: more of the same motion does not help; move differently.",
@@ -136,8 +136,8 @@ WORDS: dict[str, Words] = {
         faults=(
             "Peaks upwards: messages are lost.",
             (
-                "Pairs of a peak and a dip: messages wait and then arrive together; stamp them at the "
-                "source."
+                "Pairs of a peak and a dip: messages wait and then arrive together; stamp them at "
+                "the source."
             ),
             "Below zero: stamps run backwards, or two publishers share the topic.",
         ),

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from shlex import quote
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from imucalib_cli.errors import UntrustedError
 from imucalib_cli.shown import shown
@@ -123,22 +123,27 @@ def _matrix(result: Result) -> str:
 def _kalibr(result: Result) -> str:
     """As a Kalibr camchain has it, for a parent that is a camera."""
     rows = [*_rows(result.pose.R, result.pose.t), (0.0, 0.0, 0.0, 1.0)]
-    lines = "".join(f"- [{', '.join(map(_number, row))}]\n" for row in rows)
-    return f"{_comment(result, 'T_cam_imu, the camera being')}T_cam_imu:\n{lines}"
+    return _commented(result, "T_cam_imu, the camera being", {"T_cam_imu": rows})
 
 
 def _fast_lio(result: Result) -> str:
     """As FAST-LIO's configurations have it, for a parent that is a LiDAR: its pose in the IMU."""
     R, t = result.pose.R.T, -result.pose.R.T @ result.pose.t
-    numbers = ", ".join(_number(value) for row in R for value in row)
-    return (
-        f"{_comment(result, 'pose of the LiDAR in the IMU, the LiDAR being')}"
-        f"extrinsic_T: [{', '.join(map(_number, t))}]\nextrinsic_R: [{numbers}]\n"
-    )
+    tree = {"extrinsic_T": [t], "extrinsic_R": [R.ravel()]}
+    return _commented(result, "pose of the LiDAR in the IMU, the LiDAR being", tree)
 
 
-def _comment(result: Result, words: str) -> str:
-    return f"# {words} {shown(result.parent)}, the IMU {shown(result.child)}\n"
+def _commented(result: Result, words: str, tree: dict[str, Any]) -> str:
+    """YAML of lists of numbers; one row alone is a list."""
+    import yaml
+
+    plain = {
+        name: [[float(_number(value)) for value in row] for row in rows]
+        for name, rows in tree.items()
+    }
+    single = {name: rows[0] if len(rows) == 1 else rows for name, rows in plain.items()}
+    text = yaml.safe_dump(single, default_flow_style=None, sort_keys=False, width=1000)
+    return f"# {words} {shown(result.parent)}, the IMU {shown(result.child)}\n{text}"
 
 
 def _rows(R: Floats, t: Floats) -> list[tuple[float, ...]]:

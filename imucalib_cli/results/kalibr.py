@@ -18,6 +18,7 @@ from imucalib_cli.digits import figures, fixed
 from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.findings import warning
 from imucalib_cli.guarded_yaml import YamlError, load_one
+from imucalib_cli.layout import Table
 from imucalib_cli.results.answers import (
     Averaged,
     Distance,
@@ -35,11 +36,11 @@ from imucalib_cli.results.pose_comparison import compare_poses
 from imucalib_cli.results.result import SCHEMA, Result, Tree, Vector3
 from imucalib_cli.robot.mount import fixed_transform
 from imucalib_cli.robot.rotations import matrix_from_quaternion, nearest_rotation
-from imucalib_cli.shown import shown
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from imucalib_cli.layout import Block
     from imucalib_cli.results.pose import UncertainPose
     from imucalib_cli.results.pose_comparison import PoseComparison
     from imucalib_cli.robot.urdf import Robot
@@ -53,6 +54,8 @@ OPTICAL = "_optical_frame"
 """REP 103's suffix of frames whose z is forward, which Kalibr's cameras are."""
 _FAR = {"translation": 0.5, "rotation": math.radians(20.0)}
 """m and rad: two calibrations of one mount are nearer, the wrong frame of a camera is farther."""
+_LEAST = (15, 30, 30)
+"""Widths of the summary's first columns, below which further lines are aligned."""
 _ROUNDING = 1e-4
 """How far from orthonormal a rotation may be that was rounded when it was copied."""
 KALIBR = "the -camchain-imucam.yaml that kalibr_calibrate_imu_camera writes"
@@ -161,7 +164,7 @@ def compare_with_kalibr(
     *,
     camera_link: str,
     truth: tuple[str, Truth] | None = None,
-) -> tuple[KalibrAnswer, str]:
+) -> tuple[KalibrAnswer, tuple[Block, ...]]:
     """Express both results in both frames through the URDF's fixed joints.
 
     Args:
@@ -233,7 +236,7 @@ def compare_with_kalibr(
         nominal=None if nominal is None else poses(nominal),
         truth=true,
     )
-    return answer, "\n".join(map(shown, _lines(answer, apart))) + "\n"
+    return answer, tuple(_blocks(answer, apart))
 
 
 def _true_pose(name: str, truth: Truth, file: str, found: UncertainPose) -> TruthPose:
@@ -321,32 +324,34 @@ def _camera_clock_words(times: TimeShifts) -> str:
     )
 
 
-def _lines(answer: KalibrAnswer, apart: PoseComparison) -> Iterator[str]:
+def _blocks(answer: KalibrAnswer, apart: PoseComparison) -> Iterator[Block]:
     """Two columns, then what is between them."""
     ours, theirs, times = answer.imucalib, answer.kalibr, answer.time
     yield f"{answer.child} in {answer.parent}: Kalibr's pose beside ours"
     yield f"  ours from {ours.file}: {answer.status}"
     yield f"  Kalibr's from {theirs.file}: {theirs.camera} at {answer.camera_link} of {answer.urdf}"
     yield ""
-    yield _columns("", "ours", "Kalibr's")
     one, other = ours.T_parent_imu, theirs.T_parent_imu
     places = _numbers(one.translation), _numbers(other.translation)
-    yield _columns("xyz", *places, f"m, in {answer.parent}")
     angles = _numbers(one.rotation_rpy), _numbers(other.rotation_rpy)
-    yield _columns("rpy", *angles, "rad, about fixed x, y, z")
+    rows = [
+        ("xyz", *places, f"m, in {answer.parent}"),
+        ("rpy", *angles, "rad, about fixed x, y, z"),
+    ]
     for name, mine, his in (
         ("from nominal", ours.from_nominal, theirs.from_nominal),
         ("off the truth", ours.error, theirs.error),
     ):
         if mine is not None and his is not None:
-            yield _columns(name, _distance_words(mine), _distance_words(his))
+            rows.append((name, _distance_words(mine), _distance_words(his), ""))
     if times is not None and ours.time_offset is not None and theirs.timeshift_cam_imu is not None:
         both = _milliseconds(ours.time_offset * 1e3), _milliseconds(theirs.timeshift_cam_imu * 1e3)
-        yield _columns("time shift", *both, "IMU stamp less the robot's, the camera's")
+        rows.append(("time shift", *both, "IMU stamp less the robot's, the camera's"))
         if times.imucalib_error_ms is not None:
             error = times.kalibr_error_ms
             his_error = "" if error is None else _milliseconds(error)
-            yield _columns("its error", _milliseconds(times.imucalib_error_ms), his_error)
+            rows.append(("its error", _milliseconds(times.imucalib_error_ms), his_error, ""))
+    yield Table(("", "ours", "Kalibr's", ""), tuple(rows), least=_LEAST)
     yield ""
     yield f"  Kalibr's - ours  {apart}"
     yield f"                   {' and '.join(part.vector_words for part in apart.parts)}"
@@ -355,10 +360,6 @@ def _lines(answer: KalibrAnswer, apart: PoseComparison) -> Iterator[str]:
     if times is not None:
         yield f"  clocks           {_camera_clock_words(times)}"
     yield from (f"  warning: {said}" for said in answer.warnings)
-
-
-def _columns(name: str, ours: str, theirs: str, words: str = "") -> str:
-    return f"  {name:<15}  {ours:<30}  {theirs:<30}  {words}".rstrip()
 
 
 def _milliseconds(value: float) -> str:

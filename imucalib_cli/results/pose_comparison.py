@@ -241,8 +241,9 @@ class PoseComparison:
         return Significance(kind, plain(sigmas))
 
     def __str__(self) -> str:
-        """Both norms with their sigma."""
-        return " and ".join(map(str, self.parts))
+        """Both norms with their sigma; ± is said to be 1 sigma where it stands."""
+        norms = " and ".join(map(str, self.parts))
+        return f"{norms} (1 sigma)" if "±" in norms else norms
 
     @property
     def farthest_words(self) -> str:

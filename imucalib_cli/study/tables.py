@@ -116,19 +116,13 @@ def digits(value: float) -> str:
     return np.format_float_positional(value, precision=3, unique=False, fractional=False, trim="-")
 
 
-def render_tables(tables: list[Table], fmt: TableFormat, *, aligned: bool = False) -> str:
-    """All tables as one text that ends with a line feed.
-
-    Args:
-        tables: What to print.
-        fmt: For whom.
-        aligned: Whether columns of Markdown are padded to one width, as a terminal wants them.
-    """
+def render_tables(tables: list[Table], fmt: TableFormat) -> str:
+    """All tables as one text that ends with a line feed."""
     if fmt == "json":
         return json.dumps([asdict(table) for table in tables], indent=2, ensure_ascii=False) + "\n"
     if fmt == "csv":
         return _csv(tables)
-    return "\n".join(_markdown(table, aligned=aligned) for table in tables)
+    return "\n".join(_markdown(table) for table in tables)
 
 
 def _csv(tables: list[Table]) -> str:
@@ -141,15 +135,11 @@ def _csv(tables: list[Table]) -> str:
     return lines.getvalue()
 
 
-def _markdown(table: Table, *, aligned: bool) -> str:
+def _markdown(table: Table) -> str:
     note = f"{table.note}\n\n" if table.note else ""
-    rows = [[cell.replace("|", "\\|") for cell in row] for row in (table.header, *table.rows)]
-    widths = [0] * len(table.header)
-    if aligned:
-        widths = [max(len(cell) for cell in cells) for cells in zip(*rows, strict=True)]
     header, *rest = (
-        "| " + " | ".join(c.ljust(width) for c, width in zip(row, widths, strict=True)) + " |\n"
-        for row in rows
+        "| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |\n"
+        for row in (table.header, *table.rows)
     )
-    rule = "|" + "".join("-" * (width + 2 if aligned else 3) + "|" for width in widths)
+    rule = "|" + "---|" * len(table.header)
     return f"### {table.title}\n\n{note}{header}{rule}\n{''.join(rest)}"

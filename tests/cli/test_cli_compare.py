@@ -22,7 +22,9 @@ if TYPE_CHECKING:
     from imucalib_cli.results.result import Result
 
 ROOT = Path(__file__).parents[2]
-SCHEMA = json.loads((ROOT / "docs/comparison.schema.json").read_text())
+SCHEMA = jsonschema.Draft202012Validator(
+    json.loads((ROOT / "docs/comparison.schema.json").read_text())
+)
 URDF = """<?xml version="1.0"?>
 <robot name="arm">
   <link name="base"/> <link name="hand"/> <link name="imu_link"/>
@@ -114,7 +116,7 @@ def compare(files: Path, *more: str, result: str = "", kalibr: str = "") -> int:
 
 def answer(capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
     document: dict[str, Any] = yaml.safe_load(capsys.readouterr().out)
-    jsonschema.validate(document, SCHEMA, cls=jsonschema.Draft202012Validator)
+    SCHEMA.validate(document)
     return document
 
 

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from imucalib_cli.cli.main import main
+
 SAMPLE = Path(__file__).parents[2] / "sample_data"
 LOG, URDF = str(SAMPLE / "rihibot.mcap"), str(SAMPLE / "rihibot.urdf")
 PROGRAM = (
@@ -18,27 +20,19 @@ PROGRAM = (
 )
 
 
-def _offered(*words: str) -> tuple[list[str], float]:
-    """Completions of the last word, and the seconds of computing that they took."""
-    done = subprocess.run(
-        [sys.executable, "-c", PROGRAM],
-        env={
-            **os.environ,
-            "_IMUCALIB_COMPLETE": "complete_bash",
-            "COMP_WORDS": " ".join(("imucalib", *words)),
-            "COMP_CWORD": str(len(words)),
-        },
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    return done.stdout.split(), float(done.stderr)  # no word beside the time
+def _asked(*words: str) -> dict[str, str]:
+    """The environment by which bash asks for completions of the last word."""
+    return {
+        "_IMUCALIB_COMPLETE": "complete_bash",
+        "COMP_WORDS": " ".join(("imucalib", *words)),
+        "COMP_CWORD": str(len(words)),
+    }
 
 
 @pytest.mark.parametrize(
     ("words", "offered"),
     [
-        (["r"], ["run"]),
+        (["r"], ["run", "report"]),
         (["run", "--imu-"], ["--imu-topic", "--imu-link", "--imu-model"]),
         (["run", LOG, "--clock", ""], ["auto", "header", "log"]),
         (["run", LOG, "--imu-topic", ""], ["/imu/data"]),
@@ -54,7 +48,28 @@ def _offered(*words: str) -> tuple[list[str], float]:
     ],
     ids=lambda each: " ".join(Path(word).name for word in each),
 )
-def test_completion(words: list[str], offered: list[str]) -> None:
-    found, seconds = _offered(*words)
-    assert found == offered
+def test_completion(
+    words: list[str],
+    offered: list[str],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    for name, value in _asked(*words).items():
+        monkeypatch.setenv(name, value)
+    with pytest.raises(SystemExit):
+        main([])
+    assert capsys.readouterr().out.split() == offered
+
+
+def test_a_completion_is_soon_there() -> None:
+    """Of a whole process, as a shell starts one for each Tab."""
+    done = subprocess.run(
+        [sys.executable, "-c", PROGRAM],
+        env={**os.environ, **_asked("run", LOG, "--imu-topic", "")},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.stdout.split() == ["/imu/data"]
+    seconds = float(done.stderr)  # no word beside the time
     assert seconds < 1.5  # of a busy machine; half of it is typer's own

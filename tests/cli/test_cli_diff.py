@@ -20,7 +20,9 @@ if TYPE_CHECKING:
     from imucalib_cli.results.result import Result
 
 ROOT = Path(__file__).parents[2]
-SCHEMA = json.loads((ROOT / "docs/comparison.schema.json").read_text())
+SCHEMA = jsonschema.Draft202012Validator(
+    json.loads((ROOT / "docs/comparison.schema.json").read_text())
+)
 SMALL = np.diag([1e-8] * 3 + [1e-10] * 3)
 HERE = np.array([0.1, 0.2, 0.3])
 
@@ -57,7 +59,7 @@ def answers(capsys: pytest.CaptureFixture[str]) -> tuple[list[dict[str, Any]], s
     out, err = capsys.readouterr()
     documents = list(yaml.safe_load_all(out))
     for document in documents:
-        jsonschema.validate(document, SCHEMA, cls=jsonschema.Draft202012Validator)
+        SCHEMA.validate(document)
     return documents, err
 
 

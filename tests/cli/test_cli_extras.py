@@ -274,7 +274,7 @@ def test_each_of_several_imus_has_its_files_and_topics(
     names = ["out.foxglove.json", "out.imu-link.csv", "out.imu_link.csv", "out.mcap"]
     assert sorted(path.name for path in tmp_path.iterdir()) == names
     told = capsys.readouterr().err.splitlines()
-    assert sorted(told) == [f"written: {tmp_path / name}" for name in names]
+    assert sorted(told) == [f"wrote: {tmp_path / name}" for name in names]
     found = decoded(tmp_path / "out.mcap")
     assert {"/imucalib/imu_link/weight", "/imucalib/imu_link_2/weight"} <= set(found)
     children = [each.child_frame_id for each in found["/tf_static"][0][1].transforms]
@@ -396,6 +396,6 @@ def test_a_run_writes_all_of_them(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert main(["run", *map(str, ARM), *given]) == 0
     err = capsys.readouterr().err
     for name in ("out.csv", "out.mcap", "out.foxglove.json", "out.svg"):
-        assert f"written: {tmp_path / name}\n" in err
+        assert f"wrote: {tmp_path / name}\n" in err
         assert (tmp_path / name).stat().st_size > 1000
     assert (tmp_path / "result.yaml").exists()

@@ -83,7 +83,7 @@ def test_a_long_name_makes_no_long_line(capsys: pytest.CaptureFixture[str]) -> N
 
 def test_a_progress_bar_takes_names_as_they_are(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("imucalib_cli.cli.progress.PATIENCE", 0.0)
-    monkeypatch.setattr("imucalib_cli.cli.progress.is_terminal", lambda _: True)
+    monkeypatch.setattr("imucalib_cli.cli.progress.takes_codes", lambda _: True)
     with ProgressBar() as bar:
         time.sleep(0.2)
         bar.report("reading [/x]\x1b[2J", 0.5)

@@ -26,30 +26,19 @@ ROOT = Path(__file__).parents[2]
 HEAVY = ("numpy", "scipy", "rosbags", "yourdfpy", "yaml", "mujoco", "cv2", "matplotlib")
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ["--help"],
-        ["run", "--help"],
-        ["inspect", "--help"],
-        ["apply", "--help"],
-        ["verify", "--help"],
-        ["diff", "--help"],
-        ["compare", "--help"],
-        ["simulate", "--help"],
-        ["study", "--help"],
-        ["--version"],
-    ],
-)
-def test_help_imports_nothing_heavy(arguments: list[str]) -> None:
+def test_help_imports_nothing_heavy() -> None:
+    """One process shows them all in turn: what one of them imports stays imported."""
+    commands = ("run", "inspect", "apply", "verify", "diff", "compare", "simulate", "study")
     program = (
-        "import sys; from imucalib_cli.cli.main import main; code = main(sys.argv[1:]);"
-        f"print('HEAVY', [name for name in {HEAVY!r} if name in sys.modules]); sys.exit(code)"
+        "import sys; from imucalib_cli.cli.main import main\n"
+        f"codes = [main(['--version']), main(['--help'])] + "
+        f"[main([name, '--help']) for name in {commands!r}]\n"
+        f"print('HEAVY', [name for name in {HEAVY!r} if name in sys.modules], set(codes))"
     )
     done = subprocess.run(
-        [sys.executable, "-c", program, *arguments], capture_output=True, text=True, check=True
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
     )
-    assert done.stdout.splitlines()[-1] == "HEAVY []"
+    assert done.stdout.splitlines()[-1] == "HEAVY [] {0}"
 
 
 def test_version(capsys: pytest.CaptureFixture[str]) -> None:
@@ -231,7 +220,7 @@ def test_an_interruption_at_any_moment_is_quiet(number: int) -> None:
         "sys.exit(main())"
     )
     codes = []
-    for i in range(12):
+    for i in range(6):
         with subprocess.Popen(
             [sys.executable, "-c", program, "run", log, "--urdf", urdf, "-o", os.devnull],
             stdout=subprocess.PIPE,
@@ -240,13 +229,13 @@ def test_an_interruption_at_any_moment_is_quiet(number: int) -> None:
         ) as process:
             assert process.stdout is not None
             assert process.stdout.readline() == "on\n"
-            time.sleep(0.005 + 0.03 * i)
+            time.sleep(0.005 + 0.05 * i)
             process.send_signal(number)
             _, err = process.communicate(timeout=20)
         assert err == "" or process.returncode == 0
         codes.append(process.returncode)
     assert set(codes) <= {130, 0}  # a fast machine is done before the last ones
-    assert codes[:3] == [130] * 3
+    assert codes[:2] == [130] * 2
 
 
 @pytest.mark.slow

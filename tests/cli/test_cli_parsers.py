@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 import typer
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from imucalib_cli.cli import parsers
@@ -134,6 +134,7 @@ def test_standard_deviations_of_a_pose(text: str, std: list[float]) -> None:
     assert parsers.pose_std(text) == pytest.approx(std, rel=1e-12)
 
 
+@settings(max_examples=40)  # many times that have shown nothing more
 @given(text=st.text(max_size=12))
 def test_no_text_is_worse_than_a_choice_error(text: str) -> None:
     for parse in (

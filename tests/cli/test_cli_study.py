@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import csv
 import io
+import itertools
 import json
 import re
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,23 +17,34 @@ import yaml
 
 from imucalib_cli.cli.main import main
 from imucalib_cli.configuration import builtin_names
+from imucalib_cli.study.recordings import clean_recording
 from imucalib_cli.study.studies.derivation import DerivationStudy
 from imucalib_cli.study.study import STUDIES, load_study
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from imucalib_cli.simulate.options import PhysicsOptions
+    from imucalib_cli.simulate.recording import Recording
     from imucalib_cli.study.study import Cell, Row
 
 CONFIGS = Path(__file__).parents[2] / "configs" / "studies"
 
 
 @pytest.fixture(scope="module")
-def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The study of derivations at one window and a rate that is soon simulated."""
+def small(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """The study of derivations at one window, of short recordings at a low rate."""
     raw = yaml.safe_load((CONFIGS / "derivation.yaml").read_text("utf-8"))
     raw |= {"windows": [5], "drawn_window": 5, "imu_rate": 50.0, "robot_rate": 50.0}
     path = tmp_path_factory.mktemp("study") / "small.yaml"
     path.write_text(yaml.safe_dump(raw), encoding="utf-8")
-    return path
+
+    def short(system: str, physics: PhysicsOptions) -> Recording:
+        return clean_recording(system, replace(physics, duration=28.0))
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("imucalib_cli.study.studies.derivation.clean_recording", short)
+        yield path
 
 
 def run(*arguments: str | Path) -> int:
@@ -244,27 +257,28 @@ def test_an_interruption_says_what_is_kept(
     assert capsys.readouterr().err == ""
 
 
-def test_a_terminal_gets_columns_of_one_width(
+def test_a_terminal_gets_columns_that_fit(
     derivation: tuple[str, ...],
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    assert run(*derivation, "--no-figures", "-q") == 0
-    plain = capsys.readouterr().out
-    monkeypatch.setattr("imucalib_cli.cli.study.is_terminal", lambda _: True)
+    assert run(*derivation, "--no-figures", "-q", "--format", "json") == 0
+    tables = json.loads(capsys.readouterr().out)
+    for module in ("study", "tables"):
+        monkeypatch.setattr(f"imucalib_cli.cli.{module}.is_terminal", lambda _: True)
+    monkeypatch.setenv("COLUMNS", "110")
+    monkeypatch.setenv("NO_COLOR", "1")
     assert run(*derivation, "--no-figures", "-q") == 0
     shown = capsys.readouterr().out
-    lines = [[line for line in block.splitlines() if line[0] == "|"] for block in _blocks(shown)]
-    assert lines
-    for block in lines:
-        assert len({tuple(_bars(line)) for line in block}) == 1
-    assert re.sub(" +", " ", re.sub("-{3,}", "---", shown)).replace("| --- |", "|---|") == plain
-
-
-def _blocks(text: str) -> list[str]:
-    return [block for block in text.split("\n\n") if block.startswith("|")]
-
-
-def _bars(line: str) -> list[int]:
-    """Where columns end."""
-    return [found.start() for found in re.finditer(r"(?<!\\)\|", line)]
+    cells = [line for line in shown.splitlines() if line.startswith("  ")]
+    assert max(map(len, cells)) <= 110
+    for table in tables:
+        assert table["title"] in shown.splitlines()
+        for word in " ".join(itertools.chain.from_iterable(table["rows"])).split():
+            assert word in shown
+    assert run() == 0
+    assert "  study          what it repeats or asks\n  derivation     Figures" in (
+        capsys.readouterr().out
+    )
+    assert run(*derivation, "--no-figures", "-q", "--format", "markdown") == 0
+    assert "|---|" in capsys.readouterr().out

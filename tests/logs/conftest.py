@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+from dataclasses import replace
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -14,9 +16,13 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 
+_mixed = cache(mixed_messages)
+
+
 @pytest.fixture
 def messages() -> list[Said]:
-    return mixed_messages()
+    """Made once a process; what a test sets in a row stays its own."""
+    return [replace(each) for each in _mixed()]
 
 
 @pytest.fixture(params=STORAGES)

@@ -160,7 +160,7 @@ def test_lengths_a_file_merely_claims_are_not_allocated(tmp_path: Path) -> None:
     resource.setrlimit(resource.RLIMIT_AS, (size + (512 << 20), before[1]))
     try:
         for claim in (b"\x00\x00\x00\x80", b"\xff\xff\xff\x7f", b"\xff\xff\xff\xff"):
-            for at in [*range(8, 300, 7), *range(len(content) - 900, len(content) - 8, 23)]:
+            for at in [*range(8, 300, 13), *range(len(content) - 900, len(content) - 8, 47)]:
                 path.write_bytes(content[:at] + claim + content[at + 4 :])
                 try:
                     log = open_log([path])

@@ -13,7 +13,7 @@ from rosbags.highlevel import AnyReader
 from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.logs import wire
 from imucalib_cli.logs.log import Log, LogData, open_log
-from tests.logs.logs_samples import START_NS, Said, T, imu, joints
+from tests.logs.logs_samples import START_NS, Said, T, imu, joints, mixed_messages
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -22,6 +22,12 @@ if TYPE_CHECKING:
     from tests.logs.logs_samples import Write
 
 Rows = dict[tuple[str, ...], list[tuple[Any, ...]]]
+
+
+@pytest.fixture
+def messages() -> list[Said]:
+    """Fewer than elsewhere, because every storage is written and read for every test."""
+    return mixed_messages(100)
 
 
 def _ns(stamped: Any) -> int:

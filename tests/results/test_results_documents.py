@@ -8,6 +8,7 @@ import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree as ET
 
 import jsonschema
 import numpy as np
@@ -40,7 +41,7 @@ from imucalib_cli.results.summary import summarise
 from imucalib_cli.robot.mount import Nominal
 
 ROOT = Path(__file__).parents[2]
-SCHEMA = json.loads((ROOT / "docs/result.schema.json").read_text())
+SCHEMA = jsonschema.Draft202012Validator(json.loads((ROOT / "docs/result.schema.json").read_text()))
 
 R_TRUE = Rotation.from_euler("xyz", [0.1, -0.4, 2.9])
 UP = UnobservableDirection(
@@ -146,8 +147,8 @@ VARIANTS: dict[str, dict[str, Any]] = {
 def test_documents_obey_the_schema_and_read_back_equal(variant: str, write: Any) -> None:
     document = to_document(make_result(**VARIANTS[variant]))
     text = write([document])
-    jsonschema.validate(document, SCHEMA, cls=jsonschema.Draft202012Validator)
-    jsonschema.validate(yaml.safe_load(text), SCHEMA) if write is to_yaml else json.loads(text)
+    SCHEMA.validate(document)
+    SCHEMA.validate(yaml.safe_load(text)) if write is to_yaml else json.loads(text)
     (again,) = read_results(text, "result.yaml")
     assert to_document(again) == document
 
@@ -223,10 +224,10 @@ def test_several_imus_are_a_stream_or_an_array() -> None:
     assert len(list(yaml.safe_load_all(to_yaml(documents)))) == 2
     array = json.loads(to_json(documents))
     assert len(array) == 2
-    jsonschema.validate(array, SCHEMA, cls=jsonschema.Draft202012Validator)
+    SCHEMA.validate(array)
     del array[1]["status"]
     with pytest.raises(jsonschema.ValidationError):
-        jsonschema.validate(array, SCHEMA, cls=jsonschema.Draft202012Validator)
+        SCHEMA.validate(array)
     for text in (to_yaml(documents), to_json(documents)):
         assert [c.status for c in read_results(text, "x")] == ["ok", "untrusted"]
 
@@ -569,12 +570,41 @@ def test_tf_arguments_put_the_child_where_the_estimate_does() -> None:
     assert [float(named[k]) for k in "xyz"] == [-0.0225, 0.1, 1e-5]
 
 
+T_TRUE = np.vstack([np.column_stack([R_TRUE.as_matrix(), [-0.0225, 0.1, 1e-5]]), [0, 0, 0, 1]])
+
+
+def test_every_form_of_the_pose_is_the_same_pose() -> None:
+    texts = {name: FORMATS[name].render([make_result()]) for name in FORMATS}
+    matrix = np.array([line.split() for line in texts["matrix"].splitlines()], dtype=float)
+    np.testing.assert_allclose(matrix, T_TRUE, atol=1e-11)
+    np.testing.assert_allclose(yaml.safe_load(texts["kalibr"])["T_cam_imu"], T_TRUE, atol=1e-11)
+    lio = yaml.safe_load(texts["fast-lio"])  # the LiDAR, here the parent, in the IMU
+    inverse = np.linalg.inv(T_TRUE)
+    np.testing.assert_allclose(lio["extrinsic_T"], inverse[:3, 3], atol=1e-11)
+    np.testing.assert_allclose(lio["extrinsic_R"], inverse[:3, :3].ravel(), atol=1e-11)
+    *numbers, parent, child = texts["tf1"].split()
+    assert [parent, child] == ["wrist_3_link", "imu_link"]
+    q = Rotation.from_quat([float(each) for each in numbers[3:]])
+    np.testing.assert_allclose(q.as_matrix(), R_TRUE.as_matrix(), atol=1e-11)
+    node = ET.fromstring(texts["launch"])
+    assert node.attrib["args"] == texts["tf"].strip()
+    properties = ET.fromstring(f'<r xmlns:xacro="x">{texts["xacro"]}</r>')
+    values = {each.attrib["name"]: each.attrib["value"].split() for each in properties}
+    rpy = Rotation.from_euler("xyz", [float(each) for each in values["imu_link_rpy"]])
+    np.testing.assert_allclose(rpy.as_matrix(), R_TRUE.as_matrix(), atol=1e-11)
+    assert [float(each) for each in values["imu_link_xyz"]] == [-0.0225, 0.1, 1e-5]
+
+
 def test_untrusted_poses_are_refused_without_force() -> None:
     bad = make_result(unobservable=(UP,))
     with pytest.raises(UntrustedError, match="translation not determined"):
         refuse_untrusted(bad, "urdf", force=False)
     refuse_untrusted(bad, "urdf", force=True)
-    assert {name for name, each in FORMATS.items() if each.is_bare_pose} == {"tf", "urdf"}
+    assert {name for name, each in FORMATS.items() if not each.is_bare_pose} == {
+        "yaml",
+        "json",
+        "summary",
+    }
 
 
 @pytest.mark.parametrize("which", ["result", "comparison"])

@@ -116,7 +116,7 @@ def test_every_code_is_provoked_but_for_those_named() -> None:
     assert set(MESSAGES) - shown == NOT_HERE
 
 
-@pytest.mark.parametrize("key", [row for table in TABLES for row in slow_after(2, table)])
+@pytest.mark.parametrize("key", [row for table in TABLES for row in slow_after(1, table)])
 def test_the_user_sees_it(key: str, tmp_path: Path) -> None:
     assert provoked(key, tmp_path) == TOLD[key]
 

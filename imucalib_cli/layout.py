@@ -1,0 +1,52 @@
+"""Lines and tables for people, and how they read as plain text."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeAlias
+
+from imucalib_cli.shown import shown
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+GUTTER = 2
+"""Spaces before a table, and between its columns."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of cells that are already text."""
+
+    heads: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    numbers: frozenset[str] = frozenset()
+    """Heads of the columns that are aligned to the right."""
+    least: tuple[int, ...] = ()
+    """Least widths of the first columns, where other text continues them."""
+
+
+Block: TypeAlias = "str | Table"
+"""A line, or a table."""
+
+
+def plain(blocks: Iterable[Block]) -> str:
+    """Text with a newline after each line; what does not print is escaped."""
+    return "".join(f"{line}\n" for block in blocks for line in _lines(block))
+
+
+def _lines(block: Block) -> Iterator[str]:
+    if isinstance(block, str):
+        yield shown(block)
+        return
+    rows = [[shown(cell) for cell in row] for row in (block.heads, *block.rows)]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    for place, least in enumerate(block.least):
+        widths[place] = max(widths[place], least)
+    for row in rows:
+        cells = (
+            cell.rjust(width) if head in block.numbers else cell.ljust(width)
+            for cell, width, head in zip(row, widths, block.heads, strict=True)
+        )
+        gutter = " " * GUTTER
+        yield (gutter + gutter.join(cells)).rstrip()

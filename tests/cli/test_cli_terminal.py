@@ -1,0 +1,338 @@
+"""What a person at a terminal sees, and that pipes and files are not concerned."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import re
+import struct
+import subprocess
+import sys
+import termios
+import threading
+import tty
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+import yaml
+
+from imucalib_cli.cli.main import main
+from imucalib_cli.cli.output import wants_colour
+from imucalib_cli.cli.tables import deliver_blocks
+from imucalib_cli.findings import Severity, texts
+from imucalib_cli.layout import Table, plain
+from imucalib_cli.results.codec import to_yaml
+from tests.cli.test_cli_run import ESTIMATE, Estimator
+from tests.conftest import LogWriter
+from tests.results.test_results_documents import make_result
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+SAMPLES = Path(__file__).parents[2] / "sample_data"
+HOSTILE = "/imu\x1b[2J\x1b]0;owned\x07\u202e"
+
+
+class Terminal:
+    """A pseudo-terminal and all that is written to it."""
+
+    def __init__(self, columns: int = 80) -> None:
+        self._master, self.slave = os.openpty()
+        fcntl.ioctl(self.slave, termios.TIOCSWINSZ, struct.pack("HHHH", 24, columns, 0, 0))
+        tty.setraw(self.slave)  # line feeds stay line feeds
+        self._read = bytearray()
+        self._reader = threading.Thread(target=self._collect, daemon=True)
+        self._reader.start()
+
+    def _collect(self) -> None:
+        while True:
+            try:
+                part = os.read(self._master, 65536)
+            except OSError:  # Linux's end of a pseudo-terminal that nobody has open any more
+                return
+            if not part:
+                return
+            self._read.extend(part)
+
+    def text(self) -> str:
+        """All of it, once nobody writes any more."""
+        os.close(self.slave)
+        self._reader.join()
+        os.close(self._master)
+        return self._read.decode()
+
+
+class Shown:
+    """Runs a command with stdout, and stderr unless it is captured, on a terminal."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+        self._monkeypatch, self._capsys = monkeypatch, capsys
+        monkeypatch.setenv("TERM", "xterm")
+        monkeypatch.delenv("NO_COLOR", raising=False)
+
+    def __call__(
+        self, *arguments: object, columns: int = 80, streams: tuple[str, ...] = ("stdout", "stderr")
+    ) -> tuple[int, str, str]:
+        """Exit code, and what stdout and stderr got."""
+        with self._monkeypatch.context() as patched:
+            patched.setenv("COLUMNS", str(columns))
+            terminals = {name: Terminal(columns) for name in streams}
+            for name, terminal in terminals.items():
+                file = os.fdopen(os.dup(terminal.slave), "w", encoding="utf-8")
+                patched.setattr(sys, name, file)
+            code = main([str(argument) for argument in arguments])
+            for name in terminals:
+                getattr(sys, name).close()
+        texts = {name: terminal.text() for name, terminal in terminals.items()}
+        captured = self._capsys.readouterr()
+        return code, texts.get("stdout", captured.out), texts.get("stderr", captured.err)
+
+
+@pytest.fixture
+def shown(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Shown:
+    return Shown(monkeypatch, capsys)
+
+
+@pytest.fixture
+def estimator(monkeypatch: pytest.MonkeyPatch) -> Estimator:
+    fake = Estimator()
+    monkeypatch.setattr("imucalib_cli.jobs.calibrate._estimate", fake)
+    return fake
+
+
+@pytest.fixture
+def arm(log_writer: LogWriter, arm_urdf: Path, estimator: Estimator) -> tuple[object, ...]:
+    """A command line that ``run`` and ``verify`` take; its result has a warning."""
+    del estimator
+    return log_writer.imu().joints().write(), "--urdf", arm_urdf
+
+
+@pytest.fixture
+def result(tmp_path: Path) -> Path:
+    path = tmp_path / "result.yaml"
+    path.write_text(to_yaml([make_result(parent="hand")]))
+    return path
+
+
+def test_run_shows_the_summary_and_how_to_get_the_yaml(
+    shown: Shown, arm: tuple[object, ...]
+) -> None:
+    code, out, err = shown("run", *arm)
+    assert code == 0
+    assert out.startswith("imu_link in hand: \x1b[32mok\x1b[0m\n")
+    assert "60.00 ± 0.10 mm" in out
+    assert "warning: the moon is full" in out
+    assert "schema:" not in out
+    assert err == "note: for the result as YAML add -o FILE or --format yaml, or pipe it\n"
+    assert shown("run", *arm, "--quiet") == (0, out, "")
+
+
+def test_run_into_a_file_shows_the_summary_and_where_the_file_is(
+    shown: Shown, arm: tuple[object, ...], tmp_path: Path
+) -> None:
+    target = tmp_path / "out.yaml"
+    code, out, err = shown("run", *arm, "-o", target)
+    assert (code, out) == (0, "")
+    assert err.startswith(f"wrote: {target}\nimu_link in hand: \x1b[32mok\x1b[0m\n")
+    assert yaml.safe_load(target.read_text())["status"] == "ok"
+    assert shown("run", *arm, "-o", target, "-q") == (0, "", "")
+
+
+def test_run_into_a_folder_names_each_file(
+    log_writer: LogWriter, arm_urdf: Path, estimator: Estimator, tmp_path: Path, shown: Shown
+) -> None:
+    del estimator
+    log = log_writer.imu("/a").imu("/b", frame="hand").joints().write()
+    _, out, err = shown("run", log, "--urdf", arm_urdf, "-o", f"{tmp_path}/new/")
+    assert out == ""
+    files = [line[7:] for line in err.splitlines() if line.startswith("wrote: ")]
+    assert sorted(files) == sorted(map(str, (tmp_path / "new").iterdir()))
+    assert len(files) == 2
+
+
+def test_run_gives_the_format_that_is_asked_for(shown: Shown, arm: tuple[object, ...]) -> None:
+    code, out, err = shown("run", *arm, "--format", "yaml")
+    assert code == 0
+    assert yaml.safe_load(out)["schema"] == 1
+    assert err == "warning: the moon is full\n"
+    code, out, err = shown("run", *arm, "--format", "summary")
+    assert "imu_link in hand: \x1b[32mok\x1b[0m\n" in out
+    assert err == ""
+
+
+def test_piped_the_result_is_yaml_and_a_terminal_on_stderr_has_the_summary(
+    shown: Shown, arm: tuple[object, ...]
+) -> None:
+    code, out, err = shown("run", *arm, streams=("stderr",))
+    assert (code, yaml.safe_load(out)["status"]) == (0, "ok")
+    assert err.startswith("imu_link in hand: \x1b[32mok\x1b[0m\n")
+    code, out, err = shown("run", *arm, streams=())
+    assert (code, yaml.safe_load(out)["status"]) == (0, "ok")
+    assert err == "warning: the moon is full\n"
+
+
+def test_a_log_of_stderr_has_the_reasons_although_a_terminal_has_the_summary(
+    shown: Shown, arm: tuple[object, ...], estimator: Estimator
+) -> None:
+    estimator.estimate = replace(ESTIMATE, findings=texts(Severity.UNTRUSTED, ["it wobbles"]))
+    code, out, err = shown("run", *arm, streams=("stdout",))
+    assert code == 3
+    assert "UNTRUSTED" in out
+    assert "not trusted: it wobbles" in out
+    assert err.startswith("untrusted: imu_link: it wobbles\nnote: ")
+
+
+@pytest.mark.usefixtures("estimator")
+def test_verify_and_diff_answer_in_one_line(
+    shown: Shown, arm: tuple[object, ...], result: Path, arm_urdf: Path, tmp_path: Path
+) -> None:
+    code, out, err = shown("verify", *arm)
+    assert code == 4
+    assert re.fullmatch(r"no: imu_link in hand is not where .*10\.00 ± 0\.10 mm.*\n", out)
+    assert err == "warning: the moon is full\n"
+    code, out, err = shown("verify", result, "--urdf", arm_urdf)
+    assert out.startswith("no: imu_link in hand is not where ")
+    assert (code, out.count("\n"), err) == (4, 1, "")
+    code, out, err = shown("diff", result, result)
+    assert out.startswith("not moved: imu_link in hand has not moved: 0.0 ± 0.5 mm and 0.000 ± ")
+    assert " deg (1 sigma) apart" in out
+    assert (code, out.count("\n")) == (0, 1)
+    assert re.fullmatch("warning: .* were computed from the same log: .*\n", err)
+    target = tmp_path / "answer.yaml"
+    code, out, err = shown("diff", result, result, "-o", target)
+    assert (code, out) == (0, "")
+    assert f"wrote: {target}\nnot moved: imu_link in hand has not moved: " in err
+    assert yaml.safe_load(target.read_text())["verdict"] == "not moved"
+
+
+def test_an_answer_in_the_format_that_is_asked_for(
+    shown: Shown, result: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    _, out, err = shown("diff", result, result, "--format", "json")
+    assert json.loads(out)["verdict"] == "not moved"
+    assert "not moved: imu_link in hand has not moved" in err
+    _, words, _ = shown("diff", result, result)
+    assert main(["diff", str(result), str(result), "--format", "summary"]) == 0
+    assert capsys.readouterr().out == words
+
+
+def test_no_name_commands_the_terminal(
+    shown: Shown, tmp_path: Path, arm_urdf: Path, estimator: Estimator
+) -> None:
+    del estimator
+    log = LogWriter(tmp_path / "a\x1b[31mb").imu(HOSTILE).joints(HOSTILE + "j").write()
+    result = tmp_path / "r\x1b[2J.yaml"
+    result.write_text(to_yaml([make_result(parent="hand", child=HOSTILE)]))
+    texts = [
+        *shown("inspect", log, columns=60)[1:],
+        *shown("inspect", log, "--urdf", arm_urdf, columns=160)[1:],
+        *shown("run", log, "--urdf", arm_urdf)[1:],
+        *shown("run", log, "--urdf", arm_urdf, "-o", tmp_path / "o\x1b[2J.yaml")[1:],
+        *shown("verify", log, "--urdf", arm_urdf)[1:],
+        *shown("diff", result, result)[1:],
+    ]
+    for text in texts:
+        ours = re.sub(r"\x1b\[(0|1|31|32)m", "", text)
+        assert all(line.isprintable() for line in ours.split("\n"))
+    assert "\\x1b[2J" in texts[0]
+
+
+WIDE = Table(
+    ("stream", "Hz", "jitter ms", "longest s", "what it is"),
+    (
+        ("/a/long/name/of/a/topic", "250.0", "0.01", "0.004", "one two three four five six seven"),
+        ("/short", "1000.0", "12.34", "10.336", ""),
+    ),
+    frozenset({"Hz", "jitter ms", "longest s"}),
+)
+
+
+@pytest.mark.parametrize("columns", [60, 80, 160])
+@pytest.mark.parametrize("env", [{}, {"NO_COLOR": "1"}, {"TERM": "dumb"}])
+def test_tables_fit_the_terminal_and_lose_nothing(
+    columns: int, env: dict[str, str], shown: Shown, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    del shown
+    for name, value in env.items():
+        monkeypatch.setenv(name, value)
+    monkeypatch.setenv("COLUMNS", str(columns))
+    text = _delivered(monkeypatch, columns)
+    assert ("\x1b[1m" in text) == (not env)
+    lines = [
+        line.rstrip() for line in text.replace("\x1b[1m", "").replace("\x1b[0m", "").split("\n")
+    ]
+    assert max(map(len, lines)) <= columns
+    # numbers whole, words folded at most
+    for row in WIDE.rows:
+        assert any(set(row[1:4]) <= set(line.split()) for line in lines)
+    letters = sorted("".join("".join(cells) for cells in (WIDE.heads, *WIDE.rows)).replace(" ", ""))
+    assert sorted("".join(lines).replace(" ", "")) == letters
+    if columns == 160:
+        assert lines == plain([WIDE]).split("\n")
+
+
+def test_a_terminal_that_is_too_narrow_folds_the_plain_table(
+    shown: Shown, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    del shown
+    monkeypatch.setenv("COLUMNS", "30")
+    assert _delivered(monkeypatch, 30) == plain([WIDE])
+
+
+def _delivered(monkeypatch: pytest.MonkeyPatch, columns: int) -> str:
+    terminal = Terminal(columns)
+    with os.fdopen(os.dup(terminal.slave), "w", encoding="utf-8") as stream:
+        monkeypatch.setattr(sys, "stdout", stream)
+        deliver_blocks([WIDE])
+    monkeypatch.undo()
+    return terminal.text()
+
+
+@pytest.mark.parametrize("columns", [60, 80, 160])
+def test_the_width_is_that_of_the_terminal(columns: int) -> None:
+    """In a process of its own, as a shell starts it."""
+    terminal = Terminal(columns)
+    command = [sys.executable, "-m", "imucalib_cli", "inspect", "broad_21_cut.mcap"]
+    env = {name: value for name, value in os.environ.items() if name != "COLUMNS"}
+    done = subprocess.run(
+        command,
+        cwd=SAMPLES,
+        stdout=terminal.slave,
+        stderr=subprocess.PIPE,
+        env={**env, "NO_COLOR": "1", "TERM": "xterm"},
+        check=False,
+    )
+    text = terminal.text()
+    assert (done.returncode, done.stderr) == (0, b"")
+    tables = [line for line in text.split("\n") if re.match(r"  \S", line)]
+    assert max(map(len, tables)) <= columns
+    piped = subprocess.run(command, cwd=SAMPLES, capture_output=True, text=True, check=True).stdout
+    assert (text == piped) == (columns == 160)
+
+
+@pytest.fixture
+def terminal() -> Iterator[Terminal]:
+    opened = Terminal()
+    yield opened
+    opened.text()
+
+
+def test_colour_is_for_terminals_that_want_it(
+    terminal: Terminal, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    with (
+        os.fdopen(os.dup(terminal.slave), "w") as stream,
+        (tmp_path / "file").open("w") as file,
+    ):
+        assert wants_colour(stream)
+        assert not wants_colour(file)
+        monkeypatch.setenv("TERM", "dumb")
+        assert not wants_colour(stream)
+        monkeypatch.setenv("TERM", "xterm")
+        monkeypatch.setenv("NO_COLOR", "1")
+        assert not wants_colour(stream)

@@ -1,0 +1,254 @@
+"""The page in a real browser: Debian's Chromium, driven by Playwright.
+
+Both are not on every machine; where they are missing these tests are skipped, unless
+IMUCALIB_BROWSER is set, as CI does.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+from io import BytesIO
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from imucalib_cli.results.formats import FORMATS
+from tests.report.report_pages import outcome, page_of
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+SCREENS = Path(__file__).parent / "screens"
+QUIET = [
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+]
+pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("browser")]
+
+if "IMUCALIB_BROWSER" not in os.environ:
+    pytest.importorskip("playwright", reason="needs playwright: pip install '.[browser]'")
+    if CHROMIUM is None:
+        pytest.skip("needs Chromium: apt install chromium", allow_module_level=True)
+
+from playwright.sync_api import sync_playwright  # noqa: E402
+
+BLOCKS = 50
+"""Across a screenshot."""
+MOST_DIFFERENT = 4.5
+"""Root mean square over the blocks, of 255: an empty plot differs by 6.5 and more, the same page
+by less than 3."""
+WIDE, PHONE = {"width": 1000, "height": 800}, {"width": 375, "height": 740}
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with sync_playwright() as playwright:
+        found = playwright.chromium.launch(executable_path=CHROMIUM, args=QUIET)
+        yield found
+        found.close()
+
+
+class Opened:
+    """A page that is open, and what it said and asked for."""
+
+    def __init__(self, browser: Any, path: Path, **options: Any) -> None:
+        self.complaints: list[str] = []
+        self.requests: list[str] = []
+        self.context = browser.new_context(**{"viewport": WIDE, "locale": "en-GB"} | options)
+        self.context.grant_permissions(["clipboard-read", "clipboard-write"])
+        self.page = self.context.new_page()
+        self.page.on("console", lambda message: self.complaints.append(message.text))
+        self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
+        self.page.on("request", lambda request: self.requests.append(request.url))
+        self.page.goto(path.as_uri())
+        self.page.wait_for_function("document.querySelectorAll('.plot canvas').length > 0")
+        self.page.wait_for_timeout(300)  # the frame in which plots are drawn
+
+    def close(self) -> None:
+        assert self.complaints == []
+        assert all(url.startswith("file:") for url in self.requests)
+        assert len(self.requests) == 1
+        self.context.close()
+
+
+@pytest.fixture(scope="module", params=["rihibot", "broad_21_cut"])
+def path(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("report") / f"{request.param}.html"
+    path.write_text(page_of(request.param), encoding="utf-8")
+    return path
+
+
+@pytest.fixture
+def opened(browser: Any, path: Path) -> Iterator[Opened]:
+    found = Opened(browser, path)
+    yield found
+    found.close()
+
+
+def coarse(png: bytes) -> np.ndarray[Any, np.dtype[np.float64]]:
+    """Means of large blocks: fonts and single pixels do not count, lines and areas do."""
+    from PIL import Image
+
+    image = Image.open(BytesIO(png)).convert("RGB")
+    size = (BLOCKS, max(round(image.height * BLOCKS / image.width), 1))
+    return np.asarray(image.resize(size, Image.Resampling.BOX), float)
+
+
+# What of a canvas is neither empty nor grey: marks of a trace.
+COLOURED = """
+(canvas) => {
+  const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+  let count = 0;
+  for (let i = 0; i < data.length; i += 4) {
+    const [r, g, b, a] = data.slice(i, i + 4);
+    if (a > 100 && Math.max(r, g, b) - Math.min(r, g, b) > 60) count++;
+  }
+  return count;
+}
+"""
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_every_plot_draws_marks(browser: Any, path: Path, scheme: str) -> None:
+    opened = Opened(browser, path, color_scheme=scheme)
+    places = opened.page.locator(".plot")
+    assert places.count() >= 15
+    for place in range(places.count()):
+        canvas = places.nth(place).locator("canvas")
+        assert canvas.evaluate(COLOURED) > 100, places.nth(place).get_attribute("data-plot")
+    opened.close()
+
+
+def test_the_3d_view_turns_by_keys_and_by_dragging(opened: Opened) -> None:
+    view = opened.page.locator(".views svg").first
+    assert view.locator("polyline").count() >= 6
+    seen = [view.inner_html()]
+    view.focus()
+    opened.page.keyboard.press("ArrowLeft")
+    seen.append(view.inner_html())
+    view.scroll_into_view_if_needed()
+    box = view.bounding_box()
+    opened.page.mouse.move(box["x"] + 50, box["y"] + 50)
+    opened.page.mouse.down()
+    opened.page.mouse.move(box["x"] + 120, box["y"] + 80, steps=5)
+    opened.page.mouse.up()
+    seen.append(view.inner_html())
+    assert len(set(seen)) == 3
+
+
+def test_copy_buttons_copy(opened: Opened, path: Path) -> None:
+    (calibrated,) = outcome(path.stem).calibrated
+    wanted = {each.render([calibrated.result]) for each in FORMATS.values() if each.is_bare_pose}
+    copied = set()
+    for details in opened.page.locator("details:has(.copy)").all():
+        if details.get_attribute("open") is None:
+            details.locator("summary").click()
+        details.locator("button").click()
+        opened.page.wait_for_function(
+            "(button) => button.textContent === 'Copied'",
+            arg=details.locator("button").element_handle(),
+        )
+        copied.add(opened.page.evaluate("navigator.clipboard.readText()"))
+    assert wanted <= copied
+
+
+def drawn(opened: Opened, key: str) -> str:
+    """All that a plot draws: another range of x gives another picture."""
+    canvas = opened.page.locator(f"[data-plot='{key}'] canvas")
+    return str(canvas.evaluate("(canvas) => canvas.toDataURL()"))
+
+
+def test_zooming_by_keys_and_mouse_moves_all_plots_over_time(opened: Opened) -> None:
+    first, other, apart = "imu0-accel-0", "imu0-gyro-2", "imu0-spectra-0"
+    before = [drawn(opened, key) for key in (first, other, apart)]
+    plot = opened.page.locator(f"[data-plot='{first}']")
+    plot.focus()
+    opened.page.keyboard.press("+")
+    opened.page.wait_for_timeout(100)
+    zoomed = [drawn(opened, key) for key in (first, other, apart)]
+    assert [a != b for a, b in zip(before, zoomed, strict=True)] == [True, True, False]
+    opened.page.keyboard.press("0")
+    opened.page.wait_for_timeout(100)
+    assert [drawn(opened, key) for key in (first, other, apart)] == before
+    plot.scroll_into_view_if_needed()
+    box = plot.locator(".u-over").bounding_box()
+    opened.page.mouse.move(box["x"] + 0.3 * box["width"], box["y"] + 40)
+    opened.page.mouse.down()
+    opened.page.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + 60, steps=5)
+    opened.page.mouse.up()
+    opened.page.wait_for_timeout(100)
+    dragged = drawn(opened, other)
+    assert dragged not in (before[1], zoomed[1])
+    plot.locator(".u-over").dblclick()
+    opened.page.wait_for_timeout(100)
+    assert drawn(opened, other) == before[1]
+
+
+def test_a_phone_needs_no_scrolling_sideways(browser: Any, path: Path) -> None:
+    opened = Opened(browser, path, viewport=PHONE, device_scale_factor=2, has_touch=True)
+    width = opened.page.evaluate("document.documentElement.scrollWidth")
+    assert width <= PHONE["width"]
+    assert opened.page.locator(".plot canvas").first.evaluate(COLOURED) > 100
+    opened.close()
+
+
+def test_every_control_is_reached_by_the_keyboard(opened: Opened) -> None:
+    reached = set()
+    for _ in range(200):
+        opened.page.keyboard.press("Tab")
+        reached.add(opened.page.evaluate("document.activeElement.tagName.toLowerCase()"))
+    assert {"a", "summary", "button", "svg", "div"} <= reached
+
+
+def test_it_prints(opened: Opened) -> None:
+    pdf = opened.page.pdf(format="A4")
+    assert pdf.startswith(b"%PDF")
+    assert len(pdf) > 50_000
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("size", ["wide", "phone"])
+def test_it_looks_as_it_did(browser: Any, path: Path, scheme: str, size: str) -> None:
+    """Against references that were looked at; to renew them, delete them and run this twice."""
+    if path.stem != "rihibot":
+        pytest.skip("one sample is enough to show the layout")
+    viewport = WIDE if size == "wide" else PHONE
+    opened = Opened(browser, path, color_scheme=scheme, viewport=viewport)
+    wrong = []
+    for key in ("mount", "accel", "segments", "taught"):
+        section = opened.page.locator(f"#imu0-{key}")
+        shot = section.screenshot()
+        reference = SCREENS / f"{path.stem}-{key}-{size}-{scheme}.png"
+        if not reference.exists():
+            SCREENS.mkdir(exist_ok=True)
+            reference.write_bytes(_small(shot))
+            wrong.append(f"{reference.name} was not there and is made")
+            continue
+        ours, theirs = coarse(shot), coarse(reference.read_bytes())
+        height = min(len(ours), len(theirs))
+        if abs(len(ours) - len(theirs)) > 0.1 * len(theirs):
+            wrong.append(f"{key}: {len(ours)} blocks high, was {len(theirs)}")
+        difference = float(np.sqrt(np.mean((ours[:height] - theirs[:height]) ** 2)))
+        if difference > MOST_DIFFERENT:
+            wrong.append(f"{key}: off by {difference:.1f} of 255")
+    opened.close()
+    assert wrong == []
+
+
+def _small(png: bytes) -> bytes:
+    from PIL import Image
+
+    image = Image.open(BytesIO(png)).convert("RGB")
+    image.thumbnail((400, 1200))
+    out = BytesIO()
+    image.quantize(64).save(out, "PNG", optimize=True)
+    return out.getvalue()

@@ -1,0 +1,196 @@
+"""The page as text: whole, small, safe, and true to what it was made from."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import msgspec
+import numpy as np
+import pytest
+
+from imucalib_cli.report.chart import plain, ranges, thinned
+from imucalib_cli.report.figures import Material, figures
+from imucalib_cli.report.page import page
+from imucalib_cli.report.words import WORDS
+from imucalib_cli.results.fields import sections, verdict
+from imucalib_cli.results.formats import FORMATS
+from tests.report.report_pages import data_of, outcome, page_of
+
+VOID = {"meta", "br", "hr", "img", "input", "link"}
+
+
+class Outline(HTMLParser):
+    """Elements that are open, texts, ids and links of a page."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.ids: list[str] = []
+        self.links: list[str] = []
+        self.tags: set[str] = set()
+        self.texts: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.add(tag)
+        if tag not in VOID:
+            self.open.append(tag)
+        for name, value in attrs:
+            if name == "id" and value:
+                self.ids.append(value)
+            if name == "href" and value:
+                self.links.append(value)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.texts.append(data)
+
+
+def outline(text: str) -> Outline:
+    found = Outline()
+    found.feed(text)
+    assert not found.open
+    return found
+
+
+@pytest.mark.parametrize("name", ["rihibot", "broad_21_cut"])
+def test_a_page_is_whole_and_small(name: str) -> None:
+    text = page_of(name)
+    assert len(text.encode()) < 1.5e6  # of a minute; 3 MB are allowed for two
+    found = outline(text)
+    assert len(set(found.ids)) == len(found.ids)
+    assert {link[1:] for link in found.links} <= set(found.ids)
+    assert not {"link", "img", "iframe"} & found.tags
+    for element, values in re.findall(r"<(?!meta)(\w+)[^>]*\b(?:src|action)=(\S+)", text):
+        pytest.fail(f"{element} loads {values}")
+    assert "default-src 'none'" in text
+
+
+def test_a_page_tells_what_the_summary_tells() -> None:
+    (calibrated,) = outcome("rihibot").calibrated
+    result = calibrated.result
+    texts = " ".join(outline(page_of("rihibot")).texts)
+    for section in sections(result):
+        for field in section.fields:
+            assert field.text in texts
+    assert verdict(result).removeprefix("ok: ") in texts
+    for name, each in FORMATS.items():
+        if each.is_bare_pose:
+            assert each.render([result]).strip() in texts, name
+
+
+@pytest.mark.parametrize("name", ["rihibot", "broad_21_cut"])
+def test_every_figure_has_its_words_and_its_plots(name: str) -> None:
+    (calibrated,) = outcome(name).calibrated
+    made = list(
+        figures(Material(result=calibrated.result, details=calibrated.estimate.details, stamps={}))
+    )
+    keys = [each.key for each in made]
+    assert keys == [key for key in WORDS if key in keys]
+    assert len(keys) == len(WORDS) - 1  # without stamps
+    for each in made:
+        assert each.plots or each.drawing
+        assert "{" not in each.words.title + each.words.shows
+    plots = data_of(page_of(name))["plots"]
+    for plot in plots.values():
+        assert all(
+            len(column) == len(plot["x"]) for trace in plot["traces"] for column in trace["columns"]
+        )
+        assert plot["x"] == sorted(plot["x"])
+
+
+def test_what_is_drawn_is_what_was_measured() -> None:
+    (calibrated,) = outcome("rihibot").calibrated
+    details = calibrated.estimate.details
+    assert details is not None
+    plot = data_of(page_of("rihibot"))["plots"]["imu0-gyro-2"]
+    band, measured, predicted = plot["traces"]
+    assert measured["label"] == "measured"
+    places = np.searchsorted(details.windows.t, np.array(plot["x"]) - 1e-3)
+    for drawn, values in ((measured, "gyro_measured"), (predicted, "gyro_predicted")):
+        true = getattr(details.windows, values)[places, 2]
+        assert np.array(drawn["columns"][0]) == pytest.approx(true, rel=1e-4, abs=1e-6)
+    low, high = np.array(band["columns"])
+    assert (low <= high).all()
+
+
+def test_thinning_keeps_peaks_of_one_sample() -> None:
+    rng = np.random.default_rng(0)
+    series = rng.normal(size=(100_000, 3))
+    series[77_777, 1] = 50.0
+    series[12_345, 2] = -50.0
+    kept = thinned(series, bins=500)
+    assert len(kept) <= 500 * 6 + 201
+    assert {77_777, 12_345, 0} <= set(kept.tolist())
+    assert (np.diff(kept) > 0).all()
+    assert thinned(series[:900], bins=500).tolist() == list(range(900))
+
+
+def test_thinning_keeps_gaps() -> None:
+    series = np.zeros((50_000, 1))
+    series[30_000] = np.nan
+    assert 30_000 in thinned(series, bins=100)
+
+
+def test_ranges_hold_every_sample() -> None:
+    rng = np.random.default_rng(1)
+    t, values = np.sort(rng.uniform(0, 10, 2000)), rng.normal(size=(2000, 2))
+    at = np.linspace(0.5, 9.5, 37)
+    found = ranges(t, values, at)
+    nearest = np.abs(t[:, None] - at).argmin(axis=1)
+    for place in range(len(at)):
+        mine = values[nearest == place]
+        assert found[place] == pytest.approx(np.stack([mine.min(0), mine.max(0)], axis=1))
+
+
+def test_numbers_that_are_not_finite_are_null() -> None:
+    assert plain(np.array([1.234567, np.nan, np.inf])) == [1.2346, None, None]
+
+
+HOSTILE = '</script><img src=x onerror="alert(1)">\x1b[31m\u202e'
+
+
+def test_names_of_a_log_cannot_leave_their_place() -> None:
+    (calibrated,) = outcome("rihibot").calibrated
+    result = calibrated.result
+    hostile = msgspec.structs.replace(
+        result, transform=msgspec.structs.replace(result.transform, child=HOSTILE, parent=HOSTILE)
+    )
+    stamps = {HOSTILE: np.arange(10.0)}
+    text = page([Material(result=hostile, details=calibrated.estimate.details, stamps=stamps)])
+    assert "img" not in outline(text).tags
+    assert "\x1b" not in text
+    assert "\u202e" not in text
+    assert data_of(text)["mounts"]["imu0-mount"]["child"].startswith("</script>")
+
+
+def test_an_untrusted_result_says_so_first_and_opens_nothing_to_copy() -> None:
+    (calibrated,) = outcome("rihibot").calibrated
+    result = msgspec.structs.replace(calibrated.result, status="untrusted")
+    diagnostics = msgspec.structs.replace(result.diagnostics, distrust=["the mount moved"])
+    text = page([Material(result=msgspec.structs.replace(result, diagnostics=diagnostics))])
+    assert '<p class="verdict untrusted"><strong>untrusted</strong>' in text
+    assert "the mount moved" in text
+    assert "do not use the pose as it stands" in text
+    assert "<details open>" not in text
+    assert "<details open>" in page_of("rihibot")
+
+
+def test_a_result_alone_has_a_page_that_says_what_it_lacks() -> None:
+    (calibrated,) = outcome("rihibot").calibrated
+    text = page([Material(result=calibrated.result)])
+    outline(text)
+    assert "--report report.html" in text
+    assert data_of(text)["plots"] == {}
+    assert "What the log taught about robot and sensor" in text
+
+
+def test_two_imus_share_a_page_without_sharing_an_id() -> None:
+    (calibrated,) = outcome("rihibot").calibrated
+    material = Material(result=calibrated.result, details=calibrated.estimate.details, stamps={})
+    found = outline(page([material, replace(material)]))
+    assert len(set(found.ids)) == len(found.ids)
+    assert found.tags >= {"article", "nav", "figure"}
