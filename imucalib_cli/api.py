@@ -295,7 +295,9 @@ def calibrate_arrays(
         UntrustedError: Nothing moves.
     """
     poses = _given(pose_t=pose_t, positions=positions, quaternions_xyzw=quaternions_xyzw)
-    joints = _given(joint_t=joint_t, joint_positions=joint_positions, joint_names=tuple(joint_names) or None)
+    joints = _given(
+        joint_t=joint_t, joint_positions=joint_positions, joint_names=tuple(joint_names) or None
+    )
     if joints and urdf is None:
         raise ChoiceError("joint positions say nothing without the robot's chain: give urdf")
     if not poses and not joints:
