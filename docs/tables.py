@@ -17,6 +17,7 @@ from imucalib_cli.cli.exit_codes import EXIT_CODES
 from imucalib_cli.cli.main import COMMANDS, app
 from imucalib_cli.cli.options import with_groups
 from imucalib_cli.messages import MESSAGES
+from imucalib_cli.report.words import WORDS
 from imucalib_cli.sentences import CAUSES, cause
 
 if TYPE_CHECKING:
@@ -137,6 +138,19 @@ def _default(option: Any) -> str:
         return "needed"
     is_said = not (option.default in (None, (), []) or isinstance(option.default, bool))
     return str(option.default) if is_said else ""
+
+
+def figures() -> str:
+    """How to read each figure of a report."""
+    parts = []
+    for key, each in WORDS.items():
+        title = each.title.format(quantity="Acceleration" if key == "accel" else "Angular rate")
+        faults = "\n".join(f"- {fault}" for fault in each.faults)
+        shows = _VALUE.sub("…", each.shows)
+        parts.append(
+            f"### {title}\n\n{shows}\n\n**Good:** {each.good}\n\n**Faults:**\n\n{faults}\n"
+        )
+    return "\n".join(parts)
 
 
 def _table(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:

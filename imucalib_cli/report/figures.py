@@ -86,6 +86,8 @@ def _motion(material: Material, details: Details, sensor: str) -> Figure:
     for axis, name in enumerate(_AXES):
         at = thinned(np.stack([measured[:, axis], predicted[:, axis]], axis=1))
         t = series.t[at]
+        band = ranges(details.imu_t, samples[:, axis : axis + 1], t)[:, 0]
+        band[np.isnan(measured[at, axis])] = np.nan
         plots.append(
             Plot(
                 title=name,
@@ -93,7 +95,7 @@ def _motion(material: Material, details: Details, sensor: str) -> Figure:
                 traces=(
                     Trace(
                         label="samples, less bias",
-                        values=ranges(details.imu_t, samples[:, axis : axis + 1], t)[:, 0],
+                        values=band,
                         style="band",
                         colour="faint",
                     ),

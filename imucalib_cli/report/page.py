@@ -51,7 +51,8 @@ def page(materials: Sequence[Material]) -> str:
         f"<main>{''.join(articles)}</main>\n"
         '<noscript><p class="warning">Plots need JavaScript; all numbers are above.</p></noscript>'
         f'\n<script id="data" type="application/json">{text}</script>\n'
-        f"<script>{_asset('uPlot.min.js')}</script>\n<script>{_asset('report.js')}</script>\n"
+        f"<script>/*\n{_asset('uPlot.LICENSE')}*/\n{_asset('uPlot.min.js')}</script>\n"
+        f"<script>{_asset('report.js')}</script>\n"
         "</body>\n</html>\n"
     )
 

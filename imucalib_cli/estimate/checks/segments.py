@@ -171,11 +171,9 @@ class Segments:
             if not len(part):
                 continue
             wander = self._wander(part) if kind.endswith("bias") else np.zeros((len(part),) * 2)
-            found = [
-                self._change(kind, part, cut, wander) for cut in self._gainful_cuts(part, wander)
-            ]
-            if found:
-                best[kind] = max(found, key=lambda each: each.evidence)
+            cut = self._likeliest_cut(part, wander)
+            if cut is not None:
+                best[kind] = self._change(kind, part, cut, wander)
         most = max((each.evidence for each in best.values()), default=0.0)
         alike = (each for each in best.values() if most - each.evidence < DECISIVE)
         return next(alike) if most > DECISIVE else None
@@ -197,8 +195,8 @@ class Segments:
         size = -(inverse_of(left) @ self._b_after[cut][..., part, None])[..., 0]
         return cross, left, size
 
-    def _gainful_cuts(self, part: Indices, wander: Floats) -> list[int]:
-        """Cuts at which a change explains more than it costs."""
+    def _likeliest_cut(self, part: Indices, wander: Floats) -> int | None:
+        """Where a change explains most; None where it explains less than it costs everywhere."""
         cuts = slice(_LEAST_SEGMENTS, len(self._A) - _LEAST_SEGMENTS + 1)
         cross, left, size = self._step(part, cuts)
         gain = squared_distance(size, inverse_of(left) + wander)
@@ -212,7 +210,9 @@ class Segments:
             # Where much is left over, a change is its cause only if it explains a good part of it.
             left_over = self._fit.statistics.normal[:, :, 0, 0].sum() / self._fit.level
             gainful &= gain >= _SHARE * left_over
-        return [_LEAST_SEGMENTS + int(place) for place in np.flatnonzero(gainful)]
+        if not gainful.any():
+            return None
+        return _LEAST_SEGMENTS + int(np.argmax(np.where(gainful, gain, 0.0)))
 
     def _change(self, kind: Kind, part: Indices, cut: int, wander: Floats) -> Change:
         """A change of some components at a cut."""
