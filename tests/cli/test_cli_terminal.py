@@ -313,6 +313,15 @@ def test_the_width_is_that_of_the_terminal(columns: int) -> None:
     assert (text == piped) == (columns == 160)
 
 
+def test_what_is_piped_waits_for_no_library_of_terminals() -> None:
+    program = (
+        "import sys; from imucalib_cli.cli.main import main; main(sys.argv[1:]);"
+        "sys.exit('rich' in sys.modules)"
+    )
+    command = [sys.executable, "-c", program, "inspect", str(SAMPLES / "rihibot.mcap")]
+    assert subprocess.run(command, capture_output=True, check=False).returncode == 0
+
+
 @pytest.fixture
 def terminal() -> Iterator[Terminal]:
     opened = Terminal()
