@@ -233,6 +233,7 @@ def test_no_name_commands_the_terminal(
         *shown("run", log, "--urdf", arm_urdf, "-o", tmp_path / "o\x1b[2J.yaml")[1:],
         *shown("verify", log, "--urdf", arm_urdf)[1:],
         *shown("diff", result, result)[1:],
+        *shown("diff", result, result, "--format", "summary", streams=())[1:],
     ]
     for text in texts:
         ours = re.sub(r"\x1b\[(0|1|31|32)m", "", text)
