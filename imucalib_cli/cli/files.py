@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import re
-import unicodedata
 from contextlib import contextmanager
 from glob import escape
 from itertools import count
@@ -81,6 +79,7 @@ def deliver_into(
         ChoiceError, InputError: As results.places.see_places.
     """
     from imucalib_cli.results.formats import FORMATS
+    from imucalib_cli.results.names import fitted, labels_of, sameness
     from imucalib_cli.results.places import see_places
 
     try:
@@ -88,24 +87,17 @@ def deliver_into(
     except OSError as error:
         raise InputError(f"{folder}: cannot be made: {error.strerror}") from error
     suffix = FORMATS[fmt].suffix
-    children = [result.child for result in results]
     texts: dict[Path, str] = {}
     taken: set[str] = set()
     displaced: list[str] = []
-    for result in results:
-        child = result.child
-        # two IMUs may share a frame_id; their topics differ
-        if children.count(child) > 1:
-            child = result.imu_topic
-        stem = _short(f"{log_name(log)}.{_file_name(child)}")
+    for result, label in zip(results, labels_of(results), strict=True):
+        stem = _short(f"{log_name(log)}.{fitted(label)}")
         text = FORMATS[fmt].render([result])
         for number in count(1):
             path = folder / f"{stem}{'' if number == 1 else f'.{number}'}{suffix}"
-            # to some file systems, other cases and compositions of letters are one name
-            name = unicodedata.normalize("NFC", path.name).casefold()
-            if name not in taken and _is_free(path, text, result):
+            if sameness(path.name) not in taken and _is_free(path, text, result):
                 break
-        taken.add(name)
+        taken.add(sameness(path.name))
         texts[path] = text
         if number > 1:
             displaced.append(
@@ -158,10 +150,6 @@ def _origin(result: Result) -> tuple[object, ...]:
     """What a result is about, wherever its log lies now."""
     source = result.provenance
     return source.topics.imu, sorted(file.sha256 for file in source.files)
-
-
-def _file_name(name: str) -> str:
-    return re.sub(r"[^\w.-]+", "_", name.strip("/")) or "imu"
 
 
 def _short(name: str) -> str:

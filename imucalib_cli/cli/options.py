@@ -303,6 +303,51 @@ class EstimatorOptions:
     ] = None
 
 
+@dataclass(frozen=True, kw_only=True)
+class ExtraFiles:
+    """Files beside the result; what makes each is in cli/extras.py, by the field's name."""
+
+    report: Annotated[
+        Path | None,
+        _output(
+            metavar="FILE.html",
+            parser=parsers.file_ending(".html", ".htm"),
+            help="Also write a page to look at: the verdict, the pose to copy, and plots of all "
+            "that it rests on.",
+            show_default="none",
+        ),
+    ] = None
+    residuals: Annotated[
+        Path | None,
+        _output(
+            metavar="FILE.csv|.parquet",
+            parser=parsers.file_ending(".csv", ".parquet"),
+            help="Also write what was measured and predicted over time; column time_s is the time "
+            "axis.",
+            show_default="none",
+        ),
+    ] = None
+    debug_mcap: Annotated[
+        Path | None,
+        _output(
+            metavar="FILE.mcap",
+            parser=parsers.file_ending(".mcap"),
+            help="Also write measured, predicted, residuals and the moving robot for Foxglove and "
+            "Rerun, with FILE.foxglove.json, a layout.",
+            show_default="none",
+        ),
+    ] = None
+    plot: Annotated[
+        Path | None,
+        _output(
+            metavar="FILE.svg|.pdf|.png",
+            parser=parsers.file_ending(".svg", ".pdf", ".png"),
+            help="Also draw measured against predicted and the residuals, one page for papers.",
+            show_default="none",
+        ),
+    ] = None
+
+
 def calibration_request(
     ctx: typer.Context,
     logs: Sequence[Path],
@@ -358,6 +403,9 @@ _MATCHED_ONLY = {
     "--prior-std",
     "--sensor-model",
     "--robot",
+    "--residuals",
+    "--debug-mcap",
+    "--plot",
 }
 
 

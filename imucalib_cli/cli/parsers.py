@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import typer
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.options import WindowChoice
     from imucalib_cli.results.requirement import Tolerance
@@ -230,6 +232,18 @@ def output_file(text: str) -> Path | None:
     if is_folder(text):
         raise WrongValue(f"{text}: is a folder; name the file to write")
     return Path(_not_empty(text))
+
+
+def file_ending(*suffixes: str) -> Callable[[str], Path]:
+    """What reads the name of a file whose suffix says its form."""
+
+    def parse(text: str) -> Path:
+        path = Path(_not_empty(text))
+        if path.suffix.lower() not in suffixes:
+            raise WrongValue(f"{text}: expected a file ending in {' or '.join(suffixes)}")
+        return path
+
+    return parse
 
 
 def log_file(text: str) -> Path:

@@ -1,17 +1,20 @@
 """``imucalib run``: a log and a URDF in, the pose of the IMU out."""
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from imucalib_cli.cli.exit_codes import EXIT_UNTRUSTED, exit_code, worst
+from imucalib_cli.cli.extras import see_extras, write_extras
 from imucalib_cli.cli.files import deliver_into, files_of, of_log, telling_what_is_left
 from imucalib_cli.cli.options import (
     OUTPUT,
     WORDS_OR_YAML,
     EstimatorOptions,
+    ExtraFiles,
     Quiet,
     RecordingOptions,
     calibration_request,
@@ -98,6 +101,7 @@ def run_command(
             rich_help_panel=OUTPUT,
         ),
     ] = False,
+    extras: ExtraFiles,
     quiet: Quiet = False,
 ) -> None:
     """Find where every IMU of a recording sits on the robot."""
@@ -114,12 +118,11 @@ def run_command(
     # found out before minutes of computing what would come to light after them
     if folder is not None:
         see_folder_writable(folder)
-        older = of_log(folder, logs[0])
-    elif target is not None:
-        see_places(read=read, written=[target], force=force)
-        older = [target]
-    else:
-        older = []
+    single = [] if target is None or folder is not None else [target]
+    beside = see_extras(extras)
+    request = replace(request, details=bool(beside))
+    see_places(read=read, written=[*single, *beside], force=force)
+    older = [*single, *beside, *([] if folder is None else of_log(folder, logs[0]))]
     with telling_what_is_left(*older):
         with ProgressBar(quiet=quiet) as bar:
             outcome = calibrate(request, bar.report)
@@ -130,6 +133,7 @@ def run_command(
             show(_in_words(results, sys.stdout))
         elif results:
             deliver(FORMATS[chosen].render(results), target, quiet=quiet)
+        write_extras(extras, outcome, read=read, written=single, force=force, quiet=quiet)
         if not quiet:
             _tell(outcome, in_words=in_words, on_stdout=target is None)
             if results and in_words and fmt is None:

@@ -52,6 +52,10 @@ class WindowSeries:
     """(W, 3)."""
     weight: Floats
     """(W,), 0 to 1, of the nearest window of the fit; 0 is left out."""
+    R_world_parent: Floats
+    """(W, 3, 3), of the parent link at the same instants, errors of the robot taken off."""
+    p_world_parent: Floats
+    """(W, 3), m."""
 
     @property
     def accel_residual(self) -> Floats:
@@ -149,10 +153,10 @@ def window_series(fit: Fit, most: int = _MOST_WINDOWS) -> WindowSeries:
     (residuals,) = model.residuals(state, centres)
     t = windowing.grid.t[centres]
     robot_times = windowing.trajectory.nearest_covered(model.robot_times(t, model.shifts(state)[0]))
-    R_parent_world = np.swapaxes(
-        Chain.of(windowing.trajectory, model.layout, state.x).poses(robot_times)[0], 1, 2
+    R_world_parent, p_world_parent = Chain.of(windowing.trajectory, model.layout, state.x).poses(
+        robot_times
     )
-    force = np.einsum("wij,wj->wi", R_parent_world, residuals.acceleration - state.gravity)
+    force = np.einsum("wji,wj->wi", R_world_parent, residuals.acceleration - state.gravity)
     # Residuals are predicted less measured, in the parent's axes.
     accel, gyro = force @ state.R, residuals.rate @ state.R
     return WindowSeries(
@@ -162,6 +166,8 @@ def window_series(fit: Fit, most: int = _MOST_WINDOWS) -> WindowSeries:
         gyro_measured=gyro - residuals.values[:, 3:] @ state.R,
         gyro_predicted=gyro,
         weight=fit.weights[_nearest(fit.centres, centres)],
+        R_world_parent=R_world_parent,
+        p_world_parent=p_world_parent,
     )
 
 

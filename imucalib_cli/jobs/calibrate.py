@@ -76,7 +76,17 @@ def calibrate(request: CalibrationRequest, progress: Progress | None = None) -> 
         InputError: The recording cannot be used, for any IMU.
         ChoiceError: The user must choose something, whichever the IMU.
     """
-    recording = read_recording(request, progress)
+    return calibrate_recording(read_recording(request, progress), request, progress)
+
+
+def calibrate_recording(
+    recording: Recording, request: CalibrationRequest, progress: Progress | None = None
+) -> Outcome:
+    """Calibrate every IMU of what was read.
+
+    Raises:
+        ChoiceError: One link is named for several IMUs.
+    """
     if request.imu_link is not None and len(recording.imus) > 1:
         topics = ", ".join(imu.topic for imu in recording.imus)
         raise ChoiceError(

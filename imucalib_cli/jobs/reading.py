@@ -73,19 +73,42 @@ def read_recording(request: CalibrationRequest, progress: Progress | None = None
     data = log.read(
         chosen.all, None if progress is None else lambda share: progress("reading", share)
     )
+    _require_imus(data, chosen.imus, request)
+    return recording_of(data, request, unasked=chosen.unasked, paths=log.paths, files=files)
+
+
+def recording_of(
+    data: LogData,
+    request: CalibrationRequest,
+    *,
+    unasked: Collection[str] = (),
+    paths: tuple[Path, ...] = (),
+    files: Fingerprints | None = None,
+) -> Recording:
+    """Streams on one clock, what they tell of the motion, and the URDF.
+
+    Args:
+        data: As read, or made of arrays; at least one IMU.
+        request: Its clock and URDF.
+        unasked: Odometry topics that nobody named; used only if nothing else moves the base.
+        paths: Of the log.
+        files: Their hashes.
+
+    Raises:
+        InputError: The stamps of an IMU stand still, or the URDF cannot be used.
+    """
     imus = tuple(imu for imu in data.imus.values() if len(imu))
-    _require_imus(imus, chosen.imus, data, request)
     clock = choose_clock(moving_streams(data), request.clock)
     _require_advancing_stamps(imus, clock)
-    sources, duplicates = gather_sources(data, clock, chosen.unasked)
+    sources, duplicates = gather_sources(data, clock, unasked)
     return Recording(
         imus=imus,
         joints=data.joints,
         sources=sources,
         clock=clock,
         robot=None if request.urdf is None else load_robot(request.urdf),
-        paths=log.paths,
-        files=files,
+        paths=paths,
+        files=files or Fingerprints(()),
         findings=(*data.findings, *clock.findings, *duplicates),
     )
 
@@ -95,16 +118,11 @@ def samples_of(imu: ImuStream, clock: Clock) -> ImuSamples:
     return ImuSamples(t=clock.seconds(imu), gyro=imu.gyro, accel=imu.accel, topic=imu.topic)
 
 
-def _require_imus(
-    imus: tuple[ImuStream, ...],
-    topics: Iterable[str],
-    data: LogData,
-    request: CalibrationRequest,
-) -> None:
+def _require_imus(data: LogData, topics: Iterable[str], request: CalibrationRequest) -> None:
     """At least one IMU must be left, and each that was asked for."""
-    used = {imu.topic for imu in imus}
+    used = {imu.topic for imu in data.imus.values() if len(imu)}
     unused = [topic for topic in topics if topic not in used]
-    if unused and (request.imu_topics or not imus):
+    if unused and (request.imu_topics or not used):
         raise InputError("; ".join(_why_unused(topic, data) for topic in unused))
 
 

@@ -81,7 +81,7 @@ def sections(result: Result) -> tuple[Section, ...]:
     diagnostics = result.diagnostics
     parent, child = result.parent, result.child
     R, t = result.pose.R, result.pose.t
-    files = ", ".join(file.path for file in result.provenance.files)
+    files = ", ".join(file.path for file in result.provenance.files) or "arrays"
     topics = result.provenance.topics
     distrust = (Field("not trusted", reason, "untrusted") for reason in diagnostics.distrust)
     warnings = (Field("warning", warning, "warning") for warning in diagnostics.warnings)

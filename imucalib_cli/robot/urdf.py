@@ -72,6 +72,8 @@ class Robot:
     sha256: str
     """Of the file's bytes."""
     source: Path
+    xml: bytes
+    """The file's bytes."""
 
     @cached_property
     def joint_by_name(self) -> dict[str, Joint]:
@@ -186,6 +188,7 @@ def parse_robot(data: bytes, path: Path) -> Robot:
         joints=joints,
         sha256=hashlib.sha256(data).hexdigest(),
         source=path,
+        xml=data,
     )
 
 

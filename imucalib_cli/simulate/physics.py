@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
+from imucalib_cli.optional import optional
 from imucalib_cli.robot.rotations import matrix_from_rotvec, matrix_from_rpy
 from imucalib_cli.simulate.camera.view import camera_mount, see
 from imucalib_cli.simulate.config import Arm
 from imucalib_cli.simulate.mjcf import model_xml
 from imucalib_cli.simulate.motion import ArmReference, PushPlan, instants
-from imucalib_cli.simulate.optional import optional
 from imucalib_cli.simulate.options import PhysicsOptions
 from imucalib_cli.simulate.recording import (
     ImuRecord,

@@ -146,43 +146,24 @@ def _open_log(path: Path, compression: str | None) -> Iterator[_Log]:
 
 def _mcap(path: Path, compression: str) -> _Log:
     """A bare MCAP file with the ros2 profile."""
-    from mcap.writer import CompressionType, Writer
+    from imucalib_cli.logs.mcap.write import McapWriter
 
-    store = _ros2_types()
     file = path.open("wb")
-    writer = Writer(file, compression=CompressionType[compression.upper()])
-    writer.start(profile="ros2", library="imucalib simulate")
-    schemas: dict[str, int] = {}
-
-    def connect(topic: str, message_type: str) -> Write:
-        if message_type not in schemas:
-            definition, _ = store.generate_msgdef(message_type, ros_version=2)
-            schemas[message_type] = writer.register_schema(
-                name=message_type, encoding="ros2msg", data=definition.encode()
-            )
-        channel = writer.register_channel(
-            topic=topic, message_encoding="cdr", schema_id=schemas[message_type]
-        )
-        sequence = count()
-
-        def write(ns: int, message: Any) -> None:
-            data = bytes(store.serialize_cdr(message, message_type))
-            writer.add_message(channel, ns, data, ns, next(sequence))
-
-        return write
+    writer = McapWriter(file, compression=compression, library="imucalib simulate")
 
     def close() -> None:
-        writer.finish()  # type: ignore[no-untyped-call]
+        writer.close()
         file.close()
 
-    return _Log(store.types, connect, close)
+    return _Log(writer.types, writer.connect, close)
 
 
 def _bag2(path: Path, _compression: str) -> _Log:
     """A ROS 2 bag folder with a db3 file in it."""
     from rosbags.rosbag2 import Writer
+    from rosbags.typesys import Stores, get_typestore
 
-    store = _ros2_types()
+    store = get_typestore(Stores.ROS2_HUMBLE)
     writer = Writer(path, version=8)
     writer.open()
     connections: dict[str, Any] = {}
@@ -229,12 +210,6 @@ def _ros1_lz4(chunk: bytes) -> bytes:
 
     made: bytes = compress(chunk, block_linked=False, content_checksum=True, store_size=False)
     return made
-
-
-def _ros2_types() -> Any:
-    from rosbags.typesys import Stores, get_typestore
-
-    return get_typestore(Stores.ROS2_HUMBLE)
 
 
 _WRITERS: dict[str, Callable[[Path, str], _Log]] = {

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 
 from imucalib_cli.configuration import build, read_builtin, read_yaml
 from imucalib_cli.errors import InputError
-from imucalib_cli.simulate.optional import PACKAGES
+from imucalib_cli.optional import PACKAGES
 from imucalib_cli.simulate.options import NoiseOptions
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
-from imucalib_cli.simulate.optional import optional
+from imucalib_cli.optional import optional
 
 if TYPE_CHECKING:
     from imucalib_cli.simulate.camera.config import AprilGrid, Shades

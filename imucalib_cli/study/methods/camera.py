@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
+from imucalib_cli.optional import optional
 from imucalib_cli.robot.path import KinematicPath, PoseStep, Track
 from imucalib_cli.robot.rotations import matrix_from_rotvec, quaternion_from_matrix, skew
-from imucalib_cli.simulate.optional import optional
 from imucalib_cli.study.conditions import Pose
 
 if TYPE_CHECKING:

@@ -1,11 +1,16 @@
-"""Dependencies that simulation and studies alone have, imported when they are used."""
+"""Dependencies that only some commands have, imported when they are used."""
 
 from importlib import import_module
 from typing import Any
 
 from imucalib_cli.errors import InputError
 
-PACKAGES = {"mujoco": "MuJoCo", "cv2": "OpenCV"}
+PACKAGES = {
+    "mujoco": "MuJoCo",
+    "cv2": "OpenCV",
+    "matplotlib": "matplotlib",
+    "pyarrow": "pyarrow",
+}
 """What people call it, by module."""
 
 
@@ -13,7 +18,7 @@ def optional(module: str, need: str, extra: str) -> Any:
     """Import an optional dependency.
 
     Args:
-        module: One of PACKAGES.
+        module: One of PACKAGES, or a module in one.
         need: Who needs it, such as "simulation needs".
         extra: Of imucalib, which installs it.
 
@@ -23,6 +28,7 @@ def optional(module: str, need: str, extra: str) -> Any:
     try:
         return import_module(module)
     except ImportError as error:
+        package = PACKAGES[module.split(".", maxsplit=1)[0]]
         raise InputError(
-            f"{need} {PACKAGES[module]}, which is not installed: pip install 'imucalib[{extra}]'"
+            f"{need} {package}, which is not installed: pip install 'imucalib[{extra}]'"
         ) from error

@@ -1,0 +1,451 @@
+"""imucalib from Python: ``import imucalib_cli as ic; ic.calibrate("log.mcap", urdf="robot.urdf")``.
+
+Every error is an :class:`~imucalib_cli.errors.ImucalibError` of one line. Where its text names an
+option of the command line, the argument has the same name: ``--imu-topic`` is ``imu_topic``.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from imucalib_cli.errors import ChoiceError, ImucalibError, InputError, UntrustedError
+from imucalib_cli.estimate.options import MatchedOptions, PaperOptions, PosePrior, WindowChoice
+from imucalib_cli.jobs.calibrate import calibrate_recording
+from imucalib_cli.jobs.reading import read_recording, recording_of
+from imucalib_cli.jobs.request import CalibrationRequest, ExpectedImu
+from imucalib_cli.logs.log import LogData
+from imucalib_cli.logs.streams import ImuStream, JointStream, PoseStream
+from imucalib_cli.results.fields import sections, verdict
+from imucalib_cli.results.formats import FORMATS, refuse_untrusted
+from imucalib_cli.results.requirement import Tolerance
+from imucalib_cli.results.result import Result
+from imucalib_cli.results.summary import summarise
+from imucalib_cli.shown import shown
+from imucalib_cli.signals.imu.data_sheet import load_imu_model
+from imucalib_cli.signals.imu.units import Units
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import ArrayLike
+
+    from imucalib_cli.arrays import Floats, Integers
+    from imucalib_cli.estimate.details import Details, WindowSeries
+    from imucalib_cli.estimate.estimate import Estimate
+    from imucalib_cli.jobs.reading import Recording
+    from imucalib_cli.jobs.request import ClockChoice, Progress
+    from imucalib_cli.signals.samples import Sensor
+
+    StrPath = str | os.PathLike[str]
+
+__all__ = [
+    "Calibration",
+    "ChoiceError",
+    "ImucalibError",
+    "InputError",
+    "MatchedOptions",
+    "PaperOptions",
+    "PosePrior",
+    "Result",
+    "Tolerance",
+    "Units",
+    "UntrustedError",
+    "WindowChoice",
+    "calibrate",
+    "calibrate_arrays",
+]
+
+_NS = 1_000_000_000
+_IMU, _JOINTS, _POSES = "imu", "joints", "poses"
+"""What arrays are called in the result, where a log has topics."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Calibration:
+    """Pose of one IMU in its parent link, with all that is known of it."""
+
+    result: Result
+    """What ``imucalib run`` writes, as a typed tree."""
+    estimate: Estimate
+    """The same as arrays, with findings, and every unknown that was found."""
+    start_ns: int
+    """Stamp of second 0 of :attr:`residuals`, ns: add it to their ``t`` to get the stamps of the
+    log, or of the arrays that were given."""
+
+    @property
+    def ok(self) -> bool:
+        """Whether the pose may be used: every direction is determined, nothing contradicts it."""
+        return self.result.status == "ok"
+
+    @property
+    def R(self) -> Floats:
+        """(3, 3), R_parent_imu; some of it is a guess where :attr:`ok` is false."""
+        return self.estimate.R_parent_imu
+
+    @property
+    def t(self) -> Floats:
+        """(3,), t_parent_imu, m; likewise."""
+        return self.estimate.t_parent_imu
+
+    @property
+    def T(self) -> Floats:
+        """(4, 4), T_parent_imu: takes points of the IMU's frame to the parent's."""
+        T = np.eye(4)
+        T[:3, :3], T[:3, 3] = self.R, self.t
+        return T
+
+    @property
+    def covariance(self) -> Floats | None:
+        """(6, 6), m², m rad, rad²: tx ty tz rx ry rz in the parent frame, exp([phi]x) R.
+
+        None where the method states none.
+        """
+        return self.estimate.covariance
+
+    @property
+    def time_offset(self) -> float:
+        """IMU stamp - robot stamp of the same instant, s."""
+        return self.estimate.time_offset
+
+    @property
+    def details(self) -> Details:
+        """Series and curves behind the estimate.
+
+        Raises:
+            InputError: It is by the published method, which keeps none.
+        """
+        if self.estimate.details is None:
+            raise InputError("the published method keeps no series: use MatchedOptions")
+        return self.estimate.details
+
+    @property
+    def residuals(self) -> WindowSeries:
+        """What was measured and what the motion predicts over time.
+
+        Raises:
+            InputError: As :attr:`details`.
+        """
+        return self.details.windows
+
+    def render(self, form: str, *, force: bool = False) -> str:
+        """The result in a format of ``imucalib run --format``: yaml, json, urdf, tf, ...
+
+        Args:
+            form: Its name.
+            force: Give a bare pose although it should not be trusted.
+
+        Raises:
+            ChoiceError: There is no such format.
+            UntrustedError: The format is a bare pose, which should not be trusted.
+        """
+        if form not in FORMATS:
+            raise ChoiceError(f"no format {form}: choose {', '.join(FORMATS)}")
+        if FORMATS[form].is_bare_pose:
+            refuse_untrusted(self.result, form, force=force)
+        return FORMATS[form].render([self.result])
+
+    def __str__(self) -> str:
+        return summarise(self.result)
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {shown(verdict(self.result))}>"
+
+    def _repr_html_(self) -> str:
+        rows = [f"<caption>{_html(verdict(self.result))}</caption>"]
+        for section in sections(self.result):
+            rows.append(f'<tr><th colspan="2" style="text-align:left">{_html(section.title)}</th>')
+            rows += [
+                f'<tr><td style="text-align:left">{_html(field.label)}</td>'
+                f'<td style="text-align:left">{_html(field.text)}</td>'
+                for field in section.fields
+            ]
+        return f"<table>{''.join(rows)}</table>"
+
+
+def calibrate(
+    logs: StrPath | Sequence[StrPath],
+    *,
+    urdf: StrPath | None = None,
+    imu_topic: str | None = None,
+    joint_topics: Sequence[str] = (),
+    pose_topics: Sequence[str] = (),
+    parent: str | None = None,
+    imu_link: str | None = None,
+    world: str | None = None,
+    clock: ClockChoice = "auto",
+    units: Units | None = None,
+    csv_columns: Sequence[str] = (),
+    estimator: MatchedOptions | PaperOptions | None = None,
+    imu_model: StrPath | None = None,
+    require: Tolerance | None = None,
+    progress: Progress | None = None,
+) -> Calibration:
+    """Find where an IMU sits on the robot from a recording, as ``imucalib run`` does.
+
+    Args:
+        logs: One recording: a ROS 1 bag, a ROS 2 folder or db3, an MCAP, a CSV; or the files of a
+            split one.
+        urdf: The robot's URDF; without it the log's own frames must tell the motion.
+        imu_topic: Which IMU, where the log has several.
+        joint_topics: Joint states to use; all.
+        pose_topics: Poses to use; found.
+        parent: Link or frame that carries the IMU; the one that holds the frame of its messages.
+        imu_link: The IMU's link in the URDF; the frame of its messages.
+        world: Frame that stands still; the root of the frames.
+        clock: Stamps of the headers, or times of receipt.
+        units: What the IMU's numbers mean; told from the log.
+        csv_columns: Columns of tables without a header.
+        estimator: Method and options.
+        imu_model: Which IMU it is, a name of configs/imus or a YAML file: weak priors.
+        require: Largest sigma to trust.
+        progress: Told what is being done and its share, 0 to 1 or None.
+
+    Returns:
+        The calibration, whether it may be trusted or not: see :attr:`Calibration.ok`.
+
+    Raises:
+        InputError: A file cannot be used.
+        ChoiceError: Something must be chosen, such as the IMU.
+        UntrustedError: Nothing moves in the log.
+    """
+    paths = [logs] if isinstance(logs, (str, os.PathLike)) else logs
+    request = _request(
+        logs=tuple(map(Path, paths)),
+        urdf=urdf,
+        imu_topics=() if imu_topic is None else (imu_topic,),
+        joint_topics=tuple(joint_topics),
+        pose_topics=tuple(pose_topics),
+        parent=parent,
+        imu_link=imu_link,
+        world=world,
+        clock=clock,
+        units=units,
+        csv_columns=tuple(csv_columns),
+        estimator=estimator,
+        imu_model=imu_model,
+        require=require,
+    )
+    recording = read_recording(request, progress)
+    if len(recording.imus) > 1:
+        topics = ", ".join(imu.topic for imu in recording.imus)
+        raise ChoiceError(f"the log has several IMUs: choose one by imu_topic: {topics}")
+    return _calibrated(recording, request, recording.clock.origin_ns, progress)
+
+
+def calibrate_arrays(
+    *,
+    t: ArrayLike,
+    gyro: ArrayLike,
+    accel: ArrayLike,
+    pose_t: ArrayLike | None = None,
+    positions: ArrayLike | None = None,
+    quaternions_xyzw: ArrayLike | None = None,
+    joint_t: ArrayLike | None = None,
+    joint_positions: ArrayLike | None = None,
+    joint_names: Sequence[str] = (),
+    urdf: StrPath | None = None,
+    parent: str | None = None,
+    imu_link: str | None = None,
+    world: str | None = None,
+    units: Units | None = None,
+    estimator: MatchedOptions | PaperOptions | None = None,
+    imu_model: StrPath | None = None,
+    require: Tolerance | None = None,
+    progress: Progress | None = None,
+) -> Calibration:
+    """Find where an IMU sits on the robot from samples in memory.
+
+    The motion is told by poses of the parent link; or by joint positions with a URDF; or by both,
+    where the poses are those of the URDF's root, an arm on a moving base. The two streams may have
+    any rates and stamps, which need not be regular.
+
+    Args:
+        t: (N,), s, of the IMU's samples; stamps of all streams share one epoch, any.
+        gyro: (N, 3), rad/s, IMU axes.
+        accel: (N, 3), m/s², IMU axes; at rest it points up.
+        pose_t: (M,), s.
+        positions: (M, 3), m, in the world.
+        quaternions_xyzw: (M, 4), R_world_parent; need not be normalised.
+        joint_t: (K,), s.
+        joint_positions: (K, J), rad or m.
+        joint_names: Of the J columns, as in the URDF.
+        urdf: The robot's URDF.
+        parent: Link that carries the IMU; the one that holds imu_link in the URDF.
+        imu_link: The IMU's link in the URDF.
+        world: Frame that stands still.
+        units: As for :func:`calibrate`.
+        estimator: As for :func:`calibrate`.
+        imu_model: As for :func:`calibrate`.
+        require: As for :func:`calibrate`.
+        progress: As for :func:`calibrate`.
+
+    Returns:
+        As :func:`calibrate`.
+
+    Raises:
+        InputError: Shapes do not fit, a value is no finite number, or the URDF cannot be used.
+        ChoiceError: An argument is missing.
+        UntrustedError: Nothing moves.
+    """
+    poses = _given(pose_t=pose_t, positions=positions, quaternions_xyzw=quaternions_xyzw)
+    joints = _given(
+        joint_t=joint_t, joint_positions=joint_positions, joint_names=tuple(joint_names) or None
+    )
+    if joints and urdf is None:
+        raise ChoiceError("joint positions say nothing without the robot's chain: give urdf")
+    if not poses and not joints:
+        raise ChoiceError(
+            "nothing tells how the robot moves: give pose_t, positions and quaternions_xyzw, or "
+            "joint_t, joint_positions, joint_names and urdf"
+        )
+    told = {
+        "t": t,
+        **({"pose_t": pose_t} if poses else {}),
+        **({"joint_t": joint_t} if joints else {}),
+    }
+    times = {name: _numbers(name, values) for name, values in told.items()}
+    # stamps are positive: zero is what a broken clock says
+    shift_ns = _NS * (1 - int(np.floor(min(float(each.min()) for each in times.values()))))
+
+    def stamps(name: str) -> Integers:
+        whole = np.floor(times[name])
+        return (
+            whole.astype(np.int64) * _NS
+            + np.round((times[name] - whole) * _NS).astype(np.int64)
+            + shift_ns
+        )
+
+    def stamped(topic: str, name: str) -> dict[str, Any]:
+        return {"topic": topic, "header_ns": stamps(name), "log_ns": stamps(name)}
+
+    rows = len(times["t"])
+    data = LogData()
+    data.imus[_IMU] = ImuStream(
+        frame_id=imu_link or _IMU,
+        gyro=_numbers("gyro", gyro, rows, 3),
+        accel=_numbers("accel", accel, rows, 3),
+        **stamped(_IMU, "t"),
+    )
+    if joints:
+        names = tuple(joint_names)
+        values = _numbers("joint_positions", joint_positions, len(times["joint_t"]), len(names))
+        stream = JointStream(names=names, position=values, **stamped(_JOINTS, "joint_t"))
+        data.joints[_JOINTS] = (stream,)
+    if poses:
+        count = len(times["pose_t"])
+        turns = _numbers("quaternions_xyzw", quaternions_xyzw, count, 4)
+        norms = np.linalg.norm(turns, axis=1, keepdims=True)
+        if not norms.all():
+            raise InputError("quaternions_xyzw: one is zero, which is no rotation")
+        pose = PoseStream(
+            parent=world or "world",
+            child="",
+            position=_numbers("positions", positions, count, 3),
+            quaternion_xyzw=turns / norms,
+            **stamped(_POSES, "pose_t"),
+        )
+        data.poses[_POSES] = (pose,)
+    request = _request(
+        logs=(),
+        urdf=urdf,
+        parent=parent or ("body" if urdf is None else None),
+        imu_link=imu_link,
+        world=world,
+        clock="header",
+        units=units,
+        estimator=estimator,
+        imu_model=imu_model,
+        require=require,
+    )
+    recording = recording_of(data, request)
+    return _calibrated(recording, request, recording.clock.origin_ns - shift_ns, progress)
+
+
+def _request(
+    *,
+    urdf: StrPath | None,
+    units: Units | None,
+    estimator: MatchedOptions | PaperOptions | None,
+    imu_model: StrPath | None,
+    **given: Any,
+) -> CalibrationRequest:
+    options = estimator or MatchedOptions()
+    return CalibrationRequest(
+        urdf=None if urdf is None else Path(urdf),
+        units=units or Units(),
+        estimator=options,
+        imu=None if imu_model is None else _expected(imu_model, options),
+        details=True,
+        **given,
+    )
+
+
+def _expected(imu_model: StrPath, options: MatchedOptions | PaperOptions) -> ExpectedImu:
+    """An IMU by its data sheet, with priors of biases that the options leave free."""
+    priors: tuple[Sensor, ...] = ()
+    if isinstance(options, MatchedOptions):
+        stds: dict[Sensor, float] = {
+            "accel": options.accel_bias_std,
+            "gyro": options.gyro_bias_std,
+        }
+        priors = tuple(sensor for sensor, std in stds.items() if np.isinf(std))
+    return ExpectedImu(model=load_imu_model(Path(imu_model)), priors=priors)
+
+
+def _calibrated(
+    recording: Recording,
+    request: CalibrationRequest,
+    start_ns: int,
+    progress: Progress | None,
+) -> Calibration:
+    # small matrices: threads cost more than they give
+    with threadpool_limits(limits=1, user_api="blas"):
+        outcome = calibrate_recording(recording, request, progress)
+    for failure in outcome.failures:
+        raise failure
+    (only,) = outcome.calibrated
+    return Calibration(result=only.result, estimate=only.estimate, start_ns=start_ns)
+
+
+def _given(**arguments: object) -> bool:
+    """Whether arguments that belong together are given.
+
+    Raises:
+        ChoiceError: Some are and some are not.
+    """
+    missing = [name for name, value in arguments.items() if value is None]
+    if missing and len(missing) < len(arguments):
+        raise ChoiceError(
+            f"{', '.join(arguments)} belong together: {' and '.join(missing)} "
+            f"{'is' if len(missing) == 1 else 'are'} missing"
+        )
+    return not missing
+
+
+def _numbers(name: str, values: Any, *shape: int) -> Floats:
+    """Values as float64 of a shape; without one, of one axis and not empty.
+
+    Raises:
+        InputError: They are of another shape, or not all of them are finite numbers.
+    """
+    try:
+        array = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{name}: cannot be read as numbers: {error}") from error
+    if not (array.shape == shape if shape else array.ndim == 1 and array.size):
+        wanted = shape or "(N,) with N > 0"
+        raise InputError(f"{name}: has the shape {array.shape}, expected {wanted}")
+    if not np.isfinite(array).all():
+        raise InputError(f"{name}: has values that are no finite numbers: leave those rows out")
+    return array
+
+
+def _html(text: str) -> str:
+    return escape(shown(text))

@@ -1,0 +1,145 @@
+"""Files that ``imucalib run`` writes beside the result: for plots, papers and other tools.
+
+Another one is a field of ``ExtraFiles`` in cli/options.py and an entry of EXTRAS.
+"""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from typing import TYPE_CHECKING
+
+from imucalib_cli.cli.output import deliver
+from imucalib_cli.optional import optional
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator
+    from pathlib import Path
+
+    from imucalib_cli.cli.options import ExtraFiles
+    from imucalib_cli.estimate.details import WindowSeries
+    from imucalib_cli.jobs.calibrate import Outcome
+
+    Files = Iterator[tuple[Path, str | bytes]]
+
+
+def see_extras(files: ExtraFiles) -> list[Path]:
+    """The files that are asked for, as far as they are known before the log is read.
+
+    Raises:
+        InputError: What writes them is not installed.
+    """
+    places = []
+    for name, path in _asked(files).items():
+        if needed := _NEEDED.get(path.suffix.lower()):
+            module, extra = needed
+            optional(module, f"--{name.replace('_', '-')} needs", extra)
+        places += [path, *([_layout_of(path)] if name == "debug_mcap" else [])]
+    return places
+
+
+def write_extras(
+    files: ExtraFiles,
+    outcome: Outcome,
+    *,
+    read: Iterable[Path],
+    written: Iterable[Path],
+    force: bool,
+    quiet: bool,
+) -> None:
+    """Write the files that are asked for, each whole or not at all, and say so.
+
+    Args:
+        files: What is asked for.
+        outcome: With details; where nothing could be calibrated, nothing is written.
+        read: Files of the command that must not be written over.
+        written: Files that it has written already.
+        force: Write over logs and URDFs.
+        quiet: Say nothing.
+
+    Raises:
+        ChoiceError, InputError: As results.places.see_places.
+    """
+    from imucalib_cli.results.places import see_places
+
+    if not outcome.calibrated:
+        return
+    asked = _asked(files).items()
+    contents = [each for name, path in asked for each in EXTRAS[name](path, outcome)]
+    # with several IMUs there are other files than those named
+    see_places(read=read, written=[*written, *(path for path, _ in contents)], force=force)
+    for path, content in contents:
+        deliver(content, path, quiet=quiet)
+
+
+def _asked(files: ExtraFiles) -> dict[str, Path]:
+    """Paths by the field's name."""
+    paths = {each.name: getattr(files, each.name) for each in fields(files)}
+    return {name: path for name, path in paths.items() if path is not None}
+
+
+def _residuals(path: Path, outcome: Outcome) -> Files:
+    from imucalib_cli.report.table import as_csv, as_parquet, residual_table
+
+    write = as_parquet if path.suffix.lower() == ".parquet" else as_csv
+    for each, windows in _for_each_imu(path, outcome):
+        yield each, write(residual_table(windows, outcome.recording.clock.origin_ns))
+
+
+def _plot(path: Path, outcome: Outcome) -> Files:
+    from imucalib_cli.report.paper_plot import draw_residuals
+
+    for each, windows in _for_each_imu(path, outcome):
+        yield each, draw_residuals(windows, path.suffix.lower())
+
+
+def _debug_mcap(path: Path, outcome: Outcome) -> Files:
+    from imucalib_cli.report.debug_mcap import SeenImu, debug_mcap
+    from imucalib_cli.report.foxglove import foxglove_layout
+
+    recording = outcome.recording
+    seen = [
+        SeenImu(each.result, each.estimate.details.windows)
+        for each in outcome.calibrated
+        if each.estimate.details is not None
+    ]
+    robot, joints = recording.robot, recording.sources.joints
+    yield path, debug_mcap(seen, robot, joints, recording.clock.origin_ns)
+    yield (
+        _layout_of(path),
+        foxglove_layout([each.result for each in seen], with_urdf=robot is not None),
+    )
+
+
+def _layout_of(path: Path) -> Path:
+    return path.with_suffix(".foxglove.json")
+
+
+def _for_each_imu(path: Path, outcome: Outcome) -> Iterator[tuple[Path, WindowSeries]]:
+    """The file of each IMU: ``<stem>.<imu><suffix>`` where there are several."""
+    from imucalib_cli.results.names import names_of
+
+    several = len(outcome.calibrated) > 1
+    for name, each in zip(names_of(outcome.results), outcome.calibrated, strict=True):
+        own = path.with_name(f"{path.stem}.{name}{path.suffix}") if several else path
+        if each.estimate.details is not None:
+            yield own, each.estimate.details.windows
+
+
+def _report(path: Path, outcome: Outcome) -> Files:
+    from imucalib_cli.jobs.report import report
+
+    yield path, report(outcome)
+
+
+EXTRAS: dict[str, Callable[[Path, Outcome], Files]] = {
+    "report": _report,
+    "residuals": _residuals,
+    "debug_mcap": _debug_mcap,
+    "plot": _plot,
+}
+"""What makes the files of an option, by the field of ExtraFiles."""
+_NEEDED = {
+    ".parquet": ("pyarrow", "parquet"),
+    **dict.fromkeys((".svg", ".pdf", ".png"), ("matplotlib", "plot")),
+}
+"""By suffix: the package that writes such files, and the extra of imucalib that installs it."""

@@ -1,0 +1,293 @@
+"""What a calibration saw, as an MCAP of ROS 2 messages that Foxglove, Rerun and PlotJuggler open.
+
+Every message is stamped as the log stamps its publisher: readings by the IMU's clock, frames by
+the robot's.
+"""
+
+from __future__ import annotations
+
+import io
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from imucalib_cli.errors import InputError
+from imucalib_cli.logs.mcap.write import McapWriter
+from imucalib_cli.report.table import stamps_ns
+from imucalib_cli.results.codec import to_yaml
+from imucalib_cli.results.names import TOPIC, names_of
+from imucalib_cli.robot.path import KinematicPath
+from imucalib_cli.robot.rotations import matrix_from_rotvec, quaternion_from_matrix
+from imucalib_cli.signals.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    from imucalib_cli.arrays import Floats
+    from imucalib_cli.estimate.details import WindowSeries
+    from imucalib_cli.results.result import Result
+    from imucalib_cli.robot.path import Track
+    from imucalib_cli.robot.urdf import Joint, Robot
+
+    Row = tuple[int, Callable[[int, Any], None], Any]
+    """Instant, ns; where a message goes; the message."""
+
+DESCRIPTION = "/robot_description"
+RESULT = "result.yaml"
+"""Name of the attachment."""
+_LIBRARY = "imucalib run"
+_NS = 1_000_000_000
+_IMU, _TF = "sensor_msgs/msg/Imu", "tf2_msgs/msg/TFMessage"
+_NUMBERS = "std_msgs/msg/Float64MultiArray"
+"""Of the messages without a header the one that Rerun plots unasked; Foxglove plots all."""
+
+
+class SeenImu(NamedTuple):
+    """One IMU and what its windows saw."""
+
+    result: Result
+    windows: WindowSeries
+
+
+class FrameSeries(NamedTuple):
+    """Pose of one frame in another."""
+
+    parent: str
+    child: str
+    R: Floats
+    """(M, 3, 3), or (1, 3, 3) where it stands still."""
+    p: Floats
+    """(M, 3) or (1, 3), m."""
+
+
+class Moving(NamedTuple):
+    """Frames that move together."""
+
+    t: Floats
+    """(M,), s of the log, by the robot's stamps."""
+    frames: list[FrameSeries]
+
+
+def topics_of(results: Sequence[Result]) -> list[str]:
+    """What the topics of each IMU begin with, such as ``/imucalib/imu_link``."""
+    return [f"/imucalib/{name}" for name in names_of(results, TOPIC)]
+
+
+def debug_mcap(
+    seen: Sequence[SeenImu], robot: Robot | None, joints: Sequence[Track], origin_ns: int
+) -> bytes:
+    """An MCAP with readings, predictions, residuals, weights, frames, URDF and results.
+
+    Args:
+        seen: At least one IMU; the robot moves as its windows have it.
+        robot: Of the URDF, if there is one.
+        joints: Tracks of joint states in the log.
+        origin_ns: Stamp of the log's second 0, ns.
+    """
+    content = io.BytesIO()
+    log = McapWriter(content, library=_LIBRARY)
+    results = [each.result for each in seen]
+    start_ns = min(int(stamps_ns(windows.t, origin_ns)[0]) for _, windows in seen)
+    log.attach(RESULT, "application/yaml", to_yaml(results).encode(), start_ns)
+    if robot is not None:
+        describe = log.connect(DESCRIPTION, "std_msgs/msg/String", latched=True)
+        describe(start_ns, log.types["std_msgs/msg/String"](_text(robot.xml)))
+    names = imu_frames(results)
+    still, moving = _frames(seen, names, robot, joints)
+    stand = log.connect("/tf_static", _TF, latched=True)
+    stand(start_ns, _transforms(log, still)(0, start_ns))
+    rows = list(_moves(log, moving, origin_ns))
+    for topic, name, each in zip(topics_of(results), names, seen, strict=True):
+        rows += _readings(log, topic, name, each.windows, origin_ns)
+    for ns, write, message in sorted(rows, key=lambda row: row[0]):
+        write(ns, message)
+    log.close()
+    return content.getvalue()
+
+
+def _readings(
+    log: McapWriter, topic: str, frame: str, windows: WindowSeries, origin_ns: int
+) -> Iterator[Row]:
+    imu, vector = log.types[_IMU], log.types["geometry_msgs/msg/Vector3"]
+    # REP 145: a first element of -1 says that there is no orientation.
+    unknown, no_orientation = np.zeros(9), np.array([-1.0, *np.zeros(8)])
+    no_turn = log.types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
+    header = _headers(log)
+    stamps = stamps_ns(windows.t, origin_ns).tolist()
+    for what in ("measured", "predicted", "residual"):
+        write = log.connect(f"{topic}/{what}", _IMU)
+        values = (getattr(windows, f"{sensor}_{what}").tolist() for sensor in ("accel", "gyro"))
+        for ns, accel, gyro in zip(stamps, *values, strict=True):
+            message = imu(
+                header=header(ns, frame),
+                orientation=no_turn,
+                orientation_covariance=no_orientation,
+                angular_velocity=vector(*gyro),
+                angular_velocity_covariance=unknown,
+                linear_acceleration=vector(*accel),
+                linear_acceleration_covariance=unknown,
+            )
+            yield ns, write, message
+    write, numbers = log.connect(f"{topic}/weight", _NUMBERS), log.types[_NUMBERS]
+    layout = log.types["std_msgs/msg/MultiArrayLayout"]([], 0)
+    for ns, weight in zip(stamps, windows.weight, strict=True):
+        yield ns, write, numbers(layout, np.array([weight]))
+
+
+def _moves(log: McapWriter, moving: Sequence[Moving], origin_ns: int) -> Iterator[Row]:
+    write = log.connect("/tf", _TF)
+    for t, frames in moving:
+        make = _transforms(log, frames)
+        for row, ns in enumerate(stamps_ns(t, origin_ns).tolist()):
+            yield ns, write, make(row, ns)
+
+
+def _frames(
+    seen: Sequence[SeenImu], names: Sequence[str], robot: Robot | None, joints: Sequence[Track]
+) -> tuple[list[FrameSeries], list[Moving]]:
+    """Frames that stand still in others, and those that move, by the robot's stamps."""
+    still = [
+        mount
+        for each, name in zip(seen, names, strict=True)
+        for mount in mounts_of(each.result, name)
+    ]
+    moving = []
+    told = {frame.child for frame in still}
+    for result, windows in seen:
+        t = windows.t - result.time_offset.seconds
+        frames = [
+            frame
+            for frame in frames_of(result, windows, robot, joints, t)
+            if frame.child not in told  # a frame has one parent
+        ]
+        told |= {frame.child for frame in frames}
+        still += [frame for frame in frames if len(frame.p) == 1]
+        moves = [frame for frame in frames if len(frame.p) > 1]
+        moving += [Moving(t, moves)] if moves else []
+    return still, moving
+
+
+def imu_frames(results: Sequence[Result]) -> list[str]:
+    """The frame of each IMU: its own, unless another has the same or it is tracked itself."""
+    children = [result.child for result in results]
+    frames = []
+    for result, name in zip(results, names_of(results), strict=True):
+        frame = result.child if children.count(result.child) == 1 else name
+        frames.append(f"{frame}_calibrated" if result.child == result.parent else frame)
+    return frames
+
+
+def mounts_of(result: Result, name: str) -> list[FrameSeries]:
+    """The IMU where it was found, and ``<name>_nominal`` where it was said to be."""
+    pose, nominal = result.pose, result.nominal
+    found = FrameSeries(result.parent, name, pose.R[None], pose.t[None])
+    if nominal is None:
+        return [found]
+    R, t = nominal.R_parent_imu[None], nominal.t_parent_imu[None]
+    return [found, FrameSeries(result.parent, f"{name}_nominal", R, t)]
+
+
+def frames_of(
+    result: Result,
+    windows: WindowSeries,
+    robot: Robot | None,
+    joints: Sequence[Track],
+    t: Floats,
+) -> list[FrameSeries]:
+    """How the robot moves: every joint of its URDF, or the parent link alone.
+
+    Args:
+        result: Of the IMU.
+        windows: Which tell where its parent is.
+        robot: Of the URDF.
+        joints: Tracks of joint states.
+        t: (W,), s of the log by the robot's stamps: the windows' instants.
+    """
+    world, parent = result.provenance.world, result.parent
+    R, p = windows.R_world_parent, windows.p_world_parent
+    alone = [] if world == parent else [FrameSeries(world, parent, R, p)]
+    if robot is None or parent not in robot.links:
+        return alone
+    values = _joint_values(joints, t)
+    links = {joint.child: _link(joint, values) for joint in robot.joints}
+    route = [joint for joint, _ in robot.route(robot.root, parent)]
+    if any(_position(joint, values) is None and joint.kind != "fixed" for joint in route):
+        return alone  # by frames of the log, which have no joints
+    if world in robot.links:
+        return list(links.values())
+    # The base moves: from where the parent is, back along the joints.
+    R_base, p_base = np.eye(3)[None], np.zeros((1, 3))
+    for joint in route:
+        link = links[joint.child]
+        R_base, p_base = R_base @ link.R, p_base + (R_base @ link.p[..., None])[..., 0]
+    R_root = R @ np.swapaxes(R_base, -1, -2)
+    p_root = p - (R_root @ p_base[..., None])[..., 0]
+    return [FrameSeries(world, robot.root, R_root, p_root), *links.values()]
+
+
+def _joint_values(tracks: Sequence[Track], t: Floats) -> dict[str, Floats]:
+    """Positions (M,) of each joint at instants (M,), s; of tracks too short for it none."""
+    values: dict[str, Floats] = {}
+    for track in tracks:
+        with suppress(InputError):
+            path = KinematicPath(world="", parent="", steps=(), tracks=(track,))
+            trajectory = Trajectory.of(path)
+            (found,) = trajectory.values(trajectory.nearest_covered(t))
+            values |= dict(zip(track.names, found.T, strict=True))
+    return values
+
+
+def _position(joint: Joint, values: dict[str, Floats]) -> Floats | None:
+    if joint.name in values or joint.mimic is None:
+        return values.get(joint.name)
+    driver = values.get(joint.mimic.joint)
+    return None if driver is None else joint.mimic.multiplier * driver + joint.mimic.offset
+
+
+def _link(joint: Joint, values: dict[str, Floats]) -> FrameSeries:
+    """Pose of a joint's child in its parent; a joint that the log does not tell is at zero."""
+    position = None if joint.kind == "fixed" else _position(joint, values)
+    R, p = joint.R_origin[None], joint.p_origin[None]
+    if position is not None and joint.kind == "prismatic":
+        p = p + position[:, None] * (joint.R_origin @ joint.axis)
+        R = np.broadcast_to(R, (len(position), 3, 3))
+    elif position is not None:
+        R = R @ matrix_from_rotvec(position[:, None] * joint.axis)
+        p = np.broadcast_to(p, (len(position), 3))
+    return FrameSeries(joint.parent, joint.child, R, p)
+
+
+def _transforms(log: McapWriter, frames: Sequence[FrameSeries]) -> Callable[[int, int], Any]:
+    """What makes the TFMessage of one row of the poses, stamped, ns."""
+    vector, quaternion, transform, stamped = (
+        log.types[f"geometry_msgs/msg/{name}"]
+        for name in ("Vector3", "Quaternion", "Transform", "TransformStamped")
+    )
+    message, header = log.types[_TF], _headers(log)
+    rows = [(each.p.tolist(), quaternion_from_matrix(each.R).tolist()) for each in frames]
+
+    def make(row: int, ns: int) -> Any:
+        return message(
+            [
+                stamped(
+                    header=header(ns, frame.parent),
+                    child_frame_id=frame.child,
+                    transform=transform(vector(*p[row]), quaternion(*q[row])),
+                )
+                for frame, (p, q) in zip(frames, rows, strict=True)
+            ]
+        )
+
+    return make
+
+
+def _headers(log: McapWriter) -> Callable[[int, str], Any]:
+    time, header = log.types["builtin_interfaces/msg/Time"], log.types["std_msgs/msg/Header"]
+    return lambda ns, frame: header(stamp=time(*divmod(ns, _NS)), frame_id=frame)
+
+
+def _text(xml: bytes) -> str:
+    """A URDF's letters."""
+    is_wide = xml.startswith((b"\xff\xfe", b"\xfe\xff"))
+    return xml.decode("utf-16" if is_wide else "utf-8-sig", "replace")

@@ -1,0 +1,77 @@
+"""What the windows measure and predict, as a table that PlotJuggler and pandas open."""
+
+from __future__ import annotations
+
+import csv
+import io
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from imucalib_cli.optional import optional
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from imucalib_cli.arrays import Floats, Integers
+    from imucalib_cli.estimate.details import WindowSeries
+
+    Column = Floats | Integers
+
+AXES = "xyz"
+_DIGITS = ".10g"
+
+
+def stamps_ns(t: Floats, origin_ns: int) -> Integers:
+    """Absolute stamps (N,), ns, of instants (N,), s of the log."""
+    return origin_ns + np.round(t * 1e9).astype(np.int64)
+
+
+def residual_table(windows: WindowSeries, origin_ns: int) -> dict[str, Column]:
+    """One row for each instant, columns by name.
+
+    ``time_s`` is the seconds of the log, ``stamp_ns`` the same instant as the IMU stamps it. All
+    other columns are named <sensor>_<axis>_<measured|predicted|residual>_<unit>, IMU axes.
+
+    Args:
+        windows: Of an estimate.
+        origin_ns: Stamp of the log's second 0, ns.
+    """
+    table: dict[str, Column] = {
+        "time_s": windows.t,
+        "stamp_ns": stamps_ns(windows.t, origin_ns),
+    }
+    for sensor, unit in (("accel", "m_s2"), ("gyro", "rad_s")):
+        for axis, letter in enumerate(AXES):
+            for what in ("measured", "predicted", "residual"):
+                values = getattr(windows, f"{sensor}_{what}")[:, axis]
+                table[f"{sensor}_{letter}_{what}_{unit}"] = values
+    return {**table, "weight": windows.weight}
+
+
+def as_csv(table: Mapping[str, Column]) -> bytes:
+    """A table with its header, by commas."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(table)
+    columns: list[list[Any]] = [
+        [format(value, _DIGITS) for value in values.tolist()]
+        if values.dtype.kind == "f"
+        else values.tolist()
+        for values in table.values()
+    ]
+    writer.writerows(zip(*columns, strict=True))
+    return text.getvalue().encode()
+
+
+def as_parquet(table: Mapping[str, Column]) -> bytes:
+    """A table as Parquet.
+
+    Raises:
+        InputError: pyarrow is not installed.
+    """
+    arrow = optional("pyarrow", "Parquet needs", "parquet")
+    parquet = optional("pyarrow.parquet", "Parquet needs", "parquet")
+    buffer = io.BytesIO()
+    parquet.write_table(arrow.table(dict(table)), buffer)
+    return buffer.getvalue()

@@ -1,0 +1,60 @@
+"""What each of several IMUs is called in the names of files and topics."""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from itertools import count
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from imucalib_cli.results.result import Result
+
+FILE = r"[^\w.-]+"
+"""Letters that no name of a file should have."""
+TOPIC = r"[^A-Za-z0-9_]+"
+"""Letters that no part of a ROS topic may have."""
+
+
+def labels_of(results: Sequence[Result]) -> list[str]:
+    """The frame of each IMU, or its topic where another has the same frame."""
+    children = [result.child for result in results]
+    return [
+        result.child if children.count(result.child) == 1 else result.imu_topic
+        for result in results
+    ]
+
+
+def fitted(label: str, unfit: str = FILE) -> str:
+    """A label whose unfit letters are underscores; never empty."""
+    return re.sub(unfit, "_", label.strip("/")) or "imu"
+
+
+def names_of(results: Sequence[Result], unfit: str = FILE) -> list[str]:
+    """A name for each IMU after its label; all differ, to every file system.
+
+    Args:
+        results: One for each IMU.
+        unfit: Pattern of letters that become an underscore.
+    """
+    names: list[str] = []
+    taken: set[str] = set()
+    for label in labels_of(results):
+        stem = fitted(label, unfit)
+        for number in count(1):
+            name = stem if number == 1 else f"{stem}_{number}"
+            if sameness(name) not in taken:
+                break
+        taken.add(sameness(name))
+        names.append(name)
+    return names
+
+
+def sameness(name: str) -> str:
+    """What names have in common that some file system takes for one.
+
+    To some, other cases and compositions of letters are the same.
+    """
+    return unicodedata.normalize("NFC", name).casefold()

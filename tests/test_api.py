@@ -1,0 +1,241 @@
+"""imucalib from Python: as the command line, and arrays as logs; its page and notebook run."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+import imucalib_cli as ic
+from imucalib_cli.cli.main import main
+from imucalib_cli.jobs.reading import read_recording
+from imucalib_cli.jobs.request import CalibrationRequest
+from imucalib_cli.robot.rotations import quaternion_from_matrix
+from tests.slow import slow_after
+
+if TYPE_CHECKING:
+    from imucalib_cli.jobs.reading import Recording
+    from tests.conftest import LogWriter
+
+ROOT = Path(__file__).resolve().parent.parent
+SAMPLES = ROOT / "sample_data"
+LOG, URDF = SAMPLES / "rihibot.mcap", SAMPLES / "rihibot.urdf"
+NO_GRAVITY = ic.MatchedOptions(gravity="none")
+
+
+@pytest.fixture(scope="module")
+def arm() -> ic.Calibration:
+    return ic.calibrate(LOG, urdf=URDF)
+
+
+@pytest.fixture(scope="module")
+def streams() -> dict[str, Any]:
+    """The arm's log as arrays, s since its first stamp."""
+    recording = read_recording(CalibrationRequest(logs=(LOG,)))
+    (imu,), ((joints,),) = recording.imus, recording.joints.values()
+    return {
+        "t": recording.clock.seconds(imu),
+        "gyro": imu.gyro,
+        "accel": imu.accel,
+        "joint_t": recording.clock.seconds(joints),
+        "joint_positions": joints.position,
+        "joint_names": joints.names,
+        "urdf": URDF,
+        "imu_link": "imu_link",
+    }
+
+
+def test_a_call_gives_what_the_command_writes(
+    arm: ic.Calibration, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for form in ("json", "urdf"):
+        assert main(["run", str(LOG), "--urdf", str(URDF), "-q", "--format", form]) == 0
+        assert arm.render(form) == capsys.readouterr().out
+
+
+def test_a_calibration_has_arrays_residuals_and_words(arm: ic.Calibration) -> None:
+    assert arm.ok
+    assert arm.T[:3, :3] == pytest.approx(arm.R)
+    assert arm.T[:3, 3] == pytest.approx(arm.result.pose.t)
+    assert quaternion_from_matrix(arm.R) == pytest.approx(arm.result.pose.rotation_xyzw)
+    assert arm.covariance is not None
+    assert arm.covariance.shape == (6, 6)
+    assert arm.time_offset == pytest.approx(0.0125, abs=1e-4)
+    assert arm.residuals is arm.details.windows
+    assert arm.start_ns == 1_700_000_000_000_000_000
+    assert str(arm).startswith("imu_link in wrist_3_link: ok\n")
+    assert repr(arm).startswith("<Calibration ok: imu_link in wrist_3_link is known to")
+    html = arm._repr_html_()
+    assert html.startswith("<table>")
+    assert html.endswith("</table>")
+    assert "-22.509 ± 0.008 mm" in html
+
+
+def test_what_is_shown_of_a_stranger_s_names_is_no_html(arm: ic.Calibration) -> None:
+    import msgspec
+
+    transform = msgspec.structs.replace(arm.result.transform, child="<script>alert(1)</script>")
+    html = replace(
+        arm, result=msgspec.structs.replace(arm.result, transform=transform)
+    )._repr_html_()
+    assert "<script" not in html
+    assert "&lt;script&gt;" in html
+
+
+def test_joint_positions_give_what_their_log_gives(
+    arm: ic.Calibration, streams: dict[str, Any]
+) -> None:
+    found = ic.calibrate_arrays(**streams)
+    assert (found.T == arm.T).all()
+    assert found.covariance == pytest.approx(arm.covariance, rel=1e-12, abs=0)
+    assert (found.residuals.accel_residual == arm.residuals.accel_residual).all()
+    assert found.start_ns == 0
+    assert found.result.provenance.files == []
+    assert "from arrays: imu with joints" in str(found)
+
+
+@pytest.mark.parametrize("epoch", slow_after(1, [-1e3, 0.3, 1.7e9]))
+def test_stamps_may_have_any_epoch(
+    arm: ic.Calibration, streams: dict[str, Any], epoch: float
+) -> None:
+    later = {name: streams[name] + epoch for name in ("t", "joint_t")}
+    found = ic.calibrate_arrays(**{**streams, **later})
+    assert found.t == pytest.approx(arm.t, abs=1e-6)
+    first = found.start_ns * 1e-9 + found.residuals.t[0]
+    assert first == pytest.approx(epoch + arm.residuals.t[0], abs=1e-5)
+
+
+@pytest.fixture(scope="module")
+def bar() -> Recording:
+    return read_recording(CalibrationRequest(logs=(SAMPLES / "barbot.bag",)))
+
+
+def test_poses_give_what_their_log_gives(bar: Recording) -> None:
+    log = ic.calibrate(SAMPLES / "barbot.bag", parent="bar_link", estimator=NO_GRAVITY)
+    (imu,) = bar.imus
+    (edge,) = (each for each in bar.sources.edges if not each.is_static)
+    found = ic.calibrate_arrays(
+        t=bar.clock.seconds(imu),
+        gyro=imu.gyro,
+        accel=imu.accel,
+        pose_t=edge.track.t,
+        positions=edge.track.values[:, :3],
+        quaternions_xyzw=-2.0 * edge.track.values[:, 3:],  # of any length and sign
+        estimator=NO_GRAVITY,
+    )
+    np.testing.assert_allclose(found.T, log.T, rtol=0, atol=1e-9)
+    assert (found.result.parent, found.result.child) == ("body", "imu")
+
+
+def test_an_untrusted_pose_is_not_given_bare(arm: ic.Calibration) -> None:
+    import msgspec
+
+    bad = replace(arm, result=msgspec.structs.replace(arm.result, status="untrusted"))
+    assert not bad.ok
+    with pytest.raises(ic.UntrustedError, match="so no urdf"):
+        bad.render("urdf")
+    assert bad.render("urdf", force=True) == arm.render("urdf")
+    with pytest.raises(ic.ChoiceError, match="no format sdf: choose yaml, json, urdf"):
+        arm.render("sdf")
+
+
+def test_the_published_method_has_no_series(arm: ic.Calibration) -> None:
+    found = replace(arm, estimate=replace(arm.estimate, details=None))
+    with pytest.raises(ic.InputError, match="keeps no series"):
+        _ = found.residuals
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"gyro": np.zeros((4, 3))}, r"gyro: has the shape \(4, 3\), expected \(18501, 3\)"),
+        ({"t": np.zeros(0)}, r"t: has the shape \(0,\), expected \(N,\) with N > 0"),
+        ({"accel": "fast"}, "accel: cannot be read as numbers"),
+        ({"joint_t": None}, "joint_t is missing"),
+        ({"urdf": None}, "say nothing without the robot's chain: give urdf"),
+        (
+            dict.fromkeys(("joint_t", "joint_positions"), None) | {"joint_names": ()},
+            "nothing tells",
+        ),
+        ({"joint_names": ("a",)}, r"joint_positions: has the shape \(9251, 6\)"),
+        ({"joint_names": tuple("abcdef")}, "shoulder_pan_joint"),
+        ({"imu_link": None}, "--parent"),
+    ],
+)
+def test_what_is_wrong_with_arrays_is_said_in_one_line(
+    streams: dict[str, Any], change: dict[str, Any], words: str
+) -> None:
+    with pytest.raises(ic.ImucalibError, match=words) as caught:
+        ic.calibrate_arrays(**{**streams, **change})
+    assert "\n" not in str(caught.value)
+
+
+def test_values_that_are_no_numbers_are_refused(streams: dict[str, Any]) -> None:
+    accel = streams["accel"].copy()
+    accel[7, 1] = np.nan
+    with pytest.raises(ic.InputError, match="accel: has values that are no finite numbers"):
+        ic.calibrate_arrays(**{**streams, "accel": accel})
+
+
+def test_one_of_several_imus_must_be_named(log_writer: LogWriter, arm_urdf: Path) -> None:
+    log = log_writer.imu("/a").imu("/b").joints().write()
+    with pytest.raises(ic.ChoiceError, match="choose one by imu_topic: /a, /b"):
+        ic.calibrate([log], urdf=arm_urdf)
+
+
+def test_importing_it_takes_no_numpy() -> None:
+    code = (
+        f"import sys; sys.path.insert(0, {str(ROOT)!r}); import imucalib_cli; "
+        "assert not {'numpy', 'typing'} & set(sys.modules)"
+    )
+    subprocess.run([sys.executable, "-I", "-S", "-c", code], check=True)
+    assert not hasattr(ic, "nothing")
+    for name in ic.__all__:
+        assert getattr(ic, name) is not None
+
+
+@pytest.mark.slow
+def test_the_examples_of_the_page_run() -> None:
+    page = (ROOT / "docs" / "python.md").read_text("utf-8")
+    code = "\n".join(re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL))
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", code],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert "give --urdf" in done.stdout.splitlines()[-1]
+
+
+def test_the_notebook_is_kept_without_outputs() -> None:
+    import json
+
+    notebook = json.loads((ROOT / "docs" / "example.ipynb").read_text("utf-8"))
+    code = [cell for cell in notebook["cells"] if cell["cell_type"] == "code"]
+    assert len(code) > 3
+    assert all(not cell["outputs"] and cell["execution_count"] is None for cell in code)
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("default")  # of the notebook's machinery, which is not ours
+def test_the_notebook_runs() -> None:
+    nbformat: Any = pytest.importorskip("nbformat")
+    nbclient: Any = pytest.importorskip("nbclient")
+    pytest.importorskip("ipykernel")
+    notebook = nbformat.read(ROOT / "docs" / "example.ipynb", as_version=4)
+    nbclient.NotebookClient(
+        notebook, timeout=300, resources={"metadata": {"path": str(ROOT / "docs")}}
+    ).execute()
+    outputs = [each for cell in notebook.cells for each in cell.get("outputs", ())]
+    kinds = [kind for each in outputs for kind in each.get("data", {})]
+    assert "text/html" in kinds
+    assert kinds.count("image/png") == 4
+    assert not [each for each in outputs if each.output_type == "stream" and each.name == "stderr"]
