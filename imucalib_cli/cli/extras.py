@@ -125,7 +125,14 @@ def _for_each_imu(path: Path, outcome: Outcome) -> Iterator[tuple[Path, WindowSe
             yield own, each.estimate.details.windows
 
 
+def _report(path: Path, outcome: Outcome) -> Files:
+    from imucalib_cli.jobs.report import report
+
+    yield path, report(outcome)
+
+
 EXTRAS: dict[str, Callable[[Path, Outcome], Files]] = {
+    "report": _report,
     "residuals": _residuals,
     "debug_mcap": _debug_mcap,
     "plot": _plot,

@@ -307,6 +307,16 @@ class EstimatorOptions:
 class ExtraFiles:
     """Files beside the result; what makes each is in cli/extras.py, by the field's name."""
 
+    report: Annotated[
+        Path | None,
+        _output(
+            metavar="FILE.html",
+            parser=parsers.file_ending(".html", ".htm"),
+            help="Also write a page to look at: the verdict, the pose to copy, and plots of all "
+            "that it rests on.",
+            show_default="none",
+        ),
+    ] = None
     residuals: Annotated[
         Path | None,
         _output(

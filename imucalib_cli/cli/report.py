@@ -24,10 +24,9 @@ def report_command(
     Plots of the motion, the residuals and the parts of the log need the log itself: imucalib run
     LOG --report FILE.html.
     """
-    del quiet
     if output is None and is_terminal(sys.stdout):
         raise ChoiceError("a page is not for a terminal: add -o report.html, or redirect it")
     with writing(output, read=files_of(result)):
         from imucalib_cli.jobs.report import report_of_file
 
-        deliver(report_of_file(result), output)
+        deliver(report_of_file(result), output, quiet=quiet)

@@ -22,6 +22,7 @@ from imucalib_cli.cli.options import (
 from imucalib_cli.cli.output import chosen_format, deliver, say, say_error
 from imucalib_cli.cli.progress import ProgressBar
 from imucalib_cli.errors import ChoiceError
+from imucalib_cli.layout import plain
 
 if TYPE_CHECKING:
     from imucalib_cli.jobs.verify import Answers
@@ -95,7 +96,7 @@ def give_answers(
     from imucalib_cli.results.codec import to_json, to_yaml
 
     def to_words(answers: Iterable[Any]) -> str:
-        return "".join(f"{answer.verdict}: {answer.reason}\n" for answer in answers)
+        return plain(f"{answer.verdict}: {answer.reason}" for answer in answers)
 
     renderers = {"yaml": to_yaml, "json": to_json, "summary": to_words}
     chosen = chosen_format(fmt, output)

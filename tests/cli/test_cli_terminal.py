@@ -233,6 +233,7 @@ def test_no_name_commands_the_terminal(
         *shown("run", log, "--urdf", arm_urdf, "-o", tmp_path / "o\x1b[2J.yaml")[1:],
         *shown("verify", log, "--urdf", arm_urdf)[1:],
         *shown("diff", result, result)[1:],
+        *shown("diff", result, result, "--format", "summary", streams=())[1:],
     ]
     for text in texts:
         ours = re.sub(r"\x1b\[(0|1|31|32)m", "", text)
@@ -311,6 +312,15 @@ def test_the_width_is_that_of_the_terminal(columns: int) -> None:
     assert max(map(len, tables)) <= columns
     piped = subprocess.run(command, cwd=SAMPLES, capture_output=True, text=True, check=True).stdout
     assert (text == piped) == (columns == 160)
+
+
+def test_what_is_piped_waits_for_no_library_of_terminals() -> None:
+    program = (
+        "import sys; from imucalib_cli.cli.main import main; main(sys.argv[1:]);"
+        "sys.exit('rich' in sys.modules)"
+    )
+    command = [sys.executable, "-c", program, "inspect", str(SAMPLES / "rihibot.mcap")]
+    assert subprocess.run(command, capture_output=True, check=False).returncode == 0
 
 
 @pytest.fixture
