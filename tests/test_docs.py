@@ -122,6 +122,19 @@ def test_sample_commands_run(command: str) -> None:
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "command",
+    re.findall(
+        r"^    (imucalib run .+)$", (ROOT / "docs/files.md").read_text("utf-8"), re.MULTILINE
+    ),
+)
+def test_files_for_other_tools_are_written(command: str, tmp_path: Path) -> None:
+    done = _run(re.sub(r"(--[a-z-]+) (\w+\.\w+)$", rf"\1 {tmp_path}/\2", command))
+    assert done.returncode == 0, done.stderr
+    assert list(tmp_path.iterdir())
+
+
 def test_no_text_points_into_someones_machine() -> None:
     places = re.compile(r"(?<![\w./:-])/(?:home|root|work|Users)/\w")
     for folder in (

@@ -73,7 +73,9 @@ class Moving(NamedTuple):
 
 def topics_of(results: Sequence[Result]) -> list[str]:
     """What the topics of each IMU begin with, such as ``/imucalib/imu_link``."""
-    return [f"/imucalib/{name}" for name in names_of(results, TOPIC)]
+    names = names_of(results, TOPIC)
+    # no part of a topic begins with a digit
+    return [f"/imucalib/{'imu_' if name[0].isdigit() else ''}{name}" for name in names]
 
 
 def debug_mcap(

@@ -24,7 +24,7 @@ from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.jobs.calibrate import Outcome, calibrate
 from imucalib_cli.jobs.request import CalibrationRequest
-from imucalib_cli.report.debug_mcap import frames_of
+from imucalib_cli.report.debug_mcap import frames_of, topics_of
 from imucalib_cli.results.codec import read_results
 from imucalib_cli.robot.rotations import matrix_from_quaternion
 
@@ -280,6 +280,18 @@ def test_inspect_reads_the_mcap(
     out = capsys.readouterr().out
     assert "/imucalib/imu_link/measured" in out
     assert "imu_link_nominal in wrist_3_link (static)" in out
+
+
+@pytest.mark.parametrize(
+    ("child", "topic"),
+    [("imu_link", "imu_link"), ("/front/imu__0", "front_imu_0"), ("3dm", "imu_3dm"), ("!", "_")],
+)
+def test_topics_are_what_ros_allows(arm: Outcome, child: str, topic: str) -> None:
+    (result,) = arm.results
+    transform = msgspec.structs.replace(result.transform, child=child)
+    assert topics_of([msgspec.structs.replace(result, transform=transform)]) == [
+        f"/imucalib/{topic}"
+    ]
 
 
 def panels_of(layout: Any, panels: dict[str, Any]) -> set[str]:
