@@ -153,12 +153,13 @@ class Calibration:
         return f"<{type(self).__name__} {shown(verdict(self.result))}>"
 
     def _repr_html_(self) -> str:
-        rows = [f"<caption>{_html(verdict(self.result))}</caption>"]
+        left = 'style="text-align:left"'
+        rows = [f"<caption {left}><b>{_html(verdict(self.result))}</b></caption>"]
         for section in sections(self.result):
-            rows.append(f'<tr><th colspan="2" style="text-align:left">{_html(section.title)}</th>')
+            title = ": ".join(filter(None, (section.title, section.formula)))
+            rows.append(f'<tr><th colspan="2" {left}>{_html(title)}</th>')
             rows += [
-                f'<tr><td style="text-align:left">{_html(field.label)}</td>'
-                f'<td style="text-align:left">{_html(field.text)}</td>'
+                f"<tr><td {left}>{_html(field.label)}</td><td {left}>{_html(field.text)}</td>"
                 for field in section.fields
             ]
         return f"<table>{''.join(rows)}</table>"
