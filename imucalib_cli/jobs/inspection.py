@@ -1,4 +1,4 @@
-"""What an inspection found, and how it reads as text and as JSON."""
+"""The result of an inspection, and its text and JSON forms."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _MS = 1e3
 
 @dataclass(frozen=True, kw_only=True)
 class Health:
-    """Stamps of one topic, or of one part of it."""
+    """Stamps of one topic, or of one stream of it."""
 
     name: str
     """Topic, and frames or joints where it holds several streams."""
@@ -33,28 +33,28 @@ class Health:
 
 @dataclass(frozen=True, kw_only=True)
 class ImuFinding:
-    """One IMU: what it measures, and what carries it."""
+    """One IMU: its values, and the link that carries it."""
 
     topic: str
     frame_id: str
     units: UnitGuess
     parent: str | None = None
-    """Frame that would be taken as its parent."""
+    """Frame that a run would take as its parent."""
     world: str | None = None
     motion: tuple[str, ...] = ()
-    """Topics that tell how the parent moves."""
+    """Topics of the parent's motion."""
     problem: str | None = None
-    """Why it cannot be calibrated as the log and the options stand."""
+    """Why it cannot be calibrated with these options."""
     needs_choice: bool = False
-    """The problem is one that an option solves."""
+    """Whether an option solves the problem."""
     solved_by: str | None = None
-    """That option, where there is just one, such as ``--parent``."""
+    """That option, if there is only one, such as ``--parent``."""
     parent_unnamed: bool = False
-    """The parent's poses name no frame, so that it goes by their topic."""
+    """Whether the parent's poses name no frame, so that their topic names it."""
 
     @property
     def floats(self) -> bool:
-        """Whether its accelerometer feels no gravity."""
+        """Whether its accelerometer shows no gravity."""
         return self.units.accel_unit == "m/s², no gravity"
 
 
@@ -65,7 +65,7 @@ class JointFinding:
     topic: str
     names: tuple[str, ...]
     missing: tuple[str, ...] | None
-    """Those that the URDF does not have; None without a URDF."""
+    """Joints that are not in the URDF; None without a URDF."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,7 +80,7 @@ class PoseFinding:
 
 @dataclass(frozen=True, kw_only=True)
 class Inspection:
-    """All that can be said of a recording without calibrating."""
+    """Everything known about a recording without calibrating."""
 
     files: tuple[str, ...]
     topics: tuple[Topic, ...]
@@ -94,9 +94,9 @@ class Inspection:
     command: str | None
     """To run next; None if no command would work."""
     placeholders: str
-    """What in the commands the user must replace; empty if nothing."""
+    """Placeholders in the commands that the user must replace."""
     more_commands: tuple[str, ...] = ()
-    """For further IMUs, of which the user must say more."""
+    """Commands for further IMUs that need more options."""
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -104,7 +104,7 @@ class Inspection:
         return tuple(finding.message for finding in self.findings)
 
     def as_json(self) -> str:
-        """Everything, for programs."""
+        """Everything, as JSON-ready data."""
         imus = tuple(replace(imu, units=replace(imu.units, findings=())) for imu in self.imus)
         content = asdict(replace(self, findings=(), imus=imus))
         content |= {
@@ -119,7 +119,7 @@ class Inspection:
         return json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
     def as_text(self) -> str:
-        """Everything, for people."""
+        """Everything, as text for people."""
         return "\n".join(shown(line) for line in self._lines()) + "\n"
 
     def _lines(self) -> Iterator[str]:
@@ -204,7 +204,7 @@ def _health_row(each: Health, kind: str) -> tuple[str, ...]:
 
 
 def _table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> Iterator[str]:
-    """Columns: text to the left, numbers to the right."""
+    """Align columns: text left, numbers right."""
     widths = [max(len(row[i]) for row in (heads, *rows)) for i in range(len(heads))]
     texts = {"topic", "type", "stream"}
     for row in (heads, *rows):

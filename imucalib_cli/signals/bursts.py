@@ -240,30 +240,30 @@ def _batches(t: Floats, period: float) -> _Units | None:
 def _straight(t: Floats, units: _Units, period: float) -> BurstTiming | None:
     """Ticks of an even rate from the first unit to the last; None where the count wanders."""
     index = np.arange(len(units.arrival), dtype=np.float64)
-    rest = units.arrival - units.samples * period * index
-    centre, low = _low_edge(rest)
+    residual = units.arrival - units.samples * period * index
+    centre, low = _low_edge(residual)
     line = _robust_line(centre, low)
     off = low - np.polyval(line, centre)
     scatter = float(np.mean(off**2))
     wanders = float(np.mean(np.diff(off) ** 2)) < _STRAIGHT * scatter
     # Delays scatter about any line too; what they leave of it in a chunk is little.
-    delays = rest - np.polyval(line, index)
-    chance = float(np.var(delays)) * len(low) / len(rest)
+    delays = residual - np.polyval(line, index)
+    chance = float(np.var(delays)) * len(low) / len(residual)
     if scatter > _NEGLIGIBLE**2 and (wanders or scatter > _CHANCE**2 * chance):
         return None
     ticks = units.samples * period * index + np.polyval(line, index)
     return _between(t, units, np.asarray(ticks), 0)
 
 
-def _low_edge(rest: Floats) -> tuple[Floats, Floats]:
+def _low_edge(residual: Floats) -> tuple[Floats, Floats]:
     """Centres of chunks of the log, and the lower edge of what is in each."""
-    return _edge_of_chunks(rest, max(len(rest) // _CHUNKS, _LEAST_CHUNK))
+    return _edge_of_chunks(residual, max(len(residual) // _CHUNKS, _LEAST_CHUNK))
 
 
-def _edge_of_chunks(rest: Floats, size: int) -> tuple[Floats, Floats]:
-    size = min(size, len(rest))
-    chunks = len(rest) // size
-    low = np.quantile(rest[: chunks * size].reshape(chunks, size), _LOW, axis=1)
+def _edge_of_chunks(residual: Floats, size: int) -> tuple[Floats, Floats]:
+    size = min(size, len(residual))
+    chunks = len(residual) // size
+    low = np.quantile(residual[: chunks * size].reshape(chunks, size), _LOW, axis=1)
     centre = np.asarray((np.arange(chunks) + 0.5) * size, dtype=np.float64)
     return centre, np.asarray(low, dtype=np.float64)
 
@@ -287,13 +287,13 @@ def _with_losses(t: Floats, units: _Units, period: float) -> BurstTiming | None:
     if found is None:
         return None
     index = np.arange(len(arrival), dtype=np.float64)
-    rest = arrival - found * index
+    residual = arrival - found * index
     # No delay is negative, and what is lost stays lost.
-    edge = np.minimum.accumulate(rest[::-1])[::-1] - rest[0]
-    best, cost = np.zeros(len(rest)), np.inf
+    edge = np.minimum.accumulate(residual[::-1])[::-1] - residual[0]
+    best, cost = np.zeros(len(residual)), np.inf
     for phase in np.linspace(0.0, 1.0, _PHASES, endpoint=False):
         lost = np.maximum.accumulate(np.floor(edge / found + phase))
-        delay = float(np.mean(rest - rest[0] + found * (phase - lost)))
+        delay = float(np.mean(residual - residual[0] + found * (phase - lost)))
         if delay < cost:
             best, cost = lost, delay
     return _between(t, units, found * (index + best), int(best[-1] - best[0]))
@@ -303,11 +303,11 @@ def _followed(t: Floats, units: _Units, period: float) -> BurstTiming:
     """Ticks that follow the lower edge of arrivals from chunk to chunk, whatever is missing."""
     period = units.samples * period
     index = np.arange(len(units.arrival), dtype=np.float64)
-    rest = units.arrival - period * index
-    first = np.interp(index, *_edge_of_chunks(rest, _MOST_AVERAGED // 4))
-    delay = float(np.std(rest - first)) / period
+    residual = units.arrival - period * index
+    first = np.interp(index, *_edge_of_chunks(residual, _MOST_AVERAGED // 4))
+    delay = float(np.std(residual - first)) / period
     size = int(np.clip(_AVERAGED * delay, _LEAST_AVERAGED, _MOST_AVERAGED))
-    ticks = period * index + np.interp(index, *_edge_of_chunks(rest, size))
+    ticks = period * index + np.interp(index, *_edge_of_chunks(residual, size))
     return _between(t, units, np.asarray(ticks), 0)
 
 

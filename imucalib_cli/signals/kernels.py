@@ -67,9 +67,9 @@ def peano_kernel(s: Floats, h: Floats, order: int) -> Floats:
     """
     half = len(h) // 2
     x = np.arange(-half, half + 1, dtype=np.float64)
-    rest = x - np.asarray(s, dtype=np.float64)[..., None]
-    rest = np.where(rest > 0, rest ** (order - 1), 0.0)
-    return np.asarray(rest @ h / math.factorial(order - 1), dtype=np.float64)
+    distance = x - np.asarray(s, dtype=np.float64)[..., None]
+    distance = np.where(distance > 0, distance ** (order - 1), 0.0)
+    return np.asarray(distance @ h / math.factorial(order - 1), dtype=np.float64)
 
 
 def quadrature_weights(h: Floats, order: int) -> Floats:

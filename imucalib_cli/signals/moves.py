@@ -24,12 +24,12 @@ _TAILS = (1.0, 99.0)
 _LEAST_ROWS = 8
 
 
-def track_moves(track: Track, *, plainly: bool = False) -> bool:
+def track_moves(track: Track, *, large: bool = False) -> bool:
     """Whether any joint, or the pose, of a track moves.
 
     Args:
         track: As stamped.
-        plainly: By more than it wanders at rest; else a small quick shake is motion too.
+        large: By more than it wanders at rest; else a small quick shake is motion too.
     """
     if track.kind == "joints":
         # A track does not tell which joints turn and which slide: 0.005 is 0.3 deg or 5 mm.
@@ -46,7 +46,7 @@ def track_moves(track: Track, *, plainly: bool = False) -> bool:
         columns = [(column, 1) for column in track.values[:, :3].T]
         columns += [(column, 0) for column in turned.T]
     return any(
-        _moves(track.t, column, _WANDER[unit], math.inf if plainly else _SHAKE[unit])
+        _moves(track.t, column, _WANDER[unit], math.inf if large else _SHAKE[unit])
         for column, unit in columns
     )
 

@@ -80,11 +80,11 @@ def clean_imu(imu: ImuSamples) -> CleanImu:
         (tidy.of(imu.gyro), SPIKE_FLOOR_GYRO),
         (tidy.of(imu.accel), SPIKE_FLOOR_ACCEL),
     ):
-        bad, mended = find_spikes(values, floor), values
+        bad, bridged = find_spikes(values, floor), values
         if bad.any():
-            mended = values.copy()
-            mended[bad] = lagrange(t[~bad], values[~bad], t[bad], points=4)
-        sensors.append(mended)
+            bridged = values.copy()
+            bridged[bad] = lagrange(t[~bad], values[~bad], t[bad], points=4)
+        sensors.append(bridged)
         spikes |= bad
     return CleanImu(
         t=t,

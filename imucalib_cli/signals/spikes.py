@@ -80,8 +80,8 @@ def find_glitches(t: Floats, values: Floats, floor: float) -> Bools:
     """
     found = np.zeros(len(t), dtype=bool)
     for _ in range(_GLITCH_ROUNDS):
-        rest = ~found if found.any() else slice(None)  # a slice copies nothing
-        new = _leaps(t[rest], values[rest], floor)
+        kept = ~found if found.any() else slice(None)  # a slice copies nothing
+        new = _leaps(t[kept], values[kept], floor)
         if not new.any():
             break
         found[np.flatnonzero(~found)[new]] = True
@@ -96,8 +96,8 @@ def _leaps(t: Floats, values: Floats, floor: float) -> Bools:
     for channel in values.T:  # one by one: a log's memory is for its samples
         found |= _channel_leaps(t, channel, floor)
     # Across a hole polynomials say nothing.
-    spread = t[6:] - t[:-6]
-    found[3:-3] &= spread < _MOST_SPREAD * float(np.median(spread))
+    span = t[6:] - t[:-6]
+    found[3:-3] &= span < _MOST_SPREAD * float(np.median(span))
     found[:3] = found[-3:] = False
     return found
 

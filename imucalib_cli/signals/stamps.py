@@ -198,18 +198,18 @@ def constant_rate_ticks(t: Floats) -> Ticks | None:
     if counted is None:
         return None
     ticks, period = counted
-    rest = t - ticks * period
-    gain, at_zero = _line(ticks, rest)
+    residual = t - ticks * period
+    gain, at_zero = _line(ticks, residual)
     line = gain * ticks + at_zero
-    jitter = _rms(rest - line)
+    jitter = _rms(residual - line)
     off = np.diff(t) - np.diff(ticks) * period
     white = float(np.sum(off[1:] * off[:-1]) / max(float(np.sum(off**2)), 1e-300))
-    if np.abs(rest - line).max() < EXACT_SECONDS or white > _WHITE_JITTER:
+    if np.abs(residual - line).max() < EXACT_SECONDS or white > _WHITE_JITTER:
         return None
-    wander = _running_mean(rest - line, _WANDER_SAMPLES)
+    wander = _running_mean(residual - line, _WANDER_SAMPLES)
     if _rms(wander) > 4.0 * jitter / np.sqrt(_WANDER_SAMPLES):
         line = line + wander
-        jitter = _rms(rest - line)
+        jitter = _rms(residual - line)
     regular = np.asarray(ticks * period + line)
     return Ticks(regular, period, jitter) if (np.diff(regular) > 0.0).all() else None
 

@@ -137,10 +137,10 @@ def continuous(kind: Literal["joints", "pose"], values: Floats) -> Floats:
         return values
     jumps = np.diff(values, axis=0)
     within = np.ptp(values, axis=0) < _TURN + _SLACK if len(values) else False
-    turns = np.where((np.abs(jumps) > _LEAST_JUMP) & within, np.sign(jumps), 0.0)
-    if turns.any():
+    wraps = np.where((np.abs(jumps) > _LEAST_JUMP) & within, np.sign(jumps), 0.0)
+    if wraps.any():
         values = values.copy()
-        values[1:] -= _TURN * np.cumsum(turns, axis=0)
+        values[1:] -= _TURN * np.cumsum(wraps, axis=0)
     return values
 
 

@@ -129,12 +129,12 @@ class Turning:
         still = self.known & (self.derived < _EXACTLY_STILL)
         # Half a bin of lag, and motion that begins within one.
         inner = still & np.roll(still, 1) & np.roll(still, -1)
-        turns = inner & (self.measured > _HELD_TURNING)
+        imu_turns = inner & (self.measured > _HELD_TURNING)
         aside = np.zeros(len(still), dtype=bool)
         found = []
         stretches = stretches_of(still)
         for first, end in zip(stretches.first, stretches.end, strict=True):
-            if turns[first:end].sum() * BIN >= _HELD_SECONDS:
+            if imu_turns[first:end].sum() * BIN >= _HELD_SECONDS:
                 aside[first:end] = True
                 # The last sample that stood still may lie in the bin after.
                 found.append((self.t0 + BIN * float(first), self.t0 + BIN * float(end) + BIN))

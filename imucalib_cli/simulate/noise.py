@@ -223,18 +223,18 @@ def _cut_off(values: Floats, limit: float | None) -> Kept:
 
 
 def _check(noise: NoiseOptions) -> None:
-    told = {field.name: getattr(noise, field.name) for field in fields(noise)}
-    for name, value in told.items():
+    values = {field.name: getattr(noise, field.name) for field in fields(noise)}
+    for name, value in values.items():
         if name in {"time_offset", "camera_offset"} or isinstance(value, tuple):
             if not np.isfinite(value).all():
                 raise InputError(f"{name}: must be a finite number")
         elif value is not None and not (np.isfinite(value) and value >= 0):
             raise InputError(f"{name} {value:g}: must not be negative")
     for name in ("spikes", "dropouts", "robot_dropouts"):
-        if told[name] >= 1:
-            raise InputError(f"{name} {told[name]:g}: a share, below 1")
+        if values[name] >= 1:
+            raise InputError(f"{name} {values[name]:g}: a share, below 1")
     for name in ("accel_range", "gyro_range"):
-        if told[name] == 0:
+        if values[name] == 0:
             raise InputError(f"{name} 0: must be positive; leave it out for a sensor without limit")
     if noise.coloured_time == 0:
         raise InputError("coloured_time 0: must be positive; use white noise instead")

@@ -225,8 +225,8 @@ def _parse(study: Study, file: Path, text: bytes) -> tuple[dict[str, list[Row]],
     if not lines:
         return {}, 0
     try:
-        first, *rest = (json.loads(line) for line in lines)
-        done = {_key(entry["cell"]): [dict(row) for row in entry["rows"]] for entry in rest}
+        first, *entries = (json.loads(line) for line in lines)
+        done = {_key(entry["cell"]): [dict(row) for row in entry["rows"]] for entry in entries}
     except (ValueError, KeyError, TypeError) as error:
         raise ChoiceError(f"{file}: not the rows of a study: {REMEDY}") from error
     if first != _header(study):

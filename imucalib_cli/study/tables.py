@@ -95,7 +95,7 @@ def answered(row: Row) -> bool:
     return row["failure"] is None
 
 
-def spread(rows: Sequence[Row], key: str, scale: float = 1.0) -> str:
+def mean_and_std(rows: Sequence[Row], key: str, scale: float = 1.0) -> str:
     """Mean ± standard deviation of a number, with three digits; of one run, the number alone."""
     values = scale * np.array(column(rows, key))
     if not len(values):
@@ -147,9 +147,9 @@ def _markdown(table: Table, *, aligned: bool) -> str:
     widths = [0] * len(table.header)
     if aligned:
         widths = [max(len(cell) for cell in cells) for cells in zip(*rows, strict=True)]
-    header, *rest = (
+    header, *others = (
         "| " + " | ".join(c.ljust(width) for c, width in zip(row, widths, strict=True)) + " |\n"
         for row in rows
     )
     rule = "|" + "".join("-" * (width + 2 if aligned else 3) + "|" for width in widths)
-    return f"### {table.title}\n\n{note}{header}{rule}\n{''.join(rest)}"
+    return f"### {table.title}\n\n{note}{header}{rule}\n{''.join(others)}"

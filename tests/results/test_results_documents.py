@@ -39,9 +39,7 @@ from imucalib_cli.results.summary import summarise
 from imucalib_cli.robot.mount import Nominal
 
 ROOT = Path(__file__).parents[2]
-SCHEMA = jsonschema.Draft202012Validator(
-    json.loads((ROOT / "docs/result.schema.json").read_text())
-)
+SCHEMA = jsonschema.Draft202012Validator(json.loads((ROOT / "docs/result.schema.json").read_text()))
 
 R_TRUE = Rotation.from_euler("xyz", [0.1, -0.4, 2.9])
 UP = UnobservableDirection(

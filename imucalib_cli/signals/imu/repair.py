@@ -1,7 +1,7 @@
-"""What is mended or left out of one IMU and of what moves it, before anything is fitted.
+"""What is repaired or left out of one IMU and of what moves it, before anything is fitted.
 
 Bursts become even ticks, units become SI, frozen and saturated stretches are left out. Each
-repair is a finding; what cannot be mended safely is refused.
+repair is a finding; what cannot be repaired safely is refused.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class Repaired:
     turning: Turning | None
     """None where the IMU has too few samples for any of this, as the estimator will say."""
     findings: tuple[Finding, ...]
-    """What was mended or left out, and why what is left says too little."""
+    """What was repaired or left out, and why what is left says too little."""
     gyro_unit: str = "rad/s"
     """That the gyroscope was read in."""
     accel_unit: str = "m/s2"
@@ -69,7 +69,7 @@ class Repaired:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What was mended or left out, in words."""
+        """What was repaired or left out, in words."""
         return warnings(self.findings)
 
     @property
@@ -87,7 +87,7 @@ def repair(
     max_offset: float,
     accel_ranges: tuple[float, ...] = (),
 ) -> Repaired:
-    """Mend what can be mended of one IMU and of what moves it.
+    """Mend what can be repaired of one IMU and of what moves it.
 
     Args:
         imu: As read.
@@ -102,70 +102,70 @@ def repair(
     """
     refuse_impossible(imu, "accel")
     refuse_dead(imu)
-    mended = _on_even_stamps(imu, path, max_offset)
-    if mended.turning is None:
+    repaired = _on_even_stamps(imu, path, max_offset)
+    if repaired.turning is None:
         refuse_impossible(imu, "gyro")
-        return replace(mended, samples=imu)
-    mended = _in_si_units(mended, units, gravity)
-    mended = _without_faults(mended, accel_ranges, max_offset)
-    mended = _without_held_robot(mended)
-    graver_first = sorted(mended.findings, key=lambda each: each.severity is Severity.WARNING)
-    return replace(mended, findings=tuple(graver_first))
+        return replace(repaired, samples=imu)
+    repaired = _in_si_units(repaired, units, gravity)
+    repaired = _without_faults(repaired, accel_ranges, max_offset)
+    repaired = _without_held_robot(repaired)
+    graver_first = sorted(repaired.findings, key=lambda each: each.severity is Severity.WARNING)
+    return replace(repaired, findings=tuple(graver_first))
 
 
-def _in_si_units(mended: Repaired, units: Units, gravity: float) -> Repaired:
-    turning = mended.turning
+def _in_si_units(repaired: Repaired, units: Units, gravity: float) -> Repaired:
+    turning = repaired.turning
     if turning is None:
-        return mended
-    imu, suspects = mended.samples, list(dead_in_motion(mended.samples, turning))
-    turns = gyro_factor(imu, turning, units.gyro, most_angle=_most_angle(mended.path))
-    if not turns.is_mended:  # the motion knows better what raw counts are
+        return repaired
+    imu, suspects = repaired.samples, list(dead_in_motion(repaired.samples, turning))
+    gyro_conversion = gyro_factor(imu, turning, units.gyro, most_angle=_most_angle(repaired.path))
+    if not gyro_conversion.is_converted:  # the motion knows better what raw counts are
         refuse_impossible(imu, "gyro")
-    pulls = accel_factor(imu, units.accel, gravity=gravity)
-    findings = list(mended.findings)
-    for each in (turns, pulls):
+    accel_conversion = accel_factor(imu, units.accel, gravity=gravity)
+    findings = list(repaired.findings)
+    for each in (gyro_conversion, accel_conversion):
         if each.finding is not None and not each.contradicted:
-            (findings if each.is_mended else suspects).append(each.finding)
-    gyro = imu.gyro * turns.value if turns.is_mended else imu.gyro
-    accel = imu.accel * pulls.value if pulls.is_mended else imu.accel
+            (findings if each.is_converted else suspects).append(each.finding)
+    gyro = imu.gyro * gyro_conversion.value if gyro_conversion.is_converted else imu.gyro
+    accel = imu.accel * accel_conversion.value if accel_conversion.is_converted else imu.accel
     return replace(
-        mended,
+        repaired,
         samples=replace(imu, gyro=gyro, accel=-accel if units.sign == "down" else accel),
-        turning=turning.scaled(turns.value),
+        turning=turning.scaled(gyro_conversion.value),
         findings=tuple(findings),
-        gyro_unit=turns.unit,
-        accel_unit=pulls.unit,
+        gyro_unit=gyro_conversion.unit,
+        accel_unit=accel_conversion.unit,
         suspects=tuple(suspects),
-        contradicted=(*turns.contradicted, *pulls.contradicted),
+        contradicted=(*gyro_conversion.contradicted, *accel_conversion.contradicted),
     )
 
 
 def _without_faults(
-    mended: Repaired, accel_ranges: tuple[float, ...], max_offset: float
+    repaired: Repaired, accel_ranges: tuple[float, ...], max_offset: float
 ) -> Repaired:
     """Leave out frozen and saturated samples.
 
     Raises:
         InputError: Hardly anything is left.
     """
-    imu = mended.samples
-    faults = sensor_faults(imu, mended.turning, accel_ranges)
+    imu = repaired.samples
+    faults = sensor_faults(imu, repaired.turning, accel_ranges)
     if not faults:
-        return mended
-    findings = [*mended.findings, *(fault.finding(imu) for fault in faults)]
+        return repaired
+    findings = [*repaired.findings, *(fault.finding(imu) for fault in faults)]
     out = clear_of(imu.t, np.any([fault.rows for fault in faults], axis=0))
     sound = imu.at(~out)
     if len(sound) < MIN_IMU_SAMPLES:
         raise InputError(
             f"{findings[-1].message}: nothing else is left, so record again", topic=imu.topic
         )
-    turning = compare_turning(sound.t, sound.gyro, mended.trajectory, max_offset)
+    turning = compare_turning(sound.t, sound.gyro, repaired.trajectory, max_offset)
     moved = np.nan_to_num(turning.derived)
     lost = moved[np.unique(turning.bins_of(imu.t[out]))].sum() / max(moved.sum(), 1e-12)
     if lost > _MOST_LOST:
         findings.append(untrusted("imu.motion_left_out", share=lost))
     return replace(
-        mended,
+        repaired,
         samples=sound,
         turning=turning,
         findings=tuple(findings),
@@ -173,29 +173,29 @@ def _without_faults(
     )
 
 
-def _without_held_robot(mended: Repaired) -> Repaired:
+def _without_held_robot(repaired: Repaired) -> Repaired:
     """Leave out stretches in which the robot's stream stands still while the IMU turns.
 
     A link may stand still while its publisher is alive and other joints move.
     """
-    tracks, turning = mended.path.tracks, mended.turning
+    tracks, turning = repaired.path.tracks, repaired.turning
     if turning is None:
-        return mended
+        return repaired
     held = [
         stretch
         for stretch in turning.held_robot()
         if all(_repeats(track, *stretch) for track in tracks)
     ]
     if not held:
-        return mended
+        return repaired
     names = [track.name for track in tracks]
-    findings = [*mended.findings, warning("robot.held", streams=names, stretches=held)]
+    findings = [*repaired.findings, warning("robot.held", streams=names, stretches=held)]
     turned = np.nan_to_num(turning.measured)
     alone = sum(turned[turning.between(*stretch)].sum() for stretch in held)
     if alone > _MOST_LOST * turned.sum():
         findings.append(untrusted("robot.held_in_motion", share=alone / turned.sum()))
-    path = replace(mended.path, tracks=tuple(_without(track, held) for track in tracks))
-    return replace(mended, path=path, findings=tuple(findings))
+    path = replace(repaired.path, tracks=tuple(_without(track, held) for track in tracks))
+    return replace(repaired, path=path, findings=tuple(findings))
 
 
 def check_alone(imu: ImuSamples) -> tuple[Finding, ...]:

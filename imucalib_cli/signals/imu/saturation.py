@@ -128,16 +128,16 @@ def flat_tops(values: Floats) -> list[FlatTop]:
         values: (N, 3).
     """
     found = []
-    spread = np.maximum(white_noise(values), quantum(values))
+    noise = np.maximum(white_noise(values), quantum(values))
     for axis, channel in enumerate(values.T):
         for limit in (float(channel.max()), float(channel.min())):
-            rows, shape = _flat_rows(channel, limit, float(spread[axis]))
+            rows, shape = _flat_rows(channel, limit, float(noise[axis]))
             if len(rows):
                 found.append(FlatTop(AXES[axis], limit, rows, shape))
     return found
 
 
-def _flat_rows(channel: Floats, limit: float, spread: float) -> tuple[Indices, Shape]:
+def _flat_rows(channel: Floats, limit: float, noise: float) -> tuple[Indices, Shape]:
     """Rows at the limit, none if it is not one, and how they come about."""
     none = np.zeros(0, np.intp)
     if limit == 0.0 or np.mean(channel == limit) > DEAD:
@@ -153,12 +153,12 @@ def _flat_rows(channel: Floats, limit: float, spread: float) -> tuple[Indices, S
     ends = at | (channel == channel.max()) | (channel == channel.min())
     if (
         len(rows) >= _TOP_PLAIN
-        and spread > ALIVE_NOISE
+        and noise > ALIVE_NOISE
         and not repeats_by_chance(channel[:, None], ends)
     ):
         return rows, "certain"
     # Smooth motion slows down before it stands still, however little noise there is.
     slope = np.abs(channel[runs.first - 1] - channel[runs.first - 3]) / 2.0
     bend = np.percentile(np.abs(np.diff(channel, 2)), _TOP_BEND_SHARE)
-    abrupt = slope > np.maximum(_TOP_BENDS * bend, _TOP_STEPS * spread)
+    abrupt = slope > np.maximum(_TOP_BENDS * bend, _TOP_STEPS * noise)
     return rows, "abrupt" if np.mean(abrupt) > 0.5 else "smooth"

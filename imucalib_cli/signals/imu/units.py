@@ -87,7 +87,7 @@ class Factor:
     finding: Finding | None = None
 
     @property
-    def is_mended(self) -> bool:
+    def is_converted(self) -> bool:
         """Whether the values are changed."""
         return self.value != 1.0
 
@@ -186,27 +186,27 @@ def accel_factor(imu: ImuSamples, wanted: AccelUnit, *, gravity: float) -> Facto
     """
     guess = guess_units(imu, gravity or STANDARD_GRAVITY)
     found = "m/s2" if guess.accel_unit == "m/s²" else guess.accel_unit
-    rest = {"topic": imu.topic, "norm": guess.accel_at_rest}
+    at_rest = {"topic": imu.topic, "norm": guess.accel_at_rest}
     if wanted != "auto":
         factor = ACCEL_FACTORS[wanted]
         wrong = None
         if gravity > 0.0 and found in ACCEL_FACTORS and found != wanted:
             times = guess.accel_at_rest * factor / gravity
             wrong = untrusted(
-                "imu.accel_unit_contradicted", **rest, stated=wanted, times=times, unit=found
+                "imu.accel_unit_contradicted", **at_rest, stated=wanted, times=times, unit=found
             )
         return Factor(unit=wanted, value=factor, finding=wrong)
     finding = None
     if gravity == 0.0:
         if found in ACCEL_FACTORS:
-            finding = warning("imu.gravity_unasked", **rest, unit=guess.accel_unit)
+            finding = warning("imu.gravity_unasked", **at_rest, unit=guess.accel_unit)
     elif found == "m/s², no gravity":
-        raise InputError(untrusted("imu.gravity_removed", **rest))
+        raise InputError(untrusted("imu.gravity_removed", **at_rest))
     elif found == "unknown":
-        finding = warning("imu.accel_unit_unknown", **rest)
+        finding = warning("imu.accel_unit_unknown", **at_rest)
     elif found != "m/s2":
         factor = ACCEL_FACTORS[found]
-        finding = warning("imu.accel_unit_converted", **rest, unit=found, factor=factor)
+        finding = warning("imu.accel_unit_converted", **at_rest, unit=found, factor=factor)
         return Factor(unit=found, value=factor, finding=finding)
     return Factor(unit="m/s2", value=1.0, finding=finding)
 
@@ -254,7 +254,7 @@ def guess_units(imu: ImuSamples, gravity: float = STANDARD_GRAVITY) -> UnitGuess
     accel, gyro = (
         values[: count * size].reshape(count, size, 3) for values in (imu.accel, imu.gyro)
     )
-    unrest = _relative_spread(accel) + _relative_spread(gyro)
+    unrest = _relative_deviation(accel) + _relative_deviation(gyro)
     calm = np.argsort(unrest, kind="stable")[: max(1, count // 10)]
     at_rest, gyro_at_rest = (
         float(np.median(np.linalg.norm(values[calm].mean(axis=1), axis=1)))
@@ -272,13 +272,13 @@ def guess_units(imu: ImuSamples, gravity: float = STANDARD_GRAVITY) -> UnitGuess
 
 
 def _strange(guess: UnitGuess, topic: str) -> Iterator[Finding]:
-    rest = {"topic": topic, "norm": guess.accel_at_rest}
+    at_rest = {"topic": topic, "norm": guess.accel_at_rest}
     if guess.accel_unit in {"g", "mg"}:
-        yield warning("imu.accel_looks_like", **rest, unit=guess.accel_unit)
+        yield warning("imu.accel_looks_like", **at_rest, unit=guess.accel_unit)
     elif guess.accel_unit == "m/s², no gravity":
-        yield warning("imu.accel_without_gravity", **rest)
+        yield warning("imu.accel_without_gravity", **at_rest)
     elif guess.accel_unit == "unknown":
-        yield warning("imu.accel_of_no_unit", **rest)
+        yield warning("imu.accel_of_no_unit", **at_rest)
     if guess.gyro_unit == "deg/s":
         largest = guess.gyro_largest
         yield warning("imu.gyro_looks_like", topic=topic, largest=largest, unit=guess.gyro_unit)
@@ -289,11 +289,11 @@ def largest_rate(imu: ImuSamples) -> float:
     return float(np.percentile(np.linalg.norm(imu.gyro, axis=1), 99.9))
 
 
-def _relative_spread(values: Floats) -> Floats:
+def _relative_deviation(values: Floats) -> Floats:
     """BurstTiming within each stretch relative to the typical one: (count,)."""
-    spread: Floats = np.sqrt(values.var(axis=1).sum(axis=1))
-    typical = float(np.median(spread))
-    return spread / typical if typical > 0 else spread
+    deviation: Floats = np.sqrt(values.var(axis=1).sum(axis=1))
+    typical = float(np.median(deviation))
+    return deviation / typical if typical > 0 else deviation
 
 
 def _accel_unit(

@@ -124,13 +124,13 @@ def camera_path(camera: CameraObservations) -> tuple[KinematicPath, Floats]:
         pose = target_pose(camera, corners)
         if pose is None:
             continue
-        of_pose, rest = corner_information(camera, corners, pose)
+        of_pose, residual = corner_information(camera, corners, pose)
         rows.append(k)
         p = -pose.R.T @ pose.t
         values.append(np.concatenate([p, quaternion_from_matrix(pose.R.T)]))
         information.append(of_pose)
-        squares += float(np.sum(rest * rest))
-        count += rest.size - 6
+        squares += float(np.sum(residual * residual))
+        count += residual.size - 6
     if len(rows) < _FEWEST_IMAGES:
         raise InputError(f"the target is seen in {len(rows)} images, need at least 10")
     pixel = max(float(np.sqrt(squares / count)), _PIXEL_FLOOR)

@@ -187,8 +187,8 @@ def _fit_rates(smooth: _Smoothed, motion: _Derived) -> tuple[Floats, Floats, flo
     target_mean, source_mean = target.mean(axis=0), source.mean(axis=0)
     R = nearest_rotation((target - target_mean).T @ (source - source_mean))
     bias = source_mean - R.T @ target_mean
-    rest = target - (source - bias) @ R.T
-    return R, bias, float(np.sum(rest * rest))
+    residual = target - (source - bias) @ R.T
+    return R, bias, float(np.sum(residual * residual))
 
 
 def _fit_lever_arm(

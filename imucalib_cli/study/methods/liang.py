@@ -287,8 +287,8 @@ def static_accel_bias(stills: list[Still], gravity_norm: float) -> Floats:
     weights = np.array([still.rows.stop - still.rows.start for still in stills]) ** 0.5
     bias = np.zeros(3)
     for _ in range(10):
-        rest = readings - bias
-        norm = np.linalg.norm(rest, axis=1)
-        J = rest / norm[:, None] * weights[:, None]
+        unbiased = readings - bias
+        norm = np.linalg.norm(unbiased, axis=1)
+        J = unbiased / norm[:, None] * weights[:, None]
         bias = bias + np.linalg.lstsq(J, (norm - gravity_norm) * weights, rcond=0.03)[0]
     return bias

@@ -246,5 +246,5 @@ def residual_std(knots: Knots, t: Floats, values: Floats) -> float:
     if free < 0.2 * len(t):
         return 0.0
     segment, u = knots.at(t)
-    rest = values - evaluate(fitted_controls(knots, t, values), segment, knots.weights(u, 1))[0]
-    return float(np.sqrt(np.sum(rest * rest) / (values.shape[1] * free)))
+    residual = values - evaluate(fitted_controls(knots, t, values), segment, knots.weights(u, 1))[0]
+    return float(np.sqrt(np.sum(residual * residual) / (values.shape[1] * free)))

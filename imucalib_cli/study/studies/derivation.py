@@ -119,14 +119,14 @@ class DerivationStudy(Study, Recorded):
 
     def measure(self, cell: Cell) -> list[Row]:
         """How far derived and measured acceleration are apart, near starts and stops and not."""
-        case = cell["figure"], cell["filter"], cell["window"]
-        found = self._compared(*case, cell["exclusion"] or 0.0)
+        setting = cell["figure"], cell["filter"], cell["window"]
+        found = self._compared(*setting, cell["exclusion"] or 0.0)
         brusque = self._brusque(found)
         apart = found.mismatch
-        recording, _ = self._case(cell["figure"])
+        recording, _ = self._recording_and_guess(cell["figure"])
         weightless = None  # the same motion without gravity, where there is any
         if recording.gravity_world.any():
-            light = self._compared(*case, gravity=0.0)
+            light = self._compared(*setting, gravity=0.0)
             weightless = _rms(light.mismatch[~self._brusque(light)])
         row: Row = {
             "signal": _rms(found.derived),
@@ -186,7 +186,9 @@ class DerivationStudy(Study, Recorded):
             zoom,
         )
 
-    def _case(self, figure: int, gravity: float | None = None) -> tuple[Recording, Pose]:
+    def _recording_and_guess(
+        self, figure: int, gravity: float | None = None
+    ) -> tuple[Recording, Pose]:
         system, error = PLATES[figure]
         recording = clean_recording(system, replace(self.physics, gravity=gravity))
         wrong = float(error == "initial error")
@@ -206,7 +208,7 @@ class DerivationStudy(Study, Recorded):
         *,
         gravity: float | None = None,
     ) -> Comparison:
-        recording, guess = self._case(figure, gravity)
+        recording, guess = self._recording_and_guess(figure, gravity)
         if name == "matched":
             return compared_by_matched(recording, guess, window)
         return compared_by_paper(recording, guess, window, exclusion)

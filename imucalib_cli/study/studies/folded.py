@@ -20,7 +20,7 @@ from imucalib_cli.study.conditions import Recorded, paper_settings, wrong_guess
 from imucalib_cli.study.contest import contest, contestants
 from imucalib_cli.study.rows import DEGREES, MILLIMETRES, best_setting, chosen, column, groups
 from imucalib_cli.study.study import Study, grid
-from imucalib_cli.study.tables import Column, Table, lay_out, spread
+from imucalib_cli.study.tables import Column, Table, lay_out, mean_and_std
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -141,10 +141,10 @@ def in_best_setting(
 
 
 ERROR_COLUMNS: tuple[Column, ...] = (
-    ("translation mm", lambda rows: spread(rows, "translation", MILLIMETRES)),
-    ("rotation deg", lambda rows: spread(rows, "rotation", DEGREES)),
-    ("|mean Δxyz| mm", lambda rows: spread(rows, "averaged_translation", MILLIMETRES)),
-    ("mean |rpy| deg", lambda rows: spread(rows, "averaged_rotation", DEGREES)),
+    ("translation mm", lambda rows: mean_and_std(rows, "translation", MILLIMETRES)),
+    ("rotation deg", lambda rows: mean_and_std(rows, "rotation", DEGREES)),
+    ("|mean Δxyz| mm", lambda rows: mean_and_std(rows, "averaged_translation", MILLIMETRES)),
+    ("mean |rpy| deg", lambda rows: mean_and_std(rows, "averaged_rotation", DEGREES)),
 )
 """Mean ± standard deviation over rows."""
 
