@@ -98,8 +98,8 @@ def checked(
         )
         for sensor in dropped
     ]
-    found = (*beyond, *_noise(check, model), *beyond_ranges(samples, model.name, model.ranges))
-    return replace(estimate, imu_check=check, findings=(*estimate.findings, *found))
+    findings = (*beyond, *_noise(check, model), *beyond_ranges(samples, model.name, model.ranges))
+    return replace(estimate, imu_check=check, findings=(*estimate.findings, *findings))
 
 
 def _check(

@@ -156,7 +156,7 @@ def _multiply(
 ) -> tuple[Floats, Floats]:
     """Product of the steps, samples last: (3, 3, M) and (3, M).
 
-    In this order numpy's inner loops are long. The products before each step are appended to ``before``.
+    In this order numpy's inner loops are long. The products before each step go to ``before``.
     """
     R = np.repeat(np.eye(3)[:, :, None], count, axis=2)
     p = np.zeros((3, count))
