@@ -1,4 +1,4 @@
-"""Dependencies that simulation and studies alone have, imported when they are used."""
+"""Optional dependencies of simulation and studies, imported when they are used."""
 
 from importlib import import_module
 from typing import Any
@@ -6,7 +6,7 @@ from typing import Any
 from imucalib_cli.errors import InputError
 
 PACKAGES = {"mujoco": "MuJoCo", "cv2": "OpenCV"}
-"""What people call it, by module."""
+"""Common name of each module."""
 
 
 def optional(module: str, need: str, extra: str) -> Any:

@@ -1,4 +1,4 @@
-"""Simulated recordings as an estimator gets them, in memory, and how far off its answer is."""
+"""Simulated recordings in memory as inputs of an estimator."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ Floats = NDArray[np.float64]
 
 @cache
 def clean_recording(system: str, physics: PhysicsOptions, camera: str = "") -> Recording:
-    """Noise-free run of a system, recorded once a process; with a camera, before its pattern."""
+    """Noise-free run of a system, cached per process; with a camera, in front of its pattern."""
     moved, seen = load_system(system), None
     if camera:
         moved, seen = load_camera(camera, moved)
@@ -41,7 +41,7 @@ def clean_recording(system: str, physics: PhysicsOptions, camera: str = "") -> R
 
 @cache
 def robot_of(system: SystemConfig) -> Robot:
-    """The system's URDF, parsed once a process."""
+    """The system's URDF, parsed once per process."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"{system.name}.urdf"
         path.write_text(urdf_text(system), encoding="utf-8")
@@ -51,7 +51,7 @@ def robot_of(system: SystemConfig) -> Robot:
 def streams_of(
     recording: Recording, robot: Robot | None = None
 ) -> tuple[ImuSamples, KinematicPath]:
-    """What an estimator is given, as it would come from a log of the recording.
+    """IMU samples and path of a recording, as read from a log.
 
     Args:
         recording: Noisy or not.

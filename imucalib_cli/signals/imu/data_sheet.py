@@ -1,4 +1,4 @@
-"""What an IMU's data sheet says of it: noise, biases and ranges, from configs/imus or a file."""
+"""Data sheets of IMUs: noise, biases and ranges, from configs/imus or a file."""
 
 from __future__ import annotations
 
@@ -17,28 +17,28 @@ BiasKind = Literal["typical", "1 sigma", "max"]
 _FOLDER = "imus"
 _ASSUMPTIONS = "_assumptions"
 _SI: dict[Sensor, float] = {"accel": STANDARD_GRAVITY, "gyro": math.radians(1.0)}
-"""m/s² of a g, rad of a degree."""
+"""m/s² per g, rad per degree."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ImuSource:
-    """Where figures were read."""
+    """Source of the figures."""
 
     document: str
     """Name and revision."""
     url: str
-    """The maker's, or the publisher's."""
+    """The maker or publisher."""
     read: str
-    """Tables and parameters that were taken from it."""
+    """The tables and parameters used."""
     copy: str | None = None
-    """Where it was read, if elsewhere."""
+    """Where it was found, if elsewhere."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ImuModel:
-    """An IMU in the units of data sheets; None and empty where the sheet gives no figure.
+    """An IMU in the units of data sheets; None or empty if the sheet gives no figure.
 
-    Where axes differ a figure is the largest of theirs.
+    If axes differ, a figure is the largest of them.
     """
 
     name: str
@@ -64,15 +64,15 @@ class ImuModel:
     gyro_range_deg: tuple[float, ...] = ()
     """deg/s."""
     max_rate_hz: float | None = None
-    """Fastest output of both sensors."""
+    """Largest output rate of both sensors."""
     accel_bandwidth_hz: float | None = None
-    """-3 dB; the widest where it can be chosen."""
+    """-3 dB bandwidth; the largest if it can be chosen."""
     gyro_bandwidth_hz: float | None = None
     accel_scale_percent: float | None = None
-    """Error of the sensitivity."""
+    """Relative error of the sensitivity."""
     gyro_scale_percent: float | None = None
     misalignment_deg: float | None = None
-    """Of one axis to another."""
+    """Cross-axis sensitivity or misalignment."""
     cross_axis_percent: float | None = None
 
     def noise(self, sensor: Sensor) -> float:
@@ -91,7 +91,7 @@ class ImuModel:
         return self.accel_bandwidth_hz if sensor == "accel" else self.gyro_bandwidth_hz
 
     def bias_sigma(self, sensor: Sensor) -> float | None:
-        """Of the constant bias over parts and switching on, 1 sigma, m/s² or rad/s."""
+        """Standard deviation of the constant bias over parts and power cycles, m/s² or rad/s."""
         if sensor == "accel":
             figure, kind = self.accel_bias_mg, self.accel_bias_kind
             unit = 1e-3 * _SI["accel"]
@@ -102,28 +102,29 @@ class ImuModel:
         return figure * unit / (imu_assumptions().sigmas_of_max if kind == "max" else 1.0)
 
     def bias_prior(self, sensor: Sensor) -> float | None:
-        """What an estimator may take the bias to lie within, 1 sigma, m/s² or rad/s."""
+        """Prior of the bias for an estimator, 1 sigma, m/s² or rad/s."""
         sigma = self.bias_sigma(sensor)
         return None if sigma is None else sigma * imu_assumptions().prior_widening
 
     @property
     def scale_error(self) -> float:
-        """Of the sensors' scales, relative, the worse of the two; inf unless both are told."""
+        """Relative error of the scales, the larger of both sensors'; inf unless both are known."""
         accel, gyro = self.accel_scale_percent, self.gyro_scale_percent
         return math.inf if accel is None or gyro is None else max(accel, gyro) / 100.0
 
     @property
     def axes_error(self) -> float:
-        """Turn of the gyroscope's axes against the accelerometer's, rad; inf if it is not told."""
+        """Angle between the gyroscope's and the accelerometer's axes, rad; inf if unknown."""
         if self.misalignment_deg is not None:
             return math.sqrt(2.0) * math.radians(self.misalignment_deg)
         return math.inf if self.cross_axis_percent is None else self.cross_axis_percent / 100.0
 
     def bias_walk(self, sensor: Sensor) -> float | None:
-        """Of a bias that walks as the in-run stability lets it, m/s²/sqrt(s) or rad/s/sqrt(s).
+        """Random walk of the bias that fits the in-run stability, m/s²/sqrt(s) or rad/s/sqrt(s).
 
-        A random walk of density K has an Allan deviation of K sqrt(t / 3) (IEEE Std 952-1997,
-        annex C); when it reaches the stability is assumed, in configs/imus/_assumptions.yaml.
+        A random walk of density K has an Allan deviation of K sqrt(t / 3) (IEEE Std 952-1997, annex
+        C). The time at which it reaches the stability is an assumption, in
+        configs/imus/_assumptions.yaml.
         """
         if sensor == "accel":
             figure, unit = self.accel_bias_instability_ug, 1e-6 * _SI["accel"]
@@ -136,7 +137,7 @@ class ImuModel:
 
 @dataclass(frozen=True, kw_only=True)
 class ImuAssumptions:
-    """What no sheet says; explained where it is chosen, configs/imus/_assumptions.yaml."""
+    """Values that no data sheet gives; explained in configs/imus/_assumptions.yaml."""
 
     bias_instability_time: float
     bias_pattern: tuple[float, float, float]
@@ -162,7 +163,7 @@ def load_imu_model(name_or_file: str | Path) -> ImuModel:
 
     Raises:
         ChoiceError: There is no such IMU.
-        InputError: The file cannot be read, or states something else or impossible figures.
+        InputError: The file cannot be read, or has unknown keys or impossible figures.
     """
     path = Path(name_or_file)
     if path.suffix in {".yaml", ".yml"}:
@@ -178,7 +179,7 @@ def load_imu_model(name_or_file: str | Path) -> ImuModel:
 
 
 def _checked(model: ImuModel, where: str) -> ImuModel:
-    """See that every figure is positive.
+    """Check that every figure is positive.
 
     Raises:
         InputError: One is not.
