@@ -20,7 +20,8 @@ from imucalib_cli.estimate.options import PaperOptions, WindowChoice
 from imucalib_cli.estimate.published.method import calibrate_paper
 from imucalib_cli.simulate.options import PhysicsOptions
 from imucalib_cli.study.contest import exact_system
-from imucalib_cli.study.recordings import error_of, streams_of
+from imucalib_cli.study.recordings import streams_of
+from tools.errors import error_of
 
 WINDOWS = (0.02, 0.05, 0.1, 0.2, 0.3, 0.5)
 

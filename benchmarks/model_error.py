@@ -20,7 +20,8 @@ from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.simulate.load import load_system
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import PhysicsOptions
-from imucalib_cli.study.recordings import error_of, nees, robot_of, streams_of
+from imucalib_cli.study.recordings import robot_of, streams_of
+from tools.errors import error_of, nees
 
 JOINTS = ("elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint")
 MOUNTS = ((-0.0225, 0.1, 0.0), (0.05, 0.02, 0.03), (0.0, -0.08, 0.06), (0.1, 0.1, -0.02))

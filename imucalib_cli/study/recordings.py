@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import tempfile
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.robot.build import joint_path
 from imucalib_cli.robot.path import KinematicPath, PoseStep, Track
-from imucalib_cli.robot.rotations import rotvec_from_matrix
 from imucalib_cli.robot.urdf import Robot, load_robot
 from imucalib_cli.signals.samples import ImuSamples
 from imucalib_cli.simulate.camera.config import load_camera
@@ -23,11 +20,8 @@ from imucalib_cli.simulate.recording import JointRecord, PoseRecord, Recording
 from imucalib_cli.simulate.urdf import urdf_text
 
 if TYPE_CHECKING:
-    from imucalib_cli.estimate.estimate import Estimate
     from imucalib_cli.simulate.config import SystemConfig
     from imucalib_cli.simulate.options import PhysicsOptions
-
-Floats = NDArray[np.float64]
 
 
 @cache
@@ -79,44 +73,3 @@ def streams_of(
         if isinstance(record, JointRecord)
     ]
     return imu, joint_path(robot, recording.system.parent, tracks)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Error:
-    """Estimate less truth."""
-
-    translation: Floats
-    """(3,), m, parent frame."""
-    rotation: Floats
-    """(3,), rad, rotation vector of estimate times inverse truth, parent frame."""
-    time_offset: float
-    """s."""
-
-    @property
-    def translation_norm(self) -> float:
-        """Distance, m."""
-        return float(np.linalg.norm(self.translation))
-
-    @property
-    def rotation_angle(self) -> float:
-        """Geodesic angle, rad."""
-        return float(np.linalg.norm(self.rotation))
-
-    @property
-    def pose(self) -> Floats:
-        """(6,), in the tangent of the covariance."""
-        return np.concatenate([self.translation, self.rotation])
-
-
-def error_of(estimate: Estimate, recording: Recording) -> Error:
-    """Compare an estimate with the recording's truth."""
-    return Error(
-        translation=estimate.t_parent_imu - recording.t_parent_imu,
-        rotation=rotvec_from_matrix(estimate.R_parent_imu @ recording.R_parent_imu.T),
-        time_offset=estimate.time_offset - recording.noise.time_offset,
-    )
-
-
-def nees(error: Floats, covariance: Floats) -> float:
-    """Normalised squared error; its mean is the number of components if the covariance is true."""
-    return float(error @ np.linalg.solve(covariance, error))

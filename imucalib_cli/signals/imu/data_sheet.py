@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, fields
 from functools import cache
-from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
-from imucalib_cli.configuration import build, builtin_names, read_builtin, read_yaml
-from imucalib_cli.errors import ChoiceError, InputError
+from imucalib_cli.configuration import build, builtin_names, load_named, read_builtin
 from imucalib_cli.signals.samples import STANDARD_GRAVITY, Sensor
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 BiasKind = Literal["typical", "1 sigma", "max"]
 
@@ -74,6 +75,14 @@ class ImuModel:
     misalignment_deg: float | None = None
     """Cross-axis sensitivity or misalignment."""
     cross_axis_percent: float | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse figures that are not positive."""
+        for field in fields(self):
+            value = getattr(self, field.name)
+            figures = value if isinstance(value, tuple) else (value,)
+            if any(isinstance(figure, float) and figure <= 0.0 for figure in figures):
+                raise ValueError(f"{field.name} must be positive, leave out what is unknown")
 
     def noise(self, sensor: Sensor) -> float:
         """One-sided density, m/s²/sqrt(Hz) or rad/s/sqrt(Hz)."""
@@ -165,28 +174,10 @@ def load_imu_model(name_or_file: str | Path) -> ImuModel:
         ChoiceError: There is no such IMU.
         InputError: The file cannot be read, or has unknown keys or impossible figures.
     """
-    path = Path(name_or_file)
-    if path.suffix in {".yaml", ".yml"}:
-        return _checked(build(ImuModel, read_yaml(path), str(path)), str(path))
-    known = imu_names()
-    if str(name_or_file) not in known:
-        raise ChoiceError(
-            f"no IMU model {name_or_file}: choose {', '.join(known)}, or give a YAML file of your "
-            "own"
-        )
-    where = f"{_FOLDER}/{name_or_file}"
-    return _checked(build(ImuModel, read_builtin(where), f"{where}.yaml"), f"{where}.yaml")
-
-
-def _checked(model: ImuModel, where: str) -> ImuModel:
-    """Check that every figure is positive.
-
-    Raises:
-        InputError: One is not.
-    """
-    for field in fields(model):
-        value = getattr(model, field.name)
-        figures = value if isinstance(value, tuple) else (value,)
-        if any(isinstance(figure, float) and figure <= 0.0 for figure in figures):
-            raise InputError(f"{where}: {field.name} must be positive, leave out what is unknown")
-    return model
+    return load_named(
+        ImuModel,
+        name_or_file,
+        imu_names(),
+        folder=_FOLDER,
+        unknown="no IMU model {name}: choose {names}, or give a YAML file of your own",
+    )

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import astuple, dataclass, replace
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from imucalib_cli.configuration import build, builtin_names, read_builtin, read_yaml
-from imucalib_cli.errors import ChoiceError, InputError
+from imucalib_cli.configuration import builtin_names, load_named
+from imucalib_cli.errors import InputError
 from imucalib_cli.simulate.config import (  # noqa: TC001 - types of fields, checked when read
     FixedFrame,
     Move,
@@ -17,6 +16,8 @@ from imucalib_cli.simulate.options import (  # noqa: TC001 - likewise
 )
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from imucalib_cli.simulate.config import SystemConfig
 
 _FOLDER = "cameras"
@@ -124,18 +125,13 @@ def load_camera(
         ChoiceError: There is no such camera.
         InputError: The file cannot be read, is no camera configuration, or does not fit the system.
     """
-    path = Path(name_or_file)
-    if path.suffix in {".yaml", ".yml"}:
-        camera = build(CameraConfig, read_yaml(path), str(path))
-    else:
-        known = builtin_names(_FOLDER)
-        if str(name_or_file) not in known:
-            raise ChoiceError(
-                f"no camera for {name_or_file}: choose {', '.join(known)}, or give --camera-config"
-            )
-        camera = build(
-            CameraConfig, read_builtin(f"{_FOLDER}/{name_or_file}"), f"cameras/{name_or_file}.yaml"
-        )
+    camera = load_named(
+        CameraConfig,
+        name_or_file,
+        builtin_names(_FOLDER),
+        folder=_FOLDER,
+        unknown="no camera for {name}: choose {names}, or give --camera-config",
+    )
     frames = tuple(frame for frame in system.frames if frame.link != camera.frame.link)
     arm, motion = system.arm, camera.motion
     joints = 0 if arm is None else len(arm.joints)
