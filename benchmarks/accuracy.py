@@ -1,6 +1,6 @@
 """Truncation: the error on noise-free logs, over windows, of both methods.
 
-    python benchmarks/accuracy.py
+    python -m benchmarks.accuracy
 
 The physics engine is the truth. What is left of the matched method is the error of integrating
 samples, as robot, sensor and gravity are exact and told to be; of the published one, the truncation
@@ -13,8 +13,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from common import clean_recording
 
+from benchmarks.common import clean_recording
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import PaperOptions, WindowChoice
 from imucalib_cli.estimate.published.method import calibrate_paper

@@ -1,6 +1,6 @@
 """Faults of robot and log, each told to the estimator, and what it says of them.
 
-    python benchmarks/faults.py [SEEDS [KIND...]]
+    python -m benchmarks.faults [SEEDS [KIND...]]
 
 RiHIBot and BarBot are simulated, a fault is put into what the estimator is told (URDF, joint names,
 clock, poses) or into the mount, and the result is judged: which cause is named, whether the names
@@ -18,8 +18,8 @@ from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from common import clean_recording, grade
 
+from benchmarks.common import clean_recording, grade
 from imucalib_cli.diagnose.diagnose import diagnose, explained, needs_diagnosis
 from imucalib_cli.errors import ImucalibError
 from imucalib_cli.estimate.matched import calibrate_matched

@@ -1,6 +1,6 @@
 """What wrong kinematics do to the answer, and whether the stated sigma covers it.
 
-    python benchmarks/model_error.py
+    python -m benchmarks.model_error
 
 RiHIBot is simulated with the true lengths and calibrated with one origin 1 % longer, by industrial
 and MEMS noise, for several mounts. Taken as exact, the error would be millimetres; the origins are
@@ -13,8 +13,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from common import clean_recording, grade
 
+from benchmarks.common import clean_recording, grade
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.simulate.load import load_system
