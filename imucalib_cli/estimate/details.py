@@ -5,7 +5,7 @@ Nothing here decides anything; it is made only where it is asked for.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 _MOST_WINDOWS: Final = 20_000
 """In the series: more than a screen has pixels, few enough to write as text."""
+_GAP_STEPS: Final = 2.5
+"""Usual steps of the series, from which there is a gap."""
 _OFFSETS: Final = 8
 """Time offsets tried on either side of the one found."""
 _NEAREST_SIGMAS: Final = 0.5
@@ -56,6 +58,27 @@ class WindowSeries:
     """(W, 3, 3), of the parent link at the same instants, errors of the robot taken off."""
     p_world_parent: Floats
     """(W, 3), m."""
+
+    @property
+    def left_out(self) -> list[tuple[float, float]]:
+        """Stretches, s, whose windows the fit left out; each window reaches half a step about."""
+        if len(self.t) < 2:
+            return []
+        edges = np.flatnonzero(np.diff([False, *(self.weight <= 0.0), False])).reshape(-1, 2)
+        half = 0.5 * float(np.median(np.diff(self.t)))
+        return [(float(self.t[a]) - half, float(self.t[b - 1]) + half) for a, b in edges]
+
+    def with_gaps(self) -> WindowSeries:
+        """The series with a row without numbers in each gap, so that no line is drawn across."""
+        steps = np.diff(self.t)
+        usual = np.median(steps) if len(steps) else 0.0
+        gaps = np.flatnonzero(steps > _GAP_STEPS * usual) + 1
+        if not len(gaps):
+            return self
+        columns = {each.name: getattr(self, each.name) for each in fields(self)}
+        filled = {name: np.insert(values, gaps, np.nan, axis=0) for name, values in columns.items()}
+        middle = 0.5 * (self.t[gaps - 1] + self.t[gaps])
+        return replace(self, **filled | {"t": np.insert(self.t, gaps, middle)})
 
     @property
     def accel_residual(self) -> Floats:

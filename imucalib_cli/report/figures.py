@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -36,8 +36,6 @@ _NAMES = {"accel": "Acceleration", "gyro": "Angular rate"}
 _SENSORS = {"accel": "Accelerometer", "gyro": "Gyroscope"}
 _LONGEST_NAME = 70
 """Letters of a stream's name that fit above a plot."""
-_GAP = 2.5
-"""Usual steps, from which there is a gap."""
 _WIDE = 8.0
 """Times the median error bar, from which a part tells so little that the plot may cut it off."""
 
@@ -57,7 +55,7 @@ def figures(material: Material) -> Iterator[Figure]:
     """All that the material can show."""
     details = material.details
     if details is not None:
-        details = replace(details, windows=_with_gaps(details.windows))
+        details = replace(details, windows=details.windows.with_gaps())
         yield _motion(material, details, "accel")
         yield _motion(material, details, "gyro")
         yield _residuals(details.windows)
@@ -110,7 +108,7 @@ def _motion(material: Material, details: Details, sensor: str) -> Figure:
                 x_label=_TIME,
                 y_label=_UNITS[sensor],
                 shared_x=_LOG_TIME,
-                shaded=_left_out(series),
+                shaded=series.left_out,
             )
         )
     return _figure(
@@ -134,7 +132,7 @@ def _residuals(series: WindowSeries) -> Figure:
                 x_label=_TIME,
                 y_label=_UNITS[sensor],
                 shared_x=_LOG_TIME,
-                shaded=_left_out(series),
+                shaded=series.left_out,
             )
         )
     return _figure(
@@ -328,28 +326,3 @@ def _by_axis(values: Floats, styles: Sequence[Style] = ("line",) * 3) -> tuple[T
         Trace(label=axis, values=column, style=style, colour=colour)
         for axis, column, style, colour in zip(_AXES, values.T, styles, AXIS_COLOURS, strict=True)
     )
-
-
-def _with_gaps(series: WindowSeries) -> WindowSeries:
-    """The series with a row of no numbers in each gap, so that no line crosses it."""
-    steps = np.diff(series.t)
-    gaps = np.flatnonzero(steps > _GAP * np.median(steps)) + 1
-    if not len(gaps):
-        return series
-    columns = {each.name: getattr(series, each.name) for each in fields(series)}
-    filled = {name: np.insert(values, gaps, np.nan, axis=0) for name, values in columns.items()}
-    middle = 0.5 * (series.t[gaps - 1] + series.t[gaps])
-    return replace(series, **filled | {"t": np.insert(series.t, gaps, middle)})
-
-
-def _left_out(series: WindowSeries) -> list[tuple[float, float]]:
-    """Stretches whose windows the fit left out."""
-    out = series.weight <= 0.0
-    if not out.any():
-        return []
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], out, [False]])))
-    half = 0.5 * float(np.median(np.diff(series.t)))
-    return [
-        (float(series.t[first]) - half, float(series.t[last - 1]) + half)
-        for first, last in edges.reshape(-1, 2)
-    ]

@@ -14,11 +14,8 @@ import numpy as np
 from imucalib_cli.optional import optional
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from matplotlib.axes import Axes
 
-    from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.details import WindowSeries
 
 SUFFIXES = (".svg", ".pdf", ".png")
@@ -90,37 +87,18 @@ def _draw_axis(upper: Axes, lower: Axes, windows: WindowSeries, sensor: str, axi
         for what in ("measured", "predicted", "residual")
     )
     residual = 1e3 * residual
-    upper.plot(*_with_gaps(t, measured), color=_MEASURED, linewidth=2.0, label="measured")
-    upper.plot(*_with_gaps(t, predicted), color=_PREDICTED, label="predicted")
-    lower.plot(*_with_gaps(t, residual), color=_RESIDUAL, linewidth=0.6, label="residual")
+    upper.plot(t, measured, color=_MEASURED, linewidth=2.0, label="measured")
+    upper.plot(t, predicted, color=_PREDICTED, label="predicted")
+    lower.plot(t, residual, color=_RESIDUAL, linewidth=0.6, label="residual")
     lower.axhline(0.0, color="black", linewidth=0.4)
     used = windows.weight > 0.0
     if used.any():  # what was left out may be far off
         most = 1.1 * float(np.abs(residual[used]).max()) or 1.0
         lower.set_ylim(-most, most)
-    for number, (start, end) in enumerate(_stretches(t, ~used)):
+    for number, (start, end) in enumerate(windows.left_out):
         for panel in (upper, lower):
             label = "left out" if number == 0 and panel is upper else None
             panel.axvspan(start, end, color=_LEFT_OUT, linewidth=0, label=label)
     for panel in (upper, lower):
         panel.margins(x=0.0)
         panel.grid(visible=True, linewidth=0.3, alpha=0.5)
-
-
-def _with_gaps(t: Floats, values: Floats) -> tuple[Floats, Floats]:
-    """Series with a hole where instants are missing, so that no line is drawn across."""
-    breaks = np.flatnonzero(np.diff(t) > 2.5 * _step(t)) + 1
-    return np.insert(t, breaks, np.nan), np.insert(values, breaks, np.nan)
-
-
-def _stretches(t: Floats, where: Any) -> Iterator[tuple[float, float]]:
-    """First and last instant of each run, half a step wider."""
-    half = 0.5 * _step(t)
-    edges = np.diff(np.concatenate([[0], where.astype(int), [0]]))
-    starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
-    for start, end in zip(starts.tolist(), ends.tolist(), strict=True):
-        yield float(t[start]) - half, float(t[end]) + half
-
-
-def _step(t: Floats) -> float:
-    return float(np.median(np.diff(t))) if len(t) > 1 else 0.0

@@ -371,7 +371,7 @@ def test_reasons_whose_findings_were_taken_out_are_an_input_error() -> None:
 
 def test_values_that_are_too_deep_are_an_input_error() -> None:
     text = to_yaml([to_document(make_result())])
-    for values in ("{share: [[[[1]]]]}", "{share: [[[1]]]}"):
+    for values in ("{share: [[[[1]]]]}", "{share: [[[[[1]]]]]}"):
         told = f"  - {{code: x, severity: note, message: m, values: {values}}}"
         spoilt = re.sub(r"^  findings:.*$", f"  findings:\n{told}", text, flags=re.MULTILINE)
         assert spoilt != text
