@@ -44,28 +44,8 @@ def _run(command: str, *, folder: Path = ROOT) -> subprocess.CompletedProcess[st
     )
 
 
-def _commands() -> list[str]:
-    """Every line of the README's shell blocks that calls imucalib, comments taken off."""
-    blocks = re.findall(r"```sh\n(.*?)```", README, flags=re.DOTALL)
-    lines = [line.split("   #")[0].strip() for block in blocks for line in block.splitlines()]
-    return [line for line in lines if line.startswith("imucalib ")]
-
-
-def test_readme_has_the_commands_it_promises() -> None:
-    assert len(_commands()) >= 8
+def test_readme_has_the_commands_that_ci_runs() -> None:
     assert README.count("python3 -m venv") == 2
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("command", _commands())
-def test_readme_command_runs(command: str, tmp_path: Path) -> None:
-    for place in ("calibrated.urdf", "mine.mcap", "mine.urdf", "results/"):
-        command = command.replace(f" {place}", f" {tmp_path}/{place}")
-    if command.startswith("imucalib simulate"):
-        command += " --duration 10 --imu-rate 50 --robot-rate 25"
-    done = _run(command)
-    assert done.returncode == 0, done.stderr
-    assert "Traceback" not in done.stderr
 
 
 def test_readme_output_is_what_the_tool_prints() -> None:
@@ -111,15 +91,6 @@ def test_pages_show_no_option_that_is_not_there(page: Path) -> None:
 def test_pages_of_samples_and_simulation_are_looked_at() -> None:
     shown = {name for page in PAGES for name, options in _mentions(page) if options}
     assert shown >= {"run", "inspect", "simulate", "apply"}
-
-
-@pytest.mark.parametrize(
-    "command",
-    re.findall(r"`(imucalib run [^`]+)`", (ROOT / "sample_data/README.md").read_text("utf-8")),
-)
-def test_sample_commands_run(command: str) -> None:
-    done = _run(command, folder=ROOT / "sample_data")
-    assert done.returncode == 0, done.stderr
 
 
 def test_no_text_points_into_someones_machine() -> None:

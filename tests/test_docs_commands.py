@@ -1,0 +1,88 @@
+"""Every command that a page shows in a ```sh block runs, in the order of the page.
+
+A comment on the line before a block says what is not as usual: ``<!-- not run: why -->``, or
+``<!-- exit 3 -->`` for a command that shall end so.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from tests.test_docs import PAGES, ROOT
+
+QUICK = {"docs/getting-started.md", "sample_data/README.md"}
+"""Pages that are tested among the fast tests."""
+
+
+@dataclass(frozen=True)
+class Block:
+    """Lines that are typed one after the other."""
+
+    script: str
+    exit_code: int
+
+
+def blocks(page: Path) -> list[Block]:
+    """What of a page is run."""
+    found = re.findall(
+        r"^(?:<!-- (not run: [^\n]+|exit \d+) -->\n)?```sh\n(.*?)^```",
+        page.read_text(encoding="utf-8"),
+        flags=re.DOTALL | re.MULTILINE,
+    )
+    return [
+        Block(script=script, exit_code=int(said.removeprefix("exit ") or 0))
+        for said, script in found
+        if not said.startswith("not run: ")
+    ]
+
+
+def _pages() -> list[object]:
+    return [
+        pytest.param(page, id=name, marks=() if name in QUICK else pytest.mark.slow)
+        for page in PAGES
+        if blocks(page)
+        for name in [str(page.relative_to(ROOT))]
+    ]
+
+
+@pytest.mark.parametrize("page", _pages())
+def test_commands_of_a_page_run(page: Path, tmp_path: Path) -> None:
+    shutil.copytree(ROOT / "sample_data", tmp_path / "sample_data")
+    tools = str(Path(sys.executable).parent)  # imucalib and python of this environment
+    for block in blocks(page):
+        done = subprocess.run(
+            ["bash", "-euo", "pipefail", "-c", block.script],
+            cwd=tmp_path / ("sample_data" if page.parent.name == "sample_data" else ""),
+            capture_output=True,
+            text=True,
+            check=False,
+            env={
+                **os.environ,
+                "PATH": f"{tools}{os.pathsep}{os.environ['PATH']}",
+                "OPENBLAS_NUM_THREADS": "1",
+            },
+            timeout=300,
+        )
+        assert done.returncode == block.exit_code, f"{block.script}\n{done.stderr}"
+        assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_commands_stand_in_blocks_that_are_run(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    text = re.sub(r"^```.*?^```", "", text, flags=re.DOTALL | re.MULTILINE)
+    assert not re.findall(
+        r"^    (?:imucalib|python3?|pip|git|\.venv\S*) .*", text, flags=re.MULTILINE
+    )
+
+
+def test_quick_pages_are_there() -> None:
+    assert {str(page.relative_to(ROOT)) for page in PAGES if blocks(page)} >= QUICK
