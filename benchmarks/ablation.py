@@ -1,6 +1,6 @@
 """What each group of unknowns buys on imperfect robots, and costs on exact ones.
 
-    python benchmarks/ablation.py --robot ur10e --seeds 16
+    python -m benchmarks.ablation --robot ur10e --seeds 16
 
 Each line leaves one group out of the table of unknowns (its entries are then taken to be nominal),
 the last leaves out all of them. Logs are those of sweeps.py: a cell has the root mean square error
@@ -19,9 +19,9 @@ from typing import TYPE_CHECKING
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
-import sweeps
-from robots import ROBOTS, ROWS
 
+from benchmarks import sweeps
+from benchmarks.robots import ROBOTS, ROWS
 from imucalib_cli.estimate.model.layout import lay_out
 from imucalib_cli.estimate.model.unknowns import TABLE, Unknown
 from imucalib_cli.estimate.solution import fit

@@ -1,6 +1,6 @@
 """Truncation: the error on noise-free logs, over windows, of both methods.
 
-    python benchmarks/accuracy.py
+    python -m benchmarks.accuracy
 
 The physics engine is the truth. What is left of the matched method is the error of integrating
 samples, as robot, sensor and gravity are exact and told to be; of the published one, the truncation
@@ -13,14 +13,15 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from common import clean_recording
 
+from benchmarks.common import clean_recording
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import PaperOptions, WindowChoice
 from imucalib_cli.estimate.published.method import calibrate_paper
 from imucalib_cli.simulate.options import PhysicsOptions
 from imucalib_cli.study.contest import exact_system
-from imucalib_cli.study.recordings import error_of, streams_of
+from imucalib_cli.study.recordings import streams_of
+from tools.errors import error_of
 
 WINDOWS = (0.02, 0.05, 0.1, 0.2, 0.3, 0.5)
 

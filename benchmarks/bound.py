@@ -1,7 +1,7 @@
 """How far the errors of a sweep are from the least that any estimator could reach.
 
-    python benchmarks/sweeps.py --rows quiet everyday -o sweeps.jsonl
-    python benchmarks/bound.py sweeps.jsonl --logs 40
+    python -m benchmarks.sweeps --rows quiet everyday -o sweeps.jsonl
+    python -m benchmarks.bound sweeps.jsonl --logs 40
 
 The bound of a log is the covariance of the same unknowns where the standard deviations that their
 errors were drawn with are known (robots.py), and what was not drawn is known to be zero: the
@@ -21,9 +21,9 @@ from pathlib import Path
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
-from robots import ROBOTS, ROWS, Row
-from sweeps import Job, Line, read
 
+from benchmarks.robots import ROBOTS, ROWS, Row
+from benchmarks.sweeps import Job, Line, read
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.estimate.solution.fit import whole_fit
 from imucalib_cli.estimate.stamps import best_attempt

@@ -17,7 +17,8 @@ from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.process import prepare_to_compute
 from imucalib_cli.simulate.load import load_grade
 from imucalib_cli.simulate.noise import corrupt
-from imucalib_cli.study.recordings import clean_recording, error_of, nees, streams_of
+from imucalib_cli.study.recordings import clean_recording, streams_of
+from tools.errors import error_of, nees
 
 if TYPE_CHECKING:
     from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions

@@ -1,6 +1,6 @@
 """Errors against the Cramér-Rao bound, and whether the stated covariance is true.
 
-    python benchmarks/efficiency.py --seeds 400
+    python -m benchmarks.efficiency --seeds 400
 
 Truth is the physics engine's. The bound is that of the same log with white IMU noise alone and
 an exact robot and sensor, whose unknowns are both biases, tilt and time offset; with --exact the
@@ -16,8 +16,8 @@ import argparse
 from dataclasses import replace
 
 import numpy as np
-from common import Case, Trial, clean_recording, grade, run_trials
 
+from benchmarks.common import Case, Trial, clean_recording, grade, run_trials
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.simulate.noise import white_std
 from imucalib_cli.simulate.options import PhysicsOptions

@@ -1,6 +1,6 @@
 """Faults of robot and log, each told to the estimator, and what it says of them.
 
-    python benchmarks/faults.py [SEEDS [KIND...]]
+    python -m benchmarks.faults [SEEDS [KIND...]]
 
 RiHIBot and BarBot are simulated, a fault is put into what the estimator is told (URDF, joint names,
 clock, poses) or into the mount, and the result is judged: which cause is named, whether the names
@@ -18,16 +18,16 @@ from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from common import clean_recording, grade
 
+from benchmarks.common import clean_recording, grade
 from imucalib_cli.diagnose.diagnose import diagnose, explained, needs_diagnosis
 from imucalib_cli.errors import ImucalibError
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import PhysicsOptions
-from imucalib_cli.study.faults import Fault, told_wrongly, with_faulty_sensor
-from imucalib_cli.study.recordings import error_of
+from tools.errors import error_of
+from tools.faults import Fault, misdescribed, with_faulty_sensor
 
 if TYPE_CHECKING:
     from imucalib_cli.estimate.estimate import Estimate
@@ -115,7 +115,7 @@ def judge(system: str, fault: Fault, noise: str, seed: int) -> Verdict:
     )
     clean = with_faulty_sensor(clean_recording(system, PHYSICS), fault)
     noisy = corrupt(clean, grade(noise, time_offset=OFFSET, **extra), seed)
-    told = told_wrongly(noisy, fault)
+    told = misdescribed(noisy, fault)
     options = MatchedOptions(gravity="none") if system == "barbot" else MatchedOptions()
     try:
         estimate = calibrate_matched(told.imu, told.path, options)

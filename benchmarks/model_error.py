@@ -1,6 +1,6 @@
 """What wrong kinematics do to the answer, and whether the stated sigma covers it.
 
-    python benchmarks/model_error.py
+    python -m benchmarks.model_error
 
 RiHIBot is simulated with the true lengths and calibrated with one origin 1 % longer, by industrial
 and MEMS noise, for several mounts. Taken as exact, the error would be millimetres; the origins are
@@ -13,14 +13,15 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from common import clean_recording, grade
 
+from benchmarks.common import clean_recording, grade
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.simulate.load import load_system
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import PhysicsOptions
-from imucalib_cli.study.recordings import error_of, nees, robot_of, streams_of
+from imucalib_cli.study.recordings import robot_of, streams_of
+from tools.errors import error_of, nees
 
 JOINTS = ("elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint")
 MOUNTS = ((-0.0225, 0.1, 0.0), (0.05, 0.02, 0.03), (0.0, -0.08, 0.06), (0.1, 0.1, -0.02))

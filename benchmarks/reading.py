@@ -4,8 +4,8 @@ The log is a robot's: joint states, an IMU, tf and camera images. The floor is w
 wants the three small topics can avoid: reading the chunks that hold them and unpacking those,
 with buffers that are used again. AnyReader is rosbags' reader, message by message.
 
-    python benchmarks/reading.py                  # 120 s, about 0.4 GB for each storage
-    python benchmarks/reading.py --seconds 20     # the same, smaller
+    python -m benchmarks.reading                  # 120 s, about 0.4 GB for each storage
+    python -m benchmarks.reading --seconds 20     # the same, smaller
 """
 
 from __future__ import annotations

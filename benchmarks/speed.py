@@ -1,6 +1,6 @@
 """Time and memory of the estimate and of a whole run, against rosbags' reader on the same log.
 
-    python benchmarks/speed.py [--seconds 74] [LOG URDF]
+    python -m benchmarks.speed [--seconds 74] [LOG URDF]
 
 Without a log, RiHIBot at 500 Hz is simulated first (half an hour of it takes two minutes). The
 estimate is measured in this process, imports done; the whole run, and AnyReader decoding its two

@@ -1,8 +1,8 @@
 """How the estimator does on imperfect robots and sensors, whose truth is analytic (robots.py).
 
-    python benchmarks/sweeps.py --robots ur10e panda mobile --rows quiet everyday --seeds 200 \
+    python -m benchmarks.sweeps --robots ur10e panda mobile --rows quiet everyday --seeds 200 \
         -o sweeps.jsonl --workers 2
-    python benchmarks/sweeps.py --compare before.jsonl after.jsonl
+    python -m benchmarks.sweeps --compare before.jsonl after.jsonl
 
 One line of JSON for each log; logs whose line is already there are skipped. Without --robots or
 --rows it takes all of them. Another version of the package sees the same logs if PYTHONPATH leads
@@ -30,11 +30,11 @@ from typing import TYPE_CHECKING, Any
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
-from robots import ROBOTS, ROWS, Case, make_case
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 import imucalib_cli
+from benchmarks.robots import ROBOTS, ROWS, Case, make_case
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions
 

@@ -9,10 +9,11 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
-from imucalib_cli.errors import InputError
+from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.guarded_yaml import YamlError, load_one, read_bounded
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from importlib.abc import Traversable
 
 T = TypeVar("T")
@@ -47,6 +48,31 @@ def read_yaml(path: Path) -> dict[str, Any]:
     if not isinstance(loaded, dict):
         raise InputError(f"{path}: holds no keys and values; see configs/ for examples")
     return loaded
+
+
+def load_named(
+    kind: type[T], name_or_file: str | Path, names: Sequence[str], *, folder: str, unknown: str
+) -> T:
+    """Read a dataclass by its name in configs/, or from the user's own YAML file.
+
+    Args:
+        kind: The dataclass.
+        name_or_file: One of the names, or a path with the suffix of YAML.
+        names: Those that come with the package.
+        folder: Of configs/ that holds them; empty for configs/ itself.
+        unknown: Message for another name, with ``{name}`` and ``{names}``.
+
+    Raises:
+        ChoiceError: There is no such name.
+        InputError: The file cannot be read, or as :func:`build`.
+    """
+    name = str(name_or_file)
+    if Path(name).suffix in {".yaml", ".yml"}:
+        return build(kind, read_yaml(Path(name)), name)
+    if name not in names:
+        raise ChoiceError(unknown.format(name=name, names=", ".join(names)))
+    where = f"{folder}/{name}" if folder else name
+    return build(kind, read_builtin(where), f"{where}.yaml")
 
 
 def build(kind: type[T], raw: object, where: str) -> T:

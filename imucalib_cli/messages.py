@@ -223,9 +223,9 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "{sigmas:.2g} sigma: something that no unknown of the model explains moves it, such as a "
     "mount or a joint that gives; sigma includes this difference",
     "change.mount": "before and after about {seconds:.0f} ± {uncertainty:whole} s of the log the "
-    "IMU's pose differs by {translation:mm.3g}[ ± {translation_std:mm.2g}] and {rotation:deg.2g}[ "
-    "± {rotation_std:deg.2g}], beyond what noise and model explain: the mount moved, or the log "
-    "joins two set-ups; calibrate each part alone",
+    "IMU's pose differs by {translation:mm± translation_std} and {rotation:deg± rotation_std}, "
+    "beyond what noise and model explain: the mount moved, or the log joins two set-ups; calibrate "
+    "each part alone",
     "change.clock": "the clocks of IMU and robot shift by {size:ms+.3g} against each other at "
     "about {seconds:.0f} ± {uncertainty:whole} s of the log: use a part on one side of it, and "
     "see that no clock is set while recording",

@@ -1,4 +1,4 @@
-"""Dependencies that only some commands have, imported when they are used."""
+"""Optional dependencies, imported when they are used."""
 
 from importlib import import_module
 from typing import Any
@@ -11,7 +11,7 @@ PACKAGES = {
     "matplotlib": "matplotlib",
     "pyarrow": "pyarrow",
 }
-"""What people call it, by module."""
+"""Common name of each module."""
 
 
 def optional(module: str, need: str, extra: str) -> Any:

@@ -2,7 +2,8 @@
 
 - ``{name}`` and ``{name:.3g}`` are those of Python.
 - ``{name:mm.3g}`` is a value in m as ``4.12 mm``; likewise deg (of rad), ms and µs (of s).
-- ``{name:± other}`` is a value with the 1 sigma that another value holds, to the digits it earns.
+- ``{name:± other}`` is a value with the 1 sigma that another value holds, to the digits it earns;
+  ``{name:mm± other}`` the same in mm, as ``4.1 ± 0.2 mm``, without sigma where there is none.
 - ``{name:list}`` joins a tuple by commas, ``{name:list.4g}`` its numbers; ``spaced`` puts blanks
   between letters, ``quoted`` quotes each of a tuple.
 - ``{name:sensor}`` and ``{name:unit}`` are the sensor's name and the unit of its readings,
@@ -95,7 +96,12 @@ def _shown(value: Any, spec: str, values: Mapping[str, Any]) -> str:
         shown = (each if isinstance(each, str) else f"{each + 0.0:{spec[4:]}}" for each in value)
         return ", ".join(shown)
     if quantity := _QUANTITY.fullmatch(spec):
-        return f"{value * _SCALES[quantity[1]]:{quantity[2]}} {quantity[1]}"
+        unit, form = quantity.groups()
+        scale, std = _SCALES[unit], None
+        if form.startswith("± "):
+            std, form = values.get(form[2:]), ".3g"
+        size = value * scale
+        return f"{format(size, form) if std is None else with_std(size, std * scale)} {unit}"
     return format(value, spec)
 
 

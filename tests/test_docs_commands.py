@@ -1,7 +1,8 @@
 """Every command that a page shows in a ```sh block runs, in the order of the page.
 
-A comment on the line before a block says what is not as usual: ``<!-- not run: why -->``, or
-``<!-- exit 3 -->`` for a command that shall end so.
+A comment on the line before a block says what is not as usual: ``<!-- not run: why -->``;
+``<!-- exit 3 -->`` for commands that shall end so; ``<!-- run with --duration 15 -->`` for what
+each ``imucalib simulate`` of the block is given besides, to take less time.
 """
 
 from __future__ import annotations
@@ -27,21 +28,25 @@ class Block:
     """Lines that are typed one after the other."""
 
     script: str
-    exit_code: int
+    exit_code: int = 0
 
 
 def blocks(page: Path) -> list[Block]:
     """What of a page is run."""
     found = re.findall(
-        r"^(?:<!-- (not run: [^\n]+|exit \d+) -->\n)?```sh\n(.*?)^```",
+        r"^(?:<!-- (not run: |exit |run with )([^\n]+) -->\n)?```sh\n(.*?)^```",
         page.read_text(encoding="utf-8"),
         flags=re.DOTALL | re.MULTILINE,
     )
-    return [
-        Block(script=script, exit_code=int(said.removeprefix("exit ") or 0))
-        for said, script in found
-        if not said.startswith("not run: ")
-    ]
+    return [_block(script, said, value) for said, value, script in found if said != "not run: "]
+
+
+def _block(script: str, said: str, value: str) -> Block:
+    if said == "exit ":
+        return Block(script, exit_code=int(value))
+    if said == "run with ":
+        script = re.sub(r"^imucalib simulate", rf"\g<0> {value}", script, flags=re.MULTILINE)
+    return Block(script)
 
 
 def _pages() -> list[object]:

@@ -1,1 +1,1 @@
-"""What each command does, without the command line: one call from paths to a result."""
+"""The commands without the command line: each is one call from paths to a result."""

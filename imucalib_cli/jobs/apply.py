@@ -25,19 +25,19 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class Applied:
-    """A URDF with new origins, and what became of each result."""
+    """A URDF with new origins, and how each result was used."""
 
     content: bytes | None
     """None where no result could be applied."""
     changes: tuple[str, ...]
-    """What was changed, one sentence for each joint."""
+    """The changes, one sentence for each joint."""
     failures: tuple[ImucalibError, ...]
-    """Of results that were left out: their joints are as they were."""
+    """Findings of results left out, whose joints are unchanged."""
     origins: tuple[JointOrigin, ...] = ()
-    """That were put in."""
+    """The results that were applied."""
 
     def made(self, path: Path) -> bool:
-        """Whether a URDF that is there differs in these origins alone: an earlier run made it."""
+        """Whether an existing URDF differs only in these origins: then an earlier run wrote it."""
         try:
             return _with_origins(read_urdf(path), self.origins) == self.content
         except ImucalibError:
@@ -45,19 +45,19 @@ class Applied:
 
 
 def apply(result: str, urdf: Path, *, imus: Sequence[str] = (), force: bool = False) -> Applied:
-    """Replace the origin of each result's joint, every other byte as it was.
+    """Replace the origin of each result's joint; every other byte stays.
 
-    Of several results those that may be used are; the others are left out and told.
+    Of several results the usable ones are applied; the others are left out and reported.
 
     Args:
         result: Path of a result file; ``-`` reads standard input.
         urdf: Path of the URDF; it is not changed.
         imus: Frames or topics of the IMUs to take from the file; empty takes all.
-        force: Use results that should not be trusted.
+        force: Use untrusted results too.
 
     Raises:
         InputError: A file cannot be used.
-        ChoiceError: An IMU is not in the file, or two results are for one joint.
+        ChoiceError: An IMU is not in the file, or two results are for the same joint.
     """
     results = results_of(read_result_file(result), imus, display_name(result))
     robot = load_robot(urdf)

@@ -53,7 +53,7 @@ class Calibrated:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Outcome:
-    """What came out: a result for each IMU that could be calibrated, an error for each other."""
+    """A result for each IMU that could be calibrated, an error for each other one."""
 
     recording: Recording
     calibrated: tuple[Calibrated, ...]
@@ -70,11 +70,11 @@ def calibrate(request: CalibrationRequest, progress: Progress | None = None) -> 
 
     Args:
         request: Which files, topics, frames and options.
-        progress: Told what is being done and its share, 0 to 1 or None.
+        progress: Called with the current step and the share done, 0 to 1 or None.
 
     Raises:
         InputError: The recording cannot be used, for any IMU.
-        ChoiceError: The user must choose something, whichever the IMU.
+        ChoiceError: The user must choose something that concerns every IMU.
     """
     return calibrate_recording(read_recording(request, progress), request, progress)
 
@@ -117,22 +117,22 @@ def _calibrate_one(recording: Recording, imu: ImuStream, request: CalibrationReq
     check_overlap(samples, motion, recording.clock)
     tracks = {track.name: track.t for track in motion.path.tracks}
     missing = tuple(missing_parts({imu.topic: samples.t, **tracks}))
-    mended = mend(samples, motion.path, request)
+    repaired = repair_streams(samples, motion.path, request)
     options = with_priors(request.estimator, request.imu)
     options = _with_initial(options, motion, verifying=request.needs_nominal)
     if isinstance(options, MatchedOptions):
         options = replace(options, either_sign=request.units.sign == "auto")
-    estimate = _estimate(mended.samples, mended.path, options, details=request.details)
+    estimate = _estimate(repaired.samples, repaired.path, options, details=request.details)
     wrong = contradicted(estimate, request.imu)
     if wrong:
         options = without_priors(options, wrong)
-        estimate = _estimate(mended.samples, mended.path, options, details=request.details)
+        estimate = _estimate(repaired.samples, repaired.path, options, details=request.details)
     if isinstance(options, MatchedOptions):
-        # A prior is recorded as what it was, the published method's guess as where it came from.
+        # A prior is recorded by its values, the published method's guess by its source.
         request = replace(request, estimator=options)
-    estimate = checked(estimate, mended.samples, request.imu, wrong)
-    estimate = explain(estimate, mended, motion, recording, request)
-    estimate = _with_repairs(estimate, mended, (*recording.findings, *missing))
+    estimate = checked(estimate, repaired.samples, request.imu, wrong)
+    estimate = explain(estimate, repaired, motion, recording, request)
+    estimate = _with_repairs(estimate, repaired, (*recording.findings, *missing))
     if request.require is not None:
         estimate = require(estimate, motion.mount.parent, request.require)
     result = result_of(
@@ -145,8 +145,10 @@ def _calibrate_one(recording: Recording, imu: ImuStream, request: CalibrationReq
     return Calibrated(result=result, estimate=estimate, samples=samples, motion=motion)
 
 
-def mend(samples: ImuSamples, path: KinematicPath, request: CalibrationRequest) -> Repaired:
-    """Repair one IMU and what moves it, as a request has it.
+def repair_streams(
+    samples: ImuSamples, path: KinematicPath, request: CalibrationRequest
+) -> Repaired:
+    """Repair one IMU and the streams that move it, with the options of a request.
 
     Raises:
         InputError: As :func:`imucalib_cli.signals.imu.repair.repair`.
@@ -162,19 +164,19 @@ def mend(samples: ImuSamples, path: KinematicPath, request: CalibrationRequest) 
 
 
 def _with_repairs(
-    estimate: Estimate, mended: Repaired, of_the_log: tuple[Finding, ...]
+    estimate: Estimate, repaired: Repaired, of_the_log: tuple[Finding, ...]
 ) -> Estimate:
-    """An estimate with all that was found and done before it."""
+    """Add the findings and repairs before the fit to an estimate."""
     blamed = {each.code for each in estimate.findings if each.severity is Severity.UNTRUSTED}
-    suspects = (each for each in mended.suspects if each.code not in blamed)
+    suspects = (each for each in repaired.suspects if each.code not in blamed)
     record: dict[str, float | str | bool | None] = {
-        "gyro_unit": mended.gyro_unit,
-        "accel_unit": mended.accel_unit,
-        "imu_samples_at_fault": mended.samples_at_fault,
+        "gyro_unit": repaired.gyro_unit,
+        "accel_unit": repaired.accel_unit,
+        "imu_samples_at_fault": repaired.samples_at_fault,
     }
     return replace(
         estimate,
-        findings=(*of_the_log, *mended.findings, *suspects, *estimate.findings),
+        findings=(*of_the_log, *repaired.findings, *suspects, *estimate.findings),
         notes={**record, **estimate.notes},
     )
 
@@ -198,10 +200,10 @@ def _estimate(
 def _with_initial(
     options: MatchedOptions | PaperOptions, motion: Motion, *, verifying: bool
 ) -> MatchedOptions | PaperOptions:
-    """Let the URDF's joint tell the pose that priors are about, or the published method's guess.
+    """Take the pose that priors refer to, or the published method's guess, from the URDF.
 
     Raises:
-        ChoiceError: It is needed and nothing tells it, or it is what is to be verified.
+        ChoiceError: It is needed and not known, or it is the pose to be verified.
     """
     nominal = motion.mount.nominal
     if isinstance(options, PaperOptions):
@@ -219,10 +221,10 @@ def _with_initial(
     if nominal is None:
         raise ChoiceError(
             f"--fix and --prior-std need a pose of {motion.mount.child} in {motion.mount.parent} "
-            'to be about, and no joint tells it: give --initial "X Y Z R P Y", or --imu-link'
+            'to be about, and no joint has it: give --initial "X Y Z R P Y", or --imu-link'
         )
-    told = replace(prior, R_parent_imu=nominal.R_parent_imu, t_parent_imu=nominal.t_parent_imu)
-    return replace(options, pose=told)
+    known = replace(prior, R_parent_imu=nominal.R_parent_imu, t_parent_imu=nominal.t_parent_imu)
+    return replace(options, pose=known)
 
 
 def _driven(path: KinematicPath) -> set[str]:
@@ -235,10 +237,10 @@ def _driven(path: KinematicPath) -> set[str]:
 
 
 def check_overlap(samples: ImuSamples, motion: Motion, clock: Clock) -> None:
-    """See that an IMU and what moves it were stamped at the same time.
+    """Check that the stamps of an IMU and of its motion overlap.
 
     Raises:
-        InputError: They never meet; stamps of another epoch are the commonest reason.
+        InputError: They do not; stamps of another epoch are the most common reason.
     """
     start, end = float(np.min(samples.t)), float(np.max(samples.t))
     for track in motion.path.tracks:
@@ -248,7 +250,7 @@ def check_overlap(samples: ImuSamples, motion: Motion, clock: Clock) -> None:
         if first > end or last < start:
             raise InputError(
                 f"{samples.topic} is stamped from {start:.3f} to {end:.3f} s of the log, "
-                f"{track.name} from {first:.3f} to {last:.3f} s: they never meet; "
+                f"{track.name} from {first:.3f} to {last:.3f} s: they do not overlap; "
                 f"{_other_clock(clock)}",
                 topic=samples.topic,
             )

@@ -1,4 +1,4 @@
-"""Put a result beside what Kalibr found of the same IMU and a camera on the same link."""
+"""Compare a result with Kalibr's, for the same IMU and a camera on the same link."""
 
 from __future__ import annotations
 
@@ -40,14 +40,14 @@ def compare_files(
         result: File of ``imucalib run``; ``-`` reads standard input.
         kalibr: Kalibr's camchain-imucam.yaml; ``-`` likewise.
         urdf: Its fixed joints lead from the result's parent link to the camera.
-        camera: Which of Kalibr's chain.
+        camera: Its name in Kalibr's chain.
         camera_link: The camera's optical frame in the URDF; default: the only one whose name says
             so.
-        imu: Frame or topic, where the result has several.
+        imu: Frame or topic, if the result file has several IMUs.
         truth: Truth file of a simulated log; ``-`` likewise.
 
     Returns:
-        The answer, and it in a dozen lines for people.
+        The answer, and its text form of a dozen lines.
 
     Raises:
         InputError: A file cannot be used.

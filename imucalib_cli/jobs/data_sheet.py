@@ -1,4 +1,4 @@
-"""The data sheet of the IMU that the user names: priors for the fit, and checks of it."""
+"""Use the data sheet of the IMU that the user names: priors for the fit, and checks after it."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ if TYPE_CHECKING:
     from imucalib_cli.signals.samples import ImuSamples, Sensor
 
 FIRST_ORDER = math.pi / 2.0
-"""Noise bandwidth over -3 dB bandwidth of a first-order filter, the widest skirt there is."""
+"""Noise bandwidth over -3 dB bandwidth of a first-order filter, which has the largest ratio."""
 _SENSORS: tuple[Sensor, Sensor] = ("accel", "gyro")
 
 
 def with_priors(
     options: MatchedOptions | PaperOptions, expected: ExpectedImu | None
 ) -> MatchedOptions | PaperOptions:
-    """The sheet's figures as priors; of biases where the user has not said anything of them."""
+    """Options with the data sheet's figures as priors; for biases only where the user gave none."""
     if expected is None or isinstance(options, PaperOptions):
         return options
     given: dict[str, Any] = {f"{s}_bias_std": prior for s, prior in expected.bias_priors.items()}
@@ -43,10 +43,10 @@ def with_priors(
 
 
 def contradicted(estimate: Estimate, expected: ExpectedImu | None) -> tuple[Sensor, ...]:
-    """Sensors whose bias is far beyond the sheet's prior: the sheet is wrong, not the log.
+    """Sensors whose bias is far outside the data sheet's prior: the sheet does not apply.
 
-    A prior that the user states themselves is another matter: to contradict it is to contradict
-    the user, and makes a result untrusted.
+    A prior stated by the user is not treated so: if the data contradict it, the result is
+    untrusted.
     """
     if expected is None or estimate.method == "paper":
         return ()
@@ -61,7 +61,7 @@ def contradicted(estimate: Estimate, expected: ExpectedImu | None) -> tuple[Sens
 def without_priors(
     options: MatchedOptions | PaperOptions, sensors: tuple[Sensor, ...]
 ) -> MatchedOptions | PaperOptions:
-    """Options with the biases of some sensors free again."""
+    """Options without the bias priors of some sensors."""
     given: dict[str, Any] = {f"{sensor}_bias_std": math.inf for sensor in sensors}
     return replace(options, **given)
 
@@ -72,13 +72,13 @@ def checked(
     expected: ExpectedImu | None,
     dropped: tuple[Sensor, ...],
 ) -> Estimate:
-    """The estimate with what the sheet says of its log.
+    """Compare the log with the data sheet; return the estimate with the findings.
 
     Args:
         estimate: Final.
-        samples: It was made of.
+        samples: From which the estimate was made.
         expected: The IMU.
-        dropped: Sensors whose priors were not used in the end.
+        dropped: Sensors whose priors were dropped.
     """
     if expected is None:
         return estimate
@@ -98,8 +98,8 @@ def checked(
         )
         for sensor in dropped
     ]
-    told = (*beyond, *_noise(check, model), *beyond_ranges(samples, model.name, model.ranges))
-    return replace(estimate, imu_check=check, findings=(*estimate.findings, *told))
+    findings = (*beyond, *_noise(check, model), *beyond_ranges(samples, model.name, model.ranges))
+    return replace(estimate, imu_check=check, findings=(*estimate.findings, *findings))
 
 
 def _check(
@@ -108,11 +108,11 @@ def _check(
     model: ImuModel,
     priors: dict[Sensor, float],
 ) -> ImuCheck:
-    """Measure a log's noise and put the sheet's beside it.
+    """Measure a log's noise and compare it with the data sheet's.
 
-    Two levels are known without asking the fit: how far samples stand off their neighbours, which
-    is noise near half the sampling rate, and what the fit leaves of the windows, which is noise of
-    some hertz. Vibration raises the first, a filter in a driver lowers it and leaves the second.
+    Two levels are measured: the deviation of samples from their neighbours, which is noise near
+    half the sampling rate, and the residuals of the windows, which are noise of a few hertz.
+    Vibration raises the first; a filter in the driver lowers the first and not the second.
     """
     rows = tidy_rows(imu.t, imu.gyro, imu.accel).rows
     rate = 1.0 / float(np.median(np.diff(imu.t[rows])))
@@ -131,7 +131,7 @@ def _check(
 
 
 def _noise(check: ImuCheck, model: ImuModel) -> Iterator[Finding]:
-    """A finding for each sensor whose noise is not its sheet's."""
+    """A finding for each sensor whose noise differs from the data sheet's."""
     factor = imu_assumptions().noise_factor
     for sensor in _SENSORS:
         found = check.accel if sensor == "accel" else check.gyro
@@ -145,7 +145,7 @@ def _noise(check: ImuCheck, model: ImuModel) -> Iterator[Finding]:
         least = _least(found.expected, check.rate, model.bandwidth(sensor)) / factor
         if found.measured > factor * found.expected:
             yield warning("imu.noise_above_sheet", **values)
-        # A low-pass filter leaves the noise below its cut-off, which is that of windows.
+        # A low-pass filter keeps the noise below its cut-off, where the windows measure.
         elif found.measured < least and (found.in_windows or 0.0) > found.expected / factor:
             yield warning("imu.noise_filtered", **values)
         elif found.measured < least:
@@ -153,7 +153,7 @@ def _noise(check: ImuCheck, model: ImuModel) -> Iterator[Finding]:
 
 
 def _least(expected: float, rate: float, bandwidth: float | None) -> float:
-    """What is left of a sample's noise where the sensor itself ends below half the rate."""
+    """Share of a sample's noise that remains if the sensor's bandwidth is below half the rate."""
     if bandwidth is None:
         return expected
     return expected * math.sqrt(min(1.0, FIRST_ORDER * bandwidth / (rate / 2.0)))

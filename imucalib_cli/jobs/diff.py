@@ -28,14 +28,14 @@ def diff_results(
 ) -> Answers[DiffAnswer]:
     """Compare every IMU of one file with the same IMU of another.
 
-    The same IMU is the one of the same frame and topic, else of the same frame, else of the same
-    topic, where these leave no choice; of two files with one result each the two are compared.
+    IMUs are paired by frame and topic, else by frame, else by topic, where the pair is unique. Of
+    two files with one result each these two are compared.
 
     Args:
         first: A result file; ``-`` reads standard input.
         second: Likewise.
-        urdf: Its fixed joints relate frames where the two results have different ones.
-        within: How far a mount may move; None asks for significance instead.
+        urdf: Its fixed joints relate the frames, if the two results have different ones.
+        within: Tolerance for a movement; None tests for significance instead.
 
     Raises:
         InputError: A file cannot be used.
@@ -95,7 +95,7 @@ def _without_partner(a: Result | None, b: Result | None, names: tuple[str, str])
 def _in_the_same_frames(
     first: Result, second: Result, names: tuple[str, str], robot: Robot | None
 ) -> tuple[UncertainPose, UncertainPose]:
-    """Both poses, the second in the first one's frames."""
+    """Both poses, the second expressed in the frames of the first."""
     a, b = first.uncertain_pose, second.uncertain_pose
     if (a.parent, a.child) == (b.parent, b.child):
         return a, b

@@ -1,4 +1,4 @@
-"""Ask why a fit is poor, with all that the log and the URDF allow instead."""
+"""Find the cause of a poor fit, with the alternatives that the log and the URDF allow."""
 
 from __future__ import annotations
 
@@ -23,37 +23,37 @@ if TYPE_CHECKING:
 
 def explain(
     estimate: Estimate,
-    mended: Repaired,
+    repaired: Repaired,
     motion: Motion,
     recording: Recording,
     request: CalibrationRequest,
 ) -> Estimate:
-    """Say first what a poor fit comes of, if one cause explains it; costs nothing for a good one.
+    """Put the cause of a poor fit first, if one cause explains it; a good fit returns at once.
 
     Args:
-        estimate: What came out.
-        mended: The streams it was made of.
-        motion: As it was told.
-        recording: All else that the log has.
+        estimate: Result of the fit.
+        repaired: The streams it was fitted to.
+        motion: As stated by the log and the URDF.
+        recording: The other contents of the log.
         request: Options and frames.
     """
     options = request.estimator
     if not isinstance(options, MatchedOptions):
-        return explained(estimate, mended.contradicted)
+        return explained(estimate, repaired.contradicted)
     frames, path_to = other_frames(recording.sources, recording.robot, request)
     poor = PoorFit(
-        samples=mended.samples,
-        path=mended.path,
+        samples=repaired.samples,
+        path=repaired.path,
         options=options,
         estimate=estimate,
         frames=frames,
-        path_to=lambda frame: _stamped_as(path_to(frame), mended.path),
+        path_to=lambda frame: _stamped_as(path_to(frame), repaired.path),
     )
-    # A unit stated wrongly explains all that follows; what else fits it better is chance.
-    causes = mended.contradicted or diagnose(poor)
+    # A wrong unit explains everything else; any other better fit is chance.
+    causes = repaired.contradicted or diagnose(poor)
     if needs_diagnosis(estimate) and not causes:
-        # what was seen of the sensor before the fit
-        causes = tuple(replace(each, severity=Severity.UNTRUSTED) for each in mended.suspects)
+        # what was found about the sensor before the fit
+        causes = tuple(replace(each, severity=Severity.UNTRUSTED) for each in repaired.suspects)
     estimate = explained(estimate, causes)
     if motion.mount.nominal is None or not estimate.trusted:
         return estimate
@@ -64,12 +64,12 @@ def explain(
     return replace(estimate, findings=(inverted, *estimate.findings))
 
 
-def _stamped_as(path: KinematicPath, mended: KinematicPath) -> KinematicPath:
-    """The same path on stamps that were mended, where a track lost no rows by it."""
-    known = {track.name: track for track in mended.tracks}
+def _stamped_as(path: KinematicPath, repaired: KinematicPath) -> KinematicPath:
+    """The same path with the repaired stamps, for tracks that lost no rows in the repair."""
+    known = {track.name: track for track in repaired.tracks}
 
-    def mend(track: Track) -> Track:
+    def restamped(track: Track) -> Track:
         other = known.get(track.name, track)
         return other if len(other.t) == len(track.t) else track
 
-    return replace(path, tracks=tuple(mend(track) for track in path.tracks))
+    return replace(path, tracks=tuple(restamped(track) for track in path.tracks))

@@ -1,4 +1,4 @@
-"""Look at a recording without calibrating: what is there, what is wrong, what to run."""
+"""Describe a recording without calibrating: its contents, its problems, and the command to run."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from imucalib_cli.errors import ChoiceError, ImucalibError
 from imucalib_cli.estimate.options import MatchedOptions
-from imucalib_cli.jobs.calibrate import check_overlap, mend
+from imucalib_cli.jobs.calibrate import check_overlap, repair_streams
 from imucalib_cli.jobs.inspection import (
     Health,
     ImuFinding,
@@ -51,12 +51,12 @@ def inspect(
 
     Args:
         logs: One recording, as for calibrate.
-        urdf: Of the robot, to be held against the log.
+        urdf: Of the robot, to be checked against the log.
         progress: As for calibrate.
         csv_columns: Likewise.
 
     Raises:
-        InputError: A file cannot be read at all; a log that cannot be calibrated is described.
+        InputError: A file cannot be read. A log that cannot be calibrated is no error.
     """
     log = open_log(logs, csv_columns)
     names = {
@@ -72,9 +72,9 @@ def inspect(
     imus: list[ImuFinding] = []
     hints = [*data.findings, *clock.findings, *duplicates]
     for imu in data.imus.values():
-        found, told = _imu(imu, clock, sources, robot, request=request, problem=problem)
+        found, problems = _imu(imu, clock, sources, robot, request=request, problem=problem)
         imus.append(found)
-        hints += told
+        hints += problems
     commands, placeholders = _command(request, imus, data)
     return Inspection(
         files=tuple(str(path) for path in log.paths),
@@ -95,7 +95,10 @@ def inspect(
 def _chosen(
     log: Log, request: CalibrationRequest
 ) -> tuple[Selection | None, CalibrationRequest, ImucalibError | None]:
-    """What a run would read, of several pose topics the one with most rows, or why it cannot."""
+    """The topics that a run would read, or why it cannot.
+
+    Of several pose topics it is the one with most rows.
+    """
     try:
         return select_topics(log.topics), request, None
     except ChoiceError:
@@ -127,7 +130,7 @@ def _imu(
     request: CalibrationRequest,
     problem: ImucalibError | None,
 ) -> tuple[ImuFinding, tuple[Finding, ...]]:
-    """What an IMU measures, what carries it, and what a run would mend or refuse."""
+    """An IMU: its values, the link that carries it, and what a run would repair or refuse."""
     samples = samples_of(imu, clock)
     units = guess_units(samples)
     found = ImuFinding(topic=imu.topic, frame_id=imu.frame_id, units=units)
@@ -154,19 +157,19 @@ def _imu(
     if found.floats:
         request = replace(request, estimator=MatchedOptions(gravity="none"))
     try:
-        mended = mend(samples, motion.path, request)
+        repaired = repair_streams(samples, motion.path, request)
     except ImucalibError as error:
         return replace(found, problem=str(error)), ()
-    if mended.gyro_unit == "deg/s":
+    if repaired.gyro_unit == "deg/s":
         found = replace(found, units=replace(units, gyro_unit="deg/s"))
-    # of the units a run that has the kinematics says all there is to say, but for this
-    return found, (*(units.findings if found.floats else ()), *mended.findings)
+    # with kinematics the repair reports everything about units, except this
+    return found, (*(units.findings if found.floats else ()), *repaired.findings)
 
 
 def _command(
     request: CalibrationRequest, findings: Sequence[ImuFinding], data: LogData
 ) -> tuple[tuple[str, ...], str]:
-    """The commands for the IMUs that can be calibrated, and what to replace in them."""
+    """The commands for the IMUs that can be calibrated, and their placeholders."""
     options = ["--gravity none"] if any(finding.floats for finding in findings) else []
     if not findings or not any((*data.joints.values(), *data.poses.values())):
         return (), ""

@@ -1,4 +1,4 @@
-"""What an inspection found, and how it reads as text and as JSON."""
+"""The result of an inspection, and its text and JSON forms."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _HEALTH = (
 
 @dataclass(frozen=True, kw_only=True)
 class Health:
-    """Stamps of one topic, or of one part of it."""
+    """Stamps of one topic, or of one stream of it."""
 
     name: str
     """Topic, and frames or joints where it holds several streams."""
@@ -40,28 +40,28 @@ class Health:
 
 @dataclass(frozen=True, kw_only=True)
 class ImuFinding:
-    """One IMU: what it measures, and what carries it."""
+    """One IMU: its values, and the link that carries it."""
 
     topic: str
     frame_id: str
     units: UnitGuess
     parent: str | None = None
-    """Frame that would be taken as its parent."""
+    """Frame that a run would take as its parent."""
     world: str | None = None
     motion: tuple[str, ...] = ()
-    """Topics that tell how the parent moves."""
+    """Topics of the parent's motion."""
     problem: str | None = None
-    """Why it cannot be calibrated as the log and the options stand."""
+    """Why it cannot be calibrated with these options."""
     needs_choice: bool = False
-    """The problem is one that an option solves."""
+    """Whether an option solves the problem."""
     solved_by: str | None = None
-    """That option, where there is just one, such as ``--parent``."""
+    """That option, if there is only one, such as ``--parent``."""
     parent_unnamed: bool = False
-    """The parent's poses name no frame, so that it goes by their topic."""
+    """Whether the parent's poses name no frame, so that their topic names it."""
 
     @property
     def floats(self) -> bool:
-        """Whether its accelerometer feels no gravity."""
+        """Whether its accelerometer shows no gravity."""
         return self.units.accel_unit == "m/s², no gravity"
 
 
@@ -72,7 +72,7 @@ class JointFinding:
     topic: str
     names: tuple[str, ...]
     missing: tuple[str, ...] | None
-    """Those that the URDF does not have; None without a URDF."""
+    """Joints that are not in the URDF; None without a URDF."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,7 +87,7 @@ class PoseFinding:
 
 @dataclass(frozen=True, kw_only=True)
 class Inspection:
-    """All that can be said of a recording without calibrating."""
+    """Everything known about a recording without calibrating."""
 
     files: tuple[str, ...]
     topics: tuple[Topic, ...]
@@ -101,9 +101,9 @@ class Inspection:
     command: str | None
     """To run next; None if no command would work."""
     placeholders: str
-    """What in the commands the user must replace; empty if nothing."""
+    """Placeholders in the commands that the user must replace."""
     more_commands: tuple[str, ...] = ()
-    """For further IMUs, of which the user must say more."""
+    """Commands for further IMUs that need more options."""
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -111,7 +111,7 @@ class Inspection:
         return tuple(finding.message for finding in self.findings)
 
     def as_json(self) -> str:
-        """Everything, for programs."""
+        """Everything, as JSON-ready data."""
         imus = tuple(replace(imu, units=replace(imu.units, findings=())) for imu in self.imus)
         content = asdict(replace(self, findings=(), imus=imus))
         content |= {
@@ -126,11 +126,11 @@ class Inspection:
         return json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
     def as_text(self) -> str:
-        """Everything, for people."""
+        """Everything, as text for people."""
         return plain(self.blocks())
 
     def blocks(self) -> Iterator[Block]:
-        """Everything, for people, as lines and tables."""
+        """Everything, as lines and tables for people."""
         yield f"log       {', '.join(self.files)}"
         if self.urdf is not None:
             yield f"urdf      {self.urdf}"

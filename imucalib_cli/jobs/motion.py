@@ -1,4 +1,4 @@
-"""From a log's joint states and poses to the path that carries one IMU."""
+"""Find the kinematic path of one IMU from a log's joint states and poses."""
 
 from __future__ import annotations
 
@@ -27,22 +27,22 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Sources:
-    """Everything in the log that may tell where a link is, on the chosen clock."""
+    """All sources of poses in the log, on the chosen clock."""
 
     joints: tuple[Track, ...]
     edges: tuple[Edge, ...]
-    """One for each parent and child; the child is empty where the message has none."""
+    """One for each parent and child; the child is empty if the message names none."""
     topics: dict[str, str]
     """Topic of each track, by the track's name."""
     unused: tuple[str, ...] = ()
-    """Topics of which no message could be used, and why, one sentence each."""
+    """One sentence for each topic without usable messages: the reason."""
     unasked: frozenset[str] = frozenset()
-    """Odometry topics that nobody named."""
+    """Odometry topics that the user did not name."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Motion:
-    """How the parent of one IMU moves, and what was believed about the mount before."""
+    """Motion of one IMU's parent, and the nominal mount."""
 
     path: KinematicPath
     mount: Mount
@@ -61,9 +61,10 @@ def find_motion(
         request: Its parent, imu_link, world and pose_topics.
 
     Raises:
-        ChoiceError: The user must name the parent, the world or a topic; lists candidates.
-        InputError: The log does not tell how the parent moves.
-        UntrustedError: Nothing that the log tells of moves, so that no pose can be determined.
+        ChoiceError: The user must name the parent, the world or a topic; the error lists
+        candidates.
+        InputError: The log has no motion of the parent.
+        UntrustedError: Nothing in the log moves, so that no pose can be determined.
     """
     if robot is None:
         path, mount = _from_frames(sources, frame_id, request)
@@ -89,9 +90,9 @@ def find_motion(
 
 
 def _nothing_moves(path: KinematicPath, sources: Sources) -> bool:
-    """Whether a path has joints or poses that could move it, and nothing in the log moves.
+    """Whether a path has joints or poses that could move, but nothing in the log does.
 
-    Where only others move than those on the path, the path is in question, not the log.
+    If other joints or poses move, the path is in question, not the log.
     """
     if all(isinstance(step, FixedStep) for step in path.steps):
         return False
@@ -102,9 +103,9 @@ def _nothing_moves(path: KinematicPath, sources: Sources) -> bool:
 def other_frames(
     sources: Sources, robot: Robot | None, request: CalibrationRequest
 ) -> tuple[tuple[str, ...], Callable[[str], KinematicPath]]:
-    """Frames that could carry an IMU, and how each would move: to ask whether another is meant.
+    """Frames that could carry an IMU, and a function from a frame to its motion.
 
-    The function raises ImucalibError for frames whose motion the log does not tell.
+    The function raises ImucalibError for frames whose motion is not in the log.
     """
     if robot is None:
         edges = _labelled(sources.edges, request.parent)
@@ -118,13 +119,13 @@ def other_frames(
 
 
 def _require_poses_used(path: KinematicPath, sources: Sources, request: CalibrationRequest) -> None:
-    """A pose topic that was asked for and does not move the robot is a mistake, not a detail."""
+    """Refuse a pose topic that the user named and that does not move the robot: a mistake."""
     unused = set(request.pose_topics) - set(_topics(path, sources))
     for edge in sources.edges:
         topic = sources.topics[edge.track.name]
         if topic in unused and not edge.is_static:
             raise ChoiceError(
-                f"--pose-topic {topic} tells the pose of '{edge.child}' in '{edge.parent}', "
+                f"--pose-topic {topic} has the pose of '{edge.child}' in '{edge.parent}', "
                 f"neither on the way from {path.world} to {path.parent}: choose another topic"
             )
 
@@ -133,7 +134,7 @@ def _robot_path(
     sources: Sources, robot: Robot, parent: str, request: CalibrationRequest
 ) -> KinematicPath:
     """Joints through the URDF, below a moving base if the log has one; else frames alone."""
-    # joints above all: with them a pose without a child can only be the base's
+    # joints first: with them a pose without a child can only be the base's
     label = robot.root if sources.joints else request.parent
     edges, base = _base(_labelled(sources.edges, label), sources, robot)
     try:
@@ -148,10 +149,10 @@ def _robot_path(
             )
         return joint_path(robot, parent, sources.joints, world=request.world)
     except InputError as error:
-        # joint states of other joints only, while /tf knows all frames
+        # joint states of other joints only, while /tf has all frames
         if not any(parent in (edge.parent, edge.child) for edge in edges):
             if sources.unused:
-                # the URDF is not to blame for joints that are there and cannot be used
+                # the URDF is not at fault for joints that are in the log but unusable
                 said = [str(error)] if sources.joints else []
                 raise InputError("; ".join((*sources.unused, *said))) from error
             raise
@@ -161,16 +162,16 @@ def _robot_path(
 def _base(
     edges: tuple[Edge, ...], sources: Sources, robot: Robot
 ) -> tuple[tuple[Edge, ...], Edge | None]:
-    """The edge that moves the robot's base, and the edges to use beside it.
+    """The edge that moves the robot's base, and the other edges to use.
 
-    Odometry nobody named counts only if nothing else moves the base and it does move: the noise
-    of a robot that stands still would be taken for motion.
+    Odometry that the user did not name is used only if nothing else moves the base and it does
+    move: otherwise the noise of a standing robot would be taken for motion.
     """
     asked = tuple(e for e in edges if sources.topics[e.track.name] not in sources.unasked)
     base = find_base(asked, robot)
     if base is not None or len(asked) == len(edges):
         return asked, base
-    moving = tuple(e for e in edges if e not in asked and track_moves(e.track, plainly=True))
+    moving = tuple(e for e in edges if e not in asked and track_moves(e.track, large=True))
     base = find_base((*asked, *moving), robot)
     return ((*asked, *moving), base) if base is not None else (asked, None)
 
@@ -178,7 +179,7 @@ def _base(
 def _from_frames(
     sources: Sources, frame_id: str, request: CalibrationRequest
 ) -> tuple[KinematicPath, Mount]:
-    """Path and mount by the log's own frames, where there is no URDF."""
+    """Path and mount from the log's frames, without a URDF."""
     if not sources.edges:
         if sources.joints:
             listed = ", ".join(dict.fromkeys(sources.topics[t.name] for t in sources.joints))
@@ -198,11 +199,11 @@ def _from_frames(
 
 
 def _guess_parent(edges: tuple[Edge, ...], frame_id: str) -> tuple[str, Nominal | None]:
-    """The frame an IMU hangs on, when nobody said so."""
+    """The frame that carries an IMU, if the user names none."""
     for edge in edges:
         if edge.child != frame_id:
             continue
-        if not edge.is_static:  # the frame itself is tracked
+        if not edge.is_static:  # the IMU's frame itself is tracked
             return frame_id, Nominal(joint="", R_parent_imu=np.eye(3), t_parent_imu=np.zeros(3))
         last = edge.track.values[-1]
         return edge.parent, Nominal(
@@ -221,7 +222,7 @@ def _guess_parent(edges: tuple[Edge, ...], frame_id: str) -> tuple[str, Nominal 
 
 
 def _labelled(edges: tuple[Edge, ...], label: str | None) -> tuple[Edge, ...]:
-    """Name the child of poses that have none: as the user says, or after their topic."""
+    """Name the child frame of poses without one: as the user says, or by their topic."""
     return tuple(
         edge
         if edge.child
@@ -239,8 +240,8 @@ def _topics(path: KinematicPath, sources: Sources) -> tuple[str, ...]:
 
 
 def no_nominal(parent: str, child: str) -> str:
-    """The sentence for an IMU of which neither a URDF nor the log's static frames tell a pose."""
+    """The message for an IMU without a nominal pose, in a URDF or the log's static frames."""
     return (
-        f"neither a URDF nor a static frame of the log tells where '{child}' is on '{parent}', so "
+        f"neither a URDF nor a static frame of the log says where '{child}' is on '{parent}', so "
         "there is no pose to verify: give --urdf"
     )

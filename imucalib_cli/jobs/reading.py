@@ -32,14 +32,14 @@ if TYPE_CHECKING:
     from imucalib_cli.robot.urdf import Robot
 
 _SHOWN = 3
-"""Losses told in one error; a damaged disk has thousands."""
+"""Most losses in one error; a damaged disk has thousands."""
 _BLOCK = 1 << 22
 """Bytes hashed at a time."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Recording:
-    """All that a calibration needs of the files."""
+    """Contents of the files that a calibration needs."""
 
     imus: tuple[ImuStream, ...]
     joints: dict[str, tuple[JointStream, ...]]
@@ -50,7 +50,7 @@ class Recording:
     paths: tuple[Path, ...]
     files: Fingerprints
     findings: tuple[Finding, ...]
-    """About the whole log."""
+    """Findings about the whole log."""
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -62,8 +62,8 @@ def read_recording(request: CalibrationRequest, progress: Progress | None = None
     """Open, choose topics, read them in one pass, load the URDF.
 
     Raises:
-        InputError: A file cannot be used, or the log has no IMU or nothing that tells motion.
-        ChoiceError: A topic is not there or must be chosen.
+        InputError: A file cannot be used, or the log has no IMU or no source of motion.
+        ChoiceError: A topic does not exist or must be chosen.
     """
     log = open_log(request.logs, request.csv_columns)
     chosen = select_topics(
@@ -119,7 +119,7 @@ def samples_of(imu: ImuStream, clock: Clock) -> ImuSamples:
 
 
 def _require_imus(data: LogData, topics: Iterable[str], request: CalibrationRequest) -> None:
-    """At least one IMU must be left, and each that was asked for."""
+    """Refuse a log without a usable IMU, or without one that the user named."""
     used = {imu.topic for imu in data.imus.values() if len(imu)}
     unused = [topic for topic in topics if topic not in used]
     if unused and (request.imu_topics or not used):
@@ -127,7 +127,7 @@ def _require_imus(data: LogData, topics: Iterable[str], request: CalibrationRequ
 
 
 def _require_advancing_stamps(imus: tuple[ImuStream, ...], clock: Clock) -> None:
-    """Without any difference in time there is nothing to estimate."""
+    """Refuse an IMU whose stamps are all the same."""
     for imu in imus:
         stamps = clock.stamps_ns(imu)
         if len(stamps) > 1 and not np.diff(stamps).any():
@@ -139,7 +139,7 @@ def _require_advancing_stamps(imus: tuple[ImuStream, ...], clock: Clock) -> None
 
 
 def _why_unused(topic: str, data: LogData) -> str:
-    """One sentence on a topic of which nothing is left, with what was lost of it."""
+    """One sentence on a topic without usable messages, with its losses."""
     own = [
         loss.message.removeprefix(f"{topic}: ")
         for loss in data.findings
@@ -155,12 +155,13 @@ def _why_unused(topic: str, data: LogData) -> str:
 def gather_sources(
     data: LogData, clock: Clock, unasked: Collection[str] = ()
 ) -> tuple[Sources, tuple[Finding, ...]]:
-    """Tracks and edges of a log on its clock, and findings of poses told twice.
+    """Tracks and edges of a log on its clock, and findings about duplicate poses.
 
     Args:
         data: As read.
         clock: Of all streams.
-        unasked: Odometry topics that nobody named; used only if nothing else moves the base.
+        unasked: Odometry topics that the user did not name; used only if nothing else moves the
+        base.
     """
     topics: dict[str, str] = {}
     joints = []
@@ -178,15 +179,15 @@ def gather_sources(
                 )
             )
     poses = [pose for streams in data.poses.values() for pose in streams]
-    told = {(pose.parent, pose.child) for pose in poses if pose.topic not in unasked}
-    poses = [p for p in poses if p.topic not in unasked or (p.parent, p.child) not in told]
+    chosen = {(pose.parent, pose.child) for pose in poses if pose.topic not in unasked}
+    poses = [p for p in poses if p.topic not in unasked or (p.parent, p.child) not in chosen]
     kept, duplicates = _one_for_each_edge(poses)
     edges = []
     for pose in kept:
         name = f"{pose.topic} ({pose.parent} -> {pose.child or '?'})"
         topics[name] = pose.topic
         values = np.concatenate((pose.position, pose.quaternion_xyzw), axis=1)
-        # a static pose may be stamped whenever, and its stamps are never used
+        # static poses may have any stamp, which is not used
         t = np.zeros(len(pose)) if pose.is_static else clock.seconds(pose)
         track = Track(name=name, kind="pose", t=t, values=values)
         edges.append(
@@ -208,11 +209,11 @@ def gather_sources(
 
 
 def _one_for_each_edge(poses: list[PoseStream]) -> tuple[list[PoseStream], tuple[Finding, ...]]:
-    """Of several topics that tell the same pose, such as /odom and /tf, the one with most rows."""
+    """Of several topics with the same pose, such as /odom and /tf, keep the one with most rows."""
     best: dict[tuple[str, str, str], PoseStream] = {}
     duplicates = []
     for pose in poses:
-        # poses without a child are of different things until told otherwise
+        # poses without a child frame are taken to be of different bodies
         key = (pose.parent, pose.child, "" if pose.child else pose.topic)
         known = best.get(key)
         if known is None:
@@ -233,7 +234,7 @@ def _one_for_each_edge(poses: list[PoseStream]) -> tuple[list[PoseStream], tuple
 
 
 def moving_streams(data: LogData) -> list[Stream]:
-    """Streams whose stamps count: all but static transforms."""
+    """Streams whose stamps are used: all but static transforms."""
     streams: list[Stream] = list(data.imus.values())
     streams += [joint for joints in data.joints.values() for joint in joints]
     streams += [pose for poses in data.poses.values() for pose in poses if not pose.is_static]
@@ -241,9 +242,9 @@ def moving_streams(data: LogData) -> list[Stream]:
 
 
 class Fingerprints:
-    """SHA-256 of files, computed beside reading and estimating: hashing needs no interpreter.
+    """SHA-256 of files, computed in a thread during the run: hashing releases the interpreter lock.
 
-    The thread is a daemon, so that an error or Ctrl-C need not wait for gigabytes.
+    The thread is a daemon, so that an error or Ctrl-C does not wait for gigabytes.
     """
 
     def __init__(self, paths: Iterable[Path]) -> None:
@@ -254,7 +255,7 @@ class Fingerprints:
         self._thread.start()
 
     def result(self) -> tuple[SourceFile, ...]:
-        """Wait for the files, in the order they were given.
+        """Wait for the hashes, in the order of the files.
 
         Raises:
             InputError: A file cannot be read any more.
@@ -275,7 +276,7 @@ class Fingerprints:
 
 
 def printable(path: Path) -> str:
-    """A path as text that can be written: bytes that are no UTF-8 become question marks."""
+    """A path as text: bytes that are not UTF-8 become question marks."""
     return str(path).encode("utf-8", "surrogateescape").decode("utf-8", "replace")
 
 

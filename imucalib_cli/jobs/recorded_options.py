@@ -1,4 +1,4 @@
-"""The options of a run as the result records them: in the words of the documentation."""
+"""The options of a run, recorded in the result under their documented names."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ _UNTOLD: dict[str, str] = {
     "sensor_scale_most": "any",
     "sensor_axes_most": "any",
 }
-"""What docs/options.md calls a default that is None or infinite in code."""
+"""The name in docs/options.md of a default that is None or infinite in code."""
 
 
 def recorded_options(request: CalibrationRequest) -> dict[str, Scalar]:
-    """Every option that bears on the result, by the name it has in code."""
+    """Every option that affects the result, by its name in code."""
     options = request.estimator
     written: dict[str, Scalar] = {
         "method": "matched" if isinstance(options, MatchedOptions) else "paper"
@@ -39,7 +39,7 @@ def recorded_options(request: CalibrationRequest) -> dict[str, Scalar]:
     written |= {"csv_columns": ",".join(request.csv_columns)} if request.csv_columns else {}
     for field in fields(options):
         if field.name == "either_sign":
-            continue  # accel_sign tells
+            continue  # recorded as accel_sign
         value = getattr(options, field.name)
         match value:
             case WindowChoice():
@@ -70,7 +70,7 @@ def recorded_options(request: CalibrationRequest) -> dict[str, Scalar]:
 
 
 def tolerance_text(tolerance: Tolerance) -> str:
-    """As a user would write it, such as ``1mm,0.1deg``; what is infinite is left out."""
+    """As a user would write it, such as ``1mm,0.1deg``; infinite components are left out."""
     parts = []
     if math.isfinite(tolerance.translation):
         parts.append(f"{tolerance.translation * 1e3:.12g}mm")

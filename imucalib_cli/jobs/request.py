@@ -1,4 +1,4 @@
-"""What a user asks for, in the terms of the other rooms."""
+"""The request of a user, in the types of the other packages."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ if TYPE_CHECKING:
 
 ClockChoice = Literal["auto", "header", "log"]
 _SEARCH = 1.0
-"""s, where the method itself looks for no time offset."""
+"""s, for methods that do not estimate a time offset themselves."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ExpectedImu:
-    """Which IMU the user says that it is."""
+    """The model of IMU that the user names."""
 
     model: ImuModel
     priors: tuple[Sensor, ...] = ("accel", "gyro")
-    """Sensors whose bias may take its prior from the data sheet: of others the user has told."""
+    """Sensors whose bias prior may come from the data sheet: for others the user gave one."""
 
     @property
     def bias_priors(self) -> dict[Sensor, float]:
-        """What the sheet tells of these sensors' biases, 1 sigma, m/s² and rad/s."""
+        """The data sheet's priors of these sensors' biases, 1 sigma, m/s² and rad/s."""
         stated = {sensor: self.model.bias_prior(sensor) for sensor in self.priors}
         return {sensor: prior for sensor, prior in stated.items() if prior is not None}
 
@@ -52,26 +52,26 @@ class CalibrationRequest:
     joint_topics: tuple[str, ...] = ()
     pose_topics: tuple[str, ...] = ()
     parent: str | None = None
-    """Link or frame that carries the IMU; None finds it."""
+    """Link or frame that carries the IMU; None: found automatically."""
     imu_link: str | None = None
-    """The IMU's frame in the URDF, where the messages' frame_id does not say."""
+    """The IMU's frame in the URDF, if it is not the messages' frame_id."""
     world: str | None = None
     clock: ClockChoice = "auto"
     units: Units = field(default_factory=Units)
-    """What the IMU's numbers mean, where the log is not believed."""
+    """Units of the IMU, if not as ROS defines them."""
     estimator: MatchedOptions | PaperOptions = field(default_factory=MatchedOptions)
     imu: ExpectedImu | None = None
-    """By its data sheet."""
+    """The IMU's data sheet."""
     require: Tolerance | None = None
     needs_nominal: bool = False
-    """Whether the pose of every IMU must be told by the URDF or the log's own frames."""
+    """Whether the URDF or the log's frames must contain the pose of every IMU."""
 
     details: bool = False
     """Whether to keep the series and curves that a report draws."""
 
     @property
     def gravity(self) -> float:
-        """What the accelerometer should feel at rest, m/s²; 0 for none."""
+        """Expected norm of the accelerometer at rest, m/s²; 0 for none."""
         options = self.estimator
         if isinstance(options, MatchedOptions) and not options.has_gravity:
             return 0.0

@@ -1,4 +1,4 @@
-"""Results that an earlier run wrote: which arguments are such files, and what is in them."""
+"""Result files of earlier runs: recognise them among arguments, and read them."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 _SUFFIXES = {".yaml", ".yml", ".json"}
 _OPENING = re.compile(rb"\A\s*(?:#[^\n]*\n\s*)*(?:---\s*)?[\[{\s]*\"?schema\"?\s*:")
-"""Of a document of ours, whatever the file is called."""
+"""First key of a result document, whatever the file's name."""
 
 
 def is_result(name: str) -> bool:
@@ -29,7 +29,7 @@ def is_result(name: str) -> bool:
     if path.name == "metadata.yaml" or path.is_dir():  # of a ROS 2 recording
         return False
     try:
-        if not path.is_file():  # of a pipe nothing may be read twice, and opening one may wait
+        if not path.is_file():  # a pipe cannot be read twice, and opening one may wait
             return path.suffix.lower() in _SUFFIXES
         with path.open("rb") as file:
             return path.suffix.lower() in _SUFFIXES or bool(_OPENING.match(file.read(4096)))
@@ -47,11 +47,11 @@ def read_result_file(name: str) -> list[Result]:
 
 
 def results_of(results: list[Result], imus: Sequence[str], name: str) -> list[Result]:
-    """Results of some IMUs, by their frame, with a leading slash or without, or topic.
+    """Select the results of some IMUs by frame (with or without a leading slash) or topic.
 
     Args:
         results: Of one file.
-        imus: As the user calls them; empty takes all.
+        imus: Frames or topics; empty takes all.
         name: Of the file.
 
     Raises:
@@ -66,7 +66,7 @@ def results_of(results: list[Result], imus: Sequence[str], name: str) -> list[Re
 
 
 def display_name(name: str) -> str:
-    """What to call an argument in a sentence."""
+    """Name of an argument in messages."""
     return "standard input" if name == "-" else name
 
 
@@ -78,7 +78,7 @@ def read_text(name: str, expected: str = "a result of imucalib run") -> str:
         expected: What it should be, for a message.
 
     Raises:
-        InputError: It cannot be read, is no text, or is far too large.
+        InputError: It cannot be read, is not text, or is too large.
     """
     try:
         if name == "-":

@@ -1,4 +1,4 @@
-"""Hold the pose that a URDF tells against what a log, or an earlier result, shows."""
+"""Compare the pose in a URDF with that of a log or of an earlier result."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Answer = TypeVar("Answer")
 
 @dataclass(frozen=True, kw_only=True)
 class Answers(Generic[Answer]):
-    """An answer for each IMU that could be looked at, an error for each other."""
+    """An answer for each IMU that could be checked, an error for each other one."""
 
     answers: tuple[Answer, ...]
     failures: tuple[ImucalibError, ...] = ()
@@ -36,19 +36,19 @@ class Answers(Generic[Answer]):
 def verify_recording(
     request: CalibrationRequest, within: Tolerance = WITHIN, progress: Progress | None = None
 ) -> Answers[VerifyAnswer]:
-    """Calibrate every IMU of a recording and compare each with what was told of it.
+    """Calibrate every IMU of a recording and compare each with its nominal pose.
 
     Raises:
         InputError, ChoiceError: As :func:`imucalib_cli.jobs.calibrate.calibrate`; and ChoiceError
-            where nothing tells the pose of an IMU.
+            if the nominal pose of an IMU is not known.
     """
     outcome = calibrate(replace(request, needs_nominal=True), progress)
     answers = []
     for result in outcome.results:
-        told = result.nominal
-        if told is None:  # needs_nominal has seen to it
+        nominal = result.nominal
+        if nominal is None:  # needs_nominal excludes this
             raise ChoiceError(no_nominal(result.parent, result.child))
-        answers.append(verify(result, told, within, result.provenance.urdf))
+        answers.append(verify(result, nominal, within, result.provenance.urdf))
     return Answers(answers=tuple(answers), failures=outcome.failures)
 
 
@@ -60,13 +60,13 @@ def verify_results(
     imu_link: str | None = None,
     imu_topics: Sequence[str] = (),
 ) -> Answers[VerifyAnswer]:
-    """Compare results of earlier runs with what a URDF tells.
+    """Compare results of earlier runs with the poses in a URDF.
 
     Args:
         names: Result files; ``-`` reads standard input.
-        urdf: In question.
-        within: What is near enough.
-        imu_link: The IMU's link in the URDF, where the result's child is not it.
+        urdf: To be checked.
+        within: Tolerance.
+        imu_link: The IMU's link in the URDF, if it is not the result's child.
         imu_topics: Which results to take; empty takes all.
 
     Raises:
@@ -91,9 +91,9 @@ def verify_results(
     failures: list[ImucalibError] = []
     for name, result in found:
         try:
-            told = nominal_pose(robot, result.parent, imu_link or result.child)
+            nominal = nominal_pose(robot, result.parent, imu_link or result.child)
         except ImucalibError as error:
             failures.append(error.about(display_name(name)))
         else:
-            answers.append(verify(result, told, within, source))
+            answers.append(verify(result, nominal, within, source))
     return Answers(answers=tuple(answers), failures=tuple(failures))

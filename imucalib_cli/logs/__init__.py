@@ -1,1 +1,1 @@
-"""Bytes to typed streams; knows nothing of robots."""
+"""Read logs: from bytes to typed streams. Knows nothing about robots."""

@@ -1,6 +1,6 @@
-"""Files made of chunks, as bags and MCAP are: one model, and one pass over the wanted chunks.
+"""Files made of chunks (bags and MCAP): one model, and one pass over the wanted chunks.
 
-What differs between the two is a grammar: how a record looks, and where an index stands.
+The two differ only in the layout of their records and the place of their index.
 """
 
 from __future__ import annotations
@@ -30,36 +30,36 @@ Index = dict[int, Integers]
 """Channel to the receive times (ns) and the offsets in the chunk of its messages, (n, 2)."""
 
 _INDEX_ROOM = 1 << 14
-"""Bytes read at a time of message indexes, which are small and stand in a row behind the chunk."""
+"""Bytes of message indexes read at a time: they are small and stand in a row after the chunk."""
 _CHECKED_SHARE = 0.5
-"""Checksums are checked where wanted messages make up this share of a chunk: elsewhere it would
-cost more than reading, mostly over images nobody asked for."""
+"""A chunk's checksum is checked if wanted messages make up this share of it. Otherwise the check
+would cost more than reading, mostly over images nobody asked for."""
 
 
 @dataclass(kw_only=True)
 class Chunk:
-    """Where a run of messages lies."""
+    """Position of a group of messages in the file."""
 
     start: int
-    """Of the chunk's record in the file, or of the first message where there is no chunk."""
+    """File offset of the chunk's record; of the first message where there is no chunk."""
     length: int = 0
-    """Bytes of messages that stand outside of any chunk; 0 for a chunk."""
+    """Bytes of messages outside of any chunk; 0 for a chunk."""
     index_at: dict[int, int] | None = None
-    """Channel to the file offset of its message index; None where nothing says what it holds."""
+    """Channel to the file offset of its message index; None if the channels are not listed."""
     index: Index | None = None
-    """Where a scan found the messages."""
+    """Message positions that a scan found."""
     end: int = 0
-    """Of its record in the file, once that has been read."""
+    """Of its record in the file; known once the record has been read."""
 
     def may_hold(self, channels: Collection[int]) -> bool:
-        """Whether it can have messages of a channel."""
+        """Whether it may hold messages of a channel."""
         known = self.index_at if self.index is None else self.index
         return known is None or not known.keys().isdisjoint(channels)
 
 
 @dataclass(frozen=True)
 class ChunkHead:
-    """What a chunk's record says before its messages."""
+    """The head of a chunk's record, before its messages."""
 
     start: int
     """Of the packed bytes in the file."""
@@ -73,17 +73,17 @@ class ChunkHead:
 
     @property
     def is_plain(self) -> bool:
-        """Whether its messages stand in the file as they are."""
+        """Whether its messages are stored uncompressed."""
         return self.compression in {"", "none"}
 
 
 @dataclass(frozen=True)
 class Record:
-    """One record of a file, as a scan comes upon it."""
+    """One record of a file, as a scan finds it."""
 
     kind: Literal["chunk", "message", "other", "end"]
     end: int
-    """Where the next one begins."""
+    """Offset of the next record."""
     is_whole: bool = True
     chunk: ChunkHead | None = None
     channel: int = 0
@@ -92,7 +92,7 @@ class Record:
 
 @dataclass
 class Contents:
-    """What a file turned out to hold."""
+    """What a scan found in a file."""
 
     chunks: list[Chunk] = field(default_factory=list)
     catalogue: Catalogue = field(default_factory=Catalogue)
@@ -114,7 +114,7 @@ class ChunkedFile(ABC):
     FORMAT: ClassVar[str]
     IS_TEXT: ClassVar[bool] = False
     PART: ClassVar[str]
-    """What one file is called where it is cut short."""
+    """The file's name in messages about a truncated file."""
 
     def __init__(self, path: Path) -> None:
         from imucalib_cli.logs.scan import scan
@@ -136,12 +136,12 @@ class ChunkedFile(ABC):
 
     @classmethod
     def matches(cls, head: bytes, path: Path) -> bool:  # noqa: ARG003 - content decides
-        """Whether a file that begins so is of this kind."""
+        """Whether a file with these first bytes is of this format."""
         return head.startswith(cls.MAGIC)
 
     @abstractmethod
     def _summary(self, file: BinaryIO) -> Contents | None:
-        """What the index of a properly closed file says; None where it does not say enough.
+        """Read the index of a properly closed file; None if it is incomplete.
 
         Raises:
             DamageError: The index is damaged.
@@ -157,10 +157,10 @@ class ChunkedFile(ABC):
 
     @abstractmethod
     def _message_index(self, file: BinaryIO, chunk: Chunk, channels: Collection[int]) -> Index:
-        """Read where messages lie, for those of the channels the chunk holds.
+        """Read the positions of messages, for those of the channels that the chunk holds.
 
         Raises:
-            DamageError: The message index is not where or what it should be.
+            DamageError: The message index is missing or damaged.
         """
 
     @abstractmethod
@@ -171,27 +171,27 @@ class ChunkedFile(ABC):
         owner: Integers,
         limits: Integers,
     ) -> tuple[Located, Bools]:
-        """Find the payloads of messages, and whether each is one of the right channel.
+        """Find the payloads of messages, and check the channel of each.
 
         Args:
             data: Unpacked bytes of the chunk.
-            entries: (n, 2), receive times and offsets as the index has them.
-            owner: (n,), whose messages they should be.
-            limits: (n,), up to where the data are sound from each offset on.
+            entries: (n, 2), receive times and offsets from the index.
+            owner: (n,), the channel each should belong to.
+            limits: (n,), end of the undamaged data after each offset.
         """
 
     @staticmethod
     @abstractmethod
     def walk(data: Bytes, catalogue: Catalogue) -> tuple[Index, int]:
-        """Go through the records of a chunk one by one, up to the first that is not whole.
+        """Go through the records of a chunk one by one, up to the first incomplete one.
 
         Returns:
-            Where its messages are, and up to where its records are whole.
+            Positions of its messages, and the end of its complete records.
         """
 
     @abstractmethod
     def record(self, file: BinaryIO, at: int, contents: Contents) -> Record:
-        """Take the record at a position of the file; what it describes goes into the contents.
+        """Read the record at a position of the file; what it describes goes into the contents.
 
         Raises:
             DamageError: There is none.
@@ -200,10 +200,10 @@ class ChunkedFile(ABC):
     @staticmethod
     @abstractmethod
     def find_record(file: BinaryIO, start: int, size: int) -> int | None:
-        """Where the next sound record begins, at ``start`` or behind; None if there is none."""
+        """Position of the next sound record, at ``start`` or after it; None if there is none."""
 
     def unpack(self, file: BinaryIO, chunk: Chunk) -> tuple[Inflated, int]:
-        """The bytes of a chunk, lazily, valid until the next one; and their checksum or 0.
+        """The bytes of a chunk, unpacked lazily, and their checksum or 0; valid until the next one.
 
         Raises:
             DamageError: There is no chunk.
@@ -222,9 +222,10 @@ class ChunkedFile(ABC):
         return inflate(head.compression, packed[:got], head.claimed, self._scratch), head.checksum
 
     def read(self, wanted: Collection[int], sink: Sink, progress: Progress) -> None:
-        """Give the sink all messages of the wanted channels, in one pass.
+        """Pass all messages of the wanted channels to the sink, in one pass.
 
-        Chunks without them are not read, the others unpacked up to the last of them.
+        Chunks without wanted messages are not read; the others are unpacked up to the last wanted
+        message.
         """
         channels = {each.number: each for each in self.channels if each.number in wanted}
         needed = [each for each in self._chunks if each.may_hold(channels)]
@@ -241,7 +242,7 @@ class ChunkedFile(ABC):
     def _read_chunk(
         self, file: BinaryIO, chunk: Chunk, channels: dict[int, Channel], sink: Sink, base: int
     ) -> int:
-        """Give the sink the messages of one chunk; how many bytes it takes up, unpacked."""
+        """Pass the messages of one chunk to the sink; return its unpacked size in bytes."""
         inflated, checksum = self.unpack(file, chunk)
         index = self._index(file, chunk, channels, inflated)
         index = {number: index[number] for number in channels if len(index.get(number, ()))}
@@ -279,7 +280,7 @@ class ChunkedFile(ABC):
     def _index(
         self, file: BinaryIO, chunk: Chunk, channels: Collection[int], inflated: Inflated
     ) -> Index:
-        """Where messages are: as a scan found, as a message index says, or by a walk."""
+        """Message positions: from a scan, from a message index, or by walking the records."""
         if chunk.index is not None:
             return chunk.index
         if chunk.index_at is not None:

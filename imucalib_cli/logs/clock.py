@@ -1,4 +1,4 @@
-"""One clock for all streams of a log: header stamps, or receive times where those are broken."""
+"""One clock for all streams of a log: header stamps, or receive times if those are broken."""
 
 from __future__ import annotations
 
@@ -18,23 +18,23 @@ if TYPE_CHECKING:
 Kind = Literal["header", "log"]
 
 _MAX_OFFSET_S = 2.0
-"""Streams whose header stamps lie further apart, seen from the receive times, do not share a
+"""Streams whose header stamps differ by more than this, relative to receive times, do not share a
 clock. Delays and unsynchronised computers stay well below; a sensor's time since boot does not."""
 _MAX_RATE_SPREAD = 0.02
 _MIN_SPAN_S = 5.0
-"""Shortest stream whose clock rate is compared: delays would pass for a rate below it."""
+"""Shortest stream whose clock rate is compared: in shorter ones delays look like a rate."""
 _FEW = 0.01
-"""Share of broken stamps that may be cleaned up later rather than condemn a clock."""
+"""Up to this share of broken stamps a clock is still used; they are cleaned up later."""
 _FORWARD = 0.1
-"""Least share of steps that must advance: coarse stamps repeat, frozen ones do nothing else."""
+"""Least share of stamps that must advance: coarse stamps repeat sometimes, frozen ones always."""
 _BACKWARD = 0.4
-"""Largest share of steps that may run backwards: publishers that interleave cause some."""
+"""Largest share of stamps that may run backwards: interleaving publishers cause some."""
 _FAR_BACK_S = 0.5
-"""A clock set back by this much lives the same time twice; publishers interleave by less."""
+"""A clock set back by this much covers the same time twice; publishers interleave by less."""
 _STEP_S = 0.02
 _STEP_SCATTERS = 12.0
-"""Header stamps that step against the receive times by more than both were set anew meanwhile:
-clocks that run at different rates reach 4 times the scatter."""
+"""If header stamps step relative to the receive times by more than both of these, the clock was set
+during the recording. Clocks of different rates reach 4 times the scatter."""
 _STEP_CHUNKS = 40
 _STEP_ROWS = 10
 _NS = 1_000_000_000
@@ -42,19 +42,19 @@ _NS = 1_000_000_000
 
 @dataclass(frozen=True, kw_only=True)
 class Clock:
-    """Which stamps count, and where their seconds begin.
+    """Which stamps are used, and the origin of their seconds.
 
-    One kind holds for all streams: taking header stamps of one and receive times of another
-    would invent a time offset between them.
+    One kind is used for all streams: header stamps of one and receive times of another would create
+    a false time offset between them.
     """
 
     kind: Kind
     origin_ns: int
-    """First plausible stamp of any stream that moves, ns."""
+    """First plausible stamp of all streams that are not static, ns."""
     findings: tuple[Finding, ...] = ()
-    """What is wrong with the stamps of single topics, and what became of it."""
+    """Problems of the stamps of single topics, and how they were handled."""
     alternative: Kind | None = None
-    """Of the kind that does not count, if its stamps look sound."""
+    """Of the kind that is not used, if its stamps look sound."""
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -62,7 +62,7 @@ class Clock:
         return warnings(self.findings)
 
     def stamps_ns(self, stream: Stream) -> Nanoseconds:
-        """The stamps that count, (N,), ns."""
+        """The stamps that are used, (N,), ns."""
         return _stamps(stream, self.kind)
 
     def seconds(self, stream: Stream) -> Floats:
@@ -77,10 +77,9 @@ def choose_clock(
     """Choose the clock of a log.
 
     Args:
-        streams: Those that will be used together; static transforms and empty ones are passed
-            over.
+        streams: Those that will be used together; static transforms and empty streams are ignored.
         wanted: ``auto`` takes header stamps unless those of a stream are broken (zero, constant,
-            mostly backwards) or on another clock than the rest, and receive times do better.
+            mostly backwards) or on another clock than the others, and receive times do better.
     """
     moving = [each for each in streams if len(each) and not _is_static(each)]
     header_faults = _faults(moving, "header")
@@ -94,7 +93,7 @@ def choose_clock(
     elif header_faults and not log_faults:
         kind = "log"
     other: Kind = "log" if kind == "header" else "header"
-    if wanted != "auto":  # no advice to run into the same wall
+    if wanted != "auto":  # no advice to try what is broken too
         findings = [_told(fault, "asked", faults[other], clock=kind) for fault in faults[kind]]
     elif kind == "log":
         findings = [_told(fault, "receive times") for fault in header_faults]
@@ -108,7 +107,7 @@ def choose_clock(
 def _told(
     fault: Finding, then: str, others: Sequence[Finding] = (), clock: Kind | None = None
 ) -> Finding:
-    """A fault of some stamps with what becomes of it, and a fault of the other kind of stamps."""
+    """Add to a finding about stamps how it is handled, and what is wrong with the other kind."""
     values = {**fault.values, "then": then}
     if clock is not None:
         values["clock"] = clock
@@ -165,7 +164,7 @@ def _fault(stamps: Nanoseconds) -> Finding | None:
 
 
 def _set_back(stamps: Nanoseconds) -> Finding | None:
-    """Whether a clock was set back and went on from there; a single stamp astray is no such."""
+    """Whether a clock was set back and went on from there; a single wrong stamp does not count."""
     far = -int(_FAR_BACK_S * _NS)
     if len(stamps) < 5 or not (np.diff(stamps) < far).any():
         return None
@@ -182,7 +181,7 @@ def _set_back(stamps: Nanoseconds) -> Finding | None:
 
 
 def _step(stream: Stream) -> Finding | None:
-    """Whether header stamps step against the receive times and stay there."""
+    """Whether header stamps step relative to the receive times, for good."""
     size = max(len(stream) // _STEP_CHUNKS, _STEP_ROWS)
     chunks = len(stream) // size
     if chunks < 4 or (stream.log_ns <= 0).any():
@@ -202,35 +201,36 @@ def _step(stream: Stream) -> Finding | None:
 
 
 def _different_clocks(streams: Sequence[Stream]) -> list[Finding]:
-    """Streams whose header stamps are on another clock than the rest.
+    """Find streams whose header stamps are on another clock than those of the others.
 
-    Receive times, all by one recorder, tell: header - receive is a delay, alike for all; and
-    both advance at one rate, or at one factor where time is simulated.
+    All receive times come from one recorder, so they are the reference. On one clock, header minus
+    receive time is a small delay for every stream, and both advance at the same rate (or, with
+    simulated time, at one common factor).
     """
     offsets = np.array([float(np.median(each.header_ns - each.log_ns)) / _NS for each in streams])
     rates = np.array([_rate(each) for each in streams])
-    spread = float(offsets.max() - offsets.min())
+    offset_range = float(offsets.max() - offsets.min())
     known = rates[np.isfinite(rates)]
     rate_spread = float(known.max() / known.min() - 1) if len(known) > 1 else 0.0
     if rate_spread > _MAX_RATE_SPREAD:
         usual = 1.0 if len(known) == 2 else float(np.median(known))
         odd = int(np.nanargmax(np.abs(np.log(rates / usual))))
-        rest = float(np.nanmedian(np.delete(rates, odd)))
+        others = float(np.nanmedian(np.delete(rates, odd)))
         where = {"topic": streams[odd].topic, "stamps": "header"}
-        return [warning("stamps.other_pace", **where, rate=rates[odd], others=rest)]
-    # Where simulated time is slow, offsets drift alike and say nothing about a difference.
+        return [warning("stamps.other_pace", **where, rate=rates[odd], others=others)]
+    # If simulated time is slow, all offsets drift alike and show no difference between clocks.
     same_pace = not len(known) or abs(float(np.median(known)) - 1) < _MAX_RATE_SPREAD
-    if spread > _MAX_OFFSET_S and same_pace:
+    if offset_range > _MAX_OFFSET_S and same_pace:
         odd = int(np.argmax(np.abs(offsets - np.median(offsets))))
         if len(streams) == 2:
             odd = int(np.argmax(np.abs(offsets)))
         where = {"topic": streams[odd].topic, "stamps": "header"}
-        return [warning("stamps.other_epoch", **where, seconds=spread)]
+        return [warning("stamps.other_epoch", **where, seconds=offset_range)]
     return []
 
 
 def _rate(stream: Stream) -> float:
-    """Header seconds per second of receive time; nan where the stream is too short to tell."""
+    """Header seconds per second of receive time; nan if the stream is too short."""
     few = max(1, len(stream) // 10)
     log = np.median(stream.log_ns[-few:]) - np.median(stream.log_ns[:few])
     header = np.median(stream.header_ns[-few:]) - np.median(stream.header_ns[:few])
@@ -240,7 +240,7 @@ def _rate(stream: Stream) -> float:
 
 
 def _first_plausible(stamps: Nanoseconds) -> int:
-    """The first stamp, single glitches (such as zeros) aside: they would cost float64 digits."""
+    """The first stamp, ignoring single glitches such as zeros, which would cost float64 digits."""
     low, middle, high = (int(x) for x in np.percentile(stamps, (5, 50, 95)))
     reach = 2 * (high - low) + _NS
     return int(stamps[np.abs(stamps - middle) <= reach].min())

@@ -1,7 +1,7 @@
-"""Tables of text: an IMU, joints or poses, one row a time, its columns named in a header.
+"""CSV tables: an IMU, joints or poses, one row per time, columns named in a header.
 
-Columns are known by their names, in the spellings of common tools (:data:`_SPELLINGS`); joints are
-called ``joint.NAME``, or anything in a file that has nothing else.
+Columns are recognised by name, in the spellings of common tools (:data:`_SPELLINGS`). Joints are
+called ``joint.NAME``, or anything in a file that has only joints.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _SPELLINGS = {
     "position": ("xyz", "|p|t|pos|position|translation|p_rs_r"),
     "quaternion": ("xyzw", "q|quat|quaternion|orientation|rotation|q_rs"),
 }
-"""Axes of each quantity, and what may stand in front of them: gx, gyro_x, angular_velocity.x."""
+"""Axes of each quantity, and the possible prefixes: gx, gyro_x, angular_velocity.x."""
 _KINDS: dict[Kind, tuple[str, str, tuple[str, ...], Labels]] = {
     "imu": ("sensor_msgs/Imu", "/imu", ("gyro", "accel"), {"frame_id": ""}),
     "joints": ("sensor_msgs/JointState", "/joint_states", (), {"frame_id": ""}),
@@ -44,7 +44,7 @@ _KINDS: dict[Kind, tuple[str, str, tuple[str, ...], Labels]] = {
         {"frame_id": "world"},
     ),
 }
-"""Type, end of the topic, quantities and texts; joints have columns of any name."""
+"""Message type, suffix of the topic, quantities and texts; joints have columns of any name."""
 _PLACES = {
     prefix + separator + axis: (quantity, number)
     for quantity, (axes, prefixes) in _SPELLINGS.items()
@@ -57,19 +57,19 @@ _UNITS = {"ns": 1, "us": 10**3, "ms": 10**6, "s": 10**9}
 _TIME = re.compile(r"(?:t|time|stamp|timestamp)(?:_(ns|us|ms|s))?")
 _JOINT = re.compile(r"joint[.:/](.+)")
 _LONGEST_STEP_S = 1.0
-"""Rows further apart, in seconds nobody named, are in another unit: such a log is of no use."""
+"""Rows further apart, if the unit is assumed to be seconds, show that it is another one."""
 NAMES = (
     "name a column t (or t_ns), and gx gy gz ax ay az of an IMU, joint.NAME of joints, or "
     "x y z qx qy qz qw of a pose"
 )
-"""What a user may do about columns that are not known."""
+"""What a user can do about unknown columns."""
 _EARLIEST = ((10**17, "ns"), (10**14, "us"), (10**11, "ms"))
-"""Times since 1970 of at least these are in these units: as seconds they are millennia away."""
+"""Times since 1970 above these limits are in these units: as seconds they are millennia away."""
 
 
 @dataclass(eq=False)
 class _Group:
-    """Columns that make one stream, and what their rows hold."""
+    """The columns of one stream, and the values of its rows."""
 
     kind: Kind
     columns: tuple[int, ...]
@@ -79,13 +79,12 @@ class _Group:
     """ns."""
     values: array[float] = field(default_factory=lambda: array("d"))
     bad: int = 0
-    """Rows with something else than numbers."""
+    """Rows with cells that are not numbers."""
 
     def take(self, stamp: int, cells: list[str]) -> None:
         """Keep the numbers of a row.
 
-        Where all cells are empty there is none, as where tables of several sensors were joined
-        by their times.
+        Rows of empty cells are skipped: tables of several sensors joined by time have them.
         """
         texts = [cells[each] for each in self.columns]
         try:
@@ -115,8 +114,8 @@ class CsvFile:
 
     Args:
         path: The file; its header has been looked at.
-        topic: What its rows are called; empty for the file's name.
-        unit: Of times whose unit the header does not say.
+        topic: Topic of its streams; empty for the file's name.
+        unit: Unit of times, if the header does not name it.
 
     Raises:
         InputError: The unit of its times is not clear.
@@ -155,10 +154,10 @@ class CsvFile:
 
     @classmethod
     def with_columns(cls, names: Sequence[str]) -> type[CsvFile]:
-        """A reader of tables without a header.
+        """Return a reader of tables without a header.
 
         Raises:
-            InputError: The names say too little.
+            InputError: The names do not make up any stream.
         """
         if _layout(list(names)) is None:
             raise InputError(f"--csv-columns {','.join(names)}: {NAMES}")
@@ -166,7 +165,7 @@ class CsvFile:
 
     @property
     def channels(self) -> tuple[Channel, ...]:
-        """An IMU, joint states and poses, as far as the columns hold them."""
+        """Streams of an IMU, joint states and poses, depending on the columns."""
         topic = self._topic or "/" + re.sub(r"\W+", "_", self.path.stem)
         catalogue, tallies = Catalogue(), {}
         for number, group in enumerate(self._groups):
@@ -179,14 +178,14 @@ class CsvFile:
         return catalogue.channels(tallies)
 
     def read(self, wanted: Collection[int], sink: Sink, progress: Progress) -> None:
-        """Give the sink the rows of the wanted channels."""
+        """Pass the rows of the wanted channels to the sink."""
         for channel, group in zip(self.channels, self._groups, strict=True):
             if channel.number in wanted:
                 sink.add_decoded(channel, group.piece(), group.bad)
         progress(1.0)
 
     def _take(self, lines: Iterable[str], separator: str, time: int, unit: str) -> None:
-        """Keep the numbers of all rows."""
+        """Read the numbers of all rows."""
         named = bool(unit)
         width = 1 + max(time, *(max(each.columns) for each in self._groups))
         for line in lines:
@@ -218,14 +217,14 @@ class CsvFile:
 
 
 def _header(lines: Iterable[str], columns: Sequence[str]) -> tuple[list[str], str, Iterable[str]]:
-    """Names of the columns, what separates them, and the lines that follow."""
-    rest = iter(lines)
-    first = next(rest, "")
+    """Column names, separator, and the remaining lines."""
+    remaining = iter(lines)
+    first = next(remaining, "")
     separator = max(",;\t ", key=lambda each: (each != " ") * first.count(each))
     separator = separator if separator in first else " "
     if columns:
-        return list(columns), separator, chain([first], rest)
-    return _cells(first.lstrip("#% \t"), separator), separator, rest
+        return list(columns), separator, chain([first], remaining)
+    return _cells(first.lstrip("#% \t"), separator), separator, remaining
 
 
 def _cells(line: str, separator: str) -> list[str]:
@@ -237,9 +236,9 @@ def _cells(line: str, separator: str) -> list[str]:
 
 
 def _layout(names: Sequence[str]) -> tuple[int, str, list[_Group]] | None:
-    """Column of the time, its unit (empty where the name does not say), and the streams.
+    """Column of the time, its unit (empty if the name does not contain it), and the streams.
 
-    None if columns of these names hold no time or nothing else.
+    None if there is no time column, or nothing but time.
     """
     columns = [each.removeprefix("field.").partition("[") for each in names]
     bare = [each[0].strip() for each in columns]

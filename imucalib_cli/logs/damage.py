@@ -1,4 +1,4 @@
-"""Reading bytes that may be damaged: every length is checked before it is believed."""
+"""Read bytes that may be damaged: every length is checked before it is used."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ if TYPE_CHECKING:
 
 
 class DamageError(Exception):
-    """Bytes that are not what they should be."""
+    """The bytes are damaged."""
 
 
 def seek(file: BinaryIO, at: int) -> None:
-    """Go to a position that the file itself named.
+    """Go to an offset that was read from the file.
 
     Raises:
-        DamageError: No file is as long.
+        DamageError: The offset is larger than any file.
     """
     if not 0 <= at < 1 << 60:
         raise DamageError("an offset points beyond the file")
@@ -25,7 +25,7 @@ def seek(file: BinaryIO, at: int) -> None:
 
 
 class Cursor:
-    """Reads values off a record; a length beyond its end is damage."""
+    """Reads values from a record; a length beyond its end is damage."""
 
     def __init__(self, data: bytes | memoryview) -> None:
         self._data = memoryview(data)
@@ -54,7 +54,7 @@ class Cursor:
 
 @dataclass
 class Tally:
-    """How many messages of a channel there are and when."""
+    """Number and time range of a channel's messages."""
 
     count: int = 0
     start_ns: int = (1 << 63) - 1

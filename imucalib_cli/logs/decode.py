@@ -1,7 +1,7 @@
-"""Messages to streams: one per IMU, set of joints or edge of the tf tree.
+"""Decode messages into streams: one per IMU, set of joints or edge of the tf tree.
 
-Payloads are gathered in small blocks of one topic and one length, decoded as soon as a block is
-full and let go: memory follows the numbers that are kept, not the bytes that pass.
+Payloads are collected in small blocks of one topic and one length. A full block is decoded and
+released, so that memory depends on the numbers kept, not on the bytes read.
 """
 
 from __future__ import annotations
@@ -32,22 +32,23 @@ _BLOCK_BYTES = 1 << 22
 _BLOCK_PIECES = 4096
 _ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 _LARGEST_MESSAGE = 1 << 24
-"""Bytes a message of these types may unpack to."""
+"""Largest size of an unpacked message of these types, bytes."""
 _UNPACKED = 1 << 26
-"""Bytes of unpacked messages that are held before they are decoded."""
+"""Bytes of unpacked messages held before they are decoded."""
 _MESSAGES_ALWAYS, _BYTES_ALWAYS = 1_000_000, 1 << 28
 _MESSAGES_PER_BYTE = 1.0
 MOST_RATIO = 100
-"""A file that holds more messages than bytes, or numbers of more than so many times its size, is
-no log but a bomb: a message alone has stamps that differ. Small ones do no harm."""
+"""A file with more messages than bytes, or numbers of more than so many times its size, is a
+decompression bomb and no log: stamps alone differ from message to message. Small files do no harm.
+"""
 _ABSURD = 1e9
-"""Far beyond any sensor and any place on Earth in any unit: damage, whose square may overflow."""
-_TOLD = 0.5
-"""Share of messages in which a joint has a position, if it has an encoder."""
+"""Beyond any sensor and any place on Earth, in any unit: damage, whose square may overflow."""
+_LEAST_POSITIONS = 0.5
+"""A joint with an encoder has a position in at least this share of messages."""
 
 
 class TooMuchError(Exception):
-    """A file unpacks to more than any log does."""
+    """A file unpacks to more than any log."""
 
 
 @dataclass(eq=False)
@@ -82,7 +83,7 @@ class Collector:
         self._arrived = 0
 
     def add(self, channel: Channel, arrival: Integers, log_ns: Nanoseconds, rows: Bytes) -> None:
-        """Take payloads of one length; see :class:`~imucalib_cli.logs.reader.Sink`."""
+        """Add payloads of one length; see :class:`~imucalib_cli.logs.reader.Sink`."""
         self._messages_left -= len(rows)
         if self._messages_left < 0:
             raise TooMuchError
@@ -105,7 +106,7 @@ class Collector:
             self._decode(block)
 
     def add_decoded(self, channel: Channel, piece: Piece, bad: int = 0) -> None:
-        """Take decoded rows; see :class:`~imucalib_cli.logs.reader.Sink`."""
+        """Add decoded rows; see :class:`~imucalib_cli.logs.reader.Sink`."""
         into = self._topic(channel)
         into.messages += len(piece.log_ns) + bad
         into.undecoded += bad
@@ -115,14 +116,14 @@ class Collector:
             into.pieces.append(replace(piece, arrival=arrival))
 
     def next_file(self, size: int) -> None:
-        """Say that what follows comes from the recording's next file, of so many bytes."""
+        """Begin the recording's next file, of this size in bytes."""
         self._file_base = self._arrived
         self._messages_left = max(_MESSAGES_ALWAYS, int(_MESSAGES_PER_BYTE * size))
         self._bytes_left = max(_BYTES_ALWAYS, MOST_RATIO * size)
 
     def finish(self) -> Iterator[TopicData]:
-        """Decode what is left; everything by topic and type, each of which is then forgotten."""
-        self._bytes_left = sys.maxsize  # what is left is a block each
+        """Decode what is left; yield everything by topic and type, and release each after it."""
+        self._bytes_left = sys.maxsize  # at most one block of each is left
         while self._blocks:
             self._decode(self._blocks.popitem()[1])
         for key in sorted(self.topics):
@@ -193,7 +194,7 @@ class Collector:
 
 
 def imu_stream(data: TopicData) -> tuple[ImuStream | None, list[Finding]]:
-    """The IMU of a topic, and what had to be left out of it."""
+    """The IMU stream of a topic, and findings about rows left out."""
     losses: list[Finding] = []
     frames: Counter[str] = Counter()
     for piece in data.pieces:
@@ -214,7 +215,7 @@ def imu_stream(data: TopicData) -> tuple[ImuStream | None, list[Finding]]:
     joined = _Joined([piece for piece in data.pieces if _frame(piece) == frame])
     gyro, accel = joined.numbers("gyro"), joined.numbers("accel")
     numbers = _is_number(gyro) & _is_number(accel)
-    sound: Bools | slice = slice(None)  # which copies nothing
+    sound: Bools | slice = slice(None)  # a slice copies nothing
     if not numbers.all():
         sound, count = numbers, np.count_nonzero(~numbers)
         losses.append(warning("imu.not_finite", topic=data.topic, count=count, limit=_ABSURD))
@@ -230,13 +231,13 @@ def imu_stream(data: TopicData) -> tuple[ImuStream | None, list[Finding]]:
 
 
 def _is_number(values: Floats) -> Bools:
-    """Rows that hold what a sensor may say; a comparison with NaN is false."""
+    """Rows with values that a sensor can have; a comparison with NaN is false."""
     sound: Bools = np.all(np.abs(values) < _ABSURD, axis=1)
     return sound
 
 
 def joint_streams(data: TopicData) -> tuple[tuple[JointStream, ...], list[Finding]]:
-    """One stream per set of joint names; rows in another order are put into the first one's."""
+    """One stream per set of joint names; rows in another order are reordered as the first."""
     sets: dict[tuple[str, ...], tuple[tuple[str, ...], list[Piece]]] = {}
     repeated = short = 0
     for piece in data.pieces:
@@ -285,16 +286,16 @@ def joint_streams(data: TopicData) -> tuple[tuple[JointStream, ...], list[Findin
 
 
 def _sound_rows(position: Floats) -> tuple[Bools | slice, Floats]:
-    """Rows without damage, (n,); and positions, NaN where a joint mostly says nothing.
+    """Rows without damage, (n,); and positions, NaN for joints that rarely have any.
 
-    A joint that seldom has a number has no encoder, and must not cost the others their rows.
+    A joint that rarely has a number has no encoder; the rows of the others are kept.
     """
     good = np.abs(position) < _ABSURD
     if good.all():
         return slice(None), position
-    told = np.mean(good, axis=0) > _TOLD
-    sound: Bools = np.all(good[:, told], axis=1)
-    return sound, position if told.all() else np.where(good, position, np.nan)
+    measured = np.mean(good, axis=0) > _LEAST_POSITIONS
+    sound: Bools = np.all(good[:, measured], axis=1)
+    return sound, position if measured.all() else np.where(good, position, np.nan)
 
 
 def pose_streams(data: TopicData) -> tuple[tuple[PoseStream, ...], list[Finding]]:
@@ -309,7 +310,7 @@ def pose_streams(data: TopicData) -> tuple[tuple[PoseStream, ...], list[Finding]
     for (parent, child), pieces in edges.items():
         joined = _Joined(pieces)
         position, quaternion = joined.numbers("position"), joined.numbers("quaternion")
-        with np.errstate(over="ignore"):  # damaged numbers may be huge
+        with np.errstate(over="ignore"):  # the square of a damaged number may overflow
             norm = np.linalg.norm(quaternion, axis=1)
         sound = _is_number(position) & np.isfinite(norm) & (norm > 0.5) & (norm < 2)
         unusable += int(np.count_nonzero(~sound))
@@ -337,7 +338,7 @@ def _frame(piece: Piece) -> str:
 
 
 class _Joined:
-    """Pieces as one, in the order of receive time; ties stay as the file has them."""
+    """Concatenate pieces in the order of receive time; ties keep the file's order."""
 
     def __init__(self, pieces: Iterable[Piece]) -> None:
         self._pieces = list(pieces)

@@ -1,4 +1,4 @@
-"""Decompression as far as needed, without trusting the size a file claims."""
+"""Decompress as far as needed, without trusting the size that a file states."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ if TYPE_CHECKING:
     from imucalib_cli.arrays import Bytes, Integers
 
 _STEP = 1 << 16
-"""Bytes asked of a decompressor at a time: small enough that the allocator reuses them."""
+"""Bytes decompressed at a time: small enough that the allocator reuses the memory."""
 _DOUBLED = 1 << 26
-"""Bytes up to which a buffer that is too small is doubled."""
+"""A buffer that is too small is doubled up to this size, bytes."""
 _SLACK = 4096
-"""Bytes beyond the start of what is wanted: holds most messages."""
+"""Bytes read after the start of a wanted message: most messages are shorter."""
 _SKIP = 1 << 15
-"""Gaps in a file larger than this are jumped over, smaller ones read."""
+"""Larger gaps in a file are skipped, smaller ones are read, bytes."""
 _LONGEST_NAME = 20
-"""Letters that are told of a compression's name, which may be damaged too."""
+"""Most characters shown of a compression's name, which may be damaged too."""
 _LARGEST = 1 << 29
-"""Bytes unpacked of one chunk: whole recordings of this kind are smaller, and bombs larger."""
+"""Most bytes unpacked from one chunk: whole recordings are smaller, bombs are larger."""
 _ALWAYS, _MOST_RATIO = 1 << 26, 100
-"""Bytes that are unpacked in any case, and times the packed ones beyond."""
+"""Bytes always unpacked, and the largest ratio to the packed size beyond."""
 
 
 class Decompressor(Protocol):
@@ -33,13 +33,13 @@ class Decompressor(Protocol):
 
 
 class Scratch:
-    """A buffer that is used again for each chunk and grows with real data only."""
+    """A buffer that is reused for each chunk and grows only with real data."""
 
     def __init__(self) -> None:
         self.data: Bytes = np.empty(1 << 20, dtype=np.uint8)
 
     def reserve(self, size: int, keep: int = 0) -> Bytes:
-        """Give at least ``size`` bytes whose first ``keep`` are as they were."""
+        """Return at least ``size`` bytes; the first ``keep`` are unchanged."""
         if size > len(self.data):
             growth = len(self.data) // (1 if len(self.data) < _DOUBLED else 4)
             grown = np.empty(max(size, len(self.data) + growth), dtype=np.uint8)
@@ -49,28 +49,28 @@ class Scratch:
 
 
 class Inflated:
-    """The unpacked bytes of one chunk, produced as far as they are asked for."""
+    """The bytes of one chunk, unpacked as far as requested."""
 
     def __init__(
         self, source: Decompressor, claimed: int, scratch: Scratch, most: int = _LARGEST
     ) -> None:
         self._source = source
         self.claimed = claimed
-        """Bytes there should be."""
+        """Size that the file states, bytes."""
         self._limit = min(claimed, most)
         self._scratch = scratch
         self._done = 0
         self._ended = False
 
     def upto(self, size: int | None = None) -> Bytes:
-        """All sound bytes among the first ``size`` (None: all), at times a few more."""
+        """All undamaged bytes of the first ``size`` (None: all), sometimes a few more."""
         wanted = self._limit if size is None else min(size, self._limit)
         while self._done < wanted and not self._ended:
             room = min(wanted - self._done, max(1 << 20, self._done))
             buffer = self._scratch.reserve(self._done + room, keep=self._done)
             try:
                 got = self._source.fill(buffer.data[self._done : self._done + room])
-            # lz4, zstandard and bz2 each raise their own kinds on damaged bytes.
+            # lz4, zstandard and bz2 each raise exceptions of their own for damaged bytes.
             except Exception:  # noqa: BLE001
                 got = 0
             self._done += got
@@ -78,14 +78,14 @@ class Inflated:
         return self._scratch.data[: self._done]
 
     def around(self, offsets: Integers) -> tuple[Bytes, Integers]:
-        """Bytes at some offsets: what lies between them may be left unread.
+        """Bytes at some offsets; the bytes between them may stay unread.
 
         Args:
-            offsets: (n,), where something begins; its length need not be known.
+            offsets: (n,), starts of messages, whose lengths need not be known.
 
         Returns:
-            The bytes, and for each offset up to where they are sound from there on, (n,); it may
-            be before the end of what begins there, in which case :meth:`upto` gets the rest.
+            The bytes, and for each offset the end of the undamaged bytes after it, (n,). It may lie
+            before the end of the message; then :meth:`upto` gets the remaining bytes.
         """
         if not isinstance(self._source, _Part) or self._done:
             data = self.upto(int(offsets.max()) + _SLACK)
@@ -105,7 +105,7 @@ class Inflated:
 
     @property
     def complete(self) -> bool:
-        """Whether all the claimed bytes were there."""
+        """Whether all the stated bytes could be unpacked."""
         return self._done >= self.claimed
 
 
@@ -114,9 +114,9 @@ def inflate(compression: str, packed: memoryview, claimed: int, scratch: Scratch
 
     Args:
         compression: ``lz4`` (frames), ``zstd`` or ``bz2``.
-        packed: The bytes as they lie in the file.
-        claimed: What the file says they unpack to; nothing beyond is produced.
-        scratch: Where they go; valid until the next chunk is unpacked into it.
+        packed: The packed bytes.
+        claimed: Their unpacked size as the file states it; no more is unpacked.
+        scratch: Buffer for the result; valid until the next chunk is unpacked into it.
 
     Raises:
         ValueError: The compression is not known.
@@ -138,7 +138,7 @@ def inflate(compression: str, packed: memoryview, claimed: int, scratch: Scratch
 def inflate_file(
     file: BinaryIO, at: int, size: int, scratch: Scratch, claimed: int | None = None
 ) -> Inflated:
-    """The same for ``size`` bytes that lie unpacked in the file: only what is needed is read."""
+    """The same for ``size`` bytes stored uncompressed: only the needed bytes are read."""
     return Inflated(_Part(file, at, size), size if claimed is None else claimed, scratch)
 
 
@@ -172,7 +172,7 @@ class _Zstd:
 
 
 class _Stepwise:
-    """In steps: large results would be mapped and unmapped by the allocator each time."""
+    """Decompress in steps: the allocator would map and unmap large results each time."""
 
     def fill(self, buffer: memoryview) -> int:
         done = 0
@@ -180,7 +180,7 @@ class _Stepwise:
             try:
                 out = self.step(min(_STEP, len(buffer) - done))
             except (OSError, RuntimeError):
-                if done:  # what came before the damage is sound; the next call meets it again
+                if done:  # bytes before the damage are sound; the next call raises again
                     return done
                 raise
             if out is None:
@@ -190,7 +190,7 @@ class _Stepwise:
         return done
 
     def step(self, size: int) -> bytes | None:
-        """At most so many further bytes; None at the end."""
+        """Up to this many further bytes; None at the end."""
         raise NotImplementedError
 
 

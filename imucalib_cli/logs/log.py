@@ -1,4 +1,4 @@
-"""A recording, whatever it is stored as: its topics, and the streams of those that are wanted."""
+"""A recording of any format: its topics, and the streams of the wanted ones."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ if TYPE_CHECKING:
     from imucalib_cli.logs.streams import ImuStream, JointStream, PoseStream
 
 _MOST_TOLD = 8
-"""Losses of one file; a damaged disk makes thousands."""
+"""Most findings about losses of one file; a damaged disk causes thousands."""
 _MAX_OVERLAP_S = 0.5
-"""Recorders split between messages; a cache written late may cause a little."""
+"""s: recorders split files between messages; a cache written late causes a small overlap."""
 _MAX_OVERLAP_SHARE = 0.1
-"""Of the shorter of two files that hold the same IMU: no part of one recording overlaps so much."""
+"""Share of the shorter of two files with the same IMU: parts of one recording overlap less."""
 
 
 @dataclass(kw_only=True)
@@ -39,7 +39,7 @@ class LogData:
     poses: dict[str, tuple[PoseStream, ...]] = field(default_factory=dict)
     """One per (parent, child)."""
     findings: tuple[Finding, ...] = ()
-    """What was damaged, left out or is odd: of a ``file`` or of a ``topic``."""
+    """Damage, rows left out, and anything unusual, of a ``file`` or of a ``topic``."""
 
     @property
     def losses(self) -> tuple[str, ...]:
@@ -62,16 +62,16 @@ class Log:
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """What was found damaged so far."""
-        told = []
+        """Damage found so far."""
+        found = []
         for file in self._files:
             losses = file.losses[:_MOST_TOLD]
             more = len(file.losses) - len(losses)
             if more:
                 losses.append(warning("log.more_losses", count=more))
             name = {"file": str(file.path)}
-            told += [replace(loss, values={**name, **loss.values}) for loss in losses]
-        return tuple(told)
+            found += [replace(loss, values={**name, **loss.values}) for loss in losses]
+        return tuple(found)
 
     def read(
         self, topics: Iterable[str], progress: Callable[[float], None] | None = None
@@ -80,12 +80,12 @@ class Log:
 
         Args:
             topics: Names from :attr:`topics`.
-            progress: Told the share that is done, 0 to 1, now and then.
+            progress: Called now and then with the share done, 0 to 1.
 
         Raises:
             ChoiceError: A topic is not in the recording, or two files hold the same IMU at the
                 same time: they are two recordings.
-            InputError: A topic's type or encoding cannot be read, or the file went away.
+            InputError: A topic's type or encoding cannot be read, or the file has disappeared.
         """
         from imucalib_cli.logs.decode import (
             MOST_RATIO,
@@ -107,7 +107,7 @@ class Log:
                 try:
                     collector.next_file(_bytes_of(file.path))
                     file.read(channels, collector, share)
-                except TooMuchError:  # what came before is used
+                except TooMuchError:  # what was read before is used
                     file.losses.append(warning("log.holds_too_much", ratio=MOST_RATIO))
                 except OSError as error:
                     raise InputError(
@@ -128,14 +128,14 @@ class Log:
                     data.joints[name] = joints
                 case "pose":
                     poses, lost = pose_streams(found)
-                    # Nothing forbids a topic with poses of two types.
+                    # A topic may have poses of two types.
                     data.poses[name] = data.poses.get(name, ()) + poses
             losses += lost
         data.findings = tuple(losses)
         return data
 
     def _shortfall(self, found: TopicData) -> list[Finding]:
-        """What an index promised, and what does not fit the topic's type."""
+        """Report fewer messages than the index states, and messages that do not fit their type."""
         losses = []
         listed = sum(
             each.count
@@ -161,7 +161,7 @@ class Log:
         return losses
 
     def _nothing_of(self, wanted: set[str]) -> LogData:
-        """Topics of which damage may have left nothing are still there, without streams."""
+        """Topics that lost all messages to damage are kept, without streams."""
         filled = [each for each in self.topics if each.name in wanted and each.count]
         return LogData(
             joints={each.name: () for each in filled if each.kind == "joints"},
@@ -191,14 +191,14 @@ def open_log(paths: Sequence[Path], csv_columns: Sequence[str] = ()) -> Log:
 
     Args:
         paths: A file or folder, or the files of one recording, of any format that
-            :data:`~imucalib_cli.logs.open.READERS` has, told apart by content.
+            :data:`~imucalib_cli.logs.open.READERS` has, recognised by content.
         csv_columns: Names of the columns of tables without a header.
 
     Raises:
         InputError: A path is missing, unreadable, or not a log.
         ChoiceError: A folder holds several recordings, or a path is given twice.
     """
-    known = [os.path.realpath(path) for path in paths]  # Path.resolve minds links in a circle
+    known = [os.path.realpath(path) for path in paths]  # Path.resolve raises for links in a circle
     twice = [path for path, real in zip(paths, known, strict=True) if known.count(real) > 1]
     if twice:
         raise ChoiceError(f"{twice[0]} is given twice: name each file of the recording once")
@@ -207,20 +207,20 @@ def open_log(paths: Sequence[Path], csv_columns: Sequence[str] = ()) -> Log:
 
 
 def _bytes_of(path: Path) -> int:
-    """On disk, with what SQLite keeps beside a database."""
+    """Files on disk, with those that SQLite keeps beside a database."""
     wal = path.with_name(f"{path.name}-wal")
     return path.stat().st_size + (wal.stat().st_size if wal.exists() else 0)
 
 
 def _span_ns(channels: Iterable[Channel]) -> tuple[int, int]:
-    """Receive times of the first message and the last, 0 where there is none."""
+    """Receive times of the first and last message, 0 without messages."""
     filled = [each for each in channels if each.count]
     start_ns = min((each.start_ns for each in filled), default=0)
     return start_ns, max((each.end_ns for each in filled), default=0)
 
 
 def _see_one_recording(files: Sequence[LogFile], wanted: set[str]) -> None:
-    """Two IMUs cannot be told apart by their topic once their samples are mixed."""
+    """Refuse two recordings of one IMU topic: mixed samples cannot be separated again."""
     heard: dict[str, tuple[LogFile, Channel]] = {}
     for file in files:
         for channel in file.channels:
@@ -242,9 +242,9 @@ def _see_after(file: LogFile, channel: Channel, other: LogFile, before: Channel)
 
 
 def _overlaps(files: Sequence[LogFile]) -> tuple[Finding, ...]:
-    """Files, by their start, that begin well before another ends, as parts of one do not.
+    """Find files that begin well before another one ends, which parts of one recording do not.
 
-    Tables do: there is one for each sensor.
+    Tables may overlap: there is one for each sensor.
     """
     last, last_ns, found = "", 0, []
     for file in files:
@@ -253,8 +253,8 @@ def _overlaps(files: Sequence[LogFile]) -> tuple[Finding, ...]:
             continue
         overlap = (last_ns - start_ns) * 1e-9
         if last and overlap > _MAX_OVERLAP_S:
-            told = {"first": last, "second": str(file.path), "seconds": overlap}
-            found.append(warning("log.files_overlap", **told))
+            values = {"first": last, "second": str(file.path), "seconds": overlap}
+            found.append(warning("log.files_overlap", **values))
         if not last or end_ns > last_ns:
             last, last_ns = str(file.path), end_ns
     return tuple(found)

@@ -1,9 +1,9 @@
-"""Message types that can be read: one row each, in the order of their fields on the wire.
+"""The message types that can be read: one row each, fields in the order on the wire.
 
-A new type is one more row of :data:`MESSAGE_TYPES`. The bulk decoder (:mod:`.wire`) walks the
-row over bytes, the slow one (:mod:`.slow`) over a deserialised message, so both read the same
-fields. Layouts follow the ROS interface definitions (sensor_msgs, nav_msgs, geometry_msgs,
-tf2_msgs), whose wire form is the same in every ROS 2 distribution; ROS 1 adds ``seq`` to Header.
+A new type is one more row of :data:`MESSAGE_TYPES`. The bulk decoder (:mod:`.wire`) applies a row
+to bytes, the slow one (:mod:`.slow`) to a deserialised message, so both read the same fields.
+Layouts follow the ROS interface definitions (sensor_msgs, nav_msgs, geometry_msgs, tf2_msgs), whose
+wire form is the same in every ROS 2 distribution; ROS 1 adds ``seq`` to Header.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ class Texts:
 
 @dataclass(frozen=True)
 class Numbers:
-    """A fixed run of float64, whatever structs it is made of."""
+    """A fixed number of float64 values, of any structs."""
 
     path: str
     count: int
     name: str = ""
-    """What it is kept as; empty where it is only passed over."""
+    """Name of the values; empty if they are skipped."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class NumberList:
 
 @dataclass(frozen=True)
 class Repeat:
-    """A sequence of structs, each an element of its own."""
+    """A sequence of structs; each becomes an element."""
 
     path: str
     fields: tuple[Header | Text | Numbers, ...]
@@ -64,7 +64,7 @@ Field = Header | Text | Texts | Numbers | NumberList | Repeat
 
 @dataclass(frozen=True)
 class MessageType:
-    """What a message of this type becomes, and its fields on the wire."""
+    """The kind of stream that a message type becomes, and its fields on the wire."""
 
     kind: Kind
     fields: tuple[Field, ...]
@@ -139,10 +139,10 @@ TF_TYPES = frozenset({"tf2_msgs/TFMessage", "tf/tfMessage"})
 
 
 def normalise_type(name: str) -> str:
-    """Drop the ``/msg/`` of ROS 2 names: sensor_msgs/msg/Imu is sensor_msgs/Imu."""
+    """Drop the ``/msg/`` of ROS 2 names: sensor_msgs/msg/Imu becomes sensor_msgs/Imu."""
     return name.replace("/msg/", "/")
 
 
 def is_sound_text(text: str) -> bool:
-    """Whether a frame id or joint name is what a publisher may have said: damage often is not."""
+    """Whether a frame id or joint name is plausible; damaged ones often are not."""
     return text.isprintable() and "\N{REPLACEMENT CHARACTER}" not in text

@@ -1,4 +1,4 @@
-"""The formats of logs, and from a path to the files of a recording, by what they contain."""
+"""The formats of logs, and how a path becomes the files of a recording, by their content."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ if TYPE_CHECKING:
 
 
 READERS: list[type[LogFile]] = [McapFile, BagFile, Db3File, EurocTable, CsvFile, TumFile]
-"""Every format that can be read: a format is one file of this room and one name here."""
+"""Every format that can be read. A new format is one file in this package and one name here."""
 
 _ZSTD = b"\x28\xb5\x2f\xfd"
 _HEAD = 4096
-"""Bytes of a file that formats are told by."""
+"""First bytes of a file, by which formats are recognised."""
 _METADATA = b"rosbag2_bagfile_information"
 
 
@@ -57,23 +57,23 @@ def open_files(path: Path, readers: Readers = READERS) -> list[LogFile]:
 
 
 def _mode(path: Path) -> int:
-    """Kind of file, before it is opened: opening a pipe would wait for who writes into it.
+    """Check the kind of file before it is opened: opening a pipe would wait for its writer.
 
     Raises:
         InputError: It is neither a file nor a folder.
-        OSError: It cannot be looked at; a link may lead nowhere, or in a circle.
+        OSError: It cannot be accessed; a link may lead nowhere, or in a circle.
     """
     mode = path.stat().st_mode
     if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
         raise InputError(
-            f"{path} is a pipe or a device; a log is read here and there, not from front to back: "
+            f"{path} is a pipe or a device; reading a log needs random access: "
             "write it to a file first"
         )
     return mode
 
 
 def _why_missing(path: Path) -> str:
-    """What a user may have overlooked about a path that leads to nothing."""
+    """The likely reason why a path does not exist."""
     broken = next((each for each in (path, *path.parents) if each.is_symlink()), None)
     if broken is not None and not broken.exists():
         return f"leads nowhere: the link {broken} points to {broken.readlink()}, which is not there"
@@ -91,7 +91,7 @@ def _reader(path: Path, head: bytes, readers: Readers) -> type[LogFile] | None:
 
 
 def holds_log(path: Path) -> bool:
-    """Whether a file is one of a recording, by its content; False where it cannot be read."""
+    """Whether a file is a log, by its content; False if it cannot be read."""
     try:
         head = _head(path)
     except (OSError, InputError):
@@ -113,7 +113,7 @@ def _open_file(path: Path, head: bytes, readers: Readers) -> LogFile:
             raise InputError(f"{path} is compressed twice: unpack it with zstd -d")
         try:
             file = _open_file(unpacked, head, readers)
-        except InputError as error:  # which names a temporary file that is nobody's
+        except InputError as error:  # the error names a temporary file that the user does not know
             cut = "" if loss is None else ", as far as it could be unpacked"
             said = f"{path} unpacks to no log{cut}: expected {_known(readers)}"
             if kind is not None:
@@ -152,7 +152,7 @@ def _open_folder(folder: Path, readers: Readers) -> list[LogFile]:
             continue
         try:
             files.append(_open_file(path, _head(path), readers))
-        except InputError as error:  # what a crash left of the last part costs only that part
+        except InputError as error:  # a last part that a crash truncated costs only that part
             unusable.append(error)
             losses.append(warning("log.part_unusable", reason=str(error)))
     if not files:
@@ -162,7 +162,7 @@ def _open_folder(folder: Path, readers: Readers) -> list[LogFile]:
 
 
 def _listed(folder: Path) -> list[Path] | None:
-    """Files named by metadata.yaml; None where it is missing or broken."""
+    """Files named by metadata.yaml; None if it is missing or damaged."""
     metadata = folder / "metadata.yaml"
     if not metadata.is_file():
         return None
@@ -174,7 +174,7 @@ def _listed(folder: Path) -> list[Path] | None:
         names = content["rosbag2_bagfile_information"]["relative_file_paths"]
         if not isinstance(names, list):
             return None
-        # Early rosbag2 wrote the folder's name in front.
+        # Early rosbag2 versions wrote the folder's name in front.
         named = dict.fromkeys(Path(name).name for name in names)
     except (KeyError, TypeError, ValueError):
         return None
@@ -182,7 +182,7 @@ def _listed(folder: Path) -> list[Path] | None:
 
 
 def _guessed(folder: Path, readers: Readers) -> list[Path]:
-    """Log files of a folder without metadata: one recording, if their names say so."""
+    """Log files of a folder without metadata.yaml: one recording, if their names show it."""
     logs = []
     tables = [each for each in sorted(folder.glob(TABLES)) if EurocTable.matches(_head(each), each)]
     for path in sorted(each for each in folder.iterdir() if each.is_file()):
@@ -193,7 +193,7 @@ def _guessed(folder: Path, readers: Readers) -> list[Path]:
         elif reader is not None:
             tables.append(path)
     if not logs:
-        return tables  # one for each sensor, whatever they are called
+        return tables  # tables: one for each sensor, of any name
     recordings = {re.sub(r"(_\d+)?(\.\w+)*$", "", each.name) for each in logs}
     if len(recordings) > 1:
         names = ", ".join(each.name for each in logs)

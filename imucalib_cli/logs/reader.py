@@ -1,4 +1,4 @@
-"""What the reader of every format offers: channels, and their messages in bulk."""
+"""The interface of all readers: channels, and their messages in bulk."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from imucalib_cli.logs.streams import Nanoseconds
 
 ENCODINGS = frozenset({"cdr", "ros1", "text"})
-"""Encodings that can be decoded; ``text`` is of formats whose reader gives numbers itself."""
+"""Encodings that can be decoded; ``text``: the format's reader provides numbers itself."""
 
 Labels = dict[str, str | tuple[str, ...]]
 Progress = Callable[[float], None]
@@ -28,13 +28,13 @@ Progress = Callable[[float], None]
 
 @dataclass(frozen=True, kw_only=True)
 class Topic:
-    """Messages of one type under one name; nothing of them has been decoded."""
+    """A topic: messages of one type under one name, not yet decoded."""
 
     name: str
     type: str
     """Without ``/msg/``: sensor_msgs/Imu."""
     encoding: str
-    """``cdr``, ``ros1``, ``text`` or what else the file says."""
+    """``cdr``, ``ros1``, ``text`` or another name from the file."""
     count: int = 0
     """Messages."""
     start_ns: int = 0
@@ -43,23 +43,23 @@ class Topic:
 
     @property
     def kind(self) -> Kind | None:
-        """What streams can be made of it; None where none can."""
+        """Kind of the streams it becomes; None if its type cannot be read."""
         is_readable = self.type in MESSAGE_TYPES and self.encoding in ENCODINGS
         return MESSAGE_TYPES[self.type].kind if is_readable else None
 
 
 @dataclass(frozen=True, kw_only=True)
 class Channel(Topic):
-    """One publisher's messages on a topic, as the file numbers them."""
+    """One publisher's messages on a topic, by the file's channel number."""
 
     number: int
     definition: str = ""
-    """The type's definition in .msg form where the file embeds it."""
+    """The type's definition in .msg form, if the file embeds it."""
 
 
 @dataclass
 class Catalogue:
-    """Channels and their types by number, as records bring them."""
+    """Channels and types by number, collected from records."""
 
     schemas: dict[int, tuple[str, str]] = field(default_factory=dict)
     """Name and definition."""
@@ -67,7 +67,7 @@ class Catalogue:
     """Schema number, topic, message encoding."""
 
     def channels(self, tallies: dict[int, Tally]) -> tuple[Channel, ...]:
-        """All channels with what was counted."""
+        """All channels, with their counts."""
         found = []
         for number, (schema, name, encoding) in sorted(self.publishers.items()):
             type_name, definition = self.schemas.get(schema, ("", ""))
@@ -89,33 +89,33 @@ class Catalogue:
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """Decoded rows of a topic that share all their texts."""
+    """Decoded rows of a topic that have all texts in common."""
 
     arrival: Integers
-    """(n,), position in the file: orders rows of equal receive time."""
+    """(n,), position in the file, which orders rows of equal receive time."""
     log_ns: Nanoseconds
     stamp_ns: Nanoseconds
     texts: Labels
-    """By the names that :mod:`~imucalib_cli.logs.messages` gives the type's fields."""
+    """By the field names of :mod:`~imucalib_cli.logs.messages`."""
     numbers: dict[str, Floats]
     """(n, k) each, by the same names."""
 
 
 class Sink(Protocol):
-    """Takes messages as a reader comes upon them: payloads, or what is decoded already."""
+    """Receives messages from a reader: payloads, or decoded rows."""
 
     def add(self, channel: Channel, arrival: Integers, log_ns: Nanoseconds, rows: Bytes) -> None:
-        """Take payloads of one length.
+        """Add payloads of one length.
 
         Args:
             channel: Whose they are.
-            arrival: (n,), position in the file: orders messages of equal receive time.
+            arrival: (n,), position in the file, which orders messages of equal receive time.
             log_ns: (n,), receive time, ns.
-            rows: (n, L); may be a view of a buffer that is used again after the call.
+            rows: (n, L); may be a view of a buffer that is reused after the call.
         """
 
     def add_decoded(self, channel: Channel, piece: Piece, bad: int = 0) -> None:
-        """Take rows of a format that has no payloads, and the count of those that are no rows."""
+        """Add decoded rows of a format without payloads, and the number of unreadable ones."""
 
 
 class LogFile(Protocol):
@@ -130,9 +130,9 @@ class LogFile(Protocol):
     """
 
     FORMAT: ClassVar[str]
-    """What the format is called in a sentence."""
+    """Name of the format in messages."""
     IS_TEXT: ClassVar[bool]
-    """Whether such a file may lie beside a log without being part of it."""
+    """Whether such a file may lie beside a log without belonging to it."""
 
     path: Path
 
@@ -142,7 +142,7 @@ class LogFile(Protocol):
 
     @property
     def losses(self) -> list[Finding]:
-        """What was found damaged so far; who opened the file adds its name."""
+        """Damage found so far; the caller adds the file's name."""
 
     def __init__(self, path: Path) -> None: ...
 
@@ -151,7 +151,7 @@ class LogFile(Protocol):
         """Whether a file that begins with these bytes is of the format."""
 
     def read(self, wanted: Collection[int], sink: Sink, progress: Progress) -> None:
-        """Give the sink all messages of the wanted channels, in one pass."""
+        """Pass all messages of the wanted channels to the sink, in one pass."""
 
 
 def cut(data: Bytes, starts: Integers, size: int) -> Bytes:
@@ -176,7 +176,7 @@ class Located:
 
 
 def add_by_length(sink: Sink, channel: Channel, base: int, found: Located) -> None:
-    """Give payloads to the sink, grouped by their size; the file had ``base`` bytes before."""
+    """Pass payloads to the sink, grouped by size; ``base`` bytes of the file come before them."""
     data, starts, sizes, log_ns = found.data, found.starts, found.sizes, found.log_ns
     first = sizes[0] if len(sizes) else 0
     if (sizes == first).all():

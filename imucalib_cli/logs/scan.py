@@ -1,4 +1,4 @@
-"""What a file without a usable index holds: every record in turn, on from behind any damage."""
+"""Scan a file without a usable index, record by record, continuing after any damage."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ if TYPE_CHECKING:
     from imucalib_cli.logs.chunks import ChunkedFile
 
 _BARE_RUN = 1 << 22
-"""Bytes of messages outside of chunks that are read at a time."""
+"""Bytes of messages outside of chunks read at a time."""
 
 
 def scan(grammar: ChunkedFile, file: BinaryIO) -> Contents:
-    """Go through a file record by record; what cannot be a record is passed over."""
+    """Scans a file record by record; skips what cannot be a record."""
     return _Scan(grammar, file).run()
 
 
@@ -34,10 +34,10 @@ class _Scan:
         self._search_from = len(grammar.MAGIC)
 
     def run(self) -> Contents:
-        """Go through the file once.
+        """Scan the file once.
 
-        Messages outside of any chunk, as an uncompressed chunk whose head is damaged leaves
-        them, count like those inside.
+        Messages outside of any chunk are used too: an uncompressed chunk with a damaged head leaves
+        such.
         """
         following: int | None = len(self._grammar.MAGIC)
         while following is not None:
@@ -52,7 +52,7 @@ class _Scan:
         return self._contents
 
     def _beyond(self, at: int) -> int | None:
-        """Where the next record behind damage begins; None if there is none."""
+        """Position of the next record after damage; None if there is none."""
         found = self._grammar.find_record(self._file, self._search_from, self._grammar.size)
         if found is None:
             what, size = self._grammar.PART, self._grammar.size
@@ -64,18 +64,18 @@ class _Scan:
         return found
 
     def _record(self, at: int) -> int | None:
-        """Take the record at a position; where the next one begins, None at the end."""
+        """Read the record at a position; return the position of the next, None at the end."""
         record = self._grammar.record(self._file, at, self._contents)
         if record.kind == "end" and record.is_whole:
             self._end_run(at)
             return None
-        # a wrong length leads astray, unless it is a chunk's, which has two
+        # a wrong length leads to a wrong position; a chunk has two lengths, which must agree
         is_sound = record.chunk is not None and record.is_whole
         self._search_from = record.end if is_sound else at + 1
         if record.chunk is not None:
             if not record.is_whole and record.chunk.is_plain:
                 self._losses.append(warning("log.chunk_unchecked", byte=at))
-                return record.chunk.start  # its messages stand in the file as they are
+                return record.chunk.start  # its messages are stored uncompressed
             self._end_run(at)
             self._chunk(at)
         if not record.is_whole:
@@ -88,7 +88,7 @@ class _Scan:
         return record.end
 
     def _end_run(self, stop: int) -> None:
-        """Make a chunk of the messages that stood outside of any."""
+        """Make a chunk of the messages found outside of any."""
         if not self._run:
             return
         index = {number: np.array(rows, dtype=np.int64) for number, rows in self._run.items()}

@@ -1,4 +1,4 @@
-"""Which topics to read: by their types, or as the user names them."""
+"""Choose the topics to read: by type, or as the user names them."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ _CALLED: dict[Kind, tuple[str, str]] = {
     "joints": ("joint state", "--joint-topic"),
     "pose": ("pose", "--pose-topic"),
 }
-"""What a kind is called, and the option that chooses it."""
+"""Name of each kind, and the option that chooses it."""
 _ODOMETRY = "nav_msgs/Odometry"
 _MOST_LISTED = 20
 _LONGEST = 100
-"""Letters of a name; damage makes longer ones."""
+"""Most characters shown of a name; damage makes longer ones."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,7 +38,8 @@ class Selection:
     tf: tuple[str, ...]
     """/tf and /tf_static."""
     unasked: tuple[str, ...] = ()
-    """Those of ``poses`` that nobody named: odometry beside joint states, of a base perhaps."""
+    """Those of ``poses`` that the user did not name: odometry beside joint states, perhaps of the
+    base."""
 
     @property
     def all(self) -> tuple[str, ...]:
@@ -47,7 +48,7 @@ class Selection:
 
 
 def candidates(topics: Sequence[Topic], kind: Kind) -> tuple[Topic, ...]:
-    """Topics with messages that can be read as this kind."""
+    """Topics with messages of this kind."""
     return tuple(each for each in topics if each.count and each.kind == kind)
 
 
@@ -59,15 +60,15 @@ def select_topics(
 ) -> Selection:
     """Choose topics.
 
-    Without names: every IMU, every JointState topic and tf; odometry beside joint states, since
-    it may tell how the base moves; a pose topic of another type only where there are no joint
+    Without names: every IMU, every JointState topic and tf; odometry beside joint states, since it
+    may be the motion of the base; a pose topic of another type only where there are no joint
     states and it is the only one. A kind that is named is limited to
     what is named; static transforms always stay.
 
     Raises:
         ChoiceError: A named topic is not there or of another kind, or several pose topics could
             be meant.
-        InputError: There is no IMU, or nothing that tells a pose.
+        InputError: There is no IMU, or no source of poses.
     """
     imus = _of_kind(topics, "imu", imu_topics)
     joints = _of_kind(topics, "joints", joint_topics)
@@ -81,7 +82,7 @@ def select_topics(
         poses = unasked = [each for each in poses if each.type == _ODOMETRY]
     elif len(poses) > 1:
         raise ChoiceError(
-            f"several topics tell a pose, choose one with --pose-topic: {_listed([*poses, *tf])}"
+            f"several topics have poses, choose one with --pose-topic: {_listed([*poses, *tf])}"
         )
     if not imus:
         raise InputError(
@@ -89,7 +90,7 @@ def select_topics(
         )
     if not (joints or poses or tf):
         raise InputError(
-            "the log has nothing that tells how the robot moved (sensor_msgs/JointState, tf, "
+            "the log has no source of the robot's motion (sensor_msgs/JointState, tf, "
             f"odometry or poses); it has: {_listed(topics)}"
         )
     return Selection(
@@ -104,7 +105,7 @@ def select_topics(
 def check_joint_topics(
     joints: Mapping[str, Sequence[JointStream]], needed: Collection[str] | None = None
 ) -> None:
-    """See that each joint comes from one topic.
+    """Check that each joint comes from one topic.
 
     Args:
         joints: Streams by topic, as read.

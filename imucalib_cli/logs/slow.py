@@ -1,4 +1,4 @@
-"""Message by message through rosbags: for what the bulk route cannot follow, and its oracle."""
+"""Decode messages one by one through rosbags: those the bulk decoder cannot read, and in tests."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ _TF_MESSAGE = "geometry_msgs/TransformStamped[] transforms"
 def decode_one(channel: Channel, payload: bytes) -> list[Element]:
     """Decode one payload into elements of one row each.
 
-    The definition that is embedded in the log counts; where it is missing or cannot be parsed,
-    the standard one.
+    The definition embedded in the log is used; if it is missing or cannot be parsed, the standard
+    one.
 
     Raises:
         WireError: The payload does not fit its definition.
@@ -38,7 +38,7 @@ def decode_one(channel: Channel, payload: bytes) -> list[Element]:
     try:
         parts = _parts(read(payload, full_name), messages.MESSAGE_TYPES[channel.type].fields)
         return [_element(part, fields) for part, fields in parts]
-    # rosbags' generated code raises whatever the bytes provoke.
+    # rosbags' generated code may raise anything for damaged bytes.
     except Exception as error:
         raise WireError(str(error)) from error
 
@@ -50,7 +50,7 @@ def _typestore(encoding: str, full_name: str, definition: str) -> Typestore:
     ros1 = encoding == "ros1"
     if definition:
         embedded = get_typestore(Stores.EMPTY)
-        # Whatever a broken definition provokes, the standard one is left.
+        # A broken definition may raise anything; the standard one remains.
         with contextlib.suppress(Exception):
             embedded.register(get_types_from_msg(definition, full_name))
             if full_name in embedded.fielddefs:

@@ -1,6 +1,6 @@
 """Typed streams: what a log is decoded into.
 
-Stamps are int64 nanoseconds at this border; float64 seconds begin after a clock is chosen
+Stamps are int64 nanoseconds here; they become float64 seconds when a clock is chosen
 (:mod:`imucalib_cli.logs.clock`). Rows are in the order of the log.
 """
 
@@ -15,7 +15,7 @@ Nanoseconds = Integers
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Stream:
-    """What all streams share: where it came from and when each row was stamped."""
+    """Fields of all streams: the topic, and the stamps of each row."""
 
     topic: str
     header_ns: Nanoseconds

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 TABLES = "mav0/*/data.csv"
-"""Where an EuRoC folder has them."""
+"""Place of the tables in an EuRoC folder."""
 
 
 class TumFile(CsvFile):
@@ -44,5 +44,5 @@ class EurocTable(CsvFile):
 
     @classmethod
     def matches(cls, head: bytes, path: Path) -> bool:
-        """Whether it lies in such a folder, and is none of images."""
+        """Whether it lies in such a folder and is not a list of images."""
         return path.match(TABLES) and (b"w_RS_S_x" in head or b"q_RS_w" in head)

@@ -1,4 +1,4 @@
-"""Temporary copies: of files that rosbag2 compressed as a whole, and of databases cut short."""
+"""Temporary copies of files that rosbag2 compressed as a whole, and of truncated databases."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from imucalib_cli.findings import Finding, warning
 
 _STEP = 1 << 20
 _MOST_RATIO, _ALWAYS = 1000, 1 << 28
-"""A file that unpacks to more than so many times its size, and bytes, is no log but a bomb."""
+"""A file that unpacks to more than this ratio and this size is a decompression bomb."""
 _TABLE_RATIO, _TABLE_ALWAYS = 100, 1 << 26
-"""The same of a table, all of whose numbers are held at once."""
+"""The same for a table, all of whose numbers are in memory at once."""
 
 
 def unpack(path: Path) -> tuple[Path, Finding | None]:
@@ -43,7 +43,7 @@ def unpack(path: Path) -> tuple[Path, Finding | None]:
         except zstandard.ZstdError as error:
             loss = warning("log.compression_damaged", reason=str(error))
         except OSError as error:
-            target.unlink()  # it may fill the disk
+            target.unlink()  # the file may fill the disk
             raise InputError(
                 f"{path} cannot be unpacked into {tempfile.gettempdir()}: {error}; free some space "
                 "there or set TMPDIR"
@@ -54,7 +54,7 @@ def unpack(path: Path) -> tuple[Path, Finding | None]:
 
 
 def cut_table(target: Path, packed: int) -> Finding | None:
-    """Cut off what no table of so many packed bytes holds; what was lost, if anything."""
+    """Truncate a table that unpacked to more than any real one; return the loss, if any."""
     most = max(_TABLE_ALWAYS, _TABLE_RATIO * packed)
     if target.stat().st_size <= most:
         return None
@@ -63,7 +63,7 @@ def cut_table(target: Path, packed: int) -> Finding | None:
 
 
 def copy(path: Path, *, companions: bool) -> Path:
-    """Copy an SQLite file, if need be with what lies beside it, to where it may be changed.
+    """Copy an SQLite file, with its companions if needed, to a folder where it may be changed.
 
     Raises:
         InputError: The disk is full.

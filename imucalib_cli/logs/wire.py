@@ -1,10 +1,10 @@
-"""Bulk decoding: payloads of one length to arrays, without a loop over messages.
+"""Bulk decoder: payloads of one length to arrays, without a loop over messages.
 
-One message is walked field by field to find where its numbers lie and which of its bytes decide
-that (encapsulation, string lengths and contents, sequence counts). Every other message whose
-deciding bytes are equal has its numbers in the same places, so they are all cut out at once; the
-rest is walked again from its own first message. Handles frame ids that change, joint orders
-that change, fields that are sometimes empty and little- beside big-endian messages.
+One message is walked field by field to find the positions of its numbers and the bytes that
+determine them (encapsulation, string lengths and contents, sequence counts). All messages whose
+determining bytes are equal have their numbers at the same positions and are decoded at once. For
+the others the walk is repeated with the first of them. This handles changing frame ids, changing
+joint orders, fields that are sometimes empty, and mixed endianness.
 
 CDR (OMG DDS-XTypes 1.3, 7.4.1) starts with a 4-byte encapsulation and aligns to a value's size,
 counted from after it; ROS 1 neither aligns nor ends strings with NUL.
@@ -30,22 +30,22 @@ Rows = Bytes
 """(N, L): N payloads of one length."""
 
 _MAX_SHAPES = 64
-"""Distinct structures in one block after which the rest goes message by message."""
+"""After this many structures in one block the remaining messages are decoded one by one."""
 _NS_PER_S = 1_000_000_000
 _TRAILING_PAD = 3
 """Bytes a CDR writer may leave after the last field (rosbags allows as many)."""
 
 
 class WireError(Exception):
-    """A payload is not what its type says."""
+    """A payload does not fit its type."""
 
 
 @dataclass(frozen=True, eq=False)
 class Element:
-    """Rows of a stream that share all their texts."""
+    """Rows of a stream that have all texts in common."""
 
     rows: Indices
-    """(n,), which messages of the block they come from."""
+    """(n,), the message of the block that each comes from."""
     stamp_ns: Nanoseconds
     texts: Labels
     numbers: dict[str, Floats]
@@ -53,12 +53,12 @@ class Element:
 
 
 _NOTHING = Element(np.empty(0, dtype=np.intp), np.empty(0, dtype=np.int64), {}, {})
-"""What a sequence without elements decodes to."""
+"""Result of a sequence without elements."""
 
 
 @dataclass
 class _Place:
-    """Where one element's values lie in the payload."""
+    """Positions of one element's values in the payload."""
 
     stamp: int = -1
     texts: Labels = field(default_factory=dict)
@@ -66,10 +66,10 @@ class _Place:
 
 
 class _Shape:
-    """Where the values of a payload lie, and which of its bytes decide that.
+    """Positions of the values in a payload, and the bytes that determine them.
 
     Raises:
-        WireError: The payload is not what its type says.
+        WireError: The payload does not fit its type.
     """
 
     def __init__(self, payload: bytes, fields: tuple[messages.Field, ...], *, ros1: bool) -> None:
@@ -104,7 +104,7 @@ class _Shape:
                 case messages.Text(path):
                     place.texts[path] = self._text()
                 case messages.Texts(path):
-                    # A string takes at least its length field: bounds what a count may claim.
+                    # A string takes at least its length field, which bounds the count.
                     place.texts[path] = tuple(self._text() for _ in range(self._count(4)))
                 case messages.Numbers(_, count, name):
                     self._numbers(place, name, count)
@@ -170,12 +170,12 @@ def decode(
     Args:
         rows: (N, L), one payload a row.
         channel: Whose they are.
-        slow: Decodes one payload, for those the walk cannot follow; raises WireError where it
-            cannot either. Its elements hold one row each, numbered 0.
+        slow: Decodes one payload that the walk cannot read; raises WireError if it cannot either.
+        Its elements hold one row each, numbered 0.
 
     Yields:
-        Elements; a message that nothing can decode is in the ``rows`` of none of them, one with
-        an empty sequence is in those of an element without texts.
+        Elements. A message that cannot be decoded is in the ``rows`` of none of them; one with an
+        empty sequence is in those of an element without texts.
     """
     fields = messages.MESSAGE_TYPES[channel.type].fields
     left = np.arange(len(rows))

@@ -264,7 +264,8 @@ def _contradictions(result: Result) -> Iterator[tuple[str, str]]:
     yield from _pose_contradictions(result)
     covariance = result.uncertain_pose.covariance
     if covariance is not None and not is_covariance(covariance):
-        yield "covariance", "is none: it is not symmetric, or gives a variance below zero"
+        pose = f"{result.transform.child} in {result.transform.parent}"
+        yield "covariance", f"of {pose} is not symmetric, or gives a variance below zero"
     diagnostics = result.diagnostics
     status = "untrusted" if diagnostics.unobservable or diagnostics.distrust else "ok"
     if result.status != status:

@@ -36,13 +36,10 @@ Matrix6 = Annotated[
     list[Annotated[list[float | None], Meta(min_length=6, max_length=6)]],
     Meta(min_length=6, max_length=6),
 ]
-Value = (
-    Scalar
-    | Annotated[
-        list[Scalar | Annotated[list[Scalar], Meta(max_length=10)]], Meta(max_length=10_000)
-    ]
-)
-"""Of a finding: numbers and words, never a tree."""
+_Few = Meta(max_length=100)
+_Row = Scalar | Annotated[list[Scalar | Annotated[list[Scalar], _Few]], _Few]
+Value = Scalar | Annotated[list[_Row], Meta(max_length=10_000)]
+"""Of a finding: numbers and words, lists of them up to three deep."""
 
 SCHEMA: Literal[1] = 1
 """Version of the document; adding a key keeps it, changing one raises it."""

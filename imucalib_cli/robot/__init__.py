@@ -1,1 +1,1 @@
-"""URDF and pose streams to a kinematic path, vectorised over samples; knows nothing of filters."""
+"""From a URDF and pose streams to a kinematic path, vectorised over samples. Knows no filters."""

@@ -1,4 +1,4 @@
-"""Paths through a URDF driven by joint states, on a base that stands or moves."""
+"""Build paths through a URDF driven by joint states, on a fixed or moving base."""
 
 from __future__ import annotations
 
@@ -30,19 +30,19 @@ def joint_path(
 ) -> KinematicPath:
     """Build the path from ``world`` to ``parent`` through the URDF.
 
-    Each joint on the way takes the column of its name, a mimic joint that of the joint it
-    follows. Where several tracks have a joint, the one with most of the needed joints drives
-    it, then the one with most samples. Only tracks that are needed are kept.
+    Each joint on the path uses the column of its name, a mimic joint that of the joint it follows.
+    If several tracks have a joint, the one with most of the needed joints is used, then the one
+    with most samples. Tracks that are not needed are dropped.
 
     Args:
         robot: The tree.
         parent: Link that carries the IMU.
         tracks: Joint positions with their names, one track for each publisher.
-        world: Link the path starts in; default: the URDF's root.
+        world: Link in which the path starts; default: the URDF's root.
 
     Raises:
         InputError: A link is not in the URDF, joints are missing in the log or not finite, or
-            a joint on the way is floating or planar.
+            a joint on the path is floating or planar.
     """
     world = robot.root if world is None else world
     route = robot.route(world, parent)
@@ -63,7 +63,7 @@ def joint_path(
         if joint.kind != "fixed":
             followed, multiplier, offset = drives[joint.name]
             track, column = columns[followed]
-            sign = -1.0 if upwards else 1.0  # the way back undoes the motion
+            sign = -1.0 if upwards else 1.0  # downwards in the tree the motion is inverted
             motion = [
                 JointStep(
                     name=joint.name,
@@ -86,16 +86,16 @@ def joint_path(
 
 
 def find_base(edges: Sequence[Edge], robot: Robot) -> Edge | None:
-    """Find the edge that joins the robot to a frame it moves in.
+    """Find the edge that connects the robot's base with a frame in which it moves.
 
-    Its child is a link of the URDF, its parent is not, and it or an edge above it is dynamic. A
-    robot_state_publisher only repeats the URDF's own links in /tf; those edges are no base.
+    Its child is a link of the URDF, its parent is not, and it or an edge above it is dynamic. Edges
+    between two links of the URDF come from a robot_state_publisher and are ignored.
 
     Returns:
-        The edge, or None if the robot stands still as far as the log tells.
+        The edge, or None if nothing in the log moves the robot's base.
 
     Raises:
-        ChoiceError: Several edges qualify; lists them.
+        ChoiceError: Several edges qualify; the error lists them.
     """
     links = set(robot.links)
     outside = _outside(edges, links)
@@ -130,8 +130,8 @@ def moving_base_path(
         robot: The tree that ``base`` and ``parent`` belong to.
         parent: Link that carries the IMU.
         tracks: Joint positions, as for :func:`joint_path`.
-        base: Link of the URDF whose pose the edges tell, for instance ``find_base(...).child``.
-        world: Frame the path starts in; default: the root of the base's tree.
+        base: Link of the URDF whose pose the edges contain, for instance ``find_base(...).child``.
+        world: Frame in which the path starts; default: the root of the base's tree.
 
     Raises:
         ChoiceError, InputError: As :func:`joint_path` and
@@ -153,12 +153,12 @@ def moving_base_path(
 
 
 def _outside(edges: Sequence[Edge], links: set[str]) -> list[Edge]:
-    """Edges that say more than the URDF's own joints do."""
+    """Edges that are not already joints of the URDF."""
     return [edge for edge in edges if not (edge.parent in links and edge.child in links)]
 
 
 def is_still(path: KinematicPath) -> bool:
-    """Whether nothing on the path ever moves, so that no log can tell the IMU's pose."""
+    """Whether nothing on the path ever moves, so that no log can determine the IMU's pose."""
     driven = [step for step in path.steps if not isinstance(step, FixedStep)]
     return not any(_moves(step, path.tracks[step.track]) for step in driven)
 
@@ -169,9 +169,9 @@ def _moves(step: JointStep | PoseStep, track: Track) -> bool:
 
 
 def _drive(robot: Robot, joint: Joint, logged: set[str]) -> tuple[str, float, float]:
-    """The joint whose value drives this one, and the multiplier and offset on the way.
+    """The joint whose value drives this one, with multiplier and offset.
 
-    A mimic joint whose model is not logged but which is logged itself drives itself.
+    A mimic joint that is logged while the joint it follows is not drives itself.
     """
     multiplier, offset = 1.0, 0.0
     while joint.mimic is not None and not (
@@ -236,7 +236,7 @@ def _raise_missing(robot: Robot, missing: list[str], tracks: Sequence[Track]) ->
 
 
 def _affix(missing: list[str], known: tuple[str, ...]) -> str | None:
-    """What the log's names have too much or too little at one end; None if it is not that."""
+    """The prefix or suffix by which the log's joint names differ from the URDF's, if it is one."""
     first = missing[0]
     remedy = "(xacro: its prefix argument), or choose another --joint-topic"
     for name in known:
@@ -263,7 +263,7 @@ def _affix(missing: list[str], known: tuple[str, ...]) -> str | None:
 
 
 def _named(name: str, end: str, what: str, *, longer: bool) -> str:
-    """A URDF's name as the log would have it, with or without an end."""
+    """A URDF's joint name with the log's prefix or suffix added or removed."""
     if longer:
         return end + name if what == "prefix" else name + end
     return name.removeprefix(end) if what == "prefix" else name.removesuffix(end)

@@ -1,4 +1,4 @@
-"""A way through a tree of frames (/tf, odometry, motion capture) as steps of a path."""
+"""Find a path through a tree of frames (/tf, odometry, motion capture)."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Edge:
-    """Pose of ``child`` in ``parent`` (T_parent_child) over time, or once and for all."""
+    """Pose of ``child`` in ``parent`` (T_parent_child), over time or constant."""
 
     parent: str
     child: str
@@ -37,7 +37,7 @@ class Edge:
 
 
 Tree = dict[str, list[Edge]]
-"""For each frame the edges that tell its pose in another; more than one is a conflict."""
+"""For each frame the edges with its pose in another; more than one is a conflict."""
 
 
 def frame_path(
@@ -51,12 +51,12 @@ def frame_path(
     Args:
         edges: Of a tree, static and dynamic.
         parent: Frame that carries the IMU.
-        world: Frame the path starts in; default: the root of the parent's tree.
-        robot: Its fixed joints are edges too where the log has none to their child.
+        world: Frame in which the path starts; default: the root of the parent's tree.
+        robot: Its fixed joints are used as edges where the log has none to their child.
 
     Raises:
-        ChoiceError: A frame is not in the tree, the two are not connected, or a frame on the
-            way has two sources of its pose; lists frames or topics.
+        ChoiceError: A frame is not in the tree, the two are not connected, or a frame on the path
+        has two sources of its pose; the error lists frames or topics.
         InputError: The edges form a loop, or a pose is not a number.
     """
     above = _tree(edges, robot)
@@ -108,7 +108,7 @@ def _tree(edges: Sequence[Edge], robot: Robot | None) -> Tree:
 
 
 def _is_repeated(edge: Edge, known: Edge) -> bool:
-    """Static transforms are often sent again, by every node that starts."""
+    """Keep one of equal static transforms: they are published again whenever a process starts."""
     if not (edge.is_static and known.is_static and edge.parent == known.parent):
         return False
     a, b = edge.track.values[-1:], known.track.values[-1:]
@@ -122,14 +122,14 @@ def _fixed_edge(joint: Joint) -> Edge:
 
 
 def _ancestors(frame: str, above: Tree) -> list[str]:
-    """The frame and all above it, to the root."""
+    """The frame and its ancestors, up to the root."""
     path = [frame]
     while path[-1] in above:
         candidates = above[path[-1]]
         if len(candidates) > 1:
             listed = ", ".join(f"in '{edge.parent}' by {edge.track.name}" for edge in candidates)
             raise ChoiceError(
-                f"the pose of frame '{path[-1]}' is told {len(candidates)} times: {listed}; "
+                f"the pose of frame '{path[-1]}' is given {len(candidates)} times: {listed}; "
                 "choose one with --pose-topic"
             )
         following = candidates[0].parent

@@ -1,4 +1,4 @@
-"""Which link carries the IMU, and where the URDF has it."""
+"""Find the link that carries the IMU, and the IMU's nominal pose."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Nominal:
-    """What the URDF or the log's own frames say about the pose of an IMU."""
+    """Pose of an IMU in the URDF or in the log's frames."""
 
     joint: str
-    """Name of the URDF's fixed joint; empty where no single joint says so."""
+    """Name of the URDF's fixed joint; empty if it is not a single joint."""
     R_parent_imu: Floats
     """(3, 3)."""
     t_parent_imu: Floats
@@ -28,12 +28,12 @@ class Nominal:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Mount:
-    """The parent link, the IMU's frame, and the URDF's nominal pose of the one in the other."""
+    """The parent link, the IMU's frame, and the nominal pose of the frame in the link."""
 
     parent: str
     child: str
     nominal: Nominal | None
-    """None where the URDF does not tell."""
+    """None if it is not known."""
 
 
 def find_mount(
@@ -41,14 +41,14 @@ def find_mount(
 ) -> Mount:
     """Find the link that carries the IMU and the URDF's nominal pose of the IMU in it.
 
-    The IMU's frame is ``imu_link`` or else the message's ``frame_id``. Its parent is the parent
-    of the fixed joint that holds it; a frame that moves itself (or is the root) is its own
-    parent, with the identity as nominal. An explicit ``parent`` wins, and the nominal is
-    expressed in it if fixed joints alone lie between the two.
+    The IMU's frame is ``imu_link`` if given, else the message's ``frame_id``. Its parent is the
+    parent of the fixed joint above it. A frame below a moving joint (or the root) is its own
+    parent, with the identity as nominal pose. An explicit ``parent`` has priority; the nominal pose
+    is expressed in it if only fixed joints lie between the two.
 
     Raises:
-        ChoiceError: The frame is not in the URDF and no parent was named, or a named link is
-            not in the URDF; lists links.
+        ChoiceError: The frame is not in the URDF and no parent is named, or a named link is not in
+        the URDF; the error lists links.
     """
     for option, link in (("--parent", parent), ("--imu-link", imu_link)):
         if link is not None and link not in robot.links:
@@ -82,10 +82,10 @@ def find_mount(
 
 
 def require_nominal(robot: Robot, frame_id: str, parent: str | None, imu_link: str | None) -> None:
-    """See before any computing that a URDF tells the pose of an IMU in the frame it is found in.
+    """Check before any computation that a URDF contains the pose of an IMU in the parent's frame.
 
     Raises:
-        ChoiceError: It has no such frame, or moves it relative to the parent that was asked for.
+        ChoiceError: It has no such frame, or the frame moves relative to the requested parent.
     """
     frame = imu_link or frame_id.lstrip("/")
     if frame not in robot.links:
@@ -104,7 +104,7 @@ def require_nominal(robot: Robot, frame_id: str, parent: str | None, imu_link: s
 
 
 def nominal_pose(robot: Robot, parent: str, child: str) -> Nominal:
-    """The pose of one link in another by the fixed joints of a URDF.
+    """The nominal pose of one link in another, over fixed joints of a URDF.
 
     Raises:
         ChoiceError: A link is not there, or a joint between them moves.
@@ -121,7 +121,7 @@ def _nominal(robot: Robot, parent: str, child: str, R: Floats, t: Floats) -> Nom
 
 
 def fixed_transform(robot: Robot, a: str, b: str) -> tuple[Floats, Floats]:
-    """R_a_b (3, 3) and p_a_b (3,), m, of a URDF where fixed joints alone lie between two links.
+    """R_a_b (3, 3) and p_a_b (3,), m, of two links of a URDF with only fixed joints between them.
 
     Raises:
         ChoiceError: A link is not there, or a joint between them moves.

@@ -20,15 +20,15 @@ if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats
 
 _BLOCK = 4096
-"""Instants multiplied through at a time: their matrices stay in the processor's cache."""
+"""Instants computed at a time: their matrices stay in the processor's cache."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Track:
-    """Samples of one publisher on the chosen clock: what moves a path."""
+    """Samples of one publisher on the chosen clock, which move a path."""
 
     name: str
-    """For messages: the topic, and joints or frames."""
+    """Name in messages: the topic, and joints or frames."""
     kind: Literal["joints", "pose"]
     t: Floats
     """(N,), s since the log's start, as stamped: may jitter, repeat or have gaps."""
@@ -60,7 +60,7 @@ class JointStep:
     """Index into the path's tracks."""
     column: int
     multiplier: float = 1.0
-    """With offset: position = multiplier * value + offset, as <mimic> has it."""
+    """With offset: position = multiplier * value + offset, as in <mimic>."""
     offset: float = 0.0
 
 
@@ -116,13 +116,13 @@ class KinematicPath:
         return R_world_parent, p_world_parent
 
     def frames(self, values: tuple[Floats, ...]) -> tuple[tuple[Floats, Floats], ...]:
-        """Pose in the world of the frame in which each step begins, and last of the parent link.
+        """Poses in the world: of the frame in which each step begins, and last of the parent link.
 
         Args:
             values: As for :meth:`poses`.
 
         Returns:
-            One pair (R (M, 3, 3), p (M, 3), m) more than there are steps.
+            Pairs (R (M, 3, 3), p (M, 3), m), one more than there are steps.
         """
         count = len(values[0]) if values else 1
         found: list[tuple[Floats, Floats]] = []
@@ -132,12 +132,12 @@ class KinematicPath:
 
 
 def fixed_inverse(step: FixedStep) -> FixedStep:
-    """Give the step that undoes a fixed one."""
+    """Give the inverse of a fixed step."""
     return FixedStep(R=step.R.T.copy(), p=-step.R.T @ step.p)
 
 
 def merge_fixed(steps: Sequence[Step]) -> tuple[Step, ...]:
-    """Multiply neighbouring fixed steps into one, so that they cost nothing per sample."""
+    """Multiply neighbouring fixed steps into one, to save work per sample."""
     merged: list[Step] = []
     for step in steps:
         last = merged[-1] if merged else None
@@ -154,9 +154,9 @@ def _multiply(
     count: int,
     before: list[tuple[Floats, Floats]] | None = None,
 ) -> tuple[Floats, Floats]:
-    """Product of the steps; samples are the last axis, (3, 3, M) and (3, M), so rows are long.
+    """Product of the steps, samples last: (3, 3, M) and (3, M).
 
-    The products before each step are appended to ``before``.
+    In this order numpy's inner loops are long. The products before each step go to ``before``.
     """
     R = np.repeat(np.eye(3)[:, :, None], count, axis=2)
     p = np.zeros((3, count))
@@ -178,7 +178,7 @@ def _multiply(
 
 
 def _turn(R: Floats, axis: Floats, angle: Floats) -> Floats:
-    """R times the rotation about ``axis``: two columns of R mix, the one along the axis stays."""
+    """R times the rotation about ``axis``: two columns of R mix, the third stays."""
     along = int(np.argmax(np.abs(axis)))
     aligned = np.count_nonzero(axis) == 1
     basis = np.eye(3) if aligned else _basis_with_z(axis)
@@ -196,7 +196,7 @@ def _turn(R: Floats, axis: Floats, angle: Floats) -> Floats:
 
 
 def _basis_with_z(axis: Floats) -> Floats:
-    """Rotation whose third column is the axis: turning about it is turning about z."""
+    """Rotation whose third column is the axis, so that a rotation about the axis is one about z."""
     helper = np.eye(3)[int(np.argmin(np.abs(axis)))]
     x = np.cross(helper, axis)
     x /= np.sqrt(x @ x)

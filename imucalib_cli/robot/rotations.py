@@ -1,8 +1,8 @@
 """Rotations as matrices, quaternions (xyzw), roll-pitch-yaw and rotation vectors, in numpy only.
 
 Every function takes stacks: the leading axes are the caller's. ``R`` is active, ``R_a_b`` maps
-b-coordinates to a. scipy.spatial.transform knows the same, but importing it costs more than a
-whole calibration.
+b-coordinates to a. scipy.spatial.transform has the same functions, but importing it takes longer
+than a whole calibration.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats
 
 _GIMBAL_LOCK = 1e-14
-"""cos(pitch) below which roll and yaw are one angle in double precision."""
+"""cos(pitch) below which roll and yaw cannot be separated in double precision."""
 
 
 def skew(v: ArrayLike) -> Floats:
@@ -125,7 +125,7 @@ def rotvec_from_matrix(R: ArrayLike) -> Floats:
 
 
 def left_jacobian_inverse(rotvec: ArrayLike) -> Floats:
-    """Change of a rotation vector by a small rotation put before it: log(exp(d) exp(v)) = v + J d.
+    """Jacobian of a rotation vector for a small rotation on the left: log(exp(d) exp(v)) = v + J d.
 
     Args:
         rotvec: (..., 3), rad, of an angle below 2 pi.
@@ -247,7 +247,7 @@ def matrix_from_rpy(rpy: ArrayLike) -> Floats:
 def rpy_from_matrix(R: ArrayLike) -> Floats:
     """URDF's roll, pitch, yaw of a rotation matrix; pitch in [-pi/2, pi/2].
 
-    Roll is taken from what remains after yaw, so the three give R back to rounding even next to
+    Roll is computed after yaw is removed, so that the three reproduce R to rounding even close to
     gimbal lock; at gimbal lock yaw is zero.
 
     Args:

@@ -1,8 +1,8 @@
-"""A URDF as a tree of links and joints: what kinematics need of it, and nothing else.
+"""A URDF as a tree of links and joints, without anything that kinematics do not need.
 
 Our own check (:mod:`imucalib_cli.robot.urdf_check`) reads the file first and keeps only its
-kinematic elements; yourdfpy parses those. Visuals, meshes, inertias and extensions never reach
-it, so what is wrong with them cannot matter.
+kinematic elements; yourdfpy parses those. Errors in visuals, meshes, inertias and extensions
+therefore do not matter.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class Joint:
     p_origin: Floats
     """(3,), p_parent_joint, m."""
     axis: Floats
-    """(3,), unit vector in the joint frame; of no meaning for a fixed joint."""
+    """(3,), unit vector in the joint frame; without meaning for a fixed joint."""
     mimic: Mimic | None = None
 
 
@@ -82,11 +82,11 @@ class Robot:
 
     @cached_property
     def joint_above(self) -> dict[str, Joint]:
-        """The joint that carries each link; the root has none."""
+        """The joint above each link; the root has none."""
         return {joint.child: joint for joint in self.joints}
 
     def route(self, start: str, end: str) -> tuple[tuple[Joint, bool], ...]:
-        """Joints of any kind between two links, each with whether it is passed upwards.
+        """Joints of any kind between two links, and for each whether the path goes up through it.
 
         Raises:
             InputError: A link is not in the URDF.
@@ -101,7 +101,7 @@ class Robot:
         )
 
     def _ancestors(self, link: str) -> list[str]:
-        """The link and all above it, to the root."""
+        """The link and its ancestors, up to the root."""
         self.require_link(link)
         path = [link]
         while path[-1] in self.joint_above:
@@ -109,14 +109,14 @@ class Robot:
         return path
 
     def require_link(self, link: str) -> None:
-        """Raise InputError with near matches if the URDF has no such link."""
+        """Raise InputError with similar names if the URDF has no such link."""
         if link not in self.links:
             raise InputError(
                 f"{self.source}: no link '{link}' in the URDF{near_matches(link, self.links)}"
             )
 
     def require_one_axis(self, joint: Joint) -> None:
-        """Raise InputError if a joint's position is not one number (floating, planar)."""
+        """Raise InputError for a joint without a single position (floating, planar)."""
         if joint.kind in ("floating", "planar"):
             raise InputError(
                 f"{self.source}: joint '{joint.name}' is {joint.kind}, its position is not one "
@@ -125,7 +125,7 @@ class Robot:
 
 
 def near_matches(name: str, known: tuple[str, ...] | list[str], *, limit: int = 12) -> str:
-    """Tail of an error line: names like this one, else the first of those there are."""
+    """End of an error message: similar names, else the first of all names."""
     near = difflib.get_close_matches(name, known, n=3, cutoff=0.6)
     if near:
         return "; did you mean " + " or ".join(f"'{match}'" for match in near) + "?"
@@ -136,7 +136,7 @@ def near_matches(name: str, known: tuple[str, ...] | list[str], *, limit: int = 
 
 
 def frame_name(name: str) -> str:
-    """A frame or link as it is called here: without the leading slash that ROS 1 allowed."""
+    """Name of a frame or link without the leading slash that ROS 1 allowed."""
     return name.removeprefix("/")
 
 
@@ -144,20 +144,20 @@ def load_robot(path: Path) -> Robot:
     """Read a URDF's kinematic tree.
 
     Raises:
-        InputError: The file cannot be read or is no valid URDF; says which elements.
+        InputError: The file cannot be read or is no valid URDF; the error names the elements.
     """
     return parse_robot(read_urdf(path), path)
 
 
 def read_urdf(path: Path) -> bytes:
-    """A URDF's bytes, read once, so that it may come through a pipe.
+    """Read a URDF's bytes once, so that it may come through a pipe.
 
     Raises:
         InputError: The file cannot be read.
     """
     try:
         with path.open("rb") as file:
-            return file.read(SIZE_LIMIT + 1)  # no more of an endless device
+            return file.read(SIZE_LIMIT + 1)  # a device may be endless
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}): check --urdf") from None
 
@@ -165,10 +165,10 @@ def read_urdf(path: Path) -> bytes:
 def parse_robot(data: bytes, path: Path) -> Robot:
     """The kinematic tree of a URDF's bytes.
 
-    Meshes are not looked for. Axes are normalised; a missing axis is x, as URDF has it.
+    Meshes are not opened. Axes are normalised; a missing axis is x, the default of URDF.
 
     Raises:
-        InputError: It is no valid URDF; says which elements.
+        InputError: It is no valid URDF; the error names the elements.
     """
     kinematics = check_urdf(data, path)
     with _quiet():
@@ -193,7 +193,7 @@ def parse_robot(data: bytes, path: Path) -> Robot:
 
 
 class _NoMeshes(ModuleType):
-    """What yourdfpy finds for the names of trimesh's types in its annotations."""
+    """Placeholder for trimesh's types in yourdfpy's annotations."""
 
     def __getattr__(self, name: str) -> type:
         return object
@@ -201,9 +201,9 @@ class _NoMeshes(ModuleType):
 
 @cache
 def _yourdfpy() -> Any:
-    # A copy of our own of yourdfpy that imports nothing of trimesh but its transformations: meshes
-    # and scenes are not used, and importing them costs half a second and 70 MB. The process
-    # is left as it was, so that who imports yourdfpy beside us has all of it.
+    # Import a private copy of yourdfpy with a stand-in for trimesh that has only its
+    # transformations: meshes and scenes are not used, and importing them takes 0.5 s and 70 MB.
+    # sys.modules is restored, so that other users of yourdfpy in this process get all of it.
     ours = ("yourdfpy", "trimesh")
 
     def taken_out() -> dict[str, ModuleType]:
@@ -226,7 +226,7 @@ def _yourdfpy() -> Any:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Keep yourdfpy and trimesh from writing to stderr: our own check has said it better."""
+    """Keep yourdfpy and trimesh from writing to stderr: our own check reports errors."""
     loggers = [logging.getLogger(name) for name in ("yourdfpy", "trimesh")]
     before = [logger.level for logger in loggers]
     for logger in loggers:

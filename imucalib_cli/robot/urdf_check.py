@@ -16,12 +16,12 @@ if TYPE_CHECKING:
     from imucalib_cli.robot.urdf_xml import Element
 
 FARTHEST = 1e4
-"""m from link to link; millimetres and damage lie beyond, and digits of the pose would be lost."""
+"""m between links: larger values are millimetres or damage, and would cost digits of the pose."""
 KINDS = ("fixed", "revolute", "continuous", "prismatic", "floating", "planar")
 _MOVING = ("revolute", "continuous", "prismatic")
 _SHOWN = 3
 _LONGEST = 80
-"""Letters of a word in a message."""
+"""Most characters shown of a word in a message."""
 _KEPT = {
     "parent": ("link",),
     "child": ("link",),
@@ -32,10 +32,10 @@ _KEPT = {
 
 
 def check_urdf(data: bytes, path: Path) -> bytes:
-    """Refuse what is no sound URDF; return its links and joints as XML, without the rest.
+    """Refuse an invalid URDF; return only its links and joints, as XML.
 
-    Lenient where the meaning is clear: limits may be missing, a missing axis is x, and what is
-    not kinematics (visuals, inertias, transmissions, extensions) is not looked at.
+    It is lenient where the meaning is clear: limits may be missing, a missing axis is x, and other
+    elements (visuals, inertias, transmissions, extensions) are ignored.
 
     Raises:
         InputError: One line with the file and the first faults, each with its element.
@@ -59,7 +59,7 @@ class _Faults:
         self.found: list[str] = []
 
     def add(self, element: Element | None, text: str) -> None:
-        # &#10; in an attribute would break the line, and a word may be megabytes long
+        # &#10; in an attribute would break the message's line, and a word may be megabytes long
         text = " ".join(
             word if len(word) <= _LONGEST else word[:_LONGEST] + "…" for word in text.split()
         )
@@ -184,7 +184,7 @@ def _check_tree(links: dict[str, Element], joints: dict[str, Element], faults: _
 
 
 def _on_loop(following: dict[str, str]) -> list[str]:
-    """The first found of each loop, where each follows at most one; each is visited once."""
+    """One member of each loop, where each item follows at most one; each is visited once."""
     state: Counter[str] = Counter()
     loops = []
     for visit, start in enumerate(following, start=1):

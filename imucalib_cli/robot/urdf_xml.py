@@ -1,7 +1,7 @@
-"""A URDF's XML as elements, with nothing expanded and nothing beyond a joint's own kept.
+"""A URDF's XML as elements, without expansion of entities; only a joint's content is kept.
 
-Expat's own events are used, so that a DOCTYPE (entity bombs, external entities) is refused at
-the moment it begins, before anything in it is expanded.
+Expat's events are used directly, so that a DOCTYPE (entity bombs, external entities) is refused at
+its start, before anything in it is expanded.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ SIZE_LIMIT = 16 << 20
 """Bytes; the largest published robot descriptions have a few hundred kilobytes."""
 DEPTH_LIMIT = 200
 ELEMENT_LIMIT = 200_000
-"""Ten times a humanoid's with all its meshes; more would cost seconds and memory for nothing."""
+"""Ten times the elements of a humanoid with all meshes; more would take seconds and memory."""
 
 
 @dataclass
@@ -48,7 +48,7 @@ def parse_xml(data: bytes, path: Path) -> Element:
     """Read a URDF's elements.
 
     Raises:
-        InputError: It is not XML, is xacro, has a DOCTYPE, is too much, or is of another kind.
+        InputError: It is not XML, is xacro, has a DOCTYPE, is too large, or is not a URDF.
     """
     if len(data) > SIZE_LIMIT:
         raise InputError(f"{path}: more than {SIZE_LIMIT >> 20} MB are no URDF: check --urdf")
@@ -76,7 +76,7 @@ def parse_xml(data: bytes, path: Path) -> Element:
 
 
 class _Reader:
-    """Elements down to those inside a <joint>; below, nothing is kinematics."""
+    """Elements down to those inside a <joint>; deeper ones are not kinematic."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -124,7 +124,7 @@ class _Reader:
 
 
 def _xacro_in(element: Element) -> str:
-    """The attribute that is still to be expanded, in its element; empty if there is none."""
+    """The first attribute with a xacro expression, shown in its element; empty if there is none."""
     for name, value in element.attributes.items():
         counts = element.tag in ("robot", "link", "joint") or name in ("xyz", "rpy", "link")
         if counts and ("${" in value or "$(" in value):

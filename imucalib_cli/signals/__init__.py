@@ -1,1 +1,1 @@
-"""Time: clocks, gaps, interpolation, Savitzky-Golay filters and their Peano kernels, lag."""
+"""Signals over time: stamps, gaps, interpolation, Savitzky-Golay filters, Peano kernels, lag."""

@@ -1,11 +1,11 @@
-"""Stamps made on arrival, in bursts: back to the ticks of the device behind them.
+"""Recover the sampling times of a device whose messages arrive, and are stamped, in bursts.
 
-A driver that stamps what it receives, a USB bus that hands over ten samples at once, a recorder
-behind a slow network: stamps come in bunches, and say little about when a sample was taken. The
-device kept its rate all the same, and messages keep their order, so the count of messages tells
-time better than their stamps do: stamp = tick + delay, with the delay never negative.
+A driver may stamp messages on arrival, a USB bus may deliver ten samples at once, a recorder may be
+behind a slow network. Then stamps come in bunches and say little about the sampling times. But the
+device samples at a constant rate and messages keep their order, so the number of a message gives
+its time better than its stamp does: stamp = tick + delay, where the delay is never negative.
 
-How long the shortest delay is nobody can tell from the stamps; it ends up in the time offset.
+The shortest delay cannot be determined from the stamps; it becomes part of the time offset.
 """
 
 from __future__ import annotations
@@ -23,57 +23,58 @@ if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats, Indices
 
 _LEAST = 200
-"""Samples, for a rate."""
+"""Least number of samples for a rate."""
 _SAME_STEP = 0.35
-"""Mean square step of the values across short intervals over that across all: 1 for a device
-that keeps its rate, near 0 where samples were taken when they were stamped."""
+"""Mean square difference of the values over short intervals, divided by that over all intervals: 1
+for a device that samples at a constant rate, near 0 if samples were taken when they were stamped.
+"""
 _LEAST_BATCH = 3
 _BATCHED = 0.5
-"""Share of bursts of the same size from which a device is one that sends batches."""
+"""If this share of the bursts has the same size, the device sends batches."""
 _LOW = 0.1
-"""Quantile of the delays that counts as their lower edge: steadier than the least or the mean."""
+"""Quantile of the delays used as their lower edge: more stable than the minimum or the mean."""
 _CHUNKS = 48
 _LEAST_CHUNK = 12
-"""Units per chunk."""
+"""Least number of units per chunk."""
 _STRAIGHT = 1.0
-"""Von Neumann's ratio of the chunks about a line: 2 if they scatter, near 0 if they wander."""
+"""Von Neumann's ratio of the chunks about a line: 2 for independent scatter, near 0 for drift."""
 _CHANCE = 4.0
-"""Scatter of the chunks over that of as many independent delays: queues make them alike."""
+"""Scatter of the chunks over that of as many independent delays: in a queue they are alike."""
 _NEGLIGIBLE = 2e-4
-"""s: wandering less than this needs no further thought."""
+"""s: a smaller drift is accepted without further tests."""
 _WITHIN = 0.25
-"""Scatter, in periods, below which not one message was miscounted for long."""
+"""Scatter in periods below which no message was miscounted for long."""
 _CLEARLY = 0.5
 _AVERAGED = 32
 _LEAST_AVERAGED = 16
 _MOST_AVERAGED = 256
-"""Where losses cannot be told one by one: units over whose lower edge time is interpolated, for
-delays that spread over one period. Longer delays want more, losses fewer."""
+"""If single losses cannot be located: number of units per lower edge between which time is
+interpolated, for delays scattered over one period. Longer delays need more units, losses fewer."""
 _PHASES = 40
 _MOST_LOST = 1.15
-"""Largest number of samples taken per message that arrived."""
+"""Largest ratio of samples taken to messages received."""
 _PEAK_OVER_CHANCE = 6.0
 _PEAK_OVER_REST = 5.0
-"""Height of the period's peak in the spectrum of arrivals over that of independent arrivals, and
-over its neighbours: chance reaches 4."""
+"""Height of the period's peak in the spectrum of arrivals, relative to independent arrivals and to
+its neighbours: chance reaches 4."""
 _MOST_BINS = 1 << 25
-"""An hour at 1 kHz."""
+"""Most samples averaged: an hour at 1 kHz."""
 
 
 _RATE_SPAN = 64
-"""Samples over which a rate is looked at when it may change within the log."""
+"""Samples per rate when the rate may change within the log."""
 _RATE_FILTER = 5
-"""Spans of whose rates the middle one counts: a hole or a hiccup fills one or two."""
+"""Spans over whose rates the median is taken: a gap or a hiccup fills one or two."""
 _OTHER_RATE = 1.2
-"""Ratio of two rates that are different: settings of a driver differ by more."""
+"""Least ratio of two different rates: settings of a driver differ by more."""
 _RATE_SPANS = 3
 _RATE_SECONDS = 1.0
-"""Least length of a stretch with a rate of its own: a queue is emptied in less."""
+"""s, shortest part with its own rate: a queue empties faster."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Stretch:
-    """A part of a log in which a stream keeps one rate."""
+    """A part of a log in which a stream has one rate."""
 
     start: float
     """s, stamp of its first sample."""
@@ -83,7 +84,7 @@ class Stretch:
 
 @dataclass(frozen=True, eq=False)
 class BurstTiming:
-    """When the samples of a bunched stream were taken, up to a constant."""
+    """Sampling times of a stream stamped in bursts, up to a constant."""
 
     t: Floats
     """(N,), s, in the order of the messages, strictly increasing."""
@@ -94,7 +95,7 @@ class BurstTiming:
     lost: int
     """Messages that seem to be missing."""
     scatter: float
-    """How far the lower edge of the delays scatters along the log, s."""
+    """Scatter of the delays' lower edge along the log, s."""
 
 
 def bunched_share(t: Floats) -> float:
@@ -106,7 +107,7 @@ def bunched_share(t: Floats) -> float:
 
 
 def gathered(t: Floats) -> Floats:
-    """Stamps in which messages that follow far too soon repeat that of the first of them: (N,).
+    """Stamps in which each burst has the stamp of its first message: (N,).
 
     Args:
         t: (N,), s, finite, in the order of the messages.
@@ -117,15 +118,15 @@ def gathered(t: Floats) -> Floats:
 
 
 def time_bursts(t: Floats, *values: Floats) -> BurstTiming | None:
-    """Find when the samples of a constant-rate device were taken, from when they arrived.
+    """Find the sampling times of a constant-rate device from the arrival times.
 
     Args:
         t: (N,), s, finite, in the order of the messages, repeated stamps included.
-        values: Each (N, C), which tell whether samples are evenly spaced.
+        values: Each (N, C), used to check that samples are evenly spaced.
 
     Returns:
-        None where stamps are not bunched, or the rate changes from one even stretch to another,
-        or the values say that samples were taken when they were stamped.
+        None if stamps are not bunched, if the rate changes between parts with even stamps, or if
+        the values show that samples were taken when they were stamped.
     """
     if bunched_share(t) < BUNCHED or float(np.mean(np.diff(t) < 0)) > 0.01:
         return None
@@ -139,8 +140,8 @@ def time_bursts(t: Floats, *values: Floats) -> BurstTiming | None:
     found = _straight(t, single, period)
     if found is not None and found.scatter < max(_NEGLIGIBLE, _WITHIN * period):
         return found
-    # An uneven count of many messages may look straight by chance: the plainer reading must not
-    # be much worse than one that counts batches, or losses.
+    # A wrong count of messages may fit a line by chance. The simple count is used only if it is not
+    # much worse than a count of batches or of losses.
     units = _batches(t, period) or single
     if units.samples > 1:
         found = _better(found, _straight(t, units, period))
@@ -149,14 +150,13 @@ def time_bursts(t: Floats, *values: Floats) -> BurstTiming | None:
 
 
 def rate_stretches(t: Floats) -> tuple[Stretch, ...]:
-    """Stretches of different rates, within each of which the stamps are even.
+    """Parts of the log with different rates, each with even stamps.
 
     Args:
         t: (N,), s, finite, in the order of the messages.
 
     Returns:
-        At least two, in order; empty where the rate does not change, or the stamps of a stretch
-        come in bursts.
+        At least two, in order; empty if the rate does not change, or stamps come in bursts.
     """
     t = np.maximum.accumulate(t)
     periods = np.diff(t[::_RATE_SPAN]) / _RATE_SPAN
@@ -182,7 +182,7 @@ def rate_stretches(t: Floats) -> tuple[Stretch, ...]:
         short = float(np.mean(steps < SHORT * float(np.mean(steps))))
         if period <= 0.0 or short > BUNCHED or t[end - 1] - t[first] < _RATE_SECONDS:
             return ()
-        # Lost messages make the mean interval longer and leave the usual one.
+        # Lost messages increase the mean interval and not the median.
         if found and abs(np.log(period * found[-1].rate)) < other:
             continue
         found.append(Stretch(start=float(t[first]), rate=1.0 / period))
@@ -196,10 +196,10 @@ def _better(plain: BurstTiming | None, other: BurstTiming | None) -> BurstTiming
 
 
 def _evenly_sampled(t: Floats, values: Floats, period: float) -> bool:
-    """Whether values step on as far within bursts as between them."""
+    """Whether values change as much within bursts as between them."""
     steps = np.diff(values, axis=0)
     size = np.abs(steps)
-    # Motion counts, spikes do not.
+    # Clip spikes: only motion counts.
     size = np.minimum(size, 3.0 * np.percentile(size, 95, axis=0) + 1e-300)
     scale = np.sqrt(np.mean(size**2, axis=0))
     power = np.sum((size / np.where(scale > 0, scale, 1.0)) ** 2, axis=1)
@@ -210,14 +210,14 @@ def _evenly_sampled(t: Floats, values: Floats, period: float) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class _Units:
-    """What arrives as one: a batch, or a single message."""
+    """Units of arrival: batches, or single messages."""
 
     arrival: Floats
     """(U,), s."""
     first: Indices
     """(U,), row of its first message."""
     samples: int
-    """In a whole unit."""
+    """Messages in a complete unit."""
 
 
 def _batches(t: Floats, period: float) -> _Units | None:
@@ -228,7 +228,7 @@ def _batches(t: Floats, period: float) -> _Units | None:
     whole = np.abs(sizes / batch - np.round(sizes / batch)) < 1e-9
     if batch < _LEAST_BATCH or float(sizes[whole].sum()) < _BATCHED * len(t):
         return None
-    # Two batches that were held up arrive as one.
+    # Two delayed batches may arrive as one burst.
     count = np.maximum(np.round(sizes / batch), 1).astype(np.intp)
     group = np.repeat(np.arange(len(sizes)), count)
     within = np.arange(len(group)) - np.repeat(np.cumsum(count) - count, count)
@@ -238,32 +238,32 @@ def _batches(t: Floats, period: float) -> _Units | None:
 
 
 def _straight(t: Floats, units: _Units, period: float) -> BurstTiming | None:
-    """Ticks of an even rate from the first unit to the last; None where the count wanders."""
+    """Ticks of a constant rate from the first unit to the last; None if the count drifts."""
     index = np.arange(len(units.arrival), dtype=np.float64)
-    rest = units.arrival - units.samples * period * index
-    centre, low = _low_edge(rest)
+    residual = units.arrival - units.samples * period * index
+    centre, low = _low_edge(residual)
     line = _robust_line(centre, low)
     off = low - np.polyval(line, centre)
     scatter = float(np.mean(off**2))
     wanders = float(np.mean(np.diff(off) ** 2)) < _STRAIGHT * scatter
-    # Delays scatter about any line too; what they leave of it in a chunk is little.
-    delays = rest - np.polyval(line, index)
-    chance = float(np.var(delays)) * len(low) / len(rest)
+    # Independent delays scatter the chunks' edges too, but much less.
+    delays = residual - np.polyval(line, index)
+    chance = float(np.var(delays)) * len(low) / len(residual)
     if scatter > _NEGLIGIBLE**2 and (wanders or scatter > _CHANCE**2 * chance):
         return None
     ticks = units.samples * period * index + np.polyval(line, index)
     return _between(t, units, np.asarray(ticks), 0)
 
 
-def _low_edge(rest: Floats) -> tuple[Floats, Floats]:
-    """Centres of chunks of the log, and the lower edge of what is in each."""
-    return _edge_of_chunks(rest, max(len(rest) // _CHUNKS, _LEAST_CHUNK))
+def _low_edge(residual: Floats) -> tuple[Floats, Floats]:
+    """Centres of chunks of the log, and the lower edge of the delays in each."""
+    return _edge_of_chunks(residual, max(len(residual) // _CHUNKS, _LEAST_CHUNK))
 
 
-def _edge_of_chunks(rest: Floats, size: int) -> tuple[Floats, Floats]:
-    size = min(size, len(rest))
-    chunks = len(rest) // size
-    low = np.quantile(rest[: chunks * size].reshape(chunks, size), _LOW, axis=1)
+def _edge_of_chunks(residual: Floats, size: int) -> tuple[Floats, Floats]:
+    size = min(size, len(residual))
+    chunks = len(residual) // size
+    low = np.quantile(residual[: chunks * size].reshape(chunks, size), _LOW, axis=1)
     centre = np.asarray((np.arange(chunks) + 0.5) * size, dtype=np.float64)
     return centre, np.asarray(low, dtype=np.float64)
 
@@ -278,44 +278,44 @@ def _robust_line(x: Floats, y: Floats) -> Floats:
 
 
 def _with_losses(t: Floats, units: _Units, period: float) -> BurstTiming | None:
-    """Ticks where messages are missing; None if arrivals do not betray the device's period.
+    """Ticks where messages are missing; None if arrivals do not show the device's period.
 
-    Each loss is a step by a whole period in the lower edge of arrival - index * period.
+    Each loss raises the lower edge of arrival - index * period by a whole period.
     """
     arrival = units.arrival
     found = _period_in(arrival, units.samples * period)
     if found is None:
         return None
     index = np.arange(len(arrival), dtype=np.float64)
-    rest = arrival - found * index
-    # No delay is negative, and what is lost stays lost.
-    edge = np.minimum.accumulate(rest[::-1])[::-1] - rest[0]
-    best, cost = np.zeros(len(rest)), np.inf
+    residual = arrival - found * index
+    # Delays are not negative, and the number of losses only grows.
+    edge = np.minimum.accumulate(residual[::-1])[::-1] - residual[0]
+    best, cost = np.zeros(len(residual)), np.inf
     for phase in np.linspace(0.0, 1.0, _PHASES, endpoint=False):
         lost = np.maximum.accumulate(np.floor(edge / found + phase))
-        delay = float(np.mean(rest - rest[0] + found * (phase - lost)))
+        delay = float(np.mean(residual - residual[0] + found * (phase - lost)))
         if delay < cost:
             best, cost = lost, delay
     return _between(t, units, found * (index + best), int(best[-1] - best[0]))
 
 
 def _followed(t: Floats, units: _Units, period: float) -> BurstTiming:
-    """Ticks that follow the lower edge of arrivals from chunk to chunk, whatever is missing."""
+    """Ticks that follow the lower edge of arrivals from chunk to chunk, whatever was lost."""
     period = units.samples * period
     index = np.arange(len(units.arrival), dtype=np.float64)
-    rest = units.arrival - period * index
-    first = np.interp(index, *_edge_of_chunks(rest, _MOST_AVERAGED // 4))
-    delay = float(np.std(rest - first)) / period
+    residual = units.arrival - period * index
+    first = np.interp(index, *_edge_of_chunks(residual, _MOST_AVERAGED // 4))
+    delay = float(np.std(residual - first)) / period
     size = int(np.clip(_AVERAGED * delay, _LEAST_AVERAGED, _MOST_AVERAGED))
-    ticks = period * index + np.interp(index, *_edge_of_chunks(rest, size))
+    ticks = period * index + np.interp(index, *_edge_of_chunks(residual, size))
     return _between(t, units, np.asarray(ticks), 0)
 
 
 def _period_in(arrival: Floats, usual: float) -> float | None:
-    """The device's period, s, by which arrivals recur though messages are missing; None if hidden.
+    """The device's period, s, found although messages are missing; None if it cannot be seen.
 
-    Losses change the count and not the phase: a period shows in the spectrum of arrivals even if
-    delays are a few times as long. It is no longer than the usual interval.
+    Losses change the count and not the phase, so the period is a peak in the spectrum of arrivals,
+    even if delays are a few times as long. It is at most the median interval.
     """
     step = usual / 8.0
     bins = ((arrival - arrival[0]) / step).astype(np.intp)
@@ -336,7 +336,7 @@ def _period_in(arrival: Floats, usual: float) -> float | None:
 
 
 def _between(t: Floats, units: _Units, ticks: Floats, lost_units: int) -> BurstTiming:
-    """Ticks of the messages, given those of the units: a unit's last sample is sent at once."""
+    """Ticks of the messages from those of the units: a unit is sent with its last sample."""
     sizes = np.diff(np.concatenate([units.first, [len(t)]]))
     unit = np.repeat(np.arange(len(sizes)), sizes)
     within = np.arange(len(t)) - units.first[unit]

@@ -15,16 +15,16 @@ if TYPE_CHECKING:
     from imucalib_cli.arrays import Bools, Floats
 
 _POINTS = 4
-"""A cubic through four samples, as the quadrature of the filters has it."""
+"""Cubics through four samples, as in the quadrature of the filters."""
 _MOST_EMPTY = 20.0
-"""Times the samples' own duration that a grid may span."""
+"""Longest grid, relative to the samples' own duration."""
 _ALWAYS_HELD = 1e5
-"""Intervals that are held whatever the samples' number: little memory."""
+"""A grid of so many intervals is always accepted: it needs little memory."""
 
 
 @dataclass(frozen=True, eq=False)
 class ImuGrid:
-    """IMU values at t0 + k dt; rows inside gaps are not usable."""
+    """IMU values at t0 + k dt; rows in gaps are not usable."""
 
     t0: float
     dt: float
@@ -38,7 +38,7 @@ class ImuGrid:
     refine: int
     """Grid points per IMU interval."""
     noise: tuple[float, float] = (0.0, 0.0)
-    """White noise of a sample by how far it stands off its neighbours, m/s² and rad/s."""
+    """White noise of a sample, from its deviation from neighbours, m/s² and rad/s."""
 
     @property
     def t(self) -> Floats:
@@ -47,7 +47,7 @@ class ImuGrid:
 
 
 def imu_grid(t: Floats, gyro: Floats, accel: Floats, refine: int = 1) -> ImuGrid:
-    """Put IMU samples on an even grid: copied where they lie on it, else local cubics.
+    """Interpolate IMU samples on an even grid by local cubics; samples on the grid are copied.
 
     Args:
         t: (N,), s, strictly increasing.
@@ -56,7 +56,7 @@ def imu_grid(t: Floats, gyro: Floats, accel: Floats, refine: int = 1) -> ImuGrid
         refine: Grid points per IMU interval.
 
     Raises:
-        InputError: Nearly all of the time is gaps, which a grid would have to hold.
+        InputError: Nearly all of the time is gaps, for which a grid would need memory too.
     """
     interval = sample_interval(t)
     span = float(t[-1] - t[0])

@@ -1,4 +1,4 @@
-"""Local polynomial interpolation, at any instants, of samples at any stamps."""
+"""Local polynomial interpolation between samples with any stamps."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ def lagrange(
     Args:
         t: (N,), s, strictly increasing.
         values: (N, C).
-        at: (M,), s; instants outside the samples are extrapolated, no farther than the polynomial
-            is long, so mask them.
+        at: (M,), s; instants outside the samples are extrapolated by at most the length of the
+        polynomial, so mask them.
         points: Samples per polynomial, even; fewer where the series is shorter.
-        breaks: Indices at which a new stretch of samples begins, ascending; no polynomial
-            reaches over one unless its stretch is shorter than ``points``.
+        breaks: Indices at which samples begin after a gap, ascending; no polynomial crosses one
+        unless the part is shorter than ``points``.
 
     Returns:
         (M, C).
@@ -33,17 +33,17 @@ def lagrange(
     high: int | Indices = len(t)
     if breaks is not None and len(breaks):
         edges = np.concatenate([[0], breaks, [len(t)]])
-        # The stretch of the sample at or before the instant.
+        # The part of the sample at or before the instant.
         stretch = np.searchsorted(edges, np.maximum(right - 1, 0), side="right") - 1
         low, high = edges[stretch], edges[stretch + 1]
         short = high - low < points
         low, high = np.where(short, 0, low), np.where(short, len(t), high)
     first = np.minimum(np.maximum(right - points // 2, low), high - points)
-    # Far out in a gap, where nobody asks for values, a polynomial is nothing but rounding errors.
+    # Deep in a gap a polynomial is only rounding errors; values there are not used.
     nodes = np.stack([t[first + j] for j in range(points)])
     beyond = nodes[-1] - nodes[0]
     at = np.clip(at, nodes[0] - beyond, nodes[-1] + beyond)
-    # Offsets from the instant keep digits where stamps are large against their spacing.
+    # Differences to the instant keep digits if stamps are large compared with their spacing.
     x = nodes - at
     result = np.zeros((len(at), values.shape[1]))
     near = np.empty_like(result)
@@ -53,7 +53,7 @@ def lagrange(
             if k != j:
                 above *= x[k]
                 below *= nodes[k] - nodes[j]
-        # In place, and told that all indices are right: several times faster.
+        # In place, and without a check of the indices: several times faster.
         values.take(first + j, axis=0, out=near, mode="clip")
         near *= (above / below)[:, None]
         result += near

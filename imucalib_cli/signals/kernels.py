@@ -1,13 +1,13 @@
 """Savitzky-Golay derivative filters and the Peano kernels that match them.
 
-A filter ``D`` that fits a polynomial of degree >= d to the samples of a window and takes its
-d-th derivative annihilates polynomials of degree < d. By Peano's theorem then, for any f with an
-integrable d-th derivative, and not only where f is close to a polynomial,
+A filter ``D`` that fits a polynomial of degree >= d to the samples of a window and takes its d-th
+derivative annihilates polynomials of degree < d. Peano's theorem then holds for any f with an
+integrable d-th derivative, not only for f close to a polynomial:
 
     D f = integral of K(s) f^(d)(c + s) ds,   K(s) = sum_j h_j (x_j - s)_+^(d-1) / (d-1)!
 
-The derivative of the kinematics and the kernel-weighted mean of the measurement are therefore
-the same number: comparing the two has no truncation error at any window length.
+So the filtered derivative of the kinematics equals the kernel-weighted mean of the measurement
+exactly. Comparing the two has no truncation error at any window length.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats, Indices
 
 MARGIN = 1
-"""Samples beyond the window, on each side, that the local cubic of the quadrature touches."""
+"""Samples beyond the window, on each side, that the local cubic of the quadrature uses."""
 
 
 def savitzky_golay(samples: int, degree: int, order: int) -> Floats:
@@ -47,7 +47,7 @@ def savitzky_golay(samples: int, degree: int, order: int) -> Floats:
     if samples % 2 == 0 or samples <= degree or degree < order:
         raise ValueError(f"no filter of {samples} samples, degree {degree}, order {order}")
     half = samples // 2
-    # Scaled to [-1, 1]: powers of sample counts would lose digits in long windows.
+    # Scaled to [-1, 1]: powers of sample numbers would lose digits in long windows.
     x = np.arange(-half, half + 1) / half
     powers = np.vander(x, degree + 1, increasing=True)
     row = np.linalg.pinv(powers)[order]
@@ -67,16 +67,16 @@ def peano_kernel(s: Floats, h: Floats, order: int) -> Floats:
     """
     half = len(h) // 2
     x = np.arange(-half, half + 1, dtype=np.float64)
-    rest = x - np.asarray(s, dtype=np.float64)[..., None]
-    rest = np.where(rest > 0, rest ** (order - 1), 0.0)
-    return np.asarray(rest @ h / math.factorial(order - 1), dtype=np.float64)
+    distance = x - np.asarray(s, dtype=np.float64)[..., None]
+    distance = np.where(distance > 0, distance ** (order - 1), 0.0)
+    return np.asarray(distance @ h / math.factorial(order - 1), dtype=np.float64)
 
 
 def quadrature_weights(h: Floats, order: int) -> Floats:
     """Weights that integrate samples of a signal against the Peano kernel of ``h``.
 
-    The signal is taken as the local cubic through four neighbouring samples, the kernel, a
-    polynomial of degree order - 1 on each interval, exactly.
+    The signal is approximated by the local cubic through four neighbouring samples. The kernel, a
+    polynomial of degree order - 1 on each interval, is integrated exactly.
 
     Args:
         h: Filter of unit spacing, (L,).
@@ -109,7 +109,7 @@ def quadrature_weights(h: Floats, order: int) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class MatchedFilter:
-    """A derivative filter and the weights that average a measurement exactly as it does."""
+    """A derivative filter, and the weights that average a measurement in the same way."""
 
     derivative: Floats
     """(L,), includes 1 / dt**order."""
@@ -120,13 +120,13 @@ class MatchedFilter:
 
 @lru_cache(maxsize=64)
 def matched_filter(samples: int, degree: int, order: int, dt: float) -> MatchedFilter:
-    """Pair of filters for one derivative order, for samples spaced ``dt`` seconds."""
+    """The pair of filters for one derivative order, for samples ``dt`` seconds apart."""
     h = savitzky_golay(samples, degree, order)
     return MatchedFilter(h / dt**order, quadrature_weights(h, order), order)
 
 
 def convolve_at(values: Floats, weights: Floats, first: Indices) -> Floats:
-    """Weighted sums of consecutive rows, only where they are wanted.
+    """Weighted sums of consecutive rows, at selected positions.
 
     Args:
         values: (N, C).
@@ -138,8 +138,8 @@ def convolve_at(values: Floats, weights: Floats, first: Indices) -> Floats:
     """
     if len(first) == 0:
         return np.zeros((0, values.shape[1]))
-    # Windows as a strided view: one matrix product, and no row is copied. Where the starts are
-    # uneven the windows between them are computed too and left out.
+    # Windows as a strided view: one matrix product, and no row is copied. If the starts are
+    # uneven, the windows between them are computed too and dropped.
     step = int(np.gcd.reduce(np.diff(first))) if len(first) > 1 else 1
     windows = sliding_window_view(values, len(weights), axis=0)[first[0] : first[-1] + 1 : step]
     return np.asarray((windows @ weights)[(first - first[0]) // step])

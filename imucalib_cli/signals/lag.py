@@ -1,4 +1,4 @@
-"""Coarse time offset between two series that should be the same."""
+"""Coarse time offset between two series of the same quantity."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ class Lag:
 
     samples: int
     between: float
-    """Where the parabola through the peak has its top, samples from it, -0.5 to 0.5."""
+    """Maximum of the parabola through the peak, samples from it, -0.5 to 0.5."""
     correlation: float
-    """At the best shift, of the parts that overlap, -1 to 1."""
+    """Correlation at the best shift, of the overlapping parts, -1 to 1."""
     runner_up: float
     """Correlation of the best other peak, away from the first."""
     at_edge: bool
-    """The best shift is the last one searched: the true one may lie beyond."""
+    """Whether the best shift is the last one searched: the true one may lie beyond."""
 
 
 LEAST_OVERLAP = 0.5
-"""Share of the shorter series that must overlap: the correlation of less is high by chance."""
+"""Share of the shorter series that must overlap: with less, chance correlation is high."""
 
 
 def best_lag(reference: Floats, series: Floats, usable: Bools, most: int) -> Lag | None:
     """Find k such that series[i + k] matches reference[i], by normalised cross-correlation.
 
-    Only shifts count at which at least half of the usable samples of the shorter series meet
-    usable samples of the other.
+    Only shifts are searched at which at least half of the usable samples of the shorter series
+    overlap usable samples of the other.
 
     Args:
         reference: (N,).
@@ -43,7 +43,7 @@ def best_lag(reference: Floats, series: Floats, usable: Bools, most: int) -> Lag
         most: Largest |k| searched.
 
     Returns:
-        None where either series is constant, or no shift lets them overlap so far.
+        None if either series is constant, or no shift overlaps so far.
     """
     most = min(most, len(reference) - 2)
     size = 1 << int(np.ceil(np.log2(len(reference) + most + 1)))
@@ -62,7 +62,7 @@ def best_lag(reference: Floats, series: Floats, usable: Bools, most: int) -> Lag
         return None
     score = correlate(a, b) / np.sqrt(np.maximum(energy, 1e-6 * scale))
     least = LEAST_OVERLAP * min(mask_a.sum(), mask_b.sum())
-    enough = np.flatnonzero(correlate(mask_a, mask_b) >= least - 0.5)  # counts, but for rounding
+    enough = np.flatnonzero(correlate(mask_a, mask_b) >= least - 0.5)  # counts, up to rounding
     if not len(enough):
         return None
     searched = np.full(len(score), -np.inf)
@@ -82,7 +82,7 @@ def best_lag(reference: Floats, series: Floats, usable: Bools, most: int) -> Lag
 
 
 def _top(three: Floats) -> float:
-    """Top of the parabola through three even samples, from the middle one."""
+    """Maximum of the parabola through three even samples, relative to the middle one."""
     if len(three) < 3 or not np.isfinite(three).all():
         return 0.0
     bend = three[0] - 2.0 * three[1] + three[2]

@@ -1,4 +1,4 @@
-"""Whether anything moves that a log tells of: noise, a glitch and drift are no motion."""
+"""Whether joints or poses of a log move: noise, glitches and drift are not motion."""
 
 from __future__ import annotations
 
@@ -12,27 +12,27 @@ if TYPE_CHECKING:
     from imucalib_cli.robot.path import Track
 
 _WANDER = (math.radians(0.5), 0.005)
-"""rad and m: no encoder, tracker or odometry at rest wanders so far."""
+"""rad and m: no encoder, tracker or odometry at rest drifts so far."""
 _SHAKE = (math.radians(0.02), 0.0002)
 """rad and m below which even a quick shake moves no IMU measurably."""
 _QUICK = 0.02
-"""rad/s or m/s: slower than this small motion is drift."""
+"""rad/s or m/s: small motion slower than this is drift."""
 _SMOOTH = 0.5
-"""Correlation of a value with the next from which it moves, and is no noise."""
+"""Correlation of neighbouring values above which it is motion and not noise."""
 _TAILS = (1.0, 99.0)
-"""Percentiles between which values are looked at: single glitches are no motion."""
+"""Percentiles between which values are used: single glitches are not motion."""
 _LEAST_ROWS = 8
 
 
-def track_moves(track: Track, *, plainly: bool = False) -> bool:
+def track_moves(track: Track, *, large: bool = False) -> bool:
     """Whether any joint, or the pose, of a track moves.
 
     Args:
         track: As stamped.
-        plainly: By more than it wanders at rest; else a small quick shake is motion too.
+        large: Only motion larger than any drift at rest; else a small quick shake counts too.
     """
     if track.kind == "joints":
-        # A track does not tell which joints turn and which slide: 0.005 is 0.3 deg or 5 mm.
+        # A track may hold revolute or prismatic joints: 0.005 is 0.3 deg or 5 mm.
         columns = [(column, 1) for column in track.values.T]
     else:
         quaternion = track.values[:, 3:]
@@ -46,13 +46,13 @@ def track_moves(track: Track, *, plainly: bool = False) -> bool:
         columns = [(column, 1) for column in track.values[:, :3].T]
         columns += [(column, 0) for column in turned.T]
     return any(
-        _moves(track.t, column, _WANDER[unit], math.inf if plainly else _SHAKE[unit])
+        _moves(track.t, column, _WANDER[unit], math.inf if large else _SHAKE[unit])
         for column, unit in columns
     )
 
 
 def _moves(t: Floats, values: Floats, wander: float, shake: float) -> bool:
-    """Whether a value moves, plainly or little and quickly."""
+    """Whether a value moves: far, or little and quickly."""
     finite = np.isfinite(values) & np.isfinite(t)
     t, values = t[finite], values[finite]
     if len(values) < 2:

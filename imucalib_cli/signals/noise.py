@@ -1,4 +1,4 @@
-"""White noise of a sampled signal, and its quantum: how far samples stand off their neighbours."""
+"""White noise and quantum of a sampled signal, from the deviations of samples from neighbours."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ if TYPE_CHECKING:
 MAD_TO_STD = 1.4826
 """Standard deviation over median absolute deviation, of normal noise."""
 NOISE_OF_DEVIATION = 1.394
-"""Standard deviation of the deviation from four neighbours, of white noise of unit deviation."""
+"""Standard deviation of the deviation from four neighbours, for unit white noise."""
 _CALMEST_PERCENT = 20.0
 _CALMEST_DEVIATION = 0.2533
-"""A fifth of normal deviations are smaller than this, in standard deviations."""
+"""A fifth of normal deviations is smaller than this, in standard deviations."""
 _ROUNDING = 1e-12
 
 
@@ -24,8 +24,8 @@ def white_noise(values: Floats, rows: Bools | None = None, *, calmest: bool = Fa
 
     Args:
         values: (N, C), evenly spaced.
-        rows: (N,), those that count; default: all.
-        calmest: Of the calmest part of the log, where vibration comes and goes with motion.
+        rows: (N,), rows to use; default: all.
+        calmest: Use the calmest part of the log, since vibration varies with motion.
 
     Returns:
         (C,), in the unit of the values.
@@ -39,12 +39,12 @@ def white_noise(values: Floats, rows: Bools | None = None, *, calmest: bool = Fa
 
 
 def noise_level(values: Floats) -> float:
-    """White noise of a sensor's sample, root mean square of its axes."""
+    """White noise of a sensor's sample, root mean square over its axes."""
     return float(np.sqrt(np.mean(white_noise(values) ** 2)))
 
 
 def quantum(values: Floats) -> Floats:
-    """Least step between neighbours that is more than rounding, of each channel: (C,)."""
+    """Smallest difference between neighbours above rounding, of each channel: (C,)."""
     steps = np.abs(np.diff(values, axis=0))
     least = np.array([np.min(each[each > _ROUNDING], initial=np.inf) for each in steps.T])
     return np.where(np.isfinite(least), least, 0.0)
@@ -53,7 +53,7 @@ def quantum(values: Floats) -> Floats:
 def deviation_from_neighbours(values: Floats) -> Floats:
     """Distance of each sample from the cubic through the two on either side.
 
-    Blind to smooth motion; of unit white noise its standard deviation is 1.394.
+    Smooth motion does not contribute; for unit white noise its standard deviation is 1.394.
 
     Args:
         values: (N,) or (N, C), evenly spaced.

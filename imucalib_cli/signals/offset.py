@@ -1,4 +1,4 @@
-"""Coarse time offset from the one thing both streams know in any frame: how fast it turns."""
+"""Coarse time offset from the norm of the angular rate, which is the same in any frame."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ if TYPE_CHECKING:
 
 
 _STEP_SECONDS = 0.005
-"""Resolution of the search; the fine solve takes over from there."""
+"""Resolution of the search; the estimator refines the result."""
 _WINDOW_SECONDS = 0.1
 _BLOCK = 1 << 14
-"""Steps of the search whose poses are held at once."""
+"""Steps of the search whose poses are in memory at once."""
 
 
 def coarse_time_offset(
@@ -33,13 +33,13 @@ def coarse_time_offset(
         most: Largest |offset| searched, s.
 
     Returns:
-        IMU stamp - robot stamp, s, to a few milliseconds, and how clear it was; zero and None
-        where nothing turns.
+        IMU stamp - robot stamp, s, to a few milliseconds, and the correlation; zero and None if
+        nothing turns.
     """
     every = max(round(_STEP_SECONDS / grid.dt), 1)
     step = every * grid.dt
     reach, lead = max(round(_WINDOW_SECONDS / step / 2), 2), int(np.ceil(most / step))
-    # The robot's own axis reaches beyond the IMU's by the largest offset on either side.
+    # The robot's time axis extends beyond the IMU's by the largest offset on either side.
     count = len(grid.usable) // every
     t_robot = np.asarray(grid.t0 + step * np.arange(-lead - reach, count + lead + reach))
     covered = trajectory.covered(t_robot)

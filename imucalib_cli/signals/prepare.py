@@ -1,4 +1,4 @@
-"""The IMU made ready: in order, without spikes, on an even grid."""
+"""Prepare an IMU for the fit: in order, without spikes, on an even grid."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 MIN_IMU_SAMPLES = 50
 SPIKE_FLOOR_ACCEL = 0.2
 SPIKE_FLOOR_GYRO = 0.02
-"""m/s² and rad/s: a single sample off by less than this moves no result."""
+"""m/s² and rad/s: a single sample off by less does not change a result."""
 _MOST_REFINE = 10
 
 
@@ -40,10 +40,10 @@ class CleanImu:
     tidy: TidyRows
 
     def grid(self, robot_interval: float, *, use_ticks: bool) -> ImuGrid:
-        """Even grid as fine as the finer of the two streams.
+        """Even grid with the shorter interval of the two streams.
 
-        Where joints come faster than the IMU, a coarse grid would throw away samples that
-        average encoder noise.
+        If joints are faster than the IMU, a coarser grid would lose samples that average encoder
+        noise.
         """
         t = self.ticks.t if use_ticks and self.ticks is not None else self.t
         interval = float(np.median(np.diff(t)))
@@ -52,12 +52,12 @@ class CleanImu:
         return replace(grid, noise=self.noise)
 
     def reversed(self) -> CleanImu:
-        """The same samples, the accelerometer's sign reversed."""
+        """The same samples with the accelerometer's sign reversed."""
         return replace(self, accel=-self.accel)
 
     @cached_property
     def noise(self) -> tuple[float, float]:
-        """White noise of a sample, m/s² and rad/s, root mean square of the axes."""
+        """White noise of a sample, m/s² and rad/s, root mean square over the axes."""
         return noise_level(self.accel), noise_level(self.gyro)
 
 
@@ -80,11 +80,11 @@ def clean_imu(imu: ImuSamples) -> CleanImu:
         (tidy.of(imu.gyro), SPIKE_FLOOR_GYRO),
         (tidy.of(imu.accel), SPIKE_FLOOR_ACCEL),
     ):
-        bad, mended = find_spikes(values, floor), values
+        bad, bridged = find_spikes(values, floor), values
         if bad.any():
-            mended = values.copy()
-            mended[bad] = lagrange(t[~bad], values[~bad], t[bad], points=4)
-        sensors.append(mended)
+            bridged = values.copy()
+            bridged[bad] = lagrange(t[~bad], values[~bad], t[bad], points=4)
+        sensors.append(bridged)
         spikes |= bad
     return CleanImu(
         t=t,

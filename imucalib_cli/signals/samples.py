@@ -17,7 +17,7 @@ SENSORS: tuple[Sensor, Sensor] = ("gyro", "accel")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ImuSamples:
-    """One IMU on the clock of the log: as stamped, so it may jitter, repeat or have gaps."""
+    """One IMU on the clock of the log; stamps may jitter, repeat or have gaps."""
 
     t: Floats
     """(N,), s since the log's start."""

@@ -1,4 +1,4 @@
-"""Single samples that do not belong: found by their neighbours, bridged by them."""
+"""Find single wrong samples by their neighbours, and interpolate over them."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ if TYPE_CHECKING:
     from imucalib_cli.arrays import Bools, Floats
 
 _THRESHOLD = 6.0
-"""Robust standard deviations; white noise passes it once in 10^9 samples."""
+"""Robust standard deviations; white noise exceeds it once in 10^9 samples."""
 _MAX_RUN = 3
-"""Longest run of neighbours that is still a glitch and not motion."""
+"""Longest run of wrong samples; longer ones are motion."""
 _BLOCK = 256
-"""Samples over which noise is taken as constant: vibration comes and goes with motion."""
+"""Samples over which noise is taken as constant: vibration varies with motion."""
 _SIDES = (-2, -1, 1, 2)
 _MOST_SPREAD = 2.5
-"""Times the usual spread of a sample's neighbours."""
+"""Longest span of a sample's neighbours, relative to the median span."""
 _GLITCH_ROUNDS = 4
-"""Glitches close to each other show one after the other."""
+"""Glitches close to each other are found one after the other."""
 
 
 def find_spikes(values: Floats, floor: float) -> Bools:
@@ -30,8 +30,8 @@ def find_spikes(values: Floats, floor: float) -> Bools:
 
     Args:
         values: (N, C), evenly spaced samples.
-        floor: Deviation below which nothing counts as a spike, in the unit of the values: where
-            there is no noise at all, every corner of the motion would stand out.
+        floor: Deviation below which nothing is a spike, in the unit of the values. Without noise
+        every corner of the motion would be one.
 
     Returns:
         (N,), True where any channel holds a spike.
@@ -51,8 +51,8 @@ def _channel_spikes(channel: Floats, floor: float) -> Bools:
     found |= apart > np.maximum(_THRESHOLD * _local_scale(apart), floor)
     _bridge(work, found)
     limit = np.maximum(_THRESHOLD * _local_scale(np.abs(deviation_from_neighbours(channel))), floor)
-    # A spike also disturbs the prediction of its neighbours: take the worst of each
-    # neighbourhood, mend it, look again.
+    # A spike also spoils the prediction of its neighbours: take the worst of each
+    # neighbourhood, replace it, and test again.
     for _ in range(4):
         off = np.abs(deviation_from_neighbours(work))
         peak = off >= np.maximum.reduce([np.roll(off, shift) for shift in _SIDES])
@@ -61,27 +61,27 @@ def _channel_spikes(channel: Floats, floor: float) -> Bools:
             break
         found |= new
         _bridge(work, found)
-    # Samples between two spikes were suspected with them: those on the bridge are innocent.
+    # Samples between two spikes may be marked too: those close to the interpolation are fine.
     return np.asarray(found & (np.abs(channel - work) > limit))
 
 
 def find_glitches(t: Floats, values: Floats, floor: float) -> Bools:
-    """Mark single samples that leap away and back, whatever the stamps.
+    """Mark single samples that jump away and back, for any stamps.
 
-    For joints and poses: their second derivative makes much of an encoder's one wrong reading.
+    For joints and poses: one wrong value of an encoder is large in the second derivative.
 
     Args:
         t: (N,), s, strictly increasing.
         values: (N, C).
-        floor: Leap below which nothing counts, in the unit of the values.
+        floor: Jump below which nothing is marked, in the unit of the values.
 
     Returns:
         (N,), True where any channel leaps.
     """
     found = np.zeros(len(t), dtype=bool)
     for _ in range(_GLITCH_ROUNDS):
-        rest = ~found if found.any() else slice(None)  # a slice copies nothing
-        new = _leaps(t[rest], values[rest], floor)
+        kept = ~found if found.any() else slice(None)  # a slice copies nothing
+        new = _leaps(t[kept], values[kept], floor)
         if not new.any():
             break
         found[np.flatnonzero(~found)[new]] = True
@@ -89,15 +89,15 @@ def find_glitches(t: Floats, values: Floats, floor: float) -> Bools:
 
 
 def _leaps(t: Floats, values: Floats, floor: float) -> Bools:
-    """The worst of each neighbourhood, off the cubic across it and the parabolas on both sides."""
+    """The worst of each neighbourhood, by the cubic across it and the parabolas on both sides."""
     found = np.zeros(len(t), dtype=bool)
     if len(t) < 2 * _BLOCK // 8:
         return found
-    for channel in values.T:  # one by one: a log's memory is for its samples
+    for channel in values.T:  # one channel at a time, to save memory
         found |= _channel_leaps(t, channel, floor)
-    # Across a hole polynomials say nothing.
-    spread = t[6:] - t[:-6]
-    found[3:-3] &= spread < _MOST_SPREAD * float(np.median(spread))
+    # Across a gap polynomials are meaningless.
+    span = t[6:] - t[:-6]
+    found[3:-3] &= span < _MOST_SPREAD * float(np.median(span))
     found[:3] = found[-3:] = False
     return found
 
@@ -108,11 +108,11 @@ def _channel_leaps(t: Floats, values: Floats, floor: float) -> Bools:
     if not far.any():
         return far
     worst = size >= np.maximum.reduce([np.roll(size, shift) for shift in _SIDES])
-    # A step or a corner of the motion goes on where one side leads.
+    # A step or a corner of the motion fits the extrapolation of one side.
     apart = np.minimum(
         _off_polynomial(t, values, (-3, -2, -1)), _off_polynomial(t, values, (1, 2, 3))
     )
-    # Motion too quick for the rate bends at the neighbours too, without the sample in question.
+    # Motion too fast for the sampling rate bends at the neighbours too, without this sample.
     bends = np.maximum(
         np.roll(_off_polynomial(t, values, (-3, -2, 1, 2)), -1),
         np.roll(_off_polynomial(t, values, (-2, -1, 2, 3)), 1),
@@ -136,7 +136,7 @@ def _off_polynomial(t: Floats, values: Floats, sides: tuple[int, ...]) -> Floats
 
 
 def _bridge(work: Floats, found: Bools) -> None:
-    """Replace what was found by straight lines between the rest."""
+    """Replace the marked samples by straight lines between the others."""
     good = np.flatnonzero(~found)
     if len(good):
         work[found] = np.interp(np.flatnonzero(found), good, work[good])
@@ -145,9 +145,9 @@ def _bridge(work: Floats, found: Bools) -> None:
 def _distance_from_both_sides(x: Floats) -> Floats:
     """Distance from the parabola through the three before or the three after: the lesser.
 
-    Runs of spikes look smooth to the cubic across them and spoil that of their neighbours. Of a
-    run of up to three, and of nothing beside it, both sides are far off; a corner of the motion
-    is near one of them.
+    In a run of spikes the cubic across a sample may be close, and the cubic of good neighbours far.
+    Samples in a run of up to three, and only they, are far from both parabolas; a corner of the
+    motion is close to one of them.
     """
     padded = np.pad(x, 3, mode="reflect", reflect_type="odd")
     before = 3.0 * (padded[2:-4] - padded[1:-5]) + padded[:-6]
@@ -156,18 +156,18 @@ def _distance_from_both_sides(x: Floats) -> Floats:
 
 
 def _local_scale(off: Floats) -> Floats:
-    """Robust standard deviation of the deviations, block by block, never below the log's own."""
+    """Robust standard deviation of the deviations, block by block, at least that of the log."""
     blocks = max(len(off) // _BLOCK, 1)
     size = len(off) // blocks
     local = np.median(off[: blocks * size].reshape(blocks, size), axis=1) * MAD_TO_STD
     local = np.maximum(local, np.median(off) * MAD_TO_STD)
-    # Vibration sets in anywhere within a block: the louder neighbour tells how loud it may be.
+    # Vibration may begin anywhere within a block: use the larger noise of the neighbouring blocks.
     edges = np.pad(local, 1, mode="edge")
     local = np.maximum.reduce([edges[:-2], local, edges[2:]])
     return np.asarray(local[np.minimum(np.arange(len(off)) // size, blocks - 1)])
 
 
 def _short_runs(found: Bools) -> Bools:
-    """Keep runs of at most _MAX_RUN samples; a longer one is an event, not a glitch."""
+    """Keep runs of at most _MAX_RUN samples; a longer one is motion, not a glitch."""
     runs = stretches_of(found)
     return found & ~runs.where(runs.lengths > _MAX_RUN).mask(len(found))

@@ -1,4 +1,4 @@
-"""Stamps as recorded to stamps one can compute with: order, repeats, gaps, jitter."""
+"""Prepare recorded stamps for computation: order, repeats, gaps, jitter."""
 
 from __future__ import annotations
 
@@ -16,51 +16,52 @@ Number = TypeVar("Number", np.float64, np.complex128)
 
 GAP_INTERVALS = 3.0
 GAP_SECONDS = 0.010
-"""A hole longer than both is a gap: no filter window reaches over it."""
+"""An interval longer than both is a gap: no filter window crosses it."""
 
 _ASTRAY_SPANS = 2.0
-"""Stamps further than this many spans of the log from its middle belong to no log."""
+"""Stamps further than this many spans of the log from its middle are wrong."""
 EXACT_SECONDS = 6e-7
-"""Stamps this close to a constant rate are one: half a microsecond is how some drivers round."""
+"""s: stamps this close to a constant rate are exact; some drivers round to half a microsecond."""
 
 SHORT = 0.25
-"""Intervals below this share of the usual one are those within a burst."""
+"""Intervals below this share of the usual one are within a burst."""
 BUNCHED = 0.05
-"""Share of short intervals from which stamps count as bunched; a rare hiccup is not worth it."""
+"""Share of short intervals from which stamps count as bunched; rare hiccups do not."""
 _SPAN = 128
-"""Samples over which the usual interval is looked at: many bursts, and few holes."""
+"""Samples over which the usual interval is computed: many bursts, few gaps."""
 _LEAST_INTERVAL = 1e-9
 """s, the resolution of stamps."""
 
 _PHASE_SAMPLES = 65
-"""Samples whose mean phase tells where the ticks are: jitter down by 8, drift not yet seen."""
+"""Samples over which the phase of the ticks is averaged: jitter is reduced by 8, drift not yet
+seen."""
 _WANDER_SAMPLES = 4 * _PHASE_SAMPLES + 1
-"""Samples over which a clock may drift off its mean rate."""
+"""Samples over which a clock may drift from its mean rate."""
 _MIN_CONCENTRATION = 0.5
-"""|mean exp(i phase)| below which stamps do not gather about ticks (jitter above 0.19 period)."""
+"""|mean exp(i phase)| below which stamps have no ticks (jitter above 0.19 periods)."""
 _PERIOD_STEPS = 3
 _SETTLED = 0.01
-"""Periods that ticks may slide by over the log when the period is found."""
+"""Periods by which ticks may drift over the log while the period is searched."""
 _MAX_SHARED_TICKS = 0.01
-"""Share of stamps that round to a tick already taken: more are bursts, not jitter."""
+"""Largest share of stamps that round to the tick of another: more are bursts, not jitter."""
 _WHITE_JITTER = -0.25
 """Lag-1 correlation of the intervals: -0.5 if stamps jitter about ticks, 0 if the timer drifts."""
 
 
 @dataclass(frozen=True, eq=False)
 class TidyRows:
-    """Which rows of a stream to use, in which order, and how many were not usable."""
+    """The usable rows of a stream, in order, and how many are not usable."""
 
     rows: Indices
     repeated: int
     backward: int
     not_finite: int
     astray: int
-    """Stamps far from all others: zero among the dates of today, or in another year."""
+    """Stamps far from all others, such as zero or another year."""
 
     @property
     def left_out(self) -> dict[str, int]:
-        """How many rows are not used, and how often stamps went backwards, by name."""
+        """Number of unused rows, and of backward steps of the stamps, by name."""
         names = ("repeated", "backward", "not_finite", "astray")
         return {name: getattr(self, name) for name in names}
 
@@ -93,12 +94,12 @@ def tidy_rows(t: Floats, *values: Floats) -> TidyRows:
 
 
 def usable_rows(t: Floats, *values: Floats) -> Bools:
-    """(N,), where stamps (N,) belong to the log, and they and all values (N, C) are numbers."""
+    """(N,), rows whose stamps belong to the log and whose stamp and values are finite."""
     return _usable(t, values)[1]
 
 
 def _usable(t: Floats, values: tuple[Floats, ...]) -> tuple[Bools, Bools]:
-    """Rows that are numbers, and those of them whose stamps are not from another time."""
+    """Rows that are finite, and those of them whose stamps belong to the log."""
     finite = np.isfinite(t)
     for each in values:
         finite &= np.isfinite(each).all(axis=1)
@@ -115,14 +116,14 @@ def gap_limit(t: Floats) -> float:
 
 
 def gap_breaks(t: Floats) -> Indices:
-    """Indices of the samples that come after a gap, ascending."""
+    """Indices of the first samples after each gap, ascending."""
     if len(t) < 2:
         return np.zeros(0, np.intp)
     return np.flatnonzero(np.diff(t) > gap_limit(t)) + 1
 
 
 def outside_gaps(at: Floats, t: Floats, breaks: Indices, slack: float = 0.0) -> Bools:
-    """Which instants lie in no gap, nor farther inside one than a slack.
+    """Instants outside of gaps, or at most ``slack`` inside one.
 
     Args:
         at: (M,), s.
@@ -133,17 +134,17 @@ def outside_gaps(at: Floats, t: Floats, breaks: Indices, slack: float = 0.0) -> 
     if not len(breaks):
         return np.ones(len(at), dtype=bool)
     begins, ends = t[breaks - 1] + slack, t[breaks] - slack
-    last = np.searchsorted(begins, at) - 1  # the last gap that begins before
+    last = np.searchsorted(begins, at) - 1  # the last gap that begins before each instant
     return np.asarray((last < 0) | (at >= ends[last]))
 
 
 def usual_interval(t: Floats, *, robust: bool = False) -> float:
-    """Interval of a stream, s, holes aside and whether or not its messages come in bursts.
+    """Sampling interval of a stream, s, despite gaps and bursts.
 
     Args:
         t: (N,), s, N at least 2, in the order of the messages.
-        robust: The median, which missing messages do not change; else the mean, which batches that
-            share a stamp do not change.
+        robust: Use the median, which missing messages do not change; else the mean, which batches
+        with one stamp do not change.
     """
     span = min(_SPAN, len(t) - 1)
     took = t[span:] - t[:-span]
@@ -153,9 +154,9 @@ def usual_interval(t: Floats, *, robust: bool = False) -> float:
 
 
 def sample_interval(t: Floats) -> float:
-    """Interval of neighbouring samples, s: the mean of all that are not holes.
+    """Interval of neighbouring samples, s: the mean of all that are no gaps.
 
-    The median alone is too long where jittered stamps have holes: up to a fiftieth in practice.
+    The median alone is too long if jittered stamps have gaps: up to 2 % in practice.
     """
     intervals = np.diff(t)
     median = float(np.median(intervals))
@@ -168,29 +169,29 @@ class Ticks:
     """The constant-rate clock behind jittered stamps."""
 
     t: Floats
-    """(N,), s, strictly increasing: when the samples were taken if the device keeps its rate."""
+    """(N,), s, strictly increasing: sampling times of a device with a constant rate."""
     period: float
     jitter: float
     """Root mean square of stamp - tick, s."""
 
     @property
     def mean_variance(self) -> float:
-        """Variance of the mean of stamp - tick, s²: how well the ticks' phase is known."""
+        """Variance of the mean of stamp - tick, s²: the uncertainty of the ticks' phase."""
         return self.jitter**2 / len(self.t)
 
 
 def constant_rate_ticks(t: Floats) -> Ticks | None:
     """Find the ticks of a constant-rate device from its jittered stamps.
 
-    The phase of the stamps within the period, averaged as a unit complex number over
-    neighbouring samples, follows the ticks through dropouts and slow drift.
+    The phase of the stamps within the period is averaged over neighbouring samples, as a complex
+    number of unit length. So it follows the ticks through dropouts and slow drift.
 
     Args:
         t: (N,), s, strictly increasing.
 
     Returns:
-        None where the stamps are exact already, or do not gather about ticks, or the timer
-        itself wanders: then the stamps are the best there is.
+        None if the stamps are exact already, have no ticks, or the timer itself drifts: then the
+        stamps are the best estimate.
     """
     if len(t) < 2 * _PHASE_SAMPLES:
         return None
@@ -198,18 +199,18 @@ def constant_rate_ticks(t: Floats) -> Ticks | None:
     if counted is None:
         return None
     ticks, period = counted
-    rest = t - ticks * period
-    gain, at_zero = _line(ticks, rest)
+    residual = t - ticks * period
+    gain, at_zero = _line(ticks, residual)
     line = gain * ticks + at_zero
-    jitter = _rms(rest - line)
+    jitter = _rms(residual - line)
     off = np.diff(t) - np.diff(ticks) * period
     white = float(np.sum(off[1:] * off[:-1]) / max(float(np.sum(off**2)), 1e-300))
-    if np.abs(rest - line).max() < EXACT_SECONDS or white > _WHITE_JITTER:
+    if np.abs(residual - line).max() < EXACT_SECONDS or white > _WHITE_JITTER:
         return None
-    wander = _running_mean(rest - line, _WANDER_SAMPLES)
+    wander = _running_mean(residual - line, _WANDER_SAMPLES)
     if _rms(wander) > 4.0 * jitter / np.sqrt(_WANDER_SAMPLES):
         line = line + wander
-        jitter = _rms(rest - line)
+        jitter = _rms(residual - line)
     regular = np.asarray(ticks * period + line)
     return Ticks(regular, period, jitter) if (np.diff(regular) > 0.0).all() else None
 
@@ -226,8 +227,8 @@ def _count_ticks(t: Floats) -> tuple[Floats, float] | None:
             break
         period *= 1.0 + gain
     ticks = np.round((t - t[0] - slow) / period)
-    # A late stamp may round to its neighbour's tick. Ticks lost so far only ever grow, so a late
-    # one stands out of them for a moment, which a median mends and a true loss survives.
+    # A late stamp may round to its neighbour's tick. The number of lost ticks only grows, so a late
+    # stamp is a short peak in it, which a median removes; a true loss is a step and remains.
     rank = np.arange(len(t), dtype=np.float64)
     lost = ticks - rank
     lost[2:-2] = np.median(np.lib.stride_tricks.sliding_window_view(lost, 5), axis=1)
@@ -236,7 +237,7 @@ def _count_ticks(t: Floats) -> tuple[Floats, float] | None:
 
 
 def _slow_phase(t: Floats, period: float) -> Floats | None:
-    """Where the ticks stand within the period over time, s; None if stamps are not near any."""
+    """Phase of the ticks within the period over time, s; None if stamps are not near any."""
     mean = _running_mean(np.exp(2j * np.pi * ((t - t[0]) / period % 1.0)), _PHASE_SAMPLES)
     if np.median(np.abs(mean)) < _MIN_CONCENTRATION:
         return None

@@ -1,4 +1,4 @@
-"""Stretches of neighbouring samples at which something holds."""
+"""Stretches: runs of neighbouring samples with a property."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Stretches:
-    """Each from a row to before another, in order."""
+    """Stretches from a row up to, but excluding, another; in order."""
 
     first: Indices
     end: Indices
@@ -23,11 +23,11 @@ class Stretches:
 
     @property
     def lengths(self) -> Indices:
-        """Rows of each."""
+        """Length of each, rows."""
         return self.end - self.first
 
     def where(self, which: Bools) -> Stretches:
-        """Some of them."""
+        """Select some of them."""
         return Stretches(self.first[which], self.end[which])
 
     def mask(self, count: int) -> Bools:
@@ -39,12 +39,12 @@ class Stretches:
 
 
 def all_hold(holds: Bools, first: Indices, count: int) -> Bools:
-    """(W,), whether a mask (N,) is True at all of ``count`` samples from each of some rows on."""
+    """(W,), whether a mask (N,) is True at ``count`` samples from each of the given rows on."""
     failures = np.concatenate([[0], np.cumsum(~holds)])
     return np.asarray(failures[first + count] == failures[first])
 
 
 def stretches_of(holds: Bools) -> Stretches:
-    """Where a mask (N,) is True."""
+    """Stretches in which a mask (N,) is True."""
     change = np.diff(np.concatenate([[0], holds.astype(np.int8), [0]]))
     return Stretches(np.flatnonzero(change == 1), np.flatnonzero(change == -1))

@@ -26,21 +26,21 @@ if TYPE_CHECKING:
 
 MIN_TRACK_SAMPLES = 6
 _BLOCK = 1 << 15
-"""Instants whose poses are made at once."""
+"""Instants whose poses are computed at once."""
 _RATE_SECONDS = 0.02
-"""s: half of what a rate is differenced over; long against an encoder's steps."""
+"""s: half the span of the differences for rates; long compared with an encoder's steps."""
 _HELD = 0.5
-"""Share of repeated rows in fast motion from which a publisher holds its values."""
+"""Share of repeated rows in fast motion above which the publisher holds its values."""
 _TURN = 2.0 * np.pi
 _SLACK = 0.1
-"""rad beyond a turn that a channel kept within one may reach: encoder noise at its end."""
+"""rad: a channel wrapped to one turn may exceed it by encoder noise."""
 _LEAST_JUMP = _TURN - 1.0
-"""rad: no joint moves as far from one message to the next, and a wrapped one jumps back by it."""
+"""rad: no joint moves so far between two messages, and a wrapped channel jumps by a turn."""
 
 
 @dataclass(frozen=True, eq=False)
 class CleanTrack:
-    """One track in order, its gaps known; quaternions of one sign."""
+    """One track, sorted, with its gaps; quaternions have one sign."""
 
     name: str
     t: Floats
@@ -49,7 +49,7 @@ class CleanTrack:
     ticks: Ticks | None
     """The constant-rate clock behind jittered stamps, if there is one."""
     held: bool = False
-    """Values were repeated until the next change; only the changes are left."""
+    """Values were repeated until the next change; only the changes are kept."""
 
     @cached_property
     def interval(self) -> float:
@@ -58,14 +58,14 @@ class CleanTrack:
 
     @cached_property
     def moving_variance(self) -> Floats:
-        """Noise variance of each channel, over the samples at which it moves.
+        """Noise variance of each channel, from the samples at which it moves.
 
-        A quantised encoder at rest shows none.
+        A quantised encoder at rest shows no noise.
         """
         variance = np.zeros(self.values.shape[1])
         for channel, values in enumerate(self.values.T):
             speed = np.abs(np.gradient(values))
-            # Not the largest speed: a tracker that jumps once would be all that moves.
+            # Not the largest speed: with one jump of a tracker nothing else would count as motion.
             active = speed > 0.2 * np.percentile(speed, 95)
             if active.sum() >= 8:
                 variance[channel] = white_noise(values[:, None], active)[0] ** 2
@@ -73,12 +73,12 @@ class CleanTrack:
 
 
 def _rate_reach(track: CleanTrack) -> int:
-    """Samples to either side that a rate is differenced over."""
+    """Samples on either side for the difference of a rate."""
     return max(round(_RATE_SECONDS / track.interval), 1)
 
 
 def _with_rates(track: CleanTrack, stamps: Floats, part: slice) -> Floats:
-    """Values of some samples, and their rates by differences long against their noise."""
+    """Values of some samples, and their rates by differences over a long span."""
     values, index, reach = track.values[part], np.arange(len(stamps)), _rate_reach(track)
     later, earlier = np.minimum(index + reach, len(index) - 1), np.maximum(index - reach, 0)
     rates = (values[later] - values[earlier]) / (stamps[later] - stamps[earlier])[:, None]
@@ -90,10 +90,10 @@ _CLEANED: WeakKeyDictionary[Track, CleanTrack] = WeakKeyDictionary()
 
 
 def clean_track(track: Track) -> CleanTrack:
-    """Order a track, find its gaps, and make its quaternions and angles continuous.
+    """Sort a track, find its gaps, and make its quaternions and angles continuous.
 
     Raises:
-        InputError: Fewer usable samples than an interpolation needs.
+        InputError: Fewer usable samples than interpolation needs.
     """
     if track not in _CLEANED:
         _CLEANED[track] = _cleaned(track)
@@ -116,18 +116,17 @@ def _cleaned(track: Track) -> CleanTrack:
 
 
 def continuous(kind: Literal["joints", "pose"], values: Floats) -> Floats:
-    """Values of a track, in the order of time, without jumps that are no motion.
+    """Values of a track in order of time, without sign changes and wraps.
 
-    Quaternions keep one sign. Joint positions go on where they were taken back by a turn: only
-    channels that stay within one turn can have been. Positions in degrees, or of a joint that
-    counts its turns, are left alone.
+    Quaternions get one sign. Joint positions are unwrapped, if the channel stays within one turn.
+    Positions in degrees, or of a joint that counts its turns, are unchanged.
 
     Args:
         kind: Of the track.
         values: (N, 7) or (N, J).
 
     Returns:
-        As the values, the first row unchanged; the same array where no joint jumps.
+        As the values, with the same first row; the same array if no joint jumps.
     """
     if kind == "pose":
         values = values.copy()
@@ -137,18 +136,18 @@ def continuous(kind: Literal["joints", "pose"], values: Floats) -> Floats:
         return values
     jumps = np.diff(values, axis=0)
     within = np.ptp(values, axis=0) < _TURN + _SLACK if len(values) else False
-    turns = np.where((np.abs(jumps) > _LEAST_JUMP) & within, np.sign(jumps), 0.0)
-    if turns.any():
+    wraps = np.where((np.abs(jumps) > _LEAST_JUMP) & within, np.sign(jumps), 0.0)
+    if wraps.any():
         values = values.copy()
-        values[1:] -= _TURN * np.cumsum(turns, axis=0)
+        values[1:] -= _TURN * np.cumsum(wraps, axis=0)
     return values
 
 
 def _changes(values: Floats) -> Indices:
-    """Rows to keep of a track that repeats each value until the next; all rows of any other.
+    """Rows to keep of a track that repeats each value until the next one; else all rows.
 
-    An encoder at rest repeats itself too. Only if most rows repeat in the middle of fast motion
-    is it the publisher that holds them: steps where there were none.
+    An encoder at rest repeats values too. Only if most rows repeat during fast motion does the
+    publisher hold them, which makes steps that are no motion.
     """
     everything = np.arange(len(values))
     reach = 10
@@ -165,12 +164,12 @@ def _changes(values: Floats) -> Indices:
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """T_world_parent(t), interpolated in each track's own values."""
+    """T_world_parent(t), interpolated in the values of each track."""
 
     path: KinematicPath
     tracks: tuple[CleanTrack, ...]
     use_ticks: bool = False
-    """Take each track's constant-rate clock for its stamps, where it has one."""
+    """Use each track's constant-rate clock instead of its stamps, if it has one."""
     _breaks: tuple[Indices, ...] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -179,7 +178,7 @@ class Trajectory:
 
     @classmethod
     def of(cls, path: KinematicPath) -> Trajectory:
-        """Trajectory of a path, each of its tracks cleaned.
+        """Trajectory of a path, with each track cleaned.
 
         Raises:
             InputError: A track has too few usable samples.
@@ -187,7 +186,7 @@ class Trajectory:
         return cls(path, tuple(clean_track(track) for track in path.tracks))
 
     def with_ticks(self, use_ticks: bool) -> Trajectory:
-        """The same trajectory, stamps read as ticks of a constant rate or as they are."""
+        """The same trajectory with constant-rate stamps, or with recorded stamps."""
         return self if use_ticks == self.use_ticks else replace(self, use_ticks=use_ticks)
 
     def _stamps(self, track: CleanTrack) -> Floats:
@@ -200,7 +199,7 @@ class Trajectory:
 
     @property
     def stamp_variance(self) -> float:
-        """Variance of the mean error of the stamps, s²: jitter that ticks average out."""
+        """Variance of the stamps' mean error, s²: jitter that ticks average out."""
         if not self.use_ticks:
             return 0.0
         found = [track.ticks.mean_variance for track in self.tracks if track.ticks is not None]
@@ -218,7 +217,7 @@ class Trajectory:
         return max(t[0] for t in stamps), min(t[-1] for t in stamps)
 
     def covered(self, t: Floats) -> Bools:
-        """Whether every track has samples around each instant: inside it and in no gap."""
+        """Whether every track has samples around each instant: within its time and not in a gap."""
         result = np.ones(len(t), dtype=bool)
         for track, breaks in zip(self.tracks, self._breaks, strict=True):
             stamps = self._stamps(track)
@@ -227,9 +226,9 @@ class Trajectory:
         return result
 
     def nearest_covered(self, t: Floats) -> Floats:
-        """Instants (M,), ascending, those outside the samples and in gaps moved to one that is not.
+        """Instants (M,), ascending; those outside the samples or in gaps are moved to a valid one.
 
-        For what is computed there and used by nobody: polynomials run wild far from their samples.
+        Values there are computed and not used; far from their samples polynomials would overflow.
         """
         covered = self.covered(t)
         if covered.all() or not covered.any():
@@ -258,7 +257,7 @@ class Trajectory:
         return tuple(values), tuple(rates)
 
     def _samples_around(self, track: CleanTrack, t: Floats) -> slice:
-        """Samples that values and rates at some instants are made of."""
+        """Samples from which values and rates at some instants are computed."""
         first, last = np.searchsorted(self._stamps(track), [t.min(), t.max()])
         reach = _rate_reach(track) + MIN_TRACK_SAMPLES
         return slice(max(int(first) - reach, 0), min(int(last) + reach, len(track.t)))
@@ -266,12 +265,12 @@ class Trajectory:
     def poses(self, t: Floats) -> tuple[Floats, Floats]:
         """R_world_parent (M, 3, 3) and p_world_parent (M, 3), m, at instants (M,), s."""
         R, p = np.empty((len(t), 3, 3)), np.empty((len(t), 3))
-        for first in range(0, len(t), _BLOCK):  # what poses are made of takes more than they do
+        for first in range(0, len(t), _BLOCK):  # to save memory
             block = slice(first, first + _BLOCK)
             R[block], p[block] = self.path.poses(self.values(t[block]))
         return R, p
 
     @property
     def gaps(self) -> int:
-        """Gaps over all tracks."""
+        """Gaps of all tracks."""
         return sum(len(breaks) for breaks in self._breaks)

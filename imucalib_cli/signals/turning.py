@@ -1,8 +1,8 @@
-"""How fast the parent link turns and how fast the IMU says it does, before anything is fitted.
+"""Compare the angular rate of the parent link with that of the IMU, before any fit.
 
-The rate of turning is one number in every frame, so the two can be held against each other while
-the mount is still unknown: they differ by a time offset, by a factor if units differ, and where
-one of the two streams stands still alone.
+The norm of the angular rate is the same in every frame, so the two can be compared while the mount
+is unknown. They differ by a time offset, by a factor if units differ, and where one of the two
+streams is held.
 """
 
 from __future__ import annotations
@@ -22,37 +22,38 @@ if TYPE_CHECKING:
     from imucalib_cli.signals.trajectory import Trajectory
 
 BIN = 0.05
-"""s over which turning is averaged: encoder steps and trackers' noise stay small in it."""
+"""s over which rates are averaged: encoder steps and trackers' noise average out."""
 TURNING = 0.05
-"""rad/s: less is not turning, by either stream. Biases of MEMS gyroscopes stay below it."""
+"""rad/s: a smaller rate is no rotation. Biases of MEMS gyroscopes stay below it."""
 STILL = 0.005
-"""rad/s by the kinematics: standing still. Encoder steps and trackers' noise stay below it."""
+"""rad/s from the kinematics: less is standstill. Encoder steps and tracker noise stay below."""
 _EXACTLY_STILL = 1e-6
-"""rad/s: positions repeat, and rounding is all that moves."""
+"""rad/s: positions repeat exactly, up to rounding."""
 _HELD_TURNING = 2.0 * TURNING
 _HELD_SECONDS = 0.5
-"""The robot's stream is held where it is exactly still so long while the IMU turns so fast."""
+"""s and rad/s: the robot's stream is held if it is exactly still so long while the IMU turns so
+fast."""
 AGREE = 0.9
-"""Correlation of the two rates of turning elsewhere from which the kinematics tell faults."""
+"""Correlation of the two rates elsewhere from which the kinematics show faults."""
 _LEAST_BINS = 20
 _LEAST_STILL = 5
 _MEDIAN_OVER_MEAN = float(np.sqrt(np.pi / 2.0))
-"""Standard deviation of a median over that of a mean, of many normal values."""
+"""Standard deviation of a median over that of a mean, for many normal values."""
 _HOLES = 3.0
-"""A bin with a hole of so many intervals has no mean rate."""
+"""A bin with a gap of so many intervals has no mean rate."""
 _MOST_BINS, _MOST_EMPTY = 1_000_000, 20
-"""Bins that are held whatever the number of samples, and per sample."""
+"""Most bins: a number always accepted, and a number per sample."""
 
 
 class RateRatio(NamedTuple):
-    """How many times the robot's rate of turning an IMU reads."""
+    """Ratio of the IMU's angular rate to the robot's."""
 
     value: float
     """Median over bins."""
     scatter: float
     """Standard deviation of a bin's ratio, over the ratio."""
     std: float
-    """Standard deviation of the value, of bins that err independently."""
+    """Standard deviation of the value, for independent errors of the bins."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,9 +65,9 @@ class Turning:
 
     t0: float
     derived: Floats
-    """(B,), |angular rate| of the parent link, rad/s; nan where it is not told."""
+    """(B,), |angular rate| of the parent link, rad/s; nan where unknown."""
     measured: Floats
-    """(B,), |angular rate| of the IMU, in its own unit, less its bias; nan where not told."""
+    """(B,), |angular rate| of the IMU, in its own unit, minus its bias; nan where unknown."""
     bias: Floats
     """(3,), what the IMU says while the link stands still, in its own unit."""
     lag: float
@@ -76,14 +77,14 @@ class Turning:
 
     @property
     def known(self) -> Bools:
-        """(B,), bins in which both rates are told."""
+        """(B,), bins in which both rates are known."""
         return np.isfinite(self.derived) & np.isfinite(self.measured)
 
     @property
     def ratio(self) -> RateRatio | None:
-        """Measured over derived, by the faster half of the bins in which the link turns plainly.
+        """Measured over derived rate, in the faster half of the bins in which the link turns.
 
-        None where it hardly turns.
+        None if it hardly turns.
         """
         fast = self.known & (self.derived > TURNING)
         if fast.sum() < _LEAST_BINS:
@@ -129,12 +130,12 @@ class Turning:
         still = self.known & (self.derived < _EXACTLY_STILL)
         # Half a bin of lag, and motion that begins within one.
         inner = still & np.roll(still, 1) & np.roll(still, -1)
-        turns = inner & (self.measured > _HELD_TURNING)
+        imu_turns = inner & (self.measured > _HELD_TURNING)
         aside = np.zeros(len(still), dtype=bool)
         found = []
         stretches = stretches_of(still)
         for first, end in zip(stretches.first, stretches.end, strict=True):
-            if turns[first:end].sum() * BIN >= _HELD_SECONDS:
+            if imu_turns[first:end].sum() * BIN >= _HELD_SECONDS:
                 aside[first:end] = True
                 # The last sample that stood still may lie in the bin after.
                 found.append((self.t0 + BIN * float(first), self.t0 + BIN * float(end) + BIN))

@@ -1,1 +1,1 @@
-"""Robots moved by a physics engine, IMU noise, and logs of it with their truth."""
+"""Simulate robots in a physics engine, add sensor noise, and write logs with their truth."""

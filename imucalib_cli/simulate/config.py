@@ -1,4 +1,4 @@
-"""A simulated system as its YAML states it: geometry, masses, motion and rates."""
+"""Configuration of a simulated system from YAML: geometry, masses, motion and rates."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from imucalib_cli.simulate.options import (  # noqa: TC001 - type of fields, che
 
 @dataclass(frozen=True, kw_only=True)
 class Origin:
-    """A fixed transform as URDF writes it."""
+    """A fixed transform as in URDF."""
 
     xyz: Vector
     """m."""
@@ -22,7 +22,7 @@ class Origin:
 
 @dataclass(frozen=True, kw_only=True)
 class ImuMount:
-    """Where the IMU sits on the system's parent link."""
+    """Pose of the IMU on the system's parent link."""
 
     link: str
     """Name of the IMU's frame."""
@@ -31,12 +31,12 @@ class ImuMount:
     rpy: Vector
     """rad, true orientation."""
     nominal: Origin
-    """What the URDF says instead."""
+    """The nominal pose in the URDF."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class FixedFrame:
-    """A further frame bolted to a link."""
+    """Another frame fixed to a link."""
 
     link: str
     parent: str
@@ -46,7 +46,7 @@ class FixedFrame:
 
 @dataclass(frozen=True, kw_only=True)
 class Rates:
-    """How finely the system is integrated and recorded."""
+    """Rates of integration and recording."""
 
     step: float
     """s, longest integration step."""
@@ -58,7 +58,7 @@ class Rates:
 
 @dataclass(frozen=True, kw_only=True)
 class Topics:
-    """Names of what is published."""
+    """Names of the topics and frames published."""
 
     imu: str
     robot: str
@@ -83,7 +83,7 @@ class ArmJoint:
 
 @dataclass(frozen=True, kw_only=True)
 class ArmLink:
-    """A link's mass, spread as a solid cylinder."""
+    """A link's mass, distributed as a solid cylinder."""
 
     name: str
     mass: float
@@ -114,7 +114,7 @@ class Drives:
     rotor_inertia: tuple[float, ...]
     """kg m², seen at the joint."""
     gravity_compensation: float
-    """Share of the links' weight the controller carries."""
+    """Share of the links' weight that the controller compensates."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -149,7 +149,7 @@ class Push:
 
 @dataclass(frozen=True, kw_only=True)
 class FreeBody:
-    """A floating box and the pushes it gets; times in s."""
+    """A floating box and its pushes; times in s."""
 
     size: Vector
     """m, edge lengths along x, y, z."""
@@ -168,12 +168,12 @@ class FreeBody:
 
 @dataclass(frozen=True, kw_only=True)
 class SystemConfig:
-    """Everything a system is: one YAML file. Exactly one of ``arm`` and ``free_body`` is there."""
+    """A system: one YAML file. Exactly one of ``arm`` and ``free_body`` is given."""
 
     name: str
     description: str
     gravity: float
-    """m/s², norm; zero where there is none."""
+    """m/s², norm; zero for none."""
     duration: float
     """s."""
     world: str
@@ -187,14 +187,14 @@ class SystemConfig:
 
     @property
     def mover(self) -> Arm | FreeBody:
-        """What moves: the one that is there."""
+        """The arm or the free body, whichever is given."""
         mover = self.arm or self.free_body
         if mover is None:
             raise ValueError("state either arm or free_body")
         return mover
 
     def __post_init__(self) -> None:
-        """Refuse what types cannot say."""
+        """Refuse values that the types allow but that make no sense."""
         if (self.arm is None) == (self.free_body is None):
             raise ValueError("state either arm or free_body")
         if min(self.rates.step, self.rates.imu, self.rates.robot, self.duration) <= 0:

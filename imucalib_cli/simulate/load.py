@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from pathlib import Path
+from typing import TYPE_CHECKING
 
-from imucalib_cli.configuration import build, builtin_names, read_builtin, read_yaml
+from imucalib_cli.configuration import build, builtin_names, load_named, read_builtin
 from imucalib_cli.errors import ChoiceError
 from imucalib_cli.signals.imu.data_sheet import imu_assumptions, load_imu_model
 from imucalib_cli.signals.samples import STANDARD_GRAVITY, Sensor
 from imucalib_cli.simulate.config import SystemConfig
 from imucalib_cli.simulate.options import NoiseOptions, Vector
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 _GRADES = "imu_grades"
 
@@ -23,13 +26,13 @@ def load_system(name_or_file: str | Path) -> SystemConfig:
         ChoiceError: There is no such system.
         InputError: The file cannot be read or states something else than a system.
     """
-    path = Path(name_or_file)
-    if path.suffix in {".yaml", ".yml"}:
-        return build(SystemConfig, read_yaml(path), str(path))
-    known = system_names()
-    if str(name_or_file) not in known:
-        raise ChoiceError(f"no system {name_or_file}: choose {', '.join(known)}, or give --config")
-    return build(SystemConfig, read_builtin(str(name_or_file)), f"{name_or_file}.yaml")
+    return load_named(
+        SystemConfig,
+        name_or_file,
+        system_names(),
+        folder="",
+        unknown="no system {name}: choose {names}, or give --config",
+    )
 
 
 def load_grade(name: str) -> NoiseOptions:

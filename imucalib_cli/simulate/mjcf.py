@@ -1,4 +1,4 @@
-"""A system's configuration as a MuJoCo model (MJCF): the physics' view of the same numbers."""
+"""A system's configuration as a MuJoCo model (MJCF)."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def model_xml(
 ) -> str:
     """Write the model with an accelerometer and a gyroscope at the IMU's mount.
 
-    With a camera its pose in the world, position and quaternion wxyz, is read after them.
+    With a camera, sensors of its pose in the world (position, quaternion wxyz) follow.
 
     Args:
         system: What to model.

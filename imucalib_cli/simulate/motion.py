@@ -1,4 +1,4 @@
-"""What moves the systems: references of an arm and pushes of a free body, as functions of time."""
+"""Motion of the systems: references of an arm and pushes of a free body, as functions of time."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class ArmReference:
     """Joint references of an arm: quintic moves with standstill between them."""
 
     def __init__(self, arm: Arm, duration: float) -> None:
-        """Lay the plan out for ``duration`` s; it repeats from its second move on."""
+        """Compute the plan for ``duration`` s; it repeats from its second move on."""
         start = np.radians(np.array(arm.start_deg))
         self._begins = [0.0]
         self._moves: list[tuple[float, Floats, Floats]] = [(1.0, start, np.zeros_like(start))]
@@ -55,7 +55,7 @@ class PushPlan:
     """Forces, torques and brake on a free body."""
 
     def __init__(self, body: FreeBody, profile: Literal["smooth", "hard"]) -> None:
-        """Take the body's pushes in order, over and over, ramped or switched at once."""
+        """Repeat the body's pushes in order, ramped or switched at once."""
         self._body = body
         self._ramp = body.ramp if profile == "smooth" else 0.0
         self._stop = body.stop if profile == "smooth" else 0.0

@@ -1,7 +1,7 @@
-"""What sensors and drivers do to a clean recording. No physics: run once, corrupt many times.
+"""Add the errors of sensors and drivers to a clean recording: simulate once, corrupt many times.
 
-Every effect draws from a random stream of its own, so switching one on or off leaves the others
-as they were for the same seed.
+Every effect has its own random stream, so that switching one on or off does not change the others
+for the same seed.
 """
 
 from __future__ import annotations
@@ -38,17 +38,17 @@ Record = TypeVar("Record", bound=Messages)
 Robot = JointRecord | PoseRecord
 
 MAX_JITTER = 0.45
-"""In sample intervals: stamps never change order."""
+"""Largest jitter in sample intervals, so that stamps never change order."""
 
 
 def corrupt(recording: Recording, noise: NoiseOptions, seed: int) -> Recording:
     """Add noise, biases, offsets and losses to a clean recording.
 
-    The same recording, options and seed give the same numbers bit for bit.
+    The same recording, options and seed give the same numbers, bit for bit.
 
     Args:
         recording: Made by :func:`imucalib_cli.simulate.physics.record`, not yet corrupted.
-        noise: What to add.
+        noise: Errors to add.
         seed: Of all random streams.
 
     Raises:
@@ -136,7 +136,7 @@ def white_std(noise: NoiseOptions, imu: ImuRecord) -> tuple[float, float]:
 
 
 def _encoders(position: Floats, noise: NoiseOptions, rng: np.random.Generator) -> Floats:
-    """What encoders read."""
+    """Add encoder errors."""
     read = position + noise.encoder_noise * rng.standard_normal(position.shape)
     if noise.encoder_step == 0:
         return read
@@ -144,7 +144,7 @@ def _encoders(position: Floats, noise: NoiseOptions, rng: np.random.Generator) -
 
 
 def _tracker(record: PoseRecord, noise: NoiseOptions, rng: np.random.Generator) -> PoseRecord:
-    """What a tracker of poses reads."""
+    """Add errors of a pose tracker."""
     position = record.position + noise.pose_noise * rng.standard_normal(record.position.shape)
     if noise.pose_noise_rotation == 0:
         return replace(record, position=position)
@@ -160,18 +160,18 @@ def _publish(
     jitter: float,
     streams: list[np.random.Generator],
 ) -> Record:
-    """Stamp on the publisher's clock and receive on the robot's; nothing is lost yet."""
+    """Set stamps on the publisher's clock and receive times on the robot's; losses come later."""
     n = len(record.t)
     limit = MAX_JITTER * _interval(record)
     error = np.clip(jitter * streams[0].standard_normal(n), -limit, limit)
     late = noise.delay + noise.delay_jitter * streams[1].standard_exponential(n)
-    # A queue keeps messages in order: one that is late holds up those behind it.
+    # A queue keeps messages in order: a late one delays those after it.
     received = np.maximum.accumulate(record.t + late)
     return replace(record, stamp=record.t + offset + error, received=received)
 
 
 def _lose(record: Record, share: float, rng: np.random.Generator) -> tuple[Record, Kept]:
-    """Drop a share of the rows; names and frames stay."""
+    """Drop a share of the rows; names and frames are kept."""
     kept = rng.random(len(record.t)) >= share
     return rows_kept(record, kept), kept
 
@@ -205,7 +205,7 @@ def _coloured(
 
 
 def _spikes(rng: np.random.Generator, size: float, spiked: Kept) -> Floats:
-    """One axis of every spiked sample thrown off by ``size`` either way; (N, 3)."""
+    """Errors of ``size``, with either sign, on one axis of every spiked sample; (N, 3)."""
     thrown = np.zeros((len(spiked), 3))
     rows = np.flatnonzero(spiked)
     sign = rng.choice([-1.0, 1.0], len(rows))
@@ -214,7 +214,7 @@ def _spikes(rng: np.random.Generator, size: float, spiked: Kept) -> Floats:
 
 
 def _cut_off(values: Floats, limit: float | None) -> Kept:
-    """Cut (N, 3) off in place at a limit either way; rows that went beyond."""
+    """Clip (N, 3) in place to plus or minus a limit; return the rows beyond it."""
     if limit is None:
         return np.zeros(len(values), dtype=bool)
     beyond = np.asarray((np.abs(values) > limit).any(axis=1))
@@ -223,18 +223,18 @@ def _cut_off(values: Floats, limit: float | None) -> Kept:
 
 
 def _check(noise: NoiseOptions) -> None:
-    told = {field.name: getattr(noise, field.name) for field in fields(noise)}
-    for name, value in told.items():
+    values = {field.name: getattr(noise, field.name) for field in fields(noise)}
+    for name, value in values.items():
         if name in {"time_offset", "camera_offset"} or isinstance(value, tuple):
             if not np.isfinite(value).all():
                 raise InputError(f"{name}: must be a finite number")
         elif value is not None and not (np.isfinite(value) and value >= 0):
             raise InputError(f"{name} {value:g}: must not be negative")
     for name in ("spikes", "dropouts", "robot_dropouts"):
-        if told[name] >= 1:
-            raise InputError(f"{name} {told[name]:g}: a share, below 1")
+        if values[name] >= 1:
+            raise InputError(f"{name} {values[name]:g}: a share, below 1")
     for name in ("accel_range", "gyro_range"):
-        if told[name] == 0:
+        if values[name] == 0:
             raise InputError(f"{name} 0: must be positive; leave it out for a sensor without limit")
     if noise.coloured_time == 0:
         raise InputError("coloured_time 0: must be positive; use white noise instead")

@@ -1,4 +1,4 @@
-"""What a user may decide about a simulation, apart from the system itself.
+"""Options of a simulation, apart from the system itself.
 
 Three steps, three sets of options: physics (slow, once), noise (fast, many times), log (once).
 """
@@ -33,18 +33,18 @@ class PhysicsOptions:
     mount_rpy: Vector | None = None
     """rad, true orientation."""
     profile: Literal["smooth", "hard"] = "smooth"
-    """How a free body is pushed: with ramps, or switched at once."""
+    """Pushes of a free body: with ramps, or switched at once."""
     inertia: Vector | None = None
     """kg m², of a free body, about its centre and along its axes."""
     publishers: int = 1
-    """Joint publishers, each with part of the joints and with instants of its own."""
+    """Number of joint publishers, each with part of the joints and its own instants."""
     robot_phase: float = 0.0
     """Share of a robot's period by which its instants come after those of the IMU."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class NoiseOptions:
-    """What sensors and drivers do to a recording; the default does nothing."""
+    """Errors of sensors and drivers; the default adds none."""
 
     accel_noise: float = 0.0
     """One-sided density, m/s²/sqrt(Hz): a sample's std is density * sqrt(rate / 2)."""
@@ -69,13 +69,13 @@ class NoiseOptions:
     coloured_time: float = 0.1
     """Correlation time of both, s."""
     accel_range: float | None = None
-    """Readings are cut off here either way, m/s²; None does not."""
+    """Range of the accelerometer, either sign, m/s²; None: no limit."""
     gyro_range: float | None = None
     """rad/s."""
     time_offset: float = 0.0
     """IMU stamp - robot stamp of the same instant, s."""
     spikes: float = 0.0
-    """Share of IMU samples in which one axis of each sensor is thrown off."""
+    """Share of IMU samples with a spike on one axis of each sensor."""
     spike_accel: float = 20.0
     """m/s², size of a spike, either sign."""
     spike_gyro: float = 2.0
@@ -112,16 +112,16 @@ class NoiseOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class LogOptions:
-    """How a recording becomes a file; the suffix says which kind of file."""
+    """How a recording is written; the path's suffix chooses the format."""
 
     compression: Literal["none", "lz4", "zstd", "bz2"] | None = None
-    """None takes zstd for .mcap, lz4 for .bag, none for db3."""
+    """None: zstd for .mcap, lz4 for .bag, none for db3."""
     imu_topic: str | None = None
     robot_topic: str | None = None
     imu_frame: str | None = None
     """frame_id of the Imu messages."""
     topic_each: bool = False
-    """Every joint publisher has a topic of its own, instead of sharing one."""
+    """Whether every joint publisher has its own topic."""
     joint_order: tuple[str, ...] = ()
     """Order of joint names in messages; empty is the arm's own."""
     start: int = 1_700_000_000

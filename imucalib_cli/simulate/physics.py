@@ -1,8 +1,8 @@
-"""Runs a system in MuJoCo and records what its encoders and an ideal IMU read.
+"""Simulate a system in MuJoCo and record its encoders and an ideal IMU.
 
-Readings of one instant belong together: the engine is brought exactly to the instant, forward
-dynamics is computed there, and joint positions and sensors are read from the same state. The IMU
-is MuJoCo's own accelerometer and gyroscope, so it owes nothing to this project's filters.
+All values of one instant come from the same state: the engine is integrated exactly to the instant
+and forward dynamics is computed there. The IMU is MuJoCo's own accelerometer and gyroscope, so it
+is independent of this project's filters.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-# MuJoCo's control callback is one per process.
+# MuJoCo has one control callback per process.
 _callback = threading.Lock()
 
 
@@ -52,10 +52,10 @@ def record(
     """Simulate a system without noise.
 
     Args:
-        system: What moves, and how.
+        system: The system and its motion.
         options: Rates, duration, gravity, mount; None takes the system's own.
         progress: Called now and then with the share done, 0 to 1.
-        camera: Record what it sees too; its optical frame is one of the system's, as
+        camera: Record its view too; its optical frame is one of the system's, as in
             :func:`imucalib_cli.simulate.camera.config.load_camera` gives them.
 
     Raises:
@@ -94,7 +94,7 @@ def record(
     phases = [k / len(groups) + options.robot_phase for k in range(len(groups))]
     robot_t = [instants(robot_rate, duration, phase) for phase in phases]
     camera_t = np.zeros(0) if camera is None else instants(camera.rate, duration)
-    # Instants of several clocks that differ by rounding only are one instant.
+    # Instants of several clocks that differ only by rounding are one instant.
     events = np.unique(np.round(np.concatenate([imu_t, *robot_t, camera_t]), 12))
     with _callback:
         previous = engine.get_mjcb_control()
@@ -142,7 +142,7 @@ def _gravity(system: SystemConfig, options: PhysicsOptions) -> Floats:
 
 
 def _control(system: SystemConfig, options: PhysicsOptions, duration: float) -> Any:
-    """What MuJoCo calls at every stage of every step, so that inputs are smooth in time."""
+    """Callback of MuJoCo, at every stage of every step, so that inputs are smooth in time."""
     mover = system.mover
     if isinstance(mover, Arm):
         return _arm_control(mover, ArmReference(mover, duration))
@@ -201,7 +201,7 @@ def _run(
 
 
 def _publishers(system: SystemConfig, number: int) -> list[list[int]]:
-    """Columns of the joints each publisher has."""
+    """Columns of each publisher's joints."""
     if system.arm is None:
         if number != 1:
             raise InputError(f"{system.name} has no joints to split over {number} publishers")

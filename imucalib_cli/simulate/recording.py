@@ -1,4 +1,4 @@
-"""A simulated run in memory: instants, readings, and what is true about them."""
+"""A simulated run in memory: instants, sensor values, and the truth."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Messages:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ImuRecord(Messages):
-    """What the IMU publishes."""
+    """Messages of the IMU."""
 
     gyro: Floats
     """(N, 3), rad/s, IMU frame."""
@@ -42,7 +42,7 @@ class ImuRecord(Messages):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class JointRecord(Messages):
-    """What one joint publisher publishes."""
+    """Messages of one joint publisher."""
 
     names: tuple[str, ...]
     position: Floats
@@ -78,7 +78,7 @@ def rows_kept(record: Record, kept: NDArray[np.bool_]) -> Record:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CameraRecord(Messages):
-    """What a camera sees of its target: poses are true, corners as found in its images."""
+    """A camera's view of its target: true poses, and corners as found in its images."""
 
     config: CameraConfig
     R_world_camera: Floats
@@ -97,7 +97,7 @@ class CameraRecord(Messages):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class State:
-    """The engine's own state at the IMU's instants, untouched by noise.
+    """The engine's state at the IMU's instants, without noise.
 
     An arm: joint positions, rates, accelerations in the order of the configuration. A free body:
     (x y z qw qx qy qz), then linear (world) and angular (body) velocity and acceleration.
@@ -111,18 +111,18 @@ class State:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Corruption:
-    """What was done to a recording."""
+    """Truth about the errors added to a recording."""
 
     noise: NoiseOptions
     seed: int
     spiked: NDArray[np.bool_]
-    """(N,), over the IMU samples that are left."""
+    """(N,), over the remaining IMU samples."""
     saturated: NDArray[np.bool_]
-    """(N,), where the sensor's range cut a reading off."""
+    """(N,), samples clipped to the sensor's range."""
     imu_dropped: int
     robot_dropped: int
     accel_bias: Floats
-    """(N, 3), m/s², bias in force at each sample left."""
+    """(N, 3), m/s², bias of each remaining sample."""
     gyro_bias: Floats
     """(N, 3), rad/s."""
 
@@ -150,5 +150,5 @@ class Recording:
 
     @property
     def noise(self) -> NoiseOptions:
-        """What sensors and drivers did to it; nothing to a clean one."""
+        """Errors of sensors and drivers; none in a clean recording."""
         return NoiseOptions() if self.corruption is None else self.corruption.noise

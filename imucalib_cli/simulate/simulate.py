@@ -1,4 +1,4 @@
-"""Simulate a system into a log, its truth and its URDF: the library call behind the command."""
+"""Simulate a system and write its log, truth and URDF: the library call of the command."""
 
 from __future__ import annotations
 
@@ -48,27 +48,27 @@ def simulate(
     progress: Callable[[float], None] | None = None,
     writing: Callable[[float], None] | None = None,
 ) -> dict[str, Any]:
-    """Simulate, corrupt and write a log; its truth goes beside it as ``<log>.truth.yaml``.
+    """Simulate, corrupt and write a log, with its truth beside it in ``<log>.truth.yaml``.
 
-    With a camera the log holds its images, and beside it lie the files that Kalibr asks for.
+    With a camera the log contains its images, and the files for Kalibr are written beside it.
 
     Args:
-        system: What moves, from :func:`imucalib_cli.simulate.load.load_system`.
+        system: The system, from :func:`imucalib_cli.simulate.load.load_system`.
         output: ``.mcap``, ``.bag``, ``.db3``, or a ROS 2 bag folder.
-        physics: How it is recorded.
-        noise: What sensors and drivers do to it.
-        log: How it becomes a file.
+        physics: Options of the physics.
+        noise: Errors of sensors and drivers.
+        log: Options of the file.
         seed: Of the noise.
-        urdf: Where to write the system's URDF, with the IMU's nominal pose.
+        urdf: Path for the system's URDF, which has the IMU's nominal pose.
         read: Files that system and options come from.
-        force: Write over logs and URDFs that were not made here.
-        camera: From :func:`imucalib_cli.simulate.camera.config.load_camera`, which gives the
-            system that goes with it.
+        force: Overwrite logs and URDFs that are not from a simulation.
+        camera: From :func:`imucalib_cli.simulate.camera.config.load_camera`, which also returns the
+        matching system.
         progress: Called with the share of the physics done, 0 to 1.
         writing: Called with the share of the log written.
 
     Returns:
-        The truth as its file has it, see :func:`truth_of`.
+        The content of the truth file, see :func:`truth_of`.
 
     Raises:
         InputError: MuJoCo or, with a camera, OpenCV is missing, an option is out of range, a file
@@ -97,7 +97,7 @@ def simulate(
 
 
 def _made_here(path: Path) -> bool:
-    """Whether a log or a URDF is of an earlier simulation."""
+    """Whether a log or a URDF is from an earlier simulation."""
     if truth_path(path).is_file():
         return True
     with path.open("rb") as file:
@@ -105,7 +105,7 @@ def _made_here(path: Path) -> bool:
 
 
 def truth_path(log: Path) -> Path:
-    """Where the truth of a log lies: its name with .truth.yaml for a suffix."""
+    """Path of a log's truth: its name with the suffix .truth.yaml."""
     return log.with_suffix(".truth.yaml")
 
 
@@ -117,15 +117,16 @@ _HEADER = """\
 
 
 def truth_of(recording: Recording, log: LogOptions) -> dict[str, Any]:
-    """What is true about a recording, clean or corrupted: what a calibration should find.
+    """The truth of a recording, clean or corrupted: what a calibration should find.
 
     Frames, signs and units as in the results. Biases are means over the log; ``log`` counts
-    messages, ``camera`` is what Kalibr should find, ``settings`` all that the log was made from.
+    messages, ``camera`` is the result Kalibr should find, ``settings`` are all inputs of the
+    simulation.
     """
     corruption, camera, system = recording.corruption, recording.camera, recording.system
     zero = np.zeros(3)
     chosen = recording.physics
-    # The system's own values, not None, so that the file alone says how the log was made.
+    # The system's own values instead of None, so that the file alone describes the log.
     physics = replace(
         chosen,
         duration=chosen.duration or system.duration,

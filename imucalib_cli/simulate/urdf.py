@@ -1,4 +1,4 @@
-"""The URDF that goes with a simulated system, with the IMU's nominal pose."""
+"""The URDF of a simulated system, with the IMU's nominal pose."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ if TYPE_CHECKING:
     from imucalib_cli.simulate.config import FreeBody, SystemConfig
 
 _TO_AXIS = {"x": (0.0, np.pi / 2, 0.0), "y": (-np.pi / 2, 0.0, 0.0), "z": (0.0, 0.0, 0.0)}
-"""rpy that lays a cylinder, which URDF draws along z, along an axis."""
+"""rpy that turns a cylinder from z, its axis in URDF, to another axis."""
 
 MADE_BY = "Made by imucalib simulate"
 ORIGIN = MADE_BY + " from configs/{name}.yaml, which tells where its numbers are from."
 
 
 def urdf_text(system: SystemConfig) -> str:
-    """Write the robot's description; the IMU is where the drawing says, not where it truly is."""
+    """Write the robot's description, with the IMU at its nominal pose and not the true one."""
     robot = ET.Element("robot", name=system.name)
     mover = system.mover
     if isinstance(mover, Arm):

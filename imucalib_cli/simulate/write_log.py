@@ -1,6 +1,6 @@
-"""Recordings as logs: which messages, on which topics, in which order, in which container.
+"""Write recordings as logs: messages, topics, order and file format.
 
-Definitions of all message types are embedded, so that any reader can decode the log alone.
+Definitions of all message types are embedded, so that any reader can decode the log.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ Nanoseconds = NDArray[np.int64]
 Make: TypeAlias = Callable[[int], Any]
 """A message of a row."""
 Write: TypeAlias = Callable[[int, Any], None]
-"""Appends a message that was received at an instant, ns."""
+"""Appends a message with its receive time, ns."""
 
 COMPRESSIONS = {
     ".mcap": ("zstd", "lz4", "none"),
@@ -52,7 +52,7 @@ def write_log(
     options: LogOptions | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> None:
-    """Write a recording as a ROS log; an existing file is replaced once the new one is whole.
+    """Write a recording as a ROS log; an existing file is replaced when the new one is complete.
 
     Args:
         recording: Clean or corrupted.
@@ -61,7 +61,7 @@ def write_log(
         progress: Called now and then with the share done, 0 to 1.
 
     Raises:
-        InputError: The path cannot be written, or OpenCV is not there to render images.
+        InputError: The path cannot be written, or OpenCV is missing for images.
         ChoiceError: The suffix, the compression or the joint order does not exist.
     """
     options = options or LogOptions()
@@ -83,10 +83,10 @@ def write_log(
 
 
 def see_log_place(path: Path, compression: str | None) -> str:
-    """See that a log can be written; returns its compression.
+    """Check that a log can be written; return its compression.
 
     Raises:
-        InputError: The place cannot be written, or a folder or a device is there already.
+        InputError: The path cannot be written, or is a folder or a device.
         ChoiceError: The suffix or the compression does not exist.
     """
     known = COMPRESSIONS.get(path.suffix)
@@ -117,9 +117,9 @@ class _Log:
 
 @contextmanager
 def _open_log(path: Path, compression: str | None) -> Iterator[_Log]:
-    """Write a log beside its final place and move it there when it is whole.
+    """Write a log beside its final path and move it there when it is complete.
 
-    A symbolic link is kept and its target replaced, as are the permissions of a file.
+    A symbolic link is kept and its target replaced; permissions are kept.
 
     Raises:
         InputError, ChoiceError: As :func:`see_log_place`.
@@ -138,7 +138,7 @@ def _open_log(path: Path, compression: str | None) -> Iterator[_Log]:
             if target.exists():
                 made.chmod(target.stat().st_mode & 0o7777)
             shutil.move(made, target)
-    # of a full disk db3 has an error of its own
+    # on a full disk db3 raises its own error
     except (OSError, sqlite3.Error) as error:
         reason = getattr(error, "strerror", None) or error
         raise InputError(f"{path}: cannot be written: {reason}") from error
@@ -169,7 +169,7 @@ def _bag2(path: Path, _compression: str) -> _Log:
     connections: dict[str, Any] = {}
 
     def connect(topic: str, message_type: str) -> Write:
-        if topic not in connections:  # rosbag2 keeps one entry a topic, however many publish
+        if topic not in connections:  # rosbag2 has one entry per topic
             connections[topic] = writer.add_connection(topic, message_type, typestore=store)
         to = connections[topic]
         return lambda ns, message: writer.write(to, ns, store.serialize_cdr(message, to.msgtype))
@@ -201,10 +201,10 @@ def _bag1(path: Path, compression: str) -> _Log:
 
 
 def _ros1_lz4(chunk: bytes) -> bytes:
-    """Compress as ROS 1 can read it, and so Kalibr.
+    """Compress so that ROS 1, and with it Kalibr, can read it.
 
-    Its reader refuses what lz4 and rosbags write by default: it wants independent blocks, the
-    content's checksum and no content size (ros_comm, utilities/roslz4/src/lz4s.c, processHeader).
+    Its reader refuses the defaults of lz4 and rosbags: it needs independent blocks, the content's
+    checksum and no content size (ros_comm, utilities/roslz4/src/lz4s.c, processHeader).
     """
     from lz4.frame import compress
 
@@ -221,7 +221,7 @@ _WRITERS: dict[str, Callable[[Path, str], _Log]] = {
 
 
 class _Factory:
-    """Makes message objects out of the rows of a recording."""
+    """Makes message objects from the rows of a recording."""
 
     def __init__(self, types: Any, recording: Recording, options: LogOptions) -> None:
         self._types = types
@@ -259,7 +259,7 @@ class _Factory:
     def _imu(self, record: ImuRecord) -> Make:
         vector, imu = self._types["geometry_msgs/msg/Vector3"], self._types["sensor_msgs/msg/Imu"]
         unknown = np.zeros(9)
-        # REP 145: a first element of -1 says that there is no orientation.
+        # REP 145: a first element of -1 means that there is no orientation.
         no_orientation = np.array([-1.0, *np.zeros(8)])
         no_turn = self._types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
         header = self._headers(record, self._options.imu_frame or self._recording.system.imu.link)
@@ -285,7 +285,7 @@ class _Factory:
         )
 
     def _columns(self, names: tuple[str, ...]) -> list[int]:
-        """Columns in the order the options want."""
+        """Columns in the order of the options."""
         order = self._options.joint_order
         if not order:
             return list(range(len(names)))

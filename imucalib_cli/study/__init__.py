@@ -1,1 +1,1 @@
-"""Experiments on simulated recordings: trials in memory, and the bound they are held against."""
+"""Experiments on simulated recordings: runs in memory, compared with the Cramér-Rao bound."""

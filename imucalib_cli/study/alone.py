@@ -1,7 +1,7 @@
-"""Runs functions in a fresh process of their own and tells what they cost.
+"""Run functions in a fresh process and measure their time and memory.
 
-Memory is the resident set: the kernel's peak while a function runs, less what the process held
-before, which is the interpreter, the libraries and the data.
+Memory is the kernel's peak of the resident set while a function runs, minus the size before, which
+is that of the interpreter, the libraries and the data.
 """
 
 from __future__ import annotations
@@ -35,19 +35,19 @@ _FORGET_PEAK = "5"
 
 @dataclass(frozen=True, kw_only=True)
 class Cost(Generic[T]):
-    """What came of a call."""
+    """Outcome of a call."""
 
     value: T | None
-    """None where it failed."""
+    """Its result; None if it failed."""
     failure: str | None
-    """Why, in one line."""
+    """Reason of the failure, in one line."""
     seconds: float
-    """By the clock on the wall."""
+    """Wall-clock time, s."""
     cpu_seconds: float
     memory: float
-    """Bytes, at the peak, more than before."""
+    """Peak minus the size before, bytes."""
     held: float
-    """Bytes held before."""
+    """Size before, bytes."""
 
 
 def run_alone(
@@ -56,14 +56,13 @@ def run_alone(
     """Call functions one after the other in a new process.
 
     Args:
-        calls: What to call; importable, for they are sent to the process.
+        calls: Functions to call; importable, because they are sent to the process.
         given: Their argument.
-        modules: Imported beforehand, if they are there, so that their import costs nothing.
+        modules: Imported before, if installed, so that their import is not measured.
 
     Raises:
         InputError: The process was killed.
-        RuntimeError: A call failed otherwise than by an InputError: its exception in words, and
-            the traceback as its cause.
+        RuntimeError: A call failed with another exception: its text, with the traceback as cause.
     """
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe()
@@ -72,7 +71,7 @@ def run_alone(
         child.start()
     theirs.close()
     try:
-        # Not as the process's arguments: one whose parent ends would complain of half of them.
+        # Not as the process's arguments: if the parent ends, the child would fail to unpickle them.
         with suppress(BrokenPipeError):
             ours.send((tuple(modules), tuple(calls), given))
         costs, words, trace = ours.recv()
@@ -81,29 +80,29 @@ def run_alone(
         if (child.exitcode or 0) < 0:
             raise InputError("a method's process was killed, for want of memory perhaps") from None
         raise RuntimeError(f"a method ended its process, exit code {child.exitcode}") from None
-    except BaseException:  # interrupted: nobody waits for what is under way
+    except BaseException:  # interrupted: the running call is not needed
         child.terminate()
         raise
     finally:
         ours.close()
     child.join()
-    if words:  # as text: not every exception can be sent
+    if words:  # as text: not every exception can be pickled
         raise RuntimeError(words) from RuntimeError(f"In the process of its own:\n{trace}")
     result: list[Cost[T]] = costs
     return result
 
 
 def _serve(parent: Connection) -> None:
-    """Answer with the costs, or with an exception in words and its traceback."""
+    """Send the costs, or an exception's text and its traceback."""
     obey_the_parent()
     try:
         modules, calls, given = parent.recv()
         for module in modules:
-            with suppress(ImportError):  # what needs it will say so
+            with suppress(ImportError):  # the code that needs it reports it
                 import_module(module)
         parent.send(([_timed(call, given) for call in calls], "", ""))
     except Exception as error:  # noqa: BLE001 - the parent raises it
-        with suppress(OSError):  # nobody waits for it any more
+        with suppress(OSError):  # the parent no longer waits
             parent.send(([], f"{type(error).__name__}: {error}", traceback.format_exc()))
     parent.close()
 
@@ -128,11 +127,11 @@ def _timed(call: Callable[[G], T], given: G) -> Cost[T]:
 
 
 def _forget_peak() -> float:
-    """Start a new peak where the kernel can; the resident set at present, bytes."""
+    """Reset the kernel's peak if possible; return the present resident set, bytes."""
     try:
         _RESET.write_text(_FORGET_PEAK)
     except OSError:
-        return _peak()  # then the peak of before is all that can be told
+        return _peak()  # then only the peak since the process's start is known
     return _status("VmRSS")
 
 

@@ -1,4 +1,4 @@
-"""The Cramér-Rao bound: how well any estimator could do on a motion, given white sensor noise.
+"""The Cramér-Rao bound: the best accuracy of any estimator for a motion, with white sensor noise.
 
 Computed from the noise-free recording, sample by sample, with none of the estimator's filters:
 
@@ -32,7 +32,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class Unknown:
-    """Which nuisances are unknown beside the pose."""
+    """Parameters that are unknown besides the pose."""
 
     accel_bias: bool = True
     gyro_bias: bool = True
@@ -41,7 +41,7 @@ class Unknown:
 
 
 POSE_ALONE = Unknown(accel_bias=False, gyro_bias=False, tilt=False, time_offset=False)
-"""What the published method takes for known."""
+"""The parameters that the published method assumes known."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -110,12 +110,12 @@ def cramer_rao(
 
 
 def bound_columns(clean: Recording, noise: NoiseOptions, *, alone: bool) -> Row:
-    """Root-mean-square errors below which no unbiased estimator gets; None without IMU noise.
+    """Least root-mean-square errors of any unbiased estimator; None without IMU noise.
 
     Args:
         clean: The recording without noise.
-        noise: Of which the IMU's white noise counts.
-        alone: Whether nothing but the pose is unknown.
+        noise: Its white noise of the IMU is used.
+        alone: Whether only the pose is unknown.
     """
     accel, gyro = white_std(noise, clean.imu)
     if accel == 0.0 or gyro == 0.0:
@@ -126,5 +126,5 @@ def bound_columns(clean: Recording, noise: NoiseOptions, *, alone: bool) -> Row:
 
 @cache
 def _bound(clean: Recording, accel: float, gyro: float, alone: bool) -> Bound:
-    """A study asks for the same one at every seed."""
+    """Cached: a study needs the same bound for every seed."""
     return cramer_rao(clean, accel, gyro, POSE_ALONE if alone else Unknown())

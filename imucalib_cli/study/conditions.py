@@ -1,4 +1,4 @@
-"""What studies state of a run: how systems are recorded, by which sensors, from which guess."""
+"""Conditions of a run: recording, sensors, and initial guess."""
 
 from __future__ import annotations
 
@@ -24,19 +24,19 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class Recorded:
-    """How a study's systems are recorded."""
+    """Recording of a study's systems."""
 
     imu_rate: float
     """Hz."""
     robot_rate: float
     """Hz."""
     duration: float | None = None
-    """s; None is the whole plan."""
+    """s; None: the whole plan."""
     profile: Literal["smooth", "hard"] = "smooth"
     """How a free body is pushed."""
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be recorded."""
+        """Refuse impossible rates and durations."""
         if min(self.imu_rate, self.robot_rate, self.duration or 1.0) <= 0.0:
             raise ValueError("imu_rate, robot_rate and duration must be above zero")
 
@@ -59,19 +59,19 @@ class Condition:
     grade: str = "ideal"
     """Of configs/imu_grades.yaml."""
     biases: bool = False
-    """Whether those of the grade, and their walks, are there."""
+    """Whether the grade's biases and their walks are simulated."""
     noise: NoiseOptions = field(default_factory=NoiseOptions)
-    """What is beside the grade; it wins."""
+    """Noise options in addition to the grade; they have priority."""
     seeds: int | None = None
-    """Where fewer tell enough; None takes the study's."""
+    """Number of seeds; None takes the study's."""
 
     def __post_init__(self) -> None:
-        """Refuse what is no grade when the parameters are read, not in the middle of a study."""
+        """Refuse an unknown grade when the parameters are read, not in the middle of a study."""
         load_grade(self.grade)
 
     @property
     def sensors(self) -> NoiseOptions:
-        """Noise of the grade, and of what is beside it."""
+        """Noise of the grade with the additional options."""
         graded = load_grade(self.grade)
         if not self.biases:
             graded = replace(
@@ -93,32 +93,32 @@ class Conditioned(Recorded):
 
     @property
     def names(self) -> list[str]:
-        """Of the conditions."""
+        """By name."""
         return [condition.name for condition in self.conditions]
 
     def condition_of(self, cell: Cell) -> Condition:
-        """The one that a run is made under."""
+        """The condition of a run."""
         return self.conditions[self.names.index(cell["condition"])]
 
     def seeds_of(self, cell: Cell) -> range:
-        """Those that a run's condition is run with."""
+        """Seeds of a condition."""
         return range(self.condition_of(cell).seeds or self.seeds)
 
 
 @dataclass(frozen=True, kw_only=True)
 class PaperSetting:
-    """What is not known to us of the published method: its window, what it drops, its residual."""
+    """Settings of the published method that we do not know: its window, exclusion and residual."""
 
     window: int
     """Samples."""
     exclusion: float
     """m/s², second difference over which a sample is dropped; 0 drops none."""
     residual: Literal["l1", "components"] | None = None
-    """Where it varies too."""
+    """Residuals, if they vary too."""
 
     @property
     def words(self) -> str:
-        """For tables."""
+        """Name in tables."""
         dropped = f"drops over {self.exclusion:.3g} m/s²" if self.exclusion else "drops none"
         return ", ".join(filter(None, (f"L {self.window}", dropped, self.residual)))
 
@@ -146,11 +146,11 @@ def wrong_guess(recording: Recording, translation: float, rotation: float, seed:
     """The truth, displaced and turned by vectors of fixed norm and random direction.
 
     The directions are uniform on the sphere (section 4.1 of the paper). The paper adds its vector
-    to the rotation vector; turning by it instead makes the angle of the error the one that is
-    stated.
+    to the rotation vector. Here it is a rotation on the left, so that the error's angle is the
+    stated one.
 
     Args:
-        recording: Whose truth is known.
+        recording: Recording with the truth.
         translation: Norm, m.
         rotation: Angle, rad.
         seed: Of the two directions.

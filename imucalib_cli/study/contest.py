@@ -1,4 +1,4 @@
-"""The published method and ours on one recording: the same data, and how far each is off."""
+"""Run the published method and ours on one recording, and compare their errors."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ Options: TypeAlias = PaperOptions | MatchedOptions
 
 
 def exact_system(gravity_norm: float) -> MatchedOptions:
-    """The matched method where robot, sensor and gravity are what they are taken for.
+    """Options of the matched method for an exact robot, sensor and gravity.
 
-    The simulated systems of the studies are so: what is unknown beside the pose are the biases,
-    the vertical and the time offset.
+    The simulated systems of the studies are exact. Unknown besides the pose are the biases, the
+    vertical and the time offset.
 
     Args:
         gravity_norm: m/s²; zero where there is no gravity.
@@ -62,17 +62,17 @@ PUBLISHED: dict[str, Literal["l1", "components"]] = {
     "paper": "l1",
     "paper, components": "components",
 }
-"""The published method with one L1 sum an instant as residual, and with the six components, for it
-is not known to us which its authors square."""
+"""The published method with one L1 sum per instant as residual, and with the six components: it is
+not known which its authors square."""
 OURS: dict[str, Callable[[float], MatchedOptions]] = {
     "matched, pose only": pose_only,
     "matched": exact_system,
 }
-"""With the same unknowns, and with all its own."""
+"""With the published method's unknowns, and with all its own."""
 METHODS = (*PUBLISHED, *OURS)
 
 NO_ERRORS: Row = dict.fromkeys(part.name for part in fields(PoseError))
-"""In place of an error's columns, where a method gave no answer."""
+"""Columns of the errors of a method without an answer."""
 
 
 def contestants(
@@ -82,14 +82,14 @@ def contestants(
     settings: Sequence[PaperSetting],
     window: WindowChoice | None = None,
 ) -> Iterator[tuple[str, PaperSetting | None, Options]]:
-    """Methods with how they are set: the published one in each of its settings.
+    """Methods with their options: the published one in each of its settings.
 
     Args:
         methods: Of METHODS.
-        recording: What they are to calibrate.
-        guess: Where the published method starts; ours needs none.
+        recording: Recording to calibrate.
+        guess: Start of the published method; ours needs none.
         settings: Of the published method.
-        window: Of the matched filters; default their own choice.
+        window: Window of the matched filters; default: chosen automatically.
     """
     norm = float(np.linalg.norm(recording.gravity_world))
     for method in methods:
@@ -116,8 +116,8 @@ def contest(method: str, recording: Recording, options: Options) -> Row:
 
     Returns:
         method, translation and rotation (norm, m; angle, rad), the paper's averages of them,
-        time_offset (error, s), trusted, seconds, evaluations; where the method gives no answer,
-        ``failure`` says why and the errors are None.
+        time_offset (error, s), trusted, seconds, evaluations; without an answer ``failure`` is the
+        reason and the errors are None.
     """
     begun = time.perf_counter()
     imu, path = streams_of(recording)

@@ -24,12 +24,12 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas
 
 SIZE = (7.2, 4.2)
-"""Inches: a panel alone."""
+"""Size of a single panel, inches."""
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#444444", "#999999")
-"""Okabe and Ito's, told apart by colour-blind readers too, then greys."""
+"""Colours of Okabe and Ito, which colour-blind readers can distinguish, then greys."""
 
 _SHORT = 1.8
-"""Decades, up to which a log axis is labelled between them too."""
+"""Log axes of up to so many decades are labelled between decades too."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,11 +39,11 @@ class Curve:
     name: str
     x: Sequence[float]
     y: Sequence[float]
-    """NaN where there is nothing to draw."""
+    """NaN for missing points."""
     dashed: bool = False
-    """For what others are held against: a bound, a claim."""
+    """Dashed, for references: a bound, a claim."""
     dotted: bool = False
-    """To tell a second of these from the first."""
+    """Dotted, to distinguish a second reference."""
 
 
 def new_figure(
@@ -86,7 +86,7 @@ def draw_curves(axes: Axes, curves: Sequence[Curve]) -> None:
 
     Args:
         axes: The panel.
-        curves: What to draw; dashed ones are thin and black.
+        curves: Curves to draw; dashed ones are thin and black.
     """
     for number, curve in enumerate(curves):
         x, y = np.array(curve.x, dtype=float), np.array(curve.y, dtype=float)
@@ -113,7 +113,7 @@ def draw_curves(axes: Axes, curves: Sequence[Curve]) -> None:
 
 
 def label_logarithmic(axis: Axis) -> None:
-    """Label a log axis by decades, or by 1, 2 and 5 where it spans little more than one."""
+    """Label a log axis by decades, or by 1, 2 and 5 if it spans little more than one."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     low, high = axis.get_view_interval()
@@ -132,7 +132,7 @@ def save_svg(figure: Canvas, path: Path) -> None:
     from matplotlib import rc_context
 
     text = io.BytesIO()
-    # The ids of an SVG's parts are random without a salt; text as paths looks alike everywhere.
+    # Without a salt the ids in an SVG are random; text as paths looks the same everywhere.
     with rc_context({"svg.hashsalt": "imucalib", "svg.fonttype": "path"}):
         figure.savefig(text, format="svg", metadata={"Date": None, "Creator": "imucalib"})
     write_whole(path, text.getvalue())

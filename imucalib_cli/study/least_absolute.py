@@ -1,10 +1,10 @@
-"""The least sum of absolute residuals, which the paper's words ask for, over poses.
+"""Minimise the sum of absolute residuals over poses, the cost that the paper's text describes.
 
-Two ways. Iteratively reweighted least squares: each residual weighted by one over its size.
-Successive linear programs: with the rotation linear in its tangent, the least sum of absolute
-values is a linear program, exactly; its solution is stepped to, and the program made anew there
-(Osborne and Watson, The Computer Journal 14(2), 1971). A linear program over t and all nine
-entries of R, its orthogonality forgotten, needs no guess to start from.
+There are two ways. Iteratively reweighted least squares: each residual is weighted by the inverse
+of its size. Successive linear programs: with the rotation linearised, the least sum of absolute
+values is exactly a linear program; after a step to its solution it is linearised again (Osborne and
+Watson, The Computer Journal 14(2), 1971). A linear program over t and all nine entries of R,
+without orthogonality, needs no initial guess.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ Floats = NDArray[np.float64]
 
 _STEPS = 100
 _ARRIVED = 1e-10
-"""Relative decrease of the sum below which no more is to be had."""
+"""Relative decrease of the sum at which the iteration ends."""
 _HALVINGS = 20
 _SHARPEN = 0.5
-"""By which the size below which residuals count as this size shrinks with each reweighting."""
+"""Factor by which the lower limit of the residuals' size shrinks with each reweighting."""
 _SHARPEST = 1e-9
-"""Of the median residual: where it stops to shrink."""
+"""Smallest lower limit, relative to the median residual."""
 
 
 def absolute_sum(cost: PoseCost, pose: Pose) -> float:
@@ -42,7 +42,7 @@ def by_reweighting(cost: PoseCost, start: Pose) -> tuple[Pose, int]:
     """Iteratively reweighted least squares from a guess.
 
     Returns:
-        The pose, and how often all residuals were evaluated; so do the next two.
+        The pose, and the number of evaluations of all residuals; so do the next two.
     """
     pose, left = start, cost.residuals(start)
     evaluations = 1
@@ -100,8 +100,8 @@ def by_relaxation(cost: PoseCost, _: Pose) -> tuple[Pose, int]:
 def least_absolute(J: Floats, r: Floats) -> Floats:
     """The x that minimises the sum of |J x + r|, by its dual linear program.
 
-    The dual, max r' y over J' y = 0 and |y| <= 1, has as few constraints as x has components, and
-    x is what they cost.
+    The dual, max r' y over J' y = 0 and |y| <= 1, has one constraint for each component of x, and x
+    is the vector of their multipliers.
 
     Args:
         J: (M, n).
@@ -119,7 +119,7 @@ def least_absolute(J: Floats, r: Floats) -> Floats:
         A_eq=(J / widths).T,
         b_eq=np.zeros(J.shape[1]),
         bounds=(-1.0, 1.0),
-        method="highs-ipm",  # its simplex takes several times as long to the same vertex
+        method="highs-ipm",  # the simplex method takes several times as long to the same vertex
     )
     if solved.status != 0:
         raise InputError(f"linear program: {solved.message}")
@@ -127,7 +127,7 @@ def least_absolute(J: Floats, r: Floats) -> Floats:
 
 
 def _softened(left: Floats, floor: float) -> float:
-    """Sum of absolute values, quadratic below a size: what a reweighting step cannot raise."""
+    """Sum of absolute values, quadratic below a size, which no reweighting step increases."""
     size = np.abs(left)
     small = size < floor
     return float(np.where(small, 0.5 * (size**2 / floor + floor), size).sum())

@@ -1,8 +1,7 @@
-"""Optimisers by name, each on the residuals it is given, counted and timed.
+"""Optimisers by name, with their evaluations and time.
 
-Which one the paper's cost wants is a question it leaves open. Those of scipy are run as the
-published method runs its own: over t and a rotation vector, differences for derivatives, the same
-tolerances.
+The paper does not say which one it uses. Those of scipy are run like the published method: over t
+and a rotation vector, with numerical derivatives and the same tolerances.
 """
 
 from __future__ import annotations
@@ -34,23 +33,23 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 Kind = Literal["squares", "squared sums", "absolute values", "huber", "cauchy"]
-"""What is least: the sum of squares, of squared L1 sums an instant, of absolute values, or of a
-robust loss."""
+"""The cost: the sum of squares, of squared L1 sums per instant, of absolute values, or of a robust
+loss."""
 Cost = Literal["published", "published, scaled", "matched"]
-"""Whose residuals: the published method's, unweighted as it has them or each sensor's over its own
-spread, or the matched filters'."""
+"""The residuals: the published method's (unweighted, or each sensor's divided by its standard
+deviation), or the matched filters'."""
 Run: TypeAlias = "Callable[[PoseCost, Pose], tuple[Pose, int]]"
-"""From residuals and a guess to the pose and how often all residuals were evaluated."""
+"""Function of residuals and a guess; returns the pose and the number of evaluations."""
 
 TOLERANCE = 1e-10
 """ftol, xtol and gtol, the published method's own."""
 HUBER, CAUCHY = 1.345, 2.385
-"""In standard deviations: 95 % efficient where the noise is normal (Holland and Welsch 1977)."""
+"""In standard deviations: 95 % efficient for normal noise (Holland and Welsch 1977)."""
 
 
 @dataclass(frozen=True)
 class Optimiser:
-    """One way to the least cost."""
+    """An optimiser with its cost and residuals."""
 
     name: str
     cost: Cost
@@ -60,7 +59,7 @@ class Optimiser:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Solved:
-    """What an optimiser came to."""
+    """Result of an optimiser."""
 
     pose: Pose
     evaluations: int
@@ -75,13 +74,13 @@ def solve_by(optimiser: Optimiser, costs: dict[Cost, PoseCost], guess: Pose) -> 
 
     Args:
         optimiser: Which.
-        costs: Residuals by whose they are; scaled ones are made from the unscaled.
-        guess: Where to start, for those that need it.
+        costs: Residuals by kind; scaled ones are made from the unscaled.
+        guess: Start, for those that need it.
     """
     begun = time.perf_counter()
     evaluations, cost = 0, costs["published" if optimiser.cost != "matched" else "matched"]
     if optimiser.cost == "published, scaled":
-        first, evaluations = by_reweighting(cost, guess)  # a fit that spikes do not move
+        first, evaluations = by_reweighting(cost, guess)  # a robust fit
         cost = cost.scaled(first)
     pose, more = optimiser.run(cost, guess)
     seconds = time.perf_counter() - begun
@@ -94,7 +93,7 @@ def solve_by(optimiser: Optimiser, costs: dict[Cost, PoseCost], guess: Pose) -> 
 
 
 def value_of(cost: PoseCost, pose: Pose, kind: Kind) -> float:
-    """What is least at a pose."""
+    """The cost at a pose."""
     if kind == "absolute values":
         return absolute_sum(cost, pose)
     left = cost.residuals(pose)
@@ -109,7 +108,7 @@ def value_of(cost: PoseCost, pose: Pose, kind: Kind) -> float:
 
 
 def _scipy(name: str, cost: Cost, kind: Kind) -> Optimiser:
-    """scipy.optimize.least_squares, set as the published method's is, or with true derivatives."""
+    """scipy.optimize.least_squares, set as the published method, or with exact derivatives."""
     method, _, analytic = name.partition(", ")
 
     def run(cost: PoseCost, guess: Pose) -> tuple[Pose, int]:
@@ -125,7 +124,7 @@ def _scipy(name: str, cost: Cost, kind: Kind) -> Optimiser:
 
         def derivatives(x: Floats) -> Floats:
             J = cost.jacobian(Pose(matrix_from_rotvec(x[3:]), x[:3]))
-            # Pose.moved turns on the left; the rotation vector's own steps become such turns.
+            # Pose.moved rotates on the left; steps of the rotation vector are converted to that.
             return np.hstack([J[:, :3], J[:, 3:] @ right_jacobian(-x[None, 3:])[0]])
 
         robust: dict[str, Any] = {}
@@ -148,10 +147,10 @@ def _scipy(name: str, cost: Cost, kind: Kind) -> Optimiser:
 
 
 def _reduced_solve(cost: PoseCost, _: Pose) -> tuple[Pose, int]:
-    """Ours: one pass over the residuals, then all rotations on their statistics."""
-    # Gravity is in the residuals' constant part already.
+    """Ours: one pass over the residuals; all rotations then need only their statistics."""
+    # Gravity is already in the residuals' constant part.
     known = Known.of(pose_only(0.0))
-    # Priors, however weak, presume residuals in units of their noise.
+    # Even weak priors assume residuals in units of their noise.
     known = replace(known, std=np.where(known.std > 0.0, np.inf, 0.0))
     found = solve_globally(cost.normal_matrix, known)
     return Pose(found.R, found.x[columns.T]), 1

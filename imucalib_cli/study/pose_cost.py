@@ -44,7 +44,7 @@ class PoseCost:
         return np.hstack([self.slope[:, :3], self.slope[:, 3:] @ turns])
 
     def scaled(self, pose: Pose) -> PoseCost:
-        """Each sensor's residuals over their own robust standard deviation at a pose."""
+        """Residuals divided by each sensor's robust standard deviation at a pose."""
         left = np.abs(self.residuals(pose)).reshape(-1, 2, 3)
         scales = MAD_TO_STD * np.median(left, axis=(0, 2))
         each = np.tile(np.repeat(1.0 / np.maximum(scales, 1e-300), 3), len(left))
@@ -52,7 +52,7 @@ class PoseCost:
 
     @property
     def normal_matrix(self) -> Floats:
-        """(columns.COUNT, columns.COUNT): all that least squares needs to know of them."""
+        """(columns.COUNT, columns.COUNT): the statistics that least squares needs."""
         own = np.r_[
             columns.ONE, np.arange(columns.COUNT)[columns.T], np.arange(columns.COUNT)[columns.R]
         ]
@@ -63,7 +63,7 @@ class PoseCost:
 
 
 def published_cost(instants: Instants, gravity_norm: float) -> PoseCost:
-    """Differences of the published method, m/s² and rad/s, unweighted as it has them.
+    """Residuals of the published method, m/s² and rad/s, unweighted.
 
     Args:
         instants: Those that are compared.
@@ -77,7 +77,7 @@ def published_cost(instants: Instants, gravity_norm: float) -> PoseCost:
 def matched_cost(
     rows: WindowRows, gravity_world: Floats, accel_std: float, gyro_std: float
 ) -> PoseCost:
-    """Residuals of the matched filters, nothing but the pose unknown.
+    """Residuals of the matched filters, with only the pose unknown.
 
     Args:
         rows: Of the windows.

@@ -22,7 +22,7 @@ def chosen(rows: Iterable[Row], **values: Any) -> list[Row]:
 
 
 def groups(rows: Iterable[Row], *keys: str) -> list[list[Row]]:
-    """Rows that are alike in some keys, together, in the order in which they first appear."""
+    """Rows grouped by some keys, in the order in which they first appear."""
     found: dict[tuple[Any, ...], list[Row]] = {}
     for row in rows:
         found.setdefault(tuple(row[key] for key in keys), []).append(row)
@@ -64,12 +64,12 @@ def over_bound(rows: Sequence[Row], key: str) -> float:
 
 
 def best_setting(rows: Sequence[Row], badness: Callable[[list[Row]], Any], *keys: str) -> list[Row]:
-    """Rows of the setting whose rows are the least bad; of a method without settings, all.
+    """Rows of the setting with the least badness; of a method without settings, all.
 
     Args:
         rows: Of one method.
-        badness: What the best setting has least of.
-        keys: Of a row, which tell its setting; default ``setting``.
+        badness: Function of rows; the best setting has the least.
+        keys: Keys of a row that define its setting; default ``setting``.
     """
     return min(groups(rows, *(keys or ("setting",))), key=badness, default=[])
 

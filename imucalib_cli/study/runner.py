@@ -1,6 +1,6 @@
-"""Runs a study in parallel, keeps its rows in a file, and goes on where it was interrupted.
+"""Run a study in parallel, keep its rows in a file, and continue an interrupted one.
 
-The file is JSON lines: what was run, then one line a run.
+The file is JSON lines: the parameters, then one line per run.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 REMEDY = "name another folder with -o, or give --fresh"
 _WAITING = 2
-"""Runs handed to each worker beforehand: an interruption waits for no more than these."""
+"""Runs queued per worker: an interruption waits for no more than these."""
 
 
 def run_study(
@@ -48,18 +48,18 @@ def run_study(
     prepare: Callable[[], None] | None = None,
     report: Callable[[int, int], None] | None = None,
 ) -> list[Row]:
-    """All rows of a study, those of an earlier, interrupted run included.
+    """Return all rows of a study, including those of an earlier, interrupted run.
 
-    Each run's rows are appended to the file as they come, so nothing is lost but the runs that
-    were under way. The order of the rows returned is that of the study, not that of the file.
+    Each run's rows are appended to the file at once, so an interruption loses only unfinished
+    runs. The order of the rows returned is that of the study, not that of the file.
 
     Args:
-        study: What to do.
-        file: JSON lines: what was run, then one line a run. Made when the first rows come.
+        study: The study.
+        file: JSON lines: the parameters, then one line per run. Created with the first rows.
         jobs: Processes; default all processors. 1 runs in this process.
-        fresh: Forget what the file holds.
-        prepare: Called before the first run, if any is left; what it raises leaves no trace.
-        report: Told how many runs are done, of how many.
+        fresh: Ignore the file's rows.
+        prepare: Called before the first run, if any is left; if it raises, no file is written.
+        report: Called with the number of runs done, and of all runs.
 
     Raises:
         ChoiceError: The file holds another experiment, or one with other parameters.
@@ -89,7 +89,7 @@ def run_study(
 
 
 def _measured(study: Study, cells: list[Cell], jobs: int) -> Generator[tuple[Cell, list[Row]]]:
-    """Cells with their rows, in whatever order they are done."""
+    """Cells with their rows, in the order of completion."""
     if jobs == 1 or len(cells) < 2:
         yield from ((cell, study.measure(cell)) for cell in cells)
         return
@@ -121,7 +121,7 @@ def _measured(study: Study, cells: list[Cell], jobs: int) -> Generator[tuple[Cel
             "command again, with fewer --jobs; what is done is kept"
         ) from error
     finally:
-        if waiting:  # left early: nobody waits for runs that are under way
+        if waiting:  # left early: unfinished runs are not needed
             for child in multiprocessing.active_children():
                 child.terminate()
         # Waits for the pool's thread, which holds semaphores that the system would keep.
@@ -136,7 +136,7 @@ def _prepare_worker() -> None:
 
 
 def _key(cell: Cell) -> str:
-    """A run as text, whatever the order of its keys."""
+    """A run as text, independent of the order of its keys."""
     return json.dumps(cell, sort_keys=True)
 
 
@@ -144,9 +144,9 @@ def _key(cell: Cell) -> str:
 def _open_rows(
     study: Study, file: Path, *, fresh: bool
 ) -> Iterator[tuple[dict[str, list[Row]], Callable[[Cell, list[Row]], None]]]:
-    """The rows that a file holds, and what appends to it; nobody else can do so meanwhile.
+    """The rows of a file, and a function that appends to it; the file is locked meanwhile.
 
-    The file says what was run when the first rows come: where none do, none is left behind.
+    The file is created with the first rows, so that a run without rows leaves none.
 
     Raises:
         ChoiceError: As _parse.
@@ -162,7 +162,7 @@ def _open_rows(
     with _open_locked(file) as lines:
         lines.seek(0)
         done, whole = _parse(study, file, b"" if fresh else lines.read())
-        lines.truncate(whole)  # a line that was being written when it was stopped
+        lines.truncate(whole)  # an incomplete line of an interrupted run
 
         def add(cell: Cell, rows: list[Row]) -> None:
             line = json.dumps({"cell": cell, "rows": rows}, allow_nan=False) + "\n"
@@ -182,7 +182,7 @@ def _open_rows(
 
 
 def _open_locked(file: Path) -> BinaryIO:
-    """The file, locked; once more where another process removed it before it was locked."""
+    """The locked file; opened again if another process removed it before the lock."""
     while True:
         lines = file.open("a+b")
         if not _lock(lines):
@@ -198,7 +198,7 @@ def _open_locked(file: Path) -> BinaryIO:
 
 
 def _lock(lines: BinaryIO) -> bool:
-    """Whether the file is ours until it is closed; where nothing can be locked it is."""
+    """Lock a file until it is closed; True also where locking is not supported."""
     try:
         import fcntl
     except ImportError:  # Windows
@@ -213,20 +213,20 @@ def _lock(lines: BinaryIO) -> bool:
 
 
 def _header(study: Study) -> dict[str, object]:
-    """What a file of rows was made with; a change of any of it makes them another experiment."""
+    """The parameters of a file's rows; a change of any makes another experiment."""
     config = json.loads(json.dumps(asdict(study)))
     return {"study": study.name, "imucalib": __version__, "config": config}
 
 
 def _parse(study: Study, file: Path, text: bytes) -> tuple[dict[str, list[Row]], int]:
-    """Rows by cell, and the length of the text that ends with a whole line."""
+    """Rows by cell, and the length of the text up to the last complete line."""
     whole = text[: text.rfind(b"\n") + 1]
     lines = whole.splitlines()
     if not lines:
         return {}, 0
     try:
-        first, *rest = (json.loads(line) for line in lines)
-        done = {_key(entry["cell"]): [dict(row) for row in entry["rows"]] for entry in rest}
+        first, *entries = (json.loads(line) for line in lines)
+        done = {_key(entry["cell"]): [dict(row) for row in entry["rows"]] for entry in entries}
     except (ValueError, KeyError, TypeError) as error:
         raise ChoiceError(f"{file}: not the rows of a study: {REMEDY}") from error
     if first != _header(study):

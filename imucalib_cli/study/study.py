@@ -1,4 +1,4 @@
-"""What a study is, which studies there are, and how their parameters are read."""
+"""The interface of studies, the list of studies, and how their parameters are read."""
 
 from __future__ import annotations
 
@@ -21,21 +21,21 @@ if TYPE_CHECKING:
     from imucalib_cli.study.tables import Table
 
 Cell: TypeAlias = dict[str, Any]
-"""One run, told by what varies, the seed too; the same cell gives the same rows.
+"""One run, identified by the varied values and the seed; the same cell gives the same rows.
 
 Here as in a row, a value is a text, a number, a truth value or None, so that JSON can hold it.
 """
 Row: TypeAlias = dict[str, Any]
-"""What a run found; no infinities."""
+"""Results of a run; without infinities."""
 Axis: TypeAlias = "Iterable[Any] | Callable[[Cell], Iterable[Any]]"
-"""Values that vary, or what gives them for the values of the axes before."""
+"""Varied values, or a function of the earlier axes' values."""
 Draw: TypeAlias = Callable[[Path], None]
 """Draws a figure into a file."""
 
 
 @dataclass(frozen=True)
 class Study(ABC):
-    """An experiment: runs that do not depend on each other, and what is made of their rows.
+    """An experiment: independent runs, and tables and figures from their rows.
 
     Its fields are its parameters, as configs/studies/<name>.yaml states them, with units and
     sources; other parameters are another experiment. It is sent to worker processes.
@@ -54,10 +54,10 @@ class Study(ABC):
 
     @abstractmethod
     def tables(self, rows: Sequence[Row]) -> list[Table]:
-        """What is printed."""
+        """Tables to print."""
 
     def figures(self, rows: Sequence[Row]) -> dict[str, Draw]:
-        """What is drawn beside it, by the name of the file without suffix."""
+        """Figures, by the name of the file without suffix."""
         del rows
         return {}
 
@@ -99,12 +99,12 @@ _NEEDED = {"methods": ("mujoco", "cv2")}
 
 
 def load_study(name: str, file: Path | None = None, *, quick: bool = False) -> Study:
-    """A study with its parameters; its module is imported only now.
+    """Read a study with its parameters; its module is imported only here.
 
     Args:
         name: One of STUDIES.
         file: Parameters of the user's own, instead of configs/studies/<name>.yaml.
-        quick: Few runs, for a look or for CI: section ``quick`` replaces some parameters.
+        quick: Few runs, for a quick look or for CI: section ``quick`` replaces some parameters.
 
     Raises:
         InputError: A parameter is missing, unknown or of another type; names it.
@@ -124,7 +124,7 @@ def load_study(name: str, file: Path | None = None, *, quick: bool = False) -> S
 
 
 def _check_counts(parameters: object, where: str) -> None:
-    """Refuse empty lists, but for those that may be left out, and counts below one.
+    """Refuse empty lists (except optional ones) and counts below one.
 
     Raises:
         InputError: Names the key.
@@ -143,7 +143,7 @@ def _check_counts(parameters: object, where: str) -> None:
 
 
 def see_installed(name: str) -> None:
-    """See before any run that a study's optional dependencies are there.
+    """Check before any run that a study's optional dependencies are installed.
 
     Raises:
         InputError: One is not.

@@ -1,4 +1,4 @@
-"""Tables of studies, laid out from rows, and rendered for people and for machines."""
+"""Tables of studies: made from rows, printed for people or machines."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ TableFormat = Literal["markdown", "csv", "json"]
 FORMATS: tuple[TableFormat, ...] = ("markdown", "csv", "json")
 
 Column: TypeAlias = tuple[str, Callable[[Sequence[Row]], str]]
-"""Header, units included, and the cell that is made of a line's rows."""
+"""Header with units, and the function from a line's rows to the cell."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,19 +34,19 @@ class Table:
     """Units included."""
     rows: tuple[tuple[str, ...], ...]
     note: str = ""
-    """What a reader must know to read it rightly."""
+    """What a reader must know to understand it."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Claim:
-    """A statement of the paper and its fate here."""
+    """A statement of the paper, and whether it is met here."""
 
     words: str
     """What is claimed, with its section, and by which criterion we judge it."""
     found: str
     """The figures."""
     met: bool | None
-    """None where nothing can be judged: an answer is missing, or what is claimed is unknown."""
+    """None if it cannot be judged: an answer is missing, or the claimed value is unknown."""
 
 
 def lay_out(
@@ -69,12 +69,12 @@ def claims_table(title: str, claims: Iterable[Claim]) -> Table:
 
 
 def text(key: str, header: str = "") -> Column:
-    """What all rows of a line have; a dash for none."""
+    """The value common to all rows of a line; a dash for none."""
     return header or key, lambda rows: "-" if rows[0][key] is None else str(rows[0][key])
 
 
 def number(key: str, header: str, scale: float = 1.0) -> Column:
-    """A number that all rows of a line have; a dash for none."""
+    """The number common to all rows of a line; a dash for none."""
     return header, lambda rows: digits(scale * (column(rows[:1], key) or [math.nan])[0])
 
 
@@ -95,7 +95,7 @@ def answered(row: Row) -> bool:
     return row["failure"] is None
 
 
-def spread(rows: Sequence[Row], key: str, scale: float = 1.0) -> str:
+def mean_and_std(rows: Sequence[Row], key: str, scale: float = 1.0) -> str:
     """Mean ± standard deviation of a number, with three digits; of one run, the number alone."""
     values = scale * np.array(column(rows, key))
     if not len(values):
@@ -108,7 +108,7 @@ def spread(rows: Sequence[Row], key: str, scale: float = 1.0) -> str:
 
 
 def digits(value: float) -> str:
-    """Three significant digits, without an exponent where that stays short."""
+    """Three significant digits, without an exponent if that is short."""
     if not math.isfinite(value):
         return "-"
     if value != 0.0 and not 1e-5 <= abs(value) < 1e5:
@@ -126,7 +126,7 @@ def render_tables(tables: list[Table], fmt: TableFormat) -> str:
 
 
 def _csv(tables: list[Table]) -> str:
-    """One block a table, its title in the first column, so that blocks can be told apart."""
+    """One block per table, with its title in the first column."""
     lines = io.StringIO()
     writer = csv.writer(lines, lineterminator="\n")
     for table in tables:
@@ -137,9 +137,9 @@ def _csv(tables: list[Table]) -> str:
 
 def _markdown(table: Table) -> str:
     note = f"{table.note}\n\n" if table.note else ""
-    header, *rest = (
+    header, *others = (
         "| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |\n"
         for row in (table.header, *table.rows)
     )
     rule = "|" + "---|" * len(table.header)
-    return f"### {table.title}\n\n{note}{header}{rule}\n{''.join(rest)}"
+    return f"### {table.title}\n\n{note}{header}{rule}\n{''.join(others)}"

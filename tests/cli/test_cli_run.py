@@ -453,7 +453,7 @@ def test_stamps_that_never_meet_are_told(
 ) -> None:
     log = log_writer.imu(start=100.0).joints().write()
     assert run(log, "--urdf", arm_urdf) == 1
-    assert "they never meet" in capsys.readouterr().err
+    assert "they do not overlap" in capsys.readouterr().err
 
 
 @pytest.mark.usefixtures("estimator")

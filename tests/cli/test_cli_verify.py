@@ -178,7 +178,7 @@ def test_the_logs_own_static_frames_may_tell(
     bare = log_writer.path.parent / "bare"
     other = replace(log_writer, path=bare, messages=[]).imu().tf("odom", "body").write()
     assert verify(other) == 2
-    assert "tells where 'imu_link' is on 'body', so there is no pose" in capsys.readouterr().err
+    assert "says where 'imu_link' is on 'body', so there is no pose" in capsys.readouterr().err
 
 
 def test_a_result_answers_like_its_log(

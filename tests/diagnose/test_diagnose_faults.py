@@ -17,15 +17,15 @@ from imucalib_cli.simulate.load import load_grade, load_system
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import PhysicsOptions
 from imucalib_cli.simulate.physics import record
-from imucalib_cli.study.faults import Fault, told_wrongly, with_faulty_sensor
-from imucalib_cli.study.recordings import error_of
 from tests.slow import slow_after
+from tools.errors import error_of
+from tools.faults import Fault, misdescribed, with_faulty_sensor
 
 if TYPE_CHECKING:
     from imucalib_cli.estimate.estimate import Estimate
     from imucalib_cli.findings import Finding
     from imucalib_cli.simulate.recording import Recording
-    from imucalib_cli.study.recordings import Error
+    from tools.errors import Error
 
 ARM, BODY = "rihibot", "barbot"
 
@@ -42,7 +42,7 @@ def judged(system: str, fault: Fault) -> tuple[Estimate, Estimate, tuple[Finding
     """The estimate as it comes, as it is told, what was found, and how far off it is."""
     noise = load_grade("industrial")
     noisy = corrupt(with_faulty_sensor(clean(system), fault), noise, seed=3)
-    told = told_wrongly(noisy, fault)
+    told = misdescribed(noisy, fault)
     options = MatchedOptions(gravity="none" if system == BODY else "tilt")
     plain = calibrate_matched(told.imu, told.path, options)
     found = diagnose(told.poor_fit(plain, options))
@@ -147,7 +147,7 @@ def test_a_small_error_of_the_chain_is_corrected_and_named_if_it_matters(
 @pytest.mark.parametrize("late", slow_after(1, [0.03, 0.4, 3.0]))
 def test_a_time_offset_given_wrongly_is_contradicted(late: float) -> None:
     noisy = corrupt(clean(ARM), replace(load_grade("industrial"), time_offset=late), seed=3)
-    told = told_wrongly(noisy, flawed("none"))
+    told = misdescribed(noisy, flawed("none"))
     options = MatchedOptions(time_offset=0.0)
     plain = calibrate_matched(told.imu, told.path, options)
     judged_by = explained(plain, diagnose(told.poor_fit(plain, options)))
@@ -197,7 +197,7 @@ def test_two_publishers_that_contradict_each_other(system: str) -> None:
 
 def test_an_encoder_undecided_between_two_counts_is_one_publisher() -> None:
     """Its jumps are as large as its steps are."""
-    path = told_wrongly(clean(ARM), flawed("none")).path
+    path = misdescribed(clean(ARM), flawed("none")).path
     (track,) = path.tracks
     count, values = 2.0 * np.pi / 4096.0, track.values.copy()
     values[:, 0] = count * (np.random.default_rng(1).random(len(values)) < 0.5)
@@ -229,7 +229,7 @@ def test_no_motion_is_advised_where_an_unknown_cause_spoils_the_fit() -> None:
     noisy = corrupt(clean(ARM), load_grade("industrial"), seed=3)
     imu, late = noisy.imu, noisy.imu.t > 0.5 * noisy.imu.t[-1]
     accel = np.where(late[:, None], imu.accel / 9.80665, imu.accel)
-    told = told_wrongly(replace(noisy, imu=replace(imu, accel=accel)), flawed("none"))
+    told = misdescribed(replace(noisy, imu=replace(imu, accel=accel)), flawed("none"))
     plain = calibrate_matched(told.imu, told.path, MatchedOptions())
     assert plain.unobservable
     assert not diagnose(told.poor_fit(plain, MatchedOptions()))

@@ -21,9 +21,10 @@ from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
 from imucalib_cli.simulate.physics import record
 from imucalib_cli.study.bound import Bound, cramer_rao
-from imucalib_cli.study.recordings import error_of, nees, robot_of, streams_of
+from imucalib_cli.study.recordings import robot_of, streams_of
 from tests.estimate.estimate_arm import EXACT
 from tests.slow import slow_after
+from tools.errors import error_of, nees
 
 if TYPE_CHECKING:
     from imucalib_cli.estimate.estimate import Estimate

@@ -114,7 +114,7 @@ def test_motion_capture_of_the_base_needs_no_child_frame(
 def test_a_pose_topic_that_moves_nothing_is_refused(log_writer: LogWriter, arm_urdf: Path) -> None:
     log = log_writer.imu().joints().tf("room", "ball").write()
     assert motion_of(log, urdf=arm_urdf).topics == ("/joint_states",)
-    with pytest.raises(ChoiceError, match="--pose-topic /tf tells the pose of 'ball' in 'room'"):
+    with pytest.raises(ChoiceError, match="--pose-topic /tf has the pose of 'ball' in 'room'"):
         motion_of(log, urdf=arm_urdf, pose_topics=("/tf",))
 
 

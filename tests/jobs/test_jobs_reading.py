@@ -102,7 +102,7 @@ def test_poses_that_compete_are_a_choice(log_writer: LogWriter) -> None:
     log = log_writer.imu().tf("map", "body").tf("odom", "body").write()
     request = CalibrationRequest(logs=(log,), parent="body")
     recording = read_recording(request)
-    with pytest.raises(ChoiceError, match=r"'body' is told 2 times.*--pose-topic"):
+    with pytest.raises(ChoiceError, match=r"'body' is given 2 times.*--pose-topic"):
         find_motion(recording.sources, None, "imu_link", request)
 
 

@@ -77,7 +77,7 @@ def test_wrong_name_lists_the_candidates(name: str, says: str) -> None:
 def test_log_without_what_is_needed_is_refused() -> None:
     with pytest.raises(InputError, match=r"no IMU .* /joint_states"):
         select_topics([JOINTS, IMAGE])
-    with pytest.raises(InputError, match="nothing that tells how the robot moved"):
+    with pytest.raises(InputError, match="no source of the robot's motion"):
         select_topics([IMU, IMAGE])
 
 

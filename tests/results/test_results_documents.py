@@ -459,7 +459,7 @@ def _edited(path: tuple[Any, ...], value: Any, **changes: Any) -> str:
         (
             ("covariance", 1, 1),
             -1e-9,
-            "covariance is none: it is not symmetric, or gives a variance below zero",
+            "covariance of imu_link in wrist_3_link is not symmetric, or gives a variance below",
         ),
         (("covariance", 2), [1.0], "covariance[2] should be a list of 6, not [1.0]"),
         (("accel_bias", "std", 0), math.inf, "accel_bias.std[0] should be a finite number"),

@@ -205,7 +205,9 @@ def test_two_sources_of_one_pose_are_a_choice_only_where_they_matter() -> None:
     a_b, T_a_b = moving("a", "b", 7)
     first, _ = moving("b", "c", 8, "/odom")
     second, _ = moving("x", "c", 9, "/mocap")
-    with pytest.raises(ChoiceError, match="'c' is told 2 times: in 'b' by /odom, in 'x' by /mocap"):
+    with pytest.raises(
+        ChoiceError, match="'c' is given 2 times: in 'b' by /odom, in 'x' by /mocap"
+    ):
         frame_path([a_b, first, second], "c")
     assert_path_is(frame_path([a_b, first, second], "b"), T_a_b)
 

@@ -52,7 +52,7 @@ def test_what_does_not_move(values: Floats) -> None:
 def test_what_moves(values: Floats) -> None:
     track = joints(values + RNG.normal(0.0, 1e-4, len(T)))
     assert track_moves(track)
-    assert track_moves(track, plainly=True) == (np.ptp(values) > 0.005)
+    assert track_moves(track, large=True) == (np.ptp(values) > 0.005)
 
 
 @pytest.mark.parametrize(("turn", "shift", "moves"), [(0, 0, 0), (0.2, 0, 1), (0, 0.02, 1)])

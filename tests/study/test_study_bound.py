@@ -20,7 +20,8 @@ from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
 from imucalib_cli.simulate.physics import record
 from imucalib_cli.simulate.urdf import urdf_text
 from imucalib_cli.study.bound import Bound, Unknown, cramer_rao
-from imucalib_cli.study.recordings import error_of, nees, robot_of, streams_of
+from imucalib_cli.study.recordings import robot_of, streams_of
+from tools.errors import error_of, nees
 
 if TYPE_CHECKING:
     from imucalib_cli.simulate.recording import Recording

@@ -16,8 +16,9 @@ from imucalib_cli.simulate.load import load_system
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
 from imucalib_cli.study.contest import pose_only
-from imucalib_cli.study.recordings import clean_recording, nees, streams_of
+from imucalib_cli.study.recordings import clean_recording, streams_of
 from imucalib_cli.study.studies.folded import moves_of, stratified_folds, without
+from tools.errors import nees
 
 HARD = PhysicsOptions(imu_rate=250, robot_rate=250, profile="hard")
 

@@ -16,7 +16,6 @@ from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import PhysicsOptions
 from imucalib_cli.simulate.physics import record
 from imucalib_cli.simulate.recording import rows_kept
-from imucalib_cli.study.faults import Fault, told_wrongly, with_faulty_sensor
 from tests.estimate.estimate_arm import Mount, Moves, parent_motion, readings
 from tests.troubleshooting.scene import (
     ARM,
@@ -33,6 +32,7 @@ from tests.troubleshooting.scene import (
     with_imu,
     with_robot,
 )
+from tools.faults import Fault, misdescribed, with_faulty_sensor
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -268,7 +268,7 @@ def wrong_joints(fault: Fault) -> Provocation:
     """The arm's log whose joint states are told wrongly."""
 
     def make() -> Recording:
-        (track,) = told_wrongly(noisy(), fault).path.tracks
+        (track,) = misdescribed(noisy(), fault).path.tracks
         return with_robot(noisy(), position=track.values, names=track.names)
 
     return on_arm(make)
@@ -278,7 +278,7 @@ def wrong_poses(kind: str) -> Provocation:
     """The floating body's log whose poses are told wrongly."""
 
     def make() -> Recording:
-        (track,) = told_wrongly(noisy(BODY), Fault(kind=kind)).path.tracks
+        (track,) = misdescribed(noisy(BODY), Fault(kind=kind)).path.tracks
         p, q = track.values[:, :3], track.values[:, 3:]
         return with_robot(noisy(BODY), position=p, quaternion_xyzw=q)
 

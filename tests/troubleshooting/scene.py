@@ -10,6 +10,7 @@ from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from imucalib_cli.cli.main import main
+from imucalib_cli.results.codec import read_results
 from imucalib_cli.simulate.load import load_grade, load_system
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import LogOptions, PhysicsOptions
@@ -83,6 +84,8 @@ class Scene:
         out, err = io.StringIO(), io.StringIO()
         with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
             code = main([str(argument) for argument in arguments])
+        if out.getvalue().startswith("schema: 1"):
+            assert read_results(out.getvalue(), "stdout")  # what is written can be read
         return Seen(code, err.getvalue(), out.getvalue())
 
     def run(self, log: object, *arguments: object) -> Seen:

@@ -1,4 +1,4 @@
-"""ROS 1 bags: their index, the message indexes behind the chunks, and their records."""
+"""ROS 1 bags: the index, the message indexes after the chunks, and the records."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The records of a ROS 1 bag, every length checked, and where the next one is behind damage."""
+"""Records of a ROS 1 bag: checks every length, and finds the next record after damage."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ MAGIC = b"#ROSBAG V2.0\n"
 MESSAGE, BAG, INDEX, CHUNK, CHUNK_INFO, CONNECTION = 2, 3, 4, 5, 6, 7
 LARGEST_HEADER = 1 << 20
 _HEAD_ROOM = 256
-"""Bytes that hold most headers."""
+"""Bytes: most headers are shorter."""
 _NEEDED = {
     MESSAGE: {"conn", "time"},
     INDEX: {"conn", "count", "ver"},
@@ -27,20 +27,20 @@ _NEEDED = {
     CHUNK_INFO: {"chunk_pos", "count"},
     CONNECTION: {"conn", "topic"},
 }
-"""Fields without which a record is not one of its kind."""
+"""Fields that a record of each kind must have."""
 _OP = b"\x04\x00\x00\x00op="
 _BEFORE = 1 << 11
-"""Bytes of a header in front of the field that says its kind."""
+"""Bytes of a header before the field that holds the record's kind."""
 _SEARCHED = 1 << 22
 
 Fields = dict[str, bytes]
 
 
 def read_head(file: BinaryIO, at: int) -> tuple[Fields, int, int]:
-    """Header fields of the record at a position, and where and how long its data are.
+    """Return the header fields of the record at a position, and the start and length of its data.
 
     Raises:
-        DamageError: It is not whole, its data aside.
+        DamageError: Its header is incomplete.
     """
     seek(file, at)
     raw = file.read(_HEAD_ROOM)
@@ -57,23 +57,23 @@ def read_head(file: BinaryIO, at: int) -> tuple[Fields, int, int]:
 
 
 def op_of(head: Fields) -> int:
-    """Kind of a record; 0 if it does not say."""
+    """Kind of a record; 0 if the field is missing."""
     return (head.get("op") or b"\0")[0]
 
 
 def number_of(head: Fields, name: str) -> int:
-    """A field that is a number; 0 if it is not there."""
+    """A numeric field; 0 if it is missing."""
     return int.from_bytes(head.get(name, b"")[:8], "little")
 
 
 def time_of(head: Fields, name: str = "time") -> int:
-    """A field that is a time, seconds and nanoseconds of 4 bytes each, as ns."""
+    """A time field (4 bytes of seconds, 4 of nanoseconds), in ns; 0 if it is missing."""
     raw = head.get(name, b"")
     return int.from_bytes(raw[:4], "little") * 10**9 + int.from_bytes(raw[4:8], "little")
 
 
 def size_of(raw: bytes | memoryview) -> int:
-    """A length of 4 bytes.
+    """A 4-byte length.
 
     Raises:
         DamageError: There are fewer.
@@ -103,7 +103,7 @@ def parse_fields(raw: bytes | memoryview) -> Fields:
 
 
 def describe(catalogue: Catalogue, head: Fields, data: bytes | memoryview) -> None:
-    """Take a connection record; the first of its number counts.
+    """Read a connection record; of several with one number the first counts.
 
     Raises:
         DamageError: It is not whole.
@@ -144,7 +144,7 @@ def walk(data: Bytes, catalogue: Catalogue) -> tuple[Index, int]:
 
 
 def find_record(file: BinaryIO, start: int, size: int) -> int | None:
-    """Where the next record begins that says its kind and has what that kind needs."""
+    """Position of the next record with a kind and all fields that the kind needs."""
     return next(_candidates(file, start, size), None)
 
 
@@ -171,7 +171,7 @@ def _is_record(file: BinaryIO, at: int, size: int) -> bool:
 
 
 def _heads_around(data: bytes, op: int) -> list[int]:
-    """Where a header may begin that holds the field at ``op``."""
+    """Possible start of the header that holds the field at ``op``."""
     found: list[int] = []
     low = max(0, op - _BEFORE)
     near = np.frombuffer(data, dtype=np.uint8, count=op - low, offset=low)

@@ -1,4 +1,4 @@
-"""rosbag2's SQLite files, through SQLite as far as that gets."""
+"""rosbag2's SQLite files, read through SQLite as far as possible."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ if TYPE_CHECKING:
 
 _MAGIC = b"SQLite format 3\x00"
 _BROKEN = (sqlite3.DatabaseError, MemoryError, UnicodeDecodeError)
-"""What SQLite raises on damage: it takes some of it for a lack of memory, and quotes it in its
-messages, which then are no text."""
+"""What sqlite3 raises on damage. Some damage looks like a lack of memory, and messages that quote
+damaged bytes cannot be decoded."""
 _FETCH = 1024
-"""Rows taken at a time."""
+"""Rows read at a time."""
 _COUNTED = 100
-"""Topics counted in one pass: each takes three of the 2000 columns SQLite allows."""
+"""Topics counted in one pass: each needs three of SQLite's 2000 columns."""
 
 
 class Db3File:
@@ -61,7 +61,7 @@ class Db3File:
 
     @classmethod
     def matches(cls, head: bytes, path: Path) -> bool:  # noqa: ARG003 - content decides
-        """Whether a file that begins so is of this kind."""
+        """Whether a file with these first bytes is of this format."""
         return head.startswith(_MAGIC)
 
     def _open(self) -> tuple[Channel, ...]:
@@ -71,15 +71,15 @@ class Db3File:
         except sqlite3.OperationalError:
             if not any(each.exists() for each in beside):
                 raise
-            # What is beside has to be taken in, which needs a folder that can be written to.
+            # SQLite merges the -wal beside the file, which needs a writable folder.
             self._file = copy(self.path, companions=True)
             self._mode = "mode=rw"
             with contextlib.suppress(*_BROKEN):
                 return self._channels()
         except _BROKEN:
             pass
-        # SQLite refuses a file that is shorter than its header says; one that says what is there
-        # is read up to the first missing page.
+        # SQLite refuses a file that is shorter than its header states. With a corrected header
+        # it reads up to the first missing page.
         self._file = copy(self.path, companions=False)
         count_pages(self._file)
         self._mode = "mode=ro"
@@ -92,7 +92,7 @@ class Db3File:
     @contextlib.contextmanager
     def _database(self) -> Iterator[sqlite3.Connection]:
         path = quote(str(self._file.absolute()))
-        # SQLite makes these to read a file in WAL mode and would leave them behind.
+        # SQLite creates these to read a file in WAL mode, and leaves them behind.
         made = [self._file.with_name(self._file.name + end) for end in ("-shm", "-wal")]
         made = [each for each in made if not each.exists()]
         try:
@@ -133,7 +133,7 @@ class Db3File:
         return catalogue.channels(tallies)
 
     def read(self, wanted: Collection[int], sink: Sink, progress: Progress) -> None:
-        """Give the sink all messages of the wanted channels, in one scan."""
+        """Pass all messages of the wanted channels to the sink, in one scan."""
         channels = {each.number: each for each in self.channels if each.number in wanted}
         total = max(1, sum(each.count for each in channels.values()))
         done = base = 0
@@ -151,10 +151,10 @@ class Db3File:
     def _rows(
         self, database: sqlite3.Connection, wanted: Collection[int], payload: str = "data"
     ) -> Iterator[Sequence[Any]]:
-        """Topic's id, receive time and payload of rows, in blocks; of any type where damaged.
+        """Topic id, receive time and payload of rows, in blocks; damaged cells may have any type.
 
-        SQLite reads up to the first damage, in the order of ids; behind it each page counts that
-        is a sound one of messages.
+        SQLite reads in the order of ids, up to the first damage. After it every undamaged page of
+        messages is used.
         """
         marks = ", ".join(map(str, wanted))
         # Without ORDER BY and with a plus, which keeps it from going through any index.
@@ -171,7 +171,7 @@ class Db3File:
             return
         last: Any = -(1 << 63)
         with contextlib.suppress(*_BROKEN):
-            # The block that met the damage is lost as a whole: take its rows one by one.
+            # SQLite fails for the whole block with the damage: read its rows one by one.
             skipped = max(0, done - 1)
             found = database.execute(f"SELECT rowid, {source} LIMIT -1 OFFSET {skipped}")
             for number, (last, *row) in enumerate(found, start=skipped):  # noqa: B007 - used below
@@ -211,9 +211,9 @@ def _counted(database: sqlite3.Connection, numbers: Sequence[int]) -> dict[int, 
 
 
 def _sound(rows: Sequence[Any]) -> tuple[Sequence[int], Sequence[int], Sequence[bytes]]:
-    """Topics' ids, receive times and payloads of the rows that have integers and bytes there.
+    """Topic ids, receive times and payloads of the rows whose cells have the right types.
 
-    SQLite stores anything anywhere.
+    SQLite accepts values of any type in any column.
     """
     topics, times, payloads = zip(*rows, strict=True) if rows else ((), (), ())
     if {*map(type, topics), *map(type, times)} <= {int} and {*map(type, payloads)} <= {bytes}:
@@ -222,7 +222,7 @@ def _sound(rows: Sequence[Any]) -> tuple[Sequence[int], Sequence[int], Sequence[
 
 
 def _give(rows: Sequence[Any], base: int, channels: dict[int, Channel], sink: Sink) -> int:
-    """Give the sink the rows of each channel; how many bytes they take up."""
+    """Pass the rows of each channel to the sink; return their size in bytes."""
     topics, times, payloads = _sound(rows)
     data = np.frombuffer(b"".join(payloads) + b"\0", dtype=np.uint8)
     sizes = np.fromiter(map(len, payloads), dtype=np.int64, count=len(payloads))

@@ -1,9 +1,8 @@
-"""What SQLite does not tell of a damaged rosbag2 database: rows, and pages of the -wal left out.
+"""Recover what SQLite skips in a damaged rosbag2 database: rows, and pages of the -wal.
 
-SQLite stops at the first page that is not sound; the pages behind it are as good as before, and
-each that still reads as a leaf of the messages counts. The format is that of
-sqlite.org/fileformat2.html: a leaf holds rows, and what does not fit into it goes on in a chain
-of overflow pages.
+SQLite stops at the first damaged page. The pages after it may be intact; each that can be read as a
+leaf of the messages table is used. The format is that of sqlite.org/fileformat2.html: a leaf holds
+rows, and what does not fit continues in a chain of overflow pages.
 """
 
 from __future__ import annotations
@@ -20,23 +19,24 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 Row = tuple[int, int, bytes]
-"""Topic's id, receive time in ns, payload."""
+"""Topic id, receive time in ns, payload."""
 
 _LEAF = 13
 _WIDTHS = {1: 1, 2: 2, 3: 3, 4: 4, 5: 6, 6: 8, 8: 0, 9: 0}
 """Bytes of an integer by its serial type; types 8 and 9 are the numbers 0 and 1 themselves."""
 _WAL_HEADER, _WAL_FRAME = 32, 24
 _SALTS = slice(16, 24), slice(8, 16)
-"""Where the header and a page's head say which round of writing they belong to."""
+"""Where the -wal's header and each page's header hold the salt, which identifies a round of
+writing."""
 _WAL_MAGICS = (0x377F0682, 0x377F0683)
 
 
 def salvage(path: Path, after: int, wanted: Collection[int]) -> Iterator[list[Row]]:
-    """Rows of the wanted topics that are whole, page by page.
+    """Complete rows of the wanted topics, page by page.
 
     Args:
         path: The database.
-        after: Rows with larger ids count.
+        after: Only rows with larger ids are read.
         wanted: Ids of topics; others come without payload.
     """
     with path.open("rb", buffering=0) as file:
@@ -47,14 +47,14 @@ def salvage(path: Path, after: int, wanted: Collection[int]) -> Iterator[list[Ro
                 rows = pages.rows(number, wanted)
             except (DamageError, IndexError):
                 continue
-            # A page that SQLite has freed may hold rows again.
+            # A page that SQLite has freed may repeat rows.
             found = {each: row for each, row in rows if each > after and each not in seen}
             seen.update(found)
             yield list(found.values())
 
 
 def count_pages(path: Path) -> None:
-    """Let the header of a database name the pages that are there.
+    """Write the true number of pages into the header of a database.
 
     Offsets of the header: sqlite.org/fileformat2.html, 1.3.
     """
@@ -63,7 +63,7 @@ def count_pages(path: Path) -> None:
         count = path.stat().st_size // _page_size(header)
         file.seek(28)
         file.write(count.to_bytes(4, "big"))
-        # The count is believed only if it is as new as the last change.
+        # SQLite uses the count only if it is as new as the last change.
         file.seek(92)
         file.write(header[24:28])
 
@@ -82,13 +82,14 @@ class _Pages:
         total = os.fstat(self._handle).st_size
         self.count = total // self._size
         self._left = total
-        """Bytes of overflow pages still to be read: each belongs to one row, chains may not."""
+        """Bytes of overflow pages still to be read: each page belongs to one row, but damaged
+        chains may meet."""
 
     def rows(self, number: int, wanted: Collection[int]) -> list[tuple[int, Row]]:
         """All rows of a page, by their ids.
 
         Raises:
-            DamageError, IndexError: It is no leaf of the messages, or not a sound one.
+            DamageError, IndexError: It is no leaf of the messages table, or damaged.
         """
         page = self._read(number)
         if page[0] != _LEAF:
@@ -108,7 +109,7 @@ class _Pages:
         row_id, start = _varint(page, at)
         head_size, *kinds = page[start : start + 4]
         kind, head_end = _varint(page, start + 4)
-        # The id is kept as the key, so null; then topic, time and the bytes of the message.
+        # The id is the key and stored as null; then topic, time and the bytes of the message.
         if kinds[0] != 0 or head_end != start + head_size or kind < 12 or kind % 2:
             raise DamageError("a row is not a message")
         topic, at = _integer(page, kinds[1], head_end)
@@ -142,7 +143,7 @@ class _Pages:
 
 
 def _varint(page: bytes, at: int) -> tuple[int, int]:
-    """An integer of variable length, and where it ends; rosbag2 needs 8 bytes at most."""
+    """An integer of variable length, and its end; rosbag2 needs 8 bytes at most."""
     value = 0
     for end in range(at, at + 8):
         value = value << 7 | page[end] & 127
@@ -161,9 +162,9 @@ def _integer(page: bytes, kind: int, at: int) -> tuple[int, int]:
 
 
 def pages_left_out(path: Path) -> tuple[int, int]:
-    """Pages of the -wal that SQLite does not use though they belong to it, and all of them.
+    """Number of the -wal's pages that belong to it but that SQLite skips, and of all its pages.
 
-    It stops without a word where a checksum is wrong or a transaction was not finished
+    It stops silently at a wrong checksum or an unfinished transaction
     (sqlite.org/walformat.html).
 
     Args:

@@ -1,4 +1,4 @@
-"""MCAP files of any profile: their summary, message indexes and records."""
+"""MCAP files of any profile: the summary, message indexes and records."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ if TYPE_CHECKING:
 
 _INDEX_HEAD = struct.Struct("<BQHI")
 _LARGEST_INDEX = 1 << 26
-"""Bytes of a message index: that of a million messages is smaller."""
+"""Largest message index, bytes: that of a million messages is smaller."""
 _FOOTER_SIZE = RECORD_HEAD.size + 20 + len(MAGIC)
 _LARGEST_SUMMARY = 1 << 28
-"""Bytes: that of ten thousand chunks has a few million."""
+"""Largest summary, bytes: that of ten thousand chunks has a few million."""
 
 
 class McapFile(ChunkedFile):
@@ -79,7 +79,7 @@ class McapFile(ChunkedFile):
         if not counts.keys() <= contents.catalogue.publishers.keys():
             return None
         contents.chunks.sort(key=lambda chunk: chunk.start)
-        # Where there is no message index, every channel lasts as long as the file.
+        # Without a message index every channel is taken to last as long as the file.
         first, last = min(span[0] for span in spans), max(span[1] for span in spans)
         contents.tallies = {number: Tally(count, first, last) for number, count in counts.items()}
         self._time(file, contents)
@@ -126,7 +126,7 @@ class McapFile(ChunkedFile):
             heads = np.zeros(len(offsets), dtype=MESSAGE_HEAD)
             here = cut(data, offsets[inside], MESSAGE_HEAD.itemsize)
             heads[inside] = here.view(MESSAGE_HEAD)[:, 0]
-        # A length beyond any chunk is damage, whatever it would be as a signed number.
+        # A length beyond any chunk is damage, and would be negative as a signed number.
         sizes = np.minimum(heads["length"], 1 << 40).astype(np.int64) - records.LEAST_MESSAGE
         sound = (heads["opcode"] == records.MESSAGE) & (heads["channel"] == owner) & (sizes >= 0)
         return Located(data, starts, sizes, heads["log_time"].astype(np.int64)), sound
@@ -163,7 +163,7 @@ class McapFile(ChunkedFile):
         return Record("other", end)
 
     def _is_end(self, file: BinaryIO, at: int) -> bool:
-        """Behind the end of the data there is the summary, the magic or nothing."""
+        """Whether the data end here: the summary, the magic or nothing follows."""
         file.seek(at)
-        rest = file.read(len(MAGIC))
-        return rest in {b"", MAGIC[: len(rest)]} or records.is_record(file, at, self.size)
+        magic = file.read(len(MAGIC))
+        return magic in {b"", MAGIC[: len(magic)]} or records.is_record(file, at, self.size)

@@ -1,4 +1,4 @@
-"""Records of an MCAP file, every length checked, and where the next one is behind damage."""
+"""Records of an MCAP file: checks every length, and finds the next record after damage."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK = 0x02, 0x03, 0x04, 0x05, 0x06
 MESSAGE_INDEX, CHUNK_INDEX, STATISTICS, DATA_END = 0x07, 0x08, 0x0B, 0x0F
 
 RECORD_HEAD = struct.Struct("<BQ")
-"""Opcode and length of what follows."""
+"""Opcode, and length of the record's content."""
 HEAD_ROOM = 128
-"""Bytes that hold a chunk's head, its compression's name included."""
+"""Bytes: a chunk's head with the name of its compression is shorter."""
 MESSAGE_HEAD = np.dtype(
     [
         ("opcode", "u1"),
@@ -34,7 +34,7 @@ MESSAGE_HEAD = np.dtype(
         ("publish_time", "<u8"),
     ]
 )
-"""A message record up to its payload."""
+"""A message record before its payload."""
 LEAST_MESSAGE = MESSAGE_HEAD.itemsize - RECORD_HEAD.size
 """Length of a message record without payload."""
 LENGTHS = {
@@ -54,12 +54,13 @@ LENGTHS = {
     0x0E: (17, 17),
     DATA_END: (4, 4),
 }
-"""Opcodes, and the least and the largest length that makes sense."""
+"""Opcodes, and the smallest and largest plausible length of each."""
 PRIVATE = 0x80
-"""Opcodes from here on are anyone's own."""
+"""Opcodes from here on are private."""
 _SEARCHED = 1 << 22
 _CHAIN = 3
-"""Records in a row that make sense: chance bytes do not, as lengths have eight."""
+"""Plausible records in a row that prove a record: random bytes do not pass, as lengths have 8
+bytes."""
 _COMPRESSIONS = {"", "none", "lz4", "zstd"}
 _LEAST, _LARGEST = np.full(256, 1, dtype=np.int64), np.zeros(256, dtype=np.int64)
 for _opcode, (_low, _high) in LENGTHS.items():
@@ -67,7 +68,7 @@ for _opcode, (_low, _high) in LENGTHS.items():
 
 
 def describe(catalogue: Catalogue, opcode: int, body: bytes | memoryview) -> None:
-    """Take a schema or channel record; others pass.
+    """Read a schema or channel record; others are ignored.
 
     Raises:
         DamageError: It is not whole.
@@ -85,13 +86,13 @@ def describe(catalogue: Catalogue, opcode: int, body: bytes | memoryview) -> Non
 
 
 def message_key(raw: bytes | memoryview) -> tuple[int, int]:
-    """Channel and receive time, ns, of the message record that begins so."""
+    """Channel and receive time, ns, of the message record with these first bytes."""
     channel = int.from_bytes(raw[9:11], "little")
     return channel, int.from_bytes(raw[15:23], "little", signed=True)
 
 
 def parse_chunk_head(raw: bytes, at: int) -> ChunkHead:
-    """Parse the beginning of a chunk record that stands at a position of the file.
+    """Parse the head of a chunk record at a position of the file.
 
     Raises:
         DamageError: It is none.
@@ -145,7 +146,7 @@ def walk(data: Bytes, catalogue: Catalogue) -> tuple[Index, int]:
 
 
 def find_record(file: BinaryIO, start: int, size: int) -> int | None:
-    """Where the next sound record begins, at ``start`` or behind; None if there is none."""
+    """Position of the next sound record, at ``start`` or after it; None if there is none."""
     for base in range(start, size, _SEARCHED):
         file.seek(base)
         data = np.frombuffer(file.read(_SEARCHED + RECORD_HEAD.size - 1), dtype=np.uint8)
@@ -157,11 +158,11 @@ def find_record(file: BinaryIO, start: int, size: int) -> int | None:
 
 
 def _plausible(data: Bytes, left: int) -> Integers:
-    """Offsets at which an opcode is followed by a length it may have."""
+    """Offsets of opcodes that are followed by a plausible length."""
     count = len(data) - RECORD_HEAD.size + 1
     if count <= 0:
         return np.empty(0, dtype=np.int64)
-    # Most bytes are ruled out by the opcode, most others by the high half of the length.
+    # The opcode excludes most bytes, the high half of the length most of the others.
     at = np.flatnonzero(_LARGEST[data[:count]] > 0)
     at = at[(data[at + 8] == 0) & (data[at + 7] == 0) & (data[at + 6] == 0)]
     lengths = cut(data, at + 1, 8).view("<i8")[:, 0]
@@ -173,7 +174,7 @@ def _plausible(data: Bytes, left: int) -> Integers:
 
 
 def is_record(file: BinaryIO, at: int, size: int) -> bool:
-    """Whether a record stands at a position: a chunk by its own lengths, others by what follows."""
+    """Whether a record is at a position: a chunk by its own lengths, others by what follows."""
     for _ in range(_CHAIN):
         file.seek(at)
         head = file.read(HEAD_ROOM)

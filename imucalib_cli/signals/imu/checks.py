@@ -37,25 +37,25 @@ if TYPE_CHECKING:
 _IMPOSSIBLE: dict[Sensor, tuple[float, str]] = {"gyro": (1e3, "rad/s"), "accel": (1e5, "m/s²")}
 """Beyond any IMU: the fastest gyroscopes end at 350 rad/s, shock sensors at 10^5 m/s²."""
 _BEYOND = 1.05
-"""Reading over full scale from which the sensor is another: converters reach a little farther."""
+"""Value over full scale that proves another sensor: converters exceed full scale a little."""
 _LEFT = 0.05
-"""Share of the rotation that a gyroscope may miss."""
+"""Share of the rotation that a gyroscope may not show."""
 _ALIKE = 0.7
-"""Correlation of the two rates from which it is the same motion."""
+"""Correlation of the two rates above which they are of the same motion."""
 _TWO_AXES = 0.2
-"""Share of a second axis in the rotation from which all axes of an accelerometer feel it."""
+"""Share of a second axis in the rotation above which all axes of an accelerometer must change."""
 _TURNED = 0.5
-"""rad: having turned so far, an accelerometer has felt it."""
+"""rad: after such a rotation an accelerometer's values must have changed."""
 _SIMILAR = 0.2
-"""Share by which a rate held may differ from the kinematics' and be a steady rotation."""
+"""Relative difference from the kinematics up to which a constant rate is a steady rotation."""
 
 
 def refuse_impossible(imu: ImuSamples, *sensors: Sensor) -> None:
-    """Refuse what no sensor says; single rows of it are the estimator's to bridge.
+    """Refuse values that no sensor can have; the estimator interpolates over single rows.
 
     Args:
         imu: As read.
-        sensors: To look at; none means both.
+        sensors: To check; none means both.
 
     Raises:
         InputError: Most values are beyond any IMU.
@@ -78,10 +78,10 @@ def refuse_impossible(imu: ImuSamples, *sensors: Sensor) -> None:
 
 
 def refuse_dead(imu: ImuSamples) -> None:
-    """Refuse a sensor that is not there: all zero, or with an axis that never changes.
+    """Refuse a missing sensor: all zero, or with an axis that never changes.
 
     Raises:
-        InputError: It is so.
+        InputError: One is missing.
     """
     zero = [sensor for sensor in SENSORS if not imu.of(sensor).any()]
     for sensor in SENSORS if len(imu) else ():
@@ -92,20 +92,20 @@ def refuse_dead(imu: ImuSamples) -> None:
 
 
 def dead_in_motion(imu: ImuSamples, turning: Turning) -> tuple[Finding, ...]:
-    """Axes that never change though the motion says they should.
+    """Find axes that never change although they should in this motion.
 
-    A sensor as quiet as its quantum shows no noise on an axis that nothing moves, so that noise
-    alone does not tell.
+    A sensor with noise below its quantum is constant on an axis without motion, so noise alone does
+    not decide.
 
     Args:
         imu: As read.
-        turning: Rates of the robot and of the IMU, in units of its own.
+        turning: Rates of the robot and of the IMU, in the IMU's unit.
 
     Returns:
-        Warnings about the gyroscope, which may as well ride on another link than is told.
+        Warnings about the gyroscope; another cause would be a wrong parent link.
 
     Raises:
-        InputError: The IMU turns about two axes and the accelerometer does not feel it.
+        InputError: The IMU turns about two axes and an axis of the accelerometer does not change.
     """
     rates = np.linalg.svd(imu.gyro - np.median(imu.gyro, axis=0), compute_uv=False)
     if rates[1] > _TWO_AXES * rates[0]:
@@ -122,7 +122,7 @@ def dead_in_motion(imu: ImuSamples, turning: Turning) -> tuple[Finding, ...]:
 
 
 def _letters(which: Bools) -> str:
-    """Names of some axes; none of all three, which are a sensor that is not there."""
+    """Names of some axes; empty for all three, which is a missing sensor."""
     return "" if which.all() else "".join(AXES[axis] for axis in np.flatnonzero(which))
 
 
@@ -132,7 +132,7 @@ def _refuse_axes(imu: ImuSamples, sensor: Sensor, dead: str) -> None:
 
 
 def _dead(imu: ImuSamples, sensor: Sensor, axes: str) -> dict[str, Any]:
-    """Values of a finding about axes that never change."""
+    """Values of a finding about constant axes."""
     held = [float(np.median(imu.of(sensor)[:, AXES.index(axis)])) for axis in axes]
     return {"topic": imu.topic, "sensor": sensor, "axes": axes, "held": held}
 
@@ -140,12 +140,12 @@ def _dead(imu: ImuSamples, sensor: Sensor, axes: str) -> dict[str, Any]:
 def beyond_ranges(
     imu: ImuSamples, model: str, ranges: Callable[[Sensor], tuple[float, ...]]
 ) -> Iterator[Finding]:
-    """A finding for each sensor that reads what the IMU named cannot.
+    """A finding for each sensor with values beyond the range of the named IMU.
 
     Args:
         imu: In order, SI.
         model: Name of the IMU.
-        ranges: Its full scales, m/s² or rad/s; empty where they are not known.
+        ranges: Its full scales, m/s² or rad/s; empty if unknown.
     """
     for sensor in ("accel", "gyro"):
         full_scale = max(ranges(sensor), default=np.inf)
@@ -190,7 +190,7 @@ def sensor_faults(
 
 
 def _not_dead(imu: ImuSamples, tops: list[Fault]) -> list[Fault]:
-    """Saturation without what is none: where both sensors stop at once, the driver stopped."""
+    """Drop false saturation: if both sensors stop at the same time, the driver stopped."""
     if not tops:
         return tops
     both = np.hstack([imu.gyro, imu.accel])
@@ -201,7 +201,7 @@ def _not_dead(imu: ImuSamples, tops: list[Fault]) -> list[Fault]:
 
 
 def _outside(runs: Stretches, known: Bools) -> Stretches:
-    """Runs that are not explained already."""
+    """Runs without another explanation."""
     return runs.where(~known[runs.first] & ~known[runs.end - 1])
 
 
@@ -241,7 +241,7 @@ def _frozen_accel(imu: ImuSamples, turning: Turning | None, stuck: Stretches) ->
     if not len(runs) or not repeats_by_chance(accel, runs.mask(len(t))):
         return runs
     if max(white_noise(gyro).max(), white_noise(accel).max()) < ALIVE_NOISE:
-        return runs.where(np.zeros(len(runs), dtype=bool))  # made without noise, maybe constant
+        return runs.where(np.zeros(len(runs), dtype=bool))  # a simulation without noise
     jumps = jumps_out(accel, runs, "accel")
     bias = np.zeros(3) if turning is None else turning.bias
     steps = np.gradient(t)
@@ -257,7 +257,7 @@ def _frozen_accel(imu: ImuSamples, turning: Turning | None, stuck: Stretches) ->
 
 
 def _together(first: int, end: int, stuck: Stretches) -> bool:
-    """Whether a run is about the same as one of the gyroscope's."""
+    """Whether a run coincides with one of the gyroscope."""
     common = np.minimum(end, stuck.end) - np.maximum(first, stuck.first)
     longest = np.maximum(end - first, stuck.lengths)
     return bool((common > 0.5 * longest).any())

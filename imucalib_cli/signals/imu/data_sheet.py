@@ -1,44 +1,45 @@
-"""What an IMU's data sheet says of it: noise, biases and ranges, from configs/imus or a file."""
+"""Data sheets of IMUs: noise, biases and ranges, from configs/imus or a file."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
 from functools import cache
-from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
-from imucalib_cli.configuration import build, builtin_names, read_builtin, read_yaml
-from imucalib_cli.errors import ChoiceError, InputError
+from imucalib_cli.configuration import build, builtin_names, load_named, read_builtin
 from imucalib_cli.signals.samples import STANDARD_GRAVITY, Sensor
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 BiasKind = Literal["typical", "1 sigma", "max"]
 
 _FOLDER = "imus"
 _ASSUMPTIONS = "_assumptions"
 _SI: dict[Sensor, float] = {"accel": STANDARD_GRAVITY, "gyro": math.radians(1.0)}
-"""m/s² of a g, rad of a degree."""
+"""m/s² per g, rad per degree."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ImuSource:
-    """Where figures were read."""
+    """Source of the figures."""
 
     document: str
     """Name and revision."""
     url: str
-    """The maker's, or the publisher's."""
+    """The maker or publisher."""
     read: str
-    """Tables and parameters that were taken from it."""
+    """The tables and parameters used."""
     copy: str | None = None
-    """Where it was read, if elsewhere."""
+    """Where it was found, if elsewhere."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ImuModel:
-    """An IMU in the units of data sheets; None and empty where the sheet gives no figure.
+    """An IMU in the units of data sheets; None or empty if the sheet gives no figure.
 
-    Where axes differ a figure is the largest of theirs.
+    If axes differ, a figure is the largest of them.
     """
 
     name: str
@@ -64,16 +65,24 @@ class ImuModel:
     gyro_range_deg: tuple[float, ...] = ()
     """deg/s."""
     max_rate_hz: float | None = None
-    """Fastest output of both sensors."""
+    """Largest output rate of both sensors."""
     accel_bandwidth_hz: float | None = None
-    """-3 dB; the widest where it can be chosen."""
+    """-3 dB bandwidth; the largest if it can be chosen."""
     gyro_bandwidth_hz: float | None = None
     accel_scale_percent: float | None = None
-    """Error of the sensitivity."""
+    """Relative error of the sensitivity."""
     gyro_scale_percent: float | None = None
     misalignment_deg: float | None = None
-    """Of one axis to another."""
+    """Cross-axis sensitivity or misalignment."""
     cross_axis_percent: float | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse figures that are not positive."""
+        for field in fields(self):
+            value = getattr(self, field.name)
+            figures = value if isinstance(value, tuple) else (value,)
+            if any(isinstance(figure, float) and figure <= 0.0 for figure in figures):
+                raise ValueError(f"{field.name} must be positive, leave out what is unknown")
 
     def noise(self, sensor: Sensor) -> float:
         """One-sided density, m/s²/sqrt(Hz) or rad/s/sqrt(Hz)."""
@@ -91,7 +100,7 @@ class ImuModel:
         return self.accel_bandwidth_hz if sensor == "accel" else self.gyro_bandwidth_hz
 
     def bias_sigma(self, sensor: Sensor) -> float | None:
-        """Of the constant bias over parts and switching on, 1 sigma, m/s² or rad/s."""
+        """Standard deviation of the constant bias over parts and power cycles, m/s² or rad/s."""
         if sensor == "accel":
             figure, kind = self.accel_bias_mg, self.accel_bias_kind
             unit = 1e-3 * _SI["accel"]
@@ -102,28 +111,29 @@ class ImuModel:
         return figure * unit / (imu_assumptions().sigmas_of_max if kind == "max" else 1.0)
 
     def bias_prior(self, sensor: Sensor) -> float | None:
-        """What an estimator may take the bias to lie within, 1 sigma, m/s² or rad/s."""
+        """Prior of the bias for an estimator, 1 sigma, m/s² or rad/s."""
         sigma = self.bias_sigma(sensor)
         return None if sigma is None else sigma * imu_assumptions().prior_widening
 
     @property
     def scale_error(self) -> float:
-        """Of the sensors' scales, relative, the worse of the two; inf unless both are told."""
+        """Relative error of the scales, the larger of both sensors'; inf unless both are known."""
         accel, gyro = self.accel_scale_percent, self.gyro_scale_percent
         return math.inf if accel is None or gyro is None else max(accel, gyro) / 100.0
 
     @property
     def axes_error(self) -> float:
-        """Turn of the gyroscope's axes against the accelerometer's, rad; inf if it is not told."""
+        """Angle between the gyroscope's and the accelerometer's axes, rad; inf if unknown."""
         if self.misalignment_deg is not None:
             return math.sqrt(2.0) * math.radians(self.misalignment_deg)
         return math.inf if self.cross_axis_percent is None else self.cross_axis_percent / 100.0
 
     def bias_walk(self, sensor: Sensor) -> float | None:
-        """Of a bias that walks as the in-run stability lets it, m/s²/sqrt(s) or rad/s/sqrt(s).
+        """Random walk of the bias that fits the in-run stability, m/s²/sqrt(s) or rad/s/sqrt(s).
 
-        A random walk of density K has an Allan deviation of K sqrt(t / 3) (IEEE Std 952-1997,
-        annex C); when it reaches the stability is assumed, in configs/imus/_assumptions.yaml.
+        A random walk of density K has an Allan deviation of K sqrt(t / 3) (IEEE Std 952-1997, annex
+        C). The time at which it reaches the stability is an assumption, in
+        configs/imus/_assumptions.yaml.
         """
         if sensor == "accel":
             figure, unit = self.accel_bias_instability_ug, 1e-6 * _SI["accel"]
@@ -136,7 +146,7 @@ class ImuModel:
 
 @dataclass(frozen=True, kw_only=True)
 class ImuAssumptions:
-    """What no sheet says; explained where it is chosen, configs/imus/_assumptions.yaml."""
+    """Values that no data sheet gives; explained in configs/imus/_assumptions.yaml."""
 
     bias_instability_time: float
     bias_pattern: tuple[float, float, float]
@@ -162,30 +172,12 @@ def load_imu_model(name_or_file: str | Path) -> ImuModel:
 
     Raises:
         ChoiceError: There is no such IMU.
-        InputError: The file cannot be read, or states something else or impossible figures.
+        InputError: The file cannot be read, or has unknown keys or impossible figures.
     """
-    path = Path(name_or_file)
-    if path.suffix in {".yaml", ".yml"}:
-        return _checked(build(ImuModel, read_yaml(path), str(path)), str(path))
-    known = imu_names()
-    if str(name_or_file) not in known:
-        raise ChoiceError(
-            f"no IMU model {name_or_file}: choose {', '.join(known)}, or give a YAML file of your "
-            "own"
-        )
-    where = f"{_FOLDER}/{name_or_file}"
-    return _checked(build(ImuModel, read_builtin(where), f"{where}.yaml"), f"{where}.yaml")
-
-
-def _checked(model: ImuModel, where: str) -> ImuModel:
-    """See that every figure is positive.
-
-    Raises:
-        InputError: One is not.
-    """
-    for field in fields(model):
-        value = getattr(model, field.name)
-        figures = value if isinstance(value, tuple) else (value,)
-        if any(isinstance(figure, float) and figure <= 0.0 for figure in figures):
-            raise InputError(f"{where}: {field.name} must be positive, leave out what is unknown")
-    return model
+    return load_named(
+        ImuModel,
+        name_or_file,
+        imu_names(),
+        folder=_FOLDER,
+        unknown="no IMU model {name}: choose {names}, or give a YAML file of your own",
+    )

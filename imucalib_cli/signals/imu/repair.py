@@ -1,7 +1,7 @@
-"""What is mended or left out of one IMU and of what moves it, before anything is fitted.
+"""Repair one IMU and the streams that move it, before any fit.
 
-Bursts become even ticks, units become SI, frozen and saturated stretches are left out. Each
-repair is a finding; what cannot be mended safely is refused.
+Bursts become even ticks, units become SI, frozen and saturated stretches are left out. Each repair
+is a finding. Data that cannot be repaired safely are refused.
 """
 
 from __future__ import annotations
@@ -35,46 +35,47 @@ if TYPE_CHECKING:
     from imucalib_cli.signals.turning import Turning
 
 _MOST_LOST = 0.5
-"""Share of the turning left out from which the rest no longer speaks for the log."""
+"""If this share of the rotation is left out, the remaining data do not represent the log."""
 _FAR_BETTER = 0.5
-"""Times as much of the turning may be left unexplained by stamps that are believed instead."""
+"""Recorded stamps are kept if they leave less than so many times the rotation unexplained that even
+ticks leave."""
 _SAME = 1e-6
 _LEAP = 0.01
-"""rad or m by which a single message may leap and come back: faster than any robot shakes."""
+"""rad or m: a single message that jumps by more and back is faster than any robot."""
 _MOST_LEAPS = 0.05
-"""Share of leaps beyond which they are how the robot moves, or noise."""
+"""If more than this share of messages jumps, it is motion or noise."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Repaired:
-    """Streams as an estimator may have them, and what was done to them so far."""
+    """Streams ready for an estimator, and the repairs done so far."""
 
     samples: ImuSamples
     path: KinematicPath
     trajectory: Trajectory
-    """Of the path before stretches in which the robot's stream is held were left out."""
+    """Trajectory of the path, including stretches in which the robot's stream is held."""
     turning: Turning | None
-    """None where the IMU has too few samples for any of this, as the estimator will say."""
+    """None if the IMU has too few samples, which the estimator reports."""
     findings: tuple[Finding, ...]
-    """What was mended or left out, and why what is left says too little."""
+    """Repairs, and reasons why the remaining data are too few."""
     gyro_unit: str = "rad/s"
-    """That the gyroscope was read in."""
+    """Unit that the gyroscope was recorded in."""
     accel_unit: str = "m/s2"
     samples_at_fault: int = 0
     """IMU samples that were left out as frozen or saturated."""
     suspects: tuple[Finding, ...] = ()
-    """What does no harm to a good fit, and is the likely cause of a poor one."""
+    """Findings that do not matter if the fit is good, and are the likely cause if it is poor."""
     contradicted: tuple[Finding, ...] = ()
-    """Units that the user states and the data contradict."""
+    """Findings about units that the user states and the data contradict."""
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What was mended or left out, in words."""
+        """Repairs, in words."""
         return warnings(self.findings)
 
     @property
     def distrust(self) -> tuple[str, ...]:
-        """Why what is left says too little, in words."""
+        """Reasons why the remaining data are too few, in words."""
         return reasons(self.findings)
 
 
@@ -87,12 +88,12 @@ def repair(
     max_offset: float,
     accel_ranges: tuple[float, ...] = (),
 ) -> Repaired:
-    """Mend what can be mended of one IMU and of what moves it.
+    """Repair one IMU and the streams that move it, as far as possible.
 
     Args:
         imu: As read.
         path: Of its parent link, as stamped.
-        units: As far as the user says.
+        units: As far as the user states them.
         gravity: Norm that is expected at rest, m/s²; 0 for none.
         max_offset: Largest time offset between the two, s.
         accel_ranges: Full scales of the accelerometer, m/s², as far as they are known.
@@ -102,70 +103,70 @@ def repair(
     """
     refuse_impossible(imu, "accel")
     refuse_dead(imu)
-    mended = _on_even_stamps(imu, path, max_offset)
-    if mended.turning is None:
+    repaired = _on_even_stamps(imu, path, max_offset)
+    if repaired.turning is None:
         refuse_impossible(imu, "gyro")
-        return replace(mended, samples=imu)
-    mended = _in_si_units(mended, units, gravity)
-    mended = _without_faults(mended, accel_ranges, max_offset)
-    mended = _without_held_robot(mended)
-    graver_first = sorted(mended.findings, key=lambda each: each.severity is Severity.WARNING)
-    return replace(mended, findings=tuple(graver_first))
+        return replace(repaired, samples=imu)
+    repaired = _in_si_units(repaired, units, gravity)
+    repaired = _without_faults(repaired, accel_ranges, max_offset)
+    repaired = _without_held_robot(repaired)
+    graver_first = sorted(repaired.findings, key=lambda each: each.severity is Severity.WARNING)
+    return replace(repaired, findings=tuple(graver_first))
 
 
-def _in_si_units(mended: Repaired, units: Units, gravity: float) -> Repaired:
-    turning = mended.turning
+def _in_si_units(repaired: Repaired, units: Units, gravity: float) -> Repaired:
+    turning = repaired.turning
     if turning is None:
-        return mended
-    imu, suspects = mended.samples, list(dead_in_motion(mended.samples, turning))
-    turns = gyro_factor(imu, turning, units.gyro, most_angle=_most_angle(mended.path))
-    if not turns.is_mended:  # the motion knows better what raw counts are
+        return repaired
+    imu, suspects = repaired.samples, list(dead_in_motion(repaired.samples, turning))
+    gyro_conversion = gyro_factor(imu, turning, units.gyro, most_angle=_most_angle(repaired.path))
+    if not gyro_conversion.is_converted:  # with a conversion the factor is known from the motion
         refuse_impossible(imu, "gyro")
-    pulls = accel_factor(imu, units.accel, gravity=gravity)
-    findings = list(mended.findings)
-    for each in (turns, pulls):
+    accel_conversion = accel_factor(imu, units.accel, gravity=gravity)
+    findings = list(repaired.findings)
+    for each in (gyro_conversion, accel_conversion):
         if each.finding is not None and not each.contradicted:
-            (findings if each.is_mended else suspects).append(each.finding)
-    gyro = imu.gyro * turns.value if turns.is_mended else imu.gyro
-    accel = imu.accel * pulls.value if pulls.is_mended else imu.accel
+            (findings if each.is_converted else suspects).append(each.finding)
+    gyro = imu.gyro * gyro_conversion.value if gyro_conversion.is_converted else imu.gyro
+    accel = imu.accel * accel_conversion.value if accel_conversion.is_converted else imu.accel
     return replace(
-        mended,
+        repaired,
         samples=replace(imu, gyro=gyro, accel=-accel if units.sign == "down" else accel),
-        turning=turning.scaled(turns.value),
+        turning=turning.scaled(gyro_conversion.value),
         findings=tuple(findings),
-        gyro_unit=turns.unit,
-        accel_unit=pulls.unit,
+        gyro_unit=gyro_conversion.unit,
+        accel_unit=accel_conversion.unit,
         suspects=tuple(suspects),
-        contradicted=(*turns.contradicted, *pulls.contradicted),
+        contradicted=(*gyro_conversion.contradicted, *accel_conversion.contradicted),
     )
 
 
 def _without_faults(
-    mended: Repaired, accel_ranges: tuple[float, ...], max_offset: float
+    repaired: Repaired, accel_ranges: tuple[float, ...], max_offset: float
 ) -> Repaired:
     """Leave out frozen and saturated samples.
 
     Raises:
-        InputError: Hardly anything is left.
+        InputError: Too little is left.
     """
-    imu = mended.samples
-    faults = sensor_faults(imu, mended.turning, accel_ranges)
+    imu = repaired.samples
+    faults = sensor_faults(imu, repaired.turning, accel_ranges)
     if not faults:
-        return mended
-    findings = [*mended.findings, *(fault.finding(imu) for fault in faults)]
+        return repaired
+    findings = [*repaired.findings, *(fault.finding(imu) for fault in faults)]
     out = clear_of(imu.t, np.any([fault.rows for fault in faults], axis=0))
     sound = imu.at(~out)
     if len(sound) < MIN_IMU_SAMPLES:
         raise InputError(
             f"{findings[-1].message}: nothing else is left, so record again", topic=imu.topic
         )
-    turning = compare_turning(sound.t, sound.gyro, mended.trajectory, max_offset)
+    turning = compare_turning(sound.t, sound.gyro, repaired.trajectory, max_offset)
     moved = np.nan_to_num(turning.derived)
     lost = moved[np.unique(turning.bins_of(imu.t[out]))].sum() / max(moved.sum(), 1e-12)
     if lost > _MOST_LOST:
         findings.append(untrusted("imu.motion_left_out", share=lost))
     return replace(
-        mended,
+        repaired,
         samples=sound,
         turning=turning,
         findings=tuple(findings),
@@ -173,33 +174,33 @@ def _without_faults(
     )
 
 
-def _without_held_robot(mended: Repaired) -> Repaired:
+def _without_held_robot(repaired: Repaired) -> Repaired:
     """Leave out stretches in which the robot's stream stands still while the IMU turns.
 
-    A link may stand still while its publisher is alive and other joints move.
+    The joints of one track may be still while others move.
     """
-    tracks, turning = mended.path.tracks, mended.turning
+    tracks, turning = repaired.path.tracks, repaired.turning
     if turning is None:
-        return mended
+        return repaired
     held = [
         stretch
         for stretch in turning.held_robot()
         if all(_repeats(track, *stretch) for track in tracks)
     ]
     if not held:
-        return mended
+        return repaired
     names = [track.name for track in tracks]
-    findings = [*mended.findings, warning("robot.held", streams=names, stretches=held)]
+    findings = [*repaired.findings, warning("robot.held", streams=names, stretches=held)]
     turned = np.nan_to_num(turning.measured)
     alone = sum(turned[turning.between(*stretch)].sum() for stretch in held)
     if alone > _MOST_LOST * turned.sum():
         findings.append(untrusted("robot.held_in_motion", share=alone / turned.sum()))
-    path = replace(mended.path, tracks=tuple(_without(track, held) for track in tracks))
-    return replace(mended, path=path, findings=tuple(findings))
+    path = replace(repaired.path, tracks=tuple(_without(track, held) for track in tracks))
+    return replace(repaired, path=path, findings=tuple(findings))
 
 
 def check_alone(imu: ImuSamples) -> tuple[Finding, ...]:
-    """What is wrong with an IMU's stamps and values, as far as it shows without kinematics."""
+    """Find problems of an IMU's stamps and values that are visible without kinematics."""
     for refuse in (refuse_impossible, refuse_dead):
         try:
             refuse(imu)
@@ -213,10 +214,10 @@ def check_alone(imu: ImuSamples) -> tuple[Finding, ...]:
 
 
 def _on_even_stamps(imu: ImuSamples, path: KinematicPath, max_offset: float) -> Repaired:
-    """Bursts become even ticks, but where the motion says that they are none.
+    """Replace bursts by even ticks, unless the motion contradicts it.
 
-    Junk that comes at once, of a damaged chunk or a driver's buffer, looks like a burst; counted
-    as ticks it would shift all that comes after it.
+    Junk messages of a damaged chunk or a driver's buffer arrive at once and look like a burst.
+    Counted as ticks they would shift everything after them.
     """
     best = _evened(imu, path, max_offset, ())
     as_recorded: tuple[str, ...] = ()
@@ -233,7 +234,7 @@ def _on_even_stamps(imu: ImuSamples, path: KinematicPath, max_offset: float) -> 
 def _evened(
     imu: ImuSamples, path: KinematicPath, max_offset: float, as_recorded: tuple[str, ...]
 ) -> Repaired:
-    """The streams without bursts, those of some left as they are."""
+    """The streams without bursts, except those named."""
     imu, findings = _mended_imu(imu, as_recorded)
     tracks = []
     for raw in path.tracks:
@@ -251,14 +252,14 @@ def _evened(
 
 
 def _unexplained(streams: Repaired) -> float:
-    """Share of the IMU's turning that the robot's does not explain."""
+    """Share of the IMU's rotation that the robot's does not explain."""
     return 1.0 if streams.turning is None else 1.0 - streams.turning.correlation
 
 
 def _even(
     name: str, t: Floats, *values: Floats, as_recorded: tuple[str, ...] = ()
 ) -> tuple[Floats, list[Finding]]:
-    """Stamps without their bursts, if they come in bursts, and what was found of them."""
+    """Stamps without bursts, if they have any, and the finding."""
     usable = usable_rows(t, *values)
     rows = slice(None) if usable.all() else usable  # a slice copies nothing
     stretches = rate_stretches(t[rows])
@@ -296,7 +297,7 @@ def _mended_imu(imu: ImuSamples, as_recorded: tuple[str, ...]) -> tuple[ImuSampl
 
 
 def _mended_track(track: Track, as_recorded: tuple[str, ...]) -> tuple[Track, list[Finding]]:
-    """A track on even stamps, without single messages that leap away and back."""
+    """A track on even stamps, without single messages that jump away and back."""
     t, findings = _even(track.name, track.t, track.values, as_recorded=as_recorded)
     tidy = tidy_rows(t, track.values)
     if tidy.not_finite or tidy.backward or tidy.astray:
@@ -304,7 +305,7 @@ def _mended_track(track: Track, as_recorded: tuple[str, ...]) -> tuple[Track, li
     read = tidy.of(track.values)
     values = continuous(track.kind, read)
     if track.kind == "joints" and values is not read:
-        whole = track.values.copy()  # also for who asks for rival publishers later
+        whole = track.values.copy()  # the diagnosis of rival publishers uses them too
         whole[tidy.rows] = values
         track = replace(track, values=whole)
     track = replace(track, t=t)
@@ -319,9 +320,9 @@ def _mended_track(track: Track, as_recorded: tuple[str, ...]) -> tuple[Track, li
 
 
 def clear_of(t: Floats, rows: Bools) -> Bools:
-    """Rows to leave out so that no window reaches over those at fault: (N,).
+    """Rows to leave out so that no window crosses faulty ones: (N,).
 
-    Holes shorter than a gap would be bridged.
+    Interpolation would bridge holes shorter than a gap, so holes are widened to gaps.
     """
     reach = int(np.ceil(gap_limit(t) / (2.0 * float(np.median(np.diff(t)))))) + 1
     wide = np.convolve(rows, np.ones(2 * reach + 1), mode="same") > 0.5
@@ -329,7 +330,7 @@ def clear_of(t: Floats, rows: Bools) -> Bools:
 
 
 def _repeats(track: Track, start: float, end: float) -> bool:
-    """Whether no value of a track moves in a stretch, its ends aside."""
+    """Whether no value of a track moves in a stretch, except at its ends."""
     values = track.values[(track.t >= start + BIN) & (track.t <= end - 2.0 * BIN)]
     return bool(len(values) < 2 or np.ptp(values, axis=0).max() < _SAME)
 

@@ -1,8 +1,8 @@
-"""Sensors that stand still while the world does not: frozen values, dead axes, flat tops.
+"""Find repeated values of sensors: frozen values, dead axes, flat tops.
 
-A quantised sensor at rest repeats its values rightfully. A repeated value is a fault only where
-something else shows that the sensor should have moved: the kinematics, the sensor's other axes, or
-the jump with which it comes back.
+A quantised sensor at rest repeats values without a fault. A repeated value is a fault only if
+something else shows that it should have changed: the kinematics, the sensor's other axes, or the
+jump at its end.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ if TYPE_CHECKING:
 
 FROZEN_SECONDS = 0.1
 FROZEN_SAMPLES = 8
-"""A shorter standstill is left to the robust weights."""
+"""s and samples: shorter runs are left to the robust weights."""
 _JUMP = 8.0
-"""Quanta and standard deviations by which a value comes back from where it stuck."""
+"""Quanta and standard deviations of the jump at the end of a frozen run."""
 _JUMP_FLOOR = {"gyro": 0.02, "accel": 0.2}
 """rad/s and m/s²."""
 _LIVE_REPEATS = 0.2
-"""Share of repeated samples from which the live axes are as still as the dead one may be."""
+"""If the other axes repeat this often, a repeated value proves nothing."""
 DEAD = 0.995
 ALIVE_NOISE = 1e-5
-"""rad/s and m/s²: without any noise the log is a simulation, whose axes may be exactly zero."""
+"""rad/s and m/s²: with less noise the log is a simulation, whose axes may be exactly zero."""
 _LEAST_OUTSIDE = 200
 
 
@@ -49,20 +49,20 @@ def repeated_runs(t: Floats, values: Floats) -> Stretches:
 
 
 def repeats(same: Bools) -> Stretches:
-    """Stretches from the differences of neighbours: (N - 1,), True where two are the same."""
+    """Stretches from (N - 1,), True where two neighbours are equal."""
     found = stretches_of(same)
     return Stretches(found.first, found.end + 1)
 
 
 def repeats_by_chance(values: Floats, known: Bools) -> bool:
-    """Whether the sensor may repeat itself, so that a run of repeats alone means nothing.
+    """Whether the sensor repeats values without a fault, so that a run of repeats proves nothing.
 
-    Coarse quanta and little noise do that, and so does a log without noise; a sensor whose noise
-    exceeds its quantum even at rest never says the same a dozen times.
+    That is so if noise is small compared with the quantum, or absent. A sensor whose noise exceeds
+    its quantum never repeats a value a dozen times.
 
     Args:
         values: (N, C).
-        known: (N,), rows in question.
+        known: (N,), rows of suspected faults.
     """
     outside = ~known
     if outside.sum() < _LEAST_OUTSIDE:
@@ -75,7 +75,7 @@ def repeats_by_chance(values: Floats, known: Bools) -> bool:
 
 
 def dead_axes(values: Floats) -> str:
-    """Axes that say one value throughout, while the others are too noisy ever to do so.
+    """Axes with one value throughout, while the others are too noisy to repeat one.
 
     Args:
         values: (N, 3).
@@ -94,18 +94,18 @@ def dead_axes(values: Floats) -> str:
 
 
 def constant_axes(values: Floats) -> Bools:
-    """Which axes say one value throughout, spikes aside, (3,)."""
+    """Axes with one value throughout, except for spikes, (3,)."""
     return np.asarray(np.mean(values == np.median(values, axis=0), axis=0) >= DEAD)
 
 
 def jumps_out(values: Floats, runs: Stretches, sensor: Sensor) -> Bools:
-    """Whether the value leaves each run by a jump that no smooth motion makes, (R,)."""
+    """Whether each run ends with a jump that no smooth motion makes, (R,)."""
     after = np.minimum(runs.end, len(values) - 1)
     before = np.maximum(runs.first - 1, 0)
     step = np.maximum(white_noise(values), quantum(values))
     scale = np.maximum(_JUMP * step, _JUMP_FLOOR[sensor])
     out = np.abs(values[after] - values[runs.end - 1]) > scale
-    # A run begins with a sample like any other: what stuck is not far from what was before.
+    # A run begins with a correct sample: the frozen value is close to the one before.
     near = np.abs(values[before] - values[runs.first]) <= np.abs(values[after] - values[before])
     return np.asarray((out & near).any(axis=1) & (runs.end < len(values)))
 

@@ -1,4 +1,4 @@
-"""Sensors at the end of their range: tops that are flat where the motion's are not."""
+"""Find saturation: flat tops at the end of a sensor's range that are not from the motion."""
 
 from __future__ import annotations
 
@@ -23,30 +23,30 @@ _TOP_RUN = 3
 _TOP_SAMPLES = 6
 _TOP_PLAIN = 20
 _TOP_STAY = 0.5
-"""Share of samples at the limit whose successor is at the limit too."""
+"""Least share of samples at the limit whose successor is at the limit too."""
 _TOP_BENDS = 3.0
 _TOP_BEND_SHARE = 98.0
-"""The slope before a flat top, which ends within a sample, over the bends of the rest."""
+"""Least slope before a flat top, relative to the curvature of the other samples."""
 _TOP_STEPS = 3.0
-"""That slope, per sample, over noise and quantum."""
+"""That slope, per sample, relative to noise and quantum."""
 _FULL_SCALE = 0.02
-"""Converters end a little before or beyond the round number that names their range."""
+"""Converters saturate a little below or above their nominal range."""
 _ELSEWHERE = 20
 _CUT = 0.985
-"""Measured over derived rate, against what it is elsewhere, below which a flat top is one of the
-sensor, not of the motion."""
+"""If the ratio of measured to derived rate, relative to the ratio elsewhere, is lower than this, a
+flat top is from the sensor and not from the motion."""
 
 
 def saturated(
     imu: ImuSamples, turning: Turning | None, accel_ranges: tuple[float, ...] = ()
 ) -> list[Fault]:
-    """One fault for each sensor that is cut off, on whichever axes.
+    """One fault for each saturated sensor, over all its axes.
 
     Args:
         imu: In order, SI.
         turning: Of the same IMU; None where no kinematics are known.
-        accel_ranges: Full scales of the accelerometer, m/s², as far as they are known: what is
-            flat there is no motion's. Of the gyroscope the kinematics know better.
+        accel_ranges: Full scales of the accelerometer, m/s², as far as known: flat tops there are
+        saturation. For the gyroscope the kinematics decide.
     """
     found = []
     for sensor in SENSORS:
@@ -72,24 +72,24 @@ def saturated(
 
 
 def _ends(top: FlatTop, ranges: tuple[float, ...]) -> bool:
-    """Whether a flat top is where the sensor is known to end."""
+    """Whether a flat top is at a known full scale."""
     return any(abs(abs(top.limit) / full - 1.0) < _FULL_SCALE for full in ranges)
 
 
 def _turns(top: FlatTop, gyro: Floats, turning: Turning | None) -> bool:
-    """Whether an accelerometer says the same while the IMU turns, and not in a rest."""
+    """Whether an accelerometer repeats a value while the IMU turns, and not at rest."""
     bias = np.zeros(3) if turning is None else turning.bias
     fast = np.linalg.norm(gyro[top.rows] - bias, axis=1) > TURNING
     return top.shape == "abrupt" and float(np.mean(fast)) > 0.5
 
 
 def _outrun(top: FlatTop, t: Floats, suspected: Floats, turning: Turning | None) -> bool:
-    """Whether the kinematics turn faster than a gyroscope says at its flat top.
+    """Whether the kinematics turn faster than the gyroscope measures at its flat top.
 
     Args:
         top: Of one axis.
         t: (N,), s.
-        suspected: Instants of all flat tops, by which the two rates are not to be matched.
+        suspected: Instants of all flat tops, which must not be used to match the two rates.
         turning: Rates of both.
     """
     if turning is None or turning.correlation < AGREE:
@@ -110,15 +110,15 @@ def _outrun(top: FlatTop, t: Floats, suspected: Floats, turning: Turning | None)
 
 @dataclass(frozen=True, eq=False)
 class FlatTop:
-    """One axis that reaches a limit and stays there."""
+    """A flat top of one axis."""
 
     axis: str
     limit: float
-    """In the unit of the values, signed."""
+    """Value of the limit, signed, in the unit of the values."""
     rows: Indices
     shape: Shape
-    """``certain``: the sensor is too noisy ever to stand still. ``abrupt``: it ends a slope within
-    a sample, which a steady rotation may do too. ``smooth``: any motion may look like this."""
+    """``certain``: the sensor is too noisy to repeat a value. ``abrupt``: it ends a slope within a
+    sample, as a steady rotation may too. ``smooth``: any motion may look like this."""
 
 
 def flat_tops(values: Floats) -> list[FlatTop]:
@@ -128,17 +128,17 @@ def flat_tops(values: Floats) -> list[FlatTop]:
         values: (N, 3).
     """
     found = []
-    spread = np.maximum(white_noise(values), quantum(values))
+    noise = np.maximum(white_noise(values), quantum(values))
     for axis, channel in enumerate(values.T):
         for limit in (float(channel.max()), float(channel.min())):
-            rows, shape = _flat_rows(channel, limit, float(spread[axis]))
+            rows, shape = _flat_rows(channel, limit, float(noise[axis]))
             if len(rows):
                 found.append(FlatTop(AXES[axis], limit, rows, shape))
     return found
 
 
-def _flat_rows(channel: Floats, limit: float, spread: float) -> tuple[Indices, Shape]:
-    """Rows at the limit, none if it is not one, and how they come about."""
+def _flat_rows(channel: Floats, limit: float, noise: float) -> tuple[Indices, Shape]:
+    """Rows at the limit (none if it is no limit), and the shape of the top."""
     none = np.zeros(0, np.intp)
     if limit == 0.0 or np.mean(channel == limit) > DEAD:
         return none, "smooth"
@@ -153,12 +153,12 @@ def _flat_rows(channel: Floats, limit: float, spread: float) -> tuple[Indices, S
     ends = at | (channel == channel.max()) | (channel == channel.min())
     if (
         len(rows) >= _TOP_PLAIN
-        and spread > ALIVE_NOISE
+        and noise > ALIVE_NOISE
         and not repeats_by_chance(channel[:, None], ends)
     ):
         return rows, "certain"
-    # Smooth motion slows down before it stands still, however little noise there is.
+    # Smooth motion slows down before it stops, at any noise level.
     slope = np.abs(channel[runs.first - 1] - channel[runs.first - 3]) / 2.0
     bend = np.percentile(np.abs(np.diff(channel, 2)), _TOP_BEND_SHARE)
-    abrupt = slope > np.maximum(_TOP_BENDS * bend, _TOP_STEPS * spread)
+    abrupt = slope > np.maximum(_TOP_BENDS * bend, _TOP_STEPS * noise)
     return rows, "abrupt" if np.mean(abrupt) > 0.5 else "smooth"

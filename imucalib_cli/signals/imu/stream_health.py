@@ -1,4 +1,4 @@
-"""How good the stamps of a stream are, and how much of the log it is there for."""
+"""Quality of a stream's stamps, and the share of the log that it covers."""
 
 from __future__ import annotations
 
@@ -24,29 +24,29 @@ if TYPE_CHECKING:
 
 _NS = 1_000_000_000
 _QUARTILES_TO_STD = 1.349
-"""Distance of the quartiles of a normal distribution, in standard deviations."""
+"""Interquartile range of a normal distribution, in standard deviations."""
 _HOLE = 0.5
-"""s without a sample that are a hole, if they are also this many intervals long."""
+"""A time without samples is a hole if it is longer than this, s, and than this many intervals."""
 _HOLE_INTERVALS = 10.0
 _STRAY = 0.001
-"""Share of a stream's stamps that may be anywhere."""
+"""Share of a stream's stamps that may be wrong."""
 _MISSED = 0.1
-"""Share of the log, missing from a stream, that is worth telling."""
+"""Share of the log missing from a stream above which it is reported."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class StampHealth:
-    """What the stamps of one topic look like, in the order of the log."""
+    """Statistics of the stamps of one topic, in the order of the log."""
 
     count: int
     duration: float
     """First to last plausible stamp, s."""
     rate_hz: float
-    """1 / median interval, or the mean rate where stamps are bunched; 0 for fewer than two."""
+    """Hz, 1 / median interval, or the mean rate if stamps are bunched; 0 for fewer than two."""
     median_interval: float
-    """s, of those that advance."""
+    """Largest interval, s."""
     jitter: float
-    """Standard deviation of an interval, from its quartiles so that gaps do not count, s."""
+    """Standard deviation of the intervals, s, from quartiles so that gaps do not count."""
     longest_gap: float
     """s."""
     gaps: int
@@ -57,7 +57,7 @@ class StampHealth:
     """Stamps before the one before."""
     zeros: int
     bursts: int
-    """Intervals that advance by less than a quarter of the usual: messages bunched together."""
+    """Intervals below a quarter of the usual one: messages in bursts."""
 
 
 def stamp_health(stamp_ns: Nanoseconds) -> StampHealth:
@@ -81,7 +81,7 @@ def stamp_health(stamp_ns: Nanoseconds) -> StampHealth:
         rate = 1 / usual
         short = forward < SHORT * usual
         bursts = int(np.count_nonzero(short))
-        between = float(np.median(forward[~short]))  # of bursts, if there are any
+        between = float(np.median(forward[~short]))  # in bursts, if there are any
         gaps = int(np.count_nonzero(forward > max(GAP_INTERVALS * between, GAP_SECONDS)))
     return StampHealth(
         count=len(stamp_ns),
@@ -99,17 +99,17 @@ def stamp_health(stamp_ns: Nanoseconds) -> StampHealth:
 
 
 def missing_parts(streams: Mapping[str, Floats]) -> Iterator[Finding]:
-    """A finding for each stream that much of the log is without.
+    """A finding for each stream that is missing from much of the log.
 
     Args:
-        streams: Stamps, s, in any order, by what they are called.
+        streams: Stamps, s, in any order, by the stream's name.
     """
     ends = np.array([_ends(t) for t in streams.values()])
     first, last = float(ends[:, 0].min()), float(ends[:, 1].max())
     whole = last - first
     for name, unordered in streams.items():
         t = np.sort(np.clip(unordered, first, last))
-        # The ends of the log bound holes like samples.
+        # The ends of the log bound holes as samples do.
         steps = np.diff(np.concatenate([[first], t, [last]]))
         hole = max(_HOLE, _HOLE_INTERVALS * float(np.median(steps)))
         missing = np.flatnonzero(steps > hole)
@@ -128,7 +128,7 @@ def missing_parts(streams: Mapping[str, Floats]) -> Iterator[Finding]:
 
 
 def _ends(t: Floats) -> tuple[float, float]:
-    """First and last stamp; a few from another epoch do not make a stream longer."""
+    """First and last stamp, ignoring a few from another epoch."""
     low, high = np.quantile(t, (_STRAY, 1.0 - _STRAY))
     near = t[np.abs(t - (low + high) / 2.0) <= 0.6 * (high - low) + 1.0]
     return float(near.min()), float(near.max())

@@ -1,4 +1,4 @@
-"""In which units an IMU speaks: by gravity at rest, and by how fast the robot turns."""
+"""Find the units of an IMU: from gravity at rest, and from the robot's angular rate."""
 
 from __future__ import annotations
 
@@ -23,45 +23,46 @@ if TYPE_CHECKING:
 
 _DEG = 180.0 / math.pi
 _NEAR = 0.15
-"""Share by which |accel| at rest, or a ratio of two rates, may miss that of a unit: bias, scale
-errors, motion."""
+"""Relative error of |accel| at rest, or of the ratio of two rates, up to which a unit fits: bias,
+scale errors and motion cause it."""
 _MOST_RATE = 40.0
-"""rad/s; industrial and MEMS gyroscopes end at 2000 °/s, 34.9 rad/s."""
+"""rad/s; the range of industrial and MEMS gyroscopes is up to 2000 °/s, 34.9 rad/s."""
 _FLOATING = 0.05
-"""Share of gravity at rest below which it is not in the readings."""
+"""Share of gravity at rest below which the accelerometer does not contain it."""
 _USUAL_RATE = 100.0
-"""Hz, of an IMU whose stamps tell none."""
+"""Hz, assumed for an IMU whose stamps have no rate."""
 ACCEL_FACTORS = {"m/s2": 1.0, "g": STANDARD_GRAVITY, "mg": STANDARD_GRAVITY / 1000.0}
-"""What values of a unit are multiplied by."""
+"""Factors from each unit to SI."""
 
 
 class KnownRatio(NamedTuple):
-    """How gyroscopes of a unit are known to read the robot's rate of turning."""
+    """How a gyroscope's unit shows in its ratio to the robot's angular rate."""
 
     ratio: float
-    """Read over true."""
+    """Measured over true rate."""
     factor: str
-    """What mends it, as one writes it."""
+    """Correction, as a person writes it."""
     least_correlation: float
-    """Of the two rates, for the ratio to mean this."""
+    """Correlation of the two rates needed for this unit."""
 
 
 _TWICE = "rad/s converted twice"
 KNOWN_RATIOS = {
     "rad/s": KnownRatio(1.0, "1", 0.0),
     "deg/s": KnownRatio(_DEG, "pi/180", 0.5),
-    # An IMU that hardly turns reads a small share of the robot's rate too: the rates must agree.
+    # An IMU that hardly turns measures a small share of the robot's rate too, so the rates must
+    # also agree.
     _TWICE: KnownRatio(1.0 / _DEG, "180/pi", AGREE),
 }
-"""By unit; any other constant factor between the two rates is refused, not mended."""
+"""By unit; any other constant factor between the two rates is refused."""
 _CLEAR = 0.5
-"""Correlation of the two rates of turning from which their ratio means something."""
+"""Correlation of the two rates above which their ratio is meaningful."""
 _FAR = 5.0
-"""Factor by which a ratio must miss 1 to be one of units: scale errors and other links are less."""
+"""Least factor between the ratio and 1 for a wrong unit: scale errors and other links make less."""
 _CONSTANT = 0.2
-"""Relative scatter of a bin's ratio up to which it is one constant factor, not another motion."""
+"""Relative scatter of the bins' ratios up to which the ratio is constant, so not another motion."""
 _MOST_ANGLE = 4.0 * math.pi
-"""rad by which a joint may turn in a log: beyond, its positions are rather in degrees."""
+"""rad: a joint that turns by more in a log probably has positions in degrees."""
 
 AccelUnit = Literal["auto", "m/s2", "g", "mg"]
 GyroUnit = Literal["auto", "rad/s", "deg/s"]
@@ -70,30 +71,30 @@ AccelSign = Literal["auto", "up", "down"]
 
 @dataclass(frozen=True, kw_only=True)
 class Units:
-    """What an IMU's numbers mean, as far as the user says; sensor_msgs/Imu is m/s2, rad/s, up."""
+    """Units of an IMU, as far as the user states them; sensor_msgs/Imu has m/s2, rad/s, up."""
 
     accel: AccelUnit = "auto"
     gyro: GyroUnit = "auto"
     sign: AccelSign = "auto"
-    """Where the accelerometer points at rest: up, as ROS has it, or down."""
+    """Direction of the accelerometer at rest: up, as in ROS, or down."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Factor:
-    """What one sensor's values are multiplied by, and why."""
+    """Factor for one sensor's values, and the reason."""
 
     unit: str
     value: float
     finding: Finding | None = None
 
     @property
-    def is_mended(self) -> bool:
-        """Whether the values are changed."""
+    def is_converted(self) -> bool:
+        """Whether the values are converted."""
         return self.value != 1.0
 
     @property
     def contradicted(self) -> tuple[Finding, ...]:
-        """That the data speak against the unit the user states; empty where they do not."""
+        """The finding if the data contradict the unit that the user states; else empty."""
         found = self.finding
         return (found,) if found is not None and found.severity is Severity.UNTRUSTED else ()
 
@@ -101,17 +102,17 @@ class Factor:
 def gyro_factor(
     imu: ImuSamples, turning: Turning, wanted: GyroUnit, *, most_angle: float = 0.0
 ) -> Factor:
-    """Unit of a gyroscope, from how fast the robot turns at the same time.
+    """Find the unit of a gyroscope from the robot's angular rate at the same time.
 
     Args:
         imu: As read, in order.
-        turning: Rates of the robot and of the IMU as read.
+        turning: Rates of the robot and of the IMU, as recorded.
         wanted: What the user says.
-        most_angle: rad by which a joint turns in the log, the largest of all: joint positions in
-            degrees look like a gyroscope that was converted twice.
+        most_angle: rad, the largest rotation of a joint in the log: joint positions in degrees look
+        like a gyroscope that was converted twice.
 
     Raises:
-        InputError: It speaks in no known unit.
+        InputError: It has no known unit.
     """
     ratio = turning.ratio if turning.correlation > _CLEAR else None
     reads = None if ratio is None else ratio.value
@@ -168,65 +169,65 @@ def _unit_of(ratio: float, correlation: float) -> str | None:
 
 
 def _is_constant(ratio: RateRatio, turning: Turning) -> bool:
-    """Whether a ratio far from 1 is the same throughout, as that of a wrong unit is."""
+    """Whether a ratio far from 1 is constant, as with a wrong unit."""
     far = max(ratio.value, 1.0 / max(ratio.value, 1e-300)) > _FAR
     return far and turning.correlation > AGREE and ratio.scatter < _CONSTANT
 
 
 def accel_factor(imu: ImuSamples, wanted: AccelUnit, *, gravity: float) -> Factor:
-    """Unit of an accelerometer, from what it says at rest.
+    """Find the unit of an accelerometer from its norm at rest.
 
     Args:
         imu: As read.
         wanted: What the user says.
-        gravity: Norm that is expected at rest, m/s²; 0 for none, which tells no unit.
+        gravity: Norm expected at rest, m/s²; with 0 the unit cannot be found.
 
     Raises:
-        InputError: Gravity is expected and not felt.
+        InputError: Gravity is expected and not measured.
     """
     guess = guess_units(imu, gravity or STANDARD_GRAVITY)
     found = "m/s2" if guess.accel_unit == "m/s²" else guess.accel_unit
-    rest = {"topic": imu.topic, "norm": guess.accel_at_rest}
+    at_rest = {"topic": imu.topic, "norm": guess.accel_at_rest}
     if wanted != "auto":
         factor = ACCEL_FACTORS[wanted]
         wrong = None
         if gravity > 0.0 and found in ACCEL_FACTORS and found != wanted:
             times = guess.accel_at_rest * factor / gravity
             wrong = untrusted(
-                "imu.accel_unit_contradicted", **rest, stated=wanted, times=times, unit=found
+                "imu.accel_unit_contradicted", **at_rest, stated=wanted, times=times, unit=found
             )
         return Factor(unit=wanted, value=factor, finding=wrong)
     finding = None
     if gravity == 0.0:
         if found in ACCEL_FACTORS:
-            finding = warning("imu.gravity_unasked", **rest, unit=guess.accel_unit)
+            finding = warning("imu.gravity_unasked", **at_rest, unit=guess.accel_unit)
     elif found == "m/s², no gravity":
-        raise InputError(untrusted("imu.gravity_removed", **rest))
+        raise InputError(untrusted("imu.gravity_removed", **at_rest))
     elif found == "unknown":
-        finding = warning("imu.accel_unit_unknown", **rest)
+        finding = warning("imu.accel_unit_unknown", **at_rest)
     elif found != "m/s2":
         factor = ACCEL_FACTORS[found]
-        finding = warning("imu.accel_unit_converted", **rest, unit=found, factor=factor)
+        finding = warning("imu.accel_unit_converted", **at_rest, unit=found, factor=factor)
         return Factor(unit=found, value=factor, finding=finding)
     return Factor(unit="m/s2", value=1.0, finding=finding)
 
 
 @dataclass(frozen=True, kw_only=True)
 class UnitGuess:
-    """Units as the calmest part of a recording suggests them."""
+    """Units suggested by the calmest part of a recording."""
 
     accel_at_rest: float = 0.0
     """Median norm over the calmest stretches, in the unit of the log."""
     accel_unit: Literal["m/s²", "g", "mg", "m/s², no gravity", "unknown"] = "unknown"
     gyro_at_rest: float = 0.0
-    """Median norm over the calmest stretches, in the unit of the log: bias and noise."""
+    """Median norm over the calmest stretches, in the unit of the log; it is bias and noise."""
     gyro_largest: float = 0.0
     """99.9th percentile of the norm, in the unit of the log."""
     gyro_unit: Literal["rad/s", "deg/s"] = "rad/s"
-    """rad/s unless that would be beyond what gyroscopes measure."""
+    """rad/s, unless the largest rate would be beyond gyroscopes."""
 
     findings: tuple[Finding, ...] = ()
-    """What is strange about them."""
+    """Findings about unusual units."""
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -235,9 +236,9 @@ class UnitGuess:
 
 
 def guess_units(imu: ImuSamples, gravity: float = STANDARD_GRAVITY) -> UnitGuess:
-    """Guess the units of an IMU from what it says at rest.
+    """Guess the units of an IMU from its values at rest.
 
-    The calmest tenth of the stretches of half a second counts, by the spread of both sensors.
+    Used is the calmest tenth of all stretches of 0.5 s, by the deviation of both sensors.
 
     Args:
         imu: As read.
@@ -247,14 +248,14 @@ def guess_units(imu: ImuSamples, gravity: float = STANDARD_GRAVITY) -> UnitGuess
         return UnitGuess()
     stamps = imu.t[usable_rows(imu.t)]
     duration = float(np.ptp(stamps)) if len(stamps) else 0.0
-    # not by the median interval, which is short where messages come in bursts
+    # not the median interval, which is short if messages come in bursts
     rate = (len(imu) - 1) / duration if duration > 0.0 else _USUAL_RATE
     size = min(len(imu), max(2, round(rate / 2)))
     count = len(imu) // size
     accel, gyro = (
         values[: count * size].reshape(count, size, 3) for values in (imu.accel, imu.gyro)
     )
-    unrest = _relative_spread(accel) + _relative_spread(gyro)
+    unrest = _relative_deviation(accel) + _relative_deviation(gyro)
     calm = np.argsort(unrest, kind="stable")[: max(1, count // 10)]
     at_rest, gyro_at_rest = (
         float(np.median(np.linalg.norm(values[calm].mean(axis=1), axis=1)))
@@ -272,28 +273,28 @@ def guess_units(imu: ImuSamples, gravity: float = STANDARD_GRAVITY) -> UnitGuess
 
 
 def _strange(guess: UnitGuess, topic: str) -> Iterator[Finding]:
-    rest = {"topic": topic, "norm": guess.accel_at_rest}
+    at_rest = {"topic": topic, "norm": guess.accel_at_rest}
     if guess.accel_unit in {"g", "mg"}:
-        yield warning("imu.accel_looks_like", **rest, unit=guess.accel_unit)
+        yield warning("imu.accel_looks_like", **at_rest, unit=guess.accel_unit)
     elif guess.accel_unit == "m/s², no gravity":
-        yield warning("imu.accel_without_gravity", **rest)
+        yield warning("imu.accel_without_gravity", **at_rest)
     elif guess.accel_unit == "unknown":
-        yield warning("imu.accel_of_no_unit", **rest)
+        yield warning("imu.accel_of_no_unit", **at_rest)
     if guess.gyro_unit == "deg/s":
         largest = guess.gyro_largest
         yield warning("imu.gyro_looks_like", topic=topic, largest=largest, unit=guess.gyro_unit)
 
 
 def largest_rate(imu: ImuSamples) -> float:
-    """99.9th percentile of the norm of the gyroscope's readings: spikes aside."""
+    """99.9th percentile of the gyroscope's norm, which ignores spikes."""
     return float(np.percentile(np.linalg.norm(imu.gyro, axis=1), 99.9))
 
 
-def _relative_spread(values: Floats) -> Floats:
-    """BurstTiming within each stretch relative to the typical one: (count,)."""
-    spread: Floats = np.sqrt(values.var(axis=1).sum(axis=1))
-    typical = float(np.median(spread))
-    return spread / typical if typical > 0 else spread
+def _relative_deviation(values: Floats) -> Floats:
+    """Standard deviation within each stretch, relative to the median one: (count,)."""
+    deviation: Floats = np.sqrt(values.var(axis=1).sum(axis=1))
+    typical = float(np.median(deviation))
+    return deviation / typical if typical > 0 else deviation
 
 
 def _accel_unit(

@@ -1,1 +1,1 @@
-"""A camera on a simulated robot: what it sees, its images, and what Kalibr is told of it."""
+"""A camera on a simulated robot: its view, its images, and the files for Kalibr."""

@@ -21,9 +21,9 @@ BITS = 6
 """Data cells along an edge of a tag of 36h11."""
 BORDER_BITS = 2
 """Black cells around them: borderBits of kalibr_create_target_pdf, blackTagBorder of Kalibr's
-AprilgridOptions. (A tag as other detectors know it has 1.)"""
+AprilgridOptions. (Tags of other detectors have 1.)"""
 _CELL = 20
-"""Pixels of the picture along an edge of a cell: finer than any camera here sees it."""
+"""Pixels of the picture along an edge of a cell: finer than in any camera image here."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -49,7 +49,7 @@ def opencv() -> Any:
 
 
 def tag_cells(number: int, border_bits: int = BORDER_BITS) -> NDArray[np.bool_]:
-    """White cells of a tag as it stands upright on the board, top row first.
+    """White cells of an upright tag on the board, top row first.
 
     Kalibr draws the 36 bits of a code from the most significant one, row by row from the upper
     left (kalibr_create_target_pdf, generateAprilTag with rotation=2). OpenCV's dictionary has
@@ -113,7 +113,7 @@ def board_picture(target: AprilGrid, shades: Shades, border_bits: int = BORDER_B
 
 
 def _corners(edge: int, gap: int) -> NDArray[np.bool_]:
-    """White around a tag but for the squares at its corners, which make the corners symmetric."""
+    """White around a tag, except for squares at its corners, which make the corners symmetric."""
     around = np.ones((edge + 2 * gap, edge + 2 * gap), dtype=bool)
     for rows in (slice(gap), slice(-gap, None)):
         for cols in (slice(gap), slice(-gap, None)):

@@ -1,13 +1,12 @@
-"""A camera on a system and the pattern before it, as their YAML states them."""
+"""Configuration of a camera on a system and of the pattern in front of it, from YAML."""
 
 from __future__ import annotations
 
 from dataclasses import astuple, dataclass, replace
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from imucalib_cli.configuration import build, builtin_names, read_builtin, read_yaml
-from imucalib_cli.errors import ChoiceError, InputError
+from imucalib_cli.configuration import builtin_names, load_named
+from imucalib_cli.errors import InputError
 from imucalib_cli.simulate.config import (  # noqa: TC001 - types of fields, checked when read
     FixedFrame,
     Move,
@@ -17,6 +16,8 @@ from imucalib_cli.simulate.options import (  # noqa: TC001 - likewise
 )
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from imucalib_cli.simulate.config import SystemConfig
 
 _FOLDER = "cameras"
@@ -40,7 +41,7 @@ class Intrinsics:
 
 @dataclass(frozen=True, kw_only=True)
 class AprilGrid:
-    """A board of tags of the family 36h11, ids row by row from the lower left, and its place."""
+    """A board of tags of the family 36h11, ids row by row from the lower left, and its pose."""
 
     tag_rows: int
     tag_cols: int
@@ -65,7 +66,7 @@ class Shades:
 
 @dataclass(frozen=True, kw_only=True)
 class ViewMotion:
-    """The arm's moves while it looks at the pattern, in place of the system's own."""
+    """The arm's moves in front of the pattern, instead of the system's own."""
 
     start_deg: tuple[float, ...]
     start_rest: float
@@ -75,7 +76,7 @@ class ViewMotion:
 
 @dataclass(frozen=True, kw_only=True)
 class KalibrLeast:
-    """What Kalibr is told of an IMU that has less noise: it takes no zeros. In its own units."""
+    """Least noise written for Kalibr, which refuses zeros. In its own units."""
 
     accel_noise: float
     accel_walk: float
@@ -85,7 +86,7 @@ class KalibrLeast:
 
 @dataclass(frozen=True, kw_only=True)
 class CameraConfig:
-    """A camera, what it looks at, and how the arm moves meanwhile: one YAML file."""
+    """A camera, its target, and the arm's moves: one YAML file."""
 
     frame: FixedFrame
     """The optical frame: z forward, x right, y down."""
@@ -94,14 +95,14 @@ class CameraConfig:
     """Images/s."""
     intrinsics: Intrinsics
     border: float
-    """Pixels: a tag with a corner closer to the image's edge counts as not seen."""
+    """Pixels: a tag with a corner closer to the image's edge is not detected."""
     target: AprilGrid
     shades: Shades
     kalibr_least: KalibrLeast
     motion: ViewMotion | None = None
 
     def __post_init__(self) -> None:
-        """Refuse what types cannot say."""
+        """Refuse values that the types allow but that make no sense."""
         lens, target = self.intrinsics, self.target
         sizes = (lens.width, lens.height, lens.fx, lens.fy, self.rate, target.tag_size)
         if min(sizes) <= 0 or not 0 < target.tag_spacing <= 1:
@@ -118,24 +119,19 @@ def load_camera(
     """Read a camera by its system's name or from the user's own YAML file.
 
     Returns:
-        The system as it moves with this camera, its optical frame among the frames; the camera.
+        The system with the camera's moves and optical frame, and the camera.
 
     Raises:
         ChoiceError: There is no such camera.
-        InputError: The file cannot be read, states something else, or does not fit the system.
+        InputError: The file cannot be read, is no camera configuration, or does not fit the system.
     """
-    path = Path(name_or_file)
-    if path.suffix in {".yaml", ".yml"}:
-        camera = build(CameraConfig, read_yaml(path), str(path))
-    else:
-        known = builtin_names(_FOLDER)
-        if str(name_or_file) not in known:
-            raise ChoiceError(
-                f"no camera for {name_or_file}: choose {', '.join(known)}, or give --camera-config"
-            )
-        camera = build(
-            CameraConfig, read_builtin(f"{_FOLDER}/{name_or_file}"), f"cameras/{name_or_file}.yaml"
-        )
+    camera = load_named(
+        CameraConfig,
+        name_or_file,
+        builtin_names(_FOLDER),
+        folder=_FOLDER,
+        unknown="no camera for {name}: choose {names}, or give --camera-config",
+    )
     frames = tuple(frame for frame in system.frames if frame.link != camera.frame.link)
     arm, motion = system.arm, camera.motion
     joints = 0 if arm is None else len(arm.joints)

@@ -1,4 +1,4 @@
-"""What Kalibr is told beside a bag: its camchain, IMU and target files, and what it should find.
+"""Files for Kalibr beside a bag: camchain, IMU and target; and the result it should find.
 
 Keys and checks of the files: Kalibr's kalibr_common/ConfigReader.py.
 """
@@ -28,7 +28,7 @@ KINDS = ("camchain", "imu", "target")
 
 
 def kalibr_paths(log: Path) -> dict[str, Path]:
-    """Where Kalibr's files of a log lie; ``<log>-imu.yaml`` is a name that Kalibr writes to."""
+    """Paths of Kalibr's files for a log; Kalibr itself writes to ``<log>-imu.yaml``."""
     return {kind: log.with_suffix(f".{kind}.yaml") for kind in KINDS}
 
 
@@ -74,7 +74,7 @@ def _camera(camera: CameraConfig) -> dict[str, Any]:
     return {
         "camera_model": "pinhole",
         "intrinsics": [lens.fx, lens.fy, lens.cx, lens.cy],
-        # with no distortion too: AslamCamera leaves `geometry` unset for the model `none`
+        # also without distortion: AslamCamera leaves `geometry` unset for the model `none`
         "distortion_model": "radtan",
         "distortion_coeffs": list(lens.distortion),
         "resolution": [lens.width, lens.height],
@@ -84,7 +84,7 @@ def _camera(camera: CameraConfig) -> dict[str, Any]:
 
 
 def _imu(recording: Recording, camera: CameraConfig, options: LogOptions) -> dict[str, Any]:
-    """Kalibr refuses zeros: what is less than the camera's ``kalibr_least`` is told as that."""
+    """Kalibr refuses zeros: smaller values are written as the camera's ``kalibr_least``."""
     noise = recording.noise
     rate = recording.physics.imu_rate or recording.system.rates.imu
     least = camera.kalibr_least
@@ -118,7 +118,7 @@ def _target(camera: CameraConfig) -> dict[str, Any]:
 
 
 def camera_truth(recording: Recording, camera: CameraRecord) -> dict[str, Any]:
-    """What Kalibr should find: T_cam_imu, its inverse, and t_imu = t_cam + timeshift_cam_imu.
+    """The result Kalibr should find: T_cam_imu, its inverse, and t_imu = t_cam + timeshift_cam_imu.
 
     Raises:
         InputError: The camera and the IMU are not on the same link.

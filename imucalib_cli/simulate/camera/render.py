@@ -21,13 +21,13 @@ Bytes = NDArray[np.uint8]
 _FINE = 4
 """Samples along an edge of a pixel: 16 are averaged for each."""
 _OUTLINE = 64
-"""Points along an edge of the paper: with distortion it is bent."""
+"""Points along an edge of the paper, which distortion bends."""
 
 
 class Images:
-    """Images of a record, rendered when they are asked for.
+    """Images of a record, rendered on request.
 
-    The target is flat: one homography an image.
+    The target is flat, so each image is one homography.
     """
 
     def __init__(self, record: CameraRecord, noise: NoiseOptions, seed: int) -> None:
@@ -35,7 +35,7 @@ class Images:
 
         Args:
             record: Poses of camera and target.
-            noise: Its ``image_noise`` and ``image_blur`` count.
+            noise: Its ``image_noise`` and ``image_blur`` are used.
             seed: Of the noise; every image has a stream of its own.
 
         Raises:
@@ -114,7 +114,7 @@ class Images:
     def _box(
         self, R_camera_target: Floats, p_camera_target: Floats
     ) -> tuple[int, int, int, int] | None:
-        """Left, top, right, bottom of the part that may show the board; None where none does."""
+        """Left, top, right, bottom of the part that may show the board; None if there is none."""
         share = np.arange(_OUTLINE)[:, None] / _OUTLINE
         corners = self._picture.outline
         edges = [a + share * (b - a) for a, b in zip(corners, np.roll(corners, -1, 0), strict=True)]

@@ -1,4 +1,4 @@
-"""What a camera on a simulated robot sees of an AprilGrid: its poses and the grid's corners."""
+"""View of a camera on a simulated robot: its poses and the corners of an AprilGrid."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def camera_mount(system: SystemConfig, link: str) -> tuple[str, Floats, Floats]:
         The link, R_link_frame (3, 3), p_link_frame (3,), m.
 
     Raises:
-        InputError: The frame does not hang on a link that moves.
+        InputError: The frame is not on a moving link.
     """
     above = {frame.link: frame for frame in system.frames}
     R, p = np.eye(3), np.zeros(3)
@@ -57,7 +57,7 @@ def target_points(target: AprilGrid) -> Floats:
 
 
 def project(intrinsics: Intrinsics, points: Floats) -> Floats:
-    """Pixels of points in the optical frame; NaN for what is not before the camera.
+    """Pixels of points in the optical frame; NaN for points behind the camera.
 
     The pinhole with radial-tangential distortion of OpenCV's documentation of calib3d, which is
     Kalibr's pinhole-radtan.
@@ -80,10 +80,10 @@ def project(intrinsics: Intrinsics, points: Floats) -> Floats:
 
 
 def see(camera: CameraConfig, t: Floats, position: Floats, quaternion_wxyz: Floats) -> CameraRecord:
-    """What the camera sees at its instants, without noise.
+    """The camera's view at its instants, without noise.
 
-    A tag counts as seen if its front faces the camera and all its corners lie within the image,
-    ``border`` pixels from its edge, as Kalibr's detector has it.
+    A tag is seen if its front faces the camera and all its corners lie within the image, at least
+    ``border`` pixels from the edge, as for Kalibr's detector.
 
     Args:
         camera: Intrinsics and target.

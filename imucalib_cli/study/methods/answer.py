@@ -1,4 +1,4 @@
-"""What every method of the comparison returns."""
+"""The answer of every method of the comparison."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Answer:
     time_offset: float | None
     """IMU stamp - robot (or camera) stamp of the same instant, s; None where not estimated."""
     evaluations: int
-    """Times that the residuals of all data were computed, or models were tried."""
+    """Number of evaluations of all residuals, or of models tried."""
     accel_bias: Floats | None = None
     """(3,), IMU frame, m/s², mean over the log; None where not estimated."""
     gyro_bias: Floats | None = None

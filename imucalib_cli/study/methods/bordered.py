@@ -1,9 +1,9 @@
-"""Least squares whose matrix is a band, from unknowns along time, with a few dense columns.
+"""Least squares with a band matrix, of unknowns along time, and a few dense columns.
 
-J'J of a spline's control points is a band as wide as one segment's support; unknowns that act on
-all data, such as a mount or a bias, border it. The band is factored by LAPACK (scipy) and the
-border eliminated by its Schur complement, so a step costs time and memory in proportion to the
-length of the log.
+J'J of a spline's control points is a band as wide as the support of one segment. Unknowns that
+affect all data, such as a mount or a bias, add a border. The band is factored by LAPACK (scipy) and
+the border eliminated by its Schur complement, so time and memory are proportional to the length of
+the log.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ class BorderedNormal:
         self.right_border += J.T @ r
 
     def hold(self, columns: list[int]) -> None:
-        """Hold dense unknowns where they are."""
+        """Hold dense unknowns at their values."""
         self.edge[:, :, columns] = 0.0
         self.corner[columns, :] = 0.0
         self.corner[:, columns] = 0.0
@@ -89,10 +89,10 @@ class BorderedNormal:
             decrease of the squared residual that the linear model promises.
 
         Raises:
-            numpy.linalg.LinAlgError: The data leave an unknown open.
+            numpy.linalg.LinAlgError: The data do not determine an unknown.
         """
         band = self.band.copy()
-        # Segments without data are held by a whisper, so that the factor exists.
+        # Segments without data get a tiny weight, so that the factor exists.
         band[0] += damping * band[0] + 1e-12 * band[0].mean()
         factor = cholesky_banded(band, overwrite_ab=True, lower=True, check_finite=False)
         n = self.controls * self.width

@@ -3,8 +3,8 @@
 The trajectory of the IMU is a spline of degree 5 and a free unknown beside the mount, the biases,
 gravity's direction and the time offset; all of it is solved for at once by Levenberg and
 Marquardt's method, as in Furgale, Rehder and Siegwart, "Unified temporal and spatial calibration
-for multi-sensor systems", IROS 2013. Where Kalibr sees corners of a target, here are poses of the
-parent link, or the poses that the corners of each image determine.
+for multi-sensor systems", IROS 2013. Instead of Kalibr's corners of a target, the data are poses of
+the parent link, or the poses that the corners of each image determine.
 """
 
 from __future__ import annotations
@@ -47,20 +47,20 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 _STD_FLOOR = 1e-7
-"""m and rad: no encoder is better, and smaller ones cost the solver its digits."""
+"""m and rad: no encoder is better, and smaller values would cost the solver digits."""
 
 
 _LOOSE = (1e-3, 3e-2)
-"""Shares of the poses' weights in the rounds before the last, where the straight way is not."""
+"""Factors on the poses' weights in the first rounds, used if the direct solution fails."""
 _TOLERANCE, _LOOSE_TOLERANCE = 1e-3, 1.0
-"""The solution stands when a step promises less than this, in units of chi-squared; in those
-rounds."""
+"""The iteration ends when a step predicts a smaller decrease of chi-squared; the second in those
+first rounds."""
 _MOST_ITERATIONS = 30
 
 
 @dataclass(frozen=True, kw_only=True)
 class BSplineOptions:
-    """Options of the B-spline estimator: what its user states, and how it is solved."""
+    """Options of the B-spline estimator."""
 
     accel_std: float
     """Of a sample, m/s²: the density times sqrt(rate / 2)."""
@@ -85,7 +85,7 @@ class BSplineOptions:
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Data and parameters, ready to be solved."""
+    """Data and parameters of the problem."""
 
     knots: Knots
     R_middle: Floats
@@ -101,7 +101,7 @@ class Problem:
         return float(sum(np.sum(part.r * part.r) for part in rows) + walk @ walk)
 
     def normal(self, state: State) -> BorderedNormal:
-        """Normal equations at a state; what is known is held by rows of its own."""
+        """Normal equations at a state; known parameters are held."""
         borders = BIASES + 6 * len(self.imu.nodes)
         normal = BorderedNormal(self.knots.controls, 6, ORDER, borders)
         for part in self._rows(state, derivatives=True):
@@ -115,7 +115,7 @@ class Problem:
         yield from imu_rows(*given, self.imu, state, derivatives=derivatives)
 
     def known(self) -> list[int]:
-        """Dense unknowns that are not."""
+        """Dense parameters that are held."""
         options, held = self.options, []
         if options.gravity != "tilt":
             held += [*range(TILT.start, TILT.stop)]
@@ -141,7 +141,7 @@ class Problem:
         return J.reshape(-1, borders), -(np.diff(state.biases, axis=0) * whiten).ravel()
 
     def loosened(self, share: float) -> Problem:
-        """The problem with poses less trusted."""
+        """The problem with smaller weights of the poses."""
         return replace(
             self,
             poses=replace(self.poses, whiten=share * self.poses.whiten),
@@ -152,14 +152,14 @@ class Problem:
 def solve(problem: Problem, state: State) -> tuple[State, int]:
     """Find the least cost from a start.
 
-    Exact poses tie the spline to the mount so tightly that a large turn of the mount has to follow
-    a bent valley in tiny steps. Where a step fails, poses are first taken as less exact.
+    Exact poses couple the spline and the mount so strongly that a large rotation of the mount
+    follows a curved valley in tiny steps. If a step fails, poses first get smaller weights.
 
     Returns:
         The solution and the evaluations of all residuals.
 
     Raises:
-        InputError: The motion leaves an unknown open.
+        InputError: The motion does not determine an unknown.
     """
     solution, count, direct = _descend(problem, state, patient=False)
     if direct:
@@ -172,9 +172,9 @@ def solve(problem: Problem, state: State) -> tuple[State, int]:
 
 
 def _descend(problem: Problem, state: State, *, patient: bool) -> tuple[State, int, bool]:
-    """Levenberg-Marquardt; the state, the evaluations, and whether it came to an end.
+    """Levenberg-Marquardt; returns the state, the evaluations, and whether it converged.
 
-    Without patience the first step that fails ends it.
+    Without patience the first failed step ends it.
     """
     cost, damping, evaluations = problem.cost(state), 1e-9, 1
     while evaluations < _MOST_ITERATIONS:
@@ -217,11 +217,10 @@ def calibrate_bspline(imu: ImuSamples, path: KinematicPath, options: BSplineOpti
 def calibrate_bspline_camera(
     imu: ImuSamples, camera: CameraObservations, options: BSplineOptions
 ) -> Answer:
-    """Find the IMU's pose in the camera's optical frame, on what Kalibr is given.
+    """Find the IMU's pose in the camera's optical frame, from the data that Kalibr gets.
 
-    Each image's corners enter as the pose that they determine by PnP, weighted by all of the
-    information they hold on it. That is the reprojection error to second order, and with tenths of
-    a pixel nothing is left beyond.
+    Each image's corners are used as their PnP pose, weighted by its information matrix. That is the
+    reprojection error to second order; for noise of tenths of a pixel higher orders are negligible.
 
     Args:
         imu: As stamped.
@@ -237,7 +236,7 @@ def calibrate_bspline_camera(
 
 
 def _answer(state: State, evaluations: int, frame: Literal["parent", "camera"]) -> Answer:
-    """What a solution says."""
+    """The answer from a solution."""
     mean = state.biases.mean(axis=0)
     return Answer(
         frame=frame,
@@ -292,7 +291,7 @@ def prepare(
         whiten = 1.0 / np.repeat(stds, 3)
     offset = first.time_offset or 0.0
     rows = tidy_rows(imu.t, imu.gyro, imu.accel).rows
-    # The offset may still move by a millisecond or so; readings stay on the spline all the same.
+    # The offset may still change by a millisecond; samples must stay on the spline then.
     margin = 0.01
     inside = (imu.t[rows] - offset > t[0] + margin) & (imu.t[rows] - offset < t[-1] - margin)
     rows = rows[inside]

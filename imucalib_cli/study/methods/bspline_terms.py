@@ -1,8 +1,8 @@
 """Residuals of the B-spline batch estimator and their analytic derivatives.
 
 The spline is of the IMU's pose in the world, as in Furgale, Rehder and Siegwart (IROS 2013):
-R_world_imu(t) = R_middle exp(phi(t)), p_world_imu(t). Its data are poses of the parent link on
-the robot's clock and readings of the IMU on its own.
+R_world_imu(t) = R_middle exp(phi(t)), p_world_imu(t). Its data are poses of the parent link on the
+robot's clock, and IMU samples on the IMU's clock.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ _CHUNK = 1024
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """Whitened residuals, data less prediction, and the prediction's derivatives."""
+    """Whitened residuals, data minus prediction, and the prediction's derivatives."""
 
     segment: Indices
     """(N,)."""
@@ -65,13 +65,13 @@ class PoseData:
     p: Floats
     """(N, 3), m."""
     whiten: Floats
-    """What residuals are multiplied by, per m and rad: (6,) for all, or (N, 6, 6); position in the
+    """Weights of the residuals, per m and rad: (6,) for all, or (N, 6, 6); position in the
     world, then rotation in the parent frame."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ImuData:
-    """Readings of the IMU."""
+    """Samples of the IMU."""
 
     t: Floats
     """(N,), as stamped, s."""

@@ -1,4 +1,4 @@
-"""What a camera sees of a target, and its poses by OpenCV's Perspective-n-Point."""
+"""A camera's view of a target, and its poses from OpenCV's Perspective-n-Point."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 FEWEST_CORNERS = 12
-"""Fewer give a pose that one bad corner can tilt."""
+"""Least number of corners: with fewer, one bad corner can tilt the pose."""
 _PIXEL_FLOOR = 0.01
-"""Pixels: no detector of corners is better."""
+"""Pixels: no corner detector is better."""
 _FEWEST_IMAGES = 10
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CameraObservations:
-    """Corners of one target as a camera found them."""
+    """Corners of one target found by a camera."""
 
     t: Floats
     """(N,), stamps of the images, s."""
@@ -43,7 +43,7 @@ class CameraObservations:
 
 
 def observations_of(camera: CameraRecord) -> CameraObservations:
-    """What a calibration is given of a simulated camera: corners and the lens, no poses."""
+    """Data of a simulated camera for a calibration: corners and lens, no poses."""
     lens = camera.config.intrinsics
     return CameraObservations(
         t=camera.stamp,
@@ -55,7 +55,7 @@ def observations_of(camera: CameraRecord) -> CameraObservations:
 
 
 def target_pose(camera: CameraObservations, corners: Floats) -> Pose | None:
-    """Pose of the target in the optical frame by the least error of reprojection.
+    """Pose of the target in the optical frame with the least reprojection error.
 
     Args:
         camera: Target and lens.
@@ -75,7 +75,7 @@ def target_pose(camera: CameraObservations, corners: Floats) -> Pose | None:
     solved, turn, place = cv2.solvePnP(*args, flags=cv2.SOLVEPNP_ITERATIVE)
     if not solved:
         return None
-    # Its own rounds end early, at 20 and at single precision's steps.
+    # Its own refinement ends early: after 20 rounds, or at single precision.
     criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 50, 1e-12)
     turn, place = cv2.solvePnPRefineLM(*args, turn, place, criteria)
     return Pose(matrix_from_rotvec(turn[:, 0]), np.asarray(place[:, 0], dtype=np.float64))
@@ -84,7 +84,7 @@ def target_pose(camera: CameraObservations, corners: Floats) -> Pose | None:
 def corner_information(
     camera: CameraObservations, corners: Floats, pose: Pose
 ) -> tuple[Floats, Floats]:
-    """What the corners of one image say of the camera's pose, for corners of unit noise.
+    """Information of one image's corners on the camera's pose, for corners of unit noise.
 
     Args:
         camera: Target and lens.
@@ -92,8 +92,8 @@ def corner_information(
         pose: Of the target in the camera, found by :func:`target_pose`.
 
     Returns:
-        Information (6, 6), on p_target_camera, then the turn of R_target_camera in the camera's
-        frame; and what is left of the corners found, (n, 2), pixels.
+        Information (6, 6) of p_target_camera and the rotation of R_target_camera in the camera's
+        frame; and the residuals of the corners found, (n, 2), pixels.
 
     Raises:
         InputError: OpenCV is not installed.
@@ -114,23 +114,23 @@ def corner_information(
 
 
 def camera_path(camera: CameraObservations) -> tuple[KinematicPath, Floats]:
-    """Poses of the camera in the target's frame, and what whitens each, (N, 6, 6).
+    """Poses of the camera in the target's frame, and whitening matrices, (N, 6, 6).
 
     Raises:
-        InputError: OpenCV is missing, or the target is hardly seen.
+        InputError: OpenCV is missing, or the target is in too few images.
     """
     rows, values, information, squares, count = [], [], [], 0.0, 0
     for k, corners in enumerate(camera.corners):
         pose = target_pose(camera, corners)
         if pose is None:
             continue
-        of_pose, rest = corner_information(camera, corners, pose)
+        of_pose, residual = corner_information(camera, corners, pose)
         rows.append(k)
         p = -pose.R.T @ pose.t
         values.append(np.concatenate([p, quaternion_from_matrix(pose.R.T)]))
         information.append(of_pose)
-        squares += float(np.sum(rest * rest))
-        count += rest.size - 6
+        squares += float(np.sum(residual * residual))
+        count += residual.size - 6
     if len(rows) < _FEWEST_IMAGES:
         raise InputError(f"the target is seen in {len(rows)} images, need at least 10")
     pixel = max(float(np.sqrt(squares / count)), _PIXEL_FLOOR)

@@ -1,4 +1,4 @@
-"""Every method of the comparison on the same data, each as its user would set it."""
+"""Every method of the comparison on the same data, with the options its user would choose."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Given:
-    """What all methods are given of one recording; each takes its part."""
+    """Data of one recording for all methods; each uses part of it."""
 
     imu: ImuSamples
     path: KinematicPath
@@ -43,9 +43,9 @@ class Given:
     nominal: Pose
     """Of the IMU in its parent link as the URDF states it: the published method's guess."""
     spline: BSplineOptions
-    """With the IMU's noise as its data sheet states it."""
+    """With the IMU's noise from its data sheet."""
     few_knots_per_second: float
-    """Of the spline whose user knows that this motion needs no more."""
+    """Options of the spline for a user who knows that this motion needs no more knots."""
     gyro_first: GyroFirstOptions
     liang: LiangOptions
     liang_tuned: LiangOptions
@@ -53,10 +53,10 @@ class Given:
 
 @dataclass(frozen=True)
 class Entrant:
-    """A method that takes part."""
+    """A method of the comparison."""
 
     data: str
-    """What it is given beside the IMU."""
+    """Its data besides the IMU."""
     unknowns: str
     call: Callable[[Given], Answer] | None
     """None for the published method, which is called with each of its settings."""
@@ -104,7 +104,7 @@ ENTRANTS: dict[str, Entrant] = {
 
 
 def calls(name: str, settings: Sequence[PaperSetting]) -> list[Callable[[Given], Answer]]:
-    """What to run of a method; it can be sent to another process.
+    """The function that runs a method; it can be sent to another process.
 
     Args:
         name: Of ENTRANTS.

@@ -33,7 +33,7 @@ Indices = NDArray[np.intp]
 _MAX_OFFSET = 1.0
 """Largest offset searched, s."""
 _REFINE = 0.01
-"""s, half-width within which the correlation's peak is refined by the fit of the rates."""
+"""s, half-width of the range in which the fit of the rates refines the correlation's peak."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,7 +85,7 @@ def calibrate_gyro_first(
 
 @dataclass(frozen=True, eq=False)
 class _Smoothed:
-    """The IMU, smoothed, at the middle of each window that is whole."""
+    """The IMU, smoothed, at the middle of each complete window."""
 
     grid: ImuGrid
     samples: int
@@ -115,7 +115,7 @@ class _Derived:
 
 
 def _smoothed(imu: ImuSamples, seconds: float, degree: int) -> _Smoothed:
-    """Smooth the IMU with the window that will differentiate the kinematics."""
+    """Smooth the IMU with the window that also differentiates the kinematics."""
     rows = tidy_rows(imu.t, imu.gyro, imu.accel).rows
     if len(rows) < 10:
         raise InputError(f"{len(rows)} usable IMU samples: record a longer log")
@@ -178,7 +178,7 @@ def _rate_offset(
 def _fit_rates(smooth: _Smoothed, motion: _Derived) -> tuple[Floats, Floats, float]:
     """Least squares of derived - R (measured - bias) over R and bias; those and their sum.
 
-    The bias drops out of what is about the mean; the rest is Wahba's problem.
+    After subtraction of the means the bias drops out; what remains is Wahba's problem.
 
     Source:
         Wahba, SIAM Review 7(3), 1965; solved by singular values (Markley, 1988).
@@ -187,8 +187,8 @@ def _fit_rates(smooth: _Smoothed, motion: _Derived) -> tuple[Floats, Floats, flo
     target_mean, source_mean = target.mean(axis=0), source.mean(axis=0)
     R = nearest_rotation((target - target_mean).T @ (source - source_mean))
     bias = source_mean - R.T @ target_mean
-    rest = target - (source - bias) @ R.T
-    return R, bias, float(np.sum(rest * rest))
+    residual = target - (source - bias) @ R.T
+    return R, bias, float(np.sum(residual * residual))
 
 
 def _fit_lever_arm(
@@ -196,8 +196,8 @@ def _fit_lever_arm(
 ) -> tuple[Floats, Floats, Floats]:
     """Lever arm, m, accelerometer bias and gravity in the world, m/s², rotation held.
 
-    p'' + R'' t = R (R_parent_imu a - b') + g is linear in t, b' and g; where gravity's norm is
-    known the fit is repeated on the sphere's tangent plane until it stays.
+    p'' + R'' t = R (R_parent_imu a - b') + g is linear in t, b' and g. If gravity's norm is known,
+    the fit is repeated on the sphere's tangent plane until it converges.
     """
     R = motion.R
     measured = (R @ (R_parent_imu @ smooth.accel[motion.rows].T).T[:, :, None])[:, :, 0]

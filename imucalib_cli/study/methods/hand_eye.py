@@ -25,7 +25,7 @@ Chosen = NDArray[np.bool_]
 
 FEWEST_MOTIONS = 3
 _SINGULAR = 1e-4
-"""Ratio of singular values below which motions leave X open."""
+"""Ratio of singular values below which motions do not determine X."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +50,7 @@ class Motions:
 
 
 def apart(X: Pose, motions: Motions) -> tuple[Floats, Floats]:
-    """How far displacements are apart, with the second frame at X in the first: m, rad, (N,)."""
+    """Difference of the displacements, with the second frame at X in the first: m, rad, (N,)."""
     place = (motions.R_a - np.eye(3)) @ X.t + motions.t_a - motions.t_b @ X.R.T
     turn = np.swapaxes(motions.R_a, 1, 2) @ X.R @ motions.R_b @ X.R.T
     return np.linalg.norm(place, axis=1), np.linalg.norm(rotvec_from_matrix(turn), axis=1)
@@ -108,11 +108,11 @@ def _solve(J: Floats, right: Floats) -> Floats:
 
 @dataclass(frozen=True, kw_only=True)
 class Ransac:
-    """How samples are drawn and judged."""
+    """Options of RANSAC."""
 
     iterations: int
     samples: int
-    """Motions a model is made from."""
+    """Motions per model."""
     threshold_m: float
     """Difference of displacements up to which a motion agrees."""
     threshold_rad: float
@@ -122,12 +122,12 @@ class Ransac:
 def ransac(
     motions: Motions, solve: Callable[[Motions], Pose], options: Ransac
 ) -> tuple[Pose, Chosen]:
-    """The model that most motions agree with, solved again from those.
+    """The model that most motions agree with, solved again from these.
 
-    Where fewer motions agree than a model needs, the model with the least median difference.
+    If fewer motions agree than a model needs, the model with the least median difference.
 
     Returns:
-        X, and which motions it was made from, (N,).
+        X, and the motions used for it, (N,).
 
     Raises:
         InputError: There are too few motions, or no sample of them determines X.

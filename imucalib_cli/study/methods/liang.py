@@ -2,14 +2,15 @@
 
 The method of Liang, Cheng, Tan, Huang and Li, "Camera-IMU extrinsic calibration method based on
 intermittent sampling and RANSAC optimization", Measurement Science and Technology, 2024, doi
-10.1088/1361-6501/ad4dd2, as far as its abstract and the description in Sensors 2026, 26(6), 1788
-tell it: keyframes where the IMU shows that motion turns to stillness, displacements of the camera
+10.1088/1361-6501/ad4dd2, as far as known from its abstract and the description in Sensors 2026,
+26(6), 1788: keyframes where the IMU changes from motion to standstill, displacements of the camera
 by PnP and of the IMU by integration between them, a robot's hand-eye calibration on both, RANSAC
 on their difference.
 
 Two variants, because the text leaves much open; their numbers are in configs/studies/methods.yaml.
-As published, it integrates plainly: gyroscope bias from the first standstill, gravity from the
-reading before each move, rest at its start. ``tuned`` uses all that start-stop motion offers:
+As published, it integrates with the gyroscope bias from the first standstill, gravity from the
+values before each move, and zero velocity at its start. ``tuned`` uses all that start-stop motion
+offers:
 biases and gravity from the standstills at both ends, velocity zero at both, all images of a
 standstill, the optimal rotation.
 """
@@ -69,7 +70,7 @@ def calibrate_liang(imu: ImuSamples, camera: CameraObservations, options: LiangO
     if not stills:
         raise InputError("the IMU never stands still: this method needs start-stop motion")
     seen = [_camera_pose(camera, still, tuned=options.tuned) for still in stills]
-    # As published, the accelerometer's bias is in the gravity read before each move.
+    # As published, the accelerometer's bias is part of the gravity measured before each move.
     accel_bias, gyro_bias = np.zeros(3), stills[0].gyro
     if options.tuned:
         accel_bias = static_accel_bias(stills, options.gravity_norm)
@@ -105,7 +106,7 @@ def _camera_pose(camera: CameraObservations, still: Still, *, tuned: bool) -> Po
 
     As published, one image, the middle one; tuned, the mean of each corner over all images.
     """
-    # Stamps of either clock: images need only fall into the right standstill.
+    # Stamps of either clock: images only have to be in the right standstill.
     inside = np.flatnonzero((camera.t >= still.start) & (camera.t <= still.end))
     if len(inside) == 0:
         return None
@@ -124,9 +125,9 @@ def _displaced(
 ) -> Displacement:
     """Integration from rest between two standstills.
 
-    Tuned, it uses what both tell: for the position, the tilt that is left at the end is spread
-    evenly over the move, and the velocity left there is taken for a constant error of
-    acceleration. The orientation is the gyroscope's: over a move it is the better of the two.
+    Tuned, it uses both standstills. For the position, the remaining tilt at the end is distributed
+    evenly over the move, and the remaining velocity is treated as a constant error of acceleration.
+    The orientation is the gyroscope's, which is more accurate over a move.
     """
     rows = slice(start.rows.stop - 1, end.rows.start + 1)
     accel_bias, gyro_bias = biases
@@ -135,7 +136,7 @@ def _displaced(
     plain = integrate(t, gyro, accel, up)
     if not tuned:
         return plain
-    # Up at the end as integration carries it back, against up as it was.
+    # Up at the end, rotated back by the integration, compared with up at the start.
     carried = plain.R @ (end.accel - accel_bias)
     tilt = np.cross(carried, up) / (np.linalg.norm(carried) * np.linalg.norm(up))
     length = float(t[-1] - t[0])
@@ -167,7 +168,7 @@ class Still:
 
 @dataclass(frozen=True, kw_only=True)
 class StillOptions:
-    """What counts as standstill: steady readings, as steady as they get in this log."""
+    """Options for standstills: values as steady as they get in this log."""
 
     window: float
     """s over which steadiness is judged."""
@@ -178,11 +179,11 @@ class StillOptions:
     least_accel: float
     """m/s², likewise."""
     gyro: float
-    """rad/s about the bias: a steady turn is no standstill."""
+    """rad/s relative to the bias: a steady rotation is no standstill."""
     shortest: float
     """s."""
     margin: float
-    """s left out at both ends, where the arm still settles."""
+    """s left out at both ends, while the arm settles."""
 
 
 def standstills(t: Floats, gyro: Floats, accel: Floats, options: StillOptions) -> list[Still]:
@@ -192,7 +193,7 @@ def standstills(t: Floats, gyro: Floats, accel: Floats, options: StillOptions) -
         t: (N,), s, even but for jitter.
         gyro: (N, 3), rad/s.
         accel: (N, 3), m/s².
-        options: What counts as one.
+        options: Criteria for a standstill.
     """
     samples = max(round(options.window / float(np.median(np.diff(t)))), 4)
     if len(t) < 2 * samples:
@@ -233,7 +234,7 @@ def standstills(t: Floats, gyro: Floats, accel: Floats, options: StillOptions) -
 
 def _windowed(values: Floats, samples: int) -> Floats:
     """Means over windows, (N - samples + 1, 3)."""
-    middle = values.mean(axis=0)  # taken off first: sums of long logs lose digits
+    middle = values.mean(axis=0)  # subtract the mean first: sums over long logs lose digits
     total = np.cumsum(np.vstack([np.zeros((1, 3)), values - middle]), axis=0)
     return np.asarray((total[samples:] - total[:-samples]) / samples + middle)
 
@@ -245,7 +246,7 @@ class Displacement:
     R: Floats
     """(3, 3), R_start_end."""
     velocity: Floats
-    """(3,), m/s, that integration leaves at the end."""
+    """(3,), m/s, velocity at the end of the integration."""
     p: Floats
     """(3,), m."""
 
@@ -253,7 +254,7 @@ class Displacement:
 def integrate(
     t: Floats, gyro: Floats, accel: Floats, up: Floats, corrections: Floats | None = None
 ) -> Displacement:
-    """Integrate readings, their biases taken off, from rest.
+    """Integrate bias-free samples from rest.
 
     Rates are means of neighbouring samples, accelerations vary linearly between them.
 
@@ -261,8 +262,8 @@ def integrate(
         t: (N,), s.
         gyro: (N, 3), rad/s.
         accel: (N, 3), m/s², specific force.
-        up: (3,), what the accelerometer reads at rest at the start: gravity is its opposite.
-        corrections: (N, 3, 3), turns of the integrated orientation in the frame of the start.
+        up: (3,), accelerometer at rest at the start: the negative of gravity.
+        corrections: (N, 3, 3), rotations of the integrated orientation in the frame of the start.
     """
     dt = np.diff(t)[:, None]
     steps = matrix_from_rotvec(0.5 * (gyro[1:] + gyro[:-1]) * dt)
@@ -279,16 +280,16 @@ def integrate(
 
 
 def static_accel_bias(stills: list[Still], gravity_norm: float) -> Floats:
-    """Accelerometer bias with which all standstills read gravity's norm, (3,), m/s².
+    """Accelerometer bias with which all standstills have gravity's norm, (3,), m/s².
 
-    Gauss-Newton from zero. Directions in which orientations do not differ stay at zero.
+    Gauss-Newton from zero. Components that the orientations do not determine stay at zero.
     """
     readings = np.array([still.accel for still in stills])
     weights = np.array([still.rows.stop - still.rows.start for still in stills]) ** 0.5
     bias = np.zeros(3)
     for _ in range(10):
-        rest = readings - bias
-        norm = np.linalg.norm(rest, axis=1)
-        J = rest / norm[:, None] * weights[:, None]
+        unbiased = readings - bias
+        norm = np.linalg.norm(unbiased, axis=1)
+        J = unbiased / norm[:, None] * weights[:, None]
         bias = bias + np.linalg.lstsq(J, (norm - gravity_norm) * weights, rcond=0.03)[0]
     return bias

@@ -43,7 +43,7 @@ _BLENDING = _blending()
 
 @dataclass(frozen=True)
 class Knots:
-    """Even knots over a span of time."""
+    """Even knots over a time span."""
 
     start: float
     """s."""
@@ -53,7 +53,7 @@ class Knots:
 
     @classmethod
     def over(cls, start: float, end: float, rate: float) -> Knots:
-        """Knots that cover a span, the last segment perhaps a little longer than it."""
+        """Knots that cover a span; the last segment may reach beyond it."""
         return cls(start, rate, max(math.ceil((end - start) * rate - 1e-9), 1))
 
     @property
@@ -185,7 +185,7 @@ class State:
 
 
 def level_axes(gravity: Floats) -> Floats:
-    """Two axes across gravity, about which it may turn, (3, 2)."""
+    """Two axes normal to gravity, about which it may rotate, (3, 2)."""
     helper = np.eye(3)[int(np.argmin(np.abs(gravity)))]
     first = np.cross(gravity, helper)
     axes = np.stack([first, np.cross(gravity, first)], axis=1)
@@ -198,7 +198,7 @@ def middle_orientation(R: Floats) -> Floats:
 
 
 def unwrapped_rotvecs(R: Floats) -> Floats:
-    """Rotation vectors that go on continuously beyond half a turn, (N, 3), rad.
+    """Rotation vectors that are continuous beyond half a turn, (N, 3), rad.
 
     Raises:
         InputError: A rotation is nearly a whole turn away.
@@ -220,7 +220,7 @@ def unwrapped_rotvecs(R: Floats) -> Floats:
 def fitted_controls(knots: Knots, t: Floats, values: Floats) -> Floats:
     """Control points of the spline nearest to samples, (K, C).
 
-    A whisper of third differences bridges what no sample determines.
+    A tiny weight on third differences interpolates where no sample determines a control point.
     """
     segment, u = knots.at(t)
     (weights,) = knots.weights(u, 1)
@@ -246,5 +246,5 @@ def residual_std(knots: Knots, t: Floats, values: Floats) -> float:
     if free < 0.2 * len(t):
         return 0.0
     segment, u = knots.at(t)
-    rest = values - evaluate(fitted_controls(knots, t, values), segment, knots.weights(u, 1))[0]
-    return float(np.sqrt(np.sum(rest * rest) / (values.shape[1] * free)))
+    residual = values - evaluate(fitted_controls(knots, t, values), segment, knots.weights(u, 1))[0]
+    return float(np.sqrt(np.sum(residual * residual) / (values.shape[1] * free)))

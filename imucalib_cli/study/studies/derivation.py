@@ -44,7 +44,7 @@ PLATES = {
 """The paper's figures by number: system, and whether the guess is off."""
 _DEGREE = PaperOptions().degree
 _MOST_POINTS = 1500
-"""Of a line: what a page can show."""
+"""Points per curve in a figure."""
 _MARKS = 300
 """Of excluded samples."""
 
@@ -59,7 +59,7 @@ class Zoom:
 
 @dataclass(frozen=True, kw_only=True)
 class DerivationCriteria:
-    """By which claims are judged, all as shares of the signal."""
+    """Criteria of the claims, relative to the signal."""
 
     match: float
     """A mismatch up to which curves match almost perfectly."""
@@ -76,7 +76,7 @@ class Comparison:
     t: Floats
     """(N,), s."""
     position: Floats
-    """(N,), m, of the IMU as the guess has it."""
+    """(N,), m, of the IMU by the guess."""
     derived: Floats
     """(N,), m/s²."""
     measured: Floats
@@ -118,15 +118,15 @@ class DerivationStudy(Study, Recorded):
         )
 
     def measure(self, cell: Cell) -> list[Row]:
-        """How far derived and measured acceleration are apart, near starts and stops and not."""
-        case = cell["figure"], cell["filter"], cell["window"]
-        found = self._compared(*case, cell["exclusion"] or 0.0)
+        """Difference of derived and measured acceleration, near starts and stops and elsewhere."""
+        setting = cell["figure"], cell["filter"], cell["window"]
+        found = self._compared(*setting, cell["exclusion"] or 0.0)
         brusque = self._brusque(found)
         apart = found.mismatch
-        recording, _ = self._case(cell["figure"])
-        weightless = None  # the same motion without gravity, where there is any
+        recording, _ = self._recording_and_guess(cell["figure"])
+        weightless = None  # the same motion without gravity, if there is any
         if recording.gravity_world.any():
-            light = self._compared(*case, gravity=0.0)
+            light = self._compared(*setting, gravity=0.0)
             weightless = _rms(light.mismatch[~self._brusque(light)])
         row: Row = {
             "signal": _rms(found.derived),
@@ -186,7 +186,9 @@ class DerivationStudy(Study, Recorded):
             zoom,
         )
 
-    def _case(self, figure: int, gravity: float | None = None) -> tuple[Recording, Pose]:
+    def _recording_and_guess(
+        self, figure: int, gravity: float | None = None
+    ) -> tuple[Recording, Pose]:
         system, error = PLATES[figure]
         recording = clean_recording(system, replace(self.physics, gravity=gravity))
         wrong = float(error == "initial error")
@@ -206,7 +208,7 @@ class DerivationStudy(Study, Recorded):
         *,
         gravity: float | None = None,
     ) -> Comparison:
-        recording, guess = self._case(figure, gravity)
+        recording, guess = self._recording_and_guess(figure, gravity)
         if name == "matched":
             return compared_by_matched(recording, guess, window)
         return compared_by_paper(recording, guess, window, exclusion)
@@ -220,7 +222,7 @@ class DerivationStudy(Study, Recorded):
         for name in FILTERS:
             for window in self.windows:
                 mine = chosen(rows, filter=name, window=window)
-                # What is excluded changes neither the filters nor these figures.
+                # The exclusion changes neither the filters nor these figures.
                 bar, wrong, arm = (chosen(mine, figure=number)[0] for number in PLATES)
                 calm, near = _share(bar, "elsewhere"), _share(bar, "starts_stops")
                 off, true = _share(wrong, "all"), _share(bar, "all")
@@ -314,13 +316,13 @@ def compared_by_matched(recording: Recording, guess: Pose, window: int) -> Compa
 
 
 def near_changes(t: Floats, accel: Floats, jerk: float, margin: float) -> Kept:
-    """Where an acceleration changes brusquely: starts and stops of motion.
+    """Samples at which acceleration changes abruptly: starts and stops of motion.
 
     Args:
         t: (N,), s, even.
         accel: (N,), m/s².
-        jerk: m/s³, above which it changes brusquely.
-        margin: s, to either side, that belongs to it.
+        jerk: m/s³, above which the change is abrupt.
+        margin: s, included on either side.
     """
     dt = float(np.median(np.diff(t)))
     sudden = np.abs(np.gradient(accel, dt)) > jerk

@@ -1,6 +1,6 @@
-"""What tables 2 and 3 share: calibrations on folds of moves, each with several seeds.
+"""Common part of tables 2 and 3: calibrations on folds of moves, each with several seeds.
 
-What is held out is a move of the plan, not a sample.
+Whole moves of the plan are held out, not samples.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from imucalib_cli.study.conditions import Recorded, paper_settings, wrong_guess
 from imucalib_cli.study.contest import contest, contestants
 from imucalib_cli.study.rows import DEGREES, MILLIMETRES, best_setting, chosen, column, groups
 from imucalib_cli.study.study import Study, grid
-from imucalib_cli.study.tables import Column, Table, lay_out, spread
+from imucalib_cli.study.tables import Column, Table, lay_out, mean_and_std
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 _ROUNDING = 1e-6
-"""s, by which a plan may miss its duration."""
+"""s, tolerance of a plan's duration."""
 _WRIST_JOINTS = 3
 """Joints at the end of an arm that are its wrist."""
 
@@ -97,7 +97,7 @@ class FoldedStudy(Study, Recorded):
         noise_seed: int,
         initial_error: tuple[float, float],
     ) -> list[Row]:
-        """All methods on what a fold leaves of a recording.
+        """Run all methods on a recording without a fold.
 
         Args:
             methods: To run.
@@ -121,7 +121,7 @@ class FoldedStudy(Study, Recorded):
 
 
 def steadily_small(rows: list[Row]) -> tuple[int, float]:
-    """Badness of a setting: answers that are missing, then the geometric mean of translation."""
+    """Badness of a setting: number of missing answers, then geometric mean of translation."""
     errors = column(rows, "translation")
     missing = len(rows) - len(errors)
     return missing, float(np.mean(np.log(errors))) if errors else math.inf
@@ -130,7 +130,7 @@ def steadily_small(rows: list[Row]) -> tuple[int, float]:
 def in_best_setting(
     rows: Sequence[Row], badness: Callable[[list[Row]], Any], *keys: str
 ) -> list[Row]:
-    """Rows in the best setting of each group: the most that tuning could do for it.
+    """Rows in the best setting of each group: the upper limit of tuning.
 
     Args:
         rows: Of a study.
@@ -141,10 +141,10 @@ def in_best_setting(
 
 
 ERROR_COLUMNS: tuple[Column, ...] = (
-    ("translation mm", lambda rows: spread(rows, "translation", MILLIMETRES)),
-    ("rotation deg", lambda rows: spread(rows, "rotation", DEGREES)),
-    ("|mean Δxyz| mm", lambda rows: spread(rows, "averaged_translation", MILLIMETRES)),
-    ("mean |rpy| deg", lambda rows: spread(rows, "averaged_rotation", DEGREES)),
+    ("translation mm", lambda rows: mean_and_std(rows, "translation", MILLIMETRES)),
+    ("rotation deg", lambda rows: mean_and_std(rows, "rotation", DEGREES)),
+    ("|mean Δxyz| mm", lambda rows: mean_and_std(rows, "averaged_translation", MILLIMETRES)),
+    ("mean |rpy| deg", lambda rows: mean_and_std(rows, "averaged_rotation", DEGREES)),
 )
 """Mean ± standard deviation over rows."""
 
@@ -157,7 +157,7 @@ class Stretch:
     """s."""
     stop: float
     kind: str
-    """Moves of a kind are alike: wrist or arm; force or torque."""
+    """wrist or arm; force or torque."""
 
 
 def moves_of(system: SystemConfig, duration: float) -> list[Stretch]:
@@ -175,7 +175,7 @@ def moves_of(system: SystemConfig, duration: float) -> list[Stretch]:
         kind, seconds = moves[number]
         stretches.append(Stretch(start=t, stop=min(t + seconds, duration), kind=kind))
         t, number = t + seconds, number + 1
-    # Standstill at the beginning belongs to the first move, the last sample to the last.
+    # Standstill at the start belongs to the first move, the last sample to the last move.
     stretches[0] = replace(stretches[0], start=0.0)
     stretches[-1] = replace(stretches[-1], stop=np.inf)
     return stretches
@@ -197,7 +197,7 @@ def _pushes(body: FreeBody) -> list[tuple[str, float]]:
 
 
 def stratified_folds(moves: Sequence[Stretch], count: int) -> list[list[Stretch]]:
-    """The moves of each fold: every kind is dealt out in turn, so that folds are alike."""
+    """The moves of each fold; every kind is distributed in turn, so that folds are similar."""
     folds: list[list[Stretch]] = [[] for _ in range(count)]
     for kind in sorted({move.kind for move in moves}):
         for number, move in enumerate(move for move in moves if move.kind == kind):

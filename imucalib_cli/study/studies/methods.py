@@ -47,7 +47,7 @@ from imucalib_cli.study.tables import (
     count,
     digits,
     lay_out,
-    spread,
+    mean_and_std,
     statistic,
 )
 
@@ -251,8 +251,8 @@ def _entrant(header: str, key: Literal["data", "unknowns"]) -> Column:
     return header, lambda rows: str(getattr(ENTRANTS[rows[0]["method"]], key))
 
 
-def _spread(header: str, key: str, scale: float = 1.0) -> Column:
-    return header, lambda rows: spread(rows, key, scale)
+def _mean_and_std(header: str, key: str, scale: float = 1.0) -> Column:
+    return header, lambda rows: mean_and_std(rows, key, scale)
 
 
 def _over_bound(key: str) -> Column:
@@ -269,12 +269,12 @@ _COLUMNS: tuple[Column, ...] = (
     ("method", _name),
     _entrant("data beside the IMU", "data"),
     _entrant("unknowns", "unknowns"),
-    _spread("translation mm", "translation", MILLIMETRES),
+    _mean_and_std("translation mm", "translation", MILLIMETRES),
     _over_bound("translation"),
-    _spread("rotation deg", "rotation", DEGREES),
+    _mean_and_std("rotation deg", "rotation", DEGREES),
     _over_bound("rotation"),
-    _spread("|mean Δxyz| mm", "averaged_translation", MILLIMETRES),
-    _spread("mean |rpy| deg", "averaged_rotation", DEGREES),
+    _mean_and_std("|mean Δxyz| mm", "averaged_translation", MILLIMETRES),
+    _mean_and_std("mean |rpy| deg", "averaged_rotation", DEGREES),
     statistic("wall s", mean, "seconds"),
     statistic("CPU s", mean, "cpu_seconds"),
     statistic("memory MB", mean, "memory", _MEGABYTES),

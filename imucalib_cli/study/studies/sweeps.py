@@ -1,7 +1,7 @@
-"""One parameter swept, everything else held: conditions, methods and seeds on a grid.
+"""Sweep one parameter with everything else fixed: conditions, methods and seeds on a grid.
 
-The studies of what the paper leaves open; each says only what its parameter does. Beside every
-error stands the Cramér-Rao bound with the unknowns of the method in question.
+Studies of questions that the paper leaves open. Each defines only the effect of its parameter.
+Every error is shown with the Cramér-Rao bound for the unknowns of its method.
 """
 
 from __future__ import annotations
@@ -67,12 +67,12 @@ NOTE = (
 
 @dataclass(frozen=True, kw_only=True)
 class Setup:
-    """All that one run is made with."""
+    """Inputs of one run."""
 
     physics: PhysicsOptions
     noise: NoiseOptions
     settings: tuple[PaperSetting, ...]
-    """Of the published method: each is run, tables show the best."""
+    """Settings of the published method: all are run, tables show the best."""
     window: WindowChoice
     """Of the matched filters."""
 
@@ -323,7 +323,7 @@ def _noisy(setup: Setup, **noise: Any) -> Setup:
 
 @dataclass(frozen=True, kw_only=True)
 class WindowStudy(Sweep):
-    """The window's length, which the paper calls small and does not tell.
+    """The window's length, which the paper calls small without a number.
 
     The same length for all filters of a run, on both sides of each method.
     """
@@ -417,7 +417,7 @@ class BiasStudy(Sweep):
 
 @dataclass(frozen=True, kw_only=True)
 class RateStudy(Sweep):
-    """The rates of the log, which did not reach us for the paper's.
+    """The rates of the log, which are not known for the paper's.
 
     Both streams faster or slower, and the robot's slower than the IMU's.
     """

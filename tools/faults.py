@@ -1,7 +1,7 @@
-"""Simulated recordings told wrongly: one fault of robot or log each, to see it recognised.
+"""Simulated recordings with one fault of robot or log each, to test that it is recognised.
 
-The recording stays what physics made of it; the fault is in what the estimator is told, a URDF, a
-publisher, a clock, or in a mount that swings.
+Either the recording is correct and its description is wrong (the URDF, a publisher, a clock), or
+the sensor, its mount or its base has the fault.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class Fault:
-    """One thing told wrongly."""
+    """One fault."""
 
     kind: str
     """none, offset, publishers; of arms link, sign, zero, length, order, degrees, ringing, hum,
@@ -44,8 +44,8 @@ class Fault:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Told:
-    """What an estimator is given."""
+class EstimatorInputs:
+    """Data and robot model that an estimator gets."""
 
     imu: ImuSamples
     path: KinematicPath
@@ -64,8 +64,8 @@ class Told:
         )
 
 
-def told_wrongly(recording: Recording, fault: Fault) -> Told:
-    """A recording, noisy or not, with one fault.
+def misdescribed(recording: Recording, fault: Fault) -> EstimatorInputs:
+    """A recording, noisy or not, whose description has one fault.
 
     Raises:
         InputError: The kind of fault does not exist for this system.
@@ -74,9 +74,9 @@ def told_wrongly(recording: Recording, fault: Fault) -> Told:
     if fault.kind == "offset":
         imu = replace(imu, t=imu.t + fault.size)
     if fault.kind == "publishers":
-        path = replace(path, tracks=tuple(_told_twice(t, fault.size) for t in path.tracks))
+        path = replace(path, tracks=tuple(_two_publishers(t, fault.size) for t in path.tracks))
     if recording.system.arm is None:
-        return Told(imu=imu, path=_poses(path, fault), robot=None)
+        return EstimatorInputs(imu=imu, path=_poses(path, fault), robot=None)
     robot, parent, tracks = robot_of(recording.system), recording.system.parent, path.tracks
     match fault.kind:
         case "link":
@@ -87,7 +87,7 @@ def told_wrongly(recording: Recording, fault: Fault) -> Told:
             tracks = tuple(_reordered(track, fault.names) for track in tracks)
         case "degrees":
             tracks = tuple(replace(track, values=np.degrees(track.values)) for track in tracks)
-    return Told(imu=imu, path=joint_path(robot, parent, tracks), robot=robot)
+    return EstimatorInputs(imu=imu, path=joint_path(robot, parent, tracks), robot=robot)
 
 
 def _mistaken(robot: Robot, fault: Fault) -> Robot:
@@ -107,7 +107,7 @@ def _mistaken(robot: Robot, fault: Fault) -> Robot:
     return replace(robot, joints=tuple(joints))
 
 
-def _told_twice(track: Track, apart: float) -> Track:
+def _two_publishers(track: Track, apart: float) -> Track:
     """Half the messages of another publisher, whose first column is a constant off."""
     values = track.values.copy()
     other = np.random.default_rng(len(values)).random(len(values)) < 0.5
