@@ -19,7 +19,7 @@ import pytest
 
 from tests.test_docs import PAGES, ROOT
 
-QUICK = {"docs/getting-started.md", "sample_data/README.md"}
+QUICK = {"docs/README.md", "docs/motion.md", "sample_data/README.md"}
 """Pages that are tested among the fast tests."""
 
 
