@@ -18,10 +18,9 @@ from threadpoolctl import threadpool_limits
 from imucalib_cli.errors import ChoiceError, ImucalibError, InputError, UntrustedError
 from imucalib_cli.estimate.options import MatchedOptions, PaperOptions, PosePrior, WindowChoice
 from imucalib_cli.jobs.calibrate import calibrate_recording
+from imucalib_cli.jobs.from_arrays import streams_of
 from imucalib_cli.jobs.reading import read_recording, recording_of
 from imucalib_cli.jobs.request import CalibrationRequest, ExpectedImu
-from imucalib_cli.logs.log import LogData
-from imucalib_cli.logs.streams import ImuStream, JointStream, PoseStream
 from imucalib_cli.results.fields import sections, verdict
 from imucalib_cli.results.formats import FORMATS, refuse_untrusted
 from imucalib_cli.results.requirement import Tolerance
@@ -36,7 +35,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike
 
-    from imucalib_cli.arrays import Floats, Integers
+    from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.details import Details, WindowSeries
     from imucalib_cli.estimate.estimate import Estimate
     from imucalib_cli.jobs.reading import Recording
@@ -61,10 +60,6 @@ __all__ = [
     "calibrate",
     "calibrate_arrays",
 ]
-
-_NS = 1_000_000_000
-_IMU, _JOINTS, _POSES = "imu", "joints", "poses"
-"""What arrays are called in the result, where a log has topics."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -158,12 +153,13 @@ class Calibration:
         return f"<{type(self).__name__} {shown(verdict(self.result))}>"
 
     def _repr_html_(self) -> str:
-        rows = [f"<caption>{_html(verdict(self.result))}</caption>"]
+        left = 'style="text-align:left"'
+        rows = [f"<caption {left}><b>{_html(verdict(self.result))}</b></caption>"]
         for section in sections(self.result):
-            rows.append(f'<tr><th colspan="2" style="text-align:left">{_html(section.title)}</th>')
+            title = ": ".join(filter(None, (section.title, section.formula)))
+            rows.append(f'<tr><th colspan="2" {left}>{_html(title)}</th>')
             rows += [
-                f'<tr><td style="text-align:left">{_html(field.label)}</td>'
-                f'<td style="text-align:left">{_html(field.text)}</td>'
+                f"<tr><td {left}>{_html(field.label)}</td><td {left}>{_html(field.text)}</td>"
                 for field in section.fields
             ]
         return f"<table>{''.join(rows)}</table>"
@@ -263,8 +259,8 @@ def calibrate_arrays(
     """Find where an IMU sits on the robot from samples in memory.
 
     The motion is told by poses of the parent link; or by joint positions with a URDF; or by both,
-    where the poses are those of the URDF's root, an arm on a moving base. The two streams may have
-    any rates and stamps, which need not be regular.
+    where the poses are those of the URDF's root, an arm on a moving base. The streams may have any
+    rates and stamps, which need not be regular.
 
     Args:
         t: (N,), s, of the IMU's samples; stamps of all streams share one epoch, any.
@@ -277,8 +273,8 @@ def calibrate_arrays(
         joint_positions: (K, J), rad or m.
         joint_names: Of the J columns, as in the URDF.
         urdf: The robot's URDF.
-        parent: Link that carries the IMU; the one that holds imu_link in the URDF.
-        imu_link: The IMU's link in the URDF.
+        parent: Link that carries the IMU; with joints the one that holds imu_link in the URDF.
+        imu_link: The IMU's link in the URDF, or what to call it.
         world: Frame that stands still.
         units: As for :func:`calibrate`.
         estimator: As for :func:`calibrate`.
@@ -294,64 +290,23 @@ def calibrate_arrays(
         ChoiceError: An argument is missing.
         UntrustedError: Nothing moves.
     """
-    poses = _given(pose_t=pose_t, positions=positions, quaternions_xyzw=quaternions_xyzw)
-    joints = _given(
-        joint_t=joint_t, joint_positions=joint_positions, joint_names=tuple(joint_names) or None
+    data, start_ns = streams_of(
+        t=t,
+        gyro=gyro,
+        accel=accel,
+        pose_t=pose_t,
+        positions=positions,
+        quaternions_xyzw=quaternions_xyzw,
+        joint_t=joint_t,
+        joint_positions=joint_positions,
+        joint_names=joint_names,
+        frame=imu_link or "imu",
+        world=world or "world",
     )
-    if joints and urdf is None:
+    if data.joints and urdf is None:
         raise ChoiceError("joint positions say nothing without the robot's chain: give urdf")
-    if not poses and not joints:
-        raise ChoiceError(
-            "nothing tells how the robot moves: give pose_t, positions and quaternions_xyzw, or "
-            "joint_t, joint_positions, joint_names and urdf"
-        )
-    told = {
-        "t": t,
-        **({"pose_t": pose_t} if poses else {}),
-        **({"joint_t": joint_t} if joints else {}),
-    }
-    times = {name: _numbers(name, values) for name, values in told.items()}
-    # stamps are positive: zero is what a broken clock says
-    shift_ns = _NS * (1 - int(np.floor(min(float(each.min()) for each in times.values()))))
-
-    def stamps(name: str) -> Integers:
-        whole = np.floor(times[name])
-        return (
-            whole.astype(np.int64) * _NS
-            + np.round((times[name] - whole) * _NS).astype(np.int64)
-            + shift_ns
-        )
-
-    def stamped(topic: str, name: str) -> dict[str, Any]:
-        return {"topic": topic, "header_ns": stamps(name), "log_ns": stamps(name)}
-
-    rows = len(times["t"])
-    data = LogData()
-    data.imus[_IMU] = ImuStream(
-        frame_id=imu_link or _IMU,
-        gyro=_numbers("gyro", gyro, rows, 3),
-        accel=_numbers("accel", accel, rows, 3),
-        **stamped(_IMU, "t"),
-    )
-    if joints:
-        names = tuple(joint_names)
-        values = _numbers("joint_positions", joint_positions, len(times["joint_t"]), len(names))
-        stream = JointStream(names=names, position=values, **stamped(_JOINTS, "joint_t"))
-        data.joints[_JOINTS] = (stream,)
-    if poses:
-        count = len(times["pose_t"])
-        turns = _numbers("quaternions_xyzw", quaternions_xyzw, count, 4)
-        norms = np.linalg.norm(turns, axis=1, keepdims=True)
-        if not norms.all():
-            raise InputError("quaternions_xyzw: one is zero, which is no rotation")
-        pose = PoseStream(
-            parent=world or "world",
-            child="",
-            position=_numbers("positions", positions, count, 3),
-            quaternion_xyzw=turns / norms,
-            **stamped(_POSES, "pose_t"),
-        )
-        data.poses[_POSES] = (pose,)
+    if not data.joints and urdf is not None and parent is None:
+        raise ChoiceError("poses without joints are those of the IMU's parent: name it by parent")
     request = _request(
         logs=(),
         urdf=urdf,
@@ -365,7 +320,7 @@ def calibrate_arrays(
         require=require,
     )
     recording = recording_of(data, request)
-    return _calibrated(recording, request, recording.clock.origin_ns - shift_ns, progress)
+    return _calibrated(recording, request, recording.clock.origin_ns + start_ns, progress)
 
 
 def _request(
@@ -412,39 +367,6 @@ def _calibrated(
         raise failure
     (only,) = outcome.calibrated
     return Calibration(result=only.result, estimate=only.estimate, start_ns=start_ns)
-
-
-def _given(**arguments: object) -> bool:
-    """Whether arguments that belong together are given.
-
-    Raises:
-        ChoiceError: Some are and some are not.
-    """
-    missing = [name for name, value in arguments.items() if value is None]
-    if missing and len(missing) < len(arguments):
-        raise ChoiceError(
-            f"{', '.join(arguments)} belong together: {' and '.join(missing)} "
-            f"{'is' if len(missing) == 1 else 'are'} missing"
-        )
-    return not missing
-
-
-def _numbers(name: str, values: Any, *shape: int) -> Floats:
-    """Values as float64 of a shape; without one, of one axis and not empty.
-
-    Raises:
-        InputError: They are of another shape, or not all of them are finite numbers.
-    """
-    try:
-        array = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{name}: cannot be read as numbers: {error}") from error
-    if not (array.shape == shape if shape else array.ndim == 1 and array.size):
-        wanted = shape or "(N,) with N > 0"
-        raise InputError(f"{name}: has the shape {array.shape}, expected {wanted}")
-    if not np.isfinite(array).all():
-        raise InputError(f"{name}: has values that are no finite numbers: leave those rows out")
-    return array
 
 
 def _html(text: str) -> str:

@@ -120,17 +120,20 @@ def test_poses_give_what_their_log_gives(bar: Recording) -> None:
     log = ic.calibrate(SAMPLES / "barbot.bag", parent="bar_link", estimator=NO_GRAVITY)
     (imu,) = bar.imus
     (edge,) = (each for each in bar.sources.edges if not each.is_static)
-    found = ic.calibrate_arrays(
-        t=bar.clock.seconds(imu),
-        gyro=imu.gyro,
-        accel=imu.accel,
-        pose_t=edge.track.t,
-        positions=edge.track.values[:, :3],
-        quaternions_xyzw=-2.0 * edge.track.values[:, 3:],  # of any length and sign
-        estimator=NO_GRAVITY,
-    )
+    arrays: dict[str, Any] = {
+        "t": bar.clock.seconds(imu),
+        "gyro": imu.gyro,
+        "accel": imu.accel,
+        "pose_t": edge.track.t,
+        "positions": edge.track.values[:, :3],
+        "quaternions_xyzw": -2.0 * edge.track.values[:, 3:],  # of any length and sign
+        "estimator": NO_GRAVITY,
+    }
+    found = ic.calibrate_arrays(**arrays)
     np.testing.assert_allclose(found.T, log.T, rtol=0, atol=1e-9)
     assert (found.result.parent, found.result.child) == ("body", "imu")
+    with pytest.raises(ic.ChoiceError, match="name it by parent"):
+        ic.calibrate_arrays(**arrays, urdf=SAMPLES / "barbot.urdf")
 
 
 def test_an_untrusted_pose_is_not_given_bare(arm: ic.Calibration) -> None:
@@ -156,6 +159,7 @@ def test_the_published_method_has_no_series(arm: ic.Calibration) -> None:
     [
         ({"gyro": np.zeros((4, 3))}, r"gyro: has the shape \(4, 3\), expected \(18501, 3\)"),
         ({"t": np.zeros(0)}, r"t: has the shape \(0,\), expected \(N,\) with N > 0"),
+        ({"t": 1e9 * np.arange(18501)}, "from first to last: give seconds"),
         ({"accel": "fast"}, "accel: cannot be read as numbers"),
         ({"joint_t": None}, "joint_t is missing"),
         ({"urdf": None}, "say nothing without the robot's chain: give urdf"),

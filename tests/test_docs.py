@@ -27,7 +27,7 @@ PAGES = sorted(
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
-def _run(command: str, *, folder: Path = ROOT) -> subprocess.CompletedProcess[str]:
+def _run(command: str) -> subprocess.CompletedProcess[str]:
     """A command of the documents, with this environment's imucalib."""
     start = "import sys; from imucalib_cli.cli.main import main; sys.exit(main())"
     tool = f"{shlex.quote(sys.executable)} -c {shlex.quote(start)} "
@@ -35,7 +35,7 @@ def _run(command: str, *, folder: Path = ROOT) -> subprocess.CompletedProcess[st
     script = script.replace("| python ", f"| {shlex.quote(sys.executable)} ")
     return subprocess.run(
         ["bash", "-o", "pipefail", "-c", script],
-        cwd=folder,
+        cwd=ROOT,
         capture_output=True,
         text=True,
         check=False,

@@ -38,6 +38,8 @@ RESULT = "result.yaml"
 """Name of the attachment."""
 _LIBRARY = "imucalib run"
 _NS = 1_000_000_000
+_LATEST_NS = 2**31 * _NS
+"""Seconds of a ROS 2 message are an int32."""
 _IMU, _TF = "sensor_msgs/msg/Imu", "tf2_msgs/msg/TFMessage"
 _NUMBERS = "std_msgs/msg/Float64MultiArray"
 """Of the messages without a header the one that Rerun plots unasked; Foxglove plots all."""
@@ -71,7 +73,9 @@ class Moving(NamedTuple):
 
 def topics_of(results: Sequence[Result]) -> list[str]:
     """What the topics of each IMU begin with, such as ``/imucalib/imu_link``."""
-    return [f"/imucalib/{name}" for name in names_of(results, TOPIC)]
+    names = names_of(results, TOPIC)
+    # no part of a topic begins with a digit
+    return [f"/imucalib/{'imu_' if name[0].isdigit() else ''}{name}" for name in names]
 
 
 def debug_mcap(
@@ -84,11 +88,17 @@ def debug_mcap(
         robot: Of the URDF, if there is one.
         joints: Tracks of joint states in the log.
         origin_ns: Stamp of the log's second 0, ns.
+
+    Raises:
+        InputError: Stamps are later than ROS 2 can tell.
     """
+    results = [each.result for each in seen]
+    ends = np.concatenate([stamps_ns(windows.t[[0, -1]], origin_ns) for _, windows in seen])
+    start_ns = max(int(ends.min()), 0)
+    if int(ends.max()) + _NS > _LATEST_NS:
+        raise InputError("the log's stamps are after 2038, which no message of ROS 2 can hold")
     content = io.BytesIO()
     log = McapWriter(content, library=_LIBRARY)
-    results = [each.result for each in seen]
-    start_ns = min(int(stamps_ns(windows.t, origin_ns)[0]) for _, windows in seen)
     log.attach(RESULT, "application/yaml", to_yaml(results).encode(), start_ns)
     if robot is not None:
         describe = log.connect(DESCRIPTION, "std_msgs/msg/String", latched=True)
@@ -101,7 +111,8 @@ def debug_mcap(
     for topic, name, each in zip(topics_of(results), names, seen, strict=True):
         rows += _readings(log, topic, name, each.windows, origin_ns)
     for ns, write, message in sorted(rows, key=lambda row: row[0]):
-        write(ns, message)
+        if ns >= 0:  # simulated time begins at 0, and the robot's stamps may be late
+            write(ns, message)
     log.close()
     return content.getvalue()
 

@@ -58,11 +58,11 @@ def draw_residuals(windows: WindowSeries, suffix: str) -> bytes:
     Raises:
         InputError: matplotlib is not installed.
     """
-    matplotlib = optional("matplotlib", "--plot needs", "plot")
+    style = optional("matplotlib.style", "--plot needs", "plot")
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    with matplotlib.rc_context(_STYLE):
+    with style.context(["default", _STYLE]):  # whatever the user has in matplotlibrc
         figure = Figure(figsize=_SIZE, layout="constrained")
         FigureCanvasAgg(figure)
         panels = figure.subplots(

@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 
 FILE = r"[^\w.-]+"
 """Letters that no name of a file should have."""
-TOPIC = r"[^A-Za-z0-9_]+"
-"""Letters that no part of a ROS topic may have."""
+TOPIC = r"[^A-Za-z0-9]+"
+"""Letters that no part of a ROS topic may have, underscores among them where they are repeated."""
 
 
 def labels_of(results: Sequence[Result]) -> list[str]:

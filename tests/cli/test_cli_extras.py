@@ -20,9 +20,11 @@ from rosbags.typesys import Stores, get_typestore
 from imucalib_cli.cli.extras import EXTRAS, write_extras
 from imucalib_cli.cli.main import main
 from imucalib_cli.cli.options import ExtraFiles
+from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.jobs.calibrate import Outcome, calibrate
 from imucalib_cli.jobs.request import CalibrationRequest
+from imucalib_cli.report.debug_mcap import frames_of, topics_of
 from imucalib_cli.results.codec import read_results
 from imucalib_cli.robot.rotations import matrix_from_quaternion
 
@@ -181,6 +183,54 @@ def test_the_robot_moves_as_the_estimate_has_it(arm: Outcome, tmp_path: Path) ->
     assert "camera_link" in mounts
 
 
+def moved(outcome: Outcome, origin_ns: int) -> Outcome:
+    """The same log by another clock."""
+    clock = replace(outcome.recording.clock, origin_ns=origin_ns)
+    return replace(outcome, recording=replace(outcome.recording, clock=clock))
+
+
+def test_a_log_may_begin_at_zero(arm: Outcome, tmp_path: Path) -> None:
+    path = tmp_path / "out.mcap"
+    windows = windows_of(arm)
+    write(moved(arm, -round(1e9 * windows.t[0])), debug_mcap=path)
+    found = decoded(path)
+    assert found["/imucalib/imu_link/measured"][0][0] == 0
+    offset = arm.results[0].time_offset.seconds
+    early = int((windows.t - windows.t[0] < offset).sum())
+    assert early > 0  # the robot's stamps of these windows are before 0
+    assert len(found["/tf"]) == len(windows.t) - early
+
+
+def test_stamps_that_no_message_can_hold_are_refused(bar: Outcome, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="after 2038"):
+        write(moved(bar, 2**31 * 1_000_000_000), debug_mcap=tmp_path / "out.mcap")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_moving_base_carries_the_joints(arm: Outcome) -> None:
+    (one,) = arm.calibrated
+    robot, joints = arm.recording.robot, arm.recording.sources.joints
+    assert robot is not None
+    provenance = msgspec.structs.replace(one.result.provenance, world="map")
+    result = msgspec.structs.replace(one.result, provenance=provenance)
+    windows = windows_of(arm)
+    turn, place = matrix_from_quaternion([0.1, -0.2, 0.3, 0.9]), np.array([1.0, -2.0, 0.5])
+    driven = replace(
+        windows,
+        R_world_parent=turn @ windows.R_world_parent,
+        p_world_parent=windows.p_world_parent @ turn.T + place,
+    )
+    t = windows.t - one.result.time_offset.seconds
+    base, *links = frames_of(result, driven, robot, joints, t)
+    assert (base.parent, base.child) == ("map", "base_link")
+    assert np.abs(base.R - turn).max() < 1e-3
+    assert np.abs(base.p - place).max() < 1e-3
+    assert {link.child for link in links} == set(robot.links) - {robot.root}
+    # without joint states the log's frames have moved it, which the URDF's joints cannot tell
+    (alone,) = frames_of(result, driven, robot, (), t)
+    assert (alone.parent, alone.child) == ("map", result.parent)
+
+
 def test_a_body_without_a_urdf_moves_as_its_poses_do(bar: Outcome, tmp_path: Path) -> None:
     path = tmp_path / "out.mcap"
     write(bar, debug_mcap=path)
@@ -230,6 +280,18 @@ def test_inspect_reads_the_mcap(
     out = capsys.readouterr().out
     assert "/imucalib/imu_link/measured" in out
     assert "imu_link_nominal in wrist_3_link (static)" in out
+
+
+@pytest.mark.parametrize(
+    ("child", "topic"),
+    [("imu_link", "imu_link"), ("/front/imu__0", "front_imu_0"), ("3dm", "imu_3dm"), ("!", "_")],
+)
+def test_topics_are_what_ros_allows(arm: Outcome, child: str, topic: str) -> None:
+    (result,) = arm.results
+    transform = msgspec.structs.replace(result.transform, child=child)
+    assert topics_of([msgspec.structs.replace(result, transform=transform)]) == [
+        f"/imucalib/{topic}"
+    ]
 
 
 def panels_of(layout: Any, panels: dict[str, Any]) -> set[str]:
@@ -285,8 +347,6 @@ def test_each_of_several_imus_has_its_files_and_topics(
 def test_the_files_of_several_imus_spare_inputs_and_outputs(
     two: Outcome, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from imucalib_cli.errors import ChoiceError
-
     with pytest.raises(ChoiceError, match="would be written twice"):
         write(two, residuals=tmp_path / "out.csv", written=[tmp_path / "out.imu_link.csv"])
     assert not list(tmp_path.iterdir())
