@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -27,20 +26,21 @@ PAGES = sorted(
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
-def _run(command: str) -> subprocess.CompletedProcess[str]:
-    """A command of the documents, with this environment's imucalib."""
-    start = "import sys; from imucalib_cli.cli.main import main; sys.exit(main())"
-    tool = f"{shlex.quote(sys.executable)} -c {shlex.quote(start)} "
-    script = re.sub(r"(^|\| )imucalib ", lambda found: found[1] + tool, command)
-    script = script.replace("| python ", f"| {shlex.quote(sys.executable)} ")
+def run(script: str, folder: Path) -> subprocess.CompletedProcess[str]:
+    """Commands of the documents, with this environment's imucalib and python."""
+    tools = str(Path(sys.executable).parent)
     return subprocess.run(
-        ["bash", "-o", "pipefail", "-c", script],
-        cwd=ROOT,
+        ["bash", "-euo", "pipefail", "-c", script],
+        cwd=folder,
         capture_output=True,
         text=True,
         check=False,
-        env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
-        timeout=120,
+        env={
+            **os.environ,
+            "PATH": f"{tools}{os.pathsep}{os.environ['PATH']}",
+            "OPENBLAS_NUM_THREADS": "1",
+        },
+        timeout=300,
     )
 
 
@@ -51,7 +51,7 @@ def test_readme_has_the_commands_that_ci_runs() -> None:
 def test_readme_output_is_what_the_tool_prints() -> None:
     found = re.search(r"<!-- output of: (.*?) -->\n```text\n(.*?)\n```", README, flags=re.DOTALL)
     assert found is not None
-    printed = _run(found[1]).stdout.rstrip()
+    printed = run(found[1], ROOT).stdout.rstrip()
     assert _shape(printed) == _shape(found[2])
     # Digits: the same to a hundredth of the stated sigma, and signs of zero aside.
     for here, there in zip(_numbers(printed), _numbers(found[2]), strict=True):

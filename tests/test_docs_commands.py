@@ -7,17 +7,14 @@ each ``imucalib simulate`` of the block is given besides, to take less time.
 
 from __future__ import annotations
 
-import os
 import re
 import shutil
-import subprocess
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 
-from tests.test_docs import PAGES, ROOT
+from tests.test_docs import PAGES, ROOT, run
 
 QUICK = {"docs/README.md", "docs/motion.md", "sample_data/README.md"}
 """Pages that are tested among the fast tests."""
@@ -61,21 +58,9 @@ def _pages() -> list[object]:
 @pytest.mark.parametrize("page", _pages())
 def test_commands_of_a_page_run(page: Path, tmp_path: Path) -> None:
     shutil.copytree(ROOT / "sample_data", tmp_path / "sample_data")
-    tools = str(Path(sys.executable).parent)  # imucalib and python of this environment
+    folder = tmp_path / ("sample_data" if page.parent.name == "sample_data" else "")
     for block in blocks(page):
-        done = subprocess.run(
-            ["bash", "-euo", "pipefail", "-c", block.script],
-            cwd=tmp_path / ("sample_data" if page.parent.name == "sample_data" else ""),
-            capture_output=True,
-            text=True,
-            check=False,
-            env={
-                **os.environ,
-                "PATH": f"{tools}{os.pathsep}{os.environ['PATH']}",
-                "OPENBLAS_NUM_THREADS": "1",
-            },
-            timeout=300,
-        )
+        done = run(block.script, folder)
         assert done.returncode == block.exit_code, f"{block.script}\n{done.stderr}"
         assert "Traceback" not in done.stderr
 
