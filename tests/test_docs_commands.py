@@ -10,11 +10,14 @@ from __future__ import annotations
 import re
 import shutil
 from dataclasses import dataclass
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 
 from tests.test_docs import PAGES, ROOT, run
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 QUICK = {"docs/README.md", "docs/motion.md", "sample_data/README.md"}
 """Pages that are tested among the fast tests."""
