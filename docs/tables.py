@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args, get_origin
 
 import typer
 
+import imucalib_cli
 from imucalib_cli.cli.exit_codes import EXIT_CODES
 from imucalib_cli.cli.main import COMMANDS, app
 from imucalib_cli.cli.options import with_groups
@@ -151,6 +152,85 @@ def figures() -> str:
             f"### {title}\n\n{shows}\n\n**Good:** {each.good}\n\n**Faults:**\n\n{faults}\n"
         )
     return "\n".join(parts)
+
+
+def functions(*names: str) -> str:
+    """What functions of the Python interface do and take."""
+    return "\n".join(_function(name) for name in names)
+
+
+def classes(*names: str, with_methods: bool = False) -> str:
+    """What classes of the Python interface are, and their fields."""
+    return "\n".join(_class(name, with_methods=with_methods) for name in names)
+
+
+def _function(name: str) -> str:
+    """What a function does, and a table of its arguments."""
+    function = getattr(imucalib_cli, name)
+    words, *sections = re.split(r"\n\n(Args|Returns|Raises):\n", inspect.getdoc(function) or "")
+    told = {kind: _entries(text) for kind, text in zip(sections[::2], sections[1::2], strict=True)}
+    rows = (
+        (
+            f"`{each.name}`",
+            f"`{each.annotation}`",
+            _shown_default(each.default),
+            told["Args"][each.name],
+        )
+        for each in inspect.signature(function).parameters.values()
+    )
+    raised = "".join(f"- `{error}`: {when}\n" for error, when in told["Raises"].items())
+    table = _table(("argument", "type", "default", "meaning"), rows)
+    return f"### `ic.{name}`\n\n{_markdown(words)}\n\n{table}\nRaises:\n\n{raised}"
+
+
+def _entries(text: str) -> dict[str, str]:
+    """Of a section of a docstring, what it says of each name."""
+    joined = re.sub(r"\n\s{8,}", " ", text)
+    pairs = re.findall(r"^ {4}(\w+): (.*)$", joined, flags=re.MULTILINE)
+    return {name: _markdown(words) for name, words in pairs}
+
+
+def _shown_default(default: object) -> str:
+    return "needed" if default is inspect.Parameter.empty else f"`{default!r}`"
+
+
+def _class(name: str, *, with_methods: bool) -> str:
+    kind = getattr(imucalib_cli, name)
+    (tree,) = ast.parse(inspect.getsource(kind)).body
+    assert isinstance(tree, ast.ClassDef)  # noqa: S101
+    rows = []
+    for member, after in zip(tree.body, [*tree.body[1:], ast.Pass()], strict=True):
+        if isinstance(member, ast.AnnAssign):
+            said = ast.get_docstring(ast.Module([after], [])) or ""
+            value = f"`{ast.unparse(member.value)}`" if member.value else ""
+            rows.append((ast.unparse(member.target), ast.unparse(member.annotation), value, said))
+        elif with_methods and isinstance(member, ast.FunctionDef) and member.name[0] != "_":
+            is_property = any(ast.unparse(each) == "property" for each in member.decorator_list)
+            called = member.name if is_property else f"{member.name}({_arguments(member)})"
+            said = re.split(r"\n\n(?:Args|Raises):", ast.get_docstring(member) or "")[0]
+            rows.append((called, ast.unparse(member.returns or ast.Constant(None)), "", said))
+    table = _table(
+        ("field", "type", "default", "meaning"),
+        ((f"`{name}`", f"`{of}`", default, _markdown(said)) for name, of, default, said in rows),
+    )
+    return f"### `ic.{name}`\n\n{_markdown(inspect.getdoc(kind) or '')}\n\n{table}"
+
+
+def _arguments(function: ast.FunctionDef) -> str:
+    return ", ".join(each.arg for each in (*function.args.args[1:], *function.args.kwonlyargs))
+
+
+def _markdown(docstring: str) -> str:
+    """A docstring's words: roles and double backticks are plain backticks, and lines are joined."""
+    words = re.sub(r":\w+:`~?(?:[\w.]+\.)?(\w+)`", r"`\1`", docstring).replace("``", "`")
+    return re.sub(r"\s*\n\s*", " ", words)
+
+
+def printed() -> str:
+    """What the README shows of a run; a test compares it with a run."""
+    readme = (PACKAGE.parent / "README.md").read_text(encoding="utf-8")
+    (text,) = re.findall(r"^```text\n.*?^```\n", readme, flags=re.DOTALL | re.MULTILINE)
+    return str(text)
 
 
 def _table(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:

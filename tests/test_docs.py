@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -27,51 +26,32 @@ PAGES = sorted(
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
-def _run(command: str, *, folder: Path = ROOT) -> subprocess.CompletedProcess[str]:
-    """A command of the documents, with this environment's imucalib."""
-    start = "import sys; from imucalib_cli.cli.main import main; sys.exit(main())"
-    tool = f"{shlex.quote(sys.executable)} -c {shlex.quote(start)} "
-    script = re.sub(r"(^|\| )imucalib ", lambda found: found[1] + tool, command)
-    script = script.replace("| python ", f"| {shlex.quote(sys.executable)} ")
+def run(script: str, folder: Path) -> subprocess.CompletedProcess[str]:
+    """Commands of the documents, with this environment's imucalib and python."""
+    tools = str(Path(sys.executable).parent)
     return subprocess.run(
-        ["bash", "-o", "pipefail", "-c", script],
+        ["bash", "-euo", "pipefail", "-c", script],
         cwd=folder,
         capture_output=True,
         text=True,
         check=False,
-        env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
-        timeout=120,
+        env={
+            **os.environ,
+            "PATH": f"{tools}{os.pathsep}{os.environ['PATH']}",
+            "OPENBLAS_NUM_THREADS": "1",
+        },
+        timeout=300,
     )
 
 
-def _commands() -> list[str]:
-    """Every line of the README's shell blocks that calls imucalib, comments taken off."""
-    blocks = re.findall(r"```sh\n(.*?)```", README, flags=re.DOTALL)
-    lines = [line.split("   #")[0].strip() for block in blocks for line in block.splitlines()]
-    return [line for line in lines if line.startswith("imucalib ")]
-
-
-def test_readme_has_the_commands_it_promises() -> None:
-    assert len(_commands()) >= 8
+def test_readme_has_the_commands_that_ci_runs() -> None:
     assert README.count("python3 -m venv") == 2
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("command", _commands())
-def test_readme_command_runs(command: str, tmp_path: Path) -> None:
-    for place in ("calibrated.urdf", "mine.mcap", "mine.urdf", "results/"):
-        command = command.replace(f" {place}", f" {tmp_path}/{place}")
-    if command.startswith("imucalib simulate"):
-        command += " --duration 10 --imu-rate 50 --robot-rate 25"
-    done = _run(command)
-    assert done.returncode == 0, done.stderr
-    assert "Traceback" not in done.stderr
 
 
 def test_readme_output_is_what_the_tool_prints() -> None:
     found = re.search(r"<!-- output of: (.*?) -->\n```text\n(.*?)\n```", README, flags=re.DOTALL)
     assert found is not None
-    printed = _run(found[1]).stdout.rstrip()
+    printed = run(found[1], ROOT).stdout.rstrip()
     assert _shape(printed) == _shape(found[2])
     # Digits: the same to a hundredth of the stated sigma, and signs of zero aside.
     for here, there in zip(_numbers(printed), _numbers(found[2]), strict=True):
@@ -111,28 +91,6 @@ def test_pages_show_no_option_that_is_not_there(page: Path) -> None:
 def test_pages_of_samples_and_simulation_are_looked_at() -> None:
     shown = {name for page in PAGES for name, options in _mentions(page) if options}
     assert shown >= {"run", "inspect", "simulate", "apply"}
-
-
-@pytest.mark.parametrize(
-    "command",
-    re.findall(r"`(imucalib run [^`]+)`", (ROOT / "sample_data/README.md").read_text("utf-8")),
-)
-def test_sample_commands_run(command: str) -> None:
-    done = _run(command, folder=ROOT / "sample_data")
-    assert done.returncode == 0, done.stderr
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "command",
-    re.findall(
-        r"^    (imucalib run .+)$", (ROOT / "docs/files.md").read_text("utf-8"), re.MULTILINE
-    ),
-)
-def test_files_for_other_tools_are_written(command: str, tmp_path: Path) -> None:
-    done = _run(re.sub(r"(--[a-z-]+) (\w+\.\w+)$", rf"\1 {tmp_path}/\2", command))
-    assert done.returncode == 0, done.stderr
-    assert list(tmp_path.iterdir())
 
 
 def test_no_text_points_into_someones_machine() -> None:
