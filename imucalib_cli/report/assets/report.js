@@ -259,7 +259,7 @@
     for (let i = 0; i < 3; i++) {
       const tip = plus(pose.t, column(pose.R, i), size);
       lines.push({ points: [pose.t, tip], colour: AXES[i], dashed });
-      labels.push({ at: tip, text: NAMES[i] });
+      if (!dashed) labels.push({ at: tip, text: NAMES[i] }); // else on those of the found pose
     }
     return { lines, labels };
   };
@@ -359,7 +359,7 @@
     }
     for (const label of scene.labels) {
       const [x, y] = seen(label.at);
-      const beside = label.isFrame ? { x: x - 6, y: y + 4, "text-anchor": "end" } : { x: x + 4, y: y - 3 };
+      const beside = label.isFrame ? { x: x - 8, y: y - 8, "text-anchor": "end" } : { x: x + 4, y: y - 3 };
       svg.append(element("text", beside, label.text));
     }
     const bar = roundLength(0.5 * scene.radius);
