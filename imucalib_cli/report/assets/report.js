@@ -255,11 +255,12 @@
   // Lines and labels of a scene: {from, to, colour, dashed} and {at, text}.
   const axesOf = (pose, size, dashed, name) => {
     const lines = [];
-    const labels = [{ at: pose.t, text: name, isFrame: true }];
+    const labels = [{ at: pose.t, text: name, place: name === "" ? "on" : pose === IDENTITY ? "left" : "right" }];
     for (let i = 0; i < 3; i++) {
       const tip = plus(pose.t, column(pose.R, i), size);
       lines.push({ points: [pose.t, tip], colour: AXES[i], dashed });
-      if (!dashed) labels.push({ at: tip, text: NAMES[i] }); // else on those of the found pose
+      // Those of the nominal pose would lie on those of the found one.
+      if (!dashed) labels.push({ at: plus(pose.t, column(pose.R, i), 1.15 * size), text: NAMES[i], place: "on" });
     }
     return { lines, labels };
   };
@@ -359,7 +360,11 @@
     }
     for (const label of scene.labels) {
       const [x, y] = seen(label.at);
-      const beside = label.isFrame ? { x: x - 8, y: y - 8, "text-anchor": "end" } : { x: x + 4, y: y - 3 };
+      const beside = {
+        on: { x, y: y + 4, "text-anchor": "middle" },
+        left: { x: x - 8, y: y - 8, "text-anchor": "end" },
+        right: { x: x + 8, y: y - 8 },
+      }[label.place || "right"];
       svg.append(element("text", beside, label.text));
     }
     const bar = roundLength(0.5 * scene.radius);
