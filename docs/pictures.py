@@ -21,6 +21,7 @@ PICTURE = Path(__file__).with_name("report.png")
 SAMPLE = Path("sample_data")
 WIDTH = 900
 COLOURS = 128
+TURNS = 4  # of the 3D view, until no label covers another
 QUIET = ["--no-sandbox", "--disable-gpu", "--disable-background-networking"]
 # What is to be read rather than looked at is left out.
 SHORTEN = """
@@ -48,6 +49,10 @@ def screenshot() -> bytes:
         page.goto(path.as_uri())
         page.wait_for_function("document.querySelectorAll('.plot canvas').length > 0")
         page.wait_for_timeout(300)  # the frame in which plots are drawn
+        page.focus(".views svg")
+        for _ in range(TURNS):
+            page.keyboard.press("ArrowLeft")
+        page.evaluate("document.activeElement.blur()")
         height = page.evaluate(SHORTEN) + 8
         taken = page.screenshot(
             full_page=True, clip={"x": 0, "y": 0, "width": WIDTH, "height": height}
