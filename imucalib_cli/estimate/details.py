@@ -10,8 +10,14 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from imucalib_cli.estimate.model.layout import lay_out
 from imucalib_cli.estimate.model.state import Chain
-from imucalib_cli.estimate.solution.fit import lean_fit
+from imucalib_cli.estimate.solution.fit import (
+    part_statistics,
+    prior_offset,
+    problem_of,
+    transferred,
+)
 from imucalib_cli.estimate.solution.spectrum import band_frequencies
 
 if TYPE_CHECKING:
@@ -25,12 +31,8 @@ _MOST_WINDOWS: Final = 20_000
 """In the series: more than a screen has pixels, few enough to write as text."""
 _GAP_STEPS: Final = 2.5
 """Usual steps of the series, from which there is a gap."""
-_OFFSETS: Final = 8
-"""Time offsets tried on either side of the one found."""
-_NEAREST_SIGMAS: Final = 0.5
-"""Of the time offset: where the first is tried."""
-_FARTHEST_OFFSET: Final = 0.05
-"""s: where the last is tried, well beyond what is left of a time offset that was found."""
+_OFFSETS: Final = (1.0, 2.0, 4.0, 8.0, 16.0, 30.0)
+"""Sigmas of the time offset, at which others are tried on either side of the one found."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -110,7 +112,7 @@ class OffsetProfile:
     seconds: Floats
     """(K,), IMU stamp - robot stamp, ascending."""
     sigmas: Floats
-    """(K,), square root of the rise of the chi-squared: in a linear model, sigmas away."""
+    """(K,), square root of the rise of the chi-squared, in stated sigmas of the offset."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -137,7 +139,11 @@ class Details:
 
 
 def details_of(
-    fit: Fit, clean: CleanImu, segments: Segments, dependence: tuple[Dependence, ...]
+    fit: Fit,
+    clean: CleanImu,
+    segments: Segments,
+    dependence: tuple[Dependence, ...],
+    covariance: Floats,
 ) -> Details:
     """All that a report draws of a fit.
 
@@ -146,6 +152,7 @@ def details_of(
         clean: The IMU's samples.
         segments: Of the log, about the solution.
         dependence: On the window.
+        covariance: (6, 6), of the pose, as it is stated.
     """
     plan, grid = fit.model.windowing.plan, fit.model.windowing.grid
     return Details(
@@ -155,7 +162,7 @@ def details_of(
         imu_accel=clean.accel,
         imu_gyro=clean.gyro,
         spectra=_spectra(fit),
-        stretches=segments.stretches(),
+        stretches=segments.stretches(np.sqrt(np.diag(covariance))),
         dependence=dependence,
         offset=_offset_profile(fit),
     )
@@ -235,20 +242,37 @@ def _spectra(fit: Fit) -> tuple[Spectrum, Spectrum]:
 
 
 def _offset_profile(fit: Fit) -> OffsetProfile | None:
-    """Solve again with the time offset held at values about the one found."""
+    """The misfit with the time offset held at values about the one found."""
     value, std = fit.of("time_offset")
     if not len(value) or std[0] <= 0.0:
         return None
-    first = _NEAREST_SIGMAS * float(std[0])
-    steps = np.geomspace(first, max(_FARTHEST_OFFSET, 4.0 * first), _OFFSETS)
-    seconds = value[0] + np.concatenate([-steps[::-1], [0.0], steps])
-    fits = []
-    near = fit
-    for each in seconds:
-        options = replace(fit.options, time_offset=float(each))
-        near = lean_fit(fit.model.windowing, options, float(each), near)
-        fits.append(near)
-    rises = np.array([-each.evidence_over(fits[_OFFSETS]) for each in fits])
-    # Lean fits take some of the windows, which stand for those left out too.
-    rises *= len(fit.centres) / len(fits[_OFFSETS].centres)
-    return OffsetProfile(seconds=seconds, sigmas=np.sqrt(rises - rises.min()))
+    seconds = value[0] + std[0] * np.array([*(-n for n in _OFFSETS[::-1]), 0.0, *_OFFSETS])
+    misfit = np.array([_misfit(fit, offset) for offset in seconds.tolist()])
+    sigmas = np.sqrt(np.maximum(misfit - misfit[len(_OFFSETS)], 0.0))
+    # The stated sigma knows the noise's colour, which the chi-squared does not.
+    beside = sigmas[[len(_OFFSETS) - 1, len(_OFFSETS) + 1]].mean()
+    return OffsetProfile(seconds=seconds, sigmas=sigmas / max(float(beside), 1e-9))
+
+
+def _misfit(fit: Fit, offset: float) -> float:
+    """Least chi-squared, priors included, with the time offset held: one step from the fit."""
+    options = replace(fit.options, time_offset=offset)
+    layout = lay_out(fit.model.windowing.trajectory, options)
+    model, state = replace(fit.model, layout=layout), transferred(fit, layout, options)
+    (residuals,) = model.residuals(state, fit.centres)
+    matrices, noise_score = part_statistics(
+        model,
+        state,
+        fit.centres,
+        residuals=residuals.values,
+        weights=fit.weights,
+        scales=fit.residual_scales,
+    )
+    total = matrices.sum(axis=0) / fit.level
+    score = total[1:, 0] - noise_score / fit.level
+    away = prior_offset(layout, options, state)
+    problem = problem_of(layout, total[1:, 1:], score, away)
+    step, _ = problem.solve(fit.u)
+    P, free = problem.precision(fit.u), layout.free
+    gradient = score[free] + P * away[free]
+    return float(total[0, 0] + P @ away[free] ** 2 + gradient @ step)

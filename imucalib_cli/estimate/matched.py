@@ -84,13 +84,14 @@ def calibrate_matched(
     state, P = fit.state, fit.covariance
     pose = fit.layout.pose
     covariance = P[np.ix_(pose, pose)] + judge.of_findings(evidence)
+    covariance = widen(covariance, directions)
     biases = {name: _bias(fit, name) for name in ("accel_bias", "gyro_bias")}
     offset, offset_std = fit.of("time_offset")
     return Estimate(
         method="matched",
         R_parent_imu=state.R,
         t_parent_imu=state.t,
-        covariance=widen(covariance, directions),
+        covariance=covariance,
         time_offset=float(offset[0]) if len(offset) else state.held_offset,
         time_offset_std=_offset_std(evidence, float(offset_std[0]))
         if judge.offset_known(fit)
@@ -107,7 +108,7 @@ def calibrate_matched(
         consistency=segments.consistency(fit.statistics.whiteness(fit.levels)),
         unobservable=directions,
         findings=judge.findings(evidence, unknown=bool(directions)),
-        details=details_of(fit, clean, segments, dependence) if details else None,
+        details=details_of(fit, clean, segments, dependence, covariance) if details else None,
         notes={
             "residual_over_known_noise": max(evidence.over_noise),
             "offset_correlation": attempt.lag.correlation if attempt.lag else None,

@@ -71,6 +71,8 @@ class Plot:
     levels: Sequence[tuple[str, float]] = ()
     """Horizontal lines with their names."""
     y_range: tuple[float, float] | None = None
+    ticks_at_x: bool = False
+    """Whether x has few values, which are labelled."""
 
     def data(self) -> dict[str, Any]:
         """For the script."""
@@ -84,6 +86,7 @@ class Plot:
             "log": self.log,
             "shaded": [plain(np.array(each), _FIGURES + 2) for each in self.shaded],
             "levels": [[name, *plain(np.array([value]))] for name, value in self.levels],
+            "ticksAtX": self.ticks_at_x,
             "yRange": None if self.y_range is None else plain(np.array(self.y_range)),
         }
 

@@ -87,7 +87,9 @@ def _parameter_row(entry: ParameterEntry, name: str) -> str:
         return f'<tr>{head}<td colspan="4">not determined</td></tr>'
     prior, stated, bars, taught = entry.prior_std, "unbounded", "", "all of it"
     if prior is not None and 0.0 < prior < math.inf:
-        stated = f"{_with_power(prior)} {unit}{', learnt' if entry.prior_learnt else ''}"
+        stated = f"{_with_power(prior)} {unit}".rstrip() + (
+            ", learnt" if entry.prior_learnt else ""
+        )
         bars = _bars(entry.value, entry.std, prior)
         taught = f"{100.0 * max(1.0 - (entry.std / prior) ** 2, 0.0):.0f} %"
     found = _with_power(entry.value, entry.std)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from imucalib_cli.digits import with_std
 from imucalib_cli.report.chart import (
     AXIS_COLOURS,
     AXIS_STYLES,
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.checks.segments import Stretches
     from imucalib_cli.estimate.details import Details, OffsetProfile, WindowSeries
     from imucalib_cli.report.chart import Style
-    from imucalib_cli.results.result import Result
+    from imucalib_cli.results.result import Result, TimeOffset
 
 _AXES = "xyz"
 _TIME = "time of the log, s"
@@ -67,7 +68,7 @@ def figures(material: Material) -> Iterator[Figure]:
             yield _so_far(details.stretches)
             yield _taught(details.stretches)
         if details.offset is not None:
-            yield _offset(details.offset, material.result.time_offset.seconds)
+            yield _offset(details.offset, material.result.time_offset)
     if material.stamps:
         yield _stamps(material.stamps)
     if material.result.diagnostics.parameters:
@@ -219,10 +220,11 @@ def _taught(stretches: Stretches) -> Figure:
     )
 
 
-def _offset(profile: OffsetProfile, found: float) -> Figure:
+def _offset(profile: OffsetProfile, found: TimeOffset) -> Figure:
+    value, std = found.seconds * 1e3, (found.std or 0.0) * 1e3
     return _figure(
         "offset",
-        found=f"{found * 1e3:.6g}",
+        found=with_std(value, std),
         plots=(
             Plot(
                 title="Time offset",
@@ -230,6 +232,7 @@ def _offset(profile: OffsetProfile, found: float) -> Figure:
                 traces=(Trace(label="worse by", values=profile.sigmas),),
                 x_label="IMU stamp less robot stamp, ms",
                 y_label="σ",
+                shaded=[(value - std, value + std)],
             ),
         ),
     )
@@ -307,6 +310,7 @@ def _pose_plots(
             y_label=unit,
             shared_x=shared,
             log=log,
+            ticks_at_x=not shared,
             levels=(("", 0.0),),
             y_range=_shown_range(values[:, part] * factor, std[:, part] * factor),
         )

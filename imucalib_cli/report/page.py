@@ -19,6 +19,7 @@ from imucalib_cli.shown import shown, shown_lines
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from imucalib_cli.arrays import Floats
     from imucalib_cli.report.chart import Figure
     from imucalib_cli.report.figures import Material
     from imucalib_cli.results.fields import Field, Section
@@ -71,7 +72,7 @@ def _article(material: Material, number: int, data: dict[str, Any]) -> str:
     links = "".join(f'<li><a href="#{prefix}{key}">{title}</a></li>' for key, title in contents)
     drawn = "".join(_figure(each, prefix, data) for each in found)
     if material.details is None:
-        drawn = f"<p>{_ALONE}</p>{drawn}"
+        drawn = f"<p>{_ALONE if material.stamps is None else _PUBLISHED}</p>{drawn}"
     return (
         f"<article><header>{_head(result)}</header><nav><ul>{links}</ul></nav>"
         f'<section id="{prefix}pose"><h2>The pose</h2>{_fields(result)}{_copies(result)}</section>'
@@ -85,6 +86,10 @@ _ALONE = (
     "This page was made from a result alone. Measured and predicted motion, residuals and spectra "
     "need the log: <code>imucalib run … --report report.html</code>."
 )
+_PUBLISHED = (
+    "The published method (<code>--method paper</code>) keeps no series of what it measured and "
+    "predicted, and states no σ: these figures are of the default method."
+)
 
 
 def _head(result: Result) -> str:
@@ -93,11 +98,17 @@ def _head(result: Result) -> str:
         f"<h1>{_text(result.child)} in {_text(result.parent)}</h1>"
         f'<p class="verdict {status}"><strong>{status}</strong> '
         f"{_text(verdict(result).removeprefix(status).lstrip(':, '))}</p>"
+        f"{''.join(_section(each) for each in sections(result) if _is_told_first(each))}"
     )
 
 
+def _is_told_first(section: Section) -> bool:
+    """Whether it holds reasons against the result, or warnings."""
+    return all(field.severity for field in section.fields)
+
+
 def _fields(result: Result) -> str:
-    return "".join(map(_section, sections(result)))
+    return "".join(_section(each) for each in sections(result) if not _is_told_first(each))
 
 
 def _section(section: Section) -> str:
@@ -108,7 +119,7 @@ def _section(section: Section) -> str:
 
 def _field(field: Field) -> str:
     if field.severity:
-        return f'<dd class="alone {field.severity}">{_text(field.text)}</dd>'
+        return f'<dd class="alone {field.severity}">{_text(str(field))}</dd>'
     if not field.label:
         return f'<dd class="alone">{_text(field.text)}</dd>'
     return f"<dt>{_text(field.label)}</dt><dd>{_text(field.text)}</dd>"
@@ -116,24 +127,25 @@ def _field(field: Field) -> str:
 
 def _copies(result: Result) -> str:
     """The pose in every format that takes it, ready to copy."""
-    formats = {name: each for name, each in FORMATS.items() if each.is_bare_pose}
-    entries = []
-    for name, each in formats.items():
-        opened = " open" if name == _FIRST and result.status == "ok" else ""
-        entries.append(
-            f"<details{opened}><summary>{_text(_capital(name))}: {_text(each.words)}</summary>"
-            f"{_copied(each.render([result]))}</details>"
+    entries, told = [], ""
+    if result.status == "ok":
+        for name, each in FORMATS.items():
+            if each.is_bare_pose:
+                opened = " open" if name == _FIRST else ""
+                entries.append(
+                    f"<details{opened}><summary><code>{name}</code>: "
+                    f"{_text(each.words)}</summary>{_copied(each.render([result]))}</details>"
+                )
+    else:
+        told = (
+            '<p class="untrusted">The result is untrusted, so the pose is not given in forms that '
+            "cannot say so; <code>imucalib run --format … --force</code> gives them.</p>"
         )
     entries.append(
         "<details><summary>YAML: the whole result</summary>"
         f"{_copied(FORMATS['yaml'].render([result]))}</details>"
     )
-    warning = ""
-    if result.status != "ok":
-        warning = (
-            '<p class="untrusted">The result is untrusted: do not use the pose as it stands.</p>'
-        )
-    return f"<h3>To copy</h3>{warning}{''.join(entries)}"
+    return f"<h3>To copy</h3>{told}{''.join(entries)}"
 
 
 def _copied(text: str) -> str:
@@ -164,8 +176,7 @@ def _figure(figure: Figure, prefix: str, data: dict[str, Any]) -> str:
 
 def _mount(result: Result) -> dict[str, Any]:
     """Poses in the parent link for the 3D view, m, and the covariance of the place, m²."""
-    covariance = result.uncertain_pose.covariance
-    nominal = result.nominal
+    covariance, nominal = _place_covariance(result), result.nominal
     return {
         "parent": shown(result.parent),
         "child": shown(result.child),
@@ -177,19 +188,29 @@ def _mount(result: Result) -> dict[str, Any]:
             "R": [plain(row, 9) for row in nominal.R_parent_imu],
             "t": plain(nominal.t_parent_imu, 9),
         },
-        "covariance": None if covariance is None else [plain(row) for row in covariance[:3, :3]],
+        "covariance": None if covariance is None else [plain(row) for row in covariance],
     }
+
+
+def _place_covariance(result: Result) -> Floats | None:
+    """(3, 3), m²; None where the place is not determined, or held."""
+    covariance = result.uncertain_pose.covariance
+    if covariance is None or None in result.transform.translation or not covariance[:3, :3].any():
+        return None
+    return covariance[:3, :3]
 
 
 def _mount_words(result: Result) -> str:
     nominal = "" if result.nominal is None else ", and as the URDF or the log has it (dashed)"
-    words = f"{_text(result.parent)} with its axes, and the IMU as found{nominal}."
-    covariance = result.uncertain_pose.covariance
-    if covariance is not None and covariance[:3, :3].any():
-        words += " Beside it a close look at the place, with its 3 σ ellipsoid."
-        axes = 3e3 * np.sqrt(np.maximum(np.linalg.eigvalsh(covariance[:3, :3]), 0.0))[::-1]
+    words = f"{_text(result.parent)} with its axes, and the IMU as found{nominal}; dots lead to it."
+    covariance = _place_covariance(result)
+    if covariance is not None:
+        axes = 3e3 * np.sqrt(np.maximum(np.linalg.eigvalsh(covariance), 0.0))[::-1]
         size = " by ".join(f"{value:.2g}" for value in axes)
-        words += f" The half axes of the ellipsoid are {size} mm."
+        words += (
+            " Beside it a close look at the place, along the parent's axes, with the ellipsoid of "
+            f"3 σ. Its half axes are {size} mm."
+        )
     return f"<p>{words} Drag, or use the arrow keys, to turn both.</p>"
 
 

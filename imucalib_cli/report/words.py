@@ -21,8 +21,9 @@ _MOTION = Words(
     title="{quantity}: measured and predicted",
     shows=(
         "What the IMU measures, and what the robot's motion and the pose found predict, in the "
-        "IMU's axes. Both are seen through the same filter, {seconds} s long. The band is the "
-        "range of the single samples. Grey stretches were left out of the fit."
+        "IMU's axes. Biases and errors of the sensor that were found are taken off. Both are seen "
+        "through the same filter, {seconds} s long. The band is the range of the single samples. "
+        "Grey stretches were left out of the fit."
     ),
     good="The two lines lie on each other, in fast motion too.",
     faults=(
@@ -82,7 +83,7 @@ WORDS: dict[str, Words] = {
         title="Each part of the log on its own",
         shows=(
             "The pose by each of {count} parts of the log alone, less the pose by all of it. Bars "
-            "are 1 σ of the part."
+            "are 1 σ of the part. Hollow marks at the edge lie beyond it."
         ),
         good="About two of three bars reach zero.",
         faults=(
@@ -108,12 +109,12 @@ WORDS: dict[str, Words] = {
         title="Which stretch of motion taught what",
         shows=(
             "Share of what the log tells about each component of the pose, by stretches of equal "
-            "length, along the parent link's axes and about them. The darkest cell of a row is "
-            "its greatest."
+            "length, along the parent link's axes and about them. The strongest colour of a row is "
+            "its greatest share."
         ),
-        good="Dark cells in every row, spread over the log.",
+        good="Strong cells in every row, spread over the log.",
         faults=(
-            "One dark cell in a row: the component rests on one movement; repeat it.",
+            "One strong cell in a row: the component rests on one movement; repeat it.",
             "Pale columns: the robot stood still, or moved about one axis only.",
         ),
     ),
@@ -121,7 +122,7 @@ WORDS: dict[str, Words] = {
         title="The time offset",
         shows=(
             "How many σ worse the log fits with another time offset between IMU and robot, all "
-            "else found anew. Found: {found} ms."
+            "else found anew. Found, 1 σ to either side (the stripe): {found} ms."
         ),
         good="A sharp V with one tip.",
         faults=(
@@ -145,14 +146,16 @@ WORDS: dict[str, Words] = {
     "parameters": Words(
         title="What the log taught about robot and sensor",
         shows=(
-            "Every unknown of the model beside the pose: 1 σ beforehand (pale), and value and 1 σ "
-            "afterwards (dark), on the scale of what was expected. 'Learnt' is a size that this "
-            "log taught; no data sheet tells it."
+            "Every unknown of the model beside the pose: 1 σ beforehand (the wide grey bar), and "
+            "value and 1 σ afterwards (the coloured bar), on the scale of what was expected. "
+            "'Taught' is how much of the variance beforehand the log took away. 'Learnt' is a size "
+            "that this log taught and no data sheet tells: a mean, so that σ afterwards may be "
+            "larger."
         ),
-        good="Dark bars within the pale ones. A dark bar as wide as the pale one taught nothing.",
+        good="Coloured bars within the grey ones. One as wide as its grey bar was taught nothing.",
         faults=(
             (
-                "A value far outside its pale bar: that part is worse than such parts are, or it "
+                "A value far outside its grey bar: that part is worse than such parts are, or it "
                 "stands for an error that the model does not know."
             ),
         ),

@@ -280,7 +280,8 @@ def _fit(result: Result) -> Iterator[Field]:
     )
     yield Field(
         "residual rms",
-        f"accel {_numbers(rms.accel, 5)} m/s², gyro {_numbers(rms.gyro, 6)} rad/s",
+        f"accel {_numbers(rms.accel, 5)} m/s², gyro {_numbers(rms.gyro, 6)} rad/s, axes of "
+        f"{result.parent}",
     )
     if (model := diagnostics.imu_model) is not None:
         yield Field(

@@ -123,27 +123,36 @@ def _matrix(result: Result) -> str:
 def _kalibr(result: Result) -> str:
     """As a Kalibr camchain has it, for a parent that is a camera."""
     rows = [*_rows(result.pose.R, result.pose.t), (0.0, 0.0, 0.0, 1.0)]
-    return _commented(result, "T_cam_imu, the camera being", {"T_cam_imu": rows})
+    offset = result.time_offset
+    shift = {} if offset.std is None else {"timeshift_cam_imu": offset.seconds}
+    return _commented(result, "T_cam_imu, the camera being", {"T_cam_imu": rows} | shift)
 
 
 def _fast_lio(result: Result) -> str:
     """As FAST-LIO's configurations have it, for a parent that is a LiDAR: its pose in the IMU."""
     R, t = result.pose.R.T, -result.pose.R.T @ result.pose.t
-    tree = {"extrinsic_T": [t], "extrinsic_R": [R.ravel()]}
+    tree = {"extrinsic_T": t, "extrinsic_R": R.ravel()}
     return _commented(result, "pose of the LiDAR in the IMU, the LiDAR being", tree)
 
 
 def _commented(result: Result, words: str, tree: dict[str, Any]) -> str:
-    """YAML of lists of numbers; one row alone is a list."""
+    """YAML of numbers and lists of them."""
     import yaml
 
-    plain = {
-        name: [[float(_number(value)) for value in row] for row in rows]
-        for name, rows in tree.items()
-    }
-    single = {name: rows[0] if len(rows) == 1 else rows for name, rows in plain.items()}
-    text = yaml.safe_dump(single, default_flow_style=None, sort_keys=False, width=1000)
+    text = yaml.safe_dump(
+        {name: _rounded(value) for name, value in tree.items()},
+        default_flow_style=None,
+        sort_keys=False,
+        width=1000,
+    )
     return f"# {words} {shown(result.parent)}, the IMU {shown(result.child)}\n{text}"
+
+
+def _rounded(value: Any) -> Any:
+    """Plain floats of twelve digits."""
+    if isinstance(value, float):  # numpy's too
+        return float(_number(value))
+    return [_rounded(each) for each in value]
 
 
 def _rows(R: Floats, t: Floats) -> list[tuple[float, ...]]:
@@ -163,8 +172,12 @@ FORMATS: dict[str, Format] = {
     "json": Format(".json", False, _json),
     # a <joint> alone is no URDF and its file is not called one
     "urdf": Format(".joint.xml", True, _each(_joint), "a <joint> to paste"),
-    "tf": Format(".txt", True, _each(_tf), "named arguments of ROS 2's static_transform_publisher"),
-    "tf1": Format(".txt", True, _each(_tf1), "arguments of ROS 1's static_transform_publisher"),
+    "tf": Format(
+        ".txt", True, _each(_tf), "named arguments of ROS 2's tf2_ros static_transform_publisher"
+    ),
+    "tf1": Format(
+        ".txt", True, _each(_tf1), "arguments of ROS 1's tf2_ros static_transform_publisher"
+    ),
     "launch": Format(".launch.xml", True, _each(_launch), "a <node> of a ROS 2 launch file"),
     "xacro": Format(".xacro", True, _each(_xacro), "xacro properties to paste"),
     "matrix": Format(".txt", True, _each(_matrix), "4x4, T_parent_imu"),

@@ -577,7 +577,10 @@ def test_every_form_of_the_pose_is_the_same_pose() -> None:
     texts = {name: FORMATS[name].render([make_result()]) for name in FORMATS}
     matrix = np.array([line.split() for line in texts["matrix"].splitlines()], dtype=float)
     np.testing.assert_allclose(matrix, T_TRUE, atol=1e-11)
-    np.testing.assert_allclose(yaml.safe_load(texts["kalibr"])["T_cam_imu"], T_TRUE, atol=1e-11)
+    kalibr = yaml.safe_load(texts["kalibr"])
+    np.testing.assert_allclose(kalibr["T_cam_imu"], T_TRUE, atol=1e-11)
+    # t_imu = t_cam + shift, as Kalibr prints it
+    assert kalibr["timeshift_cam_imu"] == make_result().time_offset.seconds
     lio = yaml.safe_load(texts["fast-lio"])  # the LiDAR, here the parent, in the IMU
     inverse = np.linalg.inv(T_TRUE)
     np.testing.assert_allclose(lio["extrinsic_T"], inverse[:3, 3], atol=1e-11)

@@ -141,20 +141,25 @@ class Segments:
             whiteness=whiteness,
         )
 
-    def stretches(self) -> Stretches | None:
-        """What each part of the log tells about the pose; None where the pose is not free."""
+    def stretches(self, std: Floats) -> Stretches | None:
+        """What each part of the log tells about the pose; None where the pose is not free.
+
+        Args:
+            std: (6,), of the pose, as it is stated: where ``std_so_far`` ends.
+        """
         pose = self._places("translation", "rotation")
         if len(pose) < 6:
             return None
         told = np.einsum("pi,kij,pj->kp", self._inverse[pose], self._A, self._inverse[pose])
         so_far = inverse_of(np.cumsum(self._A, axis=0) + self._P)
+        std_so_far = np.sqrt(np.diagonal(so_far, axis1=1, axis2=2)[:, pose])
         folds = range(0, len(self._A), len(self._A) // _FOLDS)
         A, b = (np.add.reduceat(each, list(folds), axis=0) for each in (self._A, self._b))
         inverse = inverse_of(A + self._P)
         return Stretches(
             edges=self._edges,
             share=told / told.sum(axis=0),
-            std_so_far=np.sqrt(np.diagonal(so_far, axis1=1, axis2=2)[:, pose]),
+            std_so_far=std_so_far * (std / std_so_far[-1]),
             fold_edges=self._edges[:: len(self._A) // _FOLDS],
             fold_difference=-(inverse @ b[:, :, None])[:, pose, 0],
             fold_std=np.sqrt(np.diagonal(inverse, axis1=1, axis2=2)[:, pose]),

@@ -113,7 +113,7 @@ def _gain(fit: Fit, freed: MatchedOptions) -> float:
     about = _about(layout, fit.options)
     if not len(about):  # held by another option too
         return 0.0
-    state = transferred(fit.linearised, fit.layout, layout)
+    state = transferred(fit, layout, freed, fit.linearised)
     information, score = fit.statistics.information, fit.statistics.score
     if layout.size > fit.layout.size:  # what is held exactly has no columns yet
         matrices, noise_score = part_statistics(

@@ -195,9 +195,7 @@ def lean_fit(
     if near is None:
         state, rise = _globally(windowing, options, time_offset, model.layout)
     else:
-        state, rise = transferred(near.state, near.layout, model.layout), near.runner_up_rise
-        if options.time_offset is not None:
-            state = replace(state, held_offset=options.time_offset)
+        state, rise = transferred(near, model.layout, options), near.runner_up_rise
     return _fitted(model, options, state, rise, more=1)
 
 
@@ -209,7 +207,7 @@ def whole_fit(lean: Fit, options: MatchedOptions) -> Fit:
     """
     windowing = lean.model.windowing
     layout = lay_out(windowing.trajectory, options)
-    state = transferred(lean.state, lean.layout, layout)
+    state = transferred(lean, layout, options)
     return _fitted(Model(windowing, layout), options, state, lean.runner_up_rise, more=_MORE)
 
 
@@ -258,16 +256,26 @@ def _state_of(lean: Solution, layout: Layout, time_offset: float) -> State:
     return State(lean.R, lean.x[lean_columns.T], lean.x[lean_columns.G], x, held)
 
 
-def transferred(state: State, old: Layout, new: Layout) -> State:
-    """The same values in another layout."""
-    x = np.zeros(new.size)
+def transferred(
+    fit: Fit, layout: Layout, options: MatchedOptions, state: State | None = None
+) -> State:
+    """The values of a fit in another layout; a time offset that is told is as it is told.
+
+    Args:
+        fit: Where they are from.
+        layout: Where they go.
+        options: Of that layout.
+        state: Another than the fit's, in its layout.
+    """
+    state, old = state or fit.state, fit.layout
+    x = np.zeros(layout.size)
     values = {(each.unknown.name, each.labels): state.x[each.part] for each in old.placed}
-    for each in new.placed:
+    for each in layout.placed:
         x[each.part] = values.get((each.unknown.name, each.labels), 0.0)
-    offset = new.part("time_offset")
-    if offset == slice(0, 0) or old.part("time_offset") != slice(0, 0):
-        return replace(state, x=x)
-    x[offset] = state.held_offset
+    if options.time_offset is not None:
+        return replace(state, x=x, held_offset=options.time_offset)
+    if old.part("time_offset") == slice(0, 0):
+        x[layout.part("time_offset")] = state.held_offset
     return replace(state, x=x, held_offset=0.0)
 
 

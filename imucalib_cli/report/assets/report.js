@@ -39,7 +39,7 @@
     return [found, bands];
   };
 
-  const mark = (ctx, shape, x, y, size) => {
+  const mark = (ctx, shape, x, y, size, isHollow) => {
     ctx.beginPath();
     if (shape === "circle") ctx.arc(x, y, size, 0, 2 * Math.PI);
     else if (shape === "square") ctx.rect(x - size, y - size, 2 * size, 2 * size);
@@ -49,7 +49,8 @@
       ctx.lineTo(x - 1.2 * size, y + size);
       ctx.closePath();
     }
-    ctx.fill();
+    if (isHollow) ctx.stroke();
+    else ctx.fill();
   };
 
   const drawBars = (u, plot) => {
@@ -73,11 +74,16 @@
         if (value === null) return;
         const x = u.valToPos(at, "x", true) + aside;
         const y = (v) => u.valToPos(v, "y", true);
+        const [top, bottom] = [u.bbox.top, u.bbox.top + u.bbox.height];
+        const isBeyond = y(value) < top || y(value) > bottom;
         ctx.beginPath();
         ctx.moveTo(x, y(low));
         ctx.lineTo(x, y(high));
         ctx.stroke();
-        mark(ctx, MARKS[trace.colour], x, y(value), 3.5 * scale);
+        const size = 3.5 * scale;
+        // Beyond the plot: a hollow mark at its edge.
+        const held = Math.max(top + 1.5 * size, Math.min(bottom - 1.5 * size, y(value)));
+        mark(ctx, MARKS[trace.colour], x, held, size, isBeyond);
       });
       ctx.restore();
       column += trace.columns.length;
@@ -137,11 +143,7 @@
     return { min: u.log ? least / 1.2 : least - margin, max: u.log ? most * 1.2 : most + margin };
   };
 
-  const written = (v) => {
-    const plain = v === 0 || (Math.abs(v) >= 1e-3 && Math.abs(v) < 1e5);
-    return plain ? String(+v.toPrecision(6)) : v.toExponential(0);
-  };
-  const format = (u, values) => values.map((v) => (v === null ? "" : written(v)));
+  const format = (u, values) => values.map((v) => (v === null ? "" : String(+v.toPrecision(4))));
 
   // Of a logarithmic axis: powers of ten, and twos and fives where there is room for them.
   const roundSplits = (u, axis, least, most) => {
@@ -160,8 +162,9 @@
       each.value = (u, v) => (v === null || v === undefined ? "–" : String(+v.toPrecision(5)));
     }
     const logX = plot.log.includes("x");
-    const axis = (label, size, isLog) => ({
+    const axis = (label, size, isLog, at) => ({
       ...(isLog ? { splits: roundSplits, filter: (u, splits) => splits } : {}),
+      ...(at ? { splits: () => at, filter: (u, splits) => splits } : {}),
       label,
       size,
       labelSize: 22,
@@ -182,11 +185,16 @@
         x: { time: false, distr: logX ? 3 : 1, range: (u, a, b) => (a === b ? [a - 1, b + 1] : [a, b]) },
         y: { distr: plot.log.includes("y") ? 3 : 1, range: rangeOf(plot) },
       },
-      axes: [axis(plot.xLabel, 36, logX), axis(plot.yLabel, 62, plot.log.includes("y"))],
+      axes: [axis(plot.xLabel, 36, logX, plot.ticksAtX ? plot.x : null), axis(plot.yLabel, 62, plot.log.includes("y"))],
       cursor: {
         drag: { x: true, y: false, setScale: false },
         sync: plot.sharedX ? { key: plot.sharedX, setSeries: false } : undefined,
         bind: { dblclick: (u) => () => zoomTogether(u, wholeRange(u)) },
+      },
+      legend: {
+        markers: {
+          dash: (u, i) => (u.series[i].dash && u.series[i].dash.length ? "dashed" : "solid"),
+        },
       },
       hooks: {
         drawAxes: [(u) => drawBehind(u, plot)],
@@ -277,7 +285,7 @@
     const scenes = [
       axesOf(IDENTITY, 0.5 * far, false, mount.parent),
       axesOf(mount, 0.4 * far, false, mount.child),
-      { lines: [{ points: [[0, 0, 0], mount.t], colour: "quiet", dashed: true }], labels: [] },
+      { lines: [{ points: [[0, 0, 0], mount.t], colour: "quiet", dotted: true }], labels: [] },
     ];
     if (mount.nominal) scenes.push(axesOf(mount.nominal, 0.4 * far, true, ""));
     return { ...joined(...scenes), centre: mount.t.map((v) => v / 2), radius: 1.05 * far, unit: far };
@@ -354,7 +362,7 @@
           fill: "none",
           style: `stroke: var(--${line.colour})`,
           "stroke-width": line.colour === "faint" ? 0.7 : 1.8,
-          "stroke-dasharray": line.dashed ? "4 3" : "none",
+          "stroke-dasharray": line.dashed ? "4 3" : line.dotted ? "1 3" : "none",
         })
       );
     }
@@ -364,7 +372,7 @@
         on: { x, y: y + 4, "text-anchor": "middle" },
         left: { x: x - 8, y: y - 8, "text-anchor": "end" },
         right: { x: x + 8, y: y - 8 },
-      }[label.place || "right"];
+      }[label.place || (x > 0.6 * VIEW ? "left" : "right")];
       svg.append(element("text", beside, label.text));
     }
     const bar = roundLength(0.5 * scene.radius);
