@@ -96,7 +96,7 @@ def run_command(
         bool,
         typer.Option(
             "--force",
-            help="Write urdf and tf of a result that should not be trusted, and over a log or a "
+            help="Write a bare pose (urdf, tf, ...) that should not be trusted, and over a log or a "
             "URDF.",
             rich_help_panel=OUTPUT,
         ),

@@ -183,5 +183,5 @@ def test_a_covariance_that_is_none_is_refused(
     first, second = write("a.yaml", make()), write("b.yaml", make(covariance=covariance))
     assert diff(first, second) == 1
     err = capsys.readouterr().err
-    assert "b.yaml: covariance is none" in err
+    assert "b.yaml: covariance of imu_link in hand is not symmetric" in err
     assert err.count("\n") == 1
