@@ -46,9 +46,9 @@ EXIT_CODES: dict[int, Meaning] = {
         "computed but not to be trusted, or cannot tell",
         "A result was computed and should not be trusted: a direction the motion did not "
         "determine, a contradiction in the data, a sigma above `--require`. `verify` and `diff`: "
-        "cannot tell. `compare`: the result it puts beside another. `--format urdf`, "
-        "`--format tf` and `imucalib apply` refuse such a result unless `--force` is given. Also: "
-        "nothing in the log moves, so there is no result.",
+        "cannot tell. `compare`: the result it puts beside another. Formats that hold a bare pose "
+        "(`urdf`, `tf`, `matrix` and others) and `imucalib apply` refuse such a result unless "
+        "`--force` is given. Also: nothing in the log moves, so there is no result.",
         "the result with `status: untrusted`, and the reasons on stderr; one line alone where "
         "nothing moves",
     ),

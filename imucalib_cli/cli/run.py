@@ -96,8 +96,8 @@ def run_command(
         bool,
         typer.Option(
             "--force",
-            help="Write a bare pose (urdf, tf, ...) that should not be trusted, and over a log or a "
-            "URDF.",
+            help="Write a bare pose (urdf, tf, ...) that should not be trusted, and over a log or "
+            "a URDF.",
             rich_help_panel=OUTPUT,
         ),
     ] = False,
