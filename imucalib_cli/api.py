@@ -211,19 +211,19 @@ def calibrate(
         ChoiceError: Something must be chosen, such as the IMU.
         UntrustedError: Nothing moves in the log.
     """
-    paths = [logs] if isinstance(logs, (str, os.PathLike)) else logs
+    paths = [logs] if isinstance(logs, (str, os.PathLike)) else list(_texts("logs", logs, _PATH))
     request = _request(
-        logs=tuple(map(Path, paths)),
+        logs=tuple(_path("logs", path) for path in paths),
         urdf=urdf,
-        imu_topics=() if imu_topic is None else (imu_topic,),
-        joint_topics=tuple(joint_topics),
-        pose_topics=tuple(pose_topics),
+        imu_topics=() if imu_topic is None else _texts("imu_topic", [imu_topic]),
+        joint_topics=_texts("joint_topics", joint_topics),
+        pose_topics=_texts("pose_topics", pose_topics),
         parent=parent,
         imu_link=imu_link,
         world=world,
         clock=clock,
         units=units,
-        csv_columns=tuple(csv_columns),
+        csv_columns=_texts("csv_columns", csv_columns),
         estimator=estimator,
         imu_model=imu_model,
         require=require,
@@ -299,7 +299,7 @@ def calibrate_arrays(
         quaternions_xyzw=quaternions_xyzw,
         joint_t=joint_t,
         joint_positions=joint_positions,
-        joint_names=joint_names,
+        joint_names=_texts("joint_names", joint_names),
         frame=imu_link or "imu",
         world=world or "world",
     )
@@ -331,9 +331,14 @@ def _request(
     imu_model: StrPath | None,
     **given: Any,
 ) -> CalibrationRequest:
+    for name in ("parent", "imu_link", "world"):
+        _see_kind(name, given[name], (str,))
+    _see_kind("units", units, (Units,))
+    _see_kind("estimator", estimator, (MatchedOptions, PaperOptions))
+    _see_kind("require", given["require"], (Tolerance,))
     options = estimator or MatchedOptions()
     return CalibrationRequest(
-        urdf=None if urdf is None else Path(urdf),
+        urdf=None if urdf is None else _path("urdf", urdf),
         units=units or Units(),
         estimator=options,
         imu=None if imu_model is None else _expected(imu_model, options),
@@ -351,7 +356,7 @@ def _expected(imu_model: StrPath, options: MatchedOptions | PaperOptions) -> Exp
             "gyro": options.gyro_bias_std,
         }
         priors = tuple(sensor for sensor, std in stds.items() if np.isinf(std))
-    return ExpectedImu(model=load_imu_model(Path(imu_model)), priors=priors)
+    return ExpectedImu(model=load_imu_model(_path("imu_model", imu_model)), priors=priors)
 
 
 def _calibrated(
@@ -367,6 +372,45 @@ def _calibrated(
         raise failure
     (only,) = outcome.calibrated
     return Calibration(result=only.result, estimate=only.estimate, start_ns=start_ns)
+
+
+_PATH = (str, os.PathLike)
+
+
+def _see_kind(name: str, value: object, kinds: tuple[type, ...]) -> None:
+    """See that an argument is None or of some types.
+
+    Raises:
+        ChoiceError: It is not.
+    """
+    if value is not None and not isinstance(value, kinds):
+        wanted = " or ".join(kind.__name__ for kind in kinds)
+        raise ChoiceError(f"{name} is of the type {type(value).__name__}: give {wanted}")
+
+
+def _texts(name: str, values: Any, kinds: tuple[type, ...] = (str,)) -> tuple[Any, ...]:
+    """The texts of a sequence of them.
+
+    Raises:
+        ChoiceError: It is none.
+    """
+    _see_kind(name, values, (list, tuple))
+    for value in values or ():
+        _see_kind(name, value, kinds)
+    return tuple(values or ())
+
+
+def _path(name: str, value: Any) -> Path:
+    """A path that names something.
+
+    Raises:
+        ChoiceError: It does not.
+    """
+    _see_kind(name, value, _PATH)
+    text = os.fspath(value)
+    if not isinstance(text, str) or not text or "\0" in text:
+        raise ChoiceError(f"{name} is no path: {text!r}")
+    return Path(text)
 
 
 def _html(text: str) -> str:

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import math
 
+_LEAST, _MOST = 1e-100, 1e100
+"""Sizes that can be a sigma: beyond, floats run out of digits."""
+
 
 def decimals(std: float) -> int:
     """Decimal places that a value with this 1 sigma deserves.
@@ -34,7 +37,7 @@ def with_std(value: float, std: float | None, *, default: int = 6) -> str:
         std: Its 1 sigma in the same unit; None, zero or not finite where it has none.
         default: Decimal places then.
     """
-    if std is None or not math.isfinite(std) or std <= 0.0:
+    if std is None or not _LEAST < std < _MOST or abs(value) >= _MOST:
         return f"{fixed(value, default)} (no sigma)"
     places = decimals(std)
     return f"{fixed(value, places)} ± {fixed(std, places)}"
@@ -42,7 +45,7 @@ def with_std(value: float, std: float | None, *, default: int = 6) -> str:
 
 def sigma(std: float) -> str:
     """A lone 1 sigma to the digits it earns; a dash where there is none."""
-    if not math.isfinite(std) or std <= 0.0:
+    if not _LEAST < std < _MOST:
         return "-"
     return fixed(std, decimals(std))
 
@@ -65,5 +68,7 @@ def figures(value: float, count: int) -> str:
 
 def fixed(value: float, places: int) -> str:
     """A number to so many decimal places; negative ones round before the point."""
+    if not abs(value) < _MOST:
+        return f"{value:g}"
     rounded = round(value, places) + 0.0  # no minus zero
     return f"{rounded:.{max(places, 0)}f}"

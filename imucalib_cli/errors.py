@@ -6,6 +6,7 @@ from copy import copy
 from typing import TYPE_CHECKING
 
 from imucalib_cli.findings import Finding
+from imucalib_cli.shown import shown
 
 if TYPE_CHECKING:
     from typing_extensions import Self
@@ -32,7 +33,7 @@ class ImucalibError(Exception):
             named = message.values.get("topic")
             topic = topic or (named if isinstance(named, str) else None)
             message = message.message
-        super().__init__(message)
+        super().__init__(shown(message))
         self.topic, self.option = topic, option
 
     def about(self, name: str) -> Self:

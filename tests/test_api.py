@@ -187,6 +187,40 @@ def test_values_that_are_no_numbers_are_refused(streams: dict[str, Any]) -> None
         ic.calibrate_arrays(**{**streams, "accel": accel})
 
 
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"joint_names": list(range(2))},
+        {"urdf": b"robot.urdf"},
+        {"urdf": "robot\0.urdf"},
+        {"urdf": ""},
+        {"imu_model": 3},
+        {"parent": 3},
+        {"imu_link": 5},
+        {"units": "mm"},
+        {"estimator": "paper"},
+        {"estimator": ic.MatchedOptions},
+        {"require": "1mm,0.1deg"},
+        {"t": np.ma.masked_less(np.arange(100.0), 3.0)},
+        {"gyro": np.zeros((100, 3), dtype=complex)},
+        {"parent": "nope\n\x1b[31m"},
+    ],
+    ids=str,
+)
+def test_an_argument_of_another_kind_is_told_in_one_line(
+    wrong: dict[str, Any], streams: dict[str, Any]
+) -> None:
+    with pytest.raises(ic.ImucalibError) as told:
+        ic.calibrate_arrays(**streams | wrong)
+    assert str(told.value).isprintable()
+
+
+@pytest.mark.parametrize("logs", [None, 3, b"log.mcap", "", [], [3], "a\0.mcap"])
+def test_a_log_is_a_path_or_several(logs: Any) -> None:
+    with pytest.raises(ic.ImucalibError):
+        ic.calibrate(logs)
+
+
 def test_one_of_several_imus_must_be_named(log_writer: LogWriter, arm_urdf: Path) -> None:
     log = log_writer.imu("/a").imu("/b").joints().write()
     with pytest.raises(ic.ChoiceError, match="choose one by imu_topic: /a, /b"):

@@ -8,7 +8,9 @@ from __future__ import annotations
 from dataclasses import fields
 from typing import TYPE_CHECKING
 
+from imucalib_cli.cli.files import short
 from imucalib_cli.cli.output import deliver
+from imucalib_cli.errors import ImucalibError
 from imucalib_cli.optional import optional
 
 if TYPE_CHECKING:
@@ -20,6 +22,12 @@ if TYPE_CHECKING:
     from imucalib_cli.jobs.calibrate import Outcome
 
     Files = Iterator[tuple[Path, str | bytes]]
+
+
+_HEAD = 128
+"""Bytes of a file that hold who wrote it."""
+_MARKS = (b"imucalib run --debug-mcap", b"time_s,stamp_ns,accel_x_measured_m_s2")
+"""What such a file begins with: the MCAP's library, the table's columns."""
 
 
 def see_extras(files: ExtraFiles) -> list[Path]:
@@ -45,7 +53,7 @@ def write_extras(
     written: Iterable[Path],
     force: bool,
     quiet: bool,
-) -> None:
+) -> list[ImucalibError]:
     """Write the files that are asked for, each whole or not at all, and say so.
 
     Args:
@@ -56,19 +64,31 @@ def write_extras(
         force: Write over logs and URDFs.
         quiet: Say nothing.
 
-    Raises:
-        ChoiceError, InputError: As results.places.see_places.
+    Returns:
+        Why some could not be written; the others are.
     """
     from imucalib_cli.results.places import see_places
 
-    if not outcome.calibrated:
-        return
-    asked = _asked(files).items()
-    contents = [each for name, path in asked for each in EXTRAS[name](path, outcome)]
-    # with several IMUs there are other files than those named
-    see_places(read=read, written=[*written, *(path for path, _ in contents)], force=force)
-    for path, content in contents:
-        deliver(content, path, quiet=quiet)
+    before, failures = list(written), []
+    for name, path in _asked(files).items() if outcome.calibrated else ():
+        try:
+            contents = list(EXTRAS[name](path, outcome))
+            places = [place for place, _ in contents]
+            # with several IMUs there are other files than those named
+            see_places(read=read, written=[*before, *places], force=force, made_here=is_made_here)
+            for place, content in contents:
+                deliver(content, place, quiet=quiet)
+            before += places
+        except ImucalibError as error:
+            failures.append(error)
+    return failures
+
+
+def is_made_here(path: Path) -> bool:
+    """Whether a file that reads as a log is one of these: who runs a command again replaces it."""
+    with path.open("rb") as file:
+        head = file.read(_HEAD)
+    return any(mark in head for mark in _MARKS)
 
 
 def _asked(files: ExtraFiles) -> dict[str, Path]:
@@ -120,7 +140,7 @@ def _for_each_imu(path: Path, outcome: Outcome) -> Iterator[tuple[Path, WindowSe
 
     several = len(outcome.calibrated) > 1
     for name, each in zip(names_of(outcome.results), outcome.calibrated, strict=True):
-        own = path.with_name(f"{path.stem}.{name}{path.suffix}") if several else path
+        own = path.with_name(f"{short(f'{path.stem}.{name}')}{path.suffix}") if several else path
         if each.estimate.details is not None:
             yield own, each.estimate.details.windows
 

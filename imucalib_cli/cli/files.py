@@ -53,7 +53,7 @@ def telling_what_is_left(*outputs: Path | None) -> Iterator[None]:
     before = {path: _identity(path) for path in outputs if path is not None}
     try:
         yield
-    except (ImucalibError, typer.Exit) as error:
+    except (ImucalibError, typer.Exit, KeyboardInterrupt) as error:
         if getattr(error, "exit_code", 1):
             for path, identity in before.items():
                 if identity is not None and _identity(path) == identity:
@@ -70,10 +70,13 @@ def deliver_into(
     force: bool,
     quiet: bool,
     read: Iterable[Path],
-) -> None:
+) -> list[Path]:
     """Write ``<log>.<imu>.<suffix>`` for each IMU into a folder, which is made if need be.
 
     A name that belongs to another result gets a number, with a warning.
+
+    Returns:
+        The files.
 
     Raises:
         ChoiceError, InputError: As results.places.see_places.
@@ -91,7 +94,7 @@ def deliver_into(
     taken: set[str] = set()
     displaced: list[str] = []
     for result, label in zip(results, labels_of(results), strict=True):
-        stem = _short(f"{log_name(log)}.{fitted(label)}")
+        stem = short(f"{log_name(log)}.{fitted(label)}")
         text = FORMATS[fmt].render([result])
         for number in count(1):
             path = folder / f"{stem}{'' if number == 1 else f'.{number}'}{suffix}"
@@ -108,11 +111,12 @@ def deliver_into(
         deliver(text, path, quiet=quiet)
     for words in displaced:
         say("warning", words)
+    return list(texts)
 
 
 def of_log(folder: Path, log: Path) -> list[Path]:
     """Files of a folder that are named after a log."""
-    return sorted(folder.glob(f"{escape(_short(log_name(log)))}.*"))
+    return sorted(folder.glob(f"{escape(short(log_name(log)))}.*"))
 
 
 def log_name(log: Path) -> str:
@@ -152,5 +156,6 @@ def _origin(result: Result) -> tuple[object, ...]:
     return source.topics.imu, sorted(file.sha256 for file in source.files)
 
 
-def _short(name: str) -> str:
+def short(name: str) -> str:
+    """A name that every file system takes, its end cut off."""
     return name.encode()[:_LONGEST].decode(errors="ignore")

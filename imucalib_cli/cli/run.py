@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from imucalib_cli.cli.exit_codes import EXIT_UNTRUSTED, exit_code, worst
-from imucalib_cli.cli.extras import see_extras, write_extras
+from imucalib_cli.cli.extras import is_made_here, see_extras, write_extras
 from imucalib_cli.cli.files import deliver_into, files_of, of_log, telling_what_is_left
 from imucalib_cli.cli.options import (
     OUTPUT,
@@ -121,26 +121,31 @@ def run_command(
     single = [] if target is None or folder is not None else [target]
     beside = see_extras(extras)
     request = replace(request, details=bool(beside))
-    see_places(read=read, written=[*single, *beside], force=force)
+    see_places(read=read, written=[*single, *beside], force=force, made_here=is_made_here)
     older = [*single, *beside, *([] if folder is None else of_log(folder, logs[0]))]
     with telling_what_is_left(*older):
         with ProgressBar(quiet=quiet) as bar:
             outcome = calibrate(request, bar.report)
         results = _deliverable(outcome, chosen, force=force)
         if folder is not None and results:
-            deliver_into(folder, results, logs[0], chosen, force=force, quiet=quiet, read=read)
+            single = deliver_into(
+                folder, results, logs[0], chosen, force=force, quiet=quiet, read=read
+            )
         elif results and in_words:
             show(_in_words(results, sys.stdout))
         elif results:
             deliver(FORMATS[chosen].render(results), target, quiet=quiet)
-        write_extras(extras, outcome, read=read, written=single, force=force, quiet=quiet)
+        unwritten = write_extras(
+            extras, outcome, read=read, written=single, force=force, quiet=quiet
+        )
         if not quiet:
             _tell(outcome, in_words=in_words, on_stdout=target is None)
             if results and in_words and fmt is None:
                 say("note", "for the result as YAML add -o FILE or --format yaml, or pipe it")
-        for failure in outcome.failures:
+        failures = (*outcome.failures, *unwritten)
+        for failure in failures:
             say_error(failure)
-        codes = [exit_code(failure) for failure in outcome.failures]
+        codes = [exit_code(failure) for failure in failures]
         codes += [EXIT_UNTRUSTED for result in outcome.results if result.status != "ok"]
         raise typer.Exit(worst(codes))
 

@@ -130,8 +130,13 @@ def _numbers(name: str, values: Any, *shape: int) -> Floats:
     Raises:
         InputError: They are of another shape, or not all of them are finite numbers.
     """
+    if np.ma.isMaskedArray(values):
+        raise InputError(f"{name}: is a masked array: leave the masked rows out")
     try:
-        array = np.asarray(values, dtype=np.float64)
+        raw = np.asarray(values)
+        if raw.dtype.kind not in "fiuO":
+            raise InputError(f"{name}: cannot be read as numbers: it holds {raw.dtype}")
+        array = raw.astype(np.float64)
     except (TypeError, ValueError) as error:
         raise InputError(f"{name}: cannot be read as numbers: {error}") from error
     if not (array.shape == shape if shape else array.ndim == 1 and array.size):

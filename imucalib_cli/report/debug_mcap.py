@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 DESCRIPTION = "/robot_description"
 RESULT = "result.yaml"
 """Name of the attachment."""
-_LIBRARY = "imucalib run"
+_LIBRARY = "imucalib run --debug-mcap"
 _NS = 1_000_000_000
 _LATEST_NS = 2**31 * _NS
 """Seconds of a ROS 2 message are an int32."""
@@ -184,7 +184,8 @@ def imu_frames(results: Sequence[Result]) -> list[str]:
     children = [result.child for result in results]
     frames = []
     for result, name in zip(results, names_of(results), strict=True):
-        frame = result.child if children.count(result.child) == 1 else name
+        # no link of the robot is called so
+        frame = result.child if children.count(result.child) == 1 else f"imu_{name}"
         frames.append(f"{frame}_calibrated" if result.child == result.parent else frame)
     return frames
 

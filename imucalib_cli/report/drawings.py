@@ -23,6 +23,8 @@ _LABELS, _CELLS, _ROW, _FOOT = 90, 700, 26, 40
 _MOST_TICKS = 6
 _REACH = 2.0
 """Prior sigmas that a bar's scale reaches to either side."""
+_TINY = 1e-100
+"""Smaller numbers and their inverses are no sizes of anything."""
 _FARTHEST = 20.0
 """Prior sigmas from zero, beyond which a value is about another nominal one."""
 
@@ -81,17 +83,17 @@ def parameter_table(parameters: Sequence[ParameterEntry]) -> str:
 
 
 def _parameter_row(entry: ParameterEntry, name: str) -> str:
-    head = f"<th>{escape(name.replace('_', ' '))}</th><td>{escape(shown(entry.label))}</td>"
-    unit = "" if entry.unit == "1" else escape(entry.unit)
+    head = f"<th>{escape(shown(name.replace('_', ' ')))}</th><td>{escape(shown(entry.label))}</td>"
+    unit = "" if entry.unit == "1" else escape(shown(entry.unit))
     if entry.value is None or entry.std is None:
         return f'<tr>{head}<td colspan="4">not determined</td></tr>'
     prior, stated, bars, taught = entry.prior_std, "unbounded", "", "all of it"
-    if prior is not None and 0.0 < prior < math.inf:
+    if prior is not None and _TINY < prior < 1.0 / _TINY:
         stated = f"{_with_power(prior)} {unit}".rstrip() + (
             ", learnt" if entry.prior_learnt else ""
         )
         bars = _bars(entry.value, entry.std, prior)
-        taught = f"{100.0 * max(1.0 - (entry.std / prior) ** 2, 0.0):.0f} %"
+        taught = f"{100.0 * max(1.0 - min(entry.std / prior, 1.0) ** 2, 0.0):.0f} %"
     found = _with_power(entry.value, entry.std)
     return (
         f"<tr>{head}<td>{found} {unit}</td><td>{stated}</td><td>{bars}</td><td>{taught}</td></tr>"
@@ -116,7 +118,11 @@ def _bars(value: float, std: float, prior: float) -> str:
 def _with_power(value: float, std: float | None = None) -> str:
     """A number, ± its sigma if it has one, with a power of thousand where it is small or large."""
     size = max(abs(value), std or 0.0)
-    power = 0 if not size or 1e-3 <= size < 1e4 else 3 * math.floor(math.log10(size) / 3.0)
+    power = (
+        0
+        if not _TINY < size < 1.0 / _TINY or 1e-3 <= size < 1e4
+        else 3 * math.floor(math.log10(size) / 3.0)
+    )
     factor = 10.0**-power
     text = figures(value * factor, 2) if std is None else with_std(value * factor, std * factor)
     if not power:

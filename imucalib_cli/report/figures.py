@@ -37,6 +37,8 @@ _NAMES = {"accel": "Acceleration", "gyro": "Angular rate"}
 _SENSORS = {"accel": "Accelerometer", "gyro": "Gyroscope"}
 _LONGEST_NAME = 70
 """Letters of a stream's name that fit above a plot."""
+_SILENT = 1e-12
+"""Density, of either unit, below which a sensor shows no noise of its own: it repeats samples."""
 _WIDE = 8.0
 """Times the median error bar, from which a part tells so little that the plot may cut it off."""
 
@@ -151,7 +153,7 @@ def _spectra(details: Details) -> Figure:
             x_label="frequency, Hz",
             y_label=f"{_UNITS[sensor]}/√Hz",
             log="xy",
-            levels=(("the IMU's own noise", spectrum.own),),
+            levels=(("the IMU's own noise", spectrum.own),) if spectrum.own > _SILENT else (),
         )
         for sensor, spectrum in zip(_SENSORS, details.spectra, strict=True)
     )

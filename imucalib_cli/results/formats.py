@@ -5,7 +5,6 @@ What a format needs is imported when it is used, so that ``--help`` can list the
 
 from __future__ import annotations
 
-import re
 from shlex import quote
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -81,7 +80,7 @@ def _tf(result: Result) -> str:
     values = (*result.pose.translation, *result.pose.rotation_xyzw)
     numbers = " ".join(f"--{n} {v + 0.0:.12g}" for n, v in zip(names, values, strict=True))
     # the line is pasted into a shell
-    parent, child = quote(result.parent), quote(result.child)
+    parent, child = quote(shown(result.parent)), quote(shown(result.child))
     return f"{numbers} --frame-id {parent} --child-frame-id {child}\n"
 
 
@@ -89,29 +88,33 @@ def _tf1(result: Result) -> str:
     """The arguments of ROS 1's static_transform_publisher, one line."""
     values = (*result.pose.translation, *result.pose.rotation_xyzw)
     numbers = " ".join(f"{value + 0.0:.12g}" for value in values)
-    return f"{numbers} {quote(result.parent)} {quote(result.child)}\n"
+    return f"{numbers} {quote(shown(result.parent))} {quote(shown(result.child))}\n"
 
 
 def _launch(result: Result) -> str:
     """A node of ROS 2's XML launch files."""
     from xml.sax.saxutils import quoteattr
 
-    return (
-        '<node pkg="tf2_ros" exec="static_transform_publisher" args='
-        f"{quoteattr(_tf(result).rstrip())}/>\n"
-    )
+    # a launch file would run what a name says in $(command ...)
+    arguments = _tf(result).rstrip().replace("\\", "\\\\").replace("$", "\\$")
+    node = '<node pkg="tf2_ros" exec="static_transform_publisher"'
+    return f"{node} args={quoteattr(arguments)}/>\n"
 
 
-def _xacro(result: Result) -> str:
-    """Two properties to paste."""
-    name = re.sub(r"\W", "_", result.child)
-    return "".join(
-        f'<xacro:property name="{name}_{what}" value="{" ".join(_number(v) for v in values)}"/>\n'
-        for what, values in (
-            ("xyz", result.pose.translation),
-            ("rpy", result.pose.rotation_rpy),
-        )
-    )
+def _xacro(results: Sequence[Result]) -> str:
+    """Two properties of each IMU, to paste."""
+    from imucalib_cli.results.names import names_of
+
+    lines = []
+    for name, result in zip(names_of(results, r"\W+"), results, strict=True):
+        # a name of Python's, by which an expression of xacro calls it
+        name = name if name[0].isalpha() else f"imu_{name}"  # noqa: PLW2901
+        pose = {"xyz": result.pose.translation, "rpy": result.pose.rotation_rpy}
+        lines += [
+            f'<xacro:property name="{name}_{what}" value="{" ".join(map(_number, values))}"/>\n'
+            for what, values in pose.items()
+        ]
+    return "".join(lines)
 
 
 def _matrix(result: Result) -> str:
@@ -163,8 +166,8 @@ def _number(value: float) -> str:
     return f"{value + 0.0:.12g}"
 
 
-def _each(render: Callable[[Result], str]) -> Callable[[Sequence[Result]], str]:
-    return lambda results: "".join(map(render, results))
+def _each(render: Callable[[Result], str], between: str = "") -> Callable[[Sequence[Result]], str]:
+    return lambda results: between.join(map(render, results))
 
 
 FORMATS: dict[str, Format] = {
@@ -179,10 +182,10 @@ FORMATS: dict[str, Format] = {
         ".txt", True, _each(_tf1), "arguments of ROS 1's tf2_ros static_transform_publisher"
     ),
     "launch": Format(".launch.xml", True, _each(_launch), "a <node> of a ROS 2 launch file"),
-    "xacro": Format(".xacro", True, _each(_xacro), "xacro properties to paste"),
+    "xacro": Format(".xacro", True, _xacro, "xacro properties to paste"),
     "matrix": Format(".txt", True, _each(_matrix), "4x4, T_parent_imu"),
-    "kalibr": Format(".kalibr.yaml", True, _each(_kalibr), "T_cam_imu, for a camera as parent"),
-    "fast-lio": Format(".yaml", True, _each(_fast_lio), "extrinsic_T, _R, for a LiDAR as parent"),
+    "kalibr": Format(".kalibr.yaml", True, _each(_kalibr, "---\n"), "for a camera as parent"),
+    "fast-lio": Format(".yaml", True, _each(_fast_lio, "---\n"), "for a LiDAR as parent"),
     "summary": Format(".txt", False, _summary, "words"),
 }
 """By name."""

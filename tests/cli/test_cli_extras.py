@@ -73,7 +73,10 @@ def windows_of(outcome: Outcome) -> WindowSeries:
 
 def write(outcome: Outcome, *, written: Sequence[Path] = (), **files: Path) -> None:
     extras = ExtraFiles(**files)
-    write_extras(extras, outcome, read=[], written=written, force=False, quiet=False)
+    for failure in write_extras(
+        extras, outcome, read=[], written=written, force=False, quiet=False
+    ):
+        raise failure
 
 
 def test_every_option_has_a_maker() -> None:
@@ -445,17 +448,28 @@ def test_no_input_and_no_other_output_is_written_over(
     assert log.read_bytes() == before
 
 
+def test_one_that_cannot_be_written_stops_no_other(arm: Outcome, tmp_path: Path) -> None:
+    taken = tmp_path / "out.foxglove.json"  # a result that was written before
+    extras = ExtraFiles(debug_mcap=tmp_path / "out.mcap", residuals=tmp_path / "out.csv")
+    (failure,) = write_extras(extras, arm, read=[], written=[taken], force=False, quiet=True)
+    assert "would be written twice" in str(failure)
+    assert [each.name for each in tmp_path.iterdir()] == ["out.csv"]
+
+
 def test_a_run_writes_all_of_them(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     files = {
         "-o": "result.yaml",
+        "--report": "out.html",
         "--residuals": "out.csv",
         "--debug-mcap": "out.mcap",
         "--plot": "out.svg",
     }
     given = [str(part) for option, name in files.items() for part in (option, tmp_path / name)]
     assert main(["run", *map(str, ARM), *given]) == 0
+    capsys.readouterr()
+    assert main(["run", *map(str, ARM), *given]) == 0  # and again over its own files
     err = capsys.readouterr().err
-    for name in ("out.csv", "out.mcap", "out.foxglove.json", "out.svg"):
+    for name in ("out.html", "out.csv", "out.mcap", "out.foxglove.json", "out.svg"):
         assert f"wrote: {tmp_path / name}\n" in err
         assert (tmp_path / name).stat().st_size > 1000
     assert (tmp_path / "result.yaml").exists()

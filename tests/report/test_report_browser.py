@@ -6,6 +6,7 @@ IMUCALIB_BROWSER is set, as CI does.
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 from io import BytesIO
@@ -16,7 +17,7 @@ import numpy as np
 import pytest
 
 from imucalib_cli.results.formats import FORMATS
-from tests.report.report_pages import outcome, page_of
+from tests.report.report_pages import data_of, outcome, page_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -207,6 +208,25 @@ def test_every_control_is_reached_by_the_keyboard(opened: Opened) -> None:
         opened.page.keyboard.press("Tab")
         reached.add(opened.page.evaluate("document.activeElement.tagName.toLowerCase()"))
     assert {"a", "summary", "button", "svg", "div"} <= reached
+
+
+def test_a_log_axis_with_nothing_above_zero_does_not_hang(browser: Any, tmp_path: Path) -> None:
+    text = page_of("rihibot")
+    data = data_of(text)
+    for plot in data["plots"].values():
+        if plot["log"]:
+            plot["levels"] = [["zero", 0.0]]
+            for trace in plot["traces"]:
+                trace["columns"] = [[0.0] * len(plot["x"]) for _ in trace["columns"]]
+    before, rest = text.split('<script id="data" type="application/json">')
+    _, after = rest.split("</script>", maxsplit=1)
+    path = tmp_path / "zero.html"
+    path.write_text(
+        f'{before}<script id="data" type="application/json">{json.dumps(data)}</script>{after}'
+    )
+    opened = Opened(browser, path)
+    assert opened.page.locator(".plot canvas").count() >= 15
+    opened.close()
 
 
 def test_it_prints(opened: Opened) -> None:

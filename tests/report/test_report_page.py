@@ -189,6 +189,33 @@ def test_a_result_alone_has_a_page_that_says_what_it_lacks() -> None:
     assert "What the log taught about robot and sensor" in text
 
 
+@pytest.mark.parametrize("extreme", [5e-324, 1e-300, 1e300, 1.79e308])
+def test_numbers_beyond_all_measure_are_shown_all_the_same(extreme: float) -> None:
+    (calibrated,) = outcome("rihibot").calibrated
+    result = calibrated.result
+    first, *others = result.diagnostics.parameters
+    assert result.std is not None
+    std = msgspec.structs.replace(result.std, translation_mm=[extreme] * 3)
+    for field in ("value", "std", "prior_std"):
+        changed = msgspec.structs.replace(first, **{field: extreme})
+        diagnostics = msgspec.structs.replace(result.diagnostics, parameters=[changed, *others])
+        outline(
+            page(
+                [Material(result=msgspec.structs.replace(result, std=std, diagnostics=diagnostics))]
+            )
+        )
+
+
+def test_a_sensor_that_shows_no_noise_has_no_line_of_it() -> None:
+    (calibrated,) = outcome("rihibot").calibrated
+    details = calibrated.estimate.details
+    assert details is not None
+    silent = tuple(replace(each, own=0.0) for each in details.spectra)
+    assert len(silent) == 2
+    text = page([Material(result=calibrated.result, details=replace(details, spectra=silent))])
+    assert data_of(text)["plots"]["imu0-spectra-0"]["levels"] == []
+
+
 def test_two_imus_share_a_page_without_sharing_an_id() -> None:
     (calibrated,) = outcome("rihibot").calibrated
     material = Material(result=calibrated.result, details=calibrated.estimate.details, stamps={})

@@ -5,12 +5,14 @@ from __future__ import annotations
 import json
 import math
 import re
+import shlex
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
 
 import jsonschema
+import msgspec
 import numpy as np
 import pytest
 import yaml
@@ -596,6 +598,33 @@ def test_every_form_of_the_pose_is_the_same_pose() -> None:
     rpy = Rotation.from_euler("xyz", [float(each) for each in values["imu_link_rpy"]])
     np.testing.assert_allclose(rpy.as_matrix(), R_TRUE.as_matrix(), atol=1e-11)
     assert [float(each) for each in values["imu_link_xyz"]] == [-0.0225, 0.1, 1e-5]
+
+
+def renamed(result: Result, child: str) -> Result:
+    return msgspec.structs.replace(
+        result, transform=msgspec.structs.replace(result.transform, child=child)
+    )
+
+
+def test_forms_of_several_imus_keep_them_apart() -> None:
+    results = [renamed(make_result(), child) for child in ("imu-a", "imu_a", "9")]
+    root = ET.fromstring(f'<r xmlns:xacro="x">{FORMATS["xacro"].render(results)}</r>')
+    names = [each.attrib["name"] for each in root]
+    assert len(set(names)) == 6
+    assert all(name.isidentifier() for name in names)
+    for form in ("kalibr", "fast-lio"):
+        assert len(list(yaml.safe_load_all(FORMATS[form].render(results)))) == 3
+
+
+def test_a_name_runs_nothing_in_a_launch_file_or_a_shell() -> None:
+    evil = renamed(make_result(), "$(command 'id')\nrm -rf \\")
+    node = ET.fromstring(FORMATS["launch"].render([evil]))
+    assert "\\$(command" in node.attrib["args"]
+    assert "$(" not in node.attrib["args"].replace("\\$(", "")
+    for form in ("tf", "tf1"):
+        text = FORMATS[form].render([evil])
+        assert text.count("\n") == 1
+        assert shlex.split(text)[-1].startswith("$(command")
 
 
 def test_untrusted_poses_are_refused_without_force() -> None:

@@ -5,6 +5,7 @@
   const HEIGHT = 230;
   const DASHES = { line: [], points: [], dashed: [7, 4], dotted: [2, 3] };
   const MARKS = { first: "circle", second: "square", third: "triangle" };
+  const MOST_DECADES = 40; // of an axis that is labelled
   const SPREAD = 9; // pixels between error bars that share an x
   const colour = (name) =>
     getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
@@ -122,8 +123,9 @@
   // Of values and of the lines drawn across: a range that holds both.
   const rangeOf = (plot) => (u, least, most) => {
     if (plot.yRange) return plot.yRange;
-    const values = plot.levels.map((each) => each[1]);
-    const low = Math.min(least ?? 0, ...values);
+    const isLog = plot.log.includes("y");
+    const values = plot.levels.map((each) => each[1]).filter((v) => !isLog || v > 0);
+    const low = Math.min(least ?? (isLog ? 0.1 : 0), ...values);
     const high = Math.max(most ?? 1, ...values);
     return plot.log.includes("y") ? uPlot.rangeLog(low, high, 10, true) : uPlot.rangeNum(low, high, 0.08, true);
   };
@@ -149,6 +151,7 @@
   const roundSplits = (u, axis, least, most) => {
     const decades = Math.log10(most / least);
     const found = [];
+    if (!(least > 0) || !(decades < MOST_DECADES)) return [least, most];
     for (let power = Math.floor(Math.log10(least)); power <= Math.log10(most); power++) {
       for (const digit of decades > 3 ? [1] : [1, 2, 5]) found.push(+`${digit}e${power}`);
     }
