@@ -132,9 +132,10 @@ def _copies(result: Result) -> str:
         for name, each in FORMATS.items():
             if each.is_bare_pose:
                 opened = " open" if name == _FIRST else ""
+                text = each.command + each.render([result])
                 entries.append(
                     f"<details{opened}><summary><code>{name}</code>: "
-                    f"{_text(each.words)}</summary>{_copied(each.render([result]))}</details>"
+                    f"{_text(each.words)}</summary>{_copied(text)}</details>"
                 )
     else:
         told = (

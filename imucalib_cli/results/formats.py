@@ -29,6 +29,8 @@ class Format(NamedTuple):
     """Text of one result for each IMU, at least one."""
     words: str = ""
     """What it is, for the help; nothing where the name says it."""
+    command: str = ""
+    """What takes it in a shell."""
 
 
 def refuse_untrusted(result: Result, use: str, *, force: bool) -> None:
@@ -176,10 +178,18 @@ FORMATS: dict[str, Format] = {
     # a <joint> alone is no URDF and its file is not called one
     "urdf": Format(".joint.xml", True, _each(_joint), "a <joint> to paste"),
     "tf": Format(
-        ".txt", True, _each(_tf), "named arguments of ROS 2's tf2_ros static_transform_publisher"
+        ".txt",
+        True,
+        _each(_tf),
+        "named arguments of ROS 2's static_transform_publisher",
+        "ros2 run tf2_ros static_transform_publisher ",
     ),
     "tf1": Format(
-        ".txt", True, _each(_tf1), "arguments of ROS 1's tf2_ros static_transform_publisher"
+        ".txt",
+        True,
+        _each(_tf1),
+        "arguments of ROS 1's static_transform_publisher of tf2_ros",
+        "rosrun tf2_ros static_transform_publisher ",
     ),
     "launch": Format(".launch.xml", True, _each(_launch), "a <node> of a ROS 2 launch file"),
     "xacro": Format(".xacro", True, _xacro, "xacro properties to paste"),

@@ -148,7 +148,11 @@ def test_the_3d_view_turns_by_keys_and_by_dragging(opened: Opened) -> None:
 
 def test_copy_buttons_copy(opened: Opened, path: Path) -> None:
     (calibrated,) = outcome(path.stem).calibrated
-    wanted = {each.render([calibrated.result]) for each in FORMATS.values() if each.is_bare_pose}
+    wanted = {
+        each.command + each.render([calibrated.result])
+        for each in FORMATS.values()
+        if each.is_bare_pose
+    }
     copied = set()
     for details in opened.page.locator("details:has(.copy)").all():
         if details.get_attribute("open") is None:

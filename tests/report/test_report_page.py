@@ -79,7 +79,7 @@ def test_a_page_tells_what_the_summary_tells() -> None:
     assert verdict(result).removeprefix("ok: ") in texts
     for name, each in FORMATS.items():
         if each.is_bare_pose:
-            assert each.render([result]).strip() in texts, name
+            assert (each.command + each.render([result])).strip() in texts, name
 
 
 @pytest.mark.parametrize("name", ["rihibot", "broad_21_cut"])
