@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
-from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,7 +25,7 @@ from imucalib_cli.results.formats import FORMATS, refuse_untrusted
 from imucalib_cli.results.requirement import Tolerance
 from imucalib_cli.results.result import Result
 from imucalib_cli.results.summary import summarise
-from imucalib_cli.shown import shown
+from imucalib_cli.shown import as_html, shown
 from imucalib_cli.signals.imu.data_sheet import load_imu_model
 from imucalib_cli.signals.imu.units import Units
 
@@ -154,12 +153,12 @@ class Calibration:
 
     def _repr_html_(self) -> str:
         left = 'style="text-align:left"'
-        rows = [f"<caption {left}><b>{_html(verdict(self.result))}</b></caption>"]
+        rows = [f"<caption {left}><b>{as_html(verdict(self.result))}</b></caption>"]
         for section in sections(self.result):
             title = ": ".join(filter(None, (section.title, section.formula)))
-            rows.append(f'<tr><th colspan="2" {left}>{_html(title)}</th>')
+            rows.append(f'<tr><th colspan="2" {left}>{as_html(title)}</th>')
             rows += [
-                f"<tr><td {left}>{_html(field.label)}</td><td {left}>{_html(field.text)}</td>"
+                f"<tr><td {left}>{as_html(field.label)}</td><td {left}>{as_html(field.text)}</td>"
                 for field in section.fields
             ]
         return f"<table>{''.join(rows)}</table>"
@@ -411,7 +410,3 @@ def _path(name: str, value: Any) -> Path:
     if not isinstance(text, str) or not text or "\0" in text:
         raise ChoiceError(f"{name} is no path: {text!r}")
     return Path(text)
-
-
-def _html(text: str) -> str:
-    return escape(shown(text))

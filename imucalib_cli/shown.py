@@ -1,4 +1,4 @@
-"""Text that a terminal may have: names in a log may hold what would command or reorder it."""
+"""Text for a terminal or a page: names in a log may hold what would command or reorder it."""
 
 from __future__ import annotations
 
@@ -8,6 +8,13 @@ def shown(line: str) -> str:
     if line.isprintable():
         return line
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in line)
+
+
+def as_html(line: str) -> str:
+    """A line as text of an HTML page: names in a log may hold what would be markup."""
+    from html import escape
+
+    return escape(shown(line))
 
 
 def shown_lines(text: str) -> str:

@@ -12,17 +12,13 @@ import numpy as np
 
 from imucalib_cli.estimate.model.layout import lay_out
 from imucalib_cli.estimate.model.state import Chain
-from imucalib_cli.estimate.solution.fit import (
-    part_statistics,
-    prior_offset,
-    problem_of,
-    transferred,
-)
+from imucalib_cli.estimate.solution.fit import part_statistics, prior_offset, transferred
 from imucalib_cli.estimate.solution.spectrum import band_frequencies
+from imucalib_cli.signals.stretches import stretches_of
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats, Indices
-    from imucalib_cli.estimate.checks.segments import Segments, Stretches
+    from imucalib_cli.estimate.checks.segments import LogParts, Segments
     from imucalib_cli.estimate.checks.specification import Dependence
     from imucalib_cli.estimate.solution.fit import Fit
     from imucalib_cli.signals.prepare import CleanImu
@@ -66,9 +62,10 @@ class WindowSeries:
         """Stretches, s, whose windows the fit left out; each window reaches half a step about."""
         if len(self.t) < 2:
             return []
-        edges = np.flatnonzero(np.diff([False, *(self.weight <= 0.0), False])).reshape(-1, 2)
+        out = stretches_of(self.weight <= 0.0)
         half = 0.5 * float(np.median(np.diff(self.t)))
-        return [(float(self.t[a]) - half, float(self.t[b - 1]) + half) for a, b in edges]
+        starts, ends = self.t[out.first] - half, self.t[out.end - 1] + half
+        return list(zip(starts.tolist(), ends.tolist(), strict=True))
 
     def with_gaps(self) -> WindowSeries:
         """The series with a row without numbers in each gap, so that no line is drawn across."""
@@ -130,7 +127,7 @@ class Details:
     """(N, 3), IMU axes, rad/s."""
     spectra: tuple[Spectrum, Spectrum]
     """Accelerometer, gyroscope."""
-    stretches: Stretches | None
+    stretches: LogParts | None
     """None where a component of the pose is held."""
     dependence: tuple[Dependence, ...]
     """The answer by other windows, where they can be tried."""
@@ -268,11 +265,10 @@ def _misfit(fit: Fit, offset: float) -> float:
         weights=fit.weights,
         scales=fit.residual_scales,
     )
-    total = matrices.sum(axis=0) / fit.level
-    score = total[1:, 0] - noise_score / fit.level
-    away = prior_offset(layout, options, state)
-    problem = problem_of(layout, total[1:, 1:], score, away)
+    total = matrices.sum(axis=0)
+    held = replace(fit, model=model, prior_offset=prior_offset(layout, options, state))
+    problem = held.problem(total, noise_score)
     step, _ = problem.solve(fit.u)
-    P, free = problem.precision(fit.u), layout.free
-    gradient = score[free] + P * away[free]
-    return float(total[0, 0] + P @ away[free] ** 2 + gradient @ step)
+    P, away = problem.precision(fit.u), problem.offset
+    gradient = problem.score + P * away
+    return float(total[0, 0] / fit.level + P @ away**2 + gradient @ step)

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from html import escape
 from itertools import groupby
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from imucalib_cli.digits import figures, with_std
-from imucalib_cli.shown import shown
+from imucalib_cli.shown import as_html
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -83,8 +82,8 @@ def parameter_table(parameters: Sequence[ParameterEntry]) -> str:
 
 
 def _parameter_row(entry: ParameterEntry, name: str) -> str:
-    head = f"<th>{escape(shown(name.replace('_', ' ')))}</th><td>{escape(shown(entry.label))}</td>"
-    unit = "" if entry.unit == "1" else escape(shown(entry.unit))
+    head = f"<th>{as_html(name.replace('_', ' '))}</th><td>{as_html(entry.label)}</td>"
+    unit = "" if entry.unit == "1" else as_html(entry.unit)
     if entry.value is None or entry.std is None:
         return f'<tr>{head}<td colspan="4">not determined</td></tr>'
     prior, stated, bars, taught = entry.prior_std, "unbounded", "", "all of it"

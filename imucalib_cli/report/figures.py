@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     from imucalib_cli.arrays import Floats
-    from imucalib_cli.estimate.checks.segments import Stretches
+    from imucalib_cli.estimate.checks.segments import LogParts
     from imucalib_cli.estimate.details import Details, OffsetProfile, WindowSeries
     from imucalib_cli.report.chart import Style
     from imucalib_cli.results.result import Result, TimeOffset
@@ -182,7 +182,7 @@ def _window(details: Details) -> Figure:
     )
 
 
-def _segments(stretches: Stretches) -> Figure:
+def _segments(stretches: LogParts) -> Figure:
     middle = 0.5 * (stretches.fold_edges[1:] + stretches.fold_edges[:-1])
     return _figure(
         "segments",
@@ -193,7 +193,7 @@ def _segments(stretches: Stretches) -> Figure:
     )
 
 
-def _so_far(stretches: Stretches) -> Figure:
+def _so_far(stretches: LogParts) -> Figure:
     return _figure(
         "enough",
         plots=tuple(
@@ -210,7 +210,7 @@ def _so_far(stretches: Stretches) -> Figure:
     )
 
 
-def _taught(stretches: Stretches) -> Figure:
+def _taught(stretches: LogParts) -> Figure:
     return _figure(
         "taught",
         drawing=heat_map(

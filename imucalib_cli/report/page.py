@@ -12,9 +12,9 @@ import numpy as np
 
 from imucalib_cli.report.chart import plain
 from imucalib_cli.report.figures import figures
-from imucalib_cli.results.fields import sections, verdict
+from imucalib_cli.results.fields import judgement, sections
 from imucalib_cli.results.formats import FORMATS
-from imucalib_cli.shown import shown, shown_lines
+from imucalib_cli.shown import as_html, shown, shown_lines
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -47,7 +47,7 @@ def page(materials: Sequence[Material]) -> str:
         f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         '<meta name="color-scheme" content="light dark">\n'
-        f"<title>{_text('; '.join(names))}</title>\n"
+        f"<title>{as_html('; '.join(names))}</title>\n"
         f"<style>{_asset('uPlot.min.css')}{_asset('report.css')}</style>\n</head>\n<body>\n"
         f"<main>{''.join(articles)}</main>\n"
         '<noscript><p class="warning">Plots need JavaScript; all numbers are above.</p></noscript>'
@@ -73,9 +73,12 @@ def _article(material: Material, number: int, data: dict[str, Any]) -> str:
     drawn = "".join(_figure(each, prefix, data) for each in found)
     if material.details is None:
         drawn = f"<p>{_ALONE if material.stamps is None else _PUBLISHED}</p>{drawn}"
+    told = sections(result)
+    first = "".join(_section(each) for each in told if _is_told_first(each))
+    others = "".join(_section(each) for each in told if not _is_told_first(each))
     return (
-        f"<article><header>{_head(result)}</header><nav><ul>{links}</ul></nav>"
-        f'<section id="{prefix}pose"><h2>The pose</h2>{_fields(result)}{_copies(result)}</section>'
+        f"<article><header>{_head(result)}{first}</header><nav><ul>{links}</ul></nav>"
+        f'<section id="{prefix}pose"><h2>The pose</h2>{others}{_copies(result)}</section>'
         f'<section id="{mount}"><h2>Where it is</h2>{_mount_words(result)}'
         f'<div class="views" data-mount="{mount}"></div></section>'
         f"{drawn}{_source(result, prefix)}</article>"
@@ -93,12 +96,11 @@ _PUBLISHED = (
 
 
 def _head(result: Result) -> str:
-    status = "ok" if result.status == "ok" else "untrusted"
+    status, words = judgement(result)
     return (
-        f"<h1>{_text(result.child)} in {_text(result.parent)}</h1>"
+        f"<h1>{as_html(result.child)} in {as_html(result.parent)}</h1>"
         f'<p class="verdict {status}"><strong>{status}</strong> '
-        f"{_text(verdict(result).removeprefix(status).lstrip(':, '))}</p>"
-        f"{''.join(_section(each) for each in sections(result) if _is_told_first(each))}"
+        f"{as_html(words)}</p>"
     )
 
 
@@ -107,22 +109,18 @@ def _is_told_first(section: Section) -> bool:
     return all(field.severity for field in section.fields)
 
 
-def _fields(result: Result) -> str:
-    return "".join(_section(each) for each in sections(result) if not _is_told_first(each))
-
-
 def _section(section: Section) -> str:
     rows = "".join(map(_field, section.fields))
-    formula = f"<p><code>{_text(section.formula)}</code></p>" if section.formula else ""
-    return f"<h3>{_text(_capital(section.title))}</h3>{formula}<dl>{rows}</dl>"
+    formula = f"<p><code>{as_html(section.formula)}</code></p>" if section.formula else ""
+    return f"<h3>{as_html(_capital(section.title))}</h3>{formula}<dl>{rows}</dl>"
 
 
 def _field(field: Field) -> str:
     if field.severity:
-        return f'<dd class="alone {field.severity}">{_text(str(field))}</dd>'
+        return f'<dd class="alone {field.severity}">{as_html(str(field))}</dd>'
     if not field.label:
-        return f'<dd class="alone">{_text(field.text)}</dd>'
-    return f"<dt>{_text(field.label)}</dt><dd>{_text(field.text)}</dd>"
+        return f'<dd class="alone">{as_html(field.text)}</dd>'
+    return f"<dt>{as_html(field.label)}</dt><dd>{as_html(field.text)}</dd>"
 
 
 def _copies(result: Result) -> str:
@@ -135,7 +133,7 @@ def _copies(result: Result) -> str:
                 text = each.command + each.render([result])
                 entries.append(
                     f"<details{opened}><summary><code>{name}</code>: "
-                    f"{_text(each.words)}</summary>{_copied(text)}</details>"
+                    f"{as_html(each.words)}</summary>{_copied(text)}</details>"
                 )
     else:
         told = (
@@ -163,14 +161,14 @@ def _figure(figure: Figure, prefix: str, data: dict[str, Any]) -> str:
         data["plots"][key] = plot.data()
         places.append(
             f'<div class="plot" data-plot="{key}" tabindex="0" role="application" '
-            f'aria-label="{_text(words.title)}, {_text(plot.title)}. Keys: plus and minus zoom, '
-            'left and right move, 0 shows all."></div>'
+            f'aria-label="{as_html(words.title)}, {as_html(plot.title)}. Keys: plus and minus '
+            'zoom, left and right move, 0 shows all."></div>'
         )
-    faults = "".join(f"<li>{_text(each)}</li>" for each in words.faults)
+    faults = "".join(f"<li>{as_html(each)}</li>" for each in words.faults)
     return (
-        f'<section id="{prefix}{figure.key}"><h2>{_text(words.title)}</h2>'
-        f"<p>{_text(words.shows)}</p><figure>{''.join(places)}{figure.drawing}</figure>"
-        f'<p class="good"><strong>Good:</strong> {_text(words.good)}</p>'
+        f'<section id="{prefix}{figure.key}"><h2>{as_html(words.title)}</h2>'
+        f"<p>{as_html(words.shows)}</p><figure>{''.join(places)}{figure.drawing}</figure>"
+        f'<p class="good"><strong>Good:</strong> {as_html(words.good)}</p>'
         f"<details><summary>What faults look like</summary><ul>{faults}</ul></details></section>"
     )
 
@@ -203,7 +201,9 @@ def _place_covariance(result: Result) -> Floats | None:
 
 def _mount_words(result: Result) -> str:
     nominal = "" if result.nominal is None else ", and as the URDF or the log has it (dashed)"
-    words = f"{_text(result.parent)} with its axes, and the IMU as found{nominal}; dots lead to it."
+    words = (
+        f"{as_html(result.parent)} with its axes, and the IMU as found{nominal}; dots lead to it."
+    )
     covariance = _place_covariance(result)
     if covariance is not None:
         axes = 3e3 * np.sqrt(np.maximum(np.linalg.eigvalsh(covariance), 0.0))[::-1]
@@ -222,16 +222,12 @@ def _source(result: Result, prefix: str) -> str:
         rows.append((source.urdf.path, f"sha256 {source.urdf.sha256}"))
     rows.append(("made by", f"{source.tool} {source.version}"))
     rows += [(name, "default" if v is None else str(v)) for name, v in source.options.items()]
-    text = "".join(f"<dt>{_text(name)}</dt><dd>{_text(value)}</dd>" for name, value in rows)
+    text = "".join(f"<dt>{as_html(name)}</dt><dd>{as_html(value)}</dd>" for name, value in rows)
     return f'<section id="{prefix}source"><h2>Where this is from</h2><dl>{text}</dl></section>'
 
 
 def _capital(text: str) -> str:
     return text[:1].upper() + text[1:]
-
-
-def _text(text: str) -> str:
-    return escape(shown(text))
 
 
 def _asset(name: str) -> str:

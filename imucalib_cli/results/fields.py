@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from imucalib_cli.arrays import Floats
-    from imucalib_cli.results.result import Bias, Observable, Result, Unobservable
+    from imucalib_cli.results.result import Bias, Observable, Result, Status, Unobservable
 
 _AXES = "xyz"
 _MANY = 3
@@ -57,23 +57,29 @@ class Section:
 
 
 def verdict(result: Result) -> str:
-    """Whether the result can be used, in one sentence: how well it is known, or the gravest reason.
+    """Whether the result can be used, in one sentence."""
+    status, words = judgement(result)
+    return f"{status}: {words}" if status == "ok" else f"{status}, {words}"
+
+
+def judgement(result: Result) -> tuple[Status, str]:
+    """Whether the result can be used, and in words how well it is known, or the gravest reason.
 
     The gravest is the cause of a poor fit, where one was found, before what comes of it.
     """
     reasons = [*result.diagnostics.distrust, *map(str, unobservable_fields(result))]
     if result.status != "ok":
         reason = f": {reasons[0]}" if reasons else ""
-        return f"untrusted, do not use as it stands{reason}"
-    place = f"ok: {result.child} in {result.parent} is"
+        return result.status, f"do not use as it stands{reason}"
+    place = f"{result.child} in {result.parent} is"
     if result.std is None:
-        return f"{place} found; --method {result.diagnostics.method} states no sigma"
+        return result.status, f"{place} found; --method {result.diagnostics.method} states no sigma"
     units = {"mm": result.std.translation_mm, "deg": result.std.rotation_deg}
     largest = {unit: max(filter(None, stds), default=None) for unit, stds in units.items()}
     known = " and ".join(f"{sigma(std)} {unit}" for unit, std in largest.items() if std)
     if not known:
-        return f"{place} held as told by --fix"
-    return f"{place} known to {known} (1 sigma, of the axis known least)"
+        return result.status, f"{place} held as told by --fix"
+    return result.status, f"{place} known to {known} (1 sigma, of the axis known least)"
 
 
 def sections(result: Result) -> tuple[Section, ...]:

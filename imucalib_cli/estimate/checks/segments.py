@@ -62,7 +62,7 @@ class Change:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Stretches:
+class LogParts:
     """Parts of the log of equal duration, and what they tell about the pose (tx .. rz)."""
 
     edges: Floats
@@ -113,13 +113,18 @@ class Segments:
         wanted = places_of(self._fit.layout.part(name) for name in names)
         return np.flatnonzero(np.isin(self._free, wanted))
 
+    def _folds(self) -> tuple[Floats, Floats]:
+        """Information and score of the parts that are left out in turn."""
+        folds = np.array_split(np.arange(len(self._A)), _FOLDS)
+        A, b = (np.array([each[fold].sum(axis=0) for fold in folds]) for each in (self._A, self._b))
+        return A, b
+
     def consistency(self, whiteness: tuple[float, float]) -> Consistency | None:
         """Folds and halves of the pose; None where it is not free."""
         pose = self._places("translation", "rotation")
         if len(pose) < 6:
             return None
-        folds = np.array_split(np.arange(len(self._A)), _FOLDS)
-        A, b = (np.array([each[fold].sum(axis=0) for fold in folds]) for each in (self._A, self._b))
+        A, b = self._folds()
         each = (inverse_of(self._total - A) @ b[:, :, None])[:, pose, 0]
         scatter = each - each.mean(axis=0)
         fold_std = np.sqrt((_FOLDS - 1) / _FOLDS * (scatter**2).sum(axis=0))
@@ -141,7 +146,7 @@ class Segments:
             whiteness=whiteness,
         )
 
-    def stretches(self, std: Floats) -> Stretches | None:
+    def stretches(self, std: Floats) -> LogParts | None:
         """What each part of the log tells about the pose; None where the pose is not free.
 
         Args:
@@ -153,10 +158,9 @@ class Segments:
         told = np.einsum("pi,kij,pj->kp", self._inverse[pose], self._A, self._inverse[pose])
         so_far = inverse_of(np.cumsum(self._A, axis=0) + self._P)
         std_so_far = np.sqrt(np.diagonal(so_far, axis1=1, axis2=2)[:, pose])
-        folds = range(0, len(self._A), len(self._A) // _FOLDS)
-        A, b = (np.add.reduceat(each, list(folds), axis=0) for each in (self._A, self._b))
+        A, b = self._folds()
         inverse = inverse_of(A + self._P)
-        return Stretches(
+        return LogParts(
             edges=self._edges,
             share=told / told.sum(axis=0),
             std_so_far=std_so_far * (std / std_so_far[-1]),

@@ -291,7 +291,7 @@
       { lines: [{ points: [[0, 0, 0], mount.t], colour: "quiet", dotted: true }], labels: [] },
     ];
     if (mount.nominal) scenes.push(axesOf(mount.nominal, 0.4 * far, true, ""));
-    return { ...joined(...scenes), centre: mount.t.map((v) => v / 2), radius: 1.05 * far, unit: far };
+    return { ...joined(...scenes), centre: mount.t.map((v) => v / 2), radius: 1.05 * far };
   };
 
   const closeUp = (mount) => {
@@ -304,7 +304,7 @@
       const points = [];
       for (let k = 0; k <= 48; k++) {
         const angle = (2 * Math.PI * k) / 48;
-        points.push(plus(times(L, u.map((a, i) => a * Math.cos(angle) + v[i] * Math.sin(angle))), [0, 0, 0]));
+        points.push(times(L, u.map((a, i) => a * Math.cos(angle) + v[i] * Math.sin(angle))));
       }
       return points;
     };
@@ -328,7 +328,7 @@
       lines.push({ points: [[0, 0, 0], tip], colour: "quiet", dashed: true });
       labels.push({ at: tip, text: inside ? "nominal" : `nominal, ${(far * 1e3).toPrecision(3)} mm away` });
     }
-    return { lines: [...lines, ...scene.lines], labels, centre: [0, 0, 0], radius, unit: size };
+    return { lines: [...lines, ...scene.lines], labels, centre: [0, 0, 0], radius };
   };
 
   const SVG = "http://www.w3.org/2000/svg";
