@@ -132,6 +132,6 @@ def _gain(fit: Fit, freed: MatchedOptions) -> float:
     likelihoods = []
     for each in (layout, replace(layout, std=std)):
         problem = problem_of(each, information / fit.level, score / fit.level, offset)
-        marginal = integrate(problem, most_likely(problem), problem.information)
+        marginal = integrate(problem, most_likely(problem))
         likelihoods.append(marginal.log_likelihood)
     return 2.0 * (likelihoods[0] - likelihoods[1])

@@ -358,8 +358,8 @@ def _fitted(model: Model, options: MatchedOptions, state: State, rise: float, mo
         step = embedded(step, layout.free)
         step[clock] = np.clip(step[clock], -seconds / 2.0, seconds / 2.0)
         state = _admitted(state.moved(layout, step), layout, options)
-    B = stats.score_covariance(levels)[np.ix_(layout.free, layout.free)] / level**2
-    posterior = integrate(problem, u, B)
+    noise = stats.score_covariance(levels) / level**2
+    posterior = integrate(problem_of(layout, A, b, offset, noise), u)
     step = embedded(posterior.step, layout.free)
     return Fit(
         model=model,
@@ -409,7 +409,13 @@ def _least_level(residuals: Floats) -> float:
     )
 
 
-def problem_of(layout: Layout, information: Floats, score: Floats, offset: Floats) -> Problem:
+def problem_of(
+    layout: Layout,
+    information: Floats,
+    score: Floats,
+    offset: Floats,
+    noise: Floats | None = None,
+) -> Problem:
     """Normal equations, in units of the noise, of the free components with their priors."""
     every = Problem(
         information=information,
@@ -419,6 +425,7 @@ def problem_of(layout: Layout, information: Floats, score: Floats, offset: Float
         scale=layout.scale,
         bounds=layout.bounds,
         alike=layout.alike,
+        noise=noise,
     )
     return every.of(layout.free)
 
