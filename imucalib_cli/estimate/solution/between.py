@@ -22,11 +22,11 @@ from imucalib_cli.estimate.solution.scales import Problem, integrate, most_likel
 from imucalib_cli.estimate.solution.spectrum import inverse_of
 
 if TYPE_CHECKING:
-    from imucalib_cli.arrays import Bools, Floats
+    from imucalib_cli.arrays import Floats, Indices
     from imucalib_cli.estimate.solution.scales import Posterior
 
-POSE: Final = 6
-"""Components of the pose, which come first: translation, rotation."""
+_POSE: Final = np.repeat([0, 1], 3)
+"""Whether a component of the pose is of the translation or of the rotation."""
 USUAL: Final = (1e-4, 5e-4)
 """m and rad: where the half-Cauchy prior of the scatter falls to a half. A decimetre of aluminium
 grows by 0.1 mm over 40 K, and a bracket of 0.2 m turns by 0.5 mrad for as much at one end."""
@@ -59,10 +59,12 @@ class Together:
     """(K, m, m), covariance of the scores."""
     priors: Problem
     """Of the shared components: their prior, and which share which scale."""
+    scattered: Indices
+    """(p,), for each component of the pose that is not held: 0 translation, 1 rotation."""
+    widened: Floats
+    """(K, p, p), what else is known to set each log's pose off, as a covariance."""
     scatter_bounds: Floats
     """(2, 2), of the logarithms of the scatter of translation and rotation between logs."""
-    held: Bools
-    """(6,), components of the pose that are held: they do not scatter either."""
 
     @property
     def bounds(self) -> Floats:
@@ -71,42 +73,52 @@ class Together:
 
     def likelihood(self, u: Floats) -> tuple[float, Floats]:
         """As :meth:`Problem.likelihood`, with the differences of the logs integrated over."""
-        problem, gained = self.at(u)
-        value, step = problem.likelihood(u[:-2])
+        each = self.without_differences(u)
+        value, step = self._sum(each).likelihood(u[:-2])
         # Half-Cauchy in the scatter itself, which the logarithm's own measure turns into this.
         ratio = np.exp(u[-2:]) / USUAL
-        return value + gained + float(np.log(ratio / (1.0 + ratio**2)).sum()), step
+        return value + each.gain + float(np.log(ratio / (1.0 + ratio**2)).sum()), step
 
     def covariance(self, u: Floats) -> Floats:
         """(m, m), of the posterior mean of what is shared."""
-        return self.at(u)[0].covariance(u[:-2])
+        return self.problem(u).covariance(u[:-2])
 
-    def at(self, u: Floats) -> tuple[Problem, float]:
-        """The problem in what is shared at given scatters, and what else the likelihood gains."""
-        moves = np.flatnonzero(~self.held)
-        precision = np.repeat(np.exp(-2.0 * u[-2:]), 3)[moves]
-        own, own_score = self.information[:, :, moves], self.score[:, moves]
-        inner = own[:, moves] + np.diag(precision)
+    def problem(self, u: Floats) -> Problem:
+        """In what is shared, at given scatters."""
+        return self._sum(self.without_differences(u))
+
+    def _sum(self, each: Reduced) -> Problem:
+        return replace(
+            self.priors,
+            information=each.information.sum(axis=0),
+            score=each.score.sum(axis=0),
+            noise=each.noise.sum(axis=0),
+        )
+
+    def without_differences(self, u: Floats) -> Reduced:
+        """Each log's equations with its own difference from the common pose eliminated."""
+        p = len(self.scattered)
+        precision = np.linalg.inv(self.widened + np.diag(np.exp(2.0 * u[-2:])[self.scattered]))
+        own, own_score = self.information[:, :, :p], self.score[:, :p]
+        inner = own[:, :p] + precision
         inverse = np.linalg.inv(inner)
-        share = own @ inverse  # (K, m, p), what of a log's own difference stands in its score
+        share = own @ inverse
         kept = np.zeros_like(self.information) + np.eye(self.score.shape[1])
-        kept[:, :, moves] -= share
-        kept[:, moves[:, None], moves] = precision[:, None] * inverse  # the same without rounding
-        by_prior = (share * precision) @ np.swapaxes(share, 1, 2)
+        kept[:, :, :p] -= share
+        kept[:, :p, :p] = precision @ inverse  # the same without rounding
+        by_prior = share @ precision @ np.swapaxes(share, 1, 2)
         information, noise = (
             kept @ each @ np.swapaxes(kept, 1, 2) + by_prior
             for each in (self.information, self.noise)
         )
-        score = self.score - (share @ own_score[:, :, None])[:, :, 0]
-        determinants = np.linalg.slogdet(inner * (1.0 / precision)[:, None])[1]
+        determinants = np.linalg.slogdet(inner)[1] - np.linalg.slogdet(precision)[1]
         fit = np.einsum("kp,kpq,kq->", own_score, inverse, own_score)
-        problem = replace(
-            self.priors,
-            information=information.sum(axis=0),
-            score=score.sum(axis=0),
-            noise=noise.sum(axis=0),
+        return Reduced(
+            information=information,
+            score=self.score - (share @ own_score[:, :, None])[:, :, 0],
+            noise=noise,
+            gain=float(0.5 * (fit - determinants.sum())),
         )
-        return problem, float(0.5 * (fit - determinants.sum()))
 
     def without(self, log: int) -> Together:
         """All logs but one."""
@@ -116,10 +128,33 @@ class Together:
             information=self.information[kept],
             score=self.score[kept],
             noise=self.noise[kept],
+            widened=self.widened[kept],
         )
 
 
-def together(information: Floats, score: Floats, noise: Floats, priors: Problem) -> Together:
+@dataclass(frozen=True, eq=False)
+class Reduced:
+    """Equations of K logs in what is shared, at given scatters."""
+
+    information: Floats
+    """(K, m, m)."""
+    score: Floats
+    """(K, m)."""
+    noise: Floats
+    """(K, m, m)."""
+    gain: float
+    """What the differences that are gone add to the logarithm of the likelihood."""
+
+
+def together(
+    information: Floats,
+    score: Floats,
+    noise: Floats,
+    priors: Problem,
+    *,
+    widened: Floats | None = None,
+    scattered: Indices = _POSE,
+) -> Together:
     """Equations of K logs with the widest bounds of the scatter between them.
 
     Args:
@@ -127,10 +162,13 @@ def together(information: Floats, score: Floats, noise: Floats, priors: Problem)
         score: (K, m).
         noise: (K, m, m).
         priors: Of the shared components.
+        widened: (K, p, p), what else sets each log's pose off; None is nothing.
+        scattered: (p,), which components of the pose there are.
     """
+    if widened is None:
+        widened = np.zeros((len(score), len(scattered), len(scattered)))
     bounds = np.log(np.outer(USUAL, (_LEAST, _MOST)))
-    held = np.asarray((priors.std[:POSE] == 0.0) & (priors.scale[:POSE] < 0))
-    return Together(information, score, noise, priors, bounds, held)
+    return Together(information, score, noise, priors, scattered, widened, bounds)
 
 
 def most_likely_together(logs: Together) -> tuple[Together, Floats]:
@@ -142,9 +180,9 @@ def most_likely_together(logs: Together) -> tuple[Together, Floats]:
     u = logs.bounds.mean(axis=1)
     bounds = logs.scatter_bounds.copy()
     for _ in range(_ROUNDS):
-        u[:-2] = most_likely(logs.at(u)[0], u[:-2])
+        u[:-2] = most_likely(logs.problem(u), u[:-2])
         for index in (0, 1):
-            tried = np.linspace(*bounds[index], _TRIED)
+            tried = np.linspace(bounds[index, 0], bounds[index, 1], _TRIED)
             heights = np.empty(_TRIED)
             for place, value in enumerate(tried):
                 u[index - 2] = value
@@ -176,11 +214,11 @@ def combine_poses(values: Floats, covariances: Floats) -> Posterior:
     """
     information = inverse_of(covariances)
     priors = Problem(
-        information=np.zeros((POSE, POSE)),
-        score=np.zeros(POSE),
-        offset=np.zeros(POSE),
+        information=np.zeros((6, 6)),
+        score=np.zeros(6),
+        offset=np.zeros(6),
         std=np.repeat(_ANYWHERE, 3),
-        scale=np.full(POSE, -1),
+        scale=np.full(6, -1),
         bounds=np.zeros((0, 2)),
     )
     score = -(information @ values[:, :, None])[:, :, 0]
