@@ -13,6 +13,7 @@ from imucalib_cli.errors import InputError
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
+    from typing import IO
 
 _WRITABLE = 0o222
 
@@ -70,6 +71,25 @@ def see_folder_writable(folder: Path) -> None:
         while not nearest.exists() and nearest != nearest.parent:
             nearest = nearest.parent
         _see_folder(nearest)
+
+
+def lock(file: IO[bytes]) -> bool:
+    """Lock a file until it is closed; True also where locking is not supported.
+
+    Returns:
+        Whether no other process has locked it.
+    """
+    try:
+        import fcntl
+    except ImportError:  # Windows
+        return True
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:  # some network file systems
+        return True
+    return True
 
 
 def _target(path: Path) -> Path:
