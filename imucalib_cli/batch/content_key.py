@@ -7,13 +7,13 @@ import json
 import os
 import time
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import msgspec
 import numpy as np
 
 from imucalib_cli import __version__
+from imucalib_cli.batch.logs import absolute
 from imucalib_cli.batch.record import FileStamp
 from imucalib_cli.errors import InputError
 from imucalib_cli.jobs.reading import printable, sha256_of
@@ -21,6 +21,7 @@ from imucalib_cli.results.places import files_read
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
+    from pathlib import Path
 
     from imucalib_cli.batch.logs import BatchLog
     from imucalib_cli.jobs.request import CalibrationRequest
@@ -41,21 +42,26 @@ def context_of(request: CalibrationRequest, extras: Iterable[str]) -> str:
     Raises:
         InputError: The URDF cannot be read.
     """
-    urdf = None if request.urdf is None else urdf_hash(request.urdf)
     options = replace(request, logs=(), urdf=None, details=False)
     return _digest(
-        [__version__, urdf, sorted(extras), msgspec.to_builtins(options, enc_hook=_plain)]
+        [
+            __version__,
+            urdf_hash(request),
+            sorted(extras),
+            msgspec.to_builtins(options, enc_hook=_plain),
+        ]
     )
 
 
-def urdf_hash(urdf: Path) -> str:
-    """SHA-256 of the URDF's bytes.
+def urdf_hash(request: CalibrationRequest) -> str | None:
+    """SHA-256 of the URDF's bytes; None where there is none.
 
     Raises:
         InputError: It cannot be read.
     """
+    urdf = request.urdf
     try:
-        return sha256_of(urdf)
+        return None if urdf is None else sha256_of(urdf)
     except OSError as error:
         raise InputError(f"{urdf}: cannot be read ({error.strerror}): check the path") from error
 
@@ -92,7 +98,7 @@ def stamps_of(
     now = time.time_ns()
     stamps = []
     for path, (size, mtime) in sorted(sizes.items()):
-        place = printable(Path(os.path.abspath(path)))  # noqa: PTH100 - keeps links
+        place = absolute(path)
         earlier = (known or {}).get(place)
         if earlier is not None and (earlier.size, earlier.mtime_ns) == (size, mtime):
             stamps.append(earlier)

@@ -20,7 +20,7 @@ from imucalib_cli.batch.task import file_name
 from imucalib_cli.errors import ChoiceError, ImucalibError, InputError
 from imucalib_cli.jobs.reading import printable
 from imucalib_cli.jobs.result_files import read_result_file
-from imucalib_cli.results.atomic import lock, write_whole
+from imucalib_cli.results.atomic import clear_partial, lock, write_whole
 from imucalib_cli.results.names import log_name, sameness
 
 if TYPE_CHECKING:
@@ -70,6 +70,8 @@ class ResultFolder:
                     f"{self._folder}: another batch writes to it: wait for it to end, or name "
                     "another folder with -o"
                 )
+            clear_partial(self._folder)
+            clear_partial(self._records)
             self._read()
             yield
 

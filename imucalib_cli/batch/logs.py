@@ -38,8 +38,14 @@ class BatchLog:
 
     @property
     def place(self) -> str:
-        """Its absolute path, links as they are."""
-        return printable(Path(os.path.abspath(self.paths[0])))  # noqa: PTH100 - keeps links
+        """Where it lies."""
+        return absolute(self.paths[0])
+
+
+def absolute(path: Path) -> str:
+    """An absolute path as text, links as they are; different for all paths."""
+    place = os.path.abspath(path)  # noqa: PTH100 - keeps links
+    return place.encode("utf-8", "backslashreplace").decode()  # bytes that are no UTF-8
 
 
 @dataclass(frozen=True)
@@ -143,5 +149,5 @@ def _identity(path: Path) -> object:
     try:
         found = target.stat()
     except (OSError, ValueError):
-        return os.path.abspath(target)  # noqa: PTH100 - keeps links
+        return absolute(target)
     return found.st_dev, found.st_ino

@@ -9,6 +9,7 @@ import logging
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
+from secrets import token_hex
 from typing import TYPE_CHECKING, Any
 
 from imucalib_cli.errors import InputError
@@ -25,9 +26,11 @@ _CONNECTING = "20s"
 """A scheduler that does not answer by then is not there."""
 _RETRIES = 1
 """Of what fails on a worker for a reason of the worker's."""
-_LOST = 1
-"""Workers that a log may lose before it is given up, in a cluster of our own; that of others has
-its own limit, distributed.scheduler.allowed-failures."""
+_OWN_CLUSTER = {
+    "distributed.scheduler.allowed-failures": 1,  # workers that a log may lose: one more try
+    "distributed.scheduler.worker-saturation": 1.0,  # a log that waits is not lost with a worker
+}
+"""Configuration of a cluster of our own; others have theirs."""
 
 
 @dataclass(frozen=True)
@@ -51,12 +54,11 @@ class DaskWorkers:
         task = replace(task, folder=Path.cwd())
         with self._client(distributed) as client:
             given = {
-                client.submit(
-                    task, log, retries=_RETRIES, pure=False, key=f"imucalib-{n}-{id(task)}"
-                ): log
-                for n, log in enumerate(logs)
+                # a key of its own: the same log may have been done before, by another version
+                client.submit(task, log, retries=_RETRIES, key=f"imucalib-{token_hex(8)}"): log
+                for log in logs
             }
-            for future in distributed.as_completed(given):
+            for future in distributed.as_completed(given, loop=client.loop):
                 log = given.pop(future)
                 error = future.exception()
                 yield log, task.lost(log, _why(error)) if error else future.result()
@@ -68,9 +70,7 @@ class DaskWorkers:
 
         with ExitStack() as stack:
             if self.scheduler == "local":
-                stack.enter_context(
-                    dask.config.set({"distributed.scheduler.allowed-failures": _LOST})
-                )
+                stack.enter_context(dask.config.set(_OWN_CLUSTER))
                 with children_ignore_interruptions():
                     cluster = distributed.LocalCluster(
                         n_workers=self.workers,

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import msgspec
 
 from imucalib_cli.batch.record import by_imu
-from imucalib_cli.layout import Table, plain
+from imucalib_cli.layout import Table
 from imucalib_cli.results.fields import unobservable_fields
 from imucalib_cli.shown import as_html, shown
 
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
 
     from imucalib_cli.batch.record import Record
+    from imucalib_cli.layout import Block
     from imucalib_cli.results.result import Result
 
     Cell = str | int | float | None
@@ -169,10 +170,10 @@ def counted(records: Sequence[Record]) -> str:
     return f"{len(records)} log{'s' * (len(records) != 1)}: {told or 'none done'}"
 
 
-def words(records: Sequence[Record]) -> str:
-    """A table for people, as plain text."""
+def words(records: Sequence[Record]) -> tuple[Block, ...]:
+    """For people: how many logs are what, and a table of them."""
     rows = tuple(_row(record, entry) for record in records for entry in by_imu(record))
-    return plain([counted(records), Table(_HEADS, rows, frozenset(_HEADS[4:6]))])
+    return counted(records), Table(_HEADS, rows, frozenset(_HEADS[4:6]))
 
 
 def markdown(records: Sequence[Record]) -> str:
@@ -262,7 +263,7 @@ def github_lines(record: Record) -> list[str]:
         level = "error" if status == "failed" else "warning"
         title = "no result" if isinstance(entry, str) else f"{entry.child}: untrusted"
         properties = f"file={_property(record.log)},title={_property(title)}"
-        lines.append(f"::{level} {properties}::{_data(_BETWEEN.join(reasons(entry)))}")
+        lines.append(f"::{level} {properties}::{_data(shown(_BETWEEN.join(reasons(entry))))}")
     return lines
 
 
@@ -280,6 +281,5 @@ TABLES: dict[str, Callable[[Sequence[Record]], str]] = {
     "csv": csv_table,
     "markdown": markdown,
     "junit": junit,
-    "summary": words,
 }
-"""Forms of ``--format``."""
+"""Forms of ``--format``, beside words for people."""

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from threadpoolctl import threadpool_limits
 
 from imucalib_cli import __version__
-from imucalib_cli.batch.content_key import key_of, sizes_of, stamps_of
+from imucalib_cli.batch.content_key import key_of, sizes_of, stamps_of, urdf_hash
 from imucalib_cli.batch.record import Record
 from imucalib_cli.errors import ImucalibError, InputError
 from imucalib_cli.jobs.calibrate import calibrate
@@ -55,10 +55,13 @@ class Task:
     """Without a log."""
     context: str
     """As content_key.context_of has it."""
+    urdf_sha256: str | None
     exit_code: ExitCode
     """Of why something could not be given, and of what was."""
     extras: tuple[tuple[str, Maker], ...] = ()
     """Files beside the results: what follows the log's name, and what makes them."""
+    keeps_files: bool = True
+    """Whether files are wanted, beside the record."""
     folder: Path | None = None
     """Where the command runs, from which its paths count, for workers of other machines."""
     version: str = __version__
@@ -81,13 +84,19 @@ class Task:
             self._see_worker(log)
             sizes = _sizes(log)
             outcome = self._outcome(log)
+            if not self._has_its_urdf():
+                raise _PassingError(  # noqa: TRY301 - told like all else
+                    f"{self.request.urdf} has changed since the batch began, or is another for "
+                    "the worker: run the same command again"
+                )
             results, errors = outcome.results, list(outcome.failures)
             hashes = {each.path: each.sha256 for each in outcome.recording.files.result()}
             stamps = stamps_of(sizes, hashes=hashes)
-            contents = dict(self._files(log, outcome, errors))
+            contents = dict(self._files(log, outcome, errors)) if self.keeps_files else {}
         except Exception as error:  # noqa: BLE001 - one log must not stop the others
             errors.append(_in_our_words(error))
-        is_whole = sizes == _sizes(log) and not any(map(_is_passing, errors))
+        is_whole = sizes == _sizes(log) and self._has_its_urdf()
+        is_lasting = not any(isinstance(error, _PassingError) for error in errors)
         stamps = stamps or _stamps(sizes)
         untrusted = any(result.status != "ok" for result in results)
         record = Record(
@@ -96,7 +105,7 @@ class Task:
             status="failed" if errors else "untrusted" if untrusted else "ok",
             exit_code=self.exit_code(errors, results),
             seconds=round(time.perf_counter() - begun, 3),
-            key=key_of(self.context, stamps) if is_whole else None,
+            key=key_of(self.context, stamps) if is_whole and is_lasting else None,
             errors=list(map(str, errors)),
             written=list(contents),
             results=list(results),
@@ -126,6 +135,13 @@ class Task:
         # small matrices: threads cost more than they give, and another order of sums other digits
         with threadpool_limits(limits=1, user_api="blas"):
             return calibrate(request)
+
+    def _has_its_urdf(self) -> bool:
+        """Whether the URDF is the one that the batch began with."""
+        try:
+            return urdf_hash(self.request) == self.urdf_sha256
+        except InputError:
+            return False
 
     def _files(
         self, log: BatchLog, outcome: Outcome, errors: list[ImucalibError]
@@ -175,10 +191,6 @@ def file_name(log_name: str) -> str:
 
 class _PassingError(InputError):
     """What may be otherwise the next time, though the log is the same."""
-
-
-def _is_passing(error: ImucalibError) -> bool:
-    return isinstance(error, _PassingError)
 
 
 def _in_our_words(error: Exception) -> ImucalibError:

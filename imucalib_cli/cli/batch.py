@@ -20,8 +20,9 @@ from imucalib_cli.cli.options import (
     RecordingOptions,
     calibration_request,
 )
-from imucalib_cli.cli.output import deliver, is_terminal, say, show
+from imucalib_cli.cli.output import deliver, is_terminal, say
 from imucalib_cli.cli.progress import CountProgress
+from imucalib_cli.cli.tables import deliver_blocks
 from imucalib_cli.errors import ChoiceError, InputError
 
 if TYPE_CHECKING:
@@ -129,6 +130,7 @@ def batch_command(
         str | None,
         typer.Option(
             metavar="ADDRESS|local",
+            parser=parsers.scheduler,
             help="Let the workers of a Dask scheduler do it, or a Dask cluster of this machine.",
             show_default="none: processes of this machine",
             rich_help_panel=WORK,
@@ -150,17 +152,19 @@ def batch_command(
 ) -> None:
     """Calibrate many logs with the same options, each on its own; interrupted, it goes on later."""
     from imucalib_cli.batch.batch import SUMMARY, Batch
-    from imucalib_cli.batch.content_key import context_of
+    from imucalib_cli.batch.content_key import context_of, urdf_hash
     from imucalib_cli.batch.engine import MEMORY, default_workers
     from imucalib_cli.batch.logs import find_logs
     from imucalib_cli.batch.tables import TABLES, counted, json_line
     from imucalib_cli.batch.task import Task
     from imucalib_cli.cli.extras import for_each_log
+    from imucalib_cli.robot.urdf import load_robot
 
+    _see_options(output, extras, dask, workers or memory)
     request = calibration_request(ctx, (), recording, estimator, require)
+    if request.urdf is not None:
+        load_robot(request.urdf)  # once, rather than in an error of every log
     makers = for_each_log(name for name, wanted in vars(extras).items() if wanted)
-    if makers and output is None:
-        raise ChoiceError("files beside the results need a folder: add -o FOLDER")
     found = find_logs(_names(logs), left_out=output)
     if not found.logs:
         raise InputError("the list of logs on stdin is empty: write one path a line")
@@ -176,8 +180,10 @@ def batch_command(
         task=Task(
             request=request,
             context=context_of(request, [suffix for suffix, _ in makers]),
+            urdf_sha256=urdf_hash(request),
             exit_code=exit_code_of,
             extras=makers,
+            keeps_files=output is not None,
         ),
         engine=_engine(dask, jobs, bytes_each),
         folder=output,
@@ -194,10 +200,9 @@ def batch_command(
             records[log] = record
             _tell(record, quiet=quiet)
             if chosen == "jsonl":
-                show(json_line(record))
+                deliver(json_line(record))
     ordered = [records[log] for log in found.logs]
-    if chosen and chosen != "jsonl":
-        deliver(TABLES[chosen](ordered))
+    _show(ordered, chosen)
     for form, path in {"markdown": markdown, "junit": junit}.items():
         if path is not None:
             deliver(TABLES[form](ordered), path, quiet=quiet)
@@ -205,6 +210,29 @@ def batch_command(
         kept = "" if output is None else f"; {output / SUMMARY}"
         say("batch", f"{counted(ordered)}{kept}")
     raise typer.Exit(worst(record.exit_code for record in ordered))
+
+
+def _see_options(
+    output: Path | None, extras: ExtrasForEachLog, dask: str | None, of_this_machine: int | None
+) -> None:
+    """Raise ChoiceError where an option means nothing beside another."""
+    if output is None and any(vars(extras).values()):
+        raise ChoiceError("files beside the results need a folder: add -o FOLDER")
+    if dask not in {None, "local"} and of_this_machine:
+        raise ChoiceError(
+            "--workers and --memory are of this machine; how many workers a scheduler has, and "
+            "their memory, is settled where they are started: leave them out"
+        )
+
+
+def _show(records: "Sequence[Record]", form: str) -> None:
+    """Write to stdout what is wanted there at the end."""
+    from imucalib_cli.batch.tables import TABLES, words
+
+    if form == "summary":
+        deliver_blocks(words(records))
+    elif form and form != "jsonl":
+        deliver(TABLES[form](records))
 
 
 def _names(arguments: "Sequence[str]") -> "Iterator[str]":
@@ -279,7 +307,8 @@ def _tell(record: "Record", *, quiet: bool) -> None:
 
     if os.environ.get("GITHUB_ACTIONS") == "true":
         for line in github_lines(record):
-            sys.stderr.write(f"{line}\n")
+            if line.startswith("::error") or not quiet:
+                sys.stderr.write(f"{line}\n")
         return
     for word, sentence in complaints(record):
         if word == "error" or not quiet:

@@ -215,6 +215,13 @@ def memory(text: str) -> int:
     return round(value * _BYTES[unit])
 
 
+def scheduler(text: str) -> str:
+    """The address of a Dask scheduler, or ``local``."""
+    if not text:
+        raise WrongValue("is empty: give an address such as tcp://host:8786, or local")
+    return text
+
+
 def frame(text: str) -> str:
     """The name of a frame, which may be typed with a leading slash."""
     from imucalib_cli.robot.urdf import frame_name

@@ -6,6 +6,7 @@ import contextlib
 import errno
 import os
 import secrets
+import time
 from typing import TYPE_CHECKING
 
 from imucalib_cli.errors import InputError
@@ -16,6 +17,9 @@ if TYPE_CHECKING:
     from typing import IO
 
 _WRITABLE = 0o222
+_PARTIAL = ".imucalib-{}.part"
+_ABANDONED = 60.0
+"""s without a change, after which nobody writes to a partial file any more."""
 
 
 def write_whole(path: Path, content: str | bytes) -> None:
@@ -39,6 +43,14 @@ def write_whole(path: Path, content: str | bytes) -> None:
                 device.write(data)
         else:
             _replace(target, data)
+
+
+def clear_partial(folder: Path) -> None:
+    """Remove what killed processes have left of files that they were writing into a folder."""
+    for partial in folder.glob(_PARTIAL.format("*")):
+        with contextlib.suppress(OSError):
+            if time.time() - partial.stat().st_mtime > _ABANDONED:
+                partial.unlink()
 
 
 def see_writable(path: Path) -> None:
@@ -134,7 +146,7 @@ def is_same_file(a: Path, b: Path) -> bool:
 
 
 def _replace(target: Path, data: bytes) -> None:
-    partial = target.with_name(f".imucalib-{secrets.token_hex(4)}.part")
+    partial = target.with_name(_PARTIAL.format(secrets.token_hex(4)))
     # os.open rather than tempfile: the new file obeys the umask as any other file does
     handle = os.open(partial, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
     try:
