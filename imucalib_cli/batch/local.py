@@ -45,7 +45,7 @@ class LocalProcesses:
 
     def __call__(self, task: Task, logs: Sequence[BatchLog]) -> Generator[tuple[BatchLog, Done]]:
         """Run the task, as the interface has it."""
-        context = fresh_processes([*_NEEDED, *sorted(task.modules)])
+        context = fresh_processes(preloaded(task))
         waiting = deque((log, 1) for log in logs)
         running: dict[Connection, tuple[BaseProcess, BatchLog, int]] = {}
         try:
@@ -68,6 +68,11 @@ class LocalProcesses:
                 process.terminate()
             for process, _, _ in running.values():
                 process.join()
+
+
+def preloaded(task: Task) -> list[str]:
+    """Modules that the process which others are forked from has imported."""
+    return [*_NEEDED, *sorted(task.modules)]
 
 
 def _started(
