@@ -2,10 +2,10 @@
 
     python -m benchmarks.batch [--logs 24] [--seconds 60] [--workers 1 2]
 
-RiHIBot at 500 Hz with MEMS noise is simulated once and copied. Whole commands are timed, the shortest of three counts. The
-thousand logs on 16 cores are a simulation on paper from the parts measured here: a worker's time
-for a log, the start of its process, and what the command itself does for each log, one after the
-other. That 16 workers share a memory bus and a disk is not in it.
+RiHIBot at 500 Hz with MEMS noise is simulated once and copied. Whole commands are timed, the
+shortest of three counts. The thousand logs on 16 cores are a simulation on paper from the parts
+measured here: a worker's time for a log, the start of its process, and what the command itself does
+for each log, one after the other. That 16 workers share a memory bus and a disk is not in it.
 """
 
 from __future__ import annotations

@@ -7,7 +7,9 @@ the system can fork a process that has imported everything, starting one costs l
 from __future__ import annotations
 
 import contextlib
+import os
 import signal
+import threading
 from collections import deque
 from dataclasses import dataclass
 from multiprocessing import connection
@@ -90,8 +92,13 @@ def _started(
 
 def _work(task: Task, log: BatchLog, memory: int, answer: Connection) -> None:
     prepare_worker()
+    # a thread that dies, for want of memory say, leaves its part of the work undone
+    threading.excepthook = lambda _: os._exit(1)
     _limit_memory(memory)
-    answer.send(task(log))
+    try:
+        answer.send(task(log))
+    except Exception:  # noqa: BLE001 - told by the parent, which gets no answer
+        raise SystemExit(1) from None
 
 
 def _limit_memory(limit: int) -> None:
@@ -119,6 +126,6 @@ def _why(exitcode: int | None) -> str:
         with contextlib.suppress(ValueError):
             reason = signal.Signals(-exitcode).name
     return (
-        f"its process was killed {_TRIES} times ({reason}), for want of memory perhaps: run the "
-        "same command again, with fewer --workers"
+        f"its process ended {_TRIES} times without a result ({reason}), for want of memory "
+        "perhaps: run the same command again, with fewer --workers"
     )

@@ -42,13 +42,22 @@ class DaskWorkers:
     memory: int
     """Bytes for each; of a local cluster, these two."""
 
+    def __post_init__(self) -> None:
+        """See that Dask is installed.
+
+        Raises:
+            InputError: It is not.
+        """
+        optional("distributed", "--dask needs", "dask")
+
     def __call__(self, task: Task, logs: Sequence[BatchLog]) -> Generator[tuple[BatchLog, Done]]:
         """Run the task, as the interface has it.
 
         Raises:
-            InputError: There is no such scheduler, or Dask is not installed.
+            InputError: There is no such scheduler, or it goes away.
         """
-        distributed = optional("distributed", "--dask needs", "dask")
+        import distributed
+
         _be_quiet()
         task = replace(task, folder=Path.cwd())
         with self._client(distributed) as client:
@@ -69,6 +78,11 @@ class DaskWorkers:
             finished = distributed.as_completed(give(at_once), loop=client.loop)
             for future in finished:
                 log = given.pop(future)
+                if future.cancelled():
+                    raise InputError(
+                        f"--dask {self.scheduler}: the scheduler went away: run the same command "
+                        "again when it is back; what is finished is kept"
+                    )
                 error = future.exception()
                 done = task.lost(log, _why(error)) if error else future.result()
                 future.release()

@@ -62,8 +62,8 @@ EXIT_CODES: dict[int, Meaning] = {
     EXIT_INTERRUPTED: Meaning(
         "interrupted",
         "Interrupted by Ctrl-C (SIGINT) or SIGTERM.",
-        "nothing; `study` and `batch -o` say in one line how many runs or logs are kept, and where, "
-        "for the same command to go on (not with `--quiet`)",
+        "nothing; `study` and `batch -o` say in one line how many runs or logs are kept, and "
+        "where, for the same command to go on (not with `--quiet`)",
     ),
     EXIT_BROKEN_PIPE: Meaning(
         "stdout closed",
