@@ -56,8 +56,7 @@ class DaskWorkers:
         Raises:
             InputError: There is no such scheduler, or it goes away.
         """
-        import distributed
-
+        distributed = optional("distributed", "--dask needs", "dask")
         _be_quiet()
         task = replace(task, folder=Path.cwd())
         with self._client(distributed) as client:
