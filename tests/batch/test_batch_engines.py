@@ -82,6 +82,30 @@ def test_killed_processes_cost_their_own_log_one_more_try(tmp_path: Path) -> Non
     assert len(list(task.traces.iterdir())) == before + 2
 
 
+IMPORTED = """
+import importlib, sys
+from pathlib import Path
+from imucalib_cli.batch.local import preloaded
+from imucalib_cli.batch.logs import BatchLog
+from imucalib_cli.jobs.request import CalibrationRequest
+from tests.batch.batch_tasks import task_for
+log, urdf = map(Path, sys.argv[1:])
+task = task_for(CalibrationRequest(logs=(), urdf=urdf))
+for name in preloaded(task):
+    importlib.import_module(name)
+before = set(sys.modules)
+assert task(BatchLog((log,), "a")).record.status == "ok"
+print(*sorted(set(sys.modules) - before))
+"""
+
+
+def test_a_worker_has_imported_what_a_log_needs() -> None:
+    files = [str(SAMPLES / f"rihibot.{suffix}") for suffix in ("mcap", "urdf")]
+    script = [sys.executable, "-c", IMPORTED, *files]
+    done = subprocess.run(script, cwd=ROOT, check=True, capture_output=True, text=True)
+    assert done.stdout.split() == []
+
+
 def test_no_more_processes_than_workers(tmp_path: Path) -> None:
     logs = texts(tmp_path / "logs", a="sleep", b="sleep", c="sleep")
     task = copying(tmp_path / "traces")
