@@ -10,6 +10,8 @@ PACKAGES = {
     "cv2": "OpenCV",
     "matplotlib": "matplotlib",
     "pyarrow": "pyarrow",
+    "fsspec": "fsspec",
+    "aiohttp": "aiohttp",
 }
 """Common name of each module."""
 

@@ -12,10 +12,12 @@ import typer
 
 from imucalib_cli.cli.output import deliver, say
 from imucalib_cli.errors import ImucalibError, InputError
+from imucalib_cli.logs.remote.file import RemoteFile
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
+    from imucalib_cli.logs.reader import LogPath
     from imucalib_cli.results.result import Result
 
 _STDIN = Path("/dev/stdin")
@@ -23,10 +25,24 @@ _LONGEST = 200
 """Bytes of a name without suffix and number: file systems allow 255."""
 
 
-def files_of(*named: Path | str | None) -> list[Path]:
+def files_of(*named: LogPath | str | None) -> list[Path]:
     """Paths of what the user named to be read; ``-`` is the file that stdin comes from."""
-    paths = [_STDIN if str(each) == "-" else Path(each) for each in named if each is not None]
+    local = [each for each in named if each is not None and not isinstance(each, RemoteFile)]
+    paths = [_STDIN if str(each) == "-" else Path(each) for each in local]
     return [path for path in paths if path != _STDIN or path.exists()]
+
+
+@contextmanager
+def reading(*files: LogPath | None, verbose: bool) -> Iterator[None]:
+    """Remove temporary copies of remote files in the end, and say what was read of each."""
+    try:
+        yield
+    finally:
+        for file in files:
+            if isinstance(file, RemoteFile):
+                file.discard()
+                if verbose:
+                    say("read", file.account)
 
 
 @contextmanager
@@ -64,7 +80,7 @@ def telling_what_is_left(*outputs: Path | None) -> Iterator[None]:
 def deliver_into(
     folder: Path,
     results: Sequence[Result],
-    log: Path,
+    log: LogPath,
     fmt: str,
     *,
     force: bool,
@@ -114,13 +130,15 @@ def deliver_into(
     return list(texts)
 
 
-def of_log(folder: Path, log: Path) -> list[Path]:
+def of_log(folder: Path, log: LogPath) -> list[Path]:
     """Files of a folder that are named after a log."""
     return sorted(folder.glob(f"{escape(short(log_name(log)))}.*"))
 
 
-def log_name(log: Path) -> str:
+def log_name(log: LogPath) -> str:
     """What the files of a log are named after."""
+    if isinstance(log, RemoteFile):
+        return log.stem
     resolved = log.resolve()
     if resolved.name == "metadata.yaml":
         resolved = resolved.parent
@@ -153,7 +171,7 @@ def _is_free(path: Path, text: str, result: Result) -> bool:
 def _origin(result: Result) -> tuple[object, ...]:
     """What a result is about, wherever its log lies now."""
     source = result.provenance
-    return source.topics.imu, sorted(file.sha256 for file in source.files)
+    return source.topics.imu, sorted(file.identity for file in source.files)
 
 
 def short(name: str) -> str:

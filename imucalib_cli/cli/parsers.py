@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
     from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.options import WindowChoice
+    from imucalib_cli.logs.reader import LogPath
     from imucalib_cli.results.requirement import Tolerance
 
 _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6}
@@ -223,6 +224,13 @@ def imu_name(text: str) -> str:
 def names(text: str) -> tuple[str, ...]:
     """Names by commas."""
     return tuple(each.strip() for each in text.split(",")) if text else ()
+
+
+def path_or_url(text: str) -> LogPath:
+    """A path, or a file behind a URL: a path would lose one of the slashes."""
+    from imucalib_cli.logs.remote.file import path_or_url
+
+    return path_or_url(text)
 
 
 def output_file(text: str) -> Path | None:

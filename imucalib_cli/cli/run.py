@@ -9,14 +9,16 @@ import typer
 
 from imucalib_cli.cli.exit_codes import EXIT_UNTRUSTED, exit_code, worst
 from imucalib_cli.cli.extras import is_made_here, see_extras, write_extras
-from imucalib_cli.cli.files import deliver_into, files_of, of_log, telling_what_is_left
+from imucalib_cli.cli.files import deliver_into, files_of, of_log, reading, telling_what_is_left
 from imucalib_cli.cli.options import (
     OUTPUT,
     WORDS_OR_YAML,
     EstimatorOptions,
     ExtraFiles,
+    Logs,
     Quiet,
     RecordingOptions,
+    Verbose,
     calibration_request,
 )
 from imucalib_cli.cli.output import (
@@ -48,15 +50,7 @@ else:  # typer evaluates these too
 
 def run_command(
     ctx: typer.Context,
-    logs: Annotated[
-        list[Path],
-        typer.Argument(
-            metavar="LOG",
-            help="One recording: a ROS 1 bag, a ROS 2 folder or db3, an MCAP; or the files of a "
-            "split one.",
-            readable=False,
-        ),
-    ],
+    logs: Logs,
     *,
     recording: RecordingOptions,
     estimator: EstimatorOptions,
@@ -103,6 +97,7 @@ def run_command(
     ] = False,
     extras: ExtraFiles,
     quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
     """Find where every IMU of a recording sits on the robot."""
     from imucalib_cli.jobs.calibrate import calibrate
@@ -123,7 +118,7 @@ def run_command(
     request = replace(request, details=bool(beside))
     see_places(read=read, written=[*single, *beside], force=force, made_here=is_made_here)
     older = [*single, *beside, *([] if folder is None else of_log(folder, logs[0]))]
-    with telling_what_is_left(*older):
+    with telling_what_is_left(*older), reading(*logs, recording.urdf, verbose=verbose):
         with ProgressBar(quiet=quiet) as bar:
             outcome = calibrate(request, bar.report)
         results = _deliverable(outcome, chosen, force=force)

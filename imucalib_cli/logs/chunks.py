@@ -19,12 +19,12 @@ from imucalib_cli.findings import Finding, warning
 from imucalib_cli.logs.damage import DamageError, Tally, seek
 from imucalib_cli.logs.inflate import Inflated, Scratch, inflate, inflate_file
 from imucalib_cli.logs.reader import Catalogue, Channel, Located, add_by_length
+from imucalib_cli.logs.remote.file import RemoteFile, announce
 
 if TYPE_CHECKING:
     from collections.abc import Collection
-    from pathlib import Path
 
-    from imucalib_cli.logs.reader import Progress, Sink
+    from imucalib_cli.logs.reader import LogPath, Progress, Sink
 
 Index = dict[int, Integers]
 """Channel to the receive times (ns) and the offsets in the chunk of its messages, (n, 2)."""
@@ -50,6 +50,15 @@ class Chunk:
     """Message positions that a scan found."""
     end: int = 0
     """Of its record in the file; known once the record has been read."""
+    stop: int = 0
+    """End of its record by the file's index; in bags, which do not tell it, as ``index_stop``."""
+    index_stop: int = 0
+    """End of its message indexes by the file's index."""
+
+    @property
+    def index_start(self) -> int:
+        """File offset of its message indexes; 0 where the file's index does not tell it."""
+        return min((self.index_at or {}).values(), default=0)
 
     def may_hold(self, channels: Collection[int]) -> bool:
         """Whether it may hold messages of a channel."""
@@ -100,6 +109,10 @@ class Contents:
     losses: list[Finding] = field(default_factory=list)
 
 
+class NoIndexError(Exception):
+    """A remote file has no usable index: it would have to be scanned."""
+
+
 class ChunkedFile(ABC):
     """One file of chunks; see :class:`~imucalib_cli.logs.reader.LogFile`.
 
@@ -108,6 +121,7 @@ class ChunkedFile(ABC):
 
     Raises:
         OSError: The file cannot be opened.
+        NoIndexError: It is remote and has no usable index.
     """
 
     MAGIC: ClassVar[bytes]
@@ -116,26 +130,29 @@ class ChunkedFile(ABC):
     PART: ClassVar[str]
     """The file's name in messages about a truncated file."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: LogPath) -> None:
         from imucalib_cli.logs.scan import scan
 
         self.path = path
         self._file = path
-        self.size = path.stat().st_size
         self._scratch = Scratch()
         self._packed = Scratch()
         contents = None
         with path.open("rb") as file:
+            self.size = file.seek(0, io.SEEK_END)
             with suppress(DamageError):
                 contents = self._summary(file)
-            if contents is None:
+            if isinstance(path, RemoteFile):
+                if contents is None or all(each.index_at is None for each in contents.chunks):
+                    raise NoIndexError
+            elif contents is None:
                 contents = scan(self, file)
         self._chunks = contents.chunks
         self.channels = contents.catalogue.channels(contents.tallies)
         self.losses = contents.losses
 
     @classmethod
-    def matches(cls, head: bytes, path: Path) -> bool:  # noqa: ARG003 - content decides
+    def matches(cls, head: bytes, path: LogPath) -> bool:  # noqa: ARG003 - content decides
         """Whether a file with these first bytes is of this format."""
         return head.startswith(cls.MAGIC)
 
@@ -231,12 +248,16 @@ class ChunkedFile(ABC):
         needed = [each for each in self._chunks if each.may_hold(channels)]
         base = 0
         with self._file.open("rb", buffering=0) as file:
+            spans = [(chunk.start, chunk.stop) for chunk in needed]
+            told = announce(file, spans, progress)
             for done, chunk in enumerate(needed):
-                progress(done / len(needed))
+                told(done / len(needed))
                 try:
                     base += self._read_chunk(file, chunk, channels, sink, base)
                 except (DamageError, ValueError) as error:
                     self._lose(warning("log.chunk_unreadable", byte=chunk.start, reason=str(error)))
+        if isinstance(self._file, RemoteFile):
+            self._file.see_unchanged()
         progress(1.0)
 
     def _read_chunk(
@@ -283,7 +304,9 @@ class ChunkedFile(ABC):
         """Message positions: from a scan, from a message index, or by walking the records."""
         if chunk.index is not None:
             return chunk.index
-        if chunk.index_at is not None:
+        # of a remote file the index would be read too: to walk through the chunk costs less
+        is_there = chunk.index_start < chunk.stop or not isinstance(self._file, RemoteFile)
+        if chunk.index_at is not None and is_there:
             buffered = io.BufferedReader(file, _INDEX_ROOM)  # type: ignore[type-var]
             try:
                 return self._message_index(buffered, chunk, channels)
@@ -303,10 +326,19 @@ class ChunkedFile(ABC):
         Raises:
             DamageError: A message index is damaged.
         """
-        for number, tally in contents.tallies.items():
+        ends = {}
+        for number in contents.tallies:
             holding = [each for each in contents.chunks if number in (each.index_at or ())]
+            ends[number] = holding[:1] + holding[1:][-1:]
+        spans = [
+            (chunk.index_start or chunk.index_stop - _INDEX_ROOM, chunk.index_stop)
+            for chunks in ends.values()
+            for chunk in chunks
+        ]
+        announce(file, spans, lambda _: None)
+        for number, tally in contents.tallies.items():
             times = Tally()
-            for chunk in holding[:1] + holding[1:][-1:]:
+            for chunk in ends[number]:
                 found = self._message_index(file, chunk, {number})
                 if number in found:
                     times.add(found[number][:, 0])

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Any, BinaryIO, Protocol
 
 import numpy as np
 
+from imucalib_cli.errors import ImucalibError
+
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Bytes, Integers
 
@@ -70,6 +72,8 @@ class Inflated:
             buffer = self._scratch.reserve(self._done + room, keep=self._done)
             try:
                 got = self._source.fill(buffer.data[self._done : self._done + room])
+            except ImucalibError:  # a server's
+                raise
             # lz4, zstandard and bz2 each raise exceptions of their own for damaged bytes.
             except Exception:  # noqa: BLE001
                 got = 0
