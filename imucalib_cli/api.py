@@ -20,7 +20,7 @@ from imucalib_cli.jobs.calibrate import calibrate_recording
 from imucalib_cli.jobs.from_arrays import streams_of
 from imucalib_cli.jobs.reading import read_recording, recording_of
 from imucalib_cli.jobs.request import CalibrationRequest, ExpectedImu
-from imucalib_cli.logs.remote.file import path_or_url
+from imucalib_cli.logs.remote.file import path_or_url, without_copies
 from imucalib_cli.results.fields import sections, verdict
 from imucalib_cli.results.formats import FORMATS, refuse_untrusted
 from imucalib_cli.results.requirement import Tolerance
@@ -232,11 +232,12 @@ def calibrate(
         require=require,
         allow_remote_scan=allow_remote_scan,
     )
-    recording = read_recording(request, progress)
-    if len(recording.imus) > 1:
-        topics = ", ".join(imu.topic for imu in recording.imus)
-        raise ChoiceError(f"the log has several IMUs: choose one by imu_topic: {topics}")
-    return _calibrated(recording, request, recording.clock.origin_ns, progress)
+    with without_copies(request.logs):
+        recording = read_recording(request, progress)
+        if len(recording.imus) > 1:
+            topics = ", ".join(imu.topic for imu in recording.imus)
+            raise ChoiceError(f"the log has several IMUs: choose one by imu_topic: {topics}")
+        return _calibrated(recording, request, recording.clock.origin_ns, progress)
 
 
 def calibrate_arrays(

@@ -43,8 +43,8 @@ class Behaviour:
     changes_after: int | None = None
     """Requests behind which the file is another one."""
     no_version: bool = False
-    password: str = ""
-    """user:password that is asked for."""
+    asks_for: str = ""
+    """user:password."""
     redirect_to: str = ""
 
 
@@ -98,10 +98,10 @@ def _answer(handler: BaseHTTPRequestHandler, served: WebServer, stopped: threadi
     served.asked.append((handler.path, asked))
     number = len(served.asked)
     fails = how.sound < number <= how.sound + how.fails
-    expected = f"Basic {base64.b64encode(how.password.encode()).decode()}"
+    expected = f"Basic {base64.b64encode(how.asks_for.encode()).decode()}"
     path = served.folder / unquote(urlsplit(handler.path).path).lstrip("/")
     status = how.status if fails else 0
-    if how.password and handler.headers.get("Authorization") != expected:
+    if how.asks_for and handler.headers.get("Authorization") != expected:
         status = 401
     elif not path.is_file():
         status = 404

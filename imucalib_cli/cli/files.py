@@ -12,7 +12,7 @@ import typer
 
 from imucalib_cli.cli.output import deliver, say
 from imucalib_cli.errors import ImucalibError, InputError
-from imucalib_cli.logs.remote.file import RemoteFile
+from imucalib_cli.logs.remote.file import RemoteFile, without_copies
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -35,14 +35,12 @@ def files_of(*named: LogPath | str | None) -> list[Path]:
 @contextmanager
 def reading(*files: LogPath | None, verbose: bool) -> Iterator[None]:
     """Remove temporary copies of remote files in the end, and say what was read of each."""
-    try:
-        yield
-    finally:
-        for file in files:
-            if isinstance(file, RemoteFile):
-                file.discard()
-                if verbose:
-                    say("read", file.account)
+    with without_copies(files) as remote:
+        try:
+            yield
+        finally:
+            for file in remote if verbose else ():
+                say("read", file.account)
 
 
 @contextmanager

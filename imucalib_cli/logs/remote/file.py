@@ -6,6 +6,7 @@ import io
 import shutil
 import tempfile
 import weakref
+from contextlib import contextmanager, suppress
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, TypeVar, cast
@@ -60,6 +61,7 @@ class RemoteFile:
         self._kept: dict[int, bytes] = {}
         self._plan: list[Span] = []
         self._received: Received = lambda _: None
+        self._has_ranges = True
 
     def __str__(self) -> str:
         return without_secrets(self.address)
@@ -120,10 +122,10 @@ class RemoteFile:
         Raises:
             InputError: The file cannot be read.
         """
-        try:
+        with suppress(NoRangesError):
             return self.head(most)
-        except NoRangesError:
-            pass
+        if (self.size or 0) > most:
+            raise InputError(f"{self} is too large, {in_bytes(self.size or 0)}: check the URL")
         with tempfile.TemporaryFile() as file:
             self._copy_to(cast("BinaryIO", file), lambda _: None)
             file.seek(0)
@@ -179,7 +181,7 @@ class RemoteFile:
         """Announce what will be read: neighbours are then read together, and some at once.
 
         Args:
-            spans: In the order in which they will be read.
+            spans: Which are read from the front of the file to its end.
             progress: Called with the share of it that has been read, 0 to 1.
         """
         self._plan = list(_parts(_joined(spans, self.size or 0)))
@@ -256,17 +258,19 @@ class RemoteFile:
 
     def _copy_to(self, file: BinaryIO, received: Received) -> None:
         """Write the whole file into another one, in ranges where that can be done."""
-        parts = list(_parts([(0, self.size or 0)]))
-        try:
-            for first in range(0, len(parts), _AT_ONCE):
-                file.writelines(self._fetch(parts[first : first + _AT_ONCE], received))
-        except NoRangesError:
-            parts = []
-        if not parts:
+        if not self._has_ranges:
             self._named(lambda: self._store.copy_to(file, received))
+            return
+        parts = list(_parts([(0, self.size or 0)]))
+        for first in range(0, len(parts), _AT_ONCE):
+            file.writelines(self._fetch(parts[first : first + _AT_ONCE], received))
 
     def _fetch(self, spans: Sequence[Span], received: Received) -> list[bytes]:
-        return self._named(lambda: self._store.fetch(spans, received))
+        try:
+            return self._named(lambda: self._store.fetch(spans, received))
+        except NoRangesError:
+            self._has_ranges = False
+            raise
 
     def _named(self, read: Callable[[], _T]) -> _T:
         """What a read gives; its error in one line that begins with the file's name."""
@@ -313,6 +317,17 @@ class RangedReader(io.RawIOBase):
         super().close()
 
 
+@contextmanager
+def without_copies(files: Iterable[Path | RemoteFile | None]) -> Iterator[list[RemoteFile]]:
+    """Those of some files that are remote; temporary copies of them are removed in the end."""
+    remote = [each for each in files if isinstance(each, RemoteFile)]
+    try:
+        yield remote
+    finally:
+        for each in remote:
+            each.discard()
+
+
 def path_or_url(text: str) -> Path | RemoteFile:
     """What a user names: a path, or a file behind a URL."""
     if not is_url(text):
@@ -327,7 +342,7 @@ def announce(file: BinaryIO, spans: Iterable[Span], progress: Progress) -> Progr
 
     Args:
         file: As a path or a RemoteFile opens it.
-        spans: Start and end of each part, in the order in which they will be read.
+        spans: Start and end of each part; they are read from the front of the file to its end.
         progress: Called with the share that has been read, 0 to 1, of a remote file.
 
     Returns:

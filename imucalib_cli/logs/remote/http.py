@@ -142,8 +142,10 @@ class HttpStore:
                 left -= len(block)
                 self._traffic.bytes += len(block)
                 received(len(block))
-                if left < 0:
-                    raise RemoteError("cannot be read: the server sends more than it was asked for")
+                if left <= 0:  # whatever more the server promised
+                    break
+        if left < 0:
+            raise RemoteError("cannot be read: the server sends more than it was asked for")
         if left:
             raise aiohttp.ClientPayloadError
 
