@@ -34,6 +34,7 @@ class Behaviour:
     """Bytes of a body behind which the connection is closed."""
     silent_after: int | None = None
     """Bytes of a body behind which nothing comes any more."""
+    seconds_per_request: float = 0.0
     seconds_per_block: float = 0.0
     """Of 64 KiB."""
     more_claimed: int = 0
@@ -122,6 +123,7 @@ def _answer(handler: BaseHTTPRequestHandler, served: WebServer, stopped: threadi
         handler.end_headers()
         handler.wfile.write(b"sorry\n")
         return
+    time.sleep(how.seconds_per_request)
     size = path.stat().st_size
     start, stop = 0, size
     found = re.fullmatch(r"bytes=(\d+)-(\d+)", asked)

@@ -32,14 +32,17 @@ class _Sparse:
         return self._file.tell()
 
 
-def with_images(source: Path, target: Path, *, size: int, image_bytes: int) -> Path:
-    """Copy an MCAP file, uncompressed, with so many images in chunks of their own.
+def with_images(
+    source: Path, target: Path, *, size: int, image_bytes: int, apart: bool = True
+) -> Path:
+    """Copy an MCAP file, uncompressed, with images besides.
 
     Args:
         source: Whose messages are copied in order.
         target: Is written, with holes in place of the images' zeros.
         size: Bytes of all images.
         image_bytes: Of each.
+        apart: Whether images are in chunks of their own.
     """
     with source.open("rb") as small, target.open("wb") as file:
         reader = make_reader(small)
@@ -72,7 +75,8 @@ def with_images(source: Path, target: Path, *, size: int, image_bytes: int) -> P
                 message.sequence,
             )
             if number % each_after == each_after - 1 and written < images:
-                cast("Any", writer)._Writer__finalize_chunk()  # else images share the chunk
+                if apart:
+                    cast("Any", writer)._Writer__finalize_chunk()
                 for _ in range(images // (len(messages) // each_after) + 1):
                     stamp = message.log_time
                     writer.add_message(camera, stamp, b"\1" + bytes(image_bytes - 1), stamp)

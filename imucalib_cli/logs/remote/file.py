@@ -29,14 +29,14 @@ if TYPE_CHECKING:
 
 _LARGEST_RANGE = 1 << 22
 """Bytes asked for at a time: at 10 Mbit/s three seconds, much more than a round trip."""
-_AT_ONCE = 8
-"""Ranges asked for at once, which hides round trips and keeps memory small."""
+_AT_ONCE, _BATCH = 16, 1 << 25
+"""Most ranges asked for at once, and bytes of them: hides round trips, keeps memory small."""
 _GAP = 1 << 12
 """Bytes between wanted ones that are read too: one more request costs as many in headers."""
 _STEP = 1 << 14
 """Least bytes of a read that was not announced: an index is most of the time shorter."""
-_KEPT = 1 << 26
-"""Bytes kept in memory: twice what is read at once."""
+_KEPT = 2 * _BATCH
+"""Bytes kept in memory."""
 
 
 class RemoteFile:
@@ -251,19 +251,19 @@ class RemoteFile:
         for number, (start, end) in enumerate(self._plan):
             if start <= at < end:
                 following = self._plan[number + 1 : number + _AT_ONCE]
-                return [(start, end), *(span for span in following if span[0] not in self._kept)]
+                new = [span for span in following if span[0] not in self._kept]
+                return next(_batches([(start, end), *new]))
         known = [start for start in self._kept if start > at]
         end = min(max(stop, at + _STEP), self.size or 0, *known)
-        return list(_parts([(at, end)]))[:_AT_ONCE]
+        return next(_batches(_parts([(at, end)])))
 
     def _copy_to(self, file: BinaryIO, received: Received) -> None:
         """Write the whole file into another one, in ranges where that can be done."""
         if not self._has_ranges:
             self._named(lambda: self._store.copy_to(file, received))
             return
-        parts = list(_parts([(0, self.size or 0)]))
-        for first in range(0, len(parts), _AT_ONCE):
-            file.writelines(self._fetch(parts[first : first + _AT_ONCE], received))
+        for spans in _batches(_parts([(0, self.size or 0)])):
+            file.writelines(self._fetch(spans, received))
 
     def _fetch(self, spans: Sequence[Span], received: Received) -> list[bytes]:
         try:
@@ -379,3 +379,16 @@ def _parts(spans: Iterable[Span]) -> Iterator[Span]:
     for start, stop in spans:
         for first in range(start, stop, _LARGEST_RANGE):
             yield first, min(first + _LARGEST_RANGE, stop)
+
+
+def _batches(spans: Iterable[Span]) -> Iterator[list[Span]]:
+    """Parts to be asked for at once."""
+    batch: list[Span] = []
+    for start, stop in spans:
+        size = sum(end - first for first, end in batch) + stop - start
+        if batch and (len(batch) == _AT_ONCE or size > _BATCH):
+            yield batch
+            batch = []
+        batch.append((start, stop))
+    if batch:
+        yield batch
