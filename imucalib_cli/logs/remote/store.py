@@ -77,9 +77,8 @@ class AnyStore:
         try:
             self._fs, self._path = url_to_fs(address)
         except ImportError as error:
-            raise RemoteError(
-                f"needs a package that is not installed: {error or error.__cause__} (pip install)"
-            ) from None
+            missing = f"{error or error.__cause__}"
+            raise RemoteError(f"needs a package that is not installed: {missing}") from None
         except Exception as error:  # noqa: BLE001 - each file system has its own
             raise RemoteError(
                 f"cannot be opened, {protocol_of(address)} as fsspec has it: {_words(error)}"
