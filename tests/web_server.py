@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import re
+import ssl
 import threading
 import time
 from contextlib import contextmanager
@@ -47,6 +48,8 @@ class Behaviour:
     asks_for: str = ""
     """user:password."""
     redirect_to: str = ""
+    certificate: tuple[Path, Path] | None = None
+    """Of HTTPS, and its key."""
 
 
 @dataclass
@@ -86,6 +89,10 @@ def serving(folder: Path, **behaviour: Any) -> Iterator[WebServer]:
             """A client that closes its connection is no fault."""
 
     server = Server(("127.0.0.1", 0), Handler)
+    if served.behaviour.certificate is not None:
+        context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+        context.load_cert_chain(*served.behaviour.certificate)
+        server.socket = context.wrap_socket(server.socket, server_side=True)
     served.address = f"127.0.0.1:{server.server_address[1]}"
     thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.01})
     thread.start()

@@ -9,7 +9,7 @@ import io
 import zlib
 from abc import ABC, abstractmethod
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, BinaryIO, ClassVar, Literal
 
 import numpy as np
@@ -17,7 +17,7 @@ import numpy as np
 from imucalib_cli.arrays import Bools, Bytes, Indices, Integers
 from imucalib_cli.findings import Finding, warning
 from imucalib_cli.logs.damage import DamageError, Tally, seek
-from imucalib_cli.logs.inflate import Inflated, Scratch, inflate, inflate_file
+from imucalib_cli.logs.inflate import SLACK, Inflated, Scratch, inflate, inflate_file
 from imucalib_cli.logs.reader import Catalogue, Channel, Located, add_by_length
 from imucalib_cli.logs.remote.file import RemoteFile, announce
 
@@ -31,6 +31,13 @@ Index = dict[int, Integers]
 
 _INDEX_ROOM = 1 << 14
 """Bytes of message indexes read at a time: they are small and stand in a row after the chunk."""
+_WORTH = 1 << 18
+"""Bytes of a remote file that are worth a request of their own to be skipped: at 100 Mbit/s they
+take 20 ms, as does a request where many wait for each other."""
+_LARGE = 1 << 20
+"""Bytes: recorders close a chunk at about this size, so a larger one has large messages."""
+_HEAD_ROOM = 256
+"""Bytes: the head of a chunk is shorter."""
 _CHECKED_SHARE = 0.5
 """A chunk's checksum is checked if wanted messages make up this share of it. Otherwise the check
 would cost more than reading, mostly over images nobody asked for."""
@@ -54,6 +61,10 @@ class Chunk:
     """End of its record by the file's index; in bags, which do not tell it, as ``index_stop``."""
     index_stop: int = 0
     """End of its message indexes by the file's index."""
+    is_plain: bool = False
+    """Whether its messages are stored uncompressed, by the file's index."""
+    head: ChunkHead | None = None
+    """Once it has been read."""
 
     @property
     def index_start(self) -> int:
@@ -228,7 +239,7 @@ class ChunkedFile(ABC):
         """
         if chunk.length:
             return inflate_file(file, chunk.start, chunk.length, self._scratch), 0
-        head = self._chunk_head(file, chunk.start)
+        head = chunk.head or self._chunk_head(file, chunk.start)
         chunk.end = head.start + head.packed
         size = max(0, min(chunk.end, self.size) - head.start)
         if head.is_plain:
@@ -248,8 +259,9 @@ class ChunkedFile(ABC):
         needed = [each for each in self._chunks if each.may_hold(channels)]
         base = 0
         with self._file.open("rb", buffering=0) as file:
-            spans = [(chunk.start, chunk.stop) for chunk in needed]
-            told = announce(file, spans, progress)
+            told = progress
+            if isinstance(self._file, RemoteFile):
+                needed, told = self._announced(file, needed, channels, progress)
             for done, chunk in enumerate(needed):
                 told(done / len(needed))
                 try:
@@ -259,6 +271,43 @@ class ChunkedFile(ABC):
         if isinstance(self._file, RemoteFile):
             self._file.see_unchanged()
         progress(1.0)
+
+    def _announced(
+        self,
+        file: BinaryIO,
+        chunks: list[Chunk],
+        channels: Collection[int],
+        progress: Progress,
+    ) -> tuple[list[Chunk], Progress]:
+        """Announce what is read of a remote file's chunks: all, or parts of large plain ones.
+
+        Returns:
+            The chunks, and what is left to be called by who reads them.
+        """
+        large = [each for each in chunks if each.is_plain and each.stop - each.start > _LARGE]
+        spans = [
+            span
+            for chunk in large
+            for span in (
+                (chunk.start, chunk.start + _HEAD_ROOM),
+                (chunk.index_start, chunk.index_stop),
+            )
+        ]
+        announce(file, spans, lambda share: progress(share / 2.0))
+        parts: dict[int, list[tuple[int, int]]] = {}
+        found: dict[int, Chunk] = {}
+        for chunk in large:
+            with suppress(DamageError):  # is told where the chunk is read
+                head = self._chunk_head(file, chunk.start)
+                index = self._index_of(file, chunk, channels)
+                parts[chunk.start] = _runs(head.start, index)
+                found[chunk.start] = replace(chunk, head=head, index=index)
+        spans = [
+            span for chunk in chunks for span in parts.get(chunk.start, [(chunk.start, chunk.stop)])
+        ]
+        done = 0.5 if large else 0.0
+        told = announce(file, spans, lambda share: progress(done + (1.0 - done) * share))
+        return [found.get(chunk.start, chunk) for chunk in chunks], told
 
     def _read_chunk(
         self, file: BinaryIO, chunk: Chunk, channels: dict[int, Channel], sink: Sink, base: int
@@ -307,18 +356,25 @@ class ChunkedFile(ABC):
         # of a remote file the index would be read too: to walk through the chunk costs less
         is_there = chunk.index_start < chunk.stop or not isinstance(self._file, RemoteFile)
         if chunk.index_at is not None and is_there:
-            buffered = io.BufferedReader(file, _INDEX_ROOM)  # type: ignore[type-var]
-            try:
-                return self._message_index(buffered, chunk, channels)
-            except DamageError:
-                pass
-            finally:
-                buffered.detach()
+            with suppress(DamageError):
+                return self._index_of(file, chunk, channels)
         index, sound = self.walk(inflated.upto(), Catalogue())
         if sound < inflated.claimed:
             size = inflated.claimed
             self._lose(warning("log.chunk_damaged", byte=chunk.start, lost=size - sound, size=size))
         return index
+
+    def _index_of(self, file: BinaryIO, chunk: Chunk, channels: Collection[int]) -> Index:
+        """Message positions from the message index, read by a buffer.
+
+        Raises:
+            DamageError: It is missing or damaged.
+        """
+        buffered = io.BufferedReader(file, _INDEX_ROOM)  # type: ignore[type-var]
+        try:
+            return self._message_index(buffered, chunk, channels)
+        finally:
+            buffered.detach()
 
     def _time(self, file: BinaryIO, contents: Contents) -> None:
         """Times of each channel's first and last messages, from the chunks at both ends.
@@ -348,3 +404,14 @@ class ChunkedFile(ABC):
     def _lose(self, what: Finding) -> None:
         if what not in self.losses:
             self.losses.append(what)
+
+
+def _runs(start: int, index: Index) -> list[tuple[int, int]]:
+    """Parts of a file that hold the messages of an index, of data that begin at ``start``."""
+    if not index:
+        return []
+    offsets = start + np.sort(np.concatenate([each[:, 1] for each in index.values()]))
+    breaks = np.flatnonzero(np.diff(offsets) > _WORTH)
+    firsts = offsets[np.concatenate(([0], breaks + 1))].tolist()
+    lasts = offsets[np.concatenate((breaks, [len(offsets) - 1]))].tolist()
+    return [(first, last + SLACK) for first, last in zip(firsts, lasts, strict=True)]

@@ -6,6 +6,7 @@ import gc
 import pickle
 import re
 import shutil
+import subprocess
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
@@ -13,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from mcap.reader import make_reader
 
 from imucalib_cli.errors import ChoiceError, ImucalibError, InputError
 from imucalib_cli.logs.log import LogData, open_log
@@ -103,6 +105,33 @@ def test_only_wanted_chunks_are_read(images: Path) -> None:
         assert web.sent <= 1.2 * wanted_bytes(images, TOPICS)
         spans = [re.findall(r"\d+", each) for _, each in web.asked]
         assert max(int(stop) - int(start) for start, stop in spans) < 1 << 22
+
+
+def test_what_lies_between_in_large_plain_chunks_is_not_read(tmp_path: Path) -> None:
+    shares: list[float] = []
+    path = tmp_path / "log.mcap"
+    with_images(SAMPLES / "rihibot.mcap", path, size=8 << 20, image_bytes=1 << 20, apart=False)
+    with serving(tmp_path) as web:
+        log = open_log([RemoteFile(web.url("log.mcap"))])
+        assert_same(log.read(TOPICS, shares.append), open_log([path]).read(TOPICS))
+        assert web.sent < wanted_bytes(path, TOPICS) - (3 << 20)  # of images that share a chunk
+        assert shares == sorted(shares)
+        assert shares[-1] == 1.0
+        assert_same(log.read(["/imu/data"]), open_log([path]).read(["/imu/data"]))
+
+
+def test_a_damaged_index_of_a_large_plain_chunk_costs_no_message(tmp_path: Path) -> None:
+    path = tmp_path / "log.mcap"
+    with_images(SAMPLES / "rihibot.mcap", path, size=4 << 20, image_bytes=1 << 20, apart=False)
+    with path.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    large = next(each for each in summary.chunk_indexes if each.chunk_length > 1 << 20)
+    content = bytearray(path.read_bytes())
+    content[min(large.message_index_offsets.values())] ^= 0xFF
+    path.write_bytes(content)
+    with serving(tmp_path) as web:
+        assert_same(read(RemoteFile(web.url("log.mcap"))), read(path))
 
 
 @pytest.mark.slow
@@ -257,6 +286,16 @@ def test_a_server_without_tls() -> None:
     with rihibot() as (web, _):
         said = refused(f"https://{web.address}/rihibot.mcap")
     assert "does not speak TLS" in said
+
+
+@pytest.mark.skipif(shutil.which("openssl") is None, reason="makes a certificate")
+def test_a_certificate_of_nobody(tmp_path: Path) -> None:
+    made = ["req", "-x509", "-newkey", "rsa:2048", "-nodes", "-subj", "/CN=localhost"]
+    files = ["-keyout", str(tmp_path / "key"), "-out", str(tmp_path / "certificate")]
+    subprocess.run(["openssl", *made, *files], check=True, capture_output=True)
+    with serving(SAMPLES, certificate=(tmp_path / "certificate", tmp_path / "key")) as web:
+        said = refused(f"https://{web.address}/rihibot.mcap")
+    assert said.startswith("cannot be read: the server's certificate is not valid: check URL")
 
 
 def test_no_version_is_no_change() -> None:

@@ -76,6 +76,7 @@ class McapFile(ChunkedFile):
                 index_at = records.parse_map(cursor)
                 chunk = Chunk(start=start, index_at=index_at or None, stop=start + length)
                 chunk.index_stop = chunk.stop + cursor.number(8)
+                chunk.is_plain = cursor.text() in {"", "none"}
                 contents.chunks.append(chunk)
             elif opcode == records.STATISTICS:
                 chunk_count, counts = records.parse_statistics(body)

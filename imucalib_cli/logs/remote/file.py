@@ -80,7 +80,7 @@ class RemoteFile:
     @property
     def size(self) -> int | None:
         """Bytes; None where it is not known, which it is after a read."""
-        return self._store.size
+        return self._store.size if "_store" in vars(self) else None
 
     @property
     def version(self) -> str:
