@@ -233,13 +233,23 @@ def path_or_url(text: str) -> LogPath:
     return path_or_url(text)
 
 
+def local_file(text: str) -> Path:
+    """A path, where a URL is not taken."""
+    from imucalib_cli.logs.remote.url import is_url, without_secrets
+
+    if is_url(text):
+        raise WrongValue(f"{without_secrets(text)}: is a URL; name a file on disk")
+    return Path(text)
+
+
 def output_file(text: str) -> Path | None:
     """The file that ``-o`` names; None for stdout."""
     if text == "-":
         return None
+    path = Path(_not_empty(text))
     if is_folder(text):
         raise WrongValue(f"{text}: is a folder; name the file to write")
-    return Path(_not_empty(text))
+    return path
 
 
 def file_ending(*suffixes: str) -> Callable[[str], Path]:
@@ -274,6 +284,7 @@ def is_folder(output: str) -> bool:
 def _not_empty(text: str) -> str:
     if not text:
         raise WrongValue("is empty, as of a variable that is not set: name the file to write")
+    local_file(text)
     return text
 
 

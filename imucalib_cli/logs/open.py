@@ -160,6 +160,8 @@ def _open_remote(remote: RemoteFile, readers: Readers, progress: Progress | None
         readers: Formats that may be meant.
         progress: Called with the share that is downloaded; None allows no download.
     """
+    if remote.is_folder:
+        raise InputError(f"{remote} is a folder: name its .mcap or .bag files one by one")
     try:
         head = remote.head(_HEAD)
         reader = _reader(Path(remote.name), head, readers)

@@ -147,10 +147,12 @@ def test_a_url_in_the_wrong_place_shows_no_secret(
     result = tmp_path / "result.yaml"
     result.write_text("schema: 1\n")
     others = {"apply": ["--urdf", str(URDF)], "verify": [str(result)]}.get(command, [str(result)])
-    assert main([command, url, *others]) in {1, 2}
-    seen = capsys.readouterr()
-    assert "error: " in seen.err
-    assert not re.search("secret|hidden", seen.out + seen.err)
+    urdf = ["--urdf", url]
+    for arguments in ([url, *others], [str(result), *others, *urdf], [str(result), "-o", url]):
+        assert main([command, *arguments]) in {1, 2}
+        seen = capsys.readouterr()
+        assert seen.err.startswith("error: ")
+        assert not re.search("secret|hidden", seen.out + seen.err)
 
 
 def test_python_takes_urls(web: WebServer) -> None:

@@ -353,6 +353,7 @@ def test_what_is_no_log_is_told_as_of_a_file(tmp_path: Path) -> None:
         assert refused(web.url("empty.mcap")) == "is empty: record or copy it again"
         assert refused(web.url("words.txt")).startswith("is not a log: expected an MCAP file")
         assert "name those one by one" in refused(web.url("metadata.yaml"))
+        assert refused(web.url("")).startswith("is a folder: name its .mcap or .bag files")
 
 
 def test_a_file_is_given_twice() -> None:

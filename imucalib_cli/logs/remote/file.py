@@ -6,6 +6,7 @@ import io
 import shutil
 import tempfile
 import weakref
+from bisect import bisect_right
 from contextlib import contextmanager, suppress
 from functools import cached_property
 from pathlib import Path
@@ -35,8 +36,8 @@ _GAP = 1 << 12
 """Bytes between wanted ones that are read too: one more request costs as many in headers."""
 _STEP = 1 << 14
 """Least bytes of a read that was not announced: an index is most of the time shorter."""
-_KEPT = 2 * _BATCH
-"""Bytes kept in memory."""
+_KEPT, _MOST_KEPT = 2 * _BATCH, 16 * _AT_ONCE
+"""Bytes kept in memory, and parts, which are searched one by one."""
 
 
 class RemoteFile:
@@ -76,6 +77,11 @@ class RemoteFile:
     def stem(self) -> str:
         """Its name without the suffix."""
         return Path(self.name).stem
+
+    @property
+    def is_folder(self) -> bool:
+        """Whether the URL ends as that of a folder."""
+        return str(self).removesuffix("?…").endswith("/")
 
     @property
     def size(self) -> int | None:
@@ -236,7 +242,7 @@ class RemoteFile:
         spans = self._missing(at, stop)
         for (start, _), data in zip(spans, self._fetch(spans, self._received), strict=True):
             self._kept[start] = data
-        while sum(map(len, self._kept.values())) > _KEPT:
+        while len(self._kept) > _MOST_KEPT or sum(map(len, self._kept.values())) > _KEPT:
             del self._kept[next(iter(self._kept))]
         start, _ = spans[0]
         return start, self._kept[start]
@@ -248,11 +254,11 @@ class RemoteFile:
 
     def _missing(self, at: int, stop: int) -> list[Span]:
         """What to read for a position: as announced from there on, or what is asked for."""
-        for number, (start, end) in enumerate(self._plan):
-            if start <= at < end:
-                following = self._plan[number + 1 : number + _AT_ONCE]
-                new = [span for span in following if span[0] not in self._kept]
-                return next(_batches([(start, end), *new]))
+        number = bisect_right(self._plan, at, key=lambda span: span[0]) - 1
+        if number >= 0 and at < self._plan[number][1]:
+            following = self._plan[number + 1 : number + _AT_ONCE]
+            new = [span for span in following if span[0] not in self._kept]
+            return next(_batches([self._plan[number], *new]))
         known = [start for start in self._kept if start > at]
         end = min(max(stop, at + _STEP), self.size or 0, *known)
         return next(_batches(_parts([(at, end)])))
