@@ -25,6 +25,8 @@ class Behaviour:
     """Of all answers; the defaults are those of a good server."""
 
     ranges: bool = True
+    no_ranges_after: int | None = None
+    """Requests behind which there are no ranges any more."""
     status: int = 0
     """In place of the file; 0 for the file."""
     fails: int = 1 << 30
@@ -134,7 +136,8 @@ def _answer(handler: BaseHTTPRequestHandler, served: WebServer, stopped: threadi
     size = path.stat().st_size
     start, stop = 0, size
     found = re.fullmatch(r"bytes=(\d+)-(\d+)", asked)
-    if found and how.ranges:
+    has_ranges = how.ranges and (how.no_ranges_after is None or number <= how.no_ranges_after)
+    if found and has_ranges:
         start, stop = int(found[1]), min(int(found[2]) + 1, size)
         if start >= size:
             handler.send_response(416)

@@ -161,7 +161,10 @@ def test_a_long_summary_is_one_more_read(messages: list[Said], written: Write) -
 def test_a_server_without_ranges_is_refused() -> None:
     with rihibot(ranges=False) as (web, remote):
         said = refused(remote.address)
-        assert web.sent < 1 << 20
+        with pytest.raises(ChoiceError):
+            read(remote)
+        assert remote.traffic.bytes == 0
+        assert len(web.asked) == 2
     assert said.startswith("would have to be read whole, 2.2 MB: its server does not send parts")
     assert "--allow-remote-scan" in said
 
@@ -246,6 +249,8 @@ def test_a_request_has_a_longest_time(monkeypatch: pytest.MonkeyPatch) -> None:
             "cannot be read: the server answers 503 Service Unavailable, 4 times in a row",
         ),
         ({"redirect_to": "/rihibot.mcap"}, "cannot be read: the server redirects without end"),
+        ({"no_ranges_after": 1}, "cannot be read: its server sent parts of it at first, and now"),
+        ({"no_ranges_after": 7}, "cannot be read: its server sent parts of it at first, and now"),
         ({"changes_after": 3}, "changed while it was read: try again when nothing writes"),
         ({"other_start": 5}, "cannot be read: the server sends other bytes than it was asked for"),
     ],
@@ -274,6 +279,11 @@ def test_a_wrong_length_is_made_up_for(more: int, monkeypatch: pytest.MonkeyPatc
 
 def test_a_host_that_is_not_there() -> None:
     assert "there is no such host" in refused("http://robot.invalid/log.mcap")
+
+
+@pytest.mark.parametrize("url", ["http://[host/log.mcap", "http://host:port/log.mcap", "http:///"])
+def test_what_is_no_url(url: str) -> None:
+    assert re.search("is no URL that can be read|is a folder", refused(url))
 
 
 def test_a_port_without_a_server() -> None:

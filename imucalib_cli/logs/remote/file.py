@@ -227,12 +227,13 @@ class RemoteFile:
     def _store(self) -> Store:
         need = f"{self} needs"
         optional("fsspec", need, "remote")
+        kind: Callable[[str, Traffic], Store] = AnyStore
         if protocol_of(self.address) in {"http", "https"}:
             optional("aiohttp", need, "remote")
             from imucalib_cli.logs.remote.http import HttpStore
 
-            return HttpStore(self.address, self.traffic)
-        return self._named(lambda: AnyStore(self.address, self.traffic))
+            kind = HttpStore
+        return self._named(lambda: kind(self.address, self.traffic))
 
     def _part_with(self, at: int, stop: int) -> tuple[int, bytes]:
         """The kept part with a position, which is read if it has to be, and where it begins."""
@@ -240,8 +241,16 @@ class RemoteFile:
             if start <= at < start + len(data):
                 return start, data
         spans = self._missing(at, stop)
-        for (start, _), data in zip(spans, self._fetch(spans, self._received), strict=True):
-            self._kept[start] = data
+        try:
+            parts = self._fetch(spans, self._received)
+        except NoRangesError:
+            raise InputError(
+                f"{self} cannot be read: its server sent parts of it at first, and now the whole: "
+                "try again later"
+            ) from None
+        for (start, _), data in zip(spans, parts, strict=True):
+            self._kept.pop(start, None)
+            self._kept[start] = data  # as the newest
         while len(self._kept) > _MOST_KEPT or sum(map(len, self._kept.values())) > _KEPT:
             del self._kept[next(iter(self._kept))]
         start, _ = spans[0]
@@ -249,13 +258,18 @@ class RemoteFile:
 
     def _is_near(self, at: int) -> bool:
         """Whether a position is kept, or announced."""
-        kept = ((start, start + len(data)) for start, data in self._kept.items())
-        return any(start <= at < stop for start, stop in (*kept, *self._plan))
+        is_kept = any(start <= at < start + len(data) for start, data in self._kept.items())
+        return is_kept or self._announced(at) is not None
+
+    def _announced(self, at: int) -> int | None:
+        """Number of the announced part with a position."""
+        number = bisect_right(self._plan, at, key=lambda span: span[0]) - 1
+        return number if number >= 0 and at < self._plan[number][1] else None
 
     def _missing(self, at: int, stop: int) -> list[Span]:
         """What to read for a position: as announced from there on, or what is asked for."""
-        number = bisect_right(self._plan, at, key=lambda span: span[0]) - 1
-        if number >= 0 and at < self._plan[number][1]:
+        number = self._announced(at)
+        if number is not None:
             following = self._plan[number + 1 : number + _AT_ONCE]
             new = [span for span in following if span[0] not in self._kept]
             return next(_batches([self._plan[number], *new]))

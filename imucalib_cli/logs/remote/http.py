@@ -81,7 +81,11 @@ class HttpStore:
         self._fs: Any = filesystem(
             protocol, client_kwargs=client, encoded="%" in address, skip_instance_cache=True
         )
-        self._address, self._traffic = address, traffic
+        try:
+            self._url = self._fs.encode_url(address)
+        except ValueError:
+            raise RemoteError("is no URL that can be read: check it") from None
+        self._traffic = traffic
         self.size: int | None = None
         self.version = ""
 
@@ -161,8 +165,6 @@ class HttpStore:
                 target.write(block)
                 self._traffic.bytes += len(block)
                 received(len(block))
-        if self.size is not None and target.tell() < self.size:
-            raise aiohttp.ClientPayloadError
 
     @asynccontextmanager
     async def _answer(
@@ -175,7 +177,7 @@ class HttpStore:
         headers = {**own.get("headers", {}), "Accept-Encoding": "identity", **headers}
         timeout = aiohttp.ClientTimeout(total=seconds, sock_connect=CONNECT_S, sock_read=SILENCE_S)
         given = {**own, "headers": headers, "timeout": timeout}
-        async with session.get(self._fs.encode_url(self._address), **given) as answer:
+        async with session.get(self._url, **given) as answer:
             yield answer
 
     def _see_range(self, answer: aiohttp.ClientResponse, start: int) -> int:

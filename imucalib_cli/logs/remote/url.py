@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import PurePosixPath
-from urllib.parse import unquote, urlsplit
+from urllib.parse import unquote
 
 _PROTOCOL = r"[A-Za-z][A-Za-z0-9+.-]+"
 _URL = re.compile(rf"(?:{_PROTOCOL}::)*{_PROTOCOL}://")
@@ -31,6 +31,7 @@ def without_secrets(text: str) -> str:
 
 def file_name(url: str) -> str:
     """Last part of the path, as the name of a file on any disk."""
-    name = PurePosixPath(unquote(urlsplit(url).path)).name
+    _, _, path = re.split(r"[?#]", url)[0].partition("://")[2].partition("/")
+    name = PurePosixPath(unquote(path)).name
     name = re.sub(r'[\x00-\x1f/\\:*?"<>|]+', "_", name).strip(". ")
     return name.encode()[-_LONGEST_NAME:].decode(errors="ignore") or "log"
