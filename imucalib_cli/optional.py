@@ -12,6 +12,7 @@ PACKAGES = {
     "pyarrow": "pyarrow",
     "fsspec": "fsspec",
     "aiohttp": "aiohttp",
+    "distributed": "Dask",
 }
 """Common name of each module."""
 

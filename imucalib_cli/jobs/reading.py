@@ -303,9 +303,9 @@ class Fingerprints:
 
 def _source_file(path: LogPath) -> SourceFile:
     if not isinstance(path, RemoteFile):
-        return SourceFile(path=printable(path), sha256=_sha256(path))
+        return SourceFile(path=printable(path), sha256=sha256_of(path))
     # of a file that is read in parts nobody knows the hash
-    sha256 = None if path.copy is None else _sha256(path.copy)
+    sha256 = None if path.copy is None else sha256_of(path.copy)
     remote = RemoteEntry(bytes=path.size, version=path.version or None)
     return SourceFile(path=printable(path), sha256=sha256, remote=remote)
 
@@ -315,7 +315,12 @@ def printable(path: LogPath | str) -> str:
     return str(path).encode("utf-8", "surrogateescape").decode("utf-8", "replace")
 
 
-def _sha256(path: Path) -> str:
+def sha256_of(path: Path) -> str:
+    """Hexadecimal, of the file's bytes.
+
+    Raises:
+        OSError: It cannot be read.
+    """
     digest = hashlib.sha256()
     buffer = memoryview(bytearray(_BLOCK))
     with path.open("rb", buffering=0) as file:

@@ -1,4 +1,4 @@
-"""What each of several IMUs is called in the names of files and topics."""
+"""What logs and their IMUs are called in the names of files and topics."""
 
 from __future__ import annotations
 
@@ -7,10 +7,16 @@ import unicodedata
 from itertools import count
 from typing import TYPE_CHECKING
 
+from imucalib_cli.logs.remote.file import RemoteFile
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from imucalib_cli.logs.reader import LogPath
     from imucalib_cli.results.result import Result
+
+_LONGEST = 200
+"""Bytes of a name without suffix and number: file systems allow 255."""
 
 FILE = r"[^\w.-]+"
 """Letters that no name of a file should have."""
@@ -58,3 +64,18 @@ def sameness(name: str) -> str:
     To some, other cases and compositions of letters are the same.
     """
     return unicodedata.normalize("NFC", name).casefold()
+
+
+def log_name(log: LogPath) -> str:
+    """What the files of a log are named after."""
+    if isinstance(log, RemoteFile):
+        return log.stem
+    resolved = log.resolve()
+    if resolved.name == "metadata.yaml":
+        resolved = resolved.parent
+    return resolved.name if resolved.is_dir() else resolved.stem
+
+
+def short(name: str, longest: int = _LONGEST) -> str:
+    """A name that every file system takes, its end cut off; what is not UTF-8 is left out."""
+    return name.encode(errors="surrogateescape")[:longest].decode(errors="ignore")
