@@ -119,7 +119,7 @@ def _once(logs: Sequence[StoredLog]) -> list[StoredLog]:
     """Each log once, whatever its files are called."""
     found: dict[tuple[str, ...], StoredLog] = {}
     for log in logs:
-        hashes = tuple(sorted(file.sha256 for file in log.result.provenance.files))
+        hashes = tuple(sorted(file.identity for file in log.result.provenance.files))
         found.setdefault(hashes or (log.name,), log)
     return list(found.values())
 

@@ -222,9 +222,9 @@ def _mount_words(result: Result) -> str:
 
 def _source(result: Result, prefix: str) -> str:
     source = result.provenance
-    rows = [(each.path, f"sha256 {each.sha256}") for each in source.files]
+    rows = [(each.path, each.identity) for each in source.files]
     if source.urdf is not None:
-        rows.append((source.urdf.path, f"sha256 {source.urdf.sha256}"))
+        rows.append((source.urdf.path, source.urdf.identity))
     rows.append(("made by", f"{source.tool} {source.version}"))
     rows += [(name, "default" if v is None else str(v)) for name, v in source.options.items()]
     text = "".join(f"<dt>{as_html(name)}</dt><dd>{as_html(value)}</dd>" for name, value in rows)
