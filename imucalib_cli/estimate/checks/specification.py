@@ -43,13 +43,19 @@ _NEGLIGIBLE: Final = (1e-5, 2e-5)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Dependence:
-    """How the answer changes with the window."""
+class OtherWindow:
+    """What another window says of every component."""
 
     seconds: float
     """Of the other window."""
     changes: Floats
     """(n,), of the layout's components: by the other window less by the one used."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Dependence(OtherWindow):
+    """How the answer changes with the window."""
+
     difference: Floats
     """(6,), of the pose, m and rad."""
     covariance: Floats
@@ -84,14 +90,14 @@ def window_dependence(fit: Fit) -> list[Dependence]:
             continue
         plan = plan_windows(length, own.degree, windowing.grid.dt, hop=own.hop)
         model = replace(fit.model, windowing=replace(windowing, plan=plan))
-        fitting = thinned(np.intersect1d(centres, model.centres(fit.linearised)), _MOST)
+        fitting = thinned(np.intersect1d(centres, model.centres(fit.equations.at)), _MOST)
         if _lengths(fitting, plan) >= _FEWEST_PARTS:
             others.append((model, fitting))
     if not others:
         return []
     every = np.unique(np.concatenate([fitting for _, fitting in others]))
     plans = tuple(model.windowing.plan for model, _ in others)
-    found = fit.model.residuals(fit.linearised, every, plans)
+    found = fit.model.residuals(fit.equations.at, every, plans)
     base = _Solved.of(fit, fit.parts, fit.statistics.noise_score)
     return [
         _difference(fit, base, model, centres, residuals.values[np.isin(every, centres)])
@@ -113,7 +119,7 @@ def _difference(
     weights = fit.weights[np.searchsorted(fit.centres, centres)]
     found = part_statistics(
         model,
-        fit.linearised,
+        fit.equations.at,
         centres,
         residuals=residuals,
         weights=weights,
@@ -153,7 +159,7 @@ class _Solved:
         problem = fit.problem(matrices.sum(axis=0), noise_score)
         step, inverse = problem.solve(fit.u)
         inverse = inverse[np.searchsorted(free, fit.layout.pose)]
-        each = matrices[:, 1:, 0][:, free] / fit.level
+        each = matrices[:, 1:, 0][:, free] / fit.equations.level
         return cls(step, -(each @ inverse.T), np.asarray(inverse), problem.precision(fit.u))
 
 
