@@ -78,7 +78,8 @@ Within = Annotated[
         metavar="LENGTH,ANGLE",
         parser=parsers.within,
         help="How far it may be off, such as 2mm,0.2deg; what is left out is 5mm or 0.5deg.",
-        show_default="verify: 5mm,0.5deg; diff: what is not significant",
+        show_default="verify: 5mm,0.5deg; diff: what is not significant; trend: what is not "
+        "decisive",
     ),
 ]
 Quiet = Annotated[bool, _output("-q", "--quiet", help="Errors only on stderr.")]

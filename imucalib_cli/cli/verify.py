@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from imucalib_cli.cli.exit_codes import EXIT_NO, EXIT_OK, EXIT_UNTRUSTED, exit_code, worst
+from imucalib_cli.cli.exit_codes import exit_code, verdict_code, worst
 from imucalib_cli.cli.files import files_of, writing
 from imucalib_cli.cli.options import (
     OUTPUT,
@@ -29,14 +29,6 @@ if TYPE_CHECKING:
 
 _OF_RESULTS = {"--urdf", "--imu-link", "--imu-topic"}
 """Options of the recording that mean something for a result too."""
-_EXIT_CODES = {
-    "yes": EXIT_OK,
-    "not moved": EXIT_OK,
-    "no": EXIT_NO,
-    "moved": EXIT_NO,
-    "unknown": EXIT_UNTRUSTED,
-}
-"""Of each verdict."""
 
 
 def verify_command(
@@ -111,7 +103,7 @@ def give_answers(
             say(answer.verdict, answer.reason)
     for failure in failures:
         say_error(failure)
-    verdicts = [_EXIT_CODES[answer.verdict] for answer in answers]
+    verdicts = [verdict_code(answer.verdict) for answer in answers]
     return worst([*verdicts, *(exit_code(failure) for failure in failures)])
 
 

@@ -271,7 +271,9 @@ class KalibrAnswer(Tree, frozen=True):
 
 
 def schema_of(which: Literal["result", "comparison"]) -> str:
-    """JSON Schema of what ``run`` writes, or of what ``verify``, ``diff`` and ``compare`` do."""
+    """JSON Schema of what ``run`` writes, or of the answers of the commands that compare."""
+    from imucalib_cli.results.trend.answer import TrendAnswer
+
     several = "With --format json several IMUs give an array of these objects, with YAML a stream."
     if which == "result":
         return json_schema(
@@ -283,11 +285,12 @@ def schema_of(which: Literal["result", "comparison"]) -> str:
             Result,
         )
     return json_schema(
-        "imucalib verify, diff and compare, schema 1",
+        "imucalib verify, diff, trend and compare, schema 1",
         "Answer for one IMU. Adding a key keeps the schema number, changing one raises it. "
         "Differences are found - told (verify), second - first (diff) or Kalibr's - ours "
         f"(compare), in the parent frame. {several}",
         VerifyAnswer,
         DiffAnswer,
+        TrendAnswer,
         KalibrAnswer,
     )

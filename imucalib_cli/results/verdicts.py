@@ -59,7 +59,7 @@ def verify(
     verdicts = [apart.judge(part, within) for part in apart.parts]
     doubts = _contradictions(result)
     verdict: Verdict = "unknown" if doubts else apart.verdict(within)
-    asked = _tolerance_words(within)
+    asked = tolerance_words(within)
     place = f"{result.child} in {result.parent}"
     source = "the log's own frames say" if urdf is None else f"{urdf.path} says"
     by = f"{source} (joint '{told.joint}')" if told.joint else source
@@ -86,7 +86,7 @@ def verify(
         reason=said + _given_beforehand(result),
         parent=result.parent,
         child=result.child,
-        within=_within(within),
+        within=within_entry(within),
         translation=translation,
         rotation=rotation,
         significance=apart.significance(),
@@ -125,7 +125,7 @@ def diff(
     verdict: Verdict = "unknown" if doubts else apart.verdict(within)
     place = f"{poses[0].child} in {poses[0].parent}"
     figures_said = f"{apart} apart{_chance(test)}"
-    allowed = "" if within is None else f", within {_tolerance_words(within)}"
+    allowed = "" if within is None else f", within {tolerance_words(within)}"
     match verdict:
         case "no":
             said = f"{place} has moved: {figures_said}{allowed}"
@@ -147,7 +147,7 @@ def diff(
         reason=said,
         parent=poses[0].parent,
         child=poses[0].child,
-        within=None if within is None else _within(within),
+        within=None if within is None else within_entry(within),
         translation=translation,
         rotation=rotation,
         significance=apart.significance(),
@@ -159,7 +159,8 @@ def diff(
     )
 
 
-def _within(within: Tolerance) -> Within:
+def within_entry(within: Tolerance) -> Within:
+    """A tolerance as answers write it."""
     return Within(plain(within.translation * 1e3), plain(math.degrees(within.rotation)))
 
 
@@ -220,7 +221,7 @@ def _given_beforehand(result: Result) -> str:
     return f"; told beforehand, not found by the log alone: {', '.join(names)}" if names else ""
 
 
-def _tolerance_words(within: Tolerance) -> str:
+def tolerance_words(within: Tolerance) -> str:
     """Such as ``5 mm and 0.5 deg``."""
     return f"{within.translation * 1e3:.6g} mm and {math.degrees(within.rotation):.6g} deg"
 
@@ -237,7 +238,7 @@ def _chance(test: TestEntry | None) -> str:
 
 
 def _too_wide(apart: PoseComparison, within: Tolerance | None) -> str:
-    asked = "" if within is None else f", and {_tolerance_words(within)} is allowed"
+    asked = "" if within is None else f", and {tolerance_words(within)} is allowed"
     return (
         f"within two sigma it is up to {apart.farthest_words}{asked}: record longer or livelier "
         "motion"

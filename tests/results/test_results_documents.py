@@ -133,7 +133,7 @@ def make_result(
         provenance=Provenance(
             tool="imucalib",
             version="0.1.0",
-            files=[SourceFile(path="a b.mcap", sha256=log * 64)],
+            files=[SourceFile(path="a b.mcap", sha256=(log * 64)[:64])],
             urdf=SourceFile(path="robot.urdf", sha256="f" * 64),
             topics=Topics(imu=topic, motion=["/joint_states"]),
             world="base_link",
