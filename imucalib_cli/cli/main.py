@@ -10,6 +10,7 @@ from typing import Annotated, Literal
 import typer
 
 from imucalib_cli.cli.apply import apply_command
+from imucalib_cli.cli.batch import batch_command
 from imucalib_cli.cli.compare import compare_command
 from imucalib_cli.cli.diff import diff_command
 from imucalib_cli.cli.entry import was_interrupted
@@ -58,6 +59,7 @@ def schema_command(
 
 COMMANDS: dict[str, Callable[..., None]] = {
     "run": run_command,
+    "batch": batch_command,
     "inspect": inspect_command,
     "report": report_command,
     "apply": apply_command,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import math
-from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass
+from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass, make_dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_type_hints
@@ -347,6 +347,24 @@ class ExtraFiles:
             show_default="none",
         ),
     ] = None
+
+
+def _for_each_log() -> type[Any]:
+    hints = get_type_hints(ExtraFiles, include_extras=True)
+    options = []
+    for each in fields(ExtraFiles):
+        (option,) = hints[each.name].__metadata__
+        words = f"For each log. {option.help}"
+        flag = _output(f"--{each.name.replace('_', '-')}", help=words)
+        options.append((each.name, Annotated[bool, flag], field(default=False)))
+    return make_dataclass("ExtrasForEachLog", options, frozen=True)
+
+
+if TYPE_CHECKING:
+    ExtrasForEachLog = Any
+else:
+    ExtrasForEachLog = _for_each_log()
+    """The same for many logs: whether each is to have one."""
 
 
 def calibration_request(

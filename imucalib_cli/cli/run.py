@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from imucalib_cli.cli.exit_codes import EXIT_UNTRUSTED, exit_code, worst
+from imucalib_cli.cli.exit_codes import exit_code_of
 from imucalib_cli.cli.extras import is_made_here, see_extras, write_extras
 from imucalib_cli.cli.files import deliver_into, files_of, of_log, telling_what_is_left
 from imucalib_cli.cli.options import (
@@ -145,9 +145,7 @@ def run_command(
         failures = (*outcome.failures, *unwritten)
         for failure in failures:
             say_error(failure)
-        codes = [exit_code(failure) for failure in failures]
-        codes += [EXIT_UNTRUSTED for result in outcome.results if result.status != "ok"]
-        raise typer.Exit(worst(codes))
+        raise typer.Exit(exit_code_of(failures, outcome.results))
 
 
 def _deliverable(outcome: "Outcome", fmt: str, *, force: bool) -> "list[Result]":

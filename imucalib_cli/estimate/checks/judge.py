@@ -71,6 +71,19 @@ _WITHIN: Final = 2.0
 """Sigmas of a told prior within which a bias is what was told."""
 _JUDGED_ELSEWHERE: Final = frozenset({"time_offset", "gravity_direction"})
 """Entries of the table that have findings of their own."""
+OF_ANSWER: Final = frozenset(
+    {
+        "prior.contradicted",
+        "bias.unusual",
+        "unknown.implausible",
+        "unknown.found",
+        "prior.untested",
+        "offset.undetermined",
+        "robot.joints_still",
+        "gravity.tilted",
+    }
+)
+"""Codes of findings that rest on the unknowns and their priors, not on the windows."""
 _LEVEL: Final = "; or tell that the base is level (--gravity fixed, or --tilt-std)"
 
 

@@ -19,7 +19,12 @@ import numpy as np
 
 from imucalib_cli.estimate.model.windows import odd_length, plan_windows, thinned
 from imucalib_cli.estimate.solution.fit import part_statistics
-from imucalib_cli.estimate.solution.spectrum import PARTS, embedded, squared_distance
+from imucalib_cli.estimate.solution.spectrum import (
+    PARTS,
+    chance_of_six,
+    embedded,
+    squared_distance,
+)
 from imucalib_cli.estimate.window_choice import MAX_ATTENUATION, attenuation
 
 if TYPE_CHECKING:
@@ -69,11 +74,8 @@ class Dependence(OtherWindow):
         """Size of the difference as a normal deviate of the same probability (Hotelling 1931)."""
         floor = np.diag(np.repeat(np.square(_NEGLIGIBLE), 3))
         square = float(squared_distance(self.difference, self.covariance + floor))
-        # Tail of Fisher's F of 6 degrees and the parts' by its closed form, exact as 6 is even:
-        # scipy.special has it too, and takes a quarter of a second to import.
-        half = 0.5 * (self.parts - len(self.difference))
-        x = (self.parts - 1.0) / (self.parts - 1.0 + square)
-        tail = x**half * (1.0 + half * (1.0 - x) * (1.0 + 0.5 * (half + 1.0) * (1.0 - x)))
+        freedom = self.parts - len(self.difference)
+        tail = chance_of_six(square * freedom / (self.parts - 1.0), freedom)
         return -NormalDist().inv_cdf(tail / 2.0) if tail > 1e-300 else math.sqrt(square)
 
 

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from imucalib_cli.estimate.solution.scales import Problem, integrate, most_likely
-from imucalib_cli.estimate.solution.spectrum import inverse_of
+from imucalib_cli.estimate.solution.spectrum import chance_of_six, inverse_of, squared_distance
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats, Indices
@@ -40,6 +40,8 @@ _TRIED: Final = 41
 """Values of a scatter between its bounds, among which the likeliest is searched."""
 _ROUNDS: Final = 3
 """In which scales and the two scatters are found in turn."""
+_RARE: Final = 1e-3
+"""One set of sound logs in a thousand has one that is said to disagree."""
 _UNLIKELY: Final = 12.0
 """Fall of the logarithm of the likelihood beyond which a scatter is left out."""
 
@@ -98,7 +100,7 @@ class Together:
     def without_differences(self, u: Floats) -> Reduced:
         """Each log's equations with its own difference from the common pose eliminated."""
         p = len(self.scattered)
-        precision = np.linalg.inv(self.widened + np.diag(np.exp(2.0 * u[-2:])[self.scattered]))
+        precision = np.linalg.inv(self._spread(u))
         own, own_score = self.information[:, :, :p], self.score[:, :p]
         inner = own[:, :p] + precision
         inverse = np.linalg.inv(inner)
@@ -120,9 +122,44 @@ class Together:
             gain=float(0.5 * (fit - determinants.sum())),
         )
 
-    def without(self, log: int) -> Together:
-        """All logs but one."""
-        kept = np.arange(len(self.score)) != log
+    def differences(self, u: Floats, step: Floats) -> Floats:
+        """(K, p), each log's pose less the common one, given what is shared.
+
+        Args:
+            u: Logarithms of the scales and the scatters.
+            step: (m,), of what is shared.
+        """
+        p = len(self.scattered)
+        precision = np.linalg.inv(self._spread(u))
+        inner = self.information[:, :p, :p] + precision
+        score = self.score[:, :p] + self.information[:, :p] @ step
+        return np.asarray(-np.linalg.solve(inner, score[:, :, None])[:, :, 0])
+
+    def distances(self, u: Floats) -> tuple[Floats, Floats]:
+        """(K, p), each log's pose less that by all the others, and (K,) its square in sigmas."""
+        each, p = self.without_differences(u), len(self.scattered)
+        every, spread = self._sum(each), self._spread(u)
+        found, squares = np.zeros((len(self.score), p)), np.zeros(len(self.score))
+        for log, own in enumerate(self.information):
+            others = replace(
+                every,
+                information=every.information - each.information[log],
+                score=every.score - each.score[log],
+                noise=(every.information if every.noise is None else every.noise) - each.noise[log],
+            )
+            step, _ = others.solve(u[:-2])
+            left, pose = self.score[log, :p] + own[:p] @ step, own[:p, :p]
+            C = self.noise[log, :p, :p] + own[:p] @ others.covariance(u[:-2]) @ own[:, :p]
+            squares[log] = squared_distance(left, C + pose @ spread[log] @ pose)
+            found[log] = -inverse_of(pose) @ left
+        return found, squares
+
+    def _spread(self, u: Floats) -> Floats:
+        """(K, p, p), covariance of each log's own difference."""
+        return np.asarray(self.widened + np.diag(np.exp(2.0 * u[-2:])[self.scattered]))
+
+    def only(self, kept: Indices) -> Together:
+        """Some of the logs."""
         return replace(
             self,
             information=self.information[kept],
@@ -223,3 +260,28 @@ def combine_poses(values: Floats, covariances: Floats) -> Posterior:
     )
     score = -(information @ values[:, :, None])[:, :, 0]
     return combine(together(information, score, information, priors))
+
+
+def disagreeing(logs: Together, u: Floats) -> dict[int, float]:
+    """Logs whose pose neither chance nor the scatter of the others explains, with its square.
+
+    The most distant first: the scatter is found anew from the others, which it no longer widens.
+
+    Args:
+        logs: All of them.
+        u: (k + 2,), where to begin.
+    """
+    found: dict[int, float] = {}
+    kept = np.arange(len(logs.score))
+    while len(kept) > 2:
+        squares = logs.only(kept).distances(u)[1]
+        worst = int(np.argmax(squares))
+        others = np.delete(np.arange(len(kept)), worst)
+        _, u = most_likely_together(logs.only(kept[others]))
+        square = float(logs.only(kept).distances(u)[1][worst])
+        # The scatter of the others is known from six differences for each but one of them.
+        if chance_of_six(square, 6 * (len(others) - 1)) > _RARE / len(logs.score):
+            break
+        found[int(kept[worst])] = square
+        kept = kept[others]
+    return found
