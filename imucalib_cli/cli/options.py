@@ -60,6 +60,15 @@ AnswerFormat = Annotated[
     Literal["yaml", "json", "summary"] | None,
     _output("--format", help="Form of the answer; summary: in words.", show_default=WORDS_OR_YAML),
 ]
+AnswersFormat = Annotated[
+    Literal["yaml", "json", "jsonl", "csv", "summary"] | None,
+    _output(
+        "--format",
+        help="Form of the answers; jsonl: a line of JSON for each; csv: a row for each; summary: "
+        "in words.",
+        show_default=WORDS_OR_YAML,
+    ),
+]
 OutputFile = Annotated[
     Path | None,
     _output(

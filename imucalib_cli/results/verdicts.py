@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Literal
 
+from msgspec import UNSET
+
 from imucalib_cli.digits import figures
 from imucalib_cli.findings import warning
 from imucalib_cli.results.answers import (
@@ -40,7 +42,11 @@ WITHIN = Tolerance(translation=5e-3, rotation=math.radians(0.5))
 
 
 def verify(
-    result: Result, told: Nominal, within: Tolerance = WITHIN, urdf: SourceFile | None = None
+    result: Result,
+    told: Nominal,
+    within: Tolerance = WITHIN,
+    urdf: SourceFile | None = None,
+    file: str = "",
 ) -> VerifyAnswer:
     """Decide whether a told pose is right within a tolerance.
 
@@ -53,6 +59,7 @@ def verify(
         told: The pose in question, in the result's parent frame.
         within: What is near enough; finite.
         urdf: Where it was told; None where the log's own frames did.
+        file: Of the result; empty where it is of a log that was just read.
     """
     found = result.uncertain_pose
     apart = compare_poses(found.exactly(told.R_parent_imu, told.t_parent_imu), found)
@@ -98,6 +105,7 @@ def verify(
             urdf=urdf,
         ),
         found=result,
+        file=file or UNSET,
     )
 
 
