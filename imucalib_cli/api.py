@@ -237,7 +237,7 @@ def calibrate(
         if len(recording.imus) > 1:
             topics = ", ".join(imu.topic for imu in recording.imus)
             raise ChoiceError(f"the log has several IMUs: choose one by imu_topic: {topics}")
-        return _calibrated(recording, request, recording.clock.origin_ns, progress)
+        return _calibrated(recording, request, progress)
 
 
 def calibrate_arrays(
@@ -295,7 +295,7 @@ def calibrate_arrays(
         ChoiceError: An argument is missing.
         UntrustedError: Nothing moves.
     """
-    data, start_ns = streams_of(
+    data, epoch_ns = streams_of(
         t=t,
         gyro=gyro,
         accel=accel,
@@ -324,8 +324,7 @@ def calibrate_arrays(
         imu_model=imu_model,
         require=require,
     )
-    recording = recording_of(data, request)
-    return _calibrated(recording, request, recording.clock.origin_ns + start_ns, progress)
+    return _calibrated(recording_of(data, request, epoch_ns=epoch_ns), request, progress)
 
 
 def _request(
@@ -365,10 +364,7 @@ def _expected(imu_model: StrPath, options: MatchedOptions | PaperOptions) -> Exp
 
 
 def _calibrated(
-    recording: Recording,
-    request: CalibrationRequest,
-    start_ns: int,
-    progress: Progress | None,
+    recording: Recording, request: CalibrationRequest, progress: Progress | None
 ) -> Calibration:
     # small matrices: threads cost more than they give
     with threadpool_limits(limits=1, user_api="blas"):
@@ -376,6 +372,7 @@ def _calibrated(
     for failure in outcome.failures:
         raise failure
     (only,) = outcome.calibrated
+    start_ns = recording.clock.origin_ns + recording.epoch_ns
     return Calibration(result=only.result, estimate=only.estimate, start_ns=start_ns)
 
 

@@ -94,6 +94,15 @@ Require = Annotated[
         show_default="none",
     ),
 ]
+AnswersFormat = Annotated[
+    Literal["yaml", "json", "jsonl", "csv", "summary"] | None,
+    _output(
+        "--format",
+        help="Form of the answers; jsonl: a line of JSON for each; csv: a row for each; summary: "
+        "in words.",
+        show_default=WORDS_OR_YAML,
+    ),
+]
 OutputFile = Annotated[
     Path | None,
     _output(
@@ -112,7 +121,8 @@ Within = Annotated[
         metavar="LENGTH,ANGLE",
         parser=parsers.within,
         help="How far it may be off, such as 2mm,0.2deg; what is left out is 5mm or 0.5deg.",
-        show_default="verify: 5mm,0.5deg; diff: what is not significant",
+        show_default="verify: 5mm,0.5deg; diff: what is not significant; trend: what is not "
+        "decisive",
     ),
 ]
 Logs = Annotated[

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import threading
 from dataclasses import dataclass
+from datetime import datetime, timedelta, timezone
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,7 +13,7 @@ import numpy as np
 from imucalib_cli.errors import InputError
 from imucalib_cli.findings import Finding, note, warnings
 from imucalib_cli.jobs.motion import Sources
-from imucalib_cli.logs.clock import choose_clock
+from imucalib_cli.logs.clock import choose_clock, first_plausible
 from imucalib_cli.logs.log import open_log
 from imucalib_cli.logs.remote.file import RemoteFile
 from imucalib_cli.logs.select import select_topics
@@ -36,6 +37,9 @@ if TYPE_CHECKING:
 
 _SHOWN = 3
 """Most losses in one error; a damaged disk has thousands."""
+_UNIX_EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
+_FIRST_DATE_NS = 946_684_800 * 10**9
+"""Stamps from the year 2000 on are dates: no device has been running for thirty years."""
 _BLOCK = 1 << 22
 """Bytes hashed at a time."""
 
@@ -54,6 +58,8 @@ class Recording:
     files: Fingerprints
     findings: tuple[Finding, ...]
     """Findings about the whole log."""
+    epoch_ns: int = 0
+    """What to add to the stamps to get those of the source, ns; not zero for arrays alone."""
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -112,6 +118,7 @@ def recording_of(
     unasked: Collection[str] = (),
     paths: tuple[LogPath, ...] = (),
     files: Fingerprints | None = None,
+    epoch_ns: int = 0,
 ) -> Recording:
     """Streams on one clock, what they tell of the motion, and the URDF.
 
@@ -121,6 +128,7 @@ def recording_of(
         unasked: Odometry topics that nobody named; used only if nothing else moves the base.
         paths: Of the log.
         files: Their hashes.
+        epoch_ns: What was taken off the stamps of the data, ns.
 
     Raises:
         InputError: The stamps of an IMU stand still, or the URDF cannot be used.
@@ -138,12 +146,33 @@ def recording_of(
         paths=paths,
         files=files or Fingerprints(()),
         findings=(*data.findings, *clock.findings, *duplicates),
+        epoch_ns=epoch_ns,
     )
 
 
 def samples_of(imu: ImuStream, clock: Clock) -> ImuSamples:
     """One IMU on the log's clock."""
     return ImuSamples(t=clock.seconds(imu), gyro=imu.gyro, accel=imu.accel, topic=imu.topic)
+
+
+def recorded_at(recording: Recording, imu: ImuStream, seconds: float) -> datetime | None:
+    """Date and time of an instant of the log, UTC; None where its stamps tell no date.
+
+    The stamps that are used tell it; where they count from elsewhere, such as the start of the
+    computer, the others tell when the recording began.
+
+    Args:
+        recording: Of the log.
+        imu: One of its IMUs.
+        seconds: Of the log.
+    """
+    clock = recording.clock
+    others = imu.log_ns if clock.kind == "header" else imu.header_ns
+    for stamp in (clock.origin_ns + round(seconds * 1e9), first_plausible(others)):
+        ns = stamp + recording.epoch_ns
+        if ns >= _FIRST_DATE_NS:
+            return _UNIX_EPOCH + timedelta(microseconds=ns // 1000)
+    return None
 
 
 def _require_imus(data: LogData, topics: Iterable[str], request: CalibrationRequest) -> None:

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 _SUFFIXES = {".yaml", ".yml", ".json"}
 _OPENING = re.compile(rb"\A\s*(?:#[^\n]*\n\s*)*(?:---\s*)?[\[{\s]*\"?schema\"?\s*:")
 """First key of a result document, whatever the file's name."""
+_RESULT = re.compile(_OPENING.pattern + rb"[^\n]*?[\s,]\"?status\"?\s*:")
+"""First keys of a result; answers of verify and others have other ones after the first."""
 
 
 def is_result(name: str) -> bool:
@@ -38,6 +40,24 @@ def is_result(name: str) -> bool:
             return path.suffix.lower() in _SUFFIXES or bool(_OPENING.match(file.read(4096)))
     except OSError:
         return path.suffix.lower() in _SUFFIXES
+
+
+def results_in(folder: Path) -> list[str]:
+    """Result files of a folder by name; what else lies there is passed over.
+
+    Raises:
+        InputError: The folder cannot be read.
+    """
+    try:
+        files = sorted(each for each in folder.iterdir() if each.suffix.lower() in _SUFFIXES)
+        return [str(each) for each in files if each.is_file() and _opens_as_result(each)]
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be read ({error.strerror}): check the path") from error
+
+
+def _opens_as_result(path: Path) -> bool:
+    with path.open("rb") as file:
+        return bool(_RESULT.match(file.read(4096)))
 
 
 def read_result_file(name: str) -> list[Result]:

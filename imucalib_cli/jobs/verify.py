@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from imucalib_cli.logs.reader import LogPath
     from imucalib_cli.results.answers import VerifyAnswer
     from imucalib_cli.results.requirement import Tolerance
+    from imucalib_cli.results.result import Result
 
 Answer = TypeVar("Answer")
 
@@ -69,13 +70,21 @@ def verify_results(
         imu_link: The IMU's link in the URDF, if it is not the result's child.
         imu_topics: Which results to take; empty takes all.
 
+    A file that cannot be used does not stop the others.
+
     Raises:
-        InputError: A file cannot be used.
+        InputError: The URDF cannot be used.
         ChoiceError: A topic is in no result, or the link of one IMU was named for several.
     """
-    found = [(name, result) for name in names for result in read_result_file(name)]
+    found: list[tuple[str, Result]] = []
+    failures: list[ImucalibError] = []
+    for name in names:
+        try:
+            found += [(name, result) for result in read_result_file(name)]
+        except ImucalibError as error:
+            failures.append(error)
     known = tuple(dict.fromkeys(result.imu_topic for _, result in found))
-    for topic in imu_topics:
+    for topic in imu_topics if found else ():
         if topic not in known:
             raise ChoiceError(f"--imu-topic {topic}: no result is of it, only {', '.join(known)}")
     if imu_topics:
@@ -88,12 +97,11 @@ def verify_results(
     robot = robot_of(urdf)
     source = SourceFile(path=str(urdf), sha256=robot.sha256)
     answers: list[VerifyAnswer] = []
-    failures: list[ImucalibError] = []
     for name, result in found:
         try:
             nominal = nominal_pose(robot, result.parent, imu_link or result.child)
         except ImucalibError as error:
             failures.append(error.about(display_name(name)))
         else:
-            answers.append(verify(result, nominal, within, source))
+            answers.append(verify(result, nominal, within, source, display_name(name)))
     return Answers(answers=tuple(answers), failures=tuple(failures))

@@ -7,6 +7,7 @@ w >= 0. A number that is not known is null.
 
 from __future__ import annotations
 
+from datetime import datetime
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
@@ -404,6 +405,21 @@ class Topics(Tree, frozen=True):
     """Topics that say how the parent link moves."""
 
 
+class RecordingEntry(Tree, frozen=True):
+    """When the IMU was recorded, for how long, and with how many samples."""
+
+    start: Annotated[datetime, Meta(tz=True)] | None
+    """Date and time of the first sample, UTC; null where no stamp of the log tells the date."""
+    duration: Annotated[float, Meta(ge=0)]
+    """s, from the first sample that was used to the last."""
+    imu_samples: int
+    """In the log."""
+    imu_rate: float
+    """Hz, of samples that follow each other without a gap."""
+    motion_samples: int
+    """Messages that say how the parent link moves."""
+
+
 class Provenance(Tree, frozen=True):
     """Where a result came from: enough to make it again."""
 
@@ -417,6 +433,8 @@ class Provenance(Tree, frozen=True):
     clock: str
     """Which stamps were used: header or log."""
     options: dict[str, Scalar]
+    recording: RecordingEntry | None = None
+    """null in results of earlier versions."""
 
 
 class Result(Tree, frozen=True, kw_only=True):
@@ -461,6 +479,12 @@ class Result(Tree, frozen=True, kw_only=True):
     def imu_topic(self) -> str:
         """Of the log."""
         return self.provenance.topics.imu
+
+    @property
+    def recorded_at(self) -> datetime | None:
+        """When the recording begins, UTC; None where the result does not know."""
+        recording = self.provenance.recording
+        return None if recording is None else recording.start
 
     @property
     def pose(self) -> Pose:

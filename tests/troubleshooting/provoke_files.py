@@ -320,6 +320,18 @@ def compared(*edits: tuple[str, str], seed: int = 4) -> Provocation:
     return provocation
 
 
+def followed(*edits: tuple[int, str, str], count: int = 4) -> Provocation:
+    """`imucalib trend` of results of several logs, some edited."""
+
+    def provocation(scene: Scene) -> Seen:
+        results = [scene.result(f"{k}.yaml", seed=3 + k) for k in range(count)]
+        for place, pattern, new in edits:
+            edited(results[place], pattern, new)
+        return scene.cli("trend", *results, "--format", "csv")
+
+    return provocation
+
+
 def diff_unpaired(scene: Scene) -> Seen:
     a, b = scene.result("a.yaml"), scene.result("b.yaml", seed=4)
     first = a.read_text()
@@ -382,6 +394,7 @@ def output_protected(scene: Scene) -> Seen:
     return written("result.yaml")(scene)
 
 
+_MOVED = (r"translation: \[-0\.02\d+", "translation: [-0.0245")
 RESULTS: dict[str, Provocation] = {
     "yaml-alias": applied("a: &a [*a]\n"),
     "yaml-deep": applied("a: " + "[" * 100),
@@ -393,10 +406,13 @@ RESULTS: dict[str, Provocation] = {
     ),
     "verify-no-pose": verified("--parent", "wrist_3_link", imu_frame="imu"),
     "verify-no-urdf": verify_no_urdf,
-    "diff-moved": compared((r"translation: \[-0\.02\d+", "translation: [-0.0245")),
+    "diff-moved": compared(_MOVED),
     "diff-same-log": compared(seed=3),
     "diff-unpaired": diff_unpaired,
     "diff-parents": compared(("parent: wrist_3_link", "parent: flange")),
+    "trend-moved": followed(*((k, *_MOVED) for k in (2, 3))),
+    "trend-odd-last": followed((3, *_MOVED)),
+    "trend-unknown-time": followed((1, "start: .*", "start: null"), count=2),
     "covariance-edited": compared((r"(covariance:[^,]*,) [^,]*", r"\1 1.0")),
     "not-a-result": applied("arm: rihibot\n"),
     "apply-two-results": apply_two_results,
