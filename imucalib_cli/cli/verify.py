@@ -6,10 +6,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from imucalib_cli.cli import parsers
 from imucalib_cli.cli.exit_codes import EXIT_NO, EXIT_OK, EXIT_UNTRUSTED, exit_code, worst
 from imucalib_cli.cli.files import files_of, writing
 from imucalib_cli.cli.options import (
     OUTPUT,
+    PLANAR,
     AnswerFormat,
     EstimatorOptions,
     OutputFile,
@@ -27,7 +29,11 @@ from imucalib_cli.layout import plain
 if TYPE_CHECKING:
     from imucalib_cli.jobs.verify import Answers
 
-_OF_RESULTS = {"--urdf", "--imu-link", "--imu-topic"}
+    Components = list[int]
+else:  # typer evaluates this too
+    Components = object
+
+_OF_RESULTS = {"--urdf", "--imu-link", "--imu-topic", "--planar"}
 """Options of the recording that mean something for a result too."""
 _EXIT_CODES = {
     "yes": EXIT_OK,
@@ -52,6 +58,17 @@ def verify_command(
     recording: RecordingOptions,
     estimator: EstimatorOptions,
     within: Within = None,
+    ignore: Annotated[
+        Components | None,
+        typer.Option(
+            metavar="tx,ty,tz,rx,ry,rz",
+            parser=parsers.components,
+            help="Components that need not be right, such as tz of a robot that drives on a plane; "
+            "parent frame.",
+            show_default="none",
+            rich_help_panel=OUTPUT,
+        ),
+    ] = None,
     fmt: AnswerFormat = None,
     output: OutputFile = None,
     quiet: Quiet = False,
@@ -62,6 +79,7 @@ def verify_command(
     from imucalib_cli.results.verdicts import WITHIN
 
     with writing(output, read=files_of(*logs, recording.urdf, estimator.imu_model)):
+        ignored = frozenset((*(ignore or ()), *(PLANAR if estimator.planar else ())))
         results = [name for name in logs if is_result(name)]
         if results:
             _see_results(ctx, logs, results)
@@ -73,11 +91,12 @@ def verify_command(
                 within or WITHIN,
                 imu_link=recording.imu_link,
                 imu_topics=recording.imu_topics,
+                ignored=ignored,
             )
         else:
             request = calibration_request(ctx, [*map(Path, logs)], recording, estimator)
             with ProgressBar(quiet=quiet) as bar:
-                answers = verify_recording(request, within or WITHIN, bar.report)
+                answers = verify_recording(request, within or WITHIN, bar.report, ignored=ignored)
         warnings = [
             warning for answer in answers.answers for warning in answer.found.diagnostics.warnings
         ]

@@ -127,6 +127,8 @@ class VerifyAnswer(Tree, frozen=True):
     significance: Significance | None
     told: ToldPose
     found: Result
+    ignored: tuple[str, ...] = ()
+    """Components of the pose, along and about the parent's axes, that were not checked."""
 
 
 class Side(Tree, frozen=True):

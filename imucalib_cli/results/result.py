@@ -313,7 +313,7 @@ class SourceFile(Tree, frozen=True):
     """A file that was read."""
 
     path: str
-    """As the user named it."""
+    """As the user named it; of a URDF that the log holds, its topic."""
     sha256: Annotated[str, Meta(pattern="^[0-9a-f]{64}$")]
     """Hexadecimal, of the file's bytes."""
 
@@ -339,6 +339,8 @@ class Provenance(Tree, frozen=True):
     clock: str
     """Which stamps were used: header or log."""
     options: dict[str, Scalar]
+    part: Annotated[list[float], Meta(min_length=2, max_length=2)] | UnsetType = UNSET
+    """From and to, seconds of the log, where only a part of it was used (--from, --to)."""
 
 
 class Result(Tree, frozen=True, kw_only=True):

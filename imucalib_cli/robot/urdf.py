@@ -81,6 +81,11 @@ class Robot:
         return {joint.name: joint for joint in self.joints}
 
     @cached_property
+    def moving_joints(self) -> tuple[str, ...]:
+        """Names of the joints that are not fixed."""
+        return tuple(joint.name for joint in self.joints if joint.kind != "fixed")
+
+    @cached_property
     def joint_above(self) -> dict[str, Joint]:
         """The joint above each link; the root has none."""
         return {joint.child: joint for joint in self.joints}
