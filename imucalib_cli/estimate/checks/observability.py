@@ -40,7 +40,7 @@ def excitation(fit: Fit, *, everything: bool = False) -> Floats:
 
     Args:
         fit: A solution.
-        everything: Components of the mount that are held count as free.
+        everything: Components of the mount that are held, or known beforehand, count as free.
 
     Returns:
         (n, n), of the layout's components.
@@ -56,7 +56,7 @@ def excitation(fit: Fit, *, everything: bool = False) -> Floats:
     if everything:
         for part, weakest in zip(pose, _WEAKEST_STD.values(), strict=True):
             free[part] = True
-            std[part] = np.where(std[part] > 0.0, std[part], weakest)
+            std[part] = weakest
     taken = [max(a, b) for a, b in zip(fit.residual_scales, GOOD_IMU, strict=True)]
     share = [(a / b) ** 2 for a, b in zip(fit.residual_scales, taken, strict=True)]
     A = np.einsum("s,sbpq->pq", share, stats.normal[:, :, 1:, 1:])
@@ -77,7 +77,7 @@ def excitation(fit: Fit, *, everything: bool = False) -> Floats:
 
 
 def undetermined(fit: Fit) -> Bools:
-    """(6,), components of the mount that the motion does not show, held or not."""
+    """(6,), components of the mount that the motion does not show, whatever is told of them."""
     places = fit.layout.pose
     std = np.sqrt(np.diag(excitation(fit, everything=True))[places])
     return np.asarray(std > _LIMIT)
