@@ -82,7 +82,8 @@ def drive(
     noise = rng.normal(0.0, pose_noise, (len(t), 6)) if pose_noise else np.zeros((len(t), 6))
     for ns, (x, y, yaw), off in zip(_ns(t), _derivative(t, 0).T, noise, strict=True):
         turned = Rotation.from_rotvec(off[3:]) * Rotation.from_euler("z", yaw)
-        pose = T["Transform"](vector(off[:3] + (x, y, 0.0)), quaternion(turned.as_quat()))
+        place = np.array([x, y, 0.0]) + off[:3]
+        pose = T["Transform"](vector(place), quaternion(turned.as_quat()))
         tf = T["TFMessage"]([T["TransformStamped"](header(ns, "odom"), "base_link", pose)])
         said.append(Said("/tf", "tf2_msgs/msg/TFMessage", tf, ns + 1))
     log = write_log(folder / "log", sorted(said, key=lambda each: each.log_ns), "mcap2")
