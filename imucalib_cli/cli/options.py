@@ -161,8 +161,8 @@ class RecordingOptions:
     urdf: Annotated[
         Path | None,
         _robot(
-            help="The robot's URDF; without it the log's /robot_description or its own frames "
-            "must tell the motion.",
+            help="The robot's URDF, - for stdin, or a .xacro (pip install 'imucalib[xacro]'); "
+            "without it the log's /robot_description or its own frames must tell the motion.",
             readable=False,
         ),
     ] = None
