@@ -79,11 +79,9 @@ def find_motion(
     except (InputError, ChoiceError) as error:
         if request.needs_nominal and request.urdf is not None:
             raise
-        if sources.joints and not any(
-            frame in (edge.parent, edge.child)
-            for edge in sources.edges
-            for frame in (request.parent or frame_id,)
-        ):
+        frame = request.parent or frame_id
+        told = any(frame in (edge.parent, edge.child) for edge in sources.edges)
+        if not told and (sources.joints or error.option != "--parent"):
             raise  # frames alone would take the base of an arm for what carries the IMU
         try:
             motion = _moving(_from_frames(sources, frame_id, request), sources, request)

@@ -230,8 +230,9 @@ def described(said: dict[str, Edit]) -> Provocation:
 
 def description_unusable(scene: Scene) -> Seen:
     """A body that is tracked, beside a description that was cut short."""
-    log = scene.writer().imu(frame="body").tf("map", "body").text("/robot_description", "<robot")
-    return scene.cli("run", log.write())
+    described = scene.writer().text("/robot_description", "<robot").write()
+    log = scene.log(noisy(BODY), imu_frame="bar_link")
+    return scene.cli("run", log, described, "--gravity", "none")
 
 
 def urdf_unused(scene: Scene) -> Seen:
