@@ -65,7 +65,7 @@ def bound(line: Line) -> tuple[float, float]:
     for each in layout.placed:
         if each.unknown.name not in FREE:
             std[each.part] = max(drawn.get(each.unknown.name, 0.0), KNOWN)
-    A = fit.statistics.information / fit.level * np.outer(std, std) + np.eye(layout.size)
+    A = fit.statistics.information / fit.equations.level * np.outer(std, std) + np.eye(layout.size)
     variance = (np.diag(np.linalg.inv(A)) * std**2)[layout.pose]
     return float(variance[:3].sum()), float(variance[3:].sum())
 

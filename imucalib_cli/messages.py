@@ -203,6 +203,16 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "compare.frames_far": "the poses are farther apart than two calibrations of one mount are: is "
     "{camera_link} the camera's optical frame (z forward, x right, y down)?[ --camera-link takes "
     "another: {others:list}]",
+    # Several logs together.
+    "logs.disagree": "{log} disagrees with the other logs: its pose is {translation:mm.2g} and "
+    "{rotation:deg.2g} from theirs, {sigmas:.2g} sigma with the scatter between them: the mount "
+    "moved, or the log is of another set-up; leave it out, or see when it moved by imucalib trend",
+    "logs.far": "{log} was solved {rotation:deg.2g} from the common pose, too far for its "
+    "statistics to hold there: run it again with --initial and --prior-std near the common pose",
+    "logs.left_out": "{log} is not to be trusted by itself and was left out: {reason}",
+    "logs.twice": "{count} of the logs are other copies of the same recording: each counts once",
+    "logs.few": "{logs} logs hardly tell how far the mount scatters between recordings (up to "
+    "{translation:mm.2g} and {rotation:deg.2g}): sigma includes that, and more logs lessen it",
     # What a fit shows.
     "fit.rotation_unexplained": "the robot's motion does not explain the gyroscope ({share:.0%} "
     "of the rotation is left over): is this the right parent link, URDF and joint topic[, or do "

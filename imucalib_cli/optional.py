@@ -10,6 +10,7 @@ PACKAGES = {
     "cv2": "OpenCV",
     "matplotlib": "matplotlib",
     "pyarrow": "pyarrow",
+    "distributed": "Dask",
 }
 """Common name of each module."""
 

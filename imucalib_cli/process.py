@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 import threading
+import warnings
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
+    from multiprocessing.context import BaseContext
 
 
 def prepare_to_compute() -> None:
@@ -19,6 +22,34 @@ def prepare_to_compute() -> None:
     # glibc learns from the first freed large block to keep chunk-sized buffers: no page faults
     block = bytes(31 << 20)
     del block
+
+
+def fresh_processes(preloaded: Sequence[str] = ()) -> BaseContext:
+    """How worker processes are started: not by fork, as a thread may hold a lock at that moment.
+
+    Args:
+        preloaded: Modules that workers need, imported once for all where the system can do that.
+    """
+    import multiprocessing  # not where only a command line starts
+
+    if "forkserver" not in multiprocessing.get_all_start_methods():
+        return multiprocessing.get_context("spawn")
+    from multiprocessing import forkserver  # not on every system
+
+    context = multiprocessing.get_context("forkserver")
+    if preloaded:
+        context.set_forkserver_preload(list(preloaded))
+    with children_ignore_interruptions():
+        forkserver.ensure_running()
+    return context
+
+
+def prepare_worker() -> None:
+    """Set what a worker process needs before its first work."""
+    prepare_to_compute()
+    if not sys.warnoptions:
+        warnings.simplefilter("ignore")  # as in the command line itself
+    obey_the_parent()
 
 
 def obey_the_parent() -> None:

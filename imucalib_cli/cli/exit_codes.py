@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING, NamedTuple
 from imucalib_cli.errors import ChoiceError, ImucalibError, UntrustedError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Sequence
+
+    from imucalib_cli.results.result import Result
 
 EXIT_OK, EXIT_INPUT, EXIT_USAGE, EXIT_UNTRUSTED, EXIT_NO = 0, 1, 2, 3, 4
 EXIT_INTERRUPTED, EXIT_BROKEN_PIPE = 130, 141
@@ -78,8 +80,14 @@ def exit_code(error: ImucalibError) -> int:
     return _CODES.get(type(error), EXIT_INPUT)
 
 
+def exit_code_of(errors: Iterable[ImucalibError], results: Sequence[Result] = ()) -> int:
+    """Exit code of a log: of why something could not be given, and of what was."""
+    untrusted = [EXIT_UNTRUSTED for result in results if result.status != "ok"]
+    return worst([*map(exit_code, errors), *untrusted])
+
+
 def worst(codes: Iterable[int]) -> int:
-    """Exit code of several IMUs.
+    """Exit code of several IMUs, or logs.
 
     No result is worse than one that should not be trusted; but one IMU that is not where it
     should be settles the question, whatever became of the others.

@@ -6,9 +6,9 @@ Another one is a field of ``ExtraFiles`` in cli/options.py and an entry of EXTRA
 from __future__ import annotations
 
 from dataclasses import fields
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, get_type_hints
 
-from imucalib_cli.cli.files import short
+from imucalib_cli.cli.options import ExtraFiles
 from imucalib_cli.cli.output import deliver
 from imucalib_cli.errors import ImucalibError
 from imucalib_cli.optional import optional
@@ -17,11 +17,11 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
     from pathlib import Path
 
-    from imucalib_cli.cli.options import ExtraFiles
     from imucalib_cli.estimate.details import WindowSeries
-    from imucalib_cli.jobs.calibrate import Outcome
+    from imucalib_cli.jobs.calibrate import Calibrated, Outcome
 
     Files = Iterator[tuple[Path, str | bytes]]
+    Maker = Callable[[Path, Outcome], Files]
 
 
 _HEAD = 128
@@ -38,9 +38,7 @@ def see_extras(files: ExtraFiles) -> list[Path]:
     """
     places = []
     for name, path in _asked(files).items():
-        if needed := _NEEDED.get(path.suffix.lower()):
-            module, extra = needed
-            optional(module, f"--{name.replace('_', '-')} needs", extra)
+        _see_installed(name, path.suffix)
         places += [path, *([_layout_of(path)] if name == "debug_mcap" else [])]
     return places
 
@@ -82,6 +80,32 @@ def write_extras(
         except ImucalibError as error:
             failures.append(error)
     return failures
+
+
+def for_each_log(names: Iterable[str]) -> tuple[tuple[str, Maker], ...]:
+    """Files of a batch: what follows the log's name in that of each, and what makes it.
+
+    Args:
+        names: Of fields of ExtraFiles.
+
+    Raises:
+        InputError: What writes them is not installed.
+    """
+    makers = []
+    hints = get_type_hints(ExtraFiles, include_extras=True)
+    for name in names:
+        (option,) = hints[name].__metadata__
+        suffix = option.metavar.removeprefix("FILE").split("|")[0]  # the first that it takes
+        _see_installed(name, suffix)
+        makers.append((f".{name.replace('_', '-')}{suffix}", EXTRAS[name]))
+    return tuple(makers)
+
+
+def _see_installed(name: str, suffix: str) -> None:
+    """Raise InputError where what writes files of a suffix is not installed."""
+    if needed := _NEEDED.get(suffix.lower()):
+        module, extra = needed
+        optional(module, f"--{name.replace('_', '-')} needs", extra)
 
 
 def is_made_here(path: Path) -> bool:
@@ -135,14 +159,28 @@ def _layout_of(path: Path) -> Path:
 
 
 def _for_each_imu(path: Path, outcome: Outcome) -> Iterator[tuple[Path, WindowSeries]]:
+    """The file of each IMU, and its windows."""
+    for own, each in _named_for_each_imu(path, outcome):
+        if each.estimate.details is not None:
+            yield own, each.estimate.details.windows
+
+
+def _named_for_each_imu(path: Path, outcome: Outcome) -> Iterator[tuple[Path, Calibrated]]:
     """The file of each IMU: ``<stem>.<imu><suffix>`` where there are several."""
-    from imucalib_cli.results.names import names_of
+    from imucalib_cli.results.names import names_of, short
 
     several = len(outcome.calibrated) > 1
     for name, each in zip(names_of(outcome.results), outcome.calibrated, strict=True):
         own = path.with_name(f"{short(f'{path.stem}.{name}')}{path.suffix}") if several else path
-        if each.estimate.details is not None:
-            yield own, each.estimate.details.windows
+        yield own, each
+
+
+def _statistics(path: Path, outcome: Outcome) -> Files:
+    from imucalib_cli.results.statistics_file import statistics_bytes
+
+    for own, each in _named_for_each_imu(path, outcome):
+        if each.estimate.statistics is not None:
+            yield own, statistics_bytes(each.result, each.estimate.statistics)
 
 
 def _report(path: Path, outcome: Outcome) -> Files:
@@ -151,7 +189,8 @@ def _report(path: Path, outcome: Outcome) -> Files:
     yield path, report(outcome)
 
 
-EXTRAS: dict[str, Callable[[Path, Outcome], Files]] = {
+EXTRAS: dict[str, Maker] = {
+    "statistics": _statistics,
     "report": _report,
     "residuals": _residuals,
     "debug_mcap": _debug_mcap,

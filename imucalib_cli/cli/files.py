@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from imucalib_cli.results.result import Result
 
 _STDIN = Path("/dev/stdin")
-_LONGEST = 200
-"""Bytes of a name without suffix and number: file systems allow 255."""
 
 
 def files_of(*named: Path | str | None) -> list[Path]:
@@ -82,7 +80,7 @@ def deliver_into(
         ChoiceError, InputError: As results.places.see_places.
     """
     from imucalib_cli.results.formats import FORMATS
-    from imucalib_cli.results.names import fitted, labels_of, sameness
+    from imucalib_cli.results.names import fitted, labels_of, log_name, sameness, short
     from imucalib_cli.results.places import see_places
 
     try:
@@ -116,15 +114,9 @@ def deliver_into(
 
 def of_log(folder: Path, log: Path) -> list[Path]:
     """Files of a folder that are named after a log."""
+    from imucalib_cli.results.names import log_name, short
+
     return sorted(folder.glob(f"{escape(short(log_name(log)))}.*"))
-
-
-def log_name(log: Path) -> str:
-    """What the files of a log are named after."""
-    resolved = log.resolve()
-    if resolved.name == "metadata.yaml":
-        resolved = resolved.parent
-    return resolved.name if resolved.is_dir() else resolved.stem
 
 
 def _identity(path: Path) -> tuple[int, int, int] | None:
@@ -154,8 +146,3 @@ def _origin(result: Result) -> tuple[object, ...]:
     """What a result is about, wherever its log lies now."""
     source = result.provenance
     return source.topics.imu, sorted(file.sha256 for file in source.files)
-
-
-def short(name: str) -> str:
-    """A name that every file system takes, its end cut off."""
-    return name.encode()[:_LONGEST].decode(errors="ignore")

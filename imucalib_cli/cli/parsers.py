@@ -23,6 +23,7 @@ _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6}
 _METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6}
 _RADIANS = {"deg": math.pi / 180.0, "°": math.pi / 180.0, "rad": 1.0, "mrad": 1e-3}
 _COMPONENTS = ("tx", "ty", "tz", "rx", "ry", "rz")
+_BYTES = {"MB": 10**6, "GB": 10**9, "MiB": 1 << 20, "GiB": 1 << 30}
 _NUMBER = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\D*)")
 _NANOSECONDS = 1e12
 """A stamp beyond this is in ns: in s it would be of the year 33658."""
@@ -213,6 +214,22 @@ def robot(text: str) -> str | tuple[float, float]:
     return zero, length
 
 
+def memory(text: str) -> int:
+    """Bytes, with their unit: 800MB, 2GB, 1.5GiB."""
+    expected = "an amount of memory, such as 800MB or 2GB"
+    value, unit = _split(text, expected)
+    if unit not in _BYTES or value <= 0.0:
+        raise WrongValue(f"{text}: expected {expected}")
+    return round(value * _BYTES[unit])
+
+
+def scheduler(text: str) -> str:
+    """The address of a Dask scheduler, or ``local``."""
+    if not text:
+        raise WrongValue("is empty: give an address such as tcp://host:8786, or local")
+    return text
+
+
 def frame(text: str) -> str:
     """The name of a frame, which may be typed with a leading slash."""
     from imucalib_cli.robot.urdf import frame_name
@@ -270,6 +287,13 @@ def log_file(text: str) -> Path:
 def file_or_folder(text: str) -> str | None:
     """What ``-o`` names; None for stdout."""
     return None if text == "-" else _not_empty(text)
+
+
+def output_folder(text: str) -> Path:
+    """The folder that ``-o`` names."""
+    if text == "-":
+        raise WrongValue("-: results go to a folder, tables to stdout by --format: name a folder")
+    return Path(_not_empty(text))
 
 
 def is_folder(output: str) -> bool:

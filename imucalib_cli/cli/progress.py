@@ -1,4 +1,4 @@
-"""How work gets on: a bar on a terminal; elsewhere a long study says a line now and then."""
+"""How work gets on: a bar on a terminal; elsewhere long work says a line now and then."""
 
 from __future__ import annotations
 
@@ -13,8 +13,6 @@ from imucalib_cli.cli.output import say, takes_codes
 from imucalib_cli.shown import shown
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from rich.progress import Progress, TaskID
     from typing_extensions import Self
 
@@ -23,7 +21,7 @@ PATIENCE = 2.0
 LINE_PATIENCE = 5.0
 """s before anything is said where no bar is."""
 _LINES = 10
-"""Of a whole study."""
+"""Of the whole work."""
 _OFF = "\r\x1b[2K\x1b[?25h"
 """Clears a terminal's line and shows its cursor again, as ECMA-48 and xterm have it."""
 
@@ -99,11 +97,20 @@ class ProgressBar:
         )
 
 
-class StudyProgress:
-    """Context manager that is told how many runs are done."""
+class CountProgress:
+    """Context manager that is told how many of many alike are done."""
 
-    def __init__(self, name: str, file: Path, *, jobs: int, quiet: bool) -> None:
-        self._name, self._file, self._jobs = name, file, jobs
+    def __init__(self, name: str, noun: str, kept: str = "", *, jobs: int, quiet: bool) -> None:
+        """Tell of work.
+
+        Args:
+            name: Of the work.
+            noun: What there are many of.
+            kept: Where what is done is kept, such as "rows in FILE"; nowhere.
+            jobs: How many are done at a time.
+            quiet: Say nothing.
+        """
+        self._name, self._noun, self._kept, self._jobs = name, noun, kept, jobs
         self._bar = ProgressBar(quiet=quiet)
         self._lines = not takes_codes(sys.stderr) and not quiet
         self._quiet = quiet
@@ -128,15 +135,15 @@ class StudyProgress:
 
     @property
     def before(self) -> int:
-        """Runs that an earlier session did."""
+        """How many an earlier session did."""
         return self._before or 0
 
     def report(self, done: int, of: int) -> None:
-        """Say how many runs are done; the first time, how many an earlier session did."""
+        """Say how many are done; the first time, how many an earlier session did."""
         if self._before is None:
             self._before, self._begun = done, time.monotonic()
         self._done, self._all = done, of
-        words = f"{done} of {of} runs{self._left()}"
+        words = f"{done} of {of} {self._noun}{self._left()}"
         self._bar.report(f"{self._name}: {words}", done / max(of, 1))
         if not self._lines or time.monotonic() - self._begun < LINE_PATIENCE:
             return
@@ -147,14 +154,14 @@ class StudyProgress:
                 self._said = part
                 say(self._name, words)
 
-    def tell_interrupted(self, *, fresh: bool) -> None:
-        """Say what an interruption leaves."""
+    def tell_interrupted(self, place: object, *, fresh: bool) -> None:
+        """Say what an interruption leaves in a file or a folder."""
         if self._quiet or not self._all:
             return
         self._quiet = True  # once is enough
         again = f"the same command {'without --fresh ' if fresh else ''}goes on"
-        kept = f"{self._done} of {self._all} runs are kept in {self._file}; {again}"
-        say("interrupted", kept if self._done else f"none of {self._all} runs was done")
+        kept = f"{self._done} of {self._all} {self._noun} are kept in {place}; {again}"
+        say("interrupted", kept if self._done else f"none of {self._all} {self._noun} was done")
 
     def _say_begun(self) -> None:
         with self._lock:
@@ -162,7 +169,8 @@ class StudyProgress:
                 return
             self._said = self._done * _LINES // max(self._all, 1)
             before = f", {self._before} of them done before" if self._before else ""
-            say(self._name, f"{self._all} runs{before}, rows in {self._file}")
+            kept = f", {self._kept}" if self._kept else ""
+            say(self._name, f"{self._all} {self._noun}{before}{kept}")
 
     def _left(self) -> str:
         """How long the rest will take if it takes as long as what was done in this session."""

@@ -12,7 +12,7 @@ from imucalib_cli.cli.entry import last_words
 from imucalib_cli.cli.files import files_of
 from imucalib_cli.cli.options import Quiet
 from imucalib_cli.cli.output import deliver, is_terminal, say
-from imucalib_cli.cli.progress import StudyProgress
+from imucalib_cli.cli.progress import CountProgress
 from imucalib_cli.cli.tables import deliver_blocks
 from imucalib_cli.errors import ChoiceError
 from imucalib_cli.layout import Table
@@ -103,9 +103,11 @@ def study_command(
 
         drawn = [folder / f"{figure}{suffix}.svg" for figure in study.figures([])]
         see_places(read=files_of(config), written=[file, *drawn])
-    progress = StudyProgress(name, file, jobs=jobs or os.cpu_count() or 1, quiet=quiet)
+    progress = CountProgress(
+        name, "runs", f"rows in {file}", jobs=jobs or os.cpu_count() or 1, quiet=quiet
+    )
     try:
-        with last_words(lambda: progress.tell_interrupted(fresh=fresh)), progress:
+        with last_words(lambda: progress.tell_interrupted(file, fresh=fresh)), progress:
             rows = run_study(
                 study,
                 file,
@@ -115,7 +117,7 @@ def study_command(
                 report=progress.report,
             )
     except KeyboardInterrupt:
-        progress.tell_interrupted(fresh=fresh)
+        progress.tell_interrupted(file, fresh=fresh)
         raise
     tables = _tables(study, rows, file, old=progress.before > 0)
     _print(tables, fmt)

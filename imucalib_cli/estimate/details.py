@@ -12,7 +12,8 @@ import numpy as np
 
 from imucalib_cli.estimate.model.layout import lay_out
 from imucalib_cli.estimate.model.state import Chain
-from imucalib_cli.estimate.solution.fit import part_statistics, prior_offset, transferred
+from imucalib_cli.estimate.solution.fit import part_statistics, transferred
+from imucalib_cli.estimate.solution.normal_equations import prior_offset, problem_of
 from imucalib_cli.estimate.solution.spectrum import band_frequencies
 from imucalib_cli.signals.stretches import stretches_of
 
@@ -158,7 +159,7 @@ def details_of(
         imu_t=clean.t,
         imu_accel=clean.accel,
         imu_gyro=clean.gyro,
-        spectra=_spectra(fit),
+        spectra=spectra_of(fit),
         stretches=segments.stretches(np.sqrt(np.diag(covariance))),
         dependence=dependence,
         offset=_offset_profile(fit),
@@ -214,7 +215,8 @@ def _nearest(ascending: Indices, values: Indices) -> Indices:
     return np.where(values - ascending[before] <= ascending[after] - values, before, after)
 
 
-def _spectra(fit: Fit) -> tuple[Spectrum, Spectrum]:
+def spectra_of(fit: Fit) -> tuple[Spectrum, Spectrum]:
+    """Density of what a fit leaves, accelerometer and gyroscope."""
     windowing, statistics = fit.model.windowing, fit.statistics
     grid = windowing.grid
     frequency = band_frequencies(windowing.plan, fit.centres, grid.dt)
@@ -266,9 +268,13 @@ def _misfit(fit: Fit, offset: float) -> float:
         scales=fit.residual_scales,
     )
     total = matrices.sum(axis=0)
-    held = replace(fit, model=model, prior_offset=prior_offset(layout, options, state))
-    problem = held.problem(total, noise_score)
+    problem = problem_of(
+        layout,
+        total[1:, 1:] / fit.equations.level,
+        (total[1:, 0] - noise_score) / fit.equations.level,
+        prior_offset(layout, options, state),
+    )
     step, _ = problem.solve(fit.u)
     P, away = problem.precision(fit.u), problem.offset
     gradient = problem.score + P * away
-    return float(total[0, 0] / fit.level + P @ away**2 + gradient @ step)
+    return float(total[0, 0] / fit.equations.level + P @ away**2 + gradient @ step)

@@ -10,6 +10,7 @@ from imucalib_cli.findings import reasons, status, warnings
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.details import Details
+    from imucalib_cli.estimate.statistics import LogStatistics
     from imucalib_cli.findings import Finding
 
 CorrectionName = Literal[
@@ -181,6 +182,8 @@ class Estimate:
     """What was found out on the way, the most telling first."""
     imu_check: ImuCheck | None = None
     """The log against the data sheet of the IMU it is said to be of; None where none is named."""
+    statistics: LogStatistics | None = None
+    """From which it can be solved again; None where the method has none."""
     details: Details | None = None
     """Series and curves behind it; None where they were not asked for."""
     notes: dict[str, float | str | bool | None] = field(default_factory=dict)

@@ -328,7 +328,7 @@ class Fingerprints:
     def _hash(self) -> None:
         try:
             self._files = tuple(
-                SourceFile(path=printable(path), sha256=_sha256(path)) for path in self._paths
+                SourceFile(path=printable(path), sha256=sha256_of(path)) for path in self._paths
             )
         except OSError as error:
             self._error = error
@@ -339,7 +339,12 @@ def printable(path: Path) -> str:
     return str(path).encode("utf-8", "surrogateescape").decode("utf-8", "replace")
 
 
-def _sha256(path: Path) -> str:
+def sha256_of(path: Path) -> str:
+    """Hexadecimal, of the file's bytes.
+
+    Raises:
+        OSError: It cannot be read.
+    """
     digest = hashlib.sha256()
     buffer = memoryview(bytearray(_BLOCK))
     with path.open("rb", buffering=0) as file:

@@ -11,6 +11,7 @@ import numpy as np
 from imucalib_cli.estimate.options import MatchedOptions, WindowChoice
 
 if TYPE_CHECKING:
+    from imucalib_cli.estimate.options import PaperOptions
     from imucalib_cli.jobs.request import CalibrationRequest
     from imucalib_cli.results.requirement import Tolerance
     from imucalib_cli.results.result import Scalar
@@ -32,11 +33,22 @@ _UNTOLD: dict[str, str] = {
 
 def recorded_options(request: CalibrationRequest) -> dict[str, Scalar]:
     """Every option that affects the result, by its name in code."""
-    options = request.estimator
-    written: dict[str, Scalar] = {
-        "method": "matched" if isinstance(options, MatchedOptions) else "paper"
+    options, units = request.estimator, request.units
+    return {
+        "method": "matched" if isinstance(options, MatchedOptions) else "paper",
+        **({"csv_columns": ",".join(request.csv_columns)} if request.csv_columns else {}),
+        **recorded_estimator(options),
+        "accel_unit": units.accel,
+        "gyro_unit": units.gyro,
+        "accel_sign": units.sign,
+        "imu_model": "none" if request.imu is None else request.imu.model.name,
+        "require": "none" if request.require is None else tolerance_text(request.require),
     }
-    written |= {"csv_columns": ",".join(request.csv_columns)} if request.csv_columns else {}
+
+
+def recorded_estimator(options: MatchedOptions | PaperOptions) -> dict[str, Scalar]:
+    """Every option of a method, by its name in code."""
+    written: dict[str, Scalar] = {}
     for field in fields(options):
         if field.name == "either_sign":
             continue  # recorded as accel_sign
@@ -58,14 +70,6 @@ def recorded_options(request: CalibrationRequest) -> dict[str, Scalar]:
                 for part in fields(value):
                     numbers = np.asarray(getattr(value, part.name), dtype=np.float64)
                     written[f"{field.name}.{part.name}"] = _numbers(numbers.ravel())
-    units = request.units
-    written |= {
-        "accel_unit": units.accel,
-        "gyro_unit": units.gyro,
-        "accel_sign": units.sign,
-    }
-    written["imu_model"] = "none" if request.imu is None else request.imu.model.name
-    written["require"] = "none" if request.require is None else tolerance_text(request.require)
     return written
 
 

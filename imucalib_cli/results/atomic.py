@@ -6,6 +6,7 @@ import contextlib
 import errno
 import os
 import secrets
+import time
 from typing import TYPE_CHECKING
 
 from imucalib_cli.errors import InputError
@@ -13,8 +14,12 @@ from imucalib_cli.errors import InputError
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
+    from typing import IO
 
 _WRITABLE = 0o222
+_PARTIAL = ".imucalib-{}.part"
+_ABANDONED = 60.0
+"""s without a change, after which nobody writes to a partial file any more."""
 
 
 def write_whole(path: Path, content: str | bytes) -> None:
@@ -38,6 +43,14 @@ def write_whole(path: Path, content: str | bytes) -> None:
                 device.write(data)
         else:
             _replace(target, data)
+
+
+def clear_partial(folder: Path) -> None:
+    """Remove what killed processes have left of files that they were writing into a folder."""
+    for partial in folder.glob(_PARTIAL.format("*")):
+        with contextlib.suppress(OSError):
+            if time.time() - partial.stat().st_mtime > _ABANDONED:
+                partial.unlink()
 
 
 def see_writable(path: Path) -> None:
@@ -70,6 +83,25 @@ def see_folder_writable(folder: Path) -> None:
         while not nearest.exists() and nearest != nearest.parent:
             nearest = nearest.parent
         _see_folder(nearest)
+
+
+def lock(file: IO[bytes]) -> bool:
+    """Lock a file until it is closed; True also where locking is not supported.
+
+    Returns:
+        Whether no other process has locked it.
+    """
+    try:
+        import fcntl
+    except ImportError:  # Windows
+        return True
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:  # some network file systems
+        return True
+    return True
 
 
 def _target(path: Path) -> Path:
@@ -114,7 +146,7 @@ def is_same_file(a: Path, b: Path) -> bool:
 
 
 def _replace(target: Path, data: bytes) -> None:
-    partial = target.with_name(f".imucalib-{secrets.token_hex(4)}.part")
+    partial = target.with_name(_PARTIAL.format(secrets.token_hex(4)))
     # os.open rather than tempfile: the new file obeys the umask as any other file does
     handle = os.open(partial, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
     try:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from msgspec import UNSET
 
+from imucalib_cli.findings import Finding, Severity
 from imucalib_cli.results import result as tree
 from imucalib_cli.results.pose import AFFECTED, across
 from imucalib_cli.robot.rotations import quaternion_from_matrix, rotation_angle, rpy_from_matrix
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
 
     from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.estimate import Consistency, Estimate, Residuals
-    from imucalib_cli.findings import Finding
     from imucalib_cli.robot.mount import Nominal
 
 
@@ -66,7 +66,7 @@ def result_of(
         ),
         partial=pose if turned or not all(known) else UNSET,
         covariance=None if covariance is None else plain(covariance),
-        std=None if covariance is None else tree.Std(*_tangent(np.sqrt(np.diag(covariance)))),
+        std=None if covariance is None else tree.Std(*tangent(np.sqrt(np.diag(covariance)))),
         time_offset=tree.TimeOffset(plain(estimate.time_offset), plain(estimate.time_offset_std)),
         accel_bias=tree.Bias(plain(estimate.accel_bias), plain(estimate.accel_bias_std)),
         gyro_bias=tree.Bias(plain(estimate.gyro_bias), plain(estimate.gyro_bias_std)),
@@ -175,6 +175,12 @@ def finding_entry(finding: Finding) -> tree.FindingEntry:
     )
 
 
+def finding_of(entry: tree.FindingEntry) -> Finding:
+    """A finding as a result has it."""
+    values: Any = entry.values
+    return Finding(code=entry.code, severity=Severity(entry.severity), values=values)
+
+
 def _value(value: Any) -> Any:
     return [_value(each) for each in value] if isinstance(value, tuple) else _scalar(value)
 
@@ -203,13 +209,13 @@ def _consistency(parts: Consistency) -> tree.ConsistencyEntry:
         tree.ConsistencyEntry,
         parts,
         folds=parts.folds,
-        fold_std=tree.Tangent(*_tangent(parts.fold_std)),
-        halves=tree.Halves(*_tangent(parts.halves_difference), plain(parts.halves_sigmas)),
+        fold_std=tree.Tangent(*tangent(parts.fold_std)),
+        halves=tree.Halves(*tangent(parts.halves_difference), plain(parts.halves_sigmas)),
         whiteness=tree.Whiteness(*plain(parts.whiteness)),
     )
 
 
-def _tangent(values: ArrayLike) -> tuple[Any, Any]:
+def tangent(values: ArrayLike) -> tuple[Any, Any]:
     """Millimetres and degrees of six components in m and rad."""
     six = np.asarray(values, dtype=np.float64)
     return plain(six[:3] * 1e3), plain(np.degrees(six[3:]))

@@ -1,4 +1,4 @@
-"""What each of several IMUs is called in the names of files and topics."""
+"""What logs and their IMUs are called in the names of files and topics."""
 
 from __future__ import annotations
 
@@ -9,8 +9,12 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from pathlib import Path
 
     from imucalib_cli.results.result import Result
+
+_LONGEST = 200
+"""Bytes of a name without suffix and number: file systems allow 255."""
 
 FILE = r"[^\w.-]+"
 """Letters that no name of a file should have."""
@@ -58,3 +62,16 @@ def sameness(name: str) -> str:
     To some, other cases and compositions of letters are the same.
     """
     return unicodedata.normalize("NFC", name).casefold()
+
+
+def log_name(log: Path) -> str:
+    """What the files of a log are named after."""
+    resolved = log.resolve()
+    if resolved.name == "metadata.yaml":
+        resolved = resolved.parent
+    return resolved.name if resolved.is_dir() else resolved.stem
+
+
+def short(name: str, longest: int = _LONGEST) -> str:
+    """A name that every file system takes, its end cut off; what is not UTF-8 is left out."""
+    return name.encode(errors="surrogateescape")[:longest].decode(errors="ignore")

@@ -42,7 +42,7 @@ def see_places(
         ChoiceError: Something would be lost.
         InputError: A file cannot be written.
     """
-    sources = [file for path in read for file in _files_read(path)]
+    sources = [file for path in read for file in files_read(path)]
     seen: list[Path] = []
     for path in written:
         see_writable(path)
@@ -59,8 +59,8 @@ def see_places(
             )
 
 
-def _files_read(path: Path) -> Iterator[Path]:
-    """What is read where a path is named."""
+def files_read(path: Path) -> Iterator[Path]:
+    """Files and folders that are read where a path is named."""
     yield path
     folder = path if path.is_dir() else path.parent if path.name == "metadata.yaml" else None
     if folder is not None:

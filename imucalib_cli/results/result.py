@@ -274,6 +274,62 @@ class ImuModelEntry(Tree, frozen=True):
     gyro: SensorCheckEntry
 
 
+class BetweenLogs(Tree, frozen=True):
+    """Scatter of one component of the pose between logs, 1 sigma: more than noise within a log."""
+
+    translation_mm: float
+    """The likely value."""
+    translation_mm_95: Annotated[list[float], Meta(min_length=2, max_length=2)]
+    """Between these it is, with 95 %."""
+    rotation_deg: float
+    rotation_deg_95: Annotated[list[float], Meta(min_length=2, max_length=2)]
+
+
+class CombinedLog(Tree, frozen=True):
+    """One of several logs that were solved together."""
+
+    name: str
+    """Of the file of its statistics, or of the log."""
+    files: list[str]
+    """Of the log."""
+    distance: Tangent
+    """Its pose less that of all the others."""
+    distance_mm: float
+    distance_deg: float
+    sigmas: float
+    """Size of that distance in standard deviations, the scatter between logs included; six
+    components together: 2.4 is usual."""
+    disagrees: bool
+    """Whether neither chance nor the scatter of the others explains it."""
+    time_offset: float
+    """s."""
+    accel_bias: Vector3
+    """m/s2, IMU frame."""
+    gyro_bias: Vector3
+    """rad/s, IMU frame."""
+    gravity_world: Vector3
+    """m/s2."""
+
+
+class LeftOut(Tree, frozen=True):
+    """A log that was not used."""
+
+    name: str
+    reason: str
+
+
+class CombinedEntry(Tree, frozen=True):
+    """Several logs solved together.
+
+    time_offset and the biases of the result are the means of the logs', and their std is how far
+    that of one log is from it.
+    """
+
+    logs: list[CombinedLog]
+    between_logs: BetweenLogs
+    left_out: list[LeftOut]
+
+
 class Diagnostics(Tree, frozen=True, kw_only=True):
     """The evidence. What has a default is not in results of earlier versions."""
 
@@ -301,6 +357,8 @@ class Diagnostics(Tree, frozen=True, kw_only=True):
     consistency: ConsistencyEntry | None = None
     imu_model: ImuModelEntry | None = None
     """null where none was named."""
+    combined: CombinedEntry | None = None
+    """null where the result is of one log."""
     windows_used: int
     windows_dropped: int
     samples_replaced: int

@@ -9,8 +9,6 @@ import contextlib
 import json
 import multiprocessing
 import os
-import sys
-import warnings
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing, contextmanager
@@ -20,11 +18,8 @@ from typing import TYPE_CHECKING
 
 from imucalib_cli import __version__
 from imucalib_cli.errors import ChoiceError, InputError
-from imucalib_cli.process import (
-    children_ignore_interruptions,
-    obey_the_parent,
-    prepare_to_compute,
-)
+from imucalib_cli.process import fresh_processes, prepare_worker
+from imucalib_cli.results.atomic import lock
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterator
@@ -93,17 +88,10 @@ def _measured(study: Study, cells: list[Cell], jobs: int) -> Generator[tuple[Cel
     if jobs == 1 or len(cells) < 2:
         yield from ((cell, study.measure(cell)) for cell in cells)
         return
-    # Not fork: the progress bar's thread may hold a lock at that moment.
-    method = "forkserver" if "forkserver" in multiprocessing.get_all_start_methods() else "spawn"
-    if method == "forkserver":
-        from multiprocessing import forkserver  # not on every system
-
-        with children_ignore_interruptions():
-            forkserver.ensure_running()
     pool = ProcessPoolExecutor(
         min(jobs, len(cells)),
-        mp_context=multiprocessing.get_context(method),
-        initializer=_prepare_worker,
+        mp_context=fresh_processes(),
+        initializer=prepare_worker,
     )
     waiting: dict[Future[list[Row]], Cell] = {}
     left = iter(cells)
@@ -126,13 +114,6 @@ def _measured(study: Study, cells: list[Cell], jobs: int) -> Generator[tuple[Cel
                 child.terminate()
         # Waits for the pool's thread, which holds semaphores that the system would keep.
         pool.shutdown(cancel_futures=True)
-
-
-def _prepare_worker() -> None:
-    prepare_to_compute()
-    if not sys.warnoptions:
-        warnings.simplefilter("ignore")  # as in the command line itself
-    obey_the_parent()
 
 
 def _key(cell: Cell) -> str:
@@ -185,7 +166,7 @@ def _open_locked(file: Path) -> BinaryIO:
     """The locked file; opened again if another process removed it before the lock."""
     while True:
         lines = file.open("a+b")
-        if not _lock(lines):
+        if not lock(lines):
             lines.close()
             raise InputError(
                 f"{file}: another run of the same study writes to it: wait for it to end, or "
@@ -195,21 +176,6 @@ def _open_locked(file: Path) -> BinaryIO:
             if os.path.samestat(os.fstat(lines.fileno()), file.stat()):
                 return lines
         lines.close()
-
-
-def _lock(lines: BinaryIO) -> bool:
-    """Lock a file until it is closed; True also where locking is not supported."""
-    try:
-        import fcntl
-    except ImportError:  # Windows
-        return True
-    try:
-        fcntl.flock(lines, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    except OSError:  # some network file systems
-        return True
-    return True
 
 
 def _header(study: Study) -> dict[str, object]:

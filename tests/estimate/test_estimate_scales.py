@@ -69,7 +69,7 @@ def by_grid(given: Problem) -> tuple[Floats, Floats, Floats]:
 @pytest.mark.parametrize("seed", range(4))
 def test_the_integral_is_the_dense_grids(seed: int) -> None:
     given = problem(seed)
-    found = integrate(given, most_likely(given), given.information)
+    found = integrate(given, most_likely(given))
     expected, expected_covariance, logs = by_grid(given)
     sigma = np.sqrt(np.diag(expected_covariance))
     np.testing.assert_allclose(found.step / sigma, expected / sigma, atol=0.15)
@@ -100,7 +100,7 @@ def test_without_scales_it_is_plain_least_squares() -> None:
         scale=np.full(len(given.std), -1),
         bounds=np.zeros((0, 2)),
     )
-    found = integrate(plain, most_likely(plain), plain.information)
+    found = integrate(plain, most_likely(plain))
     C = np.linalg.inv(plain.information + np.eye(len(plain.score)) / 4.0)
     np.testing.assert_allclose(found.step, -C @ (plain.score + plain.offset / 4.0), rtol=1e-9)
     np.testing.assert_allclose(found.covariance, C, rtol=1e-9, atol=1e-15)

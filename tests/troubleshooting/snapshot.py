@@ -8,7 +8,7 @@ from typing import NamedTuple
 from unittest.mock import patch
 
 from imucalib_cli.findings import Finding
-from tests.troubleshooting import provoke_files, provoke_recordings
+from tests.troubleshooting import provoke_files, provoke_recordings, provoke_together
 from tests.troubleshooting.scene import Scene
 
 LISTED = (
@@ -21,6 +21,7 @@ LISTED = (
     provoke_recordings.SHEETS,
     provoke_recordings.ROBOT,
     provoke_recordings.MOTION,
+    provoke_together.TOGETHER,
 )
 """By the keys of docs/troubleshooting.md."""
 TABLES = (*LISTED, provoke_recordings.UNLISTED)

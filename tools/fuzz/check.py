@@ -10,7 +10,6 @@ import re
 import resource
 import signal
 import sys
-import time
 import traceback
 import warnings
 from pathlib import Path
@@ -109,7 +108,7 @@ def check(case: Case) -> tuple[int | None, list[str]]:
     words, out = io.StringIO(), io.TextIOWrapper(io.BytesIO(), encoding="utf-8")
     code: int | None = None
     _reset_peak()
-    floor, start = _peak(), time.process_time()
+    floor = _peak()
     try:
         with contextlib.redirect_stderr(words), contextlib.redirect_stdout(out), _temporary(case):
             signal.setitimer(signal.ITIMER_PROF, SECONDS)
@@ -125,12 +124,9 @@ def check(case: Case) -> tuple[int | None, list[str]]:
         findings.append(f"MEMORY: an allocation beyond {MEMORY >> 20} MiB:\n{_trace()}")
     except Exception:  # noqa: BLE001 - this is what is looked for
         findings.append(f"TRACEBACK:\n{_trace()}")
-    took = time.process_time() - start
     used = _peak() - floor
     if used > MEMORY:
         findings.append(f"MEMORY: {used >> 20} MiB")
-    if took > SECONDS / 2:
-        findings.append(f"SLOW: {took:.1f} s")
     if _fingerprint(case.inputs) != before:
         findings.append("INPUT changed")
     if code is not None:

@@ -8,28 +8,29 @@ from typing import TYPE_CHECKING, Final, Literal
 import numpy as np
 
 from imucalib_cli.estimate.checks.observability import (
-    GOOD_IMU,
     excitation,
     undetermined,
     unobservable_directions,
 )
-from imucalib_cli.estimate.checks.stated import POSE_NAMES, contradicted
+from imucalib_cli.estimate.checks.stated import POSE_NAMES, contradicted_by_log
 from imucalib_cli.estimate.model.layout import places_of
 from imucalib_cli.estimate.model.state import tilt_from_down
 from imucalib_cli.estimate.model.unknowns import Clock, JointCurve, Mount, Origin, PoseScale
+from imucalib_cli.estimate.solution.fit import COMMON_IMU
 from imucalib_cli.estimate.solution.spectrum import inverse_of
 from imucalib_cli.estimate.window_choice import kinematic_noise, second_derivative_gain
 from imucalib_cli.findings import Finding, Severity, note, untrusted, warning
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.checks.segments import Change
-    from imucalib_cli.estimate.checks.specification import Dependence
+    from imucalib_cli.estimate.checks.specification import Dependence, OtherWindow
     from imucalib_cli.estimate.estimate import UnobservableDirection
     from imucalib_cli.estimate.model.windows import Windowing
     from imucalib_cli.estimate.solution.fit import Fit
+    from imucalib_cli.estimate.solution.normal_equations import Answer
     from imucalib_cli.estimate.stamps import Attempt
 
 Sign = Literal["as read", "reversed", "in doubt"]
@@ -70,6 +71,19 @@ _WITHIN: Final = 2.0
 """Sigmas of a told prior within which a bias is what was told."""
 _JUDGED_ELSEWHERE: Final = frozenset({"time_offset", "gravity_direction"})
 """Entries of the table that have findings of their own."""
+OF_ANSWER: Final = frozenset(
+    {
+        "prior.contradicted",
+        "bias.unusual",
+        "unknown.implausible",
+        "unknown.found",
+        "prior.untested",
+        "offset.undetermined",
+        "robot.joints_still",
+        "gravity.tilted",
+    }
+)
+"""Codes of findings that rest on the unknowns and their priors, not on the windows."""
 _LEVEL: Final = "; or tell that the base is level (--gravity fixed, or --tilt-std)"
 
 
@@ -101,7 +115,7 @@ def own_noise(windowing: Windowing) -> tuple[float, float]:
     """What the sensor's own white noise leaves in a window, m/s² and rad/s; at least any IMU's."""
     noise, gains = windowing.grid.noise, windowing.white_gains
     accel, gyro = (
-        max(own * gain, floor) for own, gain, floor in zip(noise, gains, GOOD_IMU, strict=True)
+        max(own * gain, floor) for own, gain, floor in zip(noise, gains, COMMON_IMU, strict=True)
     )
     return accel, gyro
 
@@ -120,7 +134,7 @@ def over_known_noise(fit: Fit) -> tuple[float, float]:
     ratios = []
     for sensor, gain in enumerate(windowing.white_gains):
         known = float(np.hypot(grid.noise[sensor] * gain, np.sqrt(kinematic[sensor])))
-        ratios.append(fit.residual_scales[sensor] / max(known, GOOD_IMU[sensor]))
+        ratios.append(fit.residual_scales[sensor] / max(known, COMMON_IMU[sensor]))
     return ratios[0], ratios[1]
 
 
@@ -140,14 +154,15 @@ def of_findings(evidence: Evidence) -> Floats:
     return added
 
 
-def unobservable(fit: Fit) -> tuple[UnobservableDirection, ...]:
+def unobservable(answer: Answer) -> tuple[UnobservableDirection, ...]:
     """Directions of the pose that the motion did not determine, and what would."""
-    both = fit.covariance, excitation(fit)
-    found = unobservable_directions(*(_pose(fit, each) for each in both))
-    gravity = fit.layout.part("gravity_direction")
-    if not fit.layout.free[gravity].any():
+    pose = np.ix_(answer.layout.pose, answer.layout.pose)
+    both = answer.covariance, excitation(answer)
+    found = unobservable_directions(*(each[pose] for each in both))
+    gravity = answer.layout.part("gravity_direction")
+    if not answer.layout.free[gravity].any():
         return tuple(found)
-    level = unobservable_directions(*(_pose(fit, _given(each, gravity)) for each in both))
+    level = unobservable_directions(*(_given(each, gravity)[pose] for each in both))
     helps = not any(each.kind == "rotation" for each in level)
     return tuple(
         replace(each, motion=each.motion + _LEVEL) if helps and each.kind == "rotation" else each
@@ -161,12 +176,6 @@ def _given(covariance: Floats, part: slice) -> Floats:
     return np.asarray(covariance - across @ inverse_of(covariance[part, part]) @ across.T)
 
 
-def _pose(fit: Fit, matrix: Floats) -> Floats:
-    """(6, 6), of the mount."""
-    places = fit.layout.pose
-    return np.asarray(matrix[np.ix_(places, places)])
-
-
 def findings(evidence: Evidence, *, unknown: bool) -> tuple[Finding, ...]:
     """Every finding of a fit, the grave ones first.
 
@@ -174,25 +183,56 @@ def findings(evidence: Evidence, *, unknown: bool) -> tuple[Finding, ...]:
         evidence: Of the fit.
         unknown: Whether directions are unobservable: other findings may follow from it.
     """
-    wrong = contradicted(evidence.fit)
+    wrong = contradicted_by_log(evidence.fit)
     found = [
         *([] if wrong is None else [wrong]),
         # What is held where it is not is taken up by whatever looks like it.
         *(() if wrong else _changed(evidence)),
         *_unexplained(evidence),
-        *(() if wrong else _errors(evidence)),
+        *of_answer(
+            evidence.fit,
+            evidence.dependence,
+            seconds=evidence.fit.model.seconds,
+            clock_stepped=evidence.clock_stepped,
+            contradicted=wrong is not None,
+            unknown=unknown,
+        ),
         *_window(evidence),
         *(() if unknown else _undecided(evidence)),
         *_residuals(evidence),
         *_left_out(evidence),
         *_gaps(evidence),
-        *_resting_on_priors(evidence),
         *_stamps(evidence),
-        *_offset(evidence),
-        *_still(evidence),
-        *(() if unknown else _gravity(evidence)),
     ]
     return tuple(sorted(found, key=lambda each: each.severity is not Severity.UNTRUSTED))
+
+
+def of_answer(
+    answer: Answer,
+    windows: Sequence[OtherWindow],
+    *,
+    seconds: float,
+    clock_stepped: bool,
+    contradicted: bool,
+    unknown: bool,
+) -> Iterator[Finding]:
+    """Findings that rest on the unknowns and their priors alone.
+
+    Args:
+        answer: Every unknown.
+        windows: What other windows say.
+        seconds: Of the log.
+        clock_stepped: Whether the clocks were set within the log.
+        contradicted: Whether something that was stated is wrong.
+        unknown: Whether directions are unobservable.
+    """
+    if not contradicted:
+        yield from _errors(answer, windows, seconds, clock_stepped=clock_stepped)
+    yield from _resting_on_priors(answer)
+    yield from _offset(answer)
+    yield from _still(answer)
+    if not unknown:
+        yield from _gravity(answer)
 
 
 def _unexplained(evidence: Evidence) -> Iterator[Finding]:
@@ -278,7 +318,7 @@ def _window(evidence: Evidence) -> Iterator[Finding]:
     """An answer that hangs on the window: something that no unknown explains."""
     worst = evidence.hangs_most
     if worst is not None and worst.sigmas > WARN_SIGMAS:
-        sigma = np.sqrt(np.diag(_pose(evidence.fit, evidence.fit.covariance)))
+        sigma = np.sqrt(np.diag(evidence.fit.pose_covariance))
         matters = bool((np.abs(worst.difference) > sigma).any())
         make = untrusted if matters and worst.sigmas > DISTRUST_SIGMAS else warning
         yield make(
@@ -321,35 +361,36 @@ def _signed_size(values: Floats) -> float:
     return float(values[0] if len(values) == 1 else np.linalg.norm(values))
 
 
-def _errors(evidence: Evidence) -> Iterator[Finding]:
+def _errors(
+    answer: Answer, windows: Sequence[OtherWindow], seconds: float, *, clock_stepped: bool
+) -> Iterator[Finding]:
     """Errors that no sound robot and no sound sensor has, and those that would move the pose."""
-    fit = evidence.fit
-    pose, stated = fit.layout.pose, np.sqrt(np.diag(_pose(fit, fit.covariance)))
-    for each in fit.layout.placed:
-        unknown, part, value = each.unknown, each.part, fit.value(each)
+    pose, stated = answer.layout.pose, np.sqrt(np.diag(answer.pose_covariance))
+    for each in answer.layout.placed:
+        unknown, part, value = each.unknown, each.part, answer.value(each)
         if isinstance(unknown.effect, Mount) or unknown.name in _JUDGED_ELSEWHERE:
             continue
-        if evidence.clock_stepped and isinstance(unknown.effect, Clock):
+        if clock_stepped and isinstance(unknown.effect, Clock):
             continue
-        if not fit.layout.free[part].all() or (unknown.positive and (value < 0.0).all()):
+        if not answer.layout.free[part].all() or (unknown.positive and (value < 0.0).all()):
             continue
         # An error that another window does not see is not surely one.
-        C = fit.covariance[part, part].copy()
-        if evidence.dependence:
-            changes = np.array([other.changes[part] for other in evidence.dependence])
+        C = answer.covariance[part, part].copy()
+        if windows:
+            changes = np.array([other.changes[part] for other in windows])
             C += np.diag((changes**2).max(axis=0))
-        moves = fit.covariance[pose, part] @ inverse_of(C) @ value
+        moves = answer.covariance[pose, part] @ inverse_of(C) @ value
         std, limit = np.sqrt(np.diag(C)), unknown.healthy
         surely = np.abs(value) - WARN_SIGMAS * std
         clear = (np.abs(value) > DISTRUST_SIGMAS * std).any() and (np.abs(moves) > stated).any()
         what = {"name": unknown.name, "words": unknown.words, "unit": each.unit}
         if unknown.group == "bias":
             size = float(np.linalg.norm(value))
-            if size > max(limit, _WITHIN * evidence.fit.options.stated_std(unknown.name)):
+            if size > max(limit, _WITHIN * answer.options.stated_std(unknown.name)):
                 yield warning("bias.unusual", name=unknown.name, size=size)
         elif (surely > limit).any():
             worst = int(np.argmax(surely))
-            other = _sound_window(evidence, part.start + worst, value[worst], limit)
+            other = _sound_window(windows, part.start + worst, value[worst], limit)
             make = untrusted if other is None and "bias" not in unknown.name else warning
             yield make(
                 "unknown.implausible",
@@ -368,28 +409,30 @@ def _errors(evidence: Evidence) -> Iterator[Finding]:
                 labels=tuple(each.labels),
                 values=tuple(value.tolist()),
                 stds=tuple(std.tolist()),
-                seconds=fit.model.seconds,
+                seconds=seconds,
                 translation=float(np.linalg.norm(moves[:3])),
                 rotation=float(np.linalg.norm(moves[3:])),
             )
 
 
-def _sound_window(evidence: Evidence, place: int, value: float, limit: float) -> float | None:
+def _sound_window(
+    windows: Sequence[OtherWindow], place: int, value: float, limit: float
+) -> float | None:
     """Window, s, by which a component keeps to its limit: then something else looks like it."""
-    for other in evidence.dependence:
+    for other in windows:
         if abs(value + other.changes[place]) <= limit:
             return other.seconds
     return None
 
 
-def _resting_on_priors(evidence: Evidence) -> Iterator[Finding]:
+def _resting_on_priors(answer: Answer) -> Iterator[Finding]:
     """Components that come from what was told and not from the log."""
-    fit, known = evidence.fit, evidence.fit.options.pose
+    known = answer.options.pose
     if known is None or known.R_parent_imu is None:
         return
-    std, variance = np.array(known.std), np.diag(_pose(fit, fit.covariance))
+    std, variance = np.array(known.std), np.diag(answer.pose_covariance)
     told = (std < np.inf) & np.where(
-        std > 0.0, variance > (_UNTOUCHED * std) ** 2, undetermined(fit)
+        std > 0.0, variance > (_UNTOUCHED * std) ** 2, undetermined(answer)
     )
     if told.any():
         yield warning(
@@ -412,37 +455,37 @@ def _stamps(evidence: Evidence) -> Iterator[Finding]:
             yield warning("stream.held_values", stream=track.name)
 
 
-def _still(evidence: Evidence) -> Iterator[Finding]:
+def _still(answer: Answer) -> Iterator[Finding]:
     """Joints that do not move, where what they hide is most of sigma."""
-    fit, layout = evidence.fit, evidence.fit.layout
+    layout = answer.layout
     hidden = places_of(each.part for each in layout.placed if each.hidden)
     if not len(hidden):
         return
-    across = fit.covariance[np.ix_(layout.pose, hidden)]
-    by_hidden = np.diag(across @ inverse_of(fit.covariance[np.ix_(hidden, hidden)]) @ across.T)
-    if (by_hidden > 0.5 * np.diag(_pose(fit, fit.covariance))).any():
+    across = answer.covariance[np.ix_(layout.pose, hidden)]
+    by_hidden = np.diag(across @ inverse_of(answer.covariance[np.ix_(hidden, hidden)]) @ across.T)
+    if (by_hidden > 0.5 * np.diag(answer.pose_covariance)).any():
         std = np.sqrt([by_hidden[:3].sum(), by_hidden[3:].sum()])
         yield warning(
             "robot.joints_still", joints=layout.still, translation=std[0], rotation=std[1]
         )
 
 
-def _offset(evidence: Evidence) -> Iterator[Finding]:
-    if len(evidence.fit.of("time_offset")[0]) and not offset_known(evidence.fit):
+def _offset(answer: Answer) -> Iterator[Finding]:
+    if len(answer.of("time_offset")[0]) and not offset_known(answer):
         yield warning("offset.undetermined")
 
 
-def offset_known(fit: Fit) -> bool:
+def offset_known(answer: Answer) -> bool:
     """Whether the motion determines the time offset."""
-    part = fit.layout.part("time_offset")
+    part = answer.layout.part("time_offset")
     if part == slice(0, 0):
         return False
-    variance = max(fit.covariance[part, part].item(), excitation(fit)[part, part].item())
+    variance = max(answer.covariance[part, part].item(), excitation(answer)[part, part].item())
     return bool(variance < _OFFSET_LIMIT**2)
 
 
-def _gravity(evidence: Evidence) -> Iterator[Finding]:
-    gravity = evidence.fit.state.gravity
+def _gravity(answer: Answer) -> Iterator[Finding]:
+    gravity = answer.state.gravity
     if gravity.any():
         tilt = float(np.linalg.norm(tilt_from_down(gravity)))
         if tilt > _TILTED:

@@ -9,17 +9,14 @@ import numpy as np
 
 from imucalib_cli.estimate.estimate import UnobservableDirection
 from imucalib_cli.estimate.model.unknowns import LEAN, TABLE, Mount
-from imucalib_cli.estimate.window_choice import kinematic_noise, second_derivative_gain
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from imucalib_cli.arrays import Bools, Floats
-    from imucalib_cli.estimate.solution.fit import Fit
+    from imucalib_cli.estimate.solution.normal_equations import Answer
 
 
-GOOD_IMU: Final = (1e-3, 5e-5)
-"""m/s² and rad/s: residuals of a window that a good IMU leaves; less is as good as none."""
 _LIMIT: Final = 0.05
 """m and rad: a direction known no better than this is not known."""
 _UNBOUNDED: Final = 0.5
@@ -31,55 +28,41 @@ _ALONG: Final = 0.99
 _PARTS: Final = {"translation": slice(0, 3), "rotation": slice(3, 6)}
 
 
-def excitation(fit: Fit, *, everything: bool = False) -> Floats:
-    """Covariance as the motion allows it: with residuals of a common IMU, or their own if larger.
-
-    Tells little motion from little noise. Noise in a regressor looks like motion: the
-    measurements' in the rotation's, the encoders' in the lever arm's. Twice what is expected of it
-    is taken off.
+def excitation(answer: Answer, *, everything: bool = False) -> Floats:
+    """Covariance as the motion allows it, for an IMU of common noise: little noise is no motion.
 
     Args:
-        fit: A solution.
+        answer: A solution.
         everything: Components of the mount that are held, or known beforehand, count as free.
 
     Returns:
         (n, n), of the layout's components.
     """
-    layout, stats, plan = fit.layout, fit.statistics, fit.model.windowing.plan
+    layout = answer.layout
     lean = {each.name for each in LEAN}
     free = layout.free.copy()
     for each in layout.placed:
         # What else is unknown has a prior, and hangs together with the pose through it.
         free[each.part] &= each.unknown.name in lean
-    pose = [layout.part("translation"), layout.part("rotation")]
-    std = layout.std_at(fit.u)
+    std = layout.std_at(answer.u)
     if everything:
-        for part, weakest in zip(pose, _WEAKEST_STD.values(), strict=True):
+        for name, weakest in _WEAKEST_STD.items():
+            part = layout.part(name)
             free[part] = True
             std[part] = weakest
-    taken = [max(a, b) for a, b in zip(fit.residual_scales, GOOD_IMU, strict=True)]
-    share = [(a / b) ** 2 for a, b in zip(fit.residual_scales, taken, strict=True)]
-    A = np.einsum("s,sbpq->pq", share, stats.normal[:, :, 1:, 1:])
-    gains = plan.noise_gains
-    noise = np.zeros(layout.size)
-    noise[pose[1]] = 2.0 * sum(s * g**2 for s, g in zip(share, gains, strict=True))
-    rotation, _ = kinematic_noise(fit.model.windowing.trajectory)
-    seconds = plan.length * fit.model.windowing.grid.dt
-    noise[pose[0]] = second_derivative_gain(seconds) * rotation / 3.0 * (gains[0] / taken[0]) ** 2
-    A = A - 2.0 * stats.windows * np.diag(noise)
     # In units of the priors nothing can be known less than they say.
     unit = std[free]
-    values, vectors = np.linalg.eigh(A[np.ix_(free, free)] * np.outer(unit, unit))
+    values, vectors = np.linalg.eigh(answer.motion[np.ix_(free, free)] * np.outer(unit, unit))
     scaled = vectors * unit[:, None]
     full = np.zeros((layout.size, layout.size))
     full[np.ix_(free, free)] = (scaled / (np.maximum(values, 0.0) + 1.0)) @ scaled.T
     return full
 
 
-def undetermined(fit: Fit) -> Bools:
+def undetermined(answer: Answer) -> Bools:
     """(6,), components of the mount that the motion does not show, whatever is told of them."""
-    places = fit.layout.pose
-    std = np.sqrt(np.diag(excitation(fit, everything=True))[places])
+    places = answer.layout.pose
+    std = np.sqrt(np.diag(excitation(answer, everything=True))[places])
     return np.asarray(std > _LIMIT)
 
 

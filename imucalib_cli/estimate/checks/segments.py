@@ -98,8 +98,8 @@ class Segments:
         self._total = problem.information + self._P
         # A mount that moved late is an outlier to the fit, and so its weights are not used here.
         step, self._inverse = problem.solve(fit.u)
-        self._A = normal[:, 1:, 1:][:, free][:, :, free] / fit.level
-        b = (normal[:, 1:, 0] - noise / len(normal))[:, free] / fit.level
+        self._A = normal[:, 1:, 1:][:, free][:, :, free] / fit.equations.level
+        b = (normal[:, 1:, 0] - noise / len(normal))[:, free] / fit.equations.level
         self._b = b + self._A @ step
         self._A_after, self._b_after = (
             np.cumsum(each[::-1], axis=0)[::-1] for each in (self._A, self._b)
@@ -112,6 +112,14 @@ class Segments:
     def _places(self, *names: str) -> Indices:
         wanted = places_of(self._fit.layout.part(name) for name in names)
         return np.flatnonzero(np.isin(self._free, wanted))
+
+    def blocks(self) -> tuple[Floats, Floats]:
+        """Normal matrices (F, n + 1, n + 1) of [e J] of a few longer parts, and their edges, s."""
+        parts = self._fit.parts
+        return (
+            parts.reshape(_FOLDS, -1, *parts.shape[1:]).sum(axis=1),
+            self._edges[:: len(parts) // _FOLDS],
+        )
 
     def _folds(self) -> tuple[Floats, Floats]:
         """Information and score of the parts that are left out in turn."""
@@ -217,7 +225,7 @@ class Segments:
         gainful &= seen >= _UNSEEN
         if self._loud:
             # Where much is left over, a change is its cause only if it explains a good part of it.
-            left_over = self._fit.statistics.normal[:, :, 0, 0].sum() / self._fit.level
+            left_over = self._fit.statistics.normal[:, :, 0, 0].sum() / self._fit.equations.level
             gainful &= gain >= _SHARE * left_over
         if not gainful.any():
             return None

@@ -19,7 +19,12 @@ import numpy as np
 
 from imucalib_cli.estimate.model.windows import odd_length, plan_windows, thinned
 from imucalib_cli.estimate.solution.fit import part_statistics
-from imucalib_cli.estimate.solution.spectrum import PARTS, embedded, squared_distance
+from imucalib_cli.estimate.solution.spectrum import (
+    PARTS,
+    chance_of_six,
+    embedded,
+    squared_distance,
+)
 from imucalib_cli.estimate.window_choice import MAX_ATTENUATION, attenuation
 
 if TYPE_CHECKING:
@@ -43,13 +48,19 @@ _NEGLIGIBLE: Final = (1e-5, 2e-5)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Dependence:
-    """How the answer changes with the window."""
+class OtherWindow:
+    """What another window says of every component."""
 
     seconds: float
     """Of the other window."""
     changes: Floats
     """(n,), of the layout's components: by the other window less by the one used."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Dependence(OtherWindow):
+    """How the answer changes with the window."""
+
     difference: Floats
     """(6,), of the pose, m and rad."""
     covariance: Floats
@@ -63,11 +74,8 @@ class Dependence:
         """Size of the difference as a normal deviate of the same probability (Hotelling 1931)."""
         floor = np.diag(np.repeat(np.square(_NEGLIGIBLE), 3))
         square = float(squared_distance(self.difference, self.covariance + floor))
-        # Tail of Fisher's F of 6 degrees and the parts' by its closed form, exact as 6 is even:
-        # scipy.special has it too, and takes a quarter of a second to import.
-        half = 0.5 * (self.parts - len(self.difference))
-        x = (self.parts - 1.0) / (self.parts - 1.0 + square)
-        tail = x**half * (1.0 + half * (1.0 - x) * (1.0 + 0.5 * (half + 1.0) * (1.0 - x)))
+        freedom = self.parts - len(self.difference)
+        tail = chance_of_six(square * freedom / (self.parts - 1.0), freedom)
         return -NormalDist().inv_cdf(tail / 2.0) if tail > 1e-300 else math.sqrt(square)
 
 
@@ -84,14 +92,14 @@ def window_dependence(fit: Fit) -> list[Dependence]:
             continue
         plan = plan_windows(length, own.degree, windowing.grid.dt, hop=own.hop)
         model = replace(fit.model, windowing=replace(windowing, plan=plan))
-        fitting = thinned(np.intersect1d(centres, model.centres(fit.linearised)), _MOST)
+        fitting = thinned(np.intersect1d(centres, model.centres(fit.equations.at)), _MOST)
         if _lengths(fitting, plan) >= _FEWEST_PARTS:
             others.append((model, fitting))
     if not others:
         return []
     every = np.unique(np.concatenate([fitting for _, fitting in others]))
     plans = tuple(model.windowing.plan for model, _ in others)
-    found = fit.model.residuals(fit.linearised, every, plans)
+    found = fit.model.residuals(fit.equations.at, every, plans)
     base = _Solved.of(fit, fit.parts, fit.statistics.noise_score)
     return [
         _difference(fit, base, model, centres, residuals.values[np.isin(every, centres)])
@@ -113,7 +121,7 @@ def _difference(
     weights = fit.weights[np.searchsorted(fit.centres, centres)]
     found = part_statistics(
         model,
-        fit.linearised,
+        fit.equations.at,
         centres,
         residuals=residuals,
         weights=weights,
@@ -153,7 +161,7 @@ class _Solved:
         problem = fit.problem(matrices.sum(axis=0), noise_score)
         step, inverse = problem.solve(fit.u)
         inverse = inverse[np.searchsorted(free, fit.layout.pose)]
-        each = matrices[:, 1:, 0][:, free] / fit.level
+        each = matrices[:, 1:, 0][:, free] / fit.equations.level
         return cls(step, -(each @ inverse.T), np.asarray(inverse), problem.precision(fit.u))
 
 

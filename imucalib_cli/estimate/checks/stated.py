@@ -19,21 +19,21 @@ from imucalib_cli.estimate.model.layout import lay_out
 from imucalib_cli.estimate.solution.fit import (
     lean_fit,
     part_statistics,
-    prior_offset,
-    problem_of,
     transferred,
     whole_fit,
 )
+from imucalib_cli.estimate.solution.normal_equations import prior_offset
 from imucalib_cli.estimate.solution.scales import integrate, most_likely
 from imucalib_cli.findings import Finding, untrusted
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
     from imucalib_cli.arrays import Floats, Indices
     from imucalib_cli.estimate.model.layout import Layout
     from imucalib_cli.estimate.options import MatchedOptions
     from imucalib_cli.estimate.solution.fit import Fit
+    from imucalib_cli.estimate.solution.normal_equations import Answer, NormalEquations
 
 
 POSE_NAMES: Final = ("tx", "ty", "tz", "rx", "ry", "rz")
@@ -43,20 +43,29 @@ _NEGLIGIBLE: Final = 1e-5
 """Of any unit: no drawing and no clock is more exact, so that no contradiction is smaller."""
 
 
-def contradicted(fit: Fit) -> Finding | None:
-    """What the user states that the data contradict most decisively."""
+def contradicted(
+    answer: Answer,
+    sums: Callable[[MatchedOptions], NormalEquations],
+    solve: Callable[[MatchedOptions], Answer],
+) -> Finding | None:
+    """What the user states that the data contradict most decisively.
+
+    Args:
+        answer: With all that is stated.
+        sums: Equations with every component that some options leave free.
+        solve: The answer for some options.
+    """
     found = [
         (gain, option, freed)
-        for option, freed in _statements(fit)
-        if (gain := _gain(fit, freed)) > DECISIVE
+        for option, freed in _statements(answer)
+        if (gain := _gain(sums(freed), answer.options, freed)) > DECISIVE
     ]
     if not found:
         return None
     _, option, freed = max(found, key=lambda each: each[0])
-    stated = fit.model.shifts(fit.linearised)[1][0]
-    free = whole_fit(lean_fit(fit.model.windowing, freed, stated), freed)
-    about = _about(free.layout, fit.options)
-    away = prior_offset(free.layout, fit.options, free.state)[about]
+    free = solve(freed)
+    about = _about(free.layout, answer.options)
+    away = prior_offset(free.layout, answer.options, free.state)[about]
     std = np.sqrt(np.diag(free.covariance)[about])
     worst = int(np.argmax(np.abs(away) / std))
     (unit,) = (e.unit for e in free.layout.placed if e.part.start <= about[worst] < e.part.stop)
@@ -65,13 +74,23 @@ def contradicted(fit: Fit) -> Finding | None:
     )
 
 
-def _statements(fit: Fit) -> Iterator[tuple[str, MatchedOptions]]:
+def contradicted_by_log(fit: Fit) -> Finding | None:
+    """As :func:`contradicted`, where the log is at hand."""
+    stated = fit.model.shifts(fit.equations.at)[1][0]
+
+    def solve(freed: MatchedOptions) -> Answer:
+        return whole_fit(lean_fit(fit.model.windowing, freed, stated), freed)
+
+    return contradicted(fit, lambda freed: _with_columns(fit, freed), solve)
+
+
+def _statements(answer: Answer) -> Iterator[tuple[str, MatchedOptions]]:
     """Options by which something is stated, and all options with that set free.
 
     A component of the mount that the motion does not show is neither confirmed nor contradicted:
     noise of the poses looks like information on it.
     """
-    options = fit.options
+    options = answer.options
     free: dict[str, dict[str, Any]] = {
         "--time-offset": {"time_offset": None},
         "--accel-bias": {"accel_bias_std": np.inf},
@@ -84,7 +103,7 @@ def _statements(fit: Fit) -> Iterator[tuple[str, MatchedOptions]]:
         free["--gravity"] = {"gravity_std": _SLIP_OF_THE_PEN}
     if options.pose is not None and options.pose.R_parent_imu is not None:
         std = np.array(options.pose.std)
-        for place in np.flatnonzero((std < np.inf) & ~undetermined(fit)):
+        for place in np.flatnonzero((std < np.inf) & ~undetermined(answer)):
             wide = tuple(np.where(np.arange(6) == place, np.inf, std).tolist())
             option = "--prior-std" if std[place] else "--fix"
             free[f"{option} {POSE_NAMES[place]}"] = {"pose": replace(options.pose, std=wide)}
@@ -107,31 +126,38 @@ def _stated_std(layout: Layout, options: MatchedOptions) -> Floats:
     return std
 
 
-def _gain(fit: Fit, freed: MatchedOptions) -> float:
-    """Twice the rise of the logarithm of the marginal likelihood by what is set free."""
+def _with_columns(fit: Fit, freed: MatchedOptions) -> NormalEquations:
+    """The equations of a fit with what is held exactly, which has no columns in them."""
     layout = lay_out(fit.model.windowing.trajectory, freed)
-    about = _about(layout, fit.options)
+    if layout.size == fit.layout.size:
+        return fit.equations
+    state = transferred(fit, layout, freed, fit.equations.at)
+    matrices, noise_score = part_statistics(
+        replace(fit.model, layout=layout),
+        state,
+        fit.centres,
+        residuals=fit.residuals.values,
+        weights=fit.weights,
+        scales=fit.residual_scales,
+    )
+    total = matrices.sum(axis=0)
+    A, b = total[1:, 1:], total[1:, 0] - noise_score
+    white = A * fit.equations.level
+    return replace(
+        fit.equations, layout=layout, at=state, information=A, score=b, noise=white, motion=A
+    )
+
+
+def _gain(equations: NormalEquations, stated: MatchedOptions, freed: MatchedOptions) -> float:
+    """Twice the rise of the logarithm of the marginal likelihood by what is set free."""
+    layout = equations.layout.under(freed)
+    about = _about(layout, stated)
     if not len(about):  # held by another option too
         return 0.0
-    state = transferred(fit, layout, freed, fit.linearised)
-    information, score = fit.statistics.information, fit.statistics.score
-    if layout.size > fit.layout.size:  # what is held exactly has no columns yet
-        matrices, noise_score = part_statistics(
-            replace(fit.model, layout=layout),
-            state,
-            fit.centres,
-            residuals=fit.residuals.values,
-            weights=fit.weights,
-            scales=fit.residual_scales,
-        )
-        total = matrices.sum(axis=0)
-        information, score = total[1:, 1:], total[1:, 0] - noise_score
-    offset = prior_offset(layout, fit.options, state)
     std = layout.std.copy()
-    std[about] = np.maximum(_stated_std(layout, fit.options)[about], _NEGLIGIBLE)
+    std[about] = np.maximum(_stated_std(layout, stated)[about], _NEGLIGIBLE)
     likelihoods = []
     for each in (layout, replace(layout, std=std)):
-        problem = problem_of(each, information / fit.level, score / fit.level, offset)
-        marginal = integrate(problem, most_likely(problem), problem.information)
-        likelihoods.append(marginal.log_likelihood)
+        problem = equations.problem(each, stated)
+        likelihoods.append(integrate(problem, most_likely(problem)).log_likelihood)
     return 2.0 * (likelihoods[0] - likelihoods[1])

@@ -126,6 +126,10 @@ class Layout:
             if isinstance(each.unknown.effect, kind):
                 yield each, each.unknown.effect
 
+    def under(self, options: MatchedOptions) -> Layout:
+        """The same components with the priors of other options."""
+        return with_priors(self.placed, options, self.still)
+
     def std_at(self, log_scales: Floats) -> Floats:
         """(n,), prior with learnt scales put in."""
         return with_learnt(self.std, self.scale, log_scales)
@@ -146,34 +150,53 @@ def lay_out(
         options: What is known beforehand.
         table: Of unknowns.
     """
+    chain = _Chain(trajectory)
+    placed = [
+        place
+        for unknown in table
+        if isinstance(unknown.effect, Mount) or not _is_removed(options.prior_std(unknown))
+        for place in chain.places(unknown)
+    ]
+    return with_priors(placed, options, chain.still)
+
+
+def _is_removed(std: Floats | None) -> bool:
+    return std is not None and not np.any(std)
+
+
+def with_priors(
+    places: Iterable[Placed], options: MatchedOptions, still: tuple[str, ...] = ()
+) -> Layout:
+    """Entries in one vector, each with its prior.
+
+    Args:
+        places: In order.
+        options: What is known beforehand.
+        still: Joints that do not move behind the last that does.
+    """
     placed: list[Placed] = []
     stds: list[Floats] = []
     scales: list[str] = []
     scale: list[int] = []
     at = 0
-    joints = _Chain(trajectory)
-    for unknown in table:
-        given = options.prior_std(unknown)
-        if given is not None and not np.any(given) and not isinstance(unknown.effect, Mount):
-            continue
-        for place in joints.places(unknown):
-            size = len(place.labels)
-            placed.append(replace(place, part=slice(at, at + size)))
-            if given is None:
-                name = unknown.scale or unknown.name
-                if name not in scales:
-                    scales.append(name)
-                stds.append(np.full(size, np.nan))
-                scale += [scales.index(name)] * size
-            else:
-                stds.append(np.broadcast_to(given, (size,)).astype(np.float64))
-                scale += [-1] * size
-            at += size
+    for place in places:
+        size, given = len(place.labels), options.prior_std(place.unknown)
+        placed.append(replace(place, part=slice(at, at + size)))
+        if given is None:
+            name = place.unknown.scale or place.unknown.name
+            if name not in scales:
+                scales.append(name)
+            stds.append(np.full(size, np.nan))
+            scale += [scales.index(name)] * size
+        else:
+            stds.append(np.broadcast_to(given, (size,)).astype(np.float64))
+            scale += [-1] * size
+        at += size
     std = np.concatenate(stds) if stds else np.zeros(0)
     limits = [(SCALES[name].low, min(SCALES[name].high, options.largest(name))) for name in scales]
     bounds = np.log(np.array(limits).reshape(-1, 2))
     scale_of = np.array(scale, dtype=np.intp)
-    return Layout(tuple(placed), std, scale_of, tuple(scales), bounds, joints.still)
+    return Layout(tuple(placed), std, scale_of, tuple(scales), bounds, still)
 
 
 class _Chain:

@@ -159,6 +159,8 @@ class Unknown:
     """Values smaller than it are not named: they are no fault, or interpolation looks like them."""
     positive: bool = False
     """Whether a value below zero can only be something else that looks like it."""
+    of_log: bool = False
+    """Whether every recording has its own; else it is the robot's or the sensor's."""
     words: str
     """What it is, for people."""
     among: Group | None = None
@@ -273,6 +275,7 @@ TABLE: Final[tuple[Unknown, ...]] = (
         std=10.0,
         healthy=0.5,
         effect=Reading("accel", _axes),
+        of_log=True,
         words="bias of the accelerometer",
     ),
     Unknown(
@@ -283,6 +286,7 @@ TABLE: Final[tuple[Unknown, ...]] = (
         std=1.0,
         healthy=0.2,
         effect=Reading("gyro", _axes),
+        of_log=True,
         words="bias of the gyroscope",
     ),
     Unknown(
@@ -293,6 +297,7 @@ TABLE: Final[tuple[Unknown, ...]] = (
         healthy=0.3,
         effect=Reading("accel", _ramp),
         least=np.inf,
+        of_log=True,
         words="change of the accelerometer's bias over the log",
     ),
     Unknown(
@@ -303,6 +308,7 @@ TABLE: Final[tuple[Unknown, ...]] = (
         healthy=0.03,
         effect=Reading("gyro", _ramp),
         least=np.inf,
+        of_log=True,
         words="change of the gyroscope's bias over the log",
     ),
     Unknown(
@@ -311,6 +317,7 @@ TABLE: Final[tuple[Unknown, ...]] = (
         unit="rad",
         std=np.pi,
         effect=Gravity("direction"),
+        of_log=True,
         words="direction of gravity in the world",
     ),
     Unknown(
@@ -320,6 +327,7 @@ TABLE: Final[tuple[Unknown, ...]] = (
         healthy=0.06,
         effect=Gravity("magnitude"),
         least=0.045,
+        of_log=True,
         words="magnitude of gravity less the nominal one",
     ),
     Unknown(
@@ -328,6 +336,7 @@ TABLE: Final[tuple[Unknown, ...]] = (
         unit="s",
         std=0.1,
         effect=Clock(accel=np.ones_like, gyro=np.ones_like),
+        of_log=True,
         words="IMU stamp less robot stamp, gyroscope",
     ),
     Unknown(
@@ -336,6 +345,7 @@ TABLE: Final[tuple[Unknown, ...]] = (
         std=50e-6,
         healthy=500e-6,
         effect=Clock(accel=np.positive, gyro=np.positive),
+        of_log=True,
         words="gain of the IMU's clock on the robot's",
     ),
     Unknown(
@@ -344,6 +354,7 @@ TABLE: Final[tuple[Unknown, ...]] = (
         std=2e-3,
         healthy=0.02,
         effect=Clock(accel=lambda age: -np.ones_like(age), gyro=np.zeros_like),
+        of_log=True,
         words="delay of the gyroscope behind the accelerometer",
     ),
     Unknown(

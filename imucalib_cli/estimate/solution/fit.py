@@ -12,12 +12,20 @@ from imucalib_cli.errors import InputError
 from imucalib_cli.estimate.model import columns as lean_columns
 from imucalib_cli.estimate.model.design import Model, Residuals
 from imucalib_cli.estimate.model.jacobian import columns, plan_nodes
-from imucalib_cli.estimate.model.layout import Layout, Placed, lay_out, places_of
-from imucalib_cli.estimate.model.state import State, tilt_from_down, turned_about
-from imucalib_cli.estimate.model.unknowns import LEAN, SENSORS, Gravity, Reading, Unknown
+from imucalib_cli.estimate.model.layout import lay_out, places_of
+from imucalib_cli.estimate.model.state import State
+from imucalib_cli.estimate.model.unknowns import LEAN, SENSORS, Reading, Unknown
 from imucalib_cli.estimate.model.windows import thinned
+from imucalib_cli.estimate.solution.normal_equations import (
+    Answer,
+    NormalEquations,
+    admitted,
+    embedded_matrix,
+    prior_offset,
+    problem_of,
+)
 from imucalib_cli.estimate.solution.robust import SCALE_FLOOR, residual_scales, window_weights
-from imucalib_cli.estimate.solution.scales import Problem, integrate, most_likely
+from imucalib_cli.estimate.solution.scales import most_likely
 from imucalib_cli.estimate.solution.solve import (
     SAME_ROTATION,
     Known,
@@ -35,16 +43,21 @@ from imucalib_cli.estimate.solution.spectrum import (
     part_matrices,
     statistics,
 )
-from imucalib_cli.robot.rotations import rotation_angle, rotvec_from_matrix
+from imucalib_cli.estimate.window_choice import kinematic_noise, second_derivative_gain
+from imucalib_cli.robot.rotations import rotation_angle
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from imucalib_cli.arrays import Floats, Indices
+    from imucalib_cli.estimate.model.layout import Layout
     from imucalib_cli.estimate.model.windows import Windowing, WindowPlan, WindowRows
     from imucalib_cli.estimate.options import MatchedOptions
+    from imucalib_cli.estimate.solution.scales import Problem
 
 
+COMMON_IMU: Final = (1e-3, 5e-5)
+"""m/s² and rad/s: residuals of a window that a good IMU leaves; less is as good as none."""
 _FIRST_SCALES: Final = (0.05, 0.005)
 """m/s² and rad/s: how the sensors are weighted before residuals tell."""
 _REWEIGHTS: Final = 3
@@ -66,26 +79,13 @@ MIN_WINDOWS: Final = 12
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
+class Fit(Answer):
     """The posterior and the windows it rests on."""
 
     model: Model
-    options: MatchedOptions
-    state: State
-    """The posterior mean."""
-    covariance: Floats
-    """(n, n), of the layout's components: of mount and gravity about ``state``."""
-    u: Floats
-    """(k,), logarithms of the learnt standard deviations."""
+    equations: NormalEquations
     statistics: Statistics
-    linearised: State
-    """The point of linearisation of ``statistics``."""
-    step: Floats
-    """(n,), from there to the posterior mean."""
-    prior_offset: Floats
-    """(n,), of the point of linearisation from what the priors expect."""
-    level: float
-    """Of the noise as the unknowns meet it; 1 is white noise of the residual scales."""
+    """About the point of linearisation of the equations."""
     levels: Floats
     """(2, bands), of the noise."""
     centres: Indices
@@ -96,11 +96,6 @@ class Fit:
     runner_up_rise: float
     """How much worse the best other rotation fits, in chi-squared; inf where there is none."""
 
-    @property
-    def layout(self) -> Layout:
-        """Of the components."""
-        return self.model.layout
-
     def problem(self, total: Floats, noise_score: Floats) -> Problem:
         """Normal equations about the point of linearisation, in units of the noise.
 
@@ -108,8 +103,10 @@ class Fit:
             total: (n + 1, n + 1), normal matrix of [e J].
             noise_score: (n,), of J'e, that is noise.
         """
-        A, b = total[1:, 1:] / self.level, (total[1:, 0] - noise_score) / self.level
-        return problem_of(self.layout, A, b, self.prior_offset)
+        equations = replace(
+            self.equations, information=total[1:, 1:], score=total[1:, 0] - noise_score
+        )
+        return equations.problem(self.layout, self.options)
 
     @cached_property
     def parts(self) -> Floats:
@@ -127,7 +124,7 @@ class Fit:
         weights[lost[number]] = heard[lost[number]]
         rows = whitened(
             self.model,
-            self.linearised,
+            self.equations.at,
             self.centres,
             residuals=self.residuals.values,
             weights=weights,
@@ -146,18 +143,6 @@ class Fit:
             )
         )
         return accel, gyro
-
-    def value(self, placed: Placed) -> Floats:
-        """Value of an entry; of gravity's magnitude, less the nominal one."""
-        effect = placed.unknown.effect
-        if isinstance(effect, Gravity) and effect.what == "magnitude":
-            return np.array([np.linalg.norm(self.state.gravity) - self.options.gravity_norm])
-        return self.state.x[placed.part]
-
-    def of(self, name: str) -> tuple[Floats, Floats]:
-        """Value and standard deviation of an entry of the table; empty where it is not free."""
-        part = self.layout.part(name)
-        return self.state.x[part], np.sqrt(np.maximum(np.diag(self.covariance)[part], 0.0))
 
     def evidence_over(self, other: Fit) -> float:
         """Fall of the information criterion against another model with as many unknowns."""
@@ -304,14 +289,6 @@ def _normal(
     return rows.normal_matrix(scales[0] / accel, scales[1] / gyro, weights)
 
 
-def _admitted(state: State, layout: Layout, options: MatchedOptions) -> State:
-    """The state with its rotation brought back to what held components allow."""
-    free, known = layout.free[layout.part("rotation")], options.pose
-    if free.all() or known is None or known.R_parent_imu is None:
-        return state
-    return replace(state, R=turned_about(state.R, known.R_parent_imu, free))
-
-
 def _floored(scales: tuple[float, float]) -> tuple[float, float]:
     """Scales no smaller than any IMU's: a log without noise is no reason to doubt the priors."""
     return max(scales[0], SCALE_FLOOR[0]), max(scales[1], SCALE_FLOOR[1])
@@ -345,7 +322,7 @@ def _fitted(model: Model, options: MatchedOptions, state: State, rise: float, mo
             u = most_likely(problem, u)
             step, inverse = problem.solve(u)
             levels = stats.levels(
-                embedded(step, layout.free), _embedded_matrix(inverse, layout) / level
+                embedded(step, layout.free), embedded_matrix(inverse, layout) / level
             )
             level = max(_level(stats, layout, levels, inverse), _least_level(residuals.values))
         sigmas = np.abs(step) / np.sqrt(np.diag(inverse))
@@ -357,21 +334,21 @@ def _fitted(model: Model, options: MatchedOptions, state: State, rise: float, mo
             break
         step = embedded(step, layout.free)
         step[clock] = np.clip(step[clock], -seconds / 2.0, seconds / 2.0)
-        state = _admitted(state.moved(layout, step), layout, options)
-    B = stats.score_covariance(levels)[np.ix_(layout.free, layout.free)] / level**2
-    posterior = integrate(problem, u, B)
-    step = embedded(posterior.step, layout.free)
-    return Fit(
-        model=model,
-        options=options,
-        state=_admitted(state.moved(layout, step), layout, options),
-        covariance=_embedded_matrix(posterior.covariance, layout),
-        u=posterior.u,
-        statistics=stats,
-        linearised=state,
-        step=step,
-        prior_offset=offset,
+        state = admitted(state.moved(layout, step), layout, options)
+    equations = NormalEquations(
+        layout=layout,
+        at=state,
+        information=_symmetric(stats.information),
+        score=stats.score,
+        noise=_symmetric(stats.score_covariance(levels)),
         level=level,
+        motion=_symmetric(_motion(model, stats, scales)),
+    )
+    return Fit(
+        **vars(equations.solve(options)),
+        model=model,
+        equations=equations,
+        statistics=stats,
         levels=levels,
         centres=centres,
         residuals=residuals,
@@ -379,6 +356,32 @@ def _fitted(model: Model, options: MatchedOptions, state: State, rise: float, mo
         residual_scales=scales,
         runner_up_rise=rise,
     )
+
+
+def _symmetric(matrix: Floats) -> Floats:
+    """Without what rounding makes of its halves, so that one half says all."""
+    return np.asarray(0.5 * (matrix + matrix.T))
+
+
+def _motion(model: Model, stats: Statistics, scales: tuple[float, float]) -> Floats:
+    """Information (n, n) for residuals of a common IMU, or their own if larger.
+
+    Noise in a regressor looks like motion: the measurements' in the rotation's, the encoders' in
+    the lever arm's. Twice what is expected of it is taken off.
+    """
+    layout, windowing = model.layout, model.windowing
+    plan, taken = windowing.plan, [max(a, b) for a, b in zip(scales, COMMON_IMU, strict=True)]
+    share = [(a / b) ** 2 for a, b in zip(scales, taken, strict=True)]
+    gains = plan.noise_gains
+    noise = np.zeros(layout.size)
+    noise[layout.part("rotation")] = 2.0 * sum(s * g**2 for s, g in zip(share, gains, strict=True))
+    rotation, _ = kinematic_noise(windowing.trajectory)
+    seconds = plan.length * windowing.grid.dt
+    noise[layout.part("translation")] = (
+        second_derivative_gain(seconds) * rotation / 3.0 * (gains[0] / taken[0]) ** 2
+    )
+    seen = np.einsum("s,sbpq->pq", share, stats.normal[:, :, 1:, 1:])
+    return np.asarray(seen - 2.0 * stats.windows * np.diag(noise))
 
 
 def _curvature(layout: Layout, seconds: float) -> Floats:
@@ -407,37 +410,6 @@ def _least_level(residuals: Floats) -> float:
             for floor, scale in zip(SCALE_FLOOR, residual_scales(residuals), strict=True)
         ),
     )
-
-
-def problem_of(layout: Layout, information: Floats, score: Floats, offset: Floats) -> Problem:
-    """Normal equations, in units of the noise, of the free components with their priors."""
-    every = Problem(
-        information=information,
-        score=score,
-        offset=offset,
-        std=layout.std,
-        scale=layout.scale,
-        bounds=layout.bounds,
-        alike=layout.alike,
-    )
-    return every.of(layout.free)
-
-
-def prior_offset(layout: Layout, options: MatchedOptions, state: State) -> Floats:
-    """Distance of each component from what its prior expects."""
-    offset, known = np.array(state.x), options.pose
-    clock = layout.part("time_offset")
-    offset[clock] = 0.0 if options.time_offset is None else state.x[clock] - options.time_offset
-    for each, gravity in layout.of(Gravity):
-        if gravity.what == "magnitude":
-            offset[each.part] = np.linalg.norm(state.gravity) - options.gravity_norm
-        else:
-            offset[each.part] = tilt_from_down(state.gravity)
-    if known is None or known.R_parent_imu is None or known.t_parent_imu is None:
-        return offset
-    offset[layout.part("translation")] = state.t - known.t_parent_imu
-    offset[layout.part("rotation")] = rotvec_from_matrix(state.R @ known.R_parent_imu.T)
-    return offset
 
 
 def whitened(
@@ -555,9 +527,3 @@ def _calibration_of(
         no_more_than_all = root / np.maximum(shares, 1.0)
         T[1 + noisy, 1:] -= no_more_than_all @ (root.T @ inverse[noisy])
     return T, T[1:, 1:] @ score
-
-
-def _embedded_matrix(matrix: Floats, layout: Layout) -> Floats:
-    full = np.zeros((layout.size, layout.size))
-    full[np.ix_(layout.free, layout.free)] = matrix
-    return full

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, Protocol
 
 import numpy as np
 
@@ -67,6 +67,8 @@ class Problem:
     """(k, 2), of the logarithms of the scales."""
     alike: tuple[tuple[int, int], ...] = ()
     """Pairs of scales that differ by no more than a factor of some size."""
+    noise: Floats | None = None
+    """(n, n), B, covariance of the score in units of the noise; None where that is white."""
 
     def of(self, kept: Bools) -> Problem:
         """Of some of the components, the others held."""
@@ -77,6 +79,7 @@ class Problem:
             offset=self.offset[kept],
             std=self.std[kept],
             scale=self.scale[kept],
+            noise=None if self.noise is None else self.noise[np.ix_(kept, kept)],
         )
 
     def precision(self, u: Floats) -> Floats:
@@ -107,6 +110,26 @@ class Problem:
         inverse = np.linalg.inv(scaled) * np.outer(unit, unit)
         return -inverse @ (self.score + P * self.offset), inverse
 
+    def covariance(self, u: Floats) -> Floats:
+        """(n, n), of the posterior mean: (A + P)^-1 (B + P) (A + P)^-1."""
+        _, inverse = self.solve(u)
+        B = self.information if self.noise is None else self.noise
+        return np.asarray(inverse @ (B + np.diag(self.precision(u))) @ inverse)
+
+
+class Marginal(Protocol):
+    """What a likelihood of scales is integrated over by."""
+
+    @property
+    def bounds(self) -> Floats:
+        """(k, 2), of the logarithms of the scales."""
+
+    def likelihood(self, u: Floats) -> tuple[float, Floats]:
+        """As :meth:`Problem.likelihood`."""
+
+    def covariance(self, u: Floats) -> Floats:
+        """As :meth:`Problem.covariance`."""
+
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
@@ -120,6 +143,10 @@ class Posterior:
     """(k,), mean logarithm of each scale."""
     log_likelihood: float
     """Marginal, of the data; up to a constant of the point of linearisation."""
+    points: Floats
+    """(m, k), logarithms of the scales that were tried."""
+    weights: Floats
+    """(m,), how likely each is; their sum is 1."""
 
 
 def most_likely(problem: Problem, start: Floats | None = None) -> Floats:
@@ -148,7 +175,7 @@ def most_likely(problem: Problem, start: Floats | None = None) -> Floats:
     return np.asarray(u)
 
 
-def integrate(problem: Problem, mode: Floats, B: Floats) -> Posterior:
+def integrate(problem: Marginal, mode: Floats) -> Posterior:
     """Importance points around the mode, weighted by their marginal likelihood.
 
     The scales have a flat prior in their logarithms between their bounds, but for pairs that are
@@ -157,11 +184,9 @@ def integrate(problem: Problem, mode: Floats, B: Floats) -> Posterior:
     Args:
         problem: The normal equations.
         mode: (k,), of the logarithms of the scales.
-        B: (n, n), covariance of the score, in units of the noise.
 
     Returns:
-        The covariance is the mean of (A + P)^-1 (B + P) (A + P)^-1 over the points, and the scatter
-        of their steps.
+        The covariance is the mean of that at each point, and the scatter of their steps.
     """
     k = len(mode)
     points, log_density = np.zeros((1, 0)), np.zeros(1)
@@ -179,9 +204,10 @@ def integrate(problem: Problem, mode: Floats, B: Floats) -> Posterior:
     covariance = np.asarray(away.T @ (weights[:, None] * away))
     for weight, u in zip(weights, points, strict=True):
         if weight > _NO_WEIGHT:
-            _, inverse = problem.solve(u)
-            covariance += weight * (inverse @ (B + np.diag(problem.precision(u))) @ inverse)
-    return Posterior(mean, covariance, np.asarray(weights @ points), log_likelihood)
+            covariance += weight * problem.covariance(u)
+    return Posterior(
+        mean, covariance, np.asarray(weights @ points), log_likelihood, points, weights
+    )
 
 
 def _even_points(count: int, dimensions: int) -> Floats:
@@ -193,7 +219,7 @@ def _even_points(count: int, dimensions: int) -> Floats:
     return np.asarray((0.5 + np.arange(1, count + 1)[:, None] * steps) % 1.0)
 
 
-def _proposal(problem: Problem, mode: Floats) -> tuple[Floats, Floats]:
+def _proposal(problem: Marginal, mode: Floats) -> tuple[Floats, Floats]:
     """Points and the logarithm of the density they are drawn from.
 
     Each scale is drawn by itself from its likelihood with the others at the mode, which is taken

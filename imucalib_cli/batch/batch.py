@@ -1,0 +1,135 @@
+"""A batch from its logs to their records: what is finished is skipped, the rest done and kept."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack, closing
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import msgspec
+
+from imucalib_cli.batch.content_key import key_of, sizes_of, stamps_of
+from imucalib_cli.batch.folder import ResultFolder
+from imucalib_cli.batch.tables import csv_table
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+    from collections.abc import Set as AbstractSet
+    from pathlib import Path
+
+    from imucalib_cli.batch.engine import Engine
+    from imucalib_cli.batch.logs import BatchLog
+    from imucalib_cli.batch.record import Record
+    from imucalib_cli.batch.task import Task
+
+    Report = Callable[[int, int], None]
+
+SUMMARY = "summary.csv"
+RESULT = ".yaml"
+"""Ends the files of results."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Batch:
+    """Logs, what is done with each, and by what."""
+
+    logs: Sequence[BatchLog]
+    task: Task
+    engine: Engine
+    folder: Path | None = None
+    """Of the results; None keeps nothing."""
+    fresh: bool = False
+    """Do finished logs again."""
+    rehash: bool = False
+    """Read every log to see whether it has changed, whatever its size and time say."""
+
+    def run(self, report: Report = lambda _done, _all: None) -> Generator[tuple[BatchLog, Record]]:
+        """Each log with its record, those first that were finished before.
+
+        Closed or broken off, it leaves what is finished, and a summary of it.
+
+        Args:
+            report: Called with the number of logs that are done, and of all: first with those that
+                were finished before.
+
+        Raises:
+            ChoiceError: Another batch writes to the folder.
+            InputError: The folder cannot be written to, or there is no such scheduler.
+        """
+        if self.folder is None:
+            yield from self._done({log: log for log in self.logs}, None, report)
+            return
+        folder = ResultFolder(self.folder)
+        with ExitStack() as stack:
+            stack.enter_context(folder.opened())
+            stack.callback(lambda: folder.summarise(SUMMARY, csv_table))
+            left = []
+            places = frozenset(log.place for log in self.logs)
+            sizes = {_sizes(record) for record in folder.records.values()}
+            for log in self.logs:
+                record = self._finished(log, folder, sizes, places)
+                if record is None:
+                    left.append(log)
+                else:
+                    yield log, record
+            suffixes = (RESULT, *(suffix for suffix, _ in self.task.extras))
+            named = dict(zip(folder.named(left, suffixes), left, strict=True))
+            yield from self._done(named, folder, report)
+
+    def _done(
+        self, logs: Mapping[BatchLog, BatchLog], folder: ResultFolder | None, report: Report
+    ) -> Iterator[tuple[BatchLog, Record]]:
+        """Do logs.
+
+        Args:
+            logs: As they were found, by those that have their name in the folder.
+            folder: Where results are kept.
+            report: As for :meth:`run`.
+        """
+        before = len(self.logs) - len(logs)
+        report(before, len(self.logs))
+        if not logs:
+            return
+        with closing(self.engine(self.task, list(logs))) as finished:
+            for count, (log, done) in enumerate(finished, before + 1):
+                if folder is not None:
+                    folder.keep(log.name, done)
+                report(count, len(self.logs))
+                yield logs[log], done.record
+
+    def _finished(
+        self,
+        log: BatchLog,
+        folder: ResultFolder,
+        known: AbstractSet[tuple[int, ...]],
+        places: AbstractSet[str],
+    ) -> Record | None:
+        """The record of a log that is finished, with its files as they lie now.
+
+        Args:
+            log: The log.
+            folder: Of the results.
+            known: Sizes of the files of each record: a log of others is new, and is not hashed.
+            places: Of all logs.
+        """
+        if self.fresh:
+            return None
+        try:
+            sizes = sizes_of(log)
+            if tuple(sorted(size for size, _ in sizes.values())) not in known:
+                return None
+            stamps = stamps_of(sizes, known=None if self.rehash else folder.stamps)
+        except OSError:  # told by who is to read it
+            return None
+        name = folder.finished(log, key_of(self.task.context, stamps), places)
+        if name is None:
+            return None
+        record = folder.records[name]
+        now = msgspec.structs.replace(record, log=log.label, place=log.place, files=stamps)
+        if now != record:
+            folder.keep_record(name, now)
+        return now
+
+
+def _sizes(record: Record) -> tuple[int, ...]:
+    return tuple(sorted(stamp.size for stamp in record.files))

@@ -1,0 +1,127 @@
+"""What a result depends on, as one hash: contents of log and URDF, options, version."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import time
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+import numpy as np
+
+from imucalib_cli import __version__
+from imucalib_cli.batch.logs import absolute
+from imucalib_cli.batch.record import FileStamp
+from imucalib_cli.errors import InputError
+from imucalib_cli.jobs.reading import printable, sha256_of
+from imucalib_cli.results.places import files_read
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+    from pathlib import Path
+
+    from imucalib_cli.batch.logs import BatchLog
+    from imucalib_cli.jobs.request import CalibrationRequest
+
+    Sizes = dict[Path, tuple[int, int]]
+
+_SETTLED_NS = 2_000_000_000
+"""ns: times of files are as coarse as 2 s (FAT); a younger file may change without a new time."""
+
+
+def context_of(request: CalibrationRequest, extras: Iterable[str]) -> str:
+    """SHA-256 of what all logs of a batch share: the URDF, the options, the version.
+
+    Args:
+        request: Without a log.
+        extras: Names of the files that are made beside each result.
+
+    Raises:
+        InputError: The URDF cannot be read.
+    """
+    options = replace(request, logs=(), urdf=None, details=False)
+    return _digest(
+        [
+            __version__,
+            urdf_hash(request),
+            sorted(extras),
+            msgspec.to_builtins(options, enc_hook=_plain),
+        ]
+    )
+
+
+def urdf_hash(request: CalibrationRequest) -> str | None:
+    """SHA-256 of the URDF's bytes; None where there is none.
+
+    Raises:
+        InputError: It cannot be read.
+    """
+    urdf = request.urdf
+    try:
+        return None if urdf is None else sha256_of(urdf)
+    except OSError as error:
+        raise InputError(f"{urdf}: cannot be read ({error.strerror}): check the path") from error
+
+
+def sizes_of(log: BatchLog) -> Sizes:
+    """Size and time of last change, ns, of every file that is read of a log.
+
+    None of a log that is not there, or is no file or folder.
+    """
+    sizes = {}
+    for path in (each for named in log.paths for each in files_read(named)):
+        if os.path.isfile(path):  # noqa: PTH113 - never raises; a pipe would be waited for
+            found = path.stat()
+            sizes[path] = found.st_size, found.st_mtime_ns
+    return sizes
+
+
+def stamps_of(
+    sizes: Sizes,
+    *,
+    hashes: Mapping[str, str] | None = None,
+    known: Mapping[str, FileStamp] | None = None,
+) -> list[FileStamp]:
+    """What the files of a log hold.
+
+    Args:
+        sizes: As :func:`sizes_of` has them.
+        hashes: By path as text, of files that were hashed since.
+        known: By absolute path, of earlier times: trusted for files of the same size and time.
+
+    Raises:
+        OSError: A file cannot be read.
+    """
+    now = time.time_ns()
+    stamps = []
+    for path, (size, mtime) in sorted(sizes.items()):
+        place = absolute(path)
+        earlier = (known or {}).get(place)
+        if earlier is not None and (earlier.size, earlier.mtime_ns) == (size, mtime):
+            stamps.append(earlier)
+            continue
+        digest = (hashes or {}).get(printable(path)) or sha256_of(path)
+        settled = mtime if now - mtime > _SETTLED_NS else 0
+        stamps.append(FileStamp(path=place, size=size, mtime_ns=settled, sha256=digest))
+    return stamps
+
+
+def key_of(context: str, stamps: Sequence[FileStamp]) -> str | None:
+    """The hash of all that a log's result depends on; None where nothing of the log can be read.
+
+    Where its files lie, and what they are called but for the suffix, does not count.
+    """
+    contents = [[os.path.splitext(stamp.path)[1], stamp.sha256] for stamp in stamps]  # noqa: PTH122
+    return _digest([context, contents]) if contents else None
+
+
+def _digest(content: Any) -> str:
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def _plain(value: Any) -> Any:
+    """What msgspec does not know, as builtins."""
+    return value.tolist() if isinstance(value, np.ndarray) else str(value)

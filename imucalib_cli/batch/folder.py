@@ -1,0 +1,190 @@
+"""The folder of results: which logs are finished in it, and who has which name.
+
+A log is finished when its record stands in ``records/``: it is written last, whole or not at all.
+Before any work the names of all logs are written down, so that what a killed batch has left of a
+log is written over by the next one, and by no other log.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from itertools import count
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
+
+import msgspec
+
+from imucalib_cli.batch.logs import BatchLog
+from imucalib_cli.batch.record import FileStamp, Record
+from imucalib_cli.batch.task import file_name
+from imucalib_cli.errors import ChoiceError, ImucalibError, InputError
+from imucalib_cli.jobs.reading import printable
+from imucalib_cli.jobs.result_files import read_result_file
+from imucalib_cli.results.atomic import clear_partial, lock, write_whole
+from imucalib_cli.results.names import log_name, sameness
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Iterable, Iterator
+
+    from imucalib_cli.batch.task import Done
+
+T = TypeVar("T")
+
+RECORDS = "records"
+"""Folder of the records, in that of the results."""
+_NAMES, _LOCK = ".names.json", ".lock"
+
+
+class ResultFolder:
+    """The folder of results of a batch, which holds it while it runs.
+
+    Attributes:
+        records: By the name of the log.
+        stamps: Of all files that were known at first, by absolute path.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._records = folder / RECORDS
+        self.records: dict[str, Record] = {}
+        self.stamps: dict[str, FileStamp] = {}
+        self._by_key: dict[str | None, list[str]] = {}
+        self._owners: dict[str, str] = {}
+
+    @contextlib.contextmanager
+    def opened(self) -> Iterator[None]:
+        """Make the folder where it is not there, and read what it holds; no other batch may.
+
+        Raises:
+            ChoiceError: Another batch writes to it.
+            InputError: It cannot be made or written to.
+        """
+        try:
+            self._records.mkdir(parents=True, exist_ok=True)
+            held = (self._records / _LOCK).open("ab")
+        except OSError as error:
+            raise InputError(f"{self._folder}: cannot be made: {error.strerror}") from error
+        with held:
+            if not lock(held):
+                raise ChoiceError(
+                    f"{self._folder}: another batch writes to it: wait for it to end, or name "
+                    "another folder with -o"
+                )
+            clear_partial(self._folder)
+            clear_partial(self._records)
+            self._read()
+            yield
+
+    def finished(self, log: BatchLog, key: str | None, places: Collection[str]) -> str | None:
+        """Name under which a log is finished; None where it is to be done.
+
+        Args:
+            log: The log.
+            key: Of its contents and the options.
+            places: Of all logs of the batch: what is there still is not what was moved.
+        """
+        for name in self._by_key.get(key, ()):
+            record = self.records[name]
+            is_its = record.place == log.place or record.place not in places
+            if is_its and all((self._folder / file).is_file() for file in record.written):
+                return name
+        return None
+
+    def named(self, logs: Iterable[BatchLog], suffixes: Iterable[str]) -> list[BatchLog]:
+        """Give each log a name of its own, the one it had before if there is one, and keep them.
+
+        Args:
+            logs: To be done.
+            suffixes: Of files that the batch makes: a name with such files of others is not free.
+
+        Raises:
+            InputError: The folder cannot be written to.
+        """
+        theirs = {place: name for name, place in self._owners.items()}
+        there = [path for path in self._folder.iterdir() if path.name.endswith(tuple(suffixes))]
+        named = []
+        for log in logs:
+            name = theirs.get(log.place) or self._free_name(log, there)
+            self._owners[name] = log.place
+            named.append(BatchLog(log.paths, name))
+        self._keep_names()
+        return named
+
+    def keep(self, name: str, done: Done) -> None:
+        """Write the files of a log, take away those of an earlier time, then write its record.
+
+        Raises:
+            InputError: They cannot be written.
+        """
+        before = self.records.get(name)
+        if before is not None and before.key is not None:
+            # from here on it is not what the files hold
+            self.keep_record(name, msgspec.structs.replace(before, key=None))
+        for file, content in done.contents:
+            write_whole(self._folder / file, content)
+        for old in () if before is None else set(before.written) - set(done.record.written):
+            with contextlib.suppress(OSError):
+                (self._folder / Path(old).name).unlink()
+        self.keep_record(name, done.record)
+
+    def keep_record(self, name: str, record: Record) -> None:
+        """Write a record.
+
+        Raises:
+            InputError: It cannot be written.
+        """
+        write_whole(self._records / f"{name}.json", msgspec.json.encode(record) + b"\n")
+        self.records[name] = record
+        self._owners[name] = record.place
+
+    def summarise(self, file: str, table: Callable[[Iterable[Record]], str]) -> None:
+        """Write a table of all records, in the order of their logs' names.
+
+        Raises:
+            InputError: It cannot be written.
+        """
+        records = sorted(self.records.values(), key=lambda record: record.log)
+        write_whole(self._folder / file, table(records))
+
+    def _read(self) -> None:
+        self._owners = _decoded(self._records / _NAMES, dict[str, str]) or {}
+        for path in sorted(self._records.glob("[!.]*.json")):
+            record = _decoded(path, Record)
+            if record is not None:  # else done again: of another version, or damaged
+                self.records[path.stem] = record
+                self._owners[path.stem] = record.place
+                self._by_key.setdefault(record.key, []).append(path.stem)
+                self.stamps |= {stamp.path: stamp for stamp in record.files}
+        self._by_key.pop(None, None)
+
+    def _free_name(self, log: BatchLog, there: Iterable[Path]) -> str:
+        """A name that no other log has, and no file of others; results of the log itself stay."""
+        taken = {sameness(name) for name in self._owners}
+        stem = file_name(log_name(log.paths[0]))
+        for number in count(1):
+            name = stem if number == 1 else f"{stem}.{number}"
+            others = (path for path in there if path.name.startswith(f"{name}."))
+            if sameness(name) not in taken and all(_is_of(path, log) for path in others):
+                break
+        return name
+
+    def _keep_names(self) -> None:
+        write_whole(self._records / _NAMES, msgspec.json.encode(self._owners) + b"\n")
+
+
+def _decoded(path: Path, kind: type[T]) -> T | None:
+    """What a file holds; None where it is missing, damaged or of another version."""
+    try:
+        return msgspec.json.decode(path.read_bytes(), type=kind)
+    except (OSError, msgspec.DecodeError):
+        return None
+
+
+def _is_of(path: Path, log: BatchLog) -> bool:
+    """Whether a file is a result of a log, such as ``imucalib run`` has written there."""
+    named = {printable(path) for path in log.paths}
+    try:
+        results = read_result_file(str(path))
+    except ImucalibError:
+        return False
+    return any(named & {file.path for file in result.provenance.files} for result in results)

@@ -1,0 +1,119 @@
+"""The processes of this machine: a fresh one for each log, with a limit of its memory.
+
+A process that is killed, by the system or by its own fault, takes nothing along but its log. Where
+the system can fork a process that has imported everything, starting one costs little.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+from collections import deque
+from dataclasses import dataclass
+from multiprocessing import connection
+from typing import TYPE_CHECKING, Any
+
+from imucalib_cli.process import fresh_processes, prepare_worker
+
+if TYPE_CHECKING:
+    from collections.abc import Generator, Sequence
+    from multiprocessing.connection import Connection
+    from multiprocessing.context import BaseContext
+    from multiprocessing.process import BaseProcess
+
+    from imucalib_cli.batch.logs import BatchLog
+    from imucalib_cli.batch.task import Done, Task
+
+_NEEDED = (
+    "imucalib_cli.batch.task",
+    "imucalib_cli.estimate.matched",
+    "imucalib_cli.logs.decode",
+    "yaml",
+)
+"""What every log needs, beside what the first of them imports."""
+_TRIES = 2
+"""Of a log whose process is killed: what killed it may have been the others' memory."""
+
+
+@dataclass(frozen=True)
+class LocalProcesses:
+    """An engine: so many processes at a time, each with so much memory."""
+
+    workers: int
+    memory: int
+    """Bytes; enforced by Linux alone (RLIMIT_DATA)."""
+
+    def __call__(self, task: Task, logs: Sequence[BatchLog]) -> Generator[tuple[BatchLog, Done]]:
+        """Run the task, as the interface has it."""
+        context = fresh_processes([*_NEEDED, *sorted(task.modules)])
+        waiting = deque((log, 1) for log in logs)
+        running: dict[Connection, tuple[BaseProcess, BatchLog, int]] = {}
+        try:
+            while waiting or running:
+                while waiting and len(running) < self.workers:
+                    log, tries = waiting.popleft()
+                    process, ours = _started(context, task, log, self.memory)
+                    running[ours] = process, log, tries
+                ready: list[Any] = connection.wait(list(running))
+                for ours in ready:
+                    process, log, tries = running.pop(ours)
+                    done = _received(ours)
+                    process.join()
+                    if done is None and tries < _TRIES:
+                        waiting.append((log, tries + 1))
+                    else:
+                        yield log, done or task.lost(log, _why(process.exitcode))
+        finally:
+            for process, _, _ in running.values():
+                process.terminate()
+            for process, _, _ in running.values():
+                process.join()
+
+
+def _started(
+    context: BaseContext, task: Task, log: BatchLog, memory: int
+) -> tuple[BaseProcess, Connection]:
+    """A process at work, and where its answer comes from; its end where it dies without one."""
+    ours, theirs = context.Pipe(duplex=False)
+    process = context.Process(  # type: ignore[attr-defined]
+        target=_work, args=(task, log, memory, theirs), daemon=True
+    )
+    process.start()
+    theirs.close()
+    return process, ours
+
+
+def _work(task: Task, log: BatchLog, memory: int, answer: Connection) -> None:
+    prepare_worker()
+    _limit_memory(memory)
+    answer.send(task(log))
+
+
+def _limit_memory(limit: int) -> None:
+    with contextlib.suppress(ImportError, OSError, ValueError):  # not on every system
+        import resource
+
+        _, most = resource.getrlimit(resource.RLIMIT_DATA)
+        if most != resource.RLIM_INFINITY:
+            limit = min(limit, most)
+        resource.setrlimit(resource.RLIMIT_DATA, (limit, most))
+
+
+def _received(ours: Connection) -> Done | None:
+    """The answer of a process; None where it died without one, or in the middle of it."""
+    with ours, contextlib.suppress(EOFError, OSError):
+        done: Done = ours.recv()
+        return done
+    return None
+
+
+def _why(exitcode: int | None) -> str:
+    """Why the processes of a log were lost, in words."""
+    reason = f"exit code {exitcode}"
+    if exitcode is not None and exitcode < 0:
+        with contextlib.suppress(ValueError):
+            reason = signal.Signals(-exitcode).name
+    return (
+        f"its process was killed {_TRIES} times ({reason}), for want of memory perhaps: run the "
+        "same command again, with fewer --workers"
+    )

@@ -1,0 +1,153 @@
+"""Which logs a batch has: paths, patterns, folders and lists become recordings, each once."""
+
+from __future__ import annotations
+
+import os
+import re
+from dataclasses import dataclass
+from glob import glob, has_magic
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from imucalib_cli.jobs.reading import printable
+from imucalib_cli.logs.open import holds_log
+from imucalib_cli.logs.tum_euroc import TABLES
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+_SUFFIXES = (".bag", ".db3", ".mcap")
+"""Of files that are taken for logs in a folder whatever they hold: a damaged one shall be told."""
+_PART = re.compile(r"(.+)_(\d+)((?:\.\w+)+)")
+"""Name of a part of a split recording, as ``ros2 bag record`` numbers them from 0."""
+
+
+@dataclass(frozen=True)
+class BatchLog:
+    """One recording of a batch."""
+
+    paths: tuple[Path, ...]
+    """A path, or the parts of a split recording."""
+    name: str = ""
+    """What its files in the folder of results are named after; no other log there has it."""
+
+    @property
+    def label(self) -> str:
+        """What it is called, in tables and messages."""
+        return printable(self.paths[0])
+
+    @property
+    def place(self) -> str:
+        """Where it lies."""
+        return absolute(self.paths[0])
+
+
+def absolute(path: Path) -> str:
+    """An absolute path as text, links as they are; different for all paths."""
+    place = os.path.abspath(path)  # noqa: PTH100 - keeps links
+    return place.encode("utf-8", "backslashreplace").decode()  # bytes that are no UTF-8
+
+
+@dataclass(frozen=True)
+class Found:
+    """What the arguments of a batch lead to."""
+
+    logs: tuple[BatchLog, ...]
+    repeated: tuple[tuple[str, str], ...]
+    """Labels of what leads to a log that is there already, and of that log."""
+
+
+def listed(data: bytes) -> list[str]:
+    """Paths of a list: one a line, or separated by NUL as ``find -print0`` writes them."""
+    parts = data.split(b"\0") if b"\0" in data else data.splitlines()
+    return [os.fsdecode(part) for part in parts if part]
+
+
+def find_logs(names: Iterable[str], *, left_out: Path | None = None) -> Found:
+    """Find the recordings that names lead to, in their order.
+
+    A folder is one recording where it has the metadata of one or the tables of EuRoC; otherwise
+    its recordings are searched for in it and below. A pattern is expanded where no file has its
+    name. What leads nowhere stays, to be told as a log that cannot be read.
+
+    Args:
+        names: Paths and patterns.
+        left_out: A folder that is not searched: that of the results.
+    """
+    logs: dict[object, BatchLog] = {}
+    repeated = []
+    for name in names:
+        for paths in _recordings(name, left_out):
+            log = BatchLog(paths)
+            known = logs.setdefault(_identity(paths[0]), log)
+            if known is not log:
+                repeated.append((log.label, known.label))
+    return Found(tuple(logs.values()), tuple(repeated))
+
+
+def _recordings(name: str, left_out: Path | None) -> Iterator[tuple[Path, ...]]:
+    if has_magic(name) and not os.path.lexists(name):
+        matches = sorted(glob(name, recursive=True))  # noqa: PTH207 - of Path it wants a folder
+        for match in matches:
+            yield from _recordings(match, left_out)
+        if matches:
+            return
+    path = Path(name)
+    if os.path.isdir(path) and not _is_recording(path):  # noqa: PTH112 - never raises
+        found = list(_inside(path, left_out))
+        yield from found or [(path,)]
+    else:
+        yield (path,)
+
+
+def _is_recording(folder: Path) -> bool:
+    return holds_log(folder / "metadata.yaml") or any(folder.glob(TABLES))
+
+
+def _inside(folder: Path, left_out: Path | None) -> Iterator[tuple[Path, ...]]:
+    """Recordings in a folder and below it; hidden files and folders are passed over."""
+    unreadable: list[Path] = []
+    walk = os.walk(folder, onerror=lambda error: unreadable.append(Path(error.filename)))
+    for here, inner, names in walk:
+        place = Path(here)
+        if _is_recording(place):
+            inner.clear()
+            yield (place,)
+            continue
+        inner[:] = sorted(each for each in inner if _is_searched(place / each, left_out))
+        paths = [place / each for each in sorted(names) if not each.startswith(".")]
+        yield from _joined([path for path in paths if _is_log(path)])
+    yield from ((path,) for path in unreadable)
+
+
+def _is_searched(folder: Path, left_out: Path | None) -> bool:
+    is_left_out = left_out is not None and folder.resolve() == left_out.resolve()
+    return not (folder.name.startswith(".") or is_left_out)
+
+
+def _is_log(path: Path) -> bool:
+    return path.suffix.lower() in _SUFFIXES or holds_log(path)
+
+
+def _joined(paths: Iterable[Path]) -> Iterator[tuple[Path, ...]]:
+    """Files of one folder, the parts of a split recording together: NAME_0, NAME_1 and so on."""
+    parts: dict[object, dict[int, Path]] = {}
+    for path in paths:
+        match = _PART.fullmatch(path.name)
+        group, number = ((match[1], match[3]), int(match[2])) if match else (path, 0)
+        parts.setdefault(group, {})[number] = path
+    for numbered in parts.values():
+        if sorted(numbered) == list(range(len(numbered))):
+            yield tuple(numbered[number] for number in sorted(numbered))
+        else:
+            yield from ((path,) for path in numbered.values())
+
+
+def _identity(path: Path) -> object:
+    """The same for all names and links that lead to one file or folder."""
+    target = path.parent if path.name == "metadata.yaml" else path
+    try:
+        found = target.stat()
+    except (OSError, ValueError):
+        return absolute(target)
+    return found.st_dev, found.st_ino

@@ -1,0 +1,60 @@
+"""What became of one log: the line of ``--format jsonl``, and what is kept for the next time."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal
+
+from imucalib_cli.results.result import Result, Tree
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+SCHEMA: Literal[1] = 1
+"""Version of the record; adding a key keeps it, changing one raises it."""
+
+
+class FileStamp(Tree, frozen=True):
+    """A file of a log as it was read."""
+
+    path: str
+    """Absolute."""
+    size: int
+    """Bytes."""
+    mtime_ns: int
+    """Time of its last change; 0 where that was so short before that another change could have
+    the same time."""
+    sha256: str
+    """Hexadecimal, of its bytes."""
+
+
+class Record(Tree, frozen=True, kw_only=True):
+    """What became of one log."""
+
+    schema: Literal[1] = SCHEMA
+    log: str
+    """As it was named; the first part of a split recording."""
+    place: str
+    """Its absolute path."""
+    status: Literal["ok", "untrusted", "failed"]
+    """failed: it, or one of its IMUs, has no result; untrusted: a result should not be used."""
+    exit_code: int
+    """Of `imucalib run` on it."""
+    seconds: float
+    """It took, in a worker."""
+    key: str | None
+    """SHA-256 of the contents of log and URDF, the options and the version; null where the log has
+    to be done again in any case."""
+    errors: list[str]
+    """Why it, or one of its IMUs, has no result, or a file of it could not be made."""
+    written: list[str]
+    """Files in the folder of results."""
+    results: list[Result]
+    """One for each IMU, as its YAML file has it."""
+    files: list[FileStamp]
+    """Of the log."""
+
+
+def by_imu(record: Record) -> Iterator[Result | str]:
+    """Its results, then why others are not there."""
+    yield from record.results
+    yield from record.errors

@@ -1,0 +1,222 @@
+"""The work on one log, in whatever process: from its files to what is to be written of it."""
+
+from __future__ import annotations
+
+import os
+import platform
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from threadpoolctl import threadpool_limits
+
+from imucalib_cli import __version__
+from imucalib_cli.batch.content_key import key_of, sizes_of, stamps_of, urdf_hash
+from imucalib_cli.batch.record import Record
+from imucalib_cli.errors import ImucalibError, InputError
+from imucalib_cli.jobs.calibrate import calibrate
+from imucalib_cli.results.formats import FORMATS
+from imucalib_cli.results.names import names_of, short
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator, Sequence
+
+    from imucalib_cli.batch.content_key import Sizes
+    from imucalib_cli.batch.logs import BatchLog
+    from imucalib_cli.batch.record import FileStamp
+    from imucalib_cli.jobs.calibrate import Outcome
+    from imucalib_cli.jobs.request import CalibrationRequest
+    from imucalib_cli.results.result import Result
+
+    Content = str | bytes
+    Maker = Callable[[Path, Outcome], Iterable[tuple[Path, Content]]]
+    """Makes the files of one kind beside the results: the path of the first, the outcome."""
+    ExitCode = Callable[[Iterable[ImucalibError], Sequence[Result]], int]
+
+_NAME, _LABEL = 100, 90
+"""Bytes of the names of log and IMU in that of a file; file systems allow 255 in all."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Done:
+    """What a worker hands back: nothing of it is written yet."""
+
+    record: Record
+    contents: tuple[tuple[str, Content], ...]
+    """Names in the folder of results, and what the files hold."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Task:
+    """What is to be done with each log of a batch."""
+
+    request: CalibrationRequest
+    """Without a log."""
+    context: str
+    """As content_key.context_of has it."""
+    urdf_sha256: str | None
+    exit_code: ExitCode
+    """Of why something could not be given, and of what was."""
+    extras: tuple[tuple[str, Maker], ...] = ()
+    """Files beside the results: what follows the log's name, and what makes them."""
+    keeps_files: bool = True
+    """Whether files are wanted, beside the record."""
+    folder: Path | None = None
+    """Where the command runs, from which its paths count, for workers of other machines."""
+    version: str = __version__
+
+    @property
+    def modules(self) -> set[str]:
+        """What a worker imports to take it over."""
+        functions = (self.exit_code, *(make for _, make in self.extras))
+        return {function.__module__ for function in functions}
+
+    def __call__(self, log: BatchLog) -> Done:
+        """Calibrate a log; whatever is wrong with it is told in the record."""
+        begun = time.perf_counter()
+        sizes: Sizes = {}
+        results: tuple[Result, ...] = ()
+        errors: list[ImucalibError] = []
+        contents: dict[str, Content] = {}
+        stamps: list[FileStamp] = []
+        try:
+            self._see_worker(log)
+            sizes = _sizes(log)
+            outcome = self._outcome(log)
+            if not self._has_its_urdf():
+                raise _PassingError(  # noqa: TRY301 - told like all else
+                    f"{self.request.urdf} has changed since the batch began, or is another for "
+                    "the worker: run the same command again"
+                )
+            results, errors = outcome.results, list(outcome.failures)
+            hashes = {each.path: each.sha256 for each in outcome.recording.files.result()}
+            stamps = stamps_of(sizes, hashes=hashes)
+            contents = dict(self._files(log, outcome, errors)) if self.keeps_files else {}
+        except Exception as error:  # noqa: BLE001 - one log must not stop the others
+            errors.append(_in_our_words(error))
+        is_whole = sizes == _sizes(log) and self._has_its_urdf()
+        is_lasting = not any(isinstance(error, _PassingError) for error in errors)
+        stamps = stamps or _stamps(sizes)
+        untrusted = any(result.status != "ok" for result in results)
+        record = Record(
+            log=log.label,
+            place=log.place,
+            status="failed" if errors else "untrusted" if untrusted else "ok",
+            exit_code=self.exit_code(errors, results),
+            seconds=round(time.perf_counter() - begun, 3),
+            key=key_of(self.context, stamps) if is_whole and is_lasting else None,
+            errors=list(map(str, errors)),
+            written=list(contents),
+            results=list(results),
+            files=stamps,
+        )
+        return Done(record=record, contents=tuple(contents.items()))
+
+    def lost(self, log: BatchLog, reason: str) -> Done:
+        """What is told of a log whose worker was lost; it is done again the next time."""
+        error = InputError(reason)
+        record = Record(
+            log=log.label,
+            place=log.place,
+            status="failed",
+            exit_code=self.exit_code([error], ()),
+            seconds=0.0,
+            key=None,
+            errors=[reason],
+            written=[],
+            results=[],
+            files=[],
+        )
+        return Done(record=record, contents=())
+
+    def _outcome(self, log: BatchLog) -> Outcome:
+        request = replace(self.request, logs=log.paths, details=bool(self.extras))
+        # small matrices: threads cost more than they give, and another order of sums other digits
+        with threadpool_limits(limits=1, user_api="blas"):
+            return calibrate(request)
+
+    def _has_its_urdf(self) -> bool:
+        """Whether the URDF is the one that the batch began with."""
+        try:
+            return urdf_hash(self.request) == self.urdf_sha256
+        except InputError:
+            return False
+
+    def _files(
+        self, log: BatchLog, outcome: Outcome, errors: list[ImucalibError]
+    ) -> Iterator[tuple[str, Content]]:
+        """The YAML of each IMU, then what is asked for besides; what cannot be made is an error."""
+        yaml = FORMATS["yaml"]
+        for label, result in zip(names_of(outcome.results), outcome.results, strict=True):
+            yield f"{log.name}.{short(label, _LABEL)}{yaml.suffix}", yaml.render([result])
+        for suffix, make in self.extras if outcome.results else ():
+            try:
+                for path, content in make(Path(f"{log.name}{suffix}"), outcome):
+                    yield path.name, content
+            except ImucalibError as error:
+                errors.append(error)
+
+    def _see_worker(self, log: BatchLog) -> None:
+        """See that this worker can do what the command's own process would.
+
+        Raises:
+            InputError: It runs another version, or does not see the files.
+        """
+        if self.folder is None:
+            return
+        here = f"the worker on {platform.node()}"
+        if __version__ != self.version:
+            raise InputError(
+                f"{here} runs imucalib {__version__}, this command {self.version}: install the "
+                "same version on all"
+            )
+        try:
+            if not self.folder.samefile(Path.cwd()):
+                os.chdir(self.folder)
+        except OSError as error:
+            raise InputError(f"{here} does not see the folder {self.folder}: {_SHARED}") from error
+        for path in (*log.paths, self.request.urdf):
+            if path is not None and not path.exists():
+                raise InputError(f"{here} does not see {path}: {_SHARED}")
+
+
+_SHARED = "logs and URDF must be at the same place for all workers, as on a shared file system"
+
+
+def file_name(log_name: str) -> str:
+    """What the files of a log begin with, from its name."""
+    return short(log_name, _NAME).lstrip(".") or "log"
+
+
+class _PassingError(InputError):
+    """What may be otherwise the next time, though the log is the same."""
+
+
+def _in_our_words(error: Exception) -> ImucalibError:
+    if isinstance(error, ImucalibError):
+        return error
+    if isinstance(error, MemoryError):
+        return _PassingError(
+            "not enough memory for this log: raise --memory, or name fewer topics (--imu-topic, "
+            "--joint-topic, --pose-topic)"
+        )
+    if isinstance(error, OSError):
+        return _PassingError(f"cannot be read any more: {error}")
+    return _PassingError(f"internal error: {type(error).__name__}: {error}; please report it")
+
+
+def _sizes(log: BatchLog) -> Sizes:
+    """Of what can be read; why the rest cannot is said by who reads it."""
+    try:
+        return sizes_of(log)
+    except OSError:
+        return {}
+
+
+def _stamps(sizes: Sizes) -> list[FileStamp]:
+    """Of a log that could not be used; none where it cannot be read."""
+    try:
+        return stamps_of(sizes)
+    except OSError:
+        return []

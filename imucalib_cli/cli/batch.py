@@ -1,0 +1,315 @@
+"""``imucalib batch``: many logs with the same options, each on its own."""
+
+import os
+import sys
+from contextlib import closing, contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from imucalib_cli.cli import parsers
+from imucalib_cli.cli.entry import last_words
+from imucalib_cli.cli.exit_codes import exit_code_of, worst
+from imucalib_cli.cli.files import files_of
+from imucalib_cli.cli.options import (
+    OUTPUT,
+    EstimatorOptions,
+    ExtrasForEachLog,
+    Quiet,
+    RecordingOptions,
+    calibration_request,
+)
+from imucalib_cli.cli.output import deliver, is_terminal, say
+from imucalib_cli.cli.progress import CountProgress
+from imucalib_cli.cli.tables import deliver_blocks
+from imucalib_cli.errors import ChoiceError, InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from imucalib_cli.batch.engine import Engine
+    from imucalib_cli.batch.logs import BatchLog
+    from imucalib_cli.batch.record import Record
+    from imucalib_cli.results.requirement import Tolerance
+else:  # typer evaluates these too
+    Tolerance = object
+
+WORK = "Work"
+"""Panel of the help."""
+_LONGEST_LIST = 1 << 26
+"""Bytes of a list of logs on stdin: a million paths."""
+
+
+def batch_command(
+    ctx: typer.Context,
+    logs: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="LOG...",
+            help="Logs, patterns and folders to be searched; - reads a list from stdin.",
+        ),
+    ],
+    *,
+    recording: RecordingOptions,
+    estimator: EstimatorOptions,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="FOLDER",
+            parser=parsers.output_folder,
+            help="Where results are kept: <log>.<imu>.yaml, summary.csv, records/. What is "
+            "finished there is not done again.",
+            show_default="none: nothing is kept",
+            rich_help_panel=OUTPUT,
+        ),
+    ] = None,
+    fmt: Annotated[
+        Literal["jsonl", "csv", "markdown", "junit", "summary"] | None,
+        typer.Option(
+            "--format",
+            help="What goes to stdout; jsonl: a line a log as they finish, the others at the end.",
+            show_default="nothing with -o; else summary on a terminal, jsonl into pipes",
+            rich_help_panel=OUTPUT,
+        ),
+    ] = None,
+    markdown: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            parser=parsers.output_file,
+            help="Also write a table for a summary of CI.",
+            show_default="none",
+            rich_help_panel=OUTPUT,
+        ),
+    ] = None,
+    junit: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            parser=parsers.output_file,
+            help="Also write JUnit XML.",
+            show_default="none",
+            rich_help_panel=OUTPUT,
+        ),
+    ] = None,
+    require: Annotated[
+        Tolerance | None,
+        typer.Option(
+            metavar="LENGTH,ANGLE",
+            parser=parsers.tolerance,
+            help="Largest sigma to trust, such as 1mm,0.1deg; exit 3 if it is exceeded.",
+            show_default="none",
+            rich_help_panel=OUTPUT,
+        ),
+    ] = None,
+    extras: ExtrasForEachLog,
+    workers: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            metavar="N",
+            help="Processes at a time.",
+            show_default="all processors, as far as --memory allows",
+            rich_help_panel=WORK,
+        ),
+    ] = None,
+    memory: Annotated[
+        int | None,
+        typer.Option(
+            metavar="AMOUNT",
+            parser=parsers.memory,
+            help="What each process may take; a log that needs more fails. Enforced on Linux.",
+            show_default="2GiB",
+            rich_help_panel=WORK,
+        ),
+    ] = None,
+    dask: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS|local",
+            parser=parsers.scheduler,
+            help="Let the workers of a Dask scheduler do it, or a Dask cluster of this machine.",
+            show_default="none: processes of this machine",
+            rich_help_panel=WORK,
+        ),
+    ] = None,
+    fresh: Annotated[
+        bool,
+        typer.Option("--fresh", help="Do finished logs again too.", rich_help_panel=WORK),
+    ] = False,
+    rehash: Annotated[
+        bool,
+        typer.Option(
+            "--rehash",
+            help="Read all logs to see whether they are as they were, though size and time are.",
+            rich_help_panel=WORK,
+        ),
+    ] = False,
+    quiet: Quiet = False,
+) -> None:
+    """Calibrate many logs with the same options, each on its own; interrupted, it goes on later."""
+    from imucalib_cli.batch.batch import SUMMARY, Batch
+    from imucalib_cli.batch.content_key import context_of, urdf_hash
+    from imucalib_cli.batch.engine import MEMORY, default_workers
+    from imucalib_cli.batch.logs import find_logs
+    from imucalib_cli.batch.tables import TABLES, counted, json_line
+    from imucalib_cli.batch.task import Task
+    from imucalib_cli.cli.extras import for_each_log
+    from imucalib_cli.robot.urdf import load_robot
+
+    _see_options(output, extras, dask, workers or memory)
+    request = calibration_request(ctx, (), recording, estimator, require)
+    if request.urdf is not None:
+        load_robot(request.urdf)  # once, rather than in an error of every log
+    makers = for_each_log(name for name, wanted in vars(extras).items() if wanted)
+    found = find_logs(_names(logs), left_out=output)
+    if not found.logs:
+        raise InputError("the list of logs on stdin is empty: write one path a line")
+    read = files_of(*_paths(found.logs), recording.urdf, estimator.imu_model)
+    _see_places(read, output, (markdown, junit))
+    for again, first in () if quiet else found.repeated:
+        say("note", f"{again} is the same as {first}, and is done once")
+    chosen = fmt or ("" if output else "summary" if is_terminal(sys.stdout) else "jsonl")
+    bytes_each = memory or MEMORY
+    jobs = workers or default_workers(bytes_each)
+    batch = Batch(
+        logs=found.logs,
+        task=Task(
+            request=request,
+            context=context_of(request, [suffix for suffix, _ in makers]),
+            urdf_sha256=urdf_hash(request),
+            exit_code=exit_code_of,
+            extras=makers,
+            keeps_files=output is not None,
+        ),
+        engine=_engine(dask, jobs, bytes_each),
+        folder=output,
+        fresh=fresh,
+        rehash=rehash,
+    )
+    records: dict[BatchLog, Record] = {}
+    progress = CountProgress("batch", "logs", jobs=jobs, quiet=quiet)
+    with (
+        _telling_what_is_kept(progress, output, fresh=fresh),
+        closing(batch.run(progress.report)) as done,
+    ):
+        for log, record in done:
+            records[log] = record
+            _tell(record, quiet=quiet)
+            if chosen == "jsonl":
+                deliver(json_line(record))
+    ordered = [records[log] for log in found.logs]
+    _show(ordered, chosen)
+    for form, path in {"markdown": markdown, "junit": junit}.items():
+        if path is not None:
+            deliver(TABLES[form](ordered), path, quiet=quiet)
+    if not quiet and chosen != "summary":
+        kept = "" if output is None else f"; {output / SUMMARY}"
+        say("batch", f"{counted(ordered)}{kept}")
+    raise typer.Exit(worst(record.exit_code for record in ordered))
+
+
+def _see_options(
+    output: Path | None, extras: ExtrasForEachLog, dask: str | None, of_this_machine: int | None
+) -> None:
+    """Raise ChoiceError where an option means nothing beside another."""
+    if output is None and any(vars(extras).values()):
+        raise ChoiceError("files beside the results need a folder: add -o FOLDER")
+    if dask not in {None, "local"} and of_this_machine:
+        raise ChoiceError(
+            "--workers and --memory are of this machine; how many workers a scheduler has, and "
+            "their memory, is settled where they are started: leave them out"
+        )
+
+
+def _show(records: "Sequence[Record]", form: str) -> None:
+    """Write to stdout what is wanted there at the end."""
+    from imucalib_cli.batch.tables import TABLES, words
+
+    if form == "summary":
+        deliver_blocks(words(records))
+    elif form and form != "jsonl":
+        deliver(TABLES[form](records))
+
+
+def _names(arguments: "Sequence[str]") -> "Iterator[str]":
+    """What is named, with that of the list on stdin."""
+    from imucalib_cli.batch.logs import listed
+
+    for argument in arguments:
+        if not argument:
+            raise ChoiceError("the name of a log is empty, as of a variable that is not set")
+        if argument != "-":
+            yield argument
+            continue
+        if sys.stdin is None:
+            raise InputError("standard input is closed: name the logs")
+        data = sys.stdin.buffer.read(_LONGEST_LIST + 1)
+        if len(data) > _LONGEST_LIST:
+            raise InputError("standard input is no list of logs: it is too long")
+        yield from listed(data)
+
+
+def _paths(logs: "Sequence[BatchLog]") -> "Iterator[Path]":
+    for log in logs:
+        yield from log.paths
+
+
+def _see_places(
+    read: "Sequence[Path]", output: Path | None, files: "Sequence[Path | None]"
+) -> None:
+    """See before any work that nothing is lost by what is written."""
+    from imucalib_cli.batch.batch import SUMMARY
+    from imucalib_cli.results.atomic import see_folder_writable
+    from imucalib_cli.results.places import see_places
+
+    written = [path for path in files if path is not None]
+    if output is not None:
+        see_folder_writable(output)
+        written += [output / SUMMARY] if output.is_dir() else []
+    see_places(read=read, written=written)
+
+
+def _engine(dask: str | None, workers: int, memory: int) -> "Engine":
+    if dask is None:
+        from imucalib_cli.batch.local import LocalProcesses
+
+        return LocalProcesses(workers, memory)
+    from imucalib_cli.batch.on_dask import DaskWorkers
+
+    return DaskWorkers(dask, workers, memory)
+
+
+@contextmanager
+def _telling_what_is_kept(
+    progress: CountProgress, folder: Path | None, *, fresh: bool
+) -> "Iterator[None]":
+    """Show the progress, and where it is interrupted say how to go on."""
+
+    def tell() -> None:
+        if folder is not None:
+            progress.tell_interrupted(folder, fresh=fresh)
+
+    try:
+        with last_words(tell), progress:
+            yield
+    except KeyboardInterrupt:
+        tell()
+        raise
+
+
+def _tell(record: "Record", *, quiet: bool) -> None:
+    """What is wrong with a log: as GitHub shows it where it runs there."""
+    from imucalib_cli.batch.tables import complaints, github_lines
+
+    if os.environ.get("GITHUB_ACTIONS") == "true":
+        for line in github_lines(record):
+            if line.startswith("::error") or not quiet:
+                sys.stderr.write(f"{line}\n")
+        return
+    for word, sentence in complaints(record):
+        if word == "error" or not quiet:
+            say(word, sentence)

@@ -1,0 +1,296 @@
+"""Answers from the statistics of logs alone: one log with other priors, or several together.
+
+What is shared (the pose, errors of the robot and of the sensor) is one for all logs. What every
+recording has of its own (biases, gravity, clocks) is eliminated from its equations, and the pose of
+each log may differ a little from the common one (solution/between.py).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from imucalib_cli.estimate.checks import judge
+from imucalib_cli.estimate.checks.stated import contradicted
+from imucalib_cli.estimate.model.layout import places_of, with_priors
+from imucalib_cli.estimate.model.state import turned_about
+from imucalib_cli.estimate.model.unknowns import LEAN, TABLE, Origin
+from imucalib_cli.estimate.solution.between import combine, disagreeing, together
+from imucalib_cli.estimate.solution.normal_equations import (
+    Answer,
+    embedded_matrix,
+    prior_offset,
+    problem_of,
+)
+from imucalib_cli.estimate.solution.spectrum import embedded, inverse_of
+from imucalib_cli.robot.rotations import rotation_angle, rotvec_from_matrix
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from imucalib_cli.arrays import Floats, Indices
+    from imucalib_cli.estimate.model.layout import Layout, Placed
+    from imucalib_cli.estimate.model.state import State
+    from imucalib_cli.estimate.options import MatchedOptions
+    from imucalib_cli.estimate.solution.normal_equations import NormalEquations
+    from imucalib_cli.estimate.solution.scales import Posterior
+    from imucalib_cli.estimate.statistics import LogStatistics
+    from imucalib_cli.findings import Finding
+
+_ORDER: Final = {each.name: place for place, each in enumerate(TABLE)}
+_LEAN: Final = frozenset(each.name for each in LEAN)
+
+
+def solve_again(log: LogStatistics, options: MatchedOptions) -> tuple[Answer, list[Finding]]:
+    """Every unknown of one log with other priors, and what is to be told of it.
+
+    Args:
+        log: Its statistics.
+        options: What is known beforehand; what the run held cannot be set free.
+    """
+    equations = log.equations
+    answer = equations.solve(options)
+    wrong = contradicted(answer, lambda _: equations, equations.solve)
+    rest = judge.of_answer(
+        answer,
+        log.windows,
+        seconds=log.seconds,
+        clock_stepped=log.clock_stepped,
+        contradicted=wrong is not None,
+        unknown=bool(judge.unobservable(answer)),
+    )
+    return answer, [*([] if wrong is None else [wrong]), *rest]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class OwnValues:
+    """What one of several logs says, solved with the others."""
+
+    difference: Floats
+    """(6,), its pose less the common one, m and rad."""
+    distance: Floats
+    """(6,), its pose less that of all others, m and rad; zero in what it does not tell."""
+    sigmas: float
+    """Root of that distance squared in its covariance, the scatter between logs included."""
+    disagrees: bool
+    """Whether chance and the scatter of the others do not explain that distance."""
+    state: State
+    """Of its own layout: biases, gravity and clocks."""
+    turned: float
+    """rad, from the rotation about which its equations were made to that of the answer."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Combined:
+    """Several logs of one mount, solved together."""
+
+    answer: Answer
+    """Of what they share."""
+    scatter: Floats
+    """(2, 3), of translation, m, and rotation, rad, between logs: the median, and the limits of
+    95 %."""
+    own: tuple[OwnValues, ...]
+
+
+def combine_logs(logs: Sequence[LogStatistics], options: Sequence[MatchedOptions]) -> Combined:
+    """Solve several logs of one mount together.
+
+    Args:
+        logs: At least two, of one robot and one IMU.
+        options: What is known beforehand of each; of what they share, those of the first count.
+    """
+    shared = _shared_layout(logs, options[0])
+    at = _common_point(logs[0].equations.at, shared, options[0])
+    each = [
+        _Reduced.of(log.equations, own, shared, at) for log, own in zip(logs, options, strict=True)
+    ]
+    free, moves = np.flatnonzero(shared.free), np.flatnonzero(shared.free[shared.pose])
+    blank = np.zeros((shared.size, shared.size))
+    equations = together(
+        np.array([one.information for one in each])[:, free][:, :, free],
+        np.array([one.score for one in each])[:, free],
+        np.array([one.noise for one in each])[:, free][:, :, free],
+        problem_of(shared, blank, blank[0], prior_offset(shared, options[0], at)),
+        widened=np.array([log.widened for log in logs])[:, moves][:, :, moves],
+        scattered=moves // 3,
+    )
+    posterior = combine(equations)
+    answer = Answer(
+        layout=shared,
+        options=options[0],
+        state=at.moved(shared, embedded(posterior.step, shared.free)),
+        covariance=embedded_matrix(posterior.covariance, shared),
+        u=posterior.u[:-2],
+        motion=sum((one.motion for one in each), blank),
+    )
+    differences = equations.differences(posterior.u, posterior.step)
+    distances, squares = equations.distances(posterior.u)
+    strangers = disagreeing(equations, posterior.u)
+    own = []
+    for log, one in enumerate(each):
+        step = embedded(posterior.step, shared.free)
+        step[moves] += differences[log]
+        own.append(
+            OwnValues(
+                difference=embedded(differences[log], shared.free[shared.pose]),
+                distance=embedded(distances[log], shared.free[shared.pose]),
+                sigmas=float(np.sqrt(strangers.get(log, squares[log]))),
+                disagrees=log in strangers,
+                state=one.own_state(step),
+                turned=float(rotation_angle(one.equations.at.R.T @ answer.state.R)),
+            )
+        )
+    return Combined(answer=answer, scatter=_scatter(posterior), own=tuple(own))
+
+
+def _owner(placed: Placed) -> tuple[str, ...]:
+    """What an entry is of, for entries of several logs to be told to be the same."""
+    if isinstance(placed.unknown.effect, Origin):
+        return (placed.labels[0].rsplit(" ", 1)[0],)
+    return placed.labels
+
+
+def _shared_layout(logs: Sequence[LogStatistics], options: MatchedOptions) -> Layout:
+    """Every entry that any of the logs has and that is not a log's own; origins whole."""
+    found: dict[tuple[str, tuple[str, ...]], Placed] = {}
+    for log in logs:
+        for placed in log.equations.layout.placed:
+            if not placed.unknown.of_log:
+                found.setdefault((placed.unknown.name, _owner(placed)), _whole(placed))
+    places = sorted(found.values(), key=lambda each: _ORDER[each.unknown.name])
+    return with_priors(places, options, logs[0].equations.layout.still)
+
+
+def _whole(placed: Placed) -> Placed:
+    """An entry with all its components: another log may tell other directions of an origin."""
+    if not isinstance(placed.unknown.effect, Origin):
+        return placed
+    labels = tuple(f"{_owner(placed)[0]} {axis}" for axis in "xyz")
+    return replace(placed, labels=labels, directions=np.eye(3))
+
+
+def _common_point(first: State, shared: Layout, options: MatchedOptions) -> State:
+    """The point about which the equations of all logs are put: nothing is off but the pose."""
+    R, t, known = first.R, first.t, options.pose
+    if known is not None and known.R_parent_imu is not None and known.t_parent_imu is not None:
+        t = np.where(shared.free[shared.part("translation")], t, known.t_parent_imu)
+        R = turned_about(R, known.R_parent_imu, shared.free[shared.part("rotation")])
+    return replace(first, R=R, t=t, x=np.zeros(shared.size))
+
+
+@dataclass(frozen=True, eq=False)
+class _Reduced:
+    """The equations of one log in what is shared, n components of which s are of this log."""
+
+    equations: NormalEquations
+    layout: Layout
+    information: Floats
+    """(n, n), in units of the noise."""
+    score: Floats
+    noise: Floats
+    motion: Floats
+    """(n, n), as in :class:`NormalEquations`."""
+    to_log: Floats
+    """(s, n), the log's shared components by those of all."""
+    held: Floats
+    """(N,), step of the log's own components that are held, and of the shared ones to the common
+    point."""
+    back: Floats
+    """(o, s), how the log's own components follow the shared ones, with the sign of a step."""
+    own_step: Floats
+    """(o,), their step at the common point."""
+    own: Indices
+    """(o,), which they are."""
+
+    @classmethod
+    def of(
+        cls, equations: NormalEquations, options: MatchedOptions, shared: Layout, at: State
+    ) -> _Reduced:
+        """Eliminate what is the log's own."""
+        layout = equations.layout.under(options)
+        is_own = np.zeros(layout.size, dtype=bool)
+        for placed in layout.placed:
+            is_own[placed.part] = placed.unknown.of_log
+        own, others = np.flatnonzero(is_own & layout.free), np.flatnonzero(~is_own)
+        offset = prior_offset(layout, options, equations.at)
+        held = np.where(is_own & ~layout.free, -offset, 0.0)
+        held[others] = -equations.at.x[others]
+        held[layout.part("translation")] = at.t - equations.at.t
+        held[layout.part("rotation")] = rotvec_from_matrix(at.R @ equations.at.R.T)
+
+        A = equations.information / equations.level
+        b = equations.score / equations.level + A @ held
+        P = 1.0 / layout.std[own] ** 2
+        inverse = inverse_of(A[np.ix_(own, own)] + np.diag(P))
+        back = -inverse @ A[np.ix_(own, others)]
+        own_score = b[own] + P * offset[own]
+        to_log = _to_log(layout, others, shared)
+        K = np.zeros((len(others), layout.size))
+        K[np.arange(len(others)), others] = 1.0
+        K[:, own] = back.T
+        K = to_log.T @ K
+        by_prior = to_log.T @ back.T @ (P[:, None] * back) @ to_log
+        return cls(
+            equations=equations,
+            layout=layout,
+            information=K @ A @ K.T + by_prior,
+            score=to_log.T @ (b[others] + back.T @ own_score),
+            noise=K @ (equations.noise / equations.level**2) @ K.T + by_prior,
+            motion=_motion(equations, layout, shared),
+            to_log=to_log,
+            held=held,
+            back=back,
+            own_step=-inverse @ own_score,
+            own=own,
+        )
+
+    def own_state(self, step: Floats) -> State:
+        """The log's own unknowns after a step (n,) of the shared ones."""
+        whole = self.held.copy()
+        whole[self.own] = self.own_step + self.back @ (self.to_log @ step)
+        return self.equations.at.moved(self.layout, whole)
+
+
+def _to_log(layout: Layout, others: Indices, shared: Layout) -> Floats:
+    """(s, n), a log's shared components by those of all: origins by the directions it tells."""
+    found = np.zeros((layout.size, shared.size))
+    parts = {(each.unknown.name, _owner(each)): each.part for each in shared.placed}
+    for placed in layout.placed:
+        if not placed.unknown.of_log:
+            is_origin = isinstance(placed.unknown.effect, Origin)
+            part = parts[placed.unknown.name, _owner(placed)]
+            found[placed.part, part] = (
+                placed.directions if is_origin else np.eye(len(placed.labels))
+            )
+    return found[others]
+
+
+def _motion(equations: NormalEquations, layout: Layout, shared: Layout) -> Floats:
+    """(n, n), what the motion of a log gives on the pose beside biases, gravity and time offset."""
+    own = places_of(
+        each.part
+        for each in layout.placed
+        if each.unknown.of_log and each.unknown.name in _LEAN and layout.free[each.part].all()
+    )
+    unit, M = layout.std[own], equations.motion
+    values, vectors = np.linalg.eigh(M[np.ix_(own, own)] * np.outer(unit, unit))
+    scaled = vectors * unit[:, None]
+    across = M[np.ix_(layout.pose, own)] @ scaled
+    told = M[np.ix_(layout.pose, layout.pose)]
+    found = np.zeros((shared.size, shared.size))
+    found[np.ix_(shared.pose, shared.pose)] = (
+        told - across / (np.maximum(values, 0.0) + 1.0) @ across.T
+    )
+    return found
+
+
+def _scatter(posterior: Posterior) -> Floats:
+    """(2, 3), median and limits of 95 % of the two scatters."""
+    found = []
+    for index in (-2, -1):
+        order = np.argsort(posterior.points[:, index])
+        total = np.cumsum(posterior.weights[order]) - 0.5 * posterior.weights[order]
+        found.append(np.interp((0.5, 0.025, 0.975), total, posterior.points[order, index]))
+    return np.asarray(np.exp(np.array(found)))

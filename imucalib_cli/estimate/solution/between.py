@@ -1,0 +1,287 @@
+"""Several logs of one mount: what they share, and how far the mount scatters between them.
+
+A mount differs a little from one recording to the next, by temperature, by load, by having been
+taken off and put back: more than the noise within a log tells. So the pose of each log is the
+common one plus a difference of its own, normal about zero, whose two standard deviations (of the
+translation, of the rotation) are learnt from all logs and integrated over as any other scale is.
+
+The differences are eliminated log by log, so that hundreds of logs cost no more than their sum.
+
+Source: random effects, DerSimonian and Laird, Controlled Clinical Trials 7(3), 1986; the prior of
+the two standard deviations: Gelman, Bayesian Analysis 1(3), 2006.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from imucalib_cli.estimate.solution.scales import Problem, integrate, most_likely
+from imucalib_cli.estimate.solution.spectrum import chance_of_six, inverse_of, squared_distance
+
+if TYPE_CHECKING:
+    from imucalib_cli.arrays import Floats, Indices
+    from imucalib_cli.estimate.solution.scales import Posterior
+
+_POSE: Final = np.repeat([0, 1], 3)
+"""Whether a component of the pose is of the translation or of the rotation."""
+USUAL: Final = (1e-4, 5e-4)
+"""m and rad: where the half-Cauchy prior of the scatter falls to a half. A decimetre of aluminium
+grows by 0.1 mm over 40 K, and a bracket of 0.2 m turns by 0.5 mrad for as much at one end."""
+_LEAST: Final = 1e-2
+"""Of USUAL: smaller is none, to any mount and any drawing."""
+_MOST: Final = 500.0
+"""Of USUAL: no mount that is fixed at all moves farther."""
+_ANYWHERE: Final = (10.0, np.pi)
+"""m and rad: what is known of any mount without looking."""
+_TRIED: Final = 41
+"""Values of a scatter between its bounds, among which the likeliest is searched."""
+_ROUNDS: Final = 3
+"""In which scales and the two scatters are found in turn."""
+_RARE: Final = 1e-3
+"""One set of sound logs in a thousand has one that is said to disagree."""
+_UNLIKELY: Final = 12.0
+"""Fall of the logarithm of the likelihood beyond which a scatter is left out."""
+
+
+@dataclass(frozen=True, eq=False)
+class Together:
+    """The normal equations of K logs in what they share, m components of which the pose is first.
+
+    What only one log has (biases, gravity, time offset) is eliminated from its equations before.
+    """
+
+    information: Floats
+    """(K, m, m), in units of the noise."""
+    score: Floats
+    """(K, m), about one common point of linearisation."""
+    noise: Floats
+    """(K, m, m), covariance of the scores."""
+    priors: Problem
+    """Of the shared components: their prior, and which share which scale."""
+    scattered: Indices
+    """(p,), for each component of the pose that is not held: 0 translation, 1 rotation."""
+    widened: Floats
+    """(K, p, p), what else is known to set each log's pose off, as a covariance."""
+    scatter_bounds: Floats
+    """(2, 2), of the logarithms of the scatter of translation and rotation between logs."""
+
+    @property
+    def bounds(self) -> Floats:
+        """(k + 2, 2), of the learnt scales and, last, the two scatters."""
+        return np.concatenate([self.priors.bounds, self.scatter_bounds])
+
+    def likelihood(self, u: Floats) -> tuple[float, Floats]:
+        """As :meth:`Problem.likelihood`, with the differences of the logs integrated over."""
+        each = self.without_differences(u)
+        value, step = self._sum(each).likelihood(u[:-2])
+        # Half-Cauchy in the scatter itself, which the logarithm's own measure turns into this.
+        ratio = np.exp(u[-2:]) / USUAL
+        return value + each.gain + float(np.log(ratio / (1.0 + ratio**2)).sum()), step
+
+    def covariance(self, u: Floats) -> Floats:
+        """(m, m), of the posterior mean of what is shared."""
+        return self.problem(u).covariance(u[:-2])
+
+    def problem(self, u: Floats) -> Problem:
+        """In what is shared, at given scatters."""
+        return self._sum(self.without_differences(u))
+
+    def _sum(self, each: Reduced) -> Problem:
+        return replace(
+            self.priors,
+            information=each.information.sum(axis=0),
+            score=each.score.sum(axis=0),
+            noise=each.noise.sum(axis=0),
+        )
+
+    def without_differences(self, u: Floats) -> Reduced:
+        """Each log's equations with its own difference from the common pose eliminated."""
+        p = len(self.scattered)
+        precision = np.linalg.inv(self._spread(u))
+        own, own_score = self.information[:, :, :p], self.score[:, :p]
+        inner = own[:, :p] + precision
+        inverse = np.linalg.inv(inner)
+        share = own @ inverse
+        kept = np.zeros_like(self.information) + np.eye(self.score.shape[1])
+        kept[:, :, :p] -= share
+        kept[:, :p, :p] = precision @ inverse  # the same without rounding
+        by_prior = share @ precision @ np.swapaxes(share, 1, 2)
+        information, noise = (
+            kept @ each @ np.swapaxes(kept, 1, 2) + by_prior
+            for each in (self.information, self.noise)
+        )
+        determinants = np.linalg.slogdet(inner)[1] - np.linalg.slogdet(precision)[1]
+        fit = np.einsum("kp,kpq,kq->", own_score, inverse, own_score)
+        return Reduced(
+            information=information,
+            score=self.score - (share @ own_score[:, :, None])[:, :, 0],
+            noise=noise,
+            gain=float(0.5 * (fit - determinants.sum())),
+        )
+
+    def differences(self, u: Floats, step: Floats) -> Floats:
+        """(K, p), each log's pose less the common one, given what is shared.
+
+        Args:
+            u: Logarithms of the scales and the scatters.
+            step: (m,), of what is shared.
+        """
+        p = len(self.scattered)
+        precision = np.linalg.inv(self._spread(u))
+        inner = self.information[:, :p, :p] + precision
+        score = self.score[:, :p] + self.information[:, :p] @ step
+        return np.asarray(-np.linalg.solve(inner, score[:, :, None])[:, :, 0])
+
+    def distances(self, u: Floats) -> tuple[Floats, Floats]:
+        """(K, p), each log's pose less that by all the others, and (K,) its square in sigmas."""
+        each, p = self.without_differences(u), len(self.scattered)
+        every, spread = self._sum(each), self._spread(u)
+        found, squares = np.zeros((len(self.score), p)), np.zeros(len(self.score))
+        for log, own in enumerate(self.information):
+            others = replace(
+                every,
+                information=every.information - each.information[log],
+                score=every.score - each.score[log],
+                noise=(every.information if every.noise is None else every.noise) - each.noise[log],
+            )
+            step, _ = others.solve(u[:-2])
+            left, pose = self.score[log, :p] + own[:p] @ step, own[:p, :p]
+            C = self.noise[log, :p, :p] + own[:p] @ others.covariance(u[:-2]) @ own[:, :p]
+            squares[log] = squared_distance(left, C + pose @ spread[log] @ pose)
+            found[log] = -inverse_of(pose) @ left
+        return found, squares
+
+    def _spread(self, u: Floats) -> Floats:
+        """(K, p, p), covariance of each log's own difference."""
+        return np.asarray(self.widened + np.diag(np.exp(2.0 * u[-2:])[self.scattered]))
+
+    def only(self, kept: Indices) -> Together:
+        """Some of the logs."""
+        return replace(
+            self,
+            information=self.information[kept],
+            score=self.score[kept],
+            noise=self.noise[kept],
+            widened=self.widened[kept],
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Reduced:
+    """Equations of K logs in what is shared, at given scatters."""
+
+    information: Floats
+    """(K, m, m)."""
+    score: Floats
+    """(K, m)."""
+    noise: Floats
+    """(K, m, m)."""
+    gain: float
+    """What the differences that are gone add to the logarithm of the likelihood."""
+
+
+def together(
+    information: Floats,
+    score: Floats,
+    noise: Floats,
+    priors: Problem,
+    *,
+    widened: Floats | None = None,
+    scattered: Indices = _POSE,
+) -> Together:
+    """Equations of K logs with the widest bounds of the scatter between them.
+
+    Args:
+        information: (K, m, m), pose first, in units of the noise.
+        score: (K, m).
+        noise: (K, m, m).
+        priors: Of the shared components.
+        widened: (K, p, p), what else sets each log's pose off; None is nothing.
+        scattered: (p,), which components of the pose there are.
+    """
+    if widened is None:
+        widened = np.zeros((len(score), len(scattered), len(scattered)))
+    bounds = np.log(np.outer(USUAL, (_LEAST, _MOST)))
+    return Together(information, score, noise, priors, scattered, widened, bounds)
+
+
+def most_likely_together(logs: Together) -> tuple[Together, Floats]:
+    """The mode of the learnt scales and the scatters; and bounds within which these are likely.
+
+    Returns:
+        The logs with narrower bounds of the scatters, and (k + 2,) the logarithms at the mode.
+    """
+    u = logs.bounds.mean(axis=1)
+    bounds = logs.scatter_bounds.copy()
+    for _ in range(_ROUNDS):
+        u[:-2] = most_likely(logs.problem(u), u[:-2])
+        for index in (0, 1):
+            tried = np.linspace(bounds[index, 0], bounds[index, 1], _TRIED)
+            heights = np.empty(_TRIED)
+            for place, value in enumerate(tried):
+                u[index - 2] = value
+                heights[place] = logs.likelihood(u)[0]
+            best = int(np.argmax(heights))
+            u[index - 2] = tried[best]
+            likely = np.flatnonzero(heights > heights[best] - _UNLIKELY)
+            ends = np.clip([likely[0] - 1, likely[-1] + 1], 0, _TRIED - 1)
+            bounds[index] = tried[ends]
+    return replace(logs, scatter_bounds=bounds), u
+
+
+def combine(logs: Together) -> Posterior:
+    """What is shared, by all logs; the last two scales of the posterior are the scatters."""
+    narrowed, mode = most_likely_together(logs)
+    return integrate(narrowed, mode)
+
+
+def combine_poses(values: Floats, covariances: Floats) -> Posterior:
+    """The common pose of K logs of which nothing but pose and covariance is known.
+
+    Args:
+        values: (K, 6), each pose less one that all are near, m and rad.
+        covariances: (K, 6, 6), within each log.
+
+    Returns:
+        The mean, and as the two scales of the posterior the scatter of translation and rotation
+        between the logs, m and rad.
+    """
+    information = inverse_of(covariances)
+    priors = Problem(
+        information=np.zeros((6, 6)),
+        score=np.zeros(6),
+        offset=np.zeros(6),
+        std=np.repeat(_ANYWHERE, 3),
+        scale=np.full(6, -1),
+        bounds=np.zeros((0, 2)),
+    )
+    score = -(information @ values[:, :, None])[:, :, 0]
+    return combine(together(information, score, information, priors))
+
+
+def disagreeing(logs: Together, u: Floats) -> dict[int, float]:
+    """Logs whose pose neither chance nor the scatter of the others explains, with its square.
+
+    The most distant first: the scatter is found anew from the others, which it no longer widens.
+
+    Args:
+        logs: All of them.
+        u: (k + 2,), where to begin.
+    """
+    found: dict[int, float] = {}
+    kept = np.arange(len(logs.score))
+    while len(kept) > 2:
+        squares = logs.only(kept).distances(u)[1]
+        worst = int(np.argmax(squares))
+        others = np.delete(np.arange(len(kept)), worst)
+        _, u = most_likely_together(logs.only(kept[others]))
+        square = float(logs.only(kept).distances(u)[1][worst])
+        # The scatter of the others is known from six differences for each but one of them.
+        if chance_of_six(square, 6 * (len(others) - 1)) > _RARE / len(logs.score):
+            break
+        found[int(kept[worst])] = square
+        kept = kept[others]
+    return found

@@ -1,0 +1,158 @@
+"""What a log tells of every unknown, summed: enough to solve it again with other priors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from imucalib_cli.estimate.model.state import State, tilt_from_down, turned_about
+from imucalib_cli.estimate.model.unknowns import Gravity
+from imucalib_cli.estimate.solution.scales import Problem, integrate, most_likely
+from imucalib_cli.estimate.solution.spectrum import embedded
+from imucalib_cli.robot.rotations import rotvec_from_matrix
+
+if TYPE_CHECKING:
+    from imucalib_cli.arrays import Floats
+    from imucalib_cli.estimate.model.layout import Layout, Placed
+    from imucalib_cli.estimate.options import MatchedOptions
+
+
+@dataclass(frozen=True, eq=False)
+class NormalEquations:
+    """Normal equations of a log about one point, and the noise in them."""
+
+    layout: Layout
+    """Of the n components, with the priors of the run."""
+    at: State
+    """The point of linearisation."""
+    information: Floats
+    """(n, n), J'J of the whitened rows."""
+    score: Floats
+    """(n,), J'e."""
+    noise: Floats
+    """(n, n), covariance of the score for the noise's own spectrum."""
+    level: float
+    """Of the noise as the unknowns meet it; 1 is white noise of the residual scales."""
+    motion: Floats
+    """(n, n), information that the motion gives an IMU of common noise, whatever this one's is."""
+
+    def problem(self, layout: Layout, options: MatchedOptions) -> Problem:
+        """In units of the noise, of the free components; the others are where they are held.
+
+        Args:
+            layout: Of the same components.
+            options: Whose priors they are.
+        """
+        offset = prior_offset(layout, options, self.at)
+        held = np.where(layout.free, 0.0, -offset)
+        return problem_of(
+            layout,
+            self.information / self.level,
+            (self.score + self.information @ held) / self.level,
+            offset,
+            self.noise / self.level**2,
+        )
+
+    def solve(self, options: MatchedOptions) -> Answer:
+        """Every unknown for the priors of some options, learnt scales integrated over."""
+        layout = self.layout.under(options)
+        problem = self.problem(layout, options)
+        posterior = integrate(problem, most_likely(problem))
+        step = embedded(posterior.step, layout.free)
+        step -= np.where(layout.free, 0.0, prior_offset(layout, options, self.at))
+        return Answer(
+            layout=layout,
+            options=options,
+            state=admitted(self.at.moved(layout, step), layout, options),
+            covariance=embedded_matrix(posterior.covariance, layout),
+            u=posterior.u,
+            motion=self.motion,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """The posterior of every unknown."""
+
+    layout: Layout
+    options: MatchedOptions
+    state: State
+    """The posterior mean."""
+    covariance: Floats
+    """(n, n), of the layout's components: of mount and gravity about ``state``."""
+    u: Floats
+    """(k,), logarithms of the learnt standard deviations."""
+    motion: Floats
+    """(n, n), as in :class:`NormalEquations`."""
+
+    @property
+    def pose_covariance(self) -> Floats:
+        """(6, 6), of the mount."""
+        return self.covariance[np.ix_(self.layout.pose, self.layout.pose)]
+
+    def value(self, placed: Placed) -> Floats:
+        """Value of an entry; of gravity's magnitude, less the nominal one."""
+        effect = placed.unknown.effect
+        if isinstance(effect, Gravity) and effect.what == "magnitude":
+            return np.array([np.linalg.norm(self.state.gravity) - self.options.gravity_norm])
+        return self.state.x[placed.part]
+
+    def of(self, name: str) -> tuple[Floats, Floats]:
+        """Value and standard deviation of an entry of the table; empty where it is not free."""
+        part = self.layout.part(name)
+        return self.state.x[part], np.sqrt(np.maximum(np.diag(self.covariance)[part], 0.0))
+
+
+def admitted(state: State, layout: Layout, options: MatchedOptions) -> State:
+    """The state with its rotation brought back to what held components allow."""
+    free, known = layout.free[layout.part("rotation")], options.pose
+    if free.all() or known is None or known.R_parent_imu is None:
+        return state
+    return replace(state, R=turned_about(state.R, known.R_parent_imu, free))
+
+
+def problem_of(
+    layout: Layout,
+    information: Floats,
+    score: Floats,
+    offset: Floats,
+    noise: Floats | None = None,
+) -> Problem:
+    """Normal equations, in units of the noise, of the free components with their priors."""
+    every = Problem(
+        information=information,
+        score=score,
+        offset=offset,
+        std=layout.std,
+        scale=layout.scale,
+        bounds=layout.bounds,
+        alike=layout.alike,
+        noise=noise,
+    )
+    return every.of(layout.free)
+
+
+def prior_offset(layout: Layout, options: MatchedOptions, state: State) -> Floats:
+    """Distance of each component from what its prior expects."""
+    offset, known = np.array(state.x), options.pose
+    clock = layout.part("time_offset")
+    offset[clock] = 0.0 if options.time_offset is None else state.x[clock] - options.time_offset
+    for each, gravity in layout.of(Gravity):
+        if gravity.what == "magnitude":
+            offset[each.part] = np.linalg.norm(state.gravity) - options.gravity_norm
+        else:
+            offset[each.part] = tilt_from_down(state.gravity)
+    if known is None or known.R_parent_imu is None or known.t_parent_imu is None:
+        return offset
+    offset[layout.part("translation")] = state.t - known.t_parent_imu
+    offset[layout.part("rotation")] = rotvec_from_matrix(state.R @ known.R_parent_imu.T)
+    return offset
+
+
+def embedded_matrix(matrix: Floats, layout: Layout) -> Floats:
+    """(n, n), of the free components, the others zero."""
+    full = np.zeros((layout.size, layout.size))
+    full[np.ix_(layout.free, layout.free)] = matrix
+    return full

@@ -1,0 +1,411 @@
+"""One answer from the statistics of one log or of several of one mount."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+from msgspec import structs
+
+from imucalib_cli import __version__
+from imucalib_cli.errors import ChoiceError, ImucalibError, UntrustedError
+from imucalib_cli.estimate.again import combine_logs, solve_again
+from imucalib_cli.estimate.answer import estimate_of
+from imucalib_cli.estimate.checks import judge
+from imucalib_cli.estimate.estimate import Residuals, Window
+from imucalib_cli.estimate.model.unknowns import TABLE
+from imucalib_cli.findings import Severity, untrusted, warning
+from imucalib_cli.jobs.calibrate import calibrate
+from imucalib_cli.jobs.recorded_options import recorded_estimator
+from imucalib_cli.results import result as tree
+from imucalib_cli.results.from_estimate import finding_of, plain, result_of, scalars, tangent
+from imucalib_cli.results.requirement import CODES, require
+from imucalib_cli.results.statistics_file import StoredLog
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Sequence
+
+    from imucalib_cli.arrays import Floats
+    from imucalib_cli.estimate.again import Combined, OwnValues
+    from imucalib_cli.estimate.estimate import Estimate
+    from imucalib_cli.estimate.options import MatchedOptions
+    from imucalib_cli.findings import Finding
+    from imucalib_cli.jobs.request import CalibrationRequest, Progress
+    from imucalib_cli.results.requirement import Tolerance
+
+    Change = Callable[[MatchedOptions], MatchedOptions]
+
+_FEW: Final = 3
+"""Logs, below which the scatter between them is hardly known."""
+
+
+def combine(
+    logs: Sequence[StoredLog], change: Change, tolerance: Tolerance | None = None
+) -> list[tree.Result]:
+    """Solve the logs of each IMU together; those of one log again.
+
+    Args:
+        logs: In any order, of one IMU or of several; the same log twice counts once.
+        change: From the options of a run to those that are asked for.
+        tolerance: Largest sigma to trust.
+
+    Raises:
+        ChoiceError: Logs are of different robots, or an option needs the log itself.
+        UntrustedError: None of the logs of an IMU can be trusted.
+    """
+    imus: dict[tuple[str, str, str], list[StoredLog]] = {}
+    for log in logs:
+        result = log.result
+        imus.setdefault((result.parent, result.child, result.imu_topic), []).append(log)
+    return [_of_imu(each, change, tolerance) for each in imus.values()]
+
+
+def calibrate_together(
+    request: CalibrationRequest, progress: Progress | None = None
+) -> tuple[list[tree.Result], list[ImucalibError]]:
+    """Calibrate every log of a request by itself, and solve them together.
+
+    Returns:
+        A result for each IMU, and why logs or IMUs could not be calibrated: the others are.
+    """
+    logs: list[StoredLog] = []
+    failures: list[ImucalibError] = []
+    for path in request.logs:
+        try:
+            outcome = calibrate(replace(request, logs=(path,), require=None), progress)
+        except ImucalibError as error:
+            failures.append(error)
+            continue
+        failures += outcome.failures
+        for each in outcome.calibrated:
+            if each.estimate.statistics is not None:
+                found = each.estimate.statistics
+                logs.append(StoredLog(name=str(path), result=each.result, statistics=found))
+    return combine(logs, lambda options: options, request.require), failures
+
+
+def _of_imu(logs: Sequence[StoredLog], change: Change, tolerance: Tolerance | None) -> tree.Result:
+    given = len(logs)
+    logs, left_out = _usable(_once(logs))
+    twice = given - len(logs) - len(left_out)
+    _see_one_robot(logs)
+    options = [_changed(log, change) for log in logs]
+    estimate, combined = (
+        _one(logs[0], options[0]) if len(logs) == 1 else _several(logs, options, left_out)
+    )
+    first = logs[0].result
+    if twice:
+        told = warning("logs.twice", count=twice)
+        estimate = replace(estimate, findings=(*estimate.findings, told))
+    if tolerance is not None:
+        estimate = require(estimate, first.parent, tolerance)
+    result = result_of(
+        estimate,
+        parent=first.parent,
+        child=first.child,
+        nominal=first.nominal,
+        provenance=_provenance(logs, options[0]),
+    )
+    kept = {}
+    if combined is None:  # what the windows of the one log said still holds
+        kept = {name: getattr(first.diagnostics, name) for name in ("consistency", "imu_model")}
+    return structs.replace(
+        result, diagnostics=structs.replace(result.diagnostics, combined=combined, **kept)
+    )
+
+
+def _once(logs: Sequence[StoredLog]) -> list[StoredLog]:
+    """Each log once, whatever its files are called."""
+    found: dict[tuple[str, ...], StoredLog] = {}
+    for log in logs:
+        hashes = tuple(sorted(file.sha256 for file in log.result.provenance.files))
+        found.setdefault(hashes or (log.name,), log)
+    return list(found.values())
+
+
+def _usable(logs: Sequence[StoredLog]) -> tuple[list[StoredLog], list[tree.LeftOut]]:
+    """Logs that nothing contradicts; what their motion did not determine others may tell.
+
+    Raises:
+        UntrustedError: There is none.
+    """
+    usable, left_out = [], []
+    for log in logs:
+        wrong = [
+            each.message
+            for each in log.result.diagnostics.findings
+            if each.severity == "untrusted" and each.code not in CODES | judge.OF_ANSWER
+        ]
+        if wrong and len(logs) > 1:
+            left_out.append(tree.LeftOut(log.name, wrong[0]))
+        else:
+            usable.append(log)
+    if not usable:
+        raise UntrustedError(
+            f"none of {len(logs)} logs can be trusted, so there is nothing to combine: "
+            f"{left_out[0].name}: {left_out[0].reason}"
+        )
+    return usable, left_out
+
+
+def _see_one_robot(logs: Sequence[StoredLog]) -> None:
+    """See that errors of the robot are of one robot.
+
+    Raises:
+        ChoiceError: They are not.
+    """
+    robots = [None if (u := log.result.provenance.urdf) is None else u.sha256 for log in logs]
+    for log, robot in zip(logs, robots, strict=True):
+        if robot != robots[0]:
+            raise ChoiceError(
+                f"{logs[0].name} and {log.name} were made with different URDFs: what they share "
+                "is relative to one, so run both with the same --urdf"
+            )
+
+
+def _changed(log: StoredLog, change: Change) -> MatchedOptions:
+    """Options of a run as they are asked for now.
+
+    Raises:
+        ChoiceError: Its statistics know nothing of what is asked.
+    """
+    before = log.statistics.options
+    options = change(before)
+    if options.has_gravity != before.has_gravity:
+        raise ChoiceError(f"{log.name}: gravity none needs the log itself: imucalib run LOG")
+    if options.pose is not None and options.pose.R_parent_imu is None:
+        nominal = log.result.nominal
+        if nominal is None:
+            raise ChoiceError(
+                f"{log.name}: --fix and --prior-std need a pose to be about, and no joint has it: "
+                'give --initial "X Y Z R P Y"'
+            )
+        known = replace(
+            options.pose, R_parent_imu=nominal.R_parent_imu, t_parent_imu=nominal.t_parent_imu
+        )
+        options = replace(options, pose=known)
+    there = {each.unknown.name for each in log.statistics.equations.layout.placed}
+    for unknown in TABLE:
+        was, now = before.prior_std(unknown), options.prior_std(unknown)
+        is_free = now is None or bool(np.any(now))
+        if is_free and was is not None and not np.any(was) and unknown.name not in there:
+            raise ChoiceError(
+                f"{log.name}: its run held the {unknown.words}, so its statistics know nothing of "
+                "it: run the log again with that free"
+            )
+    return options
+
+
+def _one(log: StoredLog, options: MatchedOptions) -> tuple[Estimate, None]:
+    """One log again: what its data said still holds, what its unknowns said is said anew."""
+    statistics, said = log.statistics, log.result.diagnostics
+    answer, found = solve_again(statistics, options)
+    of_data = [
+        finding_of(each) for each in said.findings if each.code not in CODES | judge.OF_ANSWER
+    ]
+    findings = sorted([*of_data, *found], key=lambda each: each.severity is not Severity.UNTRUSTED)
+    return (
+        estimate_of(
+            answer,
+            widened=statistics.widened,
+            offset_variance=statistics.offset_variance,
+            clock_stepped=statistics.clock_stepped,
+            window=_window(said.window),
+            residuals=_residuals([said]),
+            findings=tuple(findings),
+            notes=dict(said.notes),
+        ),
+        None,
+    )
+
+
+def _several(
+    logs: Sequence[StoredLog], options: Sequence[MatchedOptions], left_out: list[tree.LeftOut]
+) -> tuple[Estimate, tree.CombinedEntry]:
+    found = combine_logs([log.statistics for log in logs], options)
+    said = [log.result.diagnostics for log in logs]
+    values = [_own_values(log, own) for log, own in zip(logs, found.own, strict=True)]
+    longest = max(said, key=lambda each: each.windows_used)
+    estimate = estimate_of(
+        found.answer,
+        widened=np.zeros((6, 6)),
+        offset_variance=0.0,
+        clock_stepped=False,
+        window=_window(longest.window),
+        residuals=_residuals(said),
+        findings=(
+            *_contradicted(logs, options),
+            *_findings(logs, found, left_out),
+            *_of_shared(found),
+        ),
+        notes={"logs": len(logs)},
+    )
+    entry = _entry(logs, found, values, left_out)
+    return _with_means(estimate, logs, values), entry
+
+
+def _contradicted(
+    logs: Sequence[StoredLog], options: Sequence[MatchedOptions]
+) -> Iterable[Finding]:
+    """What is stated now and was not in the runs, and the first log that contradicts it."""
+    for log, asked in zip(logs, options, strict=True):
+        if recorded_estimator(asked) != recorded_estimator(log.statistics.options):
+            _, found = solve_again(log.statistics, asked)
+            wrong = [each for each in found if each.code == "prior.contradicted"]
+            if wrong:
+                yield wrong[0]
+                return
+
+
+def _with_means(
+    estimate: Estimate, logs: Sequence[StoredLog], values: Sequence[dict[str, Floats]]
+) -> Estimate:
+    """What each log has of its own, as the mean and how far one log's is from it."""
+    means: dict[str, Any] = {}
+    for name in ("time_offset", "accel_bias", "gyro_bias"):
+        each = np.array([own[name] for own in values])
+        stds = [getattr(log.result, name).std for log in logs]
+        known = [np.square(np.atleast_1d(std)) for std in stds if std is not None]
+        means[name] = each.mean(axis=0)
+        means[f"{name}_std"] = (
+            np.sqrt(each.var(axis=0, ddof=1) + np.mean(known, axis=0)) if known else None
+        )
+    offset, std = means.pop("time_offset"), means.pop("time_offset_std")
+    return replace(
+        estimate,
+        time_offset=float(offset[0]),
+        time_offset_std=None if std is None else float(std[0]),
+        gravity_world=np.mean([own["gravity_world"] for own in values], axis=0),
+        **means,
+    )
+
+
+def _findings(
+    logs: Sequence[StoredLog], found: Combined, left_out: Sequence[tree.LeftOut]
+) -> Iterable[Finding]:
+    for each in left_out:
+        yield warning("logs.left_out", log=each.name, reason=each.reason)
+    sigma = np.sqrt(np.diag(found.answer.pose_covariance))
+    for log, own in zip(logs, found.own, strict=True):
+        apart = np.linalg.norm(own.distance.reshape(2, 3), axis=1)
+        # Equations are straight lines: what a turn leaves out is half of its square.
+        bent = own.turned**2 / 2.0 > sigma[3:].max()
+        if bent and log.result.diagnostics.unobservable:
+            yield untrusted("logs.far", log=log.name, rotation=own.turned)
+        elif own.disagrees:
+            make = untrusted if (apart > judge.SLIP).any() else warning
+            yield make(
+                "logs.disagree",
+                log=log.name,
+                translation=apart[0],
+                rotation=apart[1],
+                sigmas=own.sigmas,
+            )
+    if len(logs) < _FEW:
+        yield warning(
+            "logs.few",
+            logs=len(logs),
+            translation=found.scatter[0, 2],
+            rotation=found.scatter[1, 2],
+        )
+
+
+def _of_shared(found: Combined) -> Iterable[Finding]:
+    return judge.of_answer(
+        found.answer,
+        (),
+        seconds=0.0,
+        clock_stepped=False,
+        contradicted=False,
+        unknown=bool(judge.unobservable(found.answer)),
+    )
+
+
+def _own_values(log: StoredLog, own: OwnValues) -> dict[str, Floats]:
+    """Biases, time offset and gravity of one log."""
+    layout, state = log.statistics.equations.layout, own.state
+    values = {"gravity_world": state.gravity}
+    for name, size in (("accel_bias", 3), ("gyro_bias", 3), ("time_offset", 1)):
+        part = layout.part(name)
+        values[name] = state.x[part] if part != slice(0, 0) else np.zeros(size)
+    if layout.part("time_offset") == slice(0, 0):
+        values["time_offset"] = np.array([state.held_offset])
+    return values
+
+
+def _window(entry: tree.WindowEntry) -> Window:
+    return Window(samples=entry.samples, seconds=entry.seconds, reason=entry.reason)
+
+
+def _residuals(said: Sequence[tree.Diagnostics]) -> Residuals:
+    """Of all windows of all logs."""
+    used = np.array([each.windows_used for each in said], dtype=np.float64)
+
+    def pooled(parts: Sequence[Any]) -> Any:
+        if any(part is None for part in parts):
+            return None
+        squares = np.square(np.array(parts, dtype=np.float64))
+        return np.sqrt(used @ squares / max(used.sum(), 1.0))
+
+    normalised = [each.residual_normalised for each in said]
+    return Residuals(
+        accel_rms=pooled([each.residual_rms.accel for each in said]),
+        gyro_rms=pooled([each.residual_rms.gyro for each in said]),
+        accel_normalised=pooled([None if n is None else n.accel for n in normalised]),
+        gyro_normalised=pooled([None if n is None else n.gyro for n in normalised]),
+        windows_used=int(used.sum()),
+        windows_dropped=sum(each.windows_dropped for each in said),
+        samples_replaced=sum(each.samples_replaced for each in said),
+        gaps=sum(each.gaps for each in said),
+    )
+
+
+def _entry(
+    logs: Sequence[StoredLog],
+    found: Combined,
+    values: Sequence[dict[str, Floats]],
+    left_out: list[tree.LeftOut],
+) -> tree.CombinedEntry:
+    translation, rotation = found.scatter[0] * 1e3, np.degrees(found.scatter[1])
+    return tree.CombinedEntry(
+        logs=[
+            tree.CombinedLog(
+                name=log.name,
+                files=[file.path for file in log.result.provenance.files],
+                distance=tree.Tangent(*tangent(own.distance)),
+                distance_mm=float(np.linalg.norm(own.distance[:3])) * 1e3,
+                distance_deg=float(np.degrees(np.linalg.norm(own.distance[3:]))),
+                sigmas=own.sigmas,
+                disagrees=own.disagrees,
+                time_offset=float(value["time_offset"][0]),
+                accel_bias=plain(value["accel_bias"]),
+                gyro_bias=plain(value["gyro_bias"]),
+                gravity_world=plain(value["gravity_world"]),
+            )
+            for log, own, value in zip(logs, found.own, values, strict=True)
+        ],
+        between_logs=tree.BetweenLogs(
+            translation_mm=float(translation[0]),
+            translation_mm_95=plain(translation[1:]),
+            rotation_deg=float(rotation[0]),
+            rotation_deg_95=plain(rotation[1:]),
+        ),
+        left_out=left_out,
+    )
+
+
+def _provenance(logs: Sequence[StoredLog], options: MatchedOptions) -> tree.Provenance:
+    """Of all logs; options as they are asked for now."""
+    sources = [log.result.provenance for log in logs]
+    first = sources[0]
+    motion = dict.fromkeys(topic for source in sources for topic in source.topics.motion)
+    clocks = dict.fromkeys(source.clock for source in sources)
+    return structs.replace(
+        first,
+        version=__version__,
+        files=[file for source in sources for file in source.files],
+        topics=tree.Topics(imu=first.topics.imu, motion=list(motion)),
+        clock=", ".join(clocks),
+        options={**first.options, **scalars(recorded_estimator(options))},
+    )

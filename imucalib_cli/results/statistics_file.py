@@ -1,0 +1,259 @@
+"""The file of a log's statistics: a NumPy archive (.npz) that is solved again without the log.
+
+It holds the result too, so that it says itself what it belongs to. Layout: docs/statistics.md.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import zipfile
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from imucalib_cli import __version__
+from imucalib_cli.errors import InputError
+from imucalib_cli.estimate.checks.specification import OtherWindow
+from imucalib_cli.estimate.details import Spectrum
+from imucalib_cli.estimate.model.layout import Joint, Placed, with_priors
+from imucalib_cli.estimate.model.state import State
+from imucalib_cli.estimate.model.unknowns import TABLE, JointCurve, Mount, Origin
+from imucalib_cli.estimate.options import MatchedOptions, PosePrior, WindowChoice
+from imucalib_cli.estimate.solution.normal_equations import NormalEquations
+from imucalib_cli.estimate.statistics import LogStatistics
+from imucalib_cli.results.codec import result_from, to_document
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from imucalib_cli.arrays import Floats
+    from imucalib_cli.results.result import Result
+
+SUFFIX: Final = ".statistics.npz"
+_WHAT: Final = "statistics of an imucalib result"
+_SCHEMA: Final = 1
+_ROOM: Final = 1_000_000
+"""Bytes of all matrices together; parts are joined until they fit."""
+_LARGEST: Final = 64 << 20
+"""Bytes of all arrays of a file: fifty times what is ever written."""
+_KINDS: Final = {each.name: each for each in TABLE}
+_SYMMETRIC: Final = ("information", "noise", "motion")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class StoredLog:
+    """A result and the statistics it was solved from."""
+
+    name: str
+    """Of the file."""
+    result: Result
+    statistics: LogStatistics
+
+
+def place_of(result: Path) -> Path:
+    """The file of the statistics that stand beside a result."""
+    return result.with_name(f"{result.stem}{SUFFIX}")
+
+
+def statistics_bytes(result: Result, statistics: LogStatistics) -> bytes:
+    """The file of one IMU, the same bytes for the same statistics."""
+    equations, layout = statistics.equations, statistics.equations.layout
+    header = {
+        "what": _WHAT,
+        "schema": _SCHEMA,
+        "version": __version__,
+        "result": to_document(result),
+        "options": _as_plain(asdict(statistics.options)),
+        "unknowns": [
+            {
+                "name": each.unknown.name,
+                "labels": list(each.labels),
+                "unit": each.unit,
+                "hidden": each.hidden,
+            }
+            for each in layout.placed
+        ],
+        "still": list(layout.still),
+        "held_offset": equations.at.held_offset,
+        "level": equations.level,
+        "seconds": statistics.seconds,
+        "clock_stepped": statistics.clock_stepped,
+        "offset_variance": statistics.offset_variance,
+    }
+    arrays: dict[str, Any] = {
+        "R": equations.at.R,
+        "t": equations.at.t,
+        "gravity": equations.at.gravity,
+        "x": equations.at.x,
+        "score": equations.score,
+        **{name: _packed(getattr(equations, name)) for name in _SYMMETRIC},
+        "directions": np.concatenate(
+            [np.zeros((0, 3)), *(each.directions for each, _ in layout.of(Origin))]
+        ),
+        "widened": statistics.widened,
+        "window_seconds": np.array([each.seconds for each in statistics.windows]),
+        "window_changes": np.array([each.changes for each in statistics.windows]).reshape(
+            -1, layout.size
+        ),
+        **_joined(statistics.blocks, statistics.edges),
+    }
+    for sensor, spectrum in zip(("accel", "gyro"), statistics.spectra, strict=True):
+        arrays[f"{sensor}_frequency"], arrays[f"{sensor}_density"] = (
+            spectrum.frequency,
+            spectrum.density,
+        )
+        arrays[f"{sensor}_own_density"] = np.array(spectrum.own)
+    text = np.frombuffer(json.dumps(header, ensure_ascii=False).encode(), dtype=np.uint8)
+    file = io.BytesIO()
+    np.savez(file, header=text, **arrays)
+    return file.getvalue()
+
+
+def read_statistics(path: Path) -> StoredLog:
+    """The statistics of one IMU.
+
+    Raises:
+        InputError: The file cannot be read, is something else, or is damaged.
+    """
+    try:
+        with zipfile.ZipFile(path) as archive:
+            if sum(each.file_size for each in archive.infolist()) > _LARGEST:
+                raise InputError(f"{path}: is too large to be {_WHAT}")
+        with np.load(path, allow_pickle=False) as file:
+            arrays = {name: np.asarray(file[name]) for name in file.files}
+        header = json.loads(arrays.pop("header").tobytes())
+        if header.get("what") != _WHAT:
+            raise InputError(f"{path}: is no {_WHAT}: write one by `imucalib run --statistics`")
+        if header["schema"] != _SCHEMA:
+            raise InputError(
+                f"{path}: is of schema {header['schema']}, this version reads {_SCHEMA}: use the "
+                "imucalib it came from"
+            )
+        return StoredLog(
+            name=str(path),
+            result=result_from(header["result"], str(path)),
+            statistics=_statistics(header, arrays),
+        )
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}): check the path") from error
+    except (zipfile.BadZipFile, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise InputError(
+            f"{path}: is damaged or no {_WHAT}: write it again by `imucalib run --statistics`"
+        ) from error
+
+
+def _statistics(header: dict[str, Any], arrays: dict[str, Floats]) -> LogStatistics:
+    if not all(np.isfinite(each).all() for each in arrays.values()):
+        raise ValueError("numbers that are not finite")
+    options = _options(header["options"])
+    origins = iter(arrays["directions"])
+    placed = [_placed(each, origins) for each in header["unknowns"]]
+    layout = with_priors(placed, options, tuple(header["still"]))
+    n = layout.size
+    at = State(
+        R=arrays["R"].reshape(3, 3),
+        t=arrays["t"].reshape(3),
+        gravity=arrays["gravity"].reshape(3),
+        x=arrays["x"].reshape(n),
+        held_offset=float(header["held_offset"]),
+    )
+    return LogStatistics(
+        equations=NormalEquations(
+            layout=layout,
+            at=at,
+            score=arrays["score"].reshape(n),
+            level=float(header["level"]),
+            **{name: _unpacked(arrays[name], n) for name in _SYMMETRIC},
+        ),
+        options=options,
+        blocks=_unpacked(arrays["blocks"], n + 1),
+        edges=arrays["edges"],
+        spectra=(_spectrum("accel", arrays), _spectrum("gyro", arrays)),
+        windows=tuple(
+            OtherWindow(seconds=float(seconds), changes=changes.reshape(n))
+            for seconds, changes in zip(
+                arrays["window_seconds"], arrays["window_changes"], strict=True
+            )
+        ),
+        widened=arrays["widened"].reshape(6, 6),
+        offset_variance=float(header["offset_variance"]),
+        seconds=float(header["seconds"]),
+        clock_stepped=bool(header["clock_stepped"]),
+    )
+
+
+def _placed(entry: dict[str, Any], origins: Any) -> Placed:
+    unknown, labels = _KINDS[entry["name"]], tuple(map(str, entry["labels"]))
+    joint = None
+    if isinstance(unknown.effect, JointCurve):
+        slides = entry["unit"] != unknown.unit
+        joint = Joint(labels[0].split(" ")[0], -1, -1, (), slides)
+    is_origin = isinstance(unknown.effect, Origin)
+    if isinstance(unknown.effect, Mount) and len(labels) != 3:
+        raise ValueError("a mount of other than three components")
+    return Placed(
+        unknown,
+        slice(0, 0),
+        labels,
+        joint=joint,
+        directions=np.array([next(origins) for _ in labels]) if is_origin else np.eye(3),
+        hidden=bool(entry["hidden"]),
+    )
+
+
+def _options(written: dict[str, Any]) -> MatchedOptions:
+    given = dict(written)
+    given["window"] = WindowChoice(**given["window"])
+    if given["pose"] is not None:
+        std, R, t = (given["pose"][name] for name in ("std", "R_parent_imu", "t_parent_imu"))
+        given["pose"] = PosePrior(
+            std=tuple(std),
+            R_parent_imu=None if R is None else np.array(R).reshape(3, 3),
+            t_parent_imu=None if t is None else np.array(t).reshape(3),
+        )
+    if isinstance(given["robot"], list):
+        given["robot"] = tuple(given["robot"])
+    return MatchedOptions(**given)
+
+
+def _as_plain(value: Any) -> Any:
+    """Arrays as lists, in dicts too."""
+    if isinstance(value, dict):
+        return {name: _as_plain(each) for name, each in value.items()}
+    return value.tolist() if isinstance(value, np.ndarray) else value
+
+
+def _spectrum(sensor: str, arrays: dict[str, Floats]) -> Spectrum:
+    return Spectrum(
+        frequency=arrays[f"{sensor}_frequency"],
+        density=arrays[f"{sensor}_density"],
+        own=float(arrays[f"{sensor}_own_density"]),
+    )
+
+
+def _joined(blocks: Floats, edges: Floats) -> dict[str, Floats]:
+    """As many parts of equal duration as there is room for."""
+    parts, size = len(blocks), 8 * blocks.shape[1] * (blocks.shape[1] + 1) // 2
+    most = max(_ROOM // size - len(_SYMMETRIC), 1)
+    count = max(each for each in range(1, parts + 1) if parts % each == 0 and each <= most)
+    joined = blocks.reshape(count, -1, *blocks.shape[1:]).sum(axis=1)
+    return {"blocks": _packed(joined), "edges": edges[:: parts // count]}
+
+
+def _packed(matrix: Floats) -> Floats:
+    """(..., n (n + 1) / 2), the upper half of symmetric matrices, row by row."""
+    rows, columns = np.triu_indices(matrix.shape[-1])
+    return np.asarray(matrix[..., rows, columns])
+
+
+def _unpacked(packed: Floats, n: int) -> Floats:
+    """(..., n, n)."""
+    rows, columns = np.triu_indices(n)
+    if packed.shape[-1] != len(rows):
+        raise ValueError(f"{packed.shape[-1]} numbers of a matrix of {n} rows")
+    matrix = np.zeros((*packed.shape[:-1], n, n))
+    matrix[..., rows, columns] = packed
+    matrix[..., columns, rows] = packed
+    return matrix

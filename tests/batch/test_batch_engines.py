@@ -1,0 +1,263 @@
+"""Processes and clusters that do the work: lost workers, memory, and what outlives what."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from imucalib_cli.batch.local import LocalProcesses
+from imucalib_cli.batch.on_dask import DaskWorkers
+from imucalib_cli.errors import InputError
+from imucalib_cli.jobs.request import CalibrationRequest
+from tests.batch.batch_tasks import batch, copying, here, task_for
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from imucalib_cli.batch.record import Record
+
+ROOT = Path(__file__).parents[2]
+SAMPLES = ROOT / "sample_data"
+GIB = 1 << 30
+
+
+def texts(folder: Path, **logs: str) -> Path:
+    folder.mkdir()
+    for name, text in logs.items():
+        (folder / f"{name}.mcap").write_text(text)
+    return folder
+
+
+def records(of: Any) -> dict[str, Record]:
+    return {Path(log.label).stem: record for log, record in of.run()}
+
+
+def wait_for(condition: Callable[[], object]) -> None:
+    for _ in range(600):
+        if condition():
+            return
+        time.sleep(0.05)
+    raise AssertionError("waited half a minute in vain")
+
+
+def runs(pid: int) -> bool:
+    try:
+        state = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0]
+    except OSError:
+        return False
+    return state != "Z"
+
+
+def test_killed_processes_cost_their_own_log_one_more_try(tmp_path: Path) -> None:
+    logs = texts(tmp_path / "logs", a="1", b="die once", c="die", d="2", e="eat")
+    task = copying(tmp_path / "traces")
+    engine = LocalProcesses(workers=2, memory=GIB)
+    done = records(batch(tmp_path / "results", logs, task=task, engine=engine))
+    assert {name: record.status for name, record in done.items()} == {
+        "a": "ok",
+        "b": "ok",
+        "c": "failed",
+        "d": "ok",
+        "e": "failed",
+    }
+    assert "killed 2 times (SIGKILL)" in done["c"].errors[0]
+    assert "not enough memory for this log: raise --memory" in done["e"].errors[0]
+    assert done["c"].key is done["e"].key is None
+    assert done["a"].key is not None
+    # what failed for the machine's reasons is done again, and nothing else
+    before = len(list(task.traces.iterdir()))
+    (logs / "c.mcap").write_text("mended")
+    (logs / "e.mcap").write_text("mended")
+    again = records(batch(tmp_path / "results", logs, task=task, engine=engine))
+    assert {record.status for record in again.values()} == {"ok"}
+    assert len(list(task.traces.iterdir())) == before + 2
+
+
+def test_no_more_processes_than_workers(tmp_path: Path) -> None:
+    logs = texts(tmp_path / "logs", a="sleep", b="sleep", c="sleep")
+    task = copying(tmp_path / "traces")
+    run = batch(None, logs, task=task, engine=LocalProcesses(workers=2, memory=GIB)).run()
+    from threading import Thread
+
+    thread = Thread(target=lambda: next(run, None), daemon=True)
+    thread.start()
+    wait_for(lambda: len(list(task.traces.iterdir())) == 2)
+    time.sleep(0.3)
+    workers = [int(path.read_text()) for path in task.traces.iterdir()]
+    assert len(workers) == 2
+    for worker in workers:
+        assert runs(worker)
+        os.kill(worker, signal.SIGKILL)
+    wait_for(lambda: len(list(task.traces.iterdir())) >= 4)  # the third, and a second try
+    for path in task.traces.iterdir():
+        if runs(int(path.read_text())):
+            os.kill(int(path.read_text()), signal.SIGKILL)
+
+
+STOPPED = """
+import pathlib, signal
+from imucalib_cli.batch.local import LocalProcesses
+from tests.batch.batch_tasks import batch, copying
+if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    folder = pathlib.Path({folder!r})
+    task = copying(folder / "traces")
+    engine = LocalProcesses(workers=2, memory=1 << 30)
+    try:
+        list(batch(folder / "results", folder / "logs", task=task, engine=engine).run())
+    except KeyboardInterrupt:
+        raise SystemExit(130)
+"""
+
+
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
+def test_workers_end_with_the_command(how: signal.Signals, tmp_path: Path) -> None:
+    texts(tmp_path / "logs", a="sleep", b="sleep", c="sleep")
+    script = tmp_path / "stopped.py"
+    script.write_text(STOPPED.format(folder=str(tmp_path)))
+    parent = subprocess.Popen(
+        [sys.executable, str(script)],
+        cwd=ROOT,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        stderr=subprocess.PIPE,
+    )
+    traces = tmp_path / "traces"
+    wait_for(lambda: traces.exists() and len(list(traces.iterdir())) == 2)
+    time.sleep(0.2)
+    workers = [int(path.read_text()) for path in traces.iterdir()]
+    parent.send_signal(how)
+    _, words = parent.communicate(timeout=30)
+    assert parent.returncode == (130 if how == signal.SIGINT else -how)
+    assert words == b""
+    wait_for(lambda: not any(map(runs, workers)))
+
+
+def test_a_scheduler_that_is_not_there_is_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("imucalib_cli.batch.on_dask._CONNECTING", "0.2s")
+    logs = texts(tmp_path / "logs", a="1")
+    task = copying(tmp_path / "traces")
+    for address in ("tcp://127.0.0.1:9", "nonsense://x"):
+        engine = DaskWorkers(address, workers=1, memory=GIB)
+        with pytest.raises(InputError, match=f"--dask {address}: no scheduler answers"):
+            records(batch(tmp_path / "results", logs, task=task, engine=engine))
+
+
+@contextmanager
+def cluster(folder: Path, workers: int) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
+    """A scheduler and workers as a user starts them; its address, and the workers."""
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": "1"}
+
+    def started(*arguments: str) -> subprocess.Popen[bytes]:
+        with (folder / f"{arguments[0]}.txt").open("ab") as words:
+            return stack.enter_context(
+                subprocess.Popen(
+                    [sys.executable, "-m", "distributed.cli.dask_" + arguments[0], *arguments[1:]],
+                    cwd=folder,
+                    env=environment,
+                    stdout=words,
+                    stderr=words,
+                )
+            )
+
+    with ExitStack() as stack:
+        scheduler = started("scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard")
+        processes = [scheduler]
+        try:
+            said = folder / "scheduler.txt"
+            wait_for(lambda: re.search(r"Scheduler at:\s*(tcp://\S+)", said.read_text()))
+            found = re.search(r"Scheduler at:\s*(tcp://\S+)", said.read_text())
+            assert found is not None
+            for _ in range(workers):
+                # without a nanny, which would start another in the place of a killed one
+                options = ["--nthreads", "1", "--no-nanny", "--no-dashboard"]
+                processes.append(started("worker", found[1], *options))
+            yield found[1], processes[1:]
+        finally:
+            for process in processes:
+                process.kill()
+
+
+@pytest.mark.slow
+def test_a_cluster_gives_the_same_bytes_although_a_worker_is_killed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    logs = tmp_path / "logs"
+    logs.mkdir()
+    whole = (SAMPLES / "rihibot.mcap").read_bytes()
+    for number in range(6):
+        # of different lengths, as broken off
+        (logs / f"{number}.mcap").write_bytes(whole[: len(whole) * (4 + number) // 10])
+    (logs / "empty.mcap").touch()
+    (logs / "text.mcap").write_text("no log")
+    request = CalibrationRequest(logs=(), urdf=SAMPLES / "rihibot.urdf")
+    task = task_for(request)
+    monkeypatch.chdir(tmp_path)  # paths count from here, for workers elsewhere too
+    folder = Path("logs")
+    local = batch(Path("local"), folder, task=task, engine=LocalProcesses(workers=2, memory=GIB))
+    expected = records(local)
+    (tmp_path / "elsewhere").mkdir()
+    with cluster(tmp_path / "elsewhere", workers=2) as (address, workers):
+        engine = DaskWorkers(address, workers=1, memory=GIB)
+        found: dict[str, Record] = {}
+        for log, record in batch(Path("dask"), folder, task=task, engine=engine).run():
+            found[Path(log.label).stem] = record
+            if len(found) == 3:
+                workers[0].kill()
+    assert found.keys() == expected.keys()
+    assert {record.status for record in found.values()} == {"ok", "failed"}
+    for name, record in found.items():
+        assert record.key == expected[name].key
+        assert record.results == expected[name].results
+    files = {path.name for path in Path("local").glob("*.yaml")}
+    assert files == {path.name for path in Path("dask").glob("*.yaml")}
+    assert len(files) == 6
+    for name in files:
+        assert Path("local", name).read_bytes() == Path("dask", name).read_bytes()
+    # and what the one has finished the other does not do again
+    assert not [*batch(Path("dask"), folder, task=task, engine=here)._done({}, None, print)]
+    assert records(batch(Path("dask"), folder, task=task, engine=_none)) == found
+
+
+def _none(*_: object) -> Any:
+    raise AssertionError("nothing is left to do")
+
+
+@pytest.mark.slow
+def test_a_log_that_kills_its_workers_is_given_up(tmp_path: Path) -> None:
+    logs = texts(tmp_path / "logs", a="1", b="die", c="2")
+    task = copying(tmp_path / "traces")
+    engine = DaskWorkers("local", workers=1, memory=GIB)
+    done = records(batch(tmp_path / "results", logs, task=task, engine=engine))
+    assert {name: record.status for name, record in done.items()} == {
+        "a": "ok",
+        "b": "failed",
+        "c": "ok",
+    }
+    assert "were killed, for want of memory" in done["b"].errors[0]
+    assert len(list(task.traces.glob("b.*"))) == 2
+
+
+@pytest.mark.slow
+def test_what_workers_do_not_see_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from dataclasses import replace
+
+    task = task_for(CalibrationRequest(logs=()))
+    (tmp_path / "a.mcap").touch()
+    away = batch(None, tmp_path / "a.mcap", task=replace(task, folder=tmp_path / "gone"))
+    assert "does not see the folder" in records(away)["a"].errors[0]
+    monkeypatch.chdir(tmp_path)
+    away = batch(None, "b.mcap", task=replace(task, folder=tmp_path))
+    assert "does not see b.mcap" in records(away)["b"].errors[0]
+    older = replace(task, folder=tmp_path, version="0.0.1")
+    assert "install the same version" in records(batch(None, "a.mcap", task=older))["a"].errors[0]

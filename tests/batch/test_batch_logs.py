@@ -1,0 +1,125 @@
+"""What arguments of a batch lead to."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from imucalib_cli.batch.logs import find_logs, listed
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+METADATA = "rosbag2_bagfile_information:\n  relative_file_paths: [a_0.mcap]\n"
+
+
+def made(root: Path, *files: str) -> None:
+    for name in files:
+        path = root / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(METADATA if path.name == "metadata.yaml" else "")
+
+
+def found(root: Path, *names: object, left_out: Path | None = None) -> list[list[str]]:
+    logs = find_logs(map(str, names), left_out=left_out).logs
+    return [[os.path.relpath(path, root) for path in log.paths] for log in logs]
+
+
+def test_a_folder_is_searched_and_recordings_in_it_are_one_each(tmp_path: Path) -> None:
+    made(
+        tmp_path,
+        "day/b.mcap",
+        "day/a.bag",
+        "day/note.txt",
+        "day/.hidden.mcap",
+        "day/.git/x.mcap",
+        "day/drive/metadata.yaml",
+        "day/drive/a_0.mcap",
+        "day/flight/mav0/imu0/data.csv",
+        "day/deep/er/c.db3",
+    )
+    logs = [["a.bag"], ["b.mcap"], ["deep/er/c.db3"], ["drive"], ["flight"]]
+    assert found(tmp_path / "day", tmp_path / "day") == logs
+    assert found(tmp_path / "day", tmp_path / "day", left_out=tmp_path / "day" / "deep") == [
+        each for each in logs if each != ["deep/er/c.db3"]
+    ]
+    assert found(tmp_path, tmp_path / "day" / "drive") == [["day/drive"]]
+
+
+def test_files_are_known_by_what_they_hold(tmp_path: Path) -> None:
+    (tmp_path / "log.recorded").write_bytes(b"#ROSBAG V2.0\n")
+    (tmp_path / "readme").write_text("no log")
+    assert found(tmp_path, tmp_path) == [["log.recorded"]]
+
+
+def test_numbered_parts_in_a_folder_are_one_recording(tmp_path: Path) -> None:
+    made(tmp_path, "r_0.mcap", "r_1.mcap", "r_10.bag", "day_1.mcap", "day_2.mcap", "s_0.bag")
+    parts = [["day_1.mcap"], ["day_2.mcap"], ["r_0.mcap", "r_1.mcap"], ["r_10.bag"], ["s_0.bag"]]
+    assert sorted(found(tmp_path, tmp_path)) == parts
+    # named one by one each is its own
+    assert found(tmp_path, tmp_path / "r_?.mcap") == [["r_0.mcap"], ["r_1.mcap"]]
+
+
+def test_ten_parts_come_in_the_order_of_their_numbers(tmp_path: Path) -> None:
+    made(tmp_path, *(f"r_{number}.mcap" for number in range(11)))
+    assert found(tmp_path, tmp_path) == [[f"r_{number}.mcap" for number in range(11)]]
+
+
+def test_patterns_are_expanded_and_what_is_not_there_stays(tmp_path: Path) -> None:
+    made(tmp_path, "x/a.mcap", "y/b.mcap", "[c].mcap")
+    assert found(tmp_path, tmp_path / "**" / "?.mcap") == [["x/a.mcap"], ["y/b.mcap"]]
+    assert found(tmp_path, tmp_path / "[c].mcap") == [["[c].mcap"]]  # a name, though it looks so
+    assert found(tmp_path, tmp_path / "*.db3", tmp_path / "gone") == [["*.db3"], ["gone"]]
+
+
+def test_an_empty_folder_stays_to_be_told(tmp_path: Path) -> None:
+    (tmp_path / "empty").mkdir()
+    assert found(tmp_path, tmp_path / "empty") == [["empty"]]
+
+
+def test_one_log_by_many_names_is_one(tmp_path: Path) -> None:
+    made(tmp_path, "a.mcap", "drive/metadata.yaml", "drive/a_0.mcap")
+    (tmp_path / "link.mcap").symlink_to("a.mcap")
+    os.link(tmp_path / "a.mcap", tmp_path / "hard.mcap")
+    names = ["a.mcap", "./a.mcap", "link.mcap", "hard.mcap", "drive", "drive/metadata.yaml"]
+    search = find_logs(str(tmp_path / name) for name in names)
+    assert [Path(log.label).name for log in search.logs] == ["a.mcap", "drive"]
+    assert len(search.repeated) == 4
+
+
+def test_links_that_lead_nowhere_or_round_stay(tmp_path: Path) -> None:
+    (tmp_path / "gone.mcap").symlink_to("nowhere")
+    (tmp_path / "round.mcap").symlink_to("round.mcap")
+    (tmp_path / "inner").symlink_to(tmp_path)
+    assert found(tmp_path, tmp_path) == [["gone.mcap"], ["round.mcap"]]
+
+
+def test_pipes_are_not_opened(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.mcap")
+    os.mkfifo(tmp_path / "pipe")
+    assert found(tmp_path, tmp_path) == [["pipe.mcap"]]
+
+
+@pytest.mark.parametrize(
+    ("data", "names"),
+    [
+        (b"a\nb c\n\n", ["a", "b c"]),
+        (b"a\r\nb", ["a", "b"]),
+        (b"a\nb\0c\0", ["a\nb", "c"]),
+        (b"", []),
+        ("ä\n".encode(), ["ä"]),
+        (b"\xff.mcap\n", ["\udcff.mcap"]),
+    ],
+)
+def test_lists(data: bytes, names: Iterable[str]) -> None:
+    assert listed(data) == names
+
+
+def test_names_that_are_no_utf8_can_be_told() -> None:
+    log, other = find_logs(["/nowhere/\udcff.mcap", "/nowhere/\udcfe.mcap"]).logs
+    assert log.label == other.label == "/nowhere/\ufffd.mcap"
+    assert log.place != other.place
+    log.place.encode()
