@@ -41,6 +41,8 @@ class Sources:
     """Odometry topics that the user did not name."""
     prefixes: tuple[str, ...] = ()
     """Of the joints' names, where several fit those of the URDF."""
+    undescribed: tuple[str, ...] = ()
+    """Why the log's own descriptions of the robot cannot be used."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -219,9 +221,9 @@ def _from_frames(sources: Sources, frame_id: str, request: CalibrationRequest) -
     if not sources.edges:
         if sources.joints:
             listed = ", ".join(dict.fromkeys(sources.topics[t.name] for t in sources.joints))
+            remedy = "; ".join(("give --urdf, or record /robot_description", *sources.undescribed))
             raise ChoiceError(
-                f"joint states ({listed}) say nothing without the robot's chain: give --urdf, or "
-                "record /robot_description"
+                f"joint states ({listed}) say nothing without the robot's chain: {remedy}"
             )
         if sources.unused:
             raise InputError("; ".join(sources.unused))

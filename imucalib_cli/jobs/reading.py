@@ -123,7 +123,13 @@ def recording_of(
     return Recording(
         imus=imus,
         joints=data.joints,
-        sources=replace(sources, prefixes=prefixes),
+        sources=replace(
+            sources,
+            prefixes=prefixes,
+            undescribed=warnings(
+                each for each in findings if each.code == "robot.description_unusable"
+            ),
+        ),
         clock=clock,
         robot=robot,
         part=part,

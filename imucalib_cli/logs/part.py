@@ -42,9 +42,11 @@ def part_of(data: LogData, clock: Clock, part: Part) -> tuple[LogData, tuple[flo
         The rows, and the first and last stamp of the IMUs among them, seconds of the log.
 
     Raises:
-        ChoiceError: The part holds nothing of an IMU.
+        ChoiceError: The part holds nothing of an IMU, or nothing that tells the robot's motion.
     """
     start, end = part.bounds(clock)
+    if start >= end:
+        raise ChoiceError(f"{_words(part)}: the part ends before it begins")
 
     def within(stream: OneStream) -> OneStream:
         if isinstance(stream, PoseStream) and stream.is_static:
@@ -61,15 +63,27 @@ def part_of(data: LogData, clock: Clock, part: Part) -> tuple[LogData, tuple[flo
         joints={topic: tuple(map(within, some)) for topic, some in data.joints.items()},
         poses={topic: tuple(map(within, some)) for topic, some in data.poses.items()},
     )
-    left, whole = (
-        [clock.seconds(imu) for imu in each.imus.values() if len(imu)] for each in (cut, data)
-    )
-    if not left:
-        raise ChoiceError(
-            f"{_words(part)}: the log's IMUs are stamped from {min(map(np.min, whole)):.3f} to "
-            f"{max(map(np.max, whole)):.3f} s, so that nothing is left: choose a part in between"
-        )
-    return cut, (float(min(map(np.min, left))), float(max(map(np.max, left))))
+    for what, streams in (("IMUs", _imus), ("joints and poses", _robot)):
+        whole, left = ([clock.seconds(s) for s in streams(each) if len(s)] for each in (data, cut))
+        if whole and not left:
+            raise ChoiceError(
+                f"{_words(part)}: the log's {what} are stamped from {min(map(np.min, whole)):.3f} "
+                f"to {max(map(np.max, whole)):.3f} s, so that nothing is left of them: choose a "
+                "part in between"
+            )
+    stamps = np.concatenate([clock.seconds(imu) for imu in _imus(cut)])
+    return cut, (float(stamps.min()), float(stamps.max()))
+
+
+def _imus(data: LogData) -> list[Stream]:
+    return list(data.imus.values())
+
+
+def _robot(data: LogData) -> list[Stream]:
+    """What tells the robot's motion."""
+    joints = (joint for some in data.joints.values() for joint in some)
+    poses = (pose for some in data.poses.values() for pose in some)
+    return [*joints, *(pose for pose in poses if not pose.is_static)]
 
 
 def _words(part: Part) -> str:
