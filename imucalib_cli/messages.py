@@ -198,6 +198,9 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "require.sigma": require_sigma,
     "require.no_sigma": require_no_sigma,
     "require.text": "{text}",
+    "trend.unknown_time": "{file}[ and {others:some} more]: when it was recorded is not known (a "
+    "result of an earlier version, or a log without dates), so the results are taken in the order "
+    "given, those of a folder by name",
     "diff.same_log": "{first} and {second} were computed from the same log: their errors are not "
     "independent, so the sigma of their difference is not true",
     "compare.frames_far": "the poses are farther apart than two calibrations of one mount are: is "

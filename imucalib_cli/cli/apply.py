@@ -10,6 +10,7 @@ from imucalib_cli.cli.exit_codes import exit_code, worst
 from imucalib_cli.cli.files import files_of, telling_what_is_left
 from imucalib_cli.cli.options import OUTPUT, OutputFile, Quiet
 from imucalib_cli.cli.output import deliver, say, say_error
+from imucalib_cli.cli.parsers import local_file
 from imucalib_cli.errors import ChoiceError
 
 
@@ -21,7 +22,9 @@ def apply_command(
     urdf: Annotated[
         Path,
         typer.Option(
-            help="URDF or xacro to calibrate, - for stdin; it is not changed without --in-place."
+            metavar="FILE",
+            parser=local_file,
+            help="URDF or xacro to calibrate, - for stdin; it is not changed without --in-place.",
         ),
     ],
     imu: Annotated[

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from imucalib_cli.cli.parsers import Pose
     from imucalib_cli.estimate.options import MatchedOptions, PaperOptions, PosePrior, WindowChoice
     from imucalib_cli.jobs.request import CalibrationRequest, ExpectedImu
+    from imucalib_cli.logs.reader import LogPath
     from imucalib_cli.results.requirement import Tolerance
 
     Gravity = Literal["tilt", "fixed", "none"] | float
@@ -39,7 +40,9 @@ if TYPE_CHECKING:
     Names = tuple[str, ...]
     FormatName = str
 else:  # typer evaluates these too; to it each is what the parser makes
-    Components = Gravity = Names = Pose = PoseStd = Robot = Tolerance = WindowChoice = object
+    Components = Gravity = LogPath = Names = Pose = PoseStd = Robot = Tolerance = WindowChoice = (
+        object
+    )
     FormatName = Literal[tuple(FORMATS)]
 
 # Panels of the help, in the order in which a user needs them.
@@ -93,6 +96,15 @@ Require = Annotated[
         show_default="none",
     ),
 ]
+AnswersFormat = Annotated[
+    Literal["yaml", "json", "jsonl", "csv", "summary"] | None,
+    _output(
+        "--format",
+        help="Form of the answers; jsonl: a line of JSON for each; csv: a row for each; summary: "
+        "in words.",
+        show_default=WORDS_OR_YAML,
+    ),
+]
 OutputFile = Annotated[
     Path | None,
     _output(
@@ -111,9 +123,27 @@ Within = Annotated[
         metavar="LENGTH,ANGLE",
         parser=parsers.within,
         help="How far it may be off, such as 2mm,0.2deg; what is left out is 5mm or 0.5deg.",
-        show_default="verify: 5mm,0.5deg; diff: what is not significant",
+        show_default="verify: 5mm,0.5deg; diff: what is not significant; trend: what is not "
+        "decisive",
     ),
 ]
+Logs = Annotated[
+    list[LogPath],
+    typer.Argument(
+        metavar="LOG",
+        parser=parsers.path_or_url,
+        help="One recording: a ROS 1 bag, a ROS 2 folder or db3, an MCAP, tables; its URL; or the "
+        "files of a split one.",
+    ),
+]
+AllowRemoteScan = Annotated[
+    bool,
+    _log(
+        "--allow-remote-scan",
+        help="Download a remote log that cannot be read in parts, for the time of the command.",
+    ),
+]
+Verbose = Annotated[bool, _output("-v", "--verbose", help="Say what was read over the network.")]
 Quiet = Annotated[bool, _output("-q", "--quiet", help="Errors only on stderr.")]
 
 
@@ -189,12 +219,14 @@ class RecordingOptions:
             show_default="its end",
         ),
     ] = None
+    allow_remote_scan: AllowRemoteScan = False
     urdf: Annotated[
-        Path | None,
+        LogPath | None,
         _robot(
+            metavar="FILE|URL",
+            parser=parsers.path_or_url,
             help="The robot's URDF, - for stdin, or a .xacro (pip install 'imucalib[xacro]'); "
             "without it the log's /robot_description or its own frames must tell the motion.",
-            readable=False,
         ),
     ] = None
     description_topics: Annotated[
@@ -469,7 +501,7 @@ else:
 
 def calibration_request(
     ctx: typer.Context,
-    logs: Sequence[Path],
+    logs: Sequence[LogPath],
     recording: RecordingOptions,
     estimator: EstimatorOptions,
     require: Tolerance | None = None,

@@ -9,16 +9,18 @@ import typer
 
 from imucalib_cli.cli.exit_codes import exit_code_of
 from imucalib_cli.cli.extras import is_made_here, see_extras, write_extras
-from imucalib_cli.cli.files import deliver_into, files_of, of_log, telling_what_is_left
+from imucalib_cli.cli.files import deliver_into, files_of, of_log, reading, telling_what_is_left
 from imucalib_cli.cli.options import (
     LOG,
     OUTPUT,
     EstimatorOptions,
     ExtraFiles,
     FormatOption,
+    Logs,
     Quiet,
     RecordingOptions,
     Require,
+    Verbose,
     calibration_request,
 )
 from imucalib_cli.cli.output import (
@@ -39,6 +41,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from typing import TextIO
 
+    from imucalib_cli.logs.reader import LogPath
     from imucalib_cli.results.result import Result
 
 
@@ -48,15 +51,7 @@ _SEVERAL = 2
 
 def run_command(
     ctx: typer.Context,
-    logs: Annotated[
-        list[Path],
-        typer.Argument(
-            metavar="LOG",
-            help="One recording: a ROS 1 bag, a ROS 2 folder or db3, an MCAP; or the files of a "
-            "split one; with --joint several recordings.",
-            readable=False,
-        ),
-    ],
+    logs: Logs,
     *,
     recording: RecordingOptions,
     estimator: EstimatorOptions,
@@ -93,6 +88,7 @@ def run_command(
     ] = False,
     extras: ExtraFiles,
     quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
     """Find where every IMU of a recording sits on the robot."""
     from imucalib_cli.jobs.calibrate import calibrate
@@ -115,7 +111,7 @@ def run_command(
         _see_joint(logs, estimator, beside)
     see_places(read=read, written=[*single, *beside], force=force, made_here=is_made_here)
     older = [*single, *beside, *([] if folder is None else of_log(folder, logs[0]))]
-    with telling_what_is_left(*older):
+    with telling_what_is_left(*older), reading(*logs, recording.urdf, verbose=verbose):
         with ProgressBar(quiet=quiet) as bar:
             if joint:
                 found, failures = calibrate_together(request, bar.report)
@@ -141,7 +137,7 @@ def run_command(
 
 
 def _see_joint(
-    logs: "Sequence[Path]", estimator: EstimatorOptions, beside: "Sequence[Path]"
+    logs: "Sequence[LogPath]", estimator: EstimatorOptions, beside: "Sequence[Path]"
 ) -> None:
     """See that what is asked together with --joint can be done.
 

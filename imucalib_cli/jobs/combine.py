@@ -119,7 +119,7 @@ def _once(logs: Sequence[StoredLog]) -> list[StoredLog]:
     """Each log once, whatever its files are called."""
     found: dict[tuple[str, ...], StoredLog] = {}
     for log in logs:
-        hashes = tuple(sorted(file.sha256 for file in log.result.provenance.files))
+        hashes = tuple(sorted(file.identity for file in log.result.provenance.files))
         found.setdefault(hashes or (log.name,), log)
     return list(found.values())
 
@@ -155,7 +155,7 @@ def _see_one_robot(logs: Sequence[StoredLog]) -> None:
     Raises:
         ChoiceError: They are not.
     """
-    robots = [None if (u := log.result.provenance.urdf) is None else u.sha256 for log in logs]
+    robots = [None if (u := log.result.provenance.urdf) is None else u.identity for log in logs]
     for log, robot in zip(logs, robots, strict=True):
         if robot != robots[0]:
             raise ChoiceError(

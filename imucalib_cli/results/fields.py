@@ -21,6 +21,7 @@ from imucalib_cli.robot.rotations import (
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
+    from datetime import datetime
 
     from imucalib_cli.arrays import Floats
     from imucalib_cli.results.result import Bias, Observable, Result, Status, Unobservable
@@ -98,7 +99,10 @@ def sections(result: Result) -> tuple[Section, ...]:
         for section in (
             Section(
                 "log",
-                (Field("", f"from {files}: {topics.imu} with {', '.join(topics.motion)}{part}"),),
+                (
+                    Field("", f"from {files}: {topics.imu} with {', '.join(topics.motion)}{part}"),
+                    *_recorded(result),
+                ),
             ),
             Section("reasons against it", (*distrust, *unobservable_fields(result))),
             Section(
@@ -162,6 +166,23 @@ def _direction_std(direction: Unobservable) -> str:
     if direction.kind == "translation":
         return f"{figures(direction.std * 1e3, 2)} mm"
     return f"{figures(math.degrees(direction.std), 2)} deg"
+
+
+def _recorded(result: Result) -> Iterator[Field]:
+    recording = result.provenance.recording
+    if recording is None:
+        return
+    when = "at an unknown time" if recording.start is None else instant(recording.start)
+    yield Field(
+        "recorded",
+        f"{when}, {figures(recording.duration, 4)} s: {recording.imu_samples} samples of the IMU "
+        f"at {figures(recording.imu_rate, 4)} Hz, {recording.motion_samples} of the motion",
+    )
+
+
+def instant(when: datetime) -> str:
+    """Date and time for people, such as ``2026-05-04 09:15:02 UTC``."""
+    return f"{when:%Y-%m-%d %H:%M:%S} UTC"
 
 
 def _paste(R: Floats, t: Floats) -> Iterator[Field]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +14,10 @@ from mcap.writer import CompressionType
 from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.jobs.inspect import inspect
 from imucalib_cli.jobs.motion import find_motion
-from imucalib_cli.jobs.reading import read_recording
+from imucalib_cli.jobs.reading import read_recording, recorded_at
 from imucalib_cli.jobs.request import CalibrationRequest
 from imucalib_cli.logs.part import Part
-from tests.conftest import LogWriter
+from tests.conftest import START_NS, LogWriter
 from tests.logs.logs_samples import mixed_messages, write_mcap
 
 
@@ -178,3 +179,16 @@ def test_a_part_of_two_tells_its_own_seconds(log_writer: LogWriter, arm_urdf: Pa
     (imu,) = recording.imus
     assert len(imu) == 201
     assert recording.clock.seconds(imu)[0] == 1.0
+
+
+def test_the_date_is_that_of_the_stamps_or_of_receipt_or_unknown(log_writer: LogWriter) -> None:
+    """Of headers that count from the start of a computer the recorder's clock tells the date."""
+    recording = read_recording(CalibrationRequest(logs=(log_writer.imu().joints().write(),)))
+    (imu,) = recording.imus
+    start = datetime.fromtimestamp(START_NS / 1e9, tz=timezone.utc)
+    assert recorded_at(recording, imu, 1.5) == start.replace(
+        second=start.second + 1, microsecond=500_000
+    )
+    booted = replace(recording, clock=replace(recording.clock, origin_ns=77_000_000_000))
+    assert recorded_at(booted, imu, 1.5) == start
+    assert recorded_at(booted, replace(imu, log_ns=imu.log_ns - START_NS), 1.5) is None

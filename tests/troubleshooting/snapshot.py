@@ -13,6 +13,7 @@ from tests.troubleshooting.scene import Scene
 
 LISTED = (
     provoke_files.READING,
+    provoke_files.REMOTE,
     provoke_files.CHOICES,
     provoke_files.RESULTS,
     provoke_files.STUDIES,
