@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args, get_origin
 import typer
 
 import imucalib_cli
+from imucalib_cli.batch.tables import COLUMNS
 from imucalib_cli.cli.exit_codes import EXIT_CODES
 from imucalib_cli.cli.main import COMMANDS, app
 from imucalib_cli.cli.options import with_groups
@@ -64,6 +65,14 @@ def exit_codes() -> str:
     """Every exit code."""
     rows = ((str(code), each.full, each.written) for code, each in EXIT_CODES.items())
     return _table(("code", "meaning", "what is written"), rows)
+
+
+def batch_columns() -> str:
+    """Columns of the table of a batch; neighbours that mean the same in one row."""
+    told: dict[str, list[str]] = {}
+    for name, column in COLUMNS.items():
+        told.setdefault(column.meaning, []).append(f"`{name}`")
+    return _table(("column", "what it holds"), ((", ".join(n), what) for what, n in told.items()))
 
 
 def messages() -> str:

@@ -206,6 +206,7 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "logs.far": "{log} was solved {rotation:deg.2g} from the common pose, too far for its "
     "statistics to hold there: run it again with --initial and --prior-std near the common pose",
     "logs.left_out": "{log} is not to be trusted by itself and was left out: {reason}",
+    "logs.twice": "{count} of the logs are other copies of the same recording: each counts once",
     "logs.few": "{logs} logs hardly tell how far the mount scatters between recordings (up to "
     "{translation:mm.2g} and {rotation:deg.2g}): sigma includes that, and more logs lessen it",
     # What a fit shows.

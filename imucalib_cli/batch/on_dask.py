@@ -8,6 +8,7 @@ from __future__ import annotations
 import logging
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
+from itertools import islice
 from pathlib import Path
 from secrets import token_hex
 from typing import TYPE_CHECKING, Any
@@ -26,11 +27,9 @@ _CONNECTING = "20s"
 """A scheduler that does not answer by then is not there."""
 _RETRIES = 1
 """Of what fails on a worker for a reason of the worker's."""
-_OWN_CLUSTER = {
-    "distributed.scheduler.allowed-failures": 1,  # workers that a log may lose: one more try
-    "distributed.scheduler.worker-saturation": 1.0,  # a log that waits is not lost with a worker
-}
-"""Configuration of a cluster of our own; others have theirs."""
+_LOST = 1
+"""Workers that a log may lose before it is given up, in a cluster of our own; that of others has
+its own limit, distributed.scheduler.allowed-failures."""
 
 
 @dataclass(frozen=True)
@@ -43,26 +42,51 @@ class DaskWorkers:
     memory: int
     """Bytes for each; of a local cluster, these two."""
 
+    def __post_init__(self) -> None:
+        """See that Dask is installed.
+
+        Raises:
+            InputError: It is not.
+        """
+        optional("distributed", "--dask needs", "dask")
+
     def __call__(self, task: Task, logs: Sequence[BatchLog]) -> Generator[tuple[BatchLog, Done]]:
         """Run the task, as the interface has it.
 
         Raises:
-            InputError: There is no such scheduler, or Dask is not installed.
+            InputError: There is no such scheduler, or it goes away.
         """
         distributed = optional("distributed", "--dask needs", "dask")
         _be_quiet()
         task = replace(task, folder=Path.cwd())
         with self._client(distributed) as client:
-            given = {
+            waiting = iter(logs)
+            given: dict[Any, BatchLog] = {}
+
+            def give(count: int) -> list[Any]:
                 # a key of its own: the same log may have been done before, by another version
-                client.submit(task, log, retries=_RETRIES, key=f"imucalib-{token_hex(8)}"): log
-                for log in logs
-            }
-            for future in distributed.as_completed(given, loop=client.loop):
+                new = {
+                    client.submit(task, log, retries=_RETRIES, key=f"imucalib-{token_hex(8)}"): log
+                    for log in islice(waiting, count)
+                }
+                given.update(new)
+                return list(new)
+
+            # a log that waits for a worker of our own would be blamed with the one that kills it
+            at_once = self.workers if self.scheduler == "local" else len(logs)
+            finished = distributed.as_completed(give(at_once), loop=client.loop)
+            for future in finished:
                 log = given.pop(future)
+                if future.cancelled():
+                    raise InputError(
+                        f"--dask {self.scheduler}: the scheduler went away: run the same command "
+                        "again when it is back; what is finished is kept"
+                    )
                 error = future.exception()
-                yield log, task.lost(log, _why(error)) if error else future.result()
+                done = task.lost(log, _why(error)) if error else future.result()
                 future.release()
+                finished.update(give(1))
+                yield log, done
 
     @contextmanager
     def _client(self, distributed: Any) -> Iterator[Any]:
@@ -70,7 +94,9 @@ class DaskWorkers:
 
         with ExitStack() as stack:
             if self.scheduler == "local":
-                stack.enter_context(dask.config.set(_OWN_CLUSTER))
+                stack.enter_context(
+                    dask.config.set({"distributed.scheduler.allowed-failures": _LOST})
+                )
                 with children_ignore_interruptions():
                     cluster = distributed.LocalCluster(
                         n_workers=self.workers,

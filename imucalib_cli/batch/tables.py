@@ -121,7 +121,7 @@ def csv_table(records: Iterable[Record]) -> str:
     for record in records:
         for entry in by_imu(record):
             writer.writerow(_cell(column, record, entry) for column in COLUMNS.values())
-    return text.getvalue()
+    return text.getvalue().replace("\0", "\\x00")  # at which many readers end
 
 
 def _cell(column: Column, record: Record, entry: Entry) -> Cell:

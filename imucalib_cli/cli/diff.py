@@ -7,6 +7,7 @@ import typer
 
 from imucalib_cli.cli.files import files_of, writing
 from imucalib_cli.cli.options import AnswersFormat, OutputFile, Quiet, Within
+from imucalib_cli.cli.parsers import local_file
 from imucalib_cli.cli.verify import give_answers
 
 
@@ -23,7 +24,11 @@ def diff_command(
     *,
     urdf: Annotated[
         Path | None,
-        typer.Option(help="Relates the frames of the results by its fixed joints.", readable=False),
+        typer.Option(
+            metavar="FILE",
+            parser=local_file,
+            help="Relates the frames of the results by its fixed joints.",
+        ),
     ] = None,
     within: Within = None,
     fmt: AnswersFormat = None,

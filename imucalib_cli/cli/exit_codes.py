@@ -28,8 +28,8 @@ EXIT_CODES: dict[int, Meaning] = {
     EXIT_OK: Meaning(
         "trustworthy",
         "The result is trustworthy. `verify`: the pose is right. `diff` and `trend`: the mount has "
-        "not moved. `compare`: both could be put side by side, whatever the difference. `study`: "
-        "all its runs are done, whatever they found.",
+        "not moved. `compare`: both could be put side by side, whatever the difference. `batch`: "
+        "every log has trustworthy results. `study`: all its runs are done, whatever they found.",
         "the result, or the answer",
     ),
     EXIT_INPUT: Meaning(
@@ -62,8 +62,8 @@ EXIT_CODES: dict[int, Meaning] = {
     EXIT_INTERRUPTED: Meaning(
         "interrupted",
         "Interrupted by Ctrl-C (SIGINT) or SIGTERM.",
-        "nothing; `study` says in one line how many runs are kept, and where, for the same command "
-        "to go on (not with `--quiet`)",
+        "nothing; `study` and `batch -o` say in one line how many runs or logs are kept, and "
+        "where, for the same command to go on (not with `--quiet`)",
     ),
     EXIT_BROKEN_PIPE: Meaning(
         "stdout closed",

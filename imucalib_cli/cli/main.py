@@ -11,6 +11,7 @@ import typer
 
 from imucalib_cli.cli.apply import apply_command
 from imucalib_cli.cli.batch import batch_command
+from imucalib_cli.cli.combine import combine_command
 from imucalib_cli.cli.compare import compare_command
 from imucalib_cli.cli.diff import diff_command
 from imucalib_cli.cli.entry import was_interrupted
@@ -61,6 +62,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "run": run_command,
     "batch": batch_command,
     "inspect": inspect_command,
+    "combine": combine_command,
     "report": report_command,
     "apply": apply_command,
     "verify": verify_command,

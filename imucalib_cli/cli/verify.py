@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from imucalib_cli.cli.exit_codes import exit_code, verdict_code, worst
-from imucalib_cli.cli.files import files_of, writing
+from imucalib_cli.cli.files import files_of, reading, writing
 from imucalib_cli.cli.options import (
     OUTPUT,
     AnswersFormat,
@@ -15,11 +15,13 @@ from imucalib_cli.cli.options import (
     OutputFile,
     Quiet,
     RecordingOptions,
+    Verbose,
     Within,
     calibration_request,
     options_given,
 )
 from imucalib_cli.cli.output import chosen_format, deliver, say, say_error
+from imucalib_cli.cli.parsers import path_or_url
 from imucalib_cli.cli.progress import ProgressBar
 from imucalib_cli.errors import ChoiceError
 from imucalib_cli.layout import plain
@@ -47,13 +49,18 @@ def verify_command(
     fmt: AnswersFormat = None,
     output: OutputFile = None,
     quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
     """Is the pose of the IMU in this URDF right? Exit 0 yes, 4 no, 3 cannot tell."""
     from imucalib_cli.jobs.result_files import is_result
     from imucalib_cli.jobs.verify import verify_recording, verify_results
     from imucalib_cli.results.verdicts import WITHIN
 
-    with writing(output, read=files_of(*logs, recording.urdf, estimator.imu_model)):
+    paths = [*map(path_or_url, logs)]
+    with (
+        writing(output, read=files_of(*paths, recording.urdf, estimator.imu_model)),
+        reading(*paths, recording.urdf, verbose=verbose),
+    ):
         results = [name for name in logs if is_result(name)]
         if results:
             _see_results(ctx, logs, results)
@@ -67,7 +74,7 @@ def verify_command(
                 imu_topics=recording.imu_topics,
             )
         else:
-            request = calibration_request(ctx, [*map(Path, logs)], recording, estimator)
+            request = calibration_request(ctx, paths, recording, estimator)
             with ProgressBar(quiet=quiet) as bar:
                 answers = verify_recording(request, within or WITHIN, bar.report)
         warnings = [
@@ -128,8 +135,10 @@ def named(answer: Any, sentence: str, *, several: bool) -> str:
 
 def _see_results(ctx: typer.Context, given: list[str], results: list[str]) -> None:
     """See that nothing but results is given, and no option that only a log can answer."""
+    from imucalib_cli.jobs.result_files import display_name
+
     if len(results) < len(given):
-        other = next(name for name in given if name not in results)
+        other = next(display_name(name) for name in given if name not in results)
         raise ChoiceError(
             f"{results[0]} is a result and {other} is none: give logs or results, not both"
         )

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.guarded_yaml import YamlError, read_bounded
+from imucalib_cli.logs.remote.url import is_url, without_secrets
 from imucalib_cli.results.codec import read_results
 
 if TYPE_CHECKING:
@@ -27,6 +28,8 @@ def is_result(name: str) -> bool:
     """Whether an argument is a result rather than a log; ``-`` is one."""
     if name == "-":
         return True
+    if is_url(name):
+        return False
     path = Path(name)
     if path.name == "metadata.yaml" or path.is_dir():  # of a ROS 2 recording
         return False
@@ -87,7 +90,7 @@ def results_of(results: list[Result], imus: Sequence[str], name: str) -> list[Re
 
 def display_name(name: str) -> str:
     """Name of an argument in messages."""
-    return "standard input" if name == "-" else name
+    return "standard input" if name == "-" else without_secrets(name)
 
 
 def read_text(name: str, expected: str = "a result of imucalib run") -> str:
@@ -100,6 +103,7 @@ def read_text(name: str, expected: str = "a result of imucalib run") -> str:
     Raises:
         InputError: It cannot be read, is not text, or is too large.
     """
+    shown = display_name(name)
     try:
         if name == "-":
             if sys.stdin is None:
@@ -108,8 +112,8 @@ def read_text(name: str, expected: str = "a result of imucalib run") -> str:
         with Path(name).open("rb") as file:
             return read_bounded(file)
     except OSError as error:
-        raise InputError(f"{name}: cannot be read ({error.strerror}): check the path") from error
+        raise InputError(f"{shown}: cannot be read ({error.strerror}): check the path") from error
     except UnicodeDecodeError as error:
-        raise InputError(f"{name}: is not text: it should be {expected}") from error
+        raise InputError(f"{shown}: is not text: it should be {expected}") from error
     except YamlError as error:
-        raise InputError(f"{name}: {error}: it should be {expected}") from error
+        raise InputError(f"{shown}: {error}: it should be {expected}") from error

@@ -8,17 +8,17 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 from imucalib_cli.errors import ChoiceError, ImucalibError
 from imucalib_cli.jobs.calibrate import calibrate
 from imucalib_cli.jobs.motion import no_nominal
+from imucalib_cli.jobs.reading import robot_of
 from imucalib_cli.jobs.result_files import display_name, read_result_file
 from imucalib_cli.results.result import SourceFile
 from imucalib_cli.results.verdicts import WITHIN, verify
 from imucalib_cli.robot.mount import nominal_pose
-from imucalib_cli.robot.urdf import load_robot
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-    from pathlib import Path
 
     from imucalib_cli.jobs.request import CalibrationRequest, Progress
+    from imucalib_cli.logs.reader import LogPath
     from imucalib_cli.results.answers import VerifyAnswer
     from imucalib_cli.results.requirement import Tolerance
     from imucalib_cli.results.result import Result
@@ -55,7 +55,7 @@ def verify_recording(
 
 def verify_results(
     names: Sequence[str],
-    urdf: Path,
+    urdf: LogPath,
     within: Tolerance = WITHIN,
     *,
     imu_link: str | None = None,
@@ -94,7 +94,7 @@ def verify_results(
             f"--imu-link {imu_link} is the link of one IMU, there are several results: choose one "
             f"with --imu-topic: {', '.join(known)}"
         )
-    robot = load_robot(urdf)
+    robot = robot_of(urdf)
     source = SourceFile(path=str(urdf), sha256=robot.sha256)
     answers: list[VerifyAnswer] = []
     for name, result in found:

@@ -117,6 +117,7 @@ def sections(result: Result) -> tuple[Section, ...]:
             Section("uncertainty", tuple(_sigmas(result))),
             Section("time offset, biases and gravity", tuple(_nuisances(result))),
             Section("fit", tuple(_fit(result))),
+            Section("logs", tuple(_logs(result))),
             Section("nominal pose", tuple(_nominal(result))),
             Section("warnings", tuple(warnings)),
         )
@@ -325,6 +326,25 @@ def _fit(result: Result) -> Iterator[Field]:
             f"first and second half {figures(apart, 2)} mm and {figures(turned, 2)} deg apart, "
             f"{figures(parts.halves.sigmas, 2)} sigma",
         )
+
+
+def _logs(result: Result) -> Iterator[Field]:
+    """How far each of several logs is from the others."""
+    combined = result.diagnostics.combined
+    if combined is None:
+        return
+    between = combined.between_logs
+    low, high = (figures(value, 2) for value in between.translation_mm_95)
+    least, most = (figures(value, 2) for value in between.rotation_deg_95)
+    yield Field(
+        "between logs",
+        f"± {figures(between.translation_mm, 2)} mm ({low} to {high} with 95 %) and "
+        f"± {figures(between.rotation_deg, 2)} deg ({least} to {most}) beside the noise in each",
+    )
+    for log in combined.logs:
+        apart = f"{figures(log.distance_mm, 2)} mm and {figures(log.distance_deg, 2)} deg"
+        odd = ": it disagrees" if log.disagrees else ""
+        yield Field(log.name, f"{apart} from the others, {figures(log.sigmas, 2)} sigma{odd}")
 
 
 def _nominal(result: Result) -> Iterator[Field]:

@@ -368,13 +368,33 @@ class Diagnostics(Tree, frozen=True, kw_only=True):
     """Further diagnostics by name, for the record."""
 
 
+class RemoteEntry(Tree, frozen=True):
+    """A file behind a URL, as its server described it."""
+
+    bytes: int | None
+    """Size; null where the server does not tell."""
+    version: str | None
+    """Entity tag, or time of the last change; null where the server tells neither."""
+
+
 class SourceFile(Tree, frozen=True):
     """A file that was read."""
 
     path: str
-    """As the user named it."""
-    sha256: Annotated[str, Meta(pattern="^[0-9a-f]{64}$")]
-    """Hexadecimal, of the file's bytes."""
+    """As the user named it; a URL without user, password and query."""
+    sha256: Annotated[str, Meta(pattern="^[0-9a-f]{64}$")] | None
+    """Hexadecimal, of the file's bytes; null for a remote file of which only parts were read."""
+    remote: RemoteEntry | UnsetType = UNSET
+    """Only of a file behind a URL."""
+
+    @property
+    def identity(self) -> str:
+        """What two files of the same content have in common, as far as that is known."""
+        if self.sha256 is not None:
+            return f"sha256 {self.sha256}"
+        if self.remote is UNSET:
+            return self.path
+        return f"{self.path} {self.remote.bytes} bytes, version {self.remote.version}"
 
 
 class Topics(Tree, frozen=True):

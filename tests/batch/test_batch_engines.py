@@ -69,7 +69,7 @@ def test_killed_processes_cost_their_own_log_one_more_try(tmp_path: Path) -> Non
         "d": "ok",
         "e": "failed",
     }
-    assert "killed 2 times (SIGKILL)" in done["c"].errors[0]
+    assert "ended 2 times without a result (SIGKILL)" in done["c"].errors[0]
     assert "not enough memory for this log: raise --memory" in done["e"].errors[0]
     assert done["c"].key is done["e"].key is None
     assert done["a"].key is not None
@@ -80,6 +80,30 @@ def test_killed_processes_cost_their_own_log_one_more_try(tmp_path: Path) -> Non
     again = records(batch(tmp_path / "results", logs, task=task, engine=engine))
     assert {record.status for record in again.values()} == {"ok"}
     assert len(list(task.traces.iterdir())) == before + 2
+
+
+IMPORTED = """
+import importlib, sys
+from pathlib import Path
+from imucalib_cli.batch.local import preloaded
+from imucalib_cli.batch.logs import BatchLog
+from imucalib_cli.jobs.request import CalibrationRequest
+from tests.batch.batch_tasks import task_for
+log, urdf = map(Path, sys.argv[1:])
+task = task_for(CalibrationRequest(logs=(), urdf=urdf))
+for name in preloaded(task):
+    importlib.import_module(name)
+before = set(sys.modules)
+assert task(BatchLog((log,), "a")).record.status == "ok"
+print(*sorted(set(sys.modules) - before))
+"""
+
+
+def test_a_worker_has_imported_what_a_log_needs() -> None:
+    files = [str(SAMPLES / f"rihibot.{suffix}") for suffix in ("mcap", "urdf")]
+    script = [sys.executable, "-c", IMPORTED, *files]
+    done = subprocess.run(script, cwd=ROOT, check=True, capture_output=True, text=True)
+    assert done.stdout.split() == []
 
 
 def test_no_more_processes_than_workers(tmp_path: Path) -> None:
@@ -172,6 +196,7 @@ def cluster(folder: Path, workers: int) -> Iterator[tuple[str, list[subprocess.P
 
     with ExitStack() as stack:
         scheduler = started("scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard")
+        (folder / "scheduler.pid").write_text(str(scheduler.pid))
         processes = [scheduler]
         try:
             said = folder / "scheduler.txt"
@@ -261,3 +286,22 @@ def test_what_workers_do_not_see_is_told(tmp_path: Path, monkeypatch: pytest.Mon
     assert "does not see b.mcap" in records(away)["b"].errors[0]
     older = replace(task, folder=tmp_path, version="0.0.1")
     assert "install the same version" in records(batch(None, "a.mcap", task=older))["a"].errors[0]
+
+
+@pytest.mark.slow
+def test_a_scheduler_that_goes_away_is_one_line_and_what_is_finished_is_kept(
+    tmp_path: Path,
+) -> None:
+    logs = texts(tmp_path / "logs", a="1", b="sleep", c="sleep")
+    task = copying(tmp_path / "traces")
+    (tmp_path / "elsewhere").mkdir()
+    with cluster(tmp_path / "elsewhere", workers=1) as (address, workers):
+        engine = DaskWorkers(address, workers=1, memory=GIB)
+        run = batch(tmp_path / "results", logs, task=task, engine=engine).run()
+        assert next(run)[1].status == "ok"
+        scheduler = int((tmp_path / "elsewhere" / "scheduler.pid").read_text())
+        os.kill(scheduler, signal.SIGKILL)
+        with pytest.raises(InputError, match="the scheduler went away"):
+            list(run)
+        del workers
+    assert (tmp_path / "results" / "a.a.yaml").exists()

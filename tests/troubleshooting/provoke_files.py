@@ -10,7 +10,7 @@ import shutil
 import signal
 import sys
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 from unittest.mock import patch
 
 import yaml
@@ -26,6 +26,7 @@ from tests.troubleshooting.scene import (
     noisy,
     on_arm,
 )
+from tests.web_server import serving
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -143,6 +144,32 @@ def urdf(edit: Edit) -> Provocation:
 
     return provocation
 
+
+def remote(url: str = "", **behaviour: Any) -> Provocation:
+    """A log behind a URL, or else of a server with a fault."""
+
+    def provocation(scene: Scene) -> Seen:
+        log = scene.writer().imu().write()
+        with (
+            patch.dict(os.environ, {"NO_PROXY": "*", "no_proxy": "*"}),
+            patch("imucalib_cli.logs.remote.http._PAUSE_S", 0.0),
+            serving(log.parent, **behaviour) as web,
+        ):
+            seen = scene.cli("run", url or web.url(log.name))
+            return replace(seen, err=seen.err.replace(web.address, "HOST"))
+
+    return provocation
+
+
+REMOTE: dict[str, Provocation] = {
+    "remote-package": remote("s3://bucket/log.mcap"),
+    "remote-whole": remote(ranges=False),
+    "remote-missing": remote(status=404),
+    "remote-denied": remote(status=403),
+    "remote-no-host": remote("http://robot.invalid/log.mcap"),
+    "remote-fails": remote(break_after=10),
+    "remote-changed": remote(changes_after=1),
+}
 
 READING: dict[str, Provocation] = {
     "no-file": no_file,

@@ -1,0 +1,306 @@
+"""``imucalib batch`` as it is typed: damaged logs among sound ones, filters, CI."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import shutil
+import stat
+import subprocess
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from xml.etree import ElementTree as ET
+
+import pytest
+import yaml
+
+from imucalib_cli.cli import progress
+from imucalib_cli.cli.main import main
+from tests.batch.batch_tasks import here
+from tests.batch.test_batch_tables import rows_of
+from tests.cli.test_cli_run import Estimator
+from tests.conftest import LogWriter
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+ROOT = Path(__file__).parents[2]
+SAMPLES = ROOT / "sample_data"
+ROBOT = ("--urdf", str(SAMPLES / "rihibot.urdf"))
+
+
+@pytest.fixture
+def logs(
+    tmp_path: Path, arm_urdf: Path, monkeypatch: pytest.MonkeyPatch
+) -> Callable[..., list[str]]:
+    """Makes logs in the working folder; one process and no estimating, to be quick."""
+    monkeypatch.setattr("imucalib_cli.cli.batch._engine", lambda *_: here)
+    monkeypatch.setattr("imucalib_cli.jobs.calibrate._estimate", Estimator())
+    monkeypatch.delenv("GITHUB_ACTIONS", raising=False)
+    monkeypatch.chdir(tmp_path)
+    sound = LogWriter(tmp_path / "sound").imu().joints().write()
+
+    def make(*names: str) -> list[str]:
+        for name in names:
+            shutil.copy(sound, name)
+        return [*names, "--urdf", arm_urdf.name]
+
+    return make
+
+
+def batch(*arguments: object) -> int:
+    return main(["batch", *map(str, arguments)])
+
+
+def lines_of(capsys: pytest.CaptureFixture[str]) -> list[Any]:
+    return [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+
+
+def test_damaged_logs_do_not_stop_the_others(
+    logs: Callable[..., list[str]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    given = logs("a.mcap", "b.mcap", "locked.mcap")
+    whole = Path("a.mcap").read_bytes()
+    Path("empty.mcap").touch()
+    Path("text.mcap").write_text("not a log\n")
+    Path("head.mcap").write_bytes(whole[:60])
+    Path("zeros.bag").write_bytes(bytes(10_000))
+    Path("folder.mcap").mkdir()
+    os.mkfifo("pipe.mcap")
+    Path("gone.mcap").symlink_to("nowhere")
+    Path("locked.mcap").chmod(0)
+    is_root = os.geteuid() == 0
+    assert batch(".", *given[-2:], "-o", "results") == 1
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert "Traceback" not in err
+    rows = {
+        row["log"]: row["status"] for row in rows_of((tmp_path / "results/summary.csv").read_text())
+    }
+    damaged = {"empty.mcap", "text.mcap", "head.mcap", "zeros.bag", "pipe.mcap", "gone.mcap"}
+    damaged |= set() if is_root else {"locked.mcap"}
+    # the log that the others are copies of lies there too
+    assert {log for log, status in rows.items() if status == "failed"} == damaged
+    assert {"a.mcap", "b.mcap"} < set(rows)
+    for name in damaged:
+        assert f"error: {name}" in err
+    assert "pipe.mcap is a pipe or a device" in err
+
+
+def test_a_result_is_the_one_of_run(
+    logs: Callable[..., list[str]], capsys: pytest.CaptureFixture[str]
+) -> None:
+    given = logs("a.mcap")
+    assert batch(*given, "-o", "results") == main(["run", *given, "-o", "alone/"]) == 0
+    assert (
+        Path("results/a.imu_link.yaml").read_bytes() == Path("alone/a.imu_link.yaml").read_bytes()
+    )
+    assert "batch: 1 log: 1 ok; results/summary.csv" in capsys.readouterr().err
+
+
+def test_as_a_filter_it_writes_lines_and_nothing_else(
+    logs: Callable[..., list[str]],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    logs("a.mcap", "b\nc.mcap")
+    before = sorted(Path().rglob("*"))
+    names = io.TextIOWrapper(io.BytesIO(b"./a.mcap\0./b\nc.mcap\0missing.mcap\0"))
+    monkeypatch.setattr(sys, "stdin", names)
+    assert batch("-", "--urdf", "arm.urdf", "--format", "jsonl", "-q") == 1
+    told = lines_of(capsys)
+    assert [(line["log"], line["status"]) for line in told] == [
+        ("a.mcap", "ok"),
+        ("b\nc.mcap", "ok"),
+        ("missing.mcap", "failed"),
+    ]
+    assert told[0]["results"][0]["transform"]["child"] == "imu_link"
+    assert told[0]["written"] == []
+    assert sorted(Path().rglob("*")) == before
+
+
+def test_lines_of_finished_logs_come_again(
+    logs: Callable[..., list[str]], capsys: pytest.CaptureFixture[str]
+) -> None:
+    given = [*logs("a.mcap", "b.mcap"), "-o", "results", "--format", "jsonl"]
+    batch(*given)
+    first = capsys.readouterr().out
+    batch(*given)
+    assert capsys.readouterr().out == first
+    assert len(first.splitlines()) == 2
+
+
+def test_the_exit_code_is_the_worst(
+    logs: Callable[..., list[str]], capsys: pytest.CaptureFixture[str]
+) -> None:
+    given = logs("a.mcap", "b.mcap")
+    assert batch(*given) == 0
+    assert batch(*given, "--require", "1nm") == 2  # no such unit
+    assert batch(*given, "--require", "1um") == 3
+    assert batch("missing.mcap", *given, "--require", "1um") == 1
+    assert batch(*given, "--imu-topic", "/nowhere") == 2
+    err = capsys.readouterr().err
+    assert "untrusted: a.mcap: imu_link: " in err
+
+
+def test_options_make_another_result(
+    logs: Callable[..., list[str]], capsys: pytest.CaptureFixture[str]
+) -> None:
+    given = [*logs("a.mcap"), "-o", "results"]
+    batch(*given)
+    key = json.loads(Path("results/records/a.json").read_text())["key"]
+    for options in (["--window", "51"], ["--parent", "upper"], ["--clock", "log"], ["--fix", "tx"]):
+        batch(*given, *options)
+        other = json.loads(Path("results/records/a.json").read_text())["key"]
+        assert other != key
+        key = other
+    urdf = Path("arm.urdf")
+    urdf.write_text(urdf.read_text().replace("keep me", "changed"))
+    batch(*given, "--fix", "tx")
+    assert json.loads(Path("results/records/a.json").read_text())["key"] != key
+    del capsys
+
+
+def test_the_same_log_twice_is_told_and_done_once(
+    logs: Callable[..., list[str]], capsys: pytest.CaptureFixture[str]
+) -> None:
+    given = logs("a.mcap")
+    Path("link.mcap").symlink_to("a.mcap")
+    batch("link.mcap", *given, "--format", "jsonl")
+    out, err = capsys.readouterr()
+    assert len(out.splitlines()) == 1
+    assert "note: a.mcap is the same as link.mcap, and is done once\n" in err
+
+
+def test_github_gets_its_lines_and_files_for_ci_are_written(
+    logs: Callable[..., list[str]],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setenv("GITHUB_ACTIONS", "true")
+    files = ["--markdown", "summary.md", "--junit", "junit.xml"]
+    assert batch("missing.mcap", *logs("a.mcap"), "--require", "1um", *files) == 1
+    err = capsys.readouterr().err
+    assert "::error file=missing.mcap,title=no result::missing.mcap does not exist" in err
+    assert "::warning file=a.mcap,title=imu_link%3A untrusted::" in err
+    assert "error: " not in err
+    assert Path("summary.md").read_text().startswith("**2 logs: 1 untrusted, 1 failed**\n")
+    assert ET.parse("junit.xml").getroot().get("errors") == "1"
+
+
+def test_a_report_for_each_log(
+    logs: Callable[..., list[str]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("imucalib_cli.cli.extras._report", lambda path, _: [(path, "a page")])
+    monkeypatch.setitem(
+        __import__("imucalib_cli.cli.extras", fromlist=["EXTRAS"]).EXTRAS,
+        "report",
+        lambda path, _: [(path, "a page")],
+    )
+    given = logs("a.mcap", "b.mcap")
+    assert batch(*given, "-o", "results") == 0
+    assert batch(*given, "-o", "results", "--report") == 0  # asked for later
+    assert Path("results/a.report.html").read_text() == "a page"
+    assert batch(*given, "--report") == 2
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["", "-o", "r"], "the name of a log is empty"),
+        (["a.mcap", "-o", "-"], "results go to a folder"),
+        (["a.mcap", "-o", "a.mcap"], "a.mcap"),
+        (["a.mcap", "--junit", "a.mcap"], "a.mcap is an input and would be overwritten"),
+        (["a.mcap", "--junit", "x", "--markdown", "x"], "x would be written twice"),
+        (["a.mcap", "--memory", "2"], "--memory 2: expected an amount of memory"),
+        (["a.mcap", "--dask", ""], "--dask is empty"),
+        (["a.mcap", "--dask", "tcp://x:1", "--workers", "2"], "leave them out"),
+        (["a.mcap", "--urdf", "a.mcap"], "a.mcap"),
+    ],
+)
+def test_what_is_wrong_for_all_is_one_line(
+    arguments: list[str],
+    words: str,
+    logs: Callable[..., list[str]],
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    logs("a.mcap")
+    assert batch(*arguments) in {1, 2}
+    err = capsys.readouterr().err
+    assert words in err
+    assert err.startswith("error: ")
+    assert len(err.splitlines()) == 1
+
+
+def test_an_empty_list_is_told(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(b"\n")))
+    assert batch("-") == 1
+    assert "the list of logs on stdin is empty" in capsys.readouterr().err
+
+
+def test_lines_of_progress_are_few(
+    logs: Callable[..., list[str]],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr(progress, "LINE_PATIENCE", 0.0)
+    names = [f"{number}.mcap" for number in range(30)]
+    given = [*logs(*names), "-o", "results"]
+    batch(*given)
+    told = [line for line in capsys.readouterr().err.splitlines() if " of 30 logs" in line]
+    assert 5 <= len(told) <= 11
+    batch(*given)
+    assert "batch: 30 logs, 30 of them done before\n" in capsys.readouterr().err
+    batch(*given, "--quiet")
+    assert capsys.readouterr().err == ""
+
+
+def test_help_imports_no_numpy() -> None:
+    script = "import sys; from imucalib_cli.cli.main import main; main(['batch', '--help'])\n"
+    script += "assert not {'numpy', 'distributed', 'msgspec'} & set(sys.modules)\n"
+    subprocess.run([sys.executable, "-c", script], check=True, stdout=subprocess.DEVNULL)
+
+
+def test_results_obey_the_umask(logs: Callable[..., list[str]]) -> None:
+    before = os.umask(0o022)
+    try:
+        batch(*logs("a.mcap"), "-o", "results")
+    finally:
+        os.umask(before)
+    assert stat.S_IMODE(Path("results/a.imu_link.yaml").stat().st_mode) == 0o644
+
+
+@pytest.mark.parametrize("reader", ["whole", pytest.param("head", marks=pytest.mark.slow)])
+def test_processes_calibrate(reader: str, tmp_path: Path) -> None:
+    """The real thing, as a process; who reads the first line alone ends it."""
+    whole = (SAMPLES / "rihibot.mcap").read_bytes()
+    for name, share in (("a", 4), ("b", 5)):
+        (tmp_path / f"{name}.mcap").write_bytes(whole[: len(whole) * share // 10])
+    (tmp_path / "empty.mcap").touch()
+    command = f"'{sys.executable}' -m imucalib_cli batch . {' '.join(ROBOT)} -o results --report"
+    tail = "--format jsonl | head -n 1" if reader == "head" else ""
+    done = subprocess.run(
+        ["bash", "-c", f"set -o pipefail; {command} {tail}"],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert "Traceback" not in done.stderr
+    if reader == "head":
+        assert done.returncode == 141
+        return
+    assert done.returncode == 1, done.stderr
+    results = tmp_path / "results"
+    for name in ("a", "b"):
+        result = yaml.safe_load((results / f"{name}.imu_link.yaml").read_text())
+        assert result["status"] == "ok"
+        assert result["transform"]["translation"] == pytest.approx([-0.0225, 0.1, 0], abs=1e-4)
+        assert (results / f"{name}.report.html").stat().st_size > 10_000
+    assert done.stderr.count("error: ") == 1
+    assert "empty.mcap is empty" in done.stderr

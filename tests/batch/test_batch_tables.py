@@ -1,0 +1,190 @@
+"""Tables of records: read back by other readers, whatever names hold."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import re
+from typing import get_args, get_type_hints
+from xml.etree import ElementTree as ET
+
+import pytest
+
+from imucalib_cli.batch.record import Record
+from imucalib_cli.batch.tables import (
+    COLUMNS,
+    TABLES,
+    complaints,
+    csv_table,
+    github_lines,
+    json_line,
+    junit,
+    markdown,
+    words,
+)
+from imucalib_cli.cli.batch import batch_command
+from imucalib_cli.findings import Severity, texts
+from imucalib_cli.layout import plain
+from imucalib_cli.results.codec import to_document
+from tests.results.test_results_documents import UP, make_result
+
+HOSTILE = 'a,"b"\nc|d <i>*&amp;*</i> %0A::error::x\x1b[2J\u202e\u0000é'
+NAMED = HOSTILE.replace("\0", "\\x00")
+"""As it stands in tables whose readers take no zero byte."""
+
+
+def record(log: str = "a.mcap", **changes: object) -> Record:
+    given: dict[str, object] = {
+        "log": log,
+        "place": f"/{log}",
+        "status": "ok",
+        "exit_code": 0,
+        "seconds": 1.5,
+        "key": "0" * 64,
+        "errors": [],
+        "written": [],
+        "results": [make_result()],
+        "files": [],
+    }
+    return Record(**(given | changes))  # type: ignore[arg-type]
+
+
+def bad(log: str = "b.mcap", why: str = "too short") -> Record:
+    return record(log, status="failed", exit_code=1, errors=[why], results=[], key=None)
+
+
+def doubtful(log: str = "c.mcap", why: str = "segments disagree", child: str = "imu") -> Record:
+    result = make_result(child=child, findings=texts(Severity.UNTRUSTED, [why]))
+    return record(log, status="untrusted", exit_code=3, results=[result])
+
+
+def rows_of(text: str) -> list[dict[str, str]]:
+    return list(csv.DictReader(io.StringIO(text, newline="")))
+
+
+def test_csv_has_a_row_for_each_imu_and_each_failure() -> None:
+    two = record(results=[make_result(child="left"), make_result(child="right")])
+    partly = record(status="failed", errors=["/imu: too short"])
+    rows = rows_of(csv_table([two, bad(), partly]))
+    assert [(row["log"], row["imu"], row["status"]) for row in rows] == [
+        ("a.mcap", "left", "ok"),
+        ("a.mcap", "right", "ok"),
+        ("b.mcap", "", "failed"),
+        ("a.mcap", "imu_link", "ok"),
+        ("a.mcap", "", "failed"),
+    ]
+    assert list(rows[0]) == list(COLUMNS)
+    result = two.results[0]
+    row = rows[0]
+    assert [float(row[name]) for name in ("tx_m", "ty_m", "tz_m")] == result.transform.translation
+    quaternion = [float(row[name]) for name in ("qx", "qy", "qz", "qw")]
+    assert quaternion == result.transform.rotation_xyzw
+    assert result.std is not None
+    assert [float(row[f"std_t{axis}_mm"]) for axis in "xyz"] == result.std.translation_mm
+    assert [float(row[f"std_r{axis}_deg"]) for axis in "xyz"] == result.std.rotation_deg
+    assert float(row["time_offset_s"]) == result.time_offset.seconds
+    assert rows[2]["reasons"] == "too short"
+    assert rows[2]["key"] == rows[2]["tx_m"] == ""
+    assert rows[2]["exit_code"] == "1"
+
+
+def test_csv_says_why_not_and_leaves_out_what_is_not_known() -> None:
+    result = make_result(unobservable=(UP,))
+    (row,) = rows_of(csv_table([record(status="untrusted", exit_code=3, results=[result])]))
+    known = result.transform.translation
+    assert [row[name] for name in ("tx_m", "ty_m", "tz_m")] == [
+        "" if value is None else str(value) for value in known
+    ]
+    assert None in known
+    assert row["reasons"]
+
+
+def test_a_json_line_is_the_record() -> None:
+    line = json_line(doubtful())
+    assert line.count("\n") == 1
+    document = json.loads(line)
+    assert document["log"] == "c.mcap"
+    assert document["results"] == [to_document(doubtful().results[0])]
+    assert document["schema"] == 1
+
+
+@pytest.mark.parametrize("form", [*TABLES])
+def test_hostile_names_stay_names(form: str) -> None:
+    records = [bad(HOSTILE, HOSTILE), doubtful(HOSTILE, HOSTILE, HOSTILE), record(HOSTILE)]
+    text = TABLES[form](records)
+    match form:
+        case "jsonl":
+            assert [json.loads(line)["log"] for line in text.splitlines()] == [HOSTILE] * 3
+        case "csv":
+            assert [row["log"] for row in rows_of(text)] == [NAMED] * 3
+            assert [row["imu"] for row in rows_of(text)] == ["", NAMED, "imu_link"]
+        case "junit":
+            suite = ET.fromstring(text)
+            names = {case.get("classname") for case in suite}
+            assert len(names) == 1
+            assert (names.pop() or "").startswith('a,"b"\\nc|d <i>*&amp;*</i> %0A::error::x\\x1b')
+        case "markdown":
+            table = [line for line in text.splitlines() if line.startswith("|")]
+            assert len(table) == 2 + 3
+            assert {len(re.findall(r"(?<!\\)\|", line)) for line in table} == {8}
+            assert "<i>" not in text
+            assert text.replace("\n", "").isprintable()
+
+
+def test_words_and_lines_for_people_cannot_command_a_terminal() -> None:
+    text = plain(words([bad(HOSTILE, HOSTILE), doubtful(HOSTILE, HOSTILE, HOSTILE)]))
+    assert text.replace("\n", "").isprintable()
+    assert text.splitlines()[0] == "2 logs: 1 untrusted, 1 failed"
+
+
+def test_complaints_name_the_log_once() -> None:
+    assert list(complaints(bad(why="b.mcap is empty"))) == [("error", "b.mcap is empty")]
+    assert list(complaints(bad())) == [("error", "b.mcap: too short")]
+    assert list(complaints(doubtful())) == [("untrusted", "c.mcap: imu: segments disagree")]
+    assert list(complaints(record())) == []
+
+
+def test_lines_for_github_are_what_its_runner_reads_back() -> None:
+    """By its own rules: a command ends with its line, properties are decoded before they are used.
+
+    github.com/actions/runner, src/Runner.Common/ActionCommand.cs.
+    """
+    (line,) = github_lines(doubtful(HOSTILE, HOSTILE, "x: y, z"))
+    assert "\n" not in line
+    match = re.fullmatch(r"::(\w+) ([^:]*?(?:::)?[^:]*?)::(.*)", line)
+    assert match is not None
+    assert match[1] == "warning"
+    pairs = dict(pair.split("=", 1) for pair in match[2].split(","))
+    codes = {"%0D": "\r", "%0A": "\n", "%3A": ":", "%2C": ",", "%25": "%"}
+    read = {
+        name: re.sub("%0D|%0A|%3A|%2C|%25", lambda code: codes[code[0]], value)
+        for name, value in pairs.items()
+    }
+    assert read == {"file": HOSTILE, "title": "x: y, z: untrusted"}
+    assert github_lines(bad())[0] == "::error file=b.mcap,title=no result::too short"
+    assert github_lines(record()) == []
+
+
+def test_junit_counts_what_failed() -> None:
+    suite = ET.fromstring(junit([record(), bad(), doubtful()]))
+    counts = {name: suite.get(name) for name in ("tests", "failures", "errors", "time")}
+    assert counts == {"tests": "3", "failures": "1", "errors": "1", "time": "4.500"}
+    kinds = [[child.tag for child in case] for case in suite]
+    assert kinds == [[], ["error"], ["failure"]]
+    assert suite[2][0].get("message") == "segments disagree"
+
+
+def test_markdown_begins_with_the_worst_and_has_an_end() -> None:
+    text = markdown([record(), doubtful(), bad()])
+    assert text.startswith("**3 logs: 1 ok, 1 untrusted, 1 failed**\n\n| log |")
+    assert [line.split(" | ")[2] for line in text.splitlines()[4:]] == ["failed", "untrusted", "ok"]
+    many = markdown([bad(why="x" * 10_000)] * 200)
+    assert len(many.encode()) < 1 << 20
+    assert re.search(r"\nand \d+ more\n$", many)
+
+
+def test_the_command_offers_every_form() -> None:
+    hints = get_type_hints(batch_command, include_extras=True)["fmt"]
+    (literal, _) = get_args(get_args(hints)[0])
+    assert {*get_args(literal)} == {*TABLES, "summary"}
