@@ -5,10 +5,12 @@ from __future__ import annotations
 import io
 import json
 import os
+import re
 import shutil
 import stat
 import subprocess
 import sys
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree as ET
@@ -343,3 +345,33 @@ def test_logs_with_every_damage_are_what_run_makes_of_them(tmp_path: Path) -> No
         found = sorted(json.dumps(result["transform"]) for result in results)
         assert found == sorted(json.dumps(result["transform"]) for result in record["results"])
         shutil.rmtree(alone, ignore_errors=True)
+
+
+@pytest.mark.slow
+def test_an_interruption_says_how_to_go_on(tmp_path: Path) -> None:
+    for name in "abcd":
+        shutil.copy(SAMPLES / "rihibot.mcap", tmp_path / f"{name}.mcap")
+    command = [sys.executable, "-m", "imucalib_cli", "batch", ".", *ROBOT, "-o", "results"]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    process = subprocess.Popen(
+        [*command, "--workers", "1"],
+        cwd=tmp_path,
+        env=environment,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    records = tmp_path / "results" / "records"
+    while not list(records.glob("[!.]*.json")):
+        time.sleep(0.01)
+    process.terminate()
+    _, words = process.communicate(timeout=30)
+    assert process.returncode == 130
+    last = words.splitlines()[-1]
+    assert re.fullmatch(
+        r"interrupted: \d of 4 logs are kept in results; the same command goes on", last
+    )
+    done = {path: path.stat().st_mtime_ns for path in records.glob("[!.]*.json")}
+    assert len(rows_of((tmp_path / "results" / "summary.csv").read_text())) == len(done) < 4
+    subprocess.run(command, cwd=tmp_path, env=environment, check=True, stderr=subprocess.DEVNULL)
+    assert len(list(records.glob("[!.]*.json"))) == 4
+    assert {path: path.stat().st_mtime_ns for path in done} == done
