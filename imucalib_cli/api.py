@@ -20,6 +20,7 @@ from imucalib_cli.jobs.calibrate import calibrate_recording
 from imucalib_cli.jobs.from_arrays import streams_of
 from imucalib_cli.jobs.reading import read_recording, recording_of
 from imucalib_cli.jobs.request import CalibrationRequest, ExpectedImu
+from imucalib_cli.logs.remote.file import path_or_url, without_copies
 from imucalib_cli.results.fields import sections, verdict
 from imucalib_cli.results.formats import FORMATS, refuse_untrusted
 from imucalib_cli.results.requirement import Tolerance
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.estimate import Estimate
     from imucalib_cli.jobs.reading import Recording
     from imucalib_cli.jobs.request import ClockChoice, Progress
+    from imucalib_cli.logs.reader import LogPath
     from imucalib_cli.signals.samples import Sensor
 
     StrPath = str | os.PathLike[str]
@@ -180,13 +182,14 @@ def calibrate(
     estimator: MatchedOptions | PaperOptions | None = None,
     imu_model: StrPath | None = None,
     require: Tolerance | None = None,
+    allow_remote_scan: bool = False,
     progress: Progress | None = None,
 ) -> Calibration:
     """Find where an IMU sits on the robot from a recording, as ``imucalib run`` does.
 
     Args:
-        logs: One recording: a ROS 1 bag, a ROS 2 folder or db3, an MCAP, a CSV; or the files of a
-            split one.
+        logs: One recording: a ROS 1 bag, a ROS 2 folder or db3, an MCAP, a CSV; its URL; or the
+            files of a split one.
         urdf: The robot's URDF; without it the log's own frames must tell the motion.
         imu_topic: Which IMU, where the log has several.
         joint_topics: Joint states to use; all.
@@ -200,6 +203,7 @@ def calibrate(
         estimator: Method and options.
         imu_model: Which IMU it is, a name of configs/imus or a YAML file: weak priors.
         require: Largest sigma to trust.
+        allow_remote_scan: Download a remote log that cannot be read in parts.
         progress: Told what is being done and its share, 0 to 1 or None.
 
     Returns:
@@ -212,7 +216,7 @@ def calibrate(
     """
     paths = [logs] if isinstance(logs, (str, os.PathLike)) else list(_texts("logs", logs, _PATH))
     request = _request(
-        logs=tuple(_path("logs", path) for path in paths),
+        logs=tuple(_path_or_url("logs", path) for path in paths),
         urdf=urdf,
         imu_topics=() if imu_topic is None else _texts("imu_topic", [imu_topic]),
         joint_topics=_texts("joint_topics", joint_topics),
@@ -226,12 +230,14 @@ def calibrate(
         estimator=estimator,
         imu_model=imu_model,
         require=require,
+        allow_remote_scan=allow_remote_scan,
     )
-    recording = read_recording(request, progress)
-    if len(recording.imus) > 1:
-        topics = ", ".join(imu.topic for imu in recording.imus)
-        raise ChoiceError(f"the log has several IMUs: choose one by imu_topic: {topics}")
-    return _calibrated(recording, request, recording.clock.origin_ns, progress)
+    with without_copies(request.logs):
+        recording = read_recording(request, progress)
+        if len(recording.imus) > 1:
+            topics = ", ".join(imu.topic for imu in recording.imus)
+            raise ChoiceError(f"the log has several IMUs: choose one by imu_topic: {topics}")
+        return _calibrated(recording, request, progress)
 
 
 def calibrate_arrays(
@@ -289,7 +295,7 @@ def calibrate_arrays(
         ChoiceError: An argument is missing.
         UntrustedError: Nothing moves.
     """
-    data, start_ns = streams_of(
+    data, epoch_ns = streams_of(
         t=t,
         gyro=gyro,
         accel=accel,
@@ -318,8 +324,7 @@ def calibrate_arrays(
         imu_model=imu_model,
         require=require,
     )
-    recording = recording_of(data, request)
-    return _calibrated(recording, request, recording.clock.origin_ns + start_ns, progress)
+    return _calibrated(recording_of(data, request, epoch_ns=epoch_ns), request, progress)
 
 
 def _request(
@@ -337,7 +342,7 @@ def _request(
     _see_kind("require", given["require"], (Tolerance,))
     options = estimator or MatchedOptions()
     return CalibrationRequest(
-        urdf=None if urdf is None else _path("urdf", urdf),
+        urdf=None if urdf is None else _path_or_url("urdf", urdf),
         units=units or Units(),
         estimator=options,
         imu=None if imu_model is None else _expected(imu_model, options),
@@ -359,10 +364,7 @@ def _expected(imu_model: StrPath, options: MatchedOptions | PaperOptions) -> Exp
 
 
 def _calibrated(
-    recording: Recording,
-    request: CalibrationRequest,
-    start_ns: int,
-    progress: Progress | None,
+    recording: Recording, request: CalibrationRequest, progress: Progress | None
 ) -> Calibration:
     # small matrices: threads cost more than they give
     with threadpool_limits(limits=1, user_api="blas"):
@@ -370,6 +372,7 @@ def _calibrated(
     for failure in outcome.failures:
         raise failure
     (only,) = outcome.calibrated
+    start_ns = recording.clock.origin_ns + recording.epoch_ns
     return Calibration(result=only.result, estimate=only.estimate, start_ns=start_ns)
 
 
@@ -397,6 +400,12 @@ def _texts(name: str, values: Any, kinds: tuple[type, ...] = (str,)) -> tuple[An
     for value in values or ():
         _see_kind(name, value, kinds)
     return tuple(values or ())
+
+
+def _path_or_url(name: str, value: Any) -> LogPath:
+    """The same of a path or a URL."""
+    _path(name, value)
+    return path_or_url(os.fspath(value))
 
 
 def _path(name: str, value: Any) -> Path:

@@ -191,6 +191,9 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "require.sigma": require_sigma,
     "require.no_sigma": require_no_sigma,
     "require.text": "{text}",
+    "trend.unknown_time": "{file}[ and {others:some} more]: when it was recorded is not known (a "
+    "result of an earlier version, or a log without dates), so the results are taken in the order "
+    "given, those of a folder by name",
     "diff.same_log": "{first} and {second} were computed from the same log: their errors are not "
     "independent, so the sigma of their difference is not true",
     "compare.frames_far": "the poses are farther apart than two calibrations of one mount are: is "
@@ -203,6 +206,7 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "logs.far": "{log} was solved {rotation:deg.2g} from the common pose, too far for its "
     "statistics to hold there: run it again with --initial and --prior-std near the common pose",
     "logs.left_out": "{log} is not to be trusted by itself and was left out: {reason}",
+    "logs.twice": "{count} of the logs are other copies of the same recording: each counts once",
     "logs.few": "{logs} logs hardly tell how far the mount scatters between recordings (up to "
     "{translation:mm.2g} and {rotation:deg.2g}): sigma includes that, and more logs lessen it",
     # What a fit shows.

@@ -10,6 +10,8 @@ PACKAGES = {
     "cv2": "OpenCV",
     "matplotlib": "matplotlib",
     "pyarrow": "pyarrow",
+    "fsspec": "fsspec",
+    "aiohttp": "aiohttp",
     "distributed": "Dask",
 }
 """Common name of each module."""

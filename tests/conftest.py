@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import zlib
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +17,24 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from numpy.typing import NDArray
+
+SLOW_HALF = "IMUCALIB_SLOW_HALF"
+"""Environment variable: 0 or 1 leaves out half of the slow tests, the one or the other."""
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave out a half of the slow tests, where one is chosen; by their names, so evenly."""
+    half = os.environ.get(SLOW_HALF)
+    if not half:
+        return
+    left_out = [
+        item
+        for item in items
+        if item.get_closest_marker("slow") and zlib.crc32(item.nodeid.encode()) % 2 != int(half)
+    ]
+    config.hook.pytest_deselected(items=left_out)
+    items[:] = [item for item in items if item not in set(left_out)]
+
 
 START_NS = 1_700_000_000_000_000_000
 

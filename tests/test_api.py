@@ -109,6 +109,9 @@ def test_stamps_may_have_any_epoch(
     assert found.t == pytest.approx(arm.t, abs=1e-6)
     first = found.start_ns * 1e-9 + found.residuals.t[0]
     assert first == pytest.approx(epoch + arm.residuals.t[0], abs=1e-5)
+    recorded = found.result.recorded_at
+    assert (recorded is None) == (epoch < 1e9)
+    assert recorded is None or recorded.timestamp() == pytest.approx(epoch, abs=0.1)
 
 
 @pytest.fixture(scope="module")

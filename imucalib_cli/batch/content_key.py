@@ -7,6 +7,7 @@ import json
 import os
 import time
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import msgspec
@@ -21,7 +22,6 @@ from imucalib_cli.results.places import files_read
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
-    from pathlib import Path
 
     from imucalib_cli.batch.logs import BatchLog
     from imucalib_cli.jobs.request import CalibrationRequest
@@ -54,14 +54,14 @@ def context_of(request: CalibrationRequest, extras: Iterable[str]) -> str:
 
 
 def urdf_hash(request: CalibrationRequest) -> str | None:
-    """SHA-256 of the URDF's bytes; None where there is none.
+    """SHA-256 of the URDF's bytes; None where there is none on disk.
 
     Raises:
         InputError: It cannot be read.
     """
     urdf = request.urdf
     try:
-        return None if urdf is None else sha256_of(urdf)
+        return sha256_of(urdf) if isinstance(urdf, Path) else None
     except OSError as error:
         raise InputError(f"{urdf}: cannot be read ({error.strerror}): check the path") from error
 

@@ -90,7 +90,8 @@ class Task:
                     "the worker: run the same command again"
                 )
             results, errors = outcome.results, list(outcome.failures)
-            hashes = {each.path: each.sha256 for each in outcome.recording.files.result()}
+            files = outcome.recording.files.result()
+            hashes = {each.path: each.sha256 for each in files if each.sha256 is not None}
             stamps = stamps_of(sizes, hashes=hashes)
             contents = dict(self._files(log, outcome, errors)) if self.keeps_files else {}
         except Exception as error:  # noqa: BLE001 - one log must not stop the others
@@ -177,7 +178,7 @@ class Task:
         except OSError as error:
             raise InputError(f"{here} does not see the folder {self.folder}: {_SHARED}") from error
         for path in (*log.paths, self.request.urdf):
-            if path is not None and not path.exists():
+            if isinstance(path, Path) and not path.exists():
                 raise InputError(f"{here} does not see {path}: {_SHARED}")
 
 

@@ -10,6 +10,7 @@ from imucalib_cli.cli.exit_codes import exit_code, worst
 from imucalib_cli.cli.files import files_of, telling_what_is_left
 from imucalib_cli.cli.options import OUTPUT, OutputFile, Quiet
 from imucalib_cli.cli.output import deliver, say, say_error
+from imucalib_cli.cli.parsers import local_file
 
 
 def apply_command(
@@ -17,7 +18,12 @@ def apply_command(
         str, typer.Argument(metavar="RESULT", help="Result of `imucalib run`; - reads stdin.")
     ],
     *,
-    urdf: Annotated[Path, typer.Option(help="URDF to calibrate; it is not changed.")],
+    urdf: Annotated[
+        Path,
+        typer.Option(
+            metavar="FILE", parser=local_file, help="URDF to calibrate; it is not changed."
+        ),
+    ],
     imu: Annotated[
         list[str] | None,
         typer.Option(

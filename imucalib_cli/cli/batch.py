@@ -24,6 +24,7 @@ from imucalib_cli.cli.output import deliver, is_terminal, say
 from imucalib_cli.cli.progress import CountProgress
 from imucalib_cli.cli.tables import deliver_blocks
 from imucalib_cli.errors import ChoiceError, InputError
+from imucalib_cli.logs.remote.file import RemoteFile
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -162,6 +163,8 @@ def batch_command(
 
     _see_options(output, extras, dask, workers or memory)
     request = calibration_request(ctx, (), recording, estimator, require)
+    if isinstance(request.urdf, RemoteFile):
+        raise ChoiceError(f"{request.urdf}: imucalib batch takes a URDF on disk: download it")
     if request.urdf is not None:
         load_robot(request.urdf)  # once, rather than in an error of every log
     makers = for_each_log(name for name, wanted in vars(extras).items() if wanted)

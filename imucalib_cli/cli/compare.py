@@ -10,6 +10,7 @@ from imucalib_cli.cli.exit_codes import EXIT_OK, EXIT_UNTRUSTED
 from imucalib_cli.cli.files import files_of, writing
 from imucalib_cli.cli.options import AnswerFormat, OutputFile, Quiet
 from imucalib_cli.cli.output import chosen_format, deliver, say
+from imucalib_cli.cli.parsers import local_file
 from imucalib_cli.cli.tables import deliver_blocks
 
 
@@ -28,7 +29,9 @@ def compare_command(
     urdf: Annotated[
         Path,
         typer.Option(
-            help="Its fixed joints lead from the IMU's link to the camera.", readable=False
+            metavar="FILE",
+            parser=local_file,
+            help="Its fixed joints lead from the IMU's link to the camera.",
         ),
     ],
     camera_link: Annotated[

@@ -1,4 +1,4 @@
-"""``imucalib diff``: has the mount moved between two results?"""
+"""``imucalib diff``: has the mount moved between one result and later ones?"""
 
 from pathlib import Path
 from typing import Annotated
@@ -6,7 +6,8 @@ from typing import Annotated
 import typer
 
 from imucalib_cli.cli.files import files_of, writing
-from imucalib_cli.cli.options import AnswerFormat, OutputFile, Quiet, Within
+from imucalib_cli.cli.options import AnswersFormat, OutputFile, Quiet, Within
+from imucalib_cli.cli.parsers import local_file
 from imucalib_cli.cli.verify import give_answers
 
 
@@ -14,23 +15,30 @@ def diff_command(
     first: Annotated[
         str, typer.Argument(metavar="FIRST", help="Result of `imucalib run`; - reads stdin.")
     ],
-    second: Annotated[str, typer.Argument(metavar="SECOND", help="A later result; - reads stdin.")],
+    others: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="LATER", help="Later results, each compared with the first; - reads stdin."
+        ),
+    ],
     *,
     urdf: Annotated[
         Path | None,
         typer.Option(
-            help="Relates the frames of the two results by its fixed joints.", readable=False
+            metavar="FILE",
+            parser=local_file,
+            help="Relates the frames of the results by its fixed joints.",
         ),
     ] = None,
     within: Within = None,
-    fmt: AnswerFormat = None,
+    fmt: AnswersFormat = None,
     output: OutputFile = None,
     quiet: Quiet = False,
 ) -> None:
-    """Has the mount moved between two results? Exit 0 no, 4 it has, 3 cannot tell."""
-    with writing(output, read=files_of(first, second, urdf)):
+    """Has the mount moved since the first result? Exit 0 no, 4 it has, 3 cannot tell."""
+    with writing(output, read=files_of(first, *others, urdf)):
         from imucalib_cli.jobs.diff import diff_results
 
-        answers = diff_results(first, second, urdf=urdf, within=within)
+        answers = diff_results(first, others, urdf=urdf, within=within)
         warnings = [warning for answer in answers.answers for warning in answer.warnings]
         raise typer.Exit(give_answers(answers, warnings, fmt=fmt, output=output, quiet=quiet))

@@ -27,9 +27,9 @@ class Meaning(NamedTuple):
 EXIT_CODES: dict[int, Meaning] = {
     EXIT_OK: Meaning(
         "trustworthy",
-        "The result is trustworthy. `verify`: the pose is right. `diff`: the mount has not moved. "
-        "`compare`: both could be put side by side, whatever the difference. `batch`: every log "
-        "has trustworthy results. `study`: all its runs are done, whatever they found.",
+        "The result is trustworthy. `verify`: the pose is right. `diff` and `trend`: the mount has "
+        "not moved. `compare`: both could be put side by side, whatever the difference. `batch`: "
+        "every log has trustworthy results. `study`: all its runs are done, whatever they found.",
         "the result, or the answer",
     ),
     EXIT_INPUT: Meaning(
@@ -47,16 +47,16 @@ EXIT_CODES: dict[int, Meaning] = {
     EXIT_UNTRUSTED: Meaning(
         "computed but not to be trusted, or cannot tell",
         "A result was computed and should not be trusted: a direction the motion did not "
-        "determine, a contradiction in the data, a sigma above `--require`. `verify` and `diff`: "
-        "cannot tell. `compare`: the result it puts beside another. Formats that hold a bare pose "
-        "(`urdf`, `tf`, `matrix` and others) and `imucalib apply` refuse such a result unless "
-        "`--force` is given. Also: nothing in the log moves, so there is no result.",
+        "determine, a contradiction in the data, a sigma above `--require`. `verify`, `diff` and "
+        "`trend`: cannot tell. `compare`: the result it puts beside another. Formats that hold a "
+        "bare pose (`urdf`, `tf`, `matrix` and others) and `imucalib apply` refuse such a result "
+        "unless `--force` is given. Also: nothing in the log moves, so there is no result.",
         "the result with `status: untrusted`, and the reasons on stderr; one line alone where "
         "nothing moves",
     ),
     EXIT_NO: Meaning(
         "the pose is not as told or has moved",
-        "`verify`: the pose told is not the pose found. `diff`: the mount has moved.",
+        "`verify`: the pose told is not the pose found. `diff` and `trend`: the mount has moved.",
         "the answer, with the difference and its significance",
     ),
     EXIT_INTERRUPTED: Meaning(
@@ -72,7 +72,20 @@ EXIT_CODES: dict[int, Meaning] = {
     ),
 }
 _FROM_BEST = (EXIT_OK, EXIT_UNTRUSTED, EXIT_USAGE, EXIT_INPUT, EXIT_NO)
+_VERDICTS = {
+    "yes": EXIT_OK,
+    "not moved": EXIT_OK,
+    "no": EXIT_NO,
+    "moved": EXIT_NO,
+    "drifting": EXIT_NO,
+    "unknown": EXIT_UNTRUSTED,
+}
 _CODES = {ChoiceError: EXIT_USAGE, UntrustedError: EXIT_UNTRUSTED}
+
+
+def verdict_code(verdict: str) -> int:
+    """Exit code of the verdict of a comparison."""
+    return _VERDICTS[verdict]
 
 
 def exit_code(error: ImucalibError) -> int:

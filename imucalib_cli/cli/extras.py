@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from imucalib_cli.estimate.details import WindowSeries
-    from imucalib_cli.jobs.calibrate import Outcome
+    from imucalib_cli.jobs.calibrate import Calibrated, Outcome
 
     Files = Iterator[tuple[Path, str | bytes]]
     Maker = Callable[[Path, Outcome], Files]
@@ -159,14 +159,28 @@ def _layout_of(path: Path) -> Path:
 
 
 def _for_each_imu(path: Path, outcome: Outcome) -> Iterator[tuple[Path, WindowSeries]]:
+    """The file of each IMU, and its windows."""
+    for own, each in _named_for_each_imu(path, outcome):
+        if each.estimate.details is not None:
+            yield own, each.estimate.details.windows
+
+
+def _named_for_each_imu(path: Path, outcome: Outcome) -> Iterator[tuple[Path, Calibrated]]:
     """The file of each IMU: ``<stem>.<imu><suffix>`` where there are several."""
     from imucalib_cli.results.names import names_of, short
 
     several = len(outcome.calibrated) > 1
     for name, each in zip(names_of(outcome.results), outcome.calibrated, strict=True):
         own = path.with_name(f"{short(f'{path.stem}.{name}')}{path.suffix}") if several else path
-        if each.estimate.details is not None:
-            yield own, each.estimate.details.windows
+        yield own, each
+
+
+def _statistics(path: Path, outcome: Outcome) -> Files:
+    from imucalib_cli.results.statistics_file import statistics_bytes
+
+    for own, each in _named_for_each_imu(path, outcome):
+        if each.estimate.statistics is not None:
+            yield own, statistics_bytes(each.result, each.estimate.statistics)
 
 
 def _report(path: Path, outcome: Outcome) -> Files:
@@ -176,6 +190,7 @@ def _report(path: Path, outcome: Outcome) -> Files:
 
 
 EXTRAS: dict[str, Maker] = {
+    "statistics": _statistics,
     "report": _report,
     "residuals": _residuals,
     "debug_mcap": _debug_mcap,

@@ -12,19 +12,33 @@ import typer
 
 from imucalib_cli.cli.output import deliver, say
 from imucalib_cli.errors import ImucalibError, InputError
+from imucalib_cli.logs.remote.file import RemoteFile, without_copies
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
+    from imucalib_cli.logs.reader import LogPath
     from imucalib_cli.results.result import Result
 
 _STDIN = Path("/dev/stdin")
 
 
-def files_of(*named: Path | str | None) -> list[Path]:
+def files_of(*named: LogPath | str | None) -> list[Path]:
     """Paths of what the user named to be read; ``-`` is the file that stdin comes from."""
-    paths = [_STDIN if str(each) == "-" else Path(each) for each in named if each is not None]
+    local = [each for each in named if each is not None and not isinstance(each, RemoteFile)]
+    paths = [_STDIN if str(each) == "-" else Path(each) for each in local]
     return [path for path in paths if path != _STDIN or path.exists()]
+
+
+@contextmanager
+def reading(*files: LogPath | None, verbose: bool) -> Iterator[None]:
+    """Remove temporary copies of remote files in the end, and say what was read of each."""
+    with without_copies(files) as remote:
+        try:
+            yield
+        finally:
+            for file in remote if verbose else ():
+                say("read", file.account)
 
 
 @contextmanager
@@ -62,7 +76,7 @@ def telling_what_is_left(*outputs: Path | None) -> Iterator[None]:
 def deliver_into(
     folder: Path,
     results: Sequence[Result],
-    log: Path,
+    log: LogPath,
     fmt: str,
     *,
     force: bool,
@@ -112,7 +126,7 @@ def deliver_into(
     return list(texts)
 
 
-def of_log(folder: Path, log: Path) -> list[Path]:
+def of_log(folder: Path, log: LogPath) -> list[Path]:
     """Files of a folder that are named after a log."""
     from imucalib_cli.results.names import log_name, short
 
@@ -145,4 +159,4 @@ def _is_free(path: Path, text: str, result: Result) -> bool:
 def _origin(result: Result) -> tuple[object, ...]:
     """What a result is about, wherever its log lies now."""
     source = result.provenance
-    return source.topics.imu, sorted(file.sha256 for file in source.files)
+    return source.topics.imu, sorted(file.identity for file in source.files)

@@ -1,28 +1,42 @@
 """``imucalib inspect``: what is in a log and what can be done with it."""
 
-from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from imucalib_cli.cli.files import files_of, writing
-from imucalib_cli.cli.options import OUTPUT, CsvColumns, OutputFile, Quiet
+from imucalib_cli.cli.files import files_of, reading, writing
+from imucalib_cli.cli.options import (
+    OUTPUT,
+    AllowRemoteScan,
+    CsvColumns,
+    Logs,
+    OutputFile,
+    Quiet,
+    Verbose,
+)
 from imucalib_cli.cli.output import deliver
+from imucalib_cli.cli.parsers import path_or_url
 from imucalib_cli.cli.progress import ProgressBar
 from imucalib_cli.cli.tables import deliver_blocks
 
+if TYPE_CHECKING:
+    from imucalib_cli.logs.reader import LogPath
+else:  # typer evaluates it too; to it it is what the parser makes
+    LogPath = object
+
 
 def inspect_command(
-    logs: Annotated[
-        list[Path],
-        typer.Argument(
-            metavar="LOG", help="One recording: bag, db3, MCAP or tables.", readable=False
-        ),
-    ],
+    logs: Logs,
     *,
     csv_columns: CsvColumns = None,
+    allow_remote_scan: AllowRemoteScan = False,
     urdf: Annotated[
-        Path | None, typer.Option(help="Also say what of the log is in this URDF.", readable=False)
+        LogPath | None,
+        typer.Option(
+            metavar="FILE|URL",
+            parser=path_or_url,
+            help="Also say what of the log is in this URDF.",
+        ),
     ] = None,
     fmt: Annotated[
         Literal["text", "json"],
@@ -30,13 +44,23 @@ def inspect_command(
     ] = "text",
     output: OutputFile = None,
     quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
     """Tell topics, rates, gaps, stamps and units of a log, and the command to run on it."""
     from imucalib_cli.jobs.inspect import inspect
 
-    with writing(output, read=files_of(*logs, urdf)):
+    with (
+        writing(output, read=files_of(*logs, urdf)),
+        reading(*logs, urdf, verbose=verbose),
+    ):
         with ProgressBar(quiet=quiet) as bar:
-            report = inspect(tuple(logs), urdf, bar.report, csv_columns or ())
+            report = inspect(
+                tuple(logs),
+                urdf,
+                bar.report,
+                csv_columns or (),
+                allow_remote_scan=allow_remote_scan,
+            )
         if fmt == "json":
             deliver(report.as_json(), output, quiet=quiet)
         else:

@@ -11,6 +11,7 @@ import typer
 
 from imucalib_cli.cli.apply import apply_command
 from imucalib_cli.cli.batch import batch_command
+from imucalib_cli.cli.combine import combine_command
 from imucalib_cli.cli.compare import compare_command
 from imucalib_cli.cli.diff import diff_command
 from imucalib_cli.cli.entry import was_interrupted
@@ -29,6 +30,7 @@ from imucalib_cli.cli.report import report_command
 from imucalib_cli.cli.run import run_command
 from imucalib_cli.cli.simulate import simulate_command
 from imucalib_cli.cli.study import study_command
+from imucalib_cli.cli.trend import trend_command
 from imucalib_cli.cli.verify import verify_command
 from imucalib_cli.errors import ImucalibError, InputError
 from imucalib_cli.process import prepare_to_compute
@@ -47,10 +49,10 @@ _REPLACED = {"--imu": "--imu-model says which kind of IMU it is, --imu-topic cho
 def schema_command(
     which: Annotated[
         Literal["result", "comparison"],
-        typer.Argument(help="Of `run`, or of `verify`, `diff`, `compare`."),
+        typer.Argument(help="Of `run`, or of `verify`, `diff`, `trend`, `compare`."),
     ] = "result",
 ) -> None:
-    """Print the JSON Schema (2020-12) of the result, or of the answers of verify, diff, compare."""
+    """Print the JSON Schema (2020-12) of the result, or of the answers that compare."""
     from imucalib_cli.results.answers import schema_of
 
     deliver(schema_of(which))
@@ -60,10 +62,12 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "run": run_command,
     "batch": batch_command,
     "inspect": inspect_command,
+    "combine": combine_command,
     "report": report_command,
     "apply": apply_command,
     "verify": verify_command,
     "diff": diff_command,
+    "trend": trend_command,
     "compare": compare_command,
     "simulate": simulate_command,
     "study": study_command,

@@ -4,7 +4,16 @@ from __future__ import annotations
 
 import inspect
 import math
-from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass, make_dataclass
+from dataclasses import (
+    MISSING,
+    Field,
+    dataclass,
+    field,
+    fields,
+    is_dataclass,
+    make_dataclass,
+    replace,
+)
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_type_hints
@@ -13,6 +22,7 @@ import typer
 
 from imucalib_cli.cli import complete, parsers
 from imucalib_cli.errors import ChoiceError
+from imucalib_cli.results.formats import FORMATS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -20,6 +30,7 @@ if TYPE_CHECKING:
     from imucalib_cli.cli.parsers import Pose
     from imucalib_cli.estimate.options import MatchedOptions, PaperOptions, PosePrior, WindowChoice
     from imucalib_cli.jobs.request import CalibrationRequest, ExpectedImu
+    from imucalib_cli.logs.reader import LogPath
     from imucalib_cli.results.requirement import Tolerance
 
     Gravity = Literal["tilt", "fixed", "none"] | float
@@ -27,8 +38,12 @@ if TYPE_CHECKING:
     Components = list[int]
     PoseStd = list[float]
     Names = tuple[str, ...]
+    FormatName = str
 else:  # typer evaluates these too; to it each is what the parser makes
-    Components = Gravity = Names = Pose = PoseStd = Robot = Tolerance = WindowChoice = object
+    Components = Gravity = LogPath = Names = Pose = PoseStd = Robot = Tolerance = WindowChoice = (
+        object
+    )
+    FormatName = Literal[tuple(FORMATS)]
 
 # Panels of the help, in the order in which a user needs them.
 LOG, ROBOT = "Log and topics", "Robot"
@@ -60,6 +75,34 @@ AnswerFormat = Annotated[
     Literal["yaml", "json", "summary"] | None,
     _output("--format", help="Form of the answer; summary: in words.", show_default=WORDS_OR_YAML),
 ]
+FormatOption = Annotated[
+    FormatName | None,
+    _output(
+        "--format",
+        help="; ".join(f"{name}: {each.words}" for name, each in FORMATS.items() if each.words)
+        + ".",
+        show_default=WORDS_OR_YAML,
+    ),
+]
+Require = Annotated[
+    Tolerance | None,
+    _output(
+        "--require",
+        metavar="LENGTH,ANGLE",
+        parser=parsers.tolerance,
+        help="Largest sigma to trust, such as 1mm,0.1deg; exit 3 if it is exceeded.",
+        show_default="none",
+    ),
+]
+AnswersFormat = Annotated[
+    Literal["yaml", "json", "jsonl", "csv", "summary"] | None,
+    _output(
+        "--format",
+        help="Form of the answers; jsonl: a line of JSON for each; csv: a row for each; summary: "
+        "in words.",
+        show_default=WORDS_OR_YAML,
+    ),
+]
 OutputFile = Annotated[
     Path | None,
     _output(
@@ -78,9 +121,27 @@ Within = Annotated[
         metavar="LENGTH,ANGLE",
         parser=parsers.within,
         help="How far it may be off, such as 2mm,0.2deg; what is left out is 5mm or 0.5deg.",
-        show_default="verify: 5mm,0.5deg; diff: what is not significant",
+        show_default="verify: 5mm,0.5deg; diff: what is not significant; trend: what is not "
+        "decisive",
     ),
 ]
+Logs = Annotated[
+    list[LogPath],
+    typer.Argument(
+        metavar="LOG",
+        parser=parsers.path_or_url,
+        help="One recording: a ROS 1 bag, a ROS 2 folder or db3, an MCAP, tables; its URL; or the "
+        "files of a split one.",
+    ),
+]
+AllowRemoteScan = Annotated[
+    bool,
+    _log(
+        "--allow-remote-scan",
+        help="Download a remote log that cannot be read in parts, for the time of the command.",
+    ),
+]
+Verbose = Annotated[bool, _output("-v", "--verbose", help="Say what was read over the network.")]
 Quiet = Annotated[bool, _output("-q", "--quiet", help="Errors only on stderr.")]
 
 
@@ -135,11 +196,13 @@ class RecordingOptions:
         ),
     ] = "auto"
     csv_columns: CsvColumns = None
+    allow_remote_scan: AllowRemoteScan = False
     urdf: Annotated[
-        Path | None,
+        LogPath | None,
         _robot(
+            metavar="FILE|URL",
+            parser=parsers.path_or_url,
             help="The robot's URDF; without it the log's own frames must tell the motion.",
-            readable=False,
         ),
     ] = None
     parent: Annotated[
@@ -163,21 +226,12 @@ class RecordingOptions:
 
 
 @dataclass(frozen=True, kw_only=True)
-class EstimatorOptions:
-    """How to estimate; the names are those of MatchedOptions and PaperOptions, where they agree.
+class KnownOptions:
+    """What is known beforehand; the names are those of MatchedOptions, where they agree.
 
-    None leaves a value to the method.
+    None leaves a value to the method, or to the run that is solved again.
     """
 
-    imu_model: Annotated[
-        str | None,
-        _known(
-            metavar="NAME|FILE",
-            autocompletion=complete.imu_models,
-            help="Which IMU it is, as configs/imus has it: bmi088, adis16448 ...; its data sheet "
-            "gives weak priors of the biases, and its noise is compared with the log's.",
-        ),
-    ] = None
     accel_bias_std: Annotated[
         float | None,
         _bias(
@@ -256,6 +310,21 @@ class EstimatorOptions:
             show_default="the URDF's joint",
         ),
     ] = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class EstimatorOptions(KnownOptions):
+    """How to estimate; the names are those of MatchedOptions and PaperOptions, where they agree."""
+
+    imu_model: Annotated[
+        str | None,
+        _known(
+            metavar="NAME|FILE",
+            autocompletion=complete.imu_models,
+            help="Which IMU it is, as configs/imus has it: bmi088, adis16448 ...; its data sheet "
+            "gives weak priors of the biases, and its noise is compared with the log's.",
+        ),
+    ] = None
     method: Annotated[
         Literal["matched", "paper"], _estimator(help="Our estimator, or the published one.")
     ] = "matched"
@@ -307,6 +376,16 @@ class EstimatorOptions:
 class ExtraFiles:
     """Files beside the result; what makes each is in cli/extras.py, by the field's name."""
 
+    statistics: Annotated[
+        Path | None,
+        _output(
+            metavar="FILE.npz",
+            parser=parsers.file_ending(".npz"),
+            help="Also write what the log tells, summed: imucalib combine solves it again, alone "
+            "or with other logs.",
+            show_default="none",
+        ),
+    ] = None
     report: Annotated[
         Path | None,
         _output(
@@ -368,7 +447,7 @@ else:
 
 def calibration_request(
     ctx: typer.Context,
-    logs: Sequence[Path],
+    logs: Sequence[LogPath],
     recording: RecordingOptions,
     estimator: EstimatorOptions,
     require: Tolerance | None = None,
@@ -421,6 +500,7 @@ _MATCHED_ONLY = {
     "--prior-std",
     "--sensor-model",
     "--robot",
+    "--statistics",
     "--residuals",
     "--debug-mcap",
     "--plot",
@@ -450,13 +530,32 @@ def _estimator_options(
 def _matched(estimator: EstimatorOptions) -> MatchedOptions:
     from imucalib_cli.estimate.options import MatchedOptions
 
-    if estimator.tilt_std is not None and estimator.gravity in {"fixed", "none"}:
-        raise ChoiceError(f"--tilt-std means nothing with --gravity {estimator.gravity}")
-    given = _named_alike(estimator, MatchedOptions)
-    if isinstance(estimator.gravity, float):
+    return MatchedOptions(**_given(estimator))
+
+
+def changed_options(known: KnownOptions) -> Callable[[MatchedOptions], MatchedOptions]:
+    """From the options of a run to the same with what is given now.
+
+    Raises:
+        ChoiceError: An option contradicts another.
+    """
+    given = _given(known)
+    if given["pose"] is None:
+        del given["pose"]
+    return lambda options: replace(options, **given)
+
+
+def _given(known: KnownOptions) -> dict[str, Any]:
+    """What of MatchedOptions is given, and the prior of the pose."""
+    from imucalib_cli.estimate.options import MatchedOptions
+
+    if known.tilt_std is not None and known.gravity in {"fixed", "none"}:
+        raise ChoiceError(f"--tilt-std means nothing with --gravity {known.gravity}")
+    given = _named_alike(known, MatchedOptions)
+    if isinstance(known.gravity, float):
         del given["gravity"]
-        given |= {"gravity_norm": estimator.gravity, "gravity_std": 0.0}
-    return MatchedOptions(pose=_pose_prior(estimator), **given)
+        given |= {"gravity_norm": known.gravity, "gravity_std": 0.0}
+    return {**given, "pose": _pose_prior(known)}
 
 
 def _published(estimator: EstimatorOptions) -> PaperOptions:
@@ -472,13 +571,13 @@ def _published(estimator: EstimatorOptions) -> PaperOptions:
     return PaperOptions(**given)
 
 
-def _named_alike(estimator: EstimatorOptions, kind: type[Any]) -> dict[str, Any]:
+def _named_alike(estimator: KnownOptions, kind: type[Any]) -> dict[str, Any]:
     """What was given of that which a method's options call by the same name."""
     values = {each.name: getattr(estimator, each.name, None) for each in fields(kind)}
     return {name: value for name, value in values.items() if value is not None}
 
 
-def _pose_prior(estimator: EstimatorOptions) -> PosePrior | None:
+def _pose_prior(estimator: KnownOptions) -> PosePrior | None:
     """What the user knows of the pose; where it is about may be left to the URDF."""
     from imucalib_cli.estimate.options import PosePrior
 

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
     from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.options import WindowChoice
+    from imucalib_cli.logs.reader import LogPath
     from imucalib_cli.results.requirement import Tolerance
 
 _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6}
@@ -242,13 +243,30 @@ def names(text: str) -> tuple[str, ...]:
     return tuple(each.strip() for each in text.split(",")) if text else ()
 
 
+def path_or_url(text: str) -> LogPath:
+    """A path, or a file behind a URL: a path would lose one of the slashes."""
+    from imucalib_cli.logs.remote.file import path_or_url
+
+    return path_or_url(text)
+
+
+def local_file(text: str) -> Path:
+    """A path, where a URL is not taken."""
+    from imucalib_cli.logs.remote.url import is_url, without_secrets
+
+    if is_url(text):
+        raise WrongValue(f"{without_secrets(text)}: is a URL; name a file on disk")
+    return Path(text)
+
+
 def output_file(text: str) -> Path | None:
     """The file that ``-o`` names; None for stdout."""
     if text == "-":
         return None
+    path = Path(_not_empty(text))
     if is_folder(text):
         raise WrongValue(f"{text}: is a folder; name the file to write")
-    return Path(_not_empty(text))
+    return path
 
 
 def file_ending(*suffixes: str) -> Callable[[str], Path]:
@@ -290,6 +308,7 @@ def is_folder(output: str) -> bool:
 def _not_empty(text: str) -> str:
     if not text:
         raise WrongValue("is empty, as of a variable that is not set: name the file to write")
+    local_file(text)
     return text
 
 

@@ -13,7 +13,10 @@ from imucalib_cli.errors import ChoiceError
 
 def report_command(
     result: Annotated[
-        str, typer.Argument(metavar="RESULT", help="Result of `imucalib run`; - reads stdin.")
+        str,
+        typer.Argument(
+            metavar="RESULT", help="Result of `imucalib run`, or its statistics; - reads stdin."
+        ),
     ],
     *,
     output: OutputFile = None,
@@ -21,8 +24,8 @@ def report_command(
 ) -> None:
     """Write a result as one HTML page that needs no network.
 
-    Plots of the motion, the residuals and the parts of the log need the log itself: imucalib run
-    LOG --report FILE.html.
+    From its statistics it draws spectra and parts of the log too; motion and residuals need the log
+    itself: imucalib run LOG --report FILE.html.
     """
     if output is None and is_terminal(sys.stdout):
         raise ChoiceError("a page is not for a terminal: add -o report.html, or redirect it")

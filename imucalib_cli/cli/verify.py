@@ -1,25 +1,27 @@
 """``imucalib verify``: is the pose of the IMU in this URDF right?"""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from imucalib_cli.cli.exit_codes import EXIT_NO, EXIT_OK, EXIT_UNTRUSTED, exit_code, worst
-from imucalib_cli.cli.files import files_of, writing
+from imucalib_cli.cli.exit_codes import exit_code, verdict_code, worst
+from imucalib_cli.cli.files import files_of, reading, writing
 from imucalib_cli.cli.options import (
     OUTPUT,
-    AnswerFormat,
+    AnswersFormat,
     EstimatorOptions,
     OutputFile,
     Quiet,
     RecordingOptions,
+    Verbose,
     Within,
     calibration_request,
     options_given,
 )
 from imucalib_cli.cli.output import chosen_format, deliver, say, say_error
+from imucalib_cli.cli.parsers import path_or_url
 from imucalib_cli.cli.progress import ProgressBar
 from imucalib_cli.errors import ChoiceError
 from imucalib_cli.layout import plain
@@ -29,14 +31,6 @@ if TYPE_CHECKING:
 
 _OF_RESULTS = {"--urdf", "--imu-link", "--imu-topic"}
 """Options of the recording that mean something for a result too."""
-_EXIT_CODES = {
-    "yes": EXIT_OK,
-    "not moved": EXIT_OK,
-    "no": EXIT_NO,
-    "moved": EXIT_NO,
-    "unknown": EXIT_UNTRUSTED,
-}
-"""Of each verdict."""
 
 
 def verify_command(
@@ -52,16 +46,21 @@ def verify_command(
     recording: RecordingOptions,
     estimator: EstimatorOptions,
     within: Within = None,
-    fmt: AnswerFormat = None,
+    fmt: AnswersFormat = None,
     output: OutputFile = None,
     quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
     """Is the pose of the IMU in this URDF right? Exit 0 yes, 4 no, 3 cannot tell."""
     from imucalib_cli.jobs.result_files import is_result
     from imucalib_cli.jobs.verify import verify_recording, verify_results
     from imucalib_cli.results.verdicts import WITHIN
 
-    with writing(output, read=files_of(*logs, recording.urdf, estimator.imu_model)):
+    paths = [*map(path_or_url, logs)]
+    with (
+        writing(output, read=files_of(*paths, recording.urdf, estimator.imu_model)),
+        reading(*paths, recording.urdf, verbose=verbose),
+    ):
         results = [name for name in logs if is_result(name)]
         if results:
             _see_results(ctx, logs, results)
@@ -75,11 +74,13 @@ def verify_command(
                 imu_topics=recording.imu_topics,
             )
         else:
-            request = calibration_request(ctx, [*map(Path, logs)], recording, estimator)
+            request = calibration_request(ctx, paths, recording, estimator)
             with ProgressBar(quiet=quiet) as bar:
                 answers = verify_recording(request, within or WITHIN, bar.report)
         warnings = [
-            warning for answer in answers.answers for warning in answer.found.diagnostics.warnings
+            named(answer, warning, several=len(logs) > 1)
+            for answer in answers.answers
+            for warning in answer.found.diagnostics.warnings
         ]
         raise typer.Exit(give_answers(answers, warnings, fmt=fmt, output=output, quiet=quiet))
 
@@ -93,14 +94,26 @@ def give_answers(
     quiet: bool,
 ) -> int:
     """Write answers, and a sentence each where it is not the answer; the worst IMU's exit code."""
-    from imucalib_cli.results.codec import to_json, to_yaml
+    from imucalib_cli.results.answers import as_csv
+    from imucalib_cli.results.codec import to_json, to_jsonl, to_yaml
+
+    answers, failures = given.answers, given.failures
+    several = len({answer.about for answer in answers}) + len(failures) > 1
 
     def to_words(answers: Iterable[Any]) -> str:
-        return plain(f"{answer.verdict}: {answer.reason}" for answer in answers)
+        return plain(
+            f"{answer.verdict}: {named(answer, answer.reason, several=several)}"
+            for answer in answers
+        )
 
-    renderers = {"yaml": to_yaml, "json": to_json, "summary": to_words}
+    renderers: dict[str, Callable[[Any], str]] = {
+        "yaml": to_yaml,
+        "json": to_json,
+        "jsonl": to_jsonl,
+        "csv": as_csv,
+        "summary": to_words,
+    }
     chosen = chosen_format(fmt, output)
-    answers, failures = given.answers, given.failures
     if not quiet:
         for warning in warnings:
             say("warning", warning)
@@ -108,17 +121,24 @@ def give_answers(
         deliver(renderers[chosen](answers), output, quiet=quiet)
     if not quiet and (chosen != "summary" or output is not None):
         for answer in answers:
-            say(answer.verdict, answer.reason)
+            say(answer.verdict, named(answer, answer.reason, several=several))
     for failure in failures:
         say_error(failure)
-    verdicts = [_EXIT_CODES[answer.verdict] for answer in answers]
+    verdicts = [verdict_code(answer.verdict) for answer in answers]
     return worst([*verdicts, *(exit_code(failure) for failure in failures)])
+
+
+def named(answer: Any, sentence: str, *, several: bool) -> str:
+    """A sentence on an answer, of several after the file that it is about."""
+    return f"{answer.about}: {sentence}" if several and answer.about else sentence
 
 
 def _see_results(ctx: typer.Context, given: list[str], results: list[str]) -> None:
     """See that nothing but results is given, and no option that only a log can answer."""
+    from imucalib_cli.jobs.result_files import display_name
+
     if len(results) < len(given):
-        other = next(name for name in given if name not in results)
+        other = next(display_name(name) for name in given if name not in results)
         raise ChoiceError(
             f"{results[0]} is a result and {other} is none: give logs or results, not both"
         )

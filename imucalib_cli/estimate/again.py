@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from imucalib_cli.estimate.checks import judge
+from imucalib_cli.estimate.checks.segments import log_parts
 from imucalib_cli.estimate.checks.stated import contradicted
 from imucalib_cli.estimate.model.layout import places_of, with_priors
 from imucalib_cli.estimate.model.state import turned_about
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from imucalib_cli.arrays import Floats, Indices
+    from imucalib_cli.estimate.checks.segments import LogParts
     from imucalib_cli.estimate.model.layout import Layout, Placed
     from imucalib_cli.estimate.model.state import State
     from imucalib_cli.estimate.options import MatchedOptions
@@ -62,6 +64,27 @@ def solve_again(log: LogStatistics, options: MatchedOptions) -> tuple[Answer, li
         unknown=bool(judge.unobservable(answer)),
     )
     return answer, [*([] if wrong is None else [wrong]), *rest]
+
+
+def stretches_of(log: LogStatistics, std: Floats) -> LogParts | None:
+    """What each part of a log tells about the pose; None where a component of it is held.
+
+    Args:
+        log: Its statistics, with the priors of the run.
+        std: (6,), of the pose, as it is stated.
+    """
+    equations, layout = log.equations, log.equations.layout
+    free = np.flatnonzero(layout.free)
+    pose = np.flatnonzero(np.isin(free, layout.pose))
+    if len(pose) < len(layout.pose):
+        return None
+    problem, u = equations.problem(layout, log.options), equations.solve(log.options).u
+    step, _ = problem.solve(u)
+    A = log.blocks[:, 1:, 1:][:, free][:, :, free] / equations.level
+    # What of the score is the readings' own noise is spread evenly.
+    noise = log.blocks[:, 1:, 0].sum(axis=0) - equations.score
+    b = (log.blocks[:, 1:, 0] - noise / len(log.blocks))[:, free] / equations.level + A @ step
+    return log_parts(A, b, np.diag(problem.precision(u)), log.edges, pose=pose, std=std)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -19,17 +19,19 @@ from imucalib_cli.jobs.data_sheet import (
 )
 from imucalib_cli.jobs.explain import explain
 from imucalib_cli.jobs.motion import Motion, find_motion
-from imucalib_cli.jobs.reading import printable, read_recording, samples_of
+from imucalib_cli.jobs.reading import printable, read_recording, recorded_at, samples_of
 from imucalib_cli.jobs.recorded_options import recorded_options
 from imucalib_cli.logs.select import check_joint_topics
 from imucalib_cli.results.from_estimate import result_of, scalars
 from imucalib_cli.results.requirement import require
-from imucalib_cli.results.result import Provenance, SourceFile, Topics
+from imucalib_cli.results.result import Provenance, RecordingEntry, SourceFile, Topics
 from imucalib_cli.robot.path import JointStep
 from imucalib_cli.signals.imu.repair import Repaired, repair
 from imucalib_cli.signals.imu.stream_health import missing_parts
+from imucalib_cli.signals.stamps import usual_interval
 
 if TYPE_CHECKING:
+    from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.estimate import Estimate
     from imucalib_cli.jobs.reading import Recording
     from imucalib_cli.jobs.request import CalibrationRequest, Progress
@@ -140,7 +142,7 @@ def _calibrate_one(recording: Recording, imu: ImuStream, request: CalibrationReq
         parent=motion.mount.parent,
         child=motion.mount.child,
         nominal=motion.mount.nominal,
-        provenance=_provenance(recording, imu, motion, request),
+        provenance=_provenance(recording, imu, motion, repaired.samples.t, request),
     )
     return Calibrated(result=result, estimate=estimate, samples=samples, motion=motion)
 
@@ -267,8 +269,9 @@ def _other_clock(clock: Clock) -> str:
 
 
 def _provenance(
-    recording: Recording, imu: ImuStream, motion: Motion, request: CalibrationRequest
+    recording: Recording, imu: ImuStream, motion: Motion, t: Floats, request: CalibrationRequest
 ) -> Provenance:
+    """Where a result comes from; t (N,), s of the log, are the IMU's samples that are used."""
     robot = recording.robot
     return Provenance(
         tool="imucalib",
@@ -281,4 +284,11 @@ def _provenance(
         world=motion.path.world,
         clock=recording.clock.kind,
         options=scalars(recorded_options(request)),
+        recording=RecordingEntry(
+            start=recorded_at(recording, imu, float(t[0])),
+            duration=float(t[-1] - t[0]),
+            imu_samples=len(imu),
+            imu_rate=1.0 / usual_interval(t),
+            motion_samples=sum(len(track.t) for track in motion.path.tracks),
+        ),
     )

@@ -9,17 +9,19 @@ import numpy as np
 from msgspec import structs
 
 from imucalib_cli import __version__
-from imucalib_cli.errors import ChoiceError, UntrustedError
+from imucalib_cli.errors import ChoiceError, ImucalibError, UntrustedError
 from imucalib_cli.estimate.again import combine_logs, solve_again
 from imucalib_cli.estimate.answer import estimate_of
 from imucalib_cli.estimate.checks import judge
 from imucalib_cli.estimate.estimate import Residuals, Window
 from imucalib_cli.estimate.model.unknowns import TABLE
 from imucalib_cli.findings import Severity, untrusted, warning
+from imucalib_cli.jobs.calibrate import calibrate
 from imucalib_cli.jobs.recorded_options import recorded_estimator
 from imucalib_cli.results import result as tree
 from imucalib_cli.results.from_estimate import finding_of, plain, result_of, scalars, tangent
 from imucalib_cli.results.requirement import CODES, require
+from imucalib_cli.results.statistics_file import StoredLog
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -29,8 +31,8 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.estimate import Estimate
     from imucalib_cli.estimate.options import MatchedOptions
     from imucalib_cli.findings import Finding
+    from imucalib_cli.jobs.request import CalibrationRequest, Progress
     from imucalib_cli.results.requirement import Tolerance
-    from imucalib_cli.results.statistics_file import StoredLog
 
     Change = Callable[[MatchedOptions], MatchedOptions]
 
@@ -59,14 +61,43 @@ def combine(
     return [_of_imu(each, change, tolerance) for each in imus.values()]
 
 
+def calibrate_together(
+    request: CalibrationRequest, progress: Progress | None = None
+) -> tuple[list[tree.Result], list[ImucalibError]]:
+    """Calibrate every log of a request by itself, and solve them together.
+
+    Returns:
+        A result for each IMU, and why logs or IMUs could not be calibrated: the others are.
+    """
+    logs: list[StoredLog] = []
+    failures: list[ImucalibError] = []
+    for path in request.logs:
+        try:
+            outcome = calibrate(replace(request, logs=(path,), require=None), progress)
+        except ImucalibError as error:
+            failures.append(error)
+            continue
+        failures += outcome.failures
+        for each in outcome.calibrated:
+            if each.estimate.statistics is not None:
+                found = each.estimate.statistics
+                logs.append(StoredLog(name=str(path), result=each.result, statistics=found))
+    return combine(logs, lambda options: options, request.require), failures
+
+
 def _of_imu(logs: Sequence[StoredLog], change: Change, tolerance: Tolerance | None) -> tree.Result:
+    given = len(logs)
     logs, left_out = _usable(_once(logs))
+    twice = given - len(logs) - len(left_out)
     _see_one_robot(logs)
     options = [_changed(log, change) for log in logs]
     estimate, combined = (
         _one(logs[0], options[0]) if len(logs) == 1 else _several(logs, options, left_out)
     )
     first = logs[0].result
+    if twice:
+        told = warning("logs.twice", count=twice)
+        estimate = replace(estimate, findings=(*estimate.findings, told))
     if tolerance is not None:
         estimate = require(estimate, first.parent, tolerance)
     result = result_of(
@@ -88,7 +119,7 @@ def _once(logs: Sequence[StoredLog]) -> list[StoredLog]:
     """Each log once, whatever its files are called."""
     found: dict[tuple[str, ...], StoredLog] = {}
     for log in logs:
-        hashes = tuple(sorted(file.sha256 for file in log.result.provenance.files))
+        hashes = tuple(sorted(file.identity for file in log.result.provenance.files))
         found.setdefault(hashes or (log.name,), log)
     return list(found.values())
 
@@ -124,7 +155,7 @@ def _see_one_robot(logs: Sequence[StoredLog]) -> None:
     Raises:
         ChoiceError: They are not.
     """
-    robots = [None if (u := log.result.provenance.urdf) is None else u.sha256 for log in logs]
+    robots = [None if (u := log.result.provenance.urdf) is None else u.identity for log in logs]
     for log, robot in zip(logs, robots, strict=True):
         if robot != robots[0]:
             raise ChoiceError(
@@ -258,7 +289,11 @@ def _findings(
     sigma = np.sqrt(np.diag(found.answer.pose_covariance))
     for log, own in zip(logs, found.own, strict=True):
         apart = np.linalg.norm(own.distance.reshape(2, 3), axis=1)
-        if own.disagrees:
+        # Equations are straight lines: what a turn leaves out is half of its square.
+        bent = own.turned**2 / 2.0 > sigma[3:].max()
+        if bent and log.result.diagnostics.unobservable:
+            yield untrusted("logs.far", log=log.name, rotation=own.turned)
+        elif own.disagrees:
             make = untrusted if (apart > judge.SLIP).any() else warning
             yield make(
                 "logs.disagree",
@@ -267,9 +302,6 @@ def _findings(
                 rotation=apart[1],
                 sigmas=own.sigmas,
             )
-        # Equations are straight lines: what a turn leaves out is half of its square.
-        elif own.turned**2 / 2.0 > sigma[3:].max():
-            yield untrusted("logs.far", log=log.name, rotation=own.turned)
     if len(logs) < _FEW:
         yield warning(
             "logs.few",

@@ -11,7 +11,7 @@ from imucalib_cli.results.verdicts import diff
 from imucalib_cli.robot.urdf import load_robot
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
     from pathlib import Path
 
     from imucalib_cli.results.answers import DiffAnswer
@@ -24,38 +24,49 @@ if TYPE_CHECKING:
 
 
 def diff_results(
-    first: str, second: str, *, urdf: Path | None = None, within: Tolerance | None = None
+    first: str,
+    others: Sequence[str],
+    *,
+    urdf: Path | None = None,
+    within: Tolerance | None = None,
 ) -> Answers[DiffAnswer]:
-    """Compare every IMU of one file with the same IMU of another.
+    """Compare every IMU of one file with the same IMU of each other file.
 
     IMUs are paired by frame and topic, else by frame, else by topic, where the pair is unique. Of
-    two files with one result each these two are compared.
+    two files with one result each these two are compared. A file that cannot be used, or that has
+    another IMU, does not stop the others.
 
     Args:
         first: A result file; ``-`` reads standard input.
-        second: Likewise.
-        urdf: Its fixed joints relate the frames, if the two results have different ones.
+        others: Likewise, later ones.
+        urdf: Its fixed joints relate the frames, if two results have different ones.
         within: Tolerance for a movement; None tests for significance instead.
 
     Raises:
-        InputError: A file cannot be used.
-        ChoiceError: Both are standard input.
+        InputError: The first file or the URDF cannot be used.
+        ChoiceError: Several are standard input.
     """
-    if first == second == "-":
-        raise ChoiceError("standard input can be one of the two results, not both: name a file")
-    names = display_name(first), display_name(second)
-    pairs = _pairs(read_result_file(first), read_result_file(second))
+    if (first, *others).count("-") > 1:
+        raise ChoiceError("standard input can be one of the results, not two: name a file")
+    before = read_result_file(first)
     robot = None if urdf is None else load_robot(urdf)
     answers: list[DiffAnswer] = []
     failures: list[ImucalibError] = []
-    for a, b in pairs:
+    for other in others:
+        names = display_name(first), display_name(other)
         try:
-            if a is None or b is None:
-                raise _without_partner(a, b, names)
-            sides = (names[0], a), (names[1], b)
-            answers.append(diff(*sides, _in_the_same_frames(a, b, names, robot), within))
+            pairs = _pairs(before, read_result_file(other))
         except ImucalibError as error:
             failures.append(error)
+            continue
+        for a, b in pairs:
+            try:
+                if a is None or b is None:
+                    raise _without_partner(a, b, names)
+                sides = (names[0], a), (names[1], b)
+                answers.append(diff(*sides, _in_the_same_frames(a, b, names, robot), within))
+            except ImucalibError as error:
+                failures.append(error)
     return Answers(answers=tuple(answers), failures=tuple(failures))
 
 

@@ -17,35 +17,42 @@ from imucalib_cli.jobs.inspection import (
     PoseFinding,
 )
 from imucalib_cli.jobs.motion import find_motion
-from imucalib_cli.jobs.reading import gather_sources, moving_streams, samples_of
+from imucalib_cli.jobs.reading import (
+    gather_sources,
+    moving_streams,
+    open_requested,
+    robot_of,
+    samples_of,
+)
 from imucalib_cli.jobs.request import CalibrationRequest
 from imucalib_cli.logs.clock import choose_clock
-from imucalib_cli.logs.log import LogData, open_log
+from imucalib_cli.logs.log import LogData
 from imucalib_cli.logs.messages import TF_TYPES
 from imucalib_cli.logs.select import Selection, candidates, select_topics
-from imucalib_cli.robot.urdf import load_robot
 from imucalib_cli.signals.imu.repair import check_alone
 from imucalib_cli.signals.imu.stream_health import stamp_health
 from imucalib_cli.signals.imu.units import guess_units
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-    from pathlib import Path
 
     from imucalib_cli.findings import Finding
     from imucalib_cli.jobs.motion import Sources
     from imucalib_cli.jobs.request import Progress
     from imucalib_cli.logs.clock import Clock
     from imucalib_cli.logs.log import Log
+    from imucalib_cli.logs.reader import LogPath
     from imucalib_cli.logs.streams import ImuStream, JointStream, PoseStream
     from imucalib_cli.robot.urdf import Robot
 
 
 def inspect(
-    logs: tuple[Path, ...],
-    urdf: Path | None = None,
+    logs: tuple[LogPath, ...],
+    urdf: LogPath | None = None,
     progress: Progress | None = None,
     csv_columns: tuple[str, ...] = (),
+    *,
+    allow_remote_scan: bool = False,
 ) -> Inspection:
     """Describe a recording and find the command that calibrates it.
 
@@ -54,17 +61,20 @@ def inspect(
         urdf: Of the robot, to be checked against the log.
         progress: As for calibrate.
         csv_columns: Likewise.
+        allow_remote_scan: Likewise.
 
     Raises:
         InputError: A file cannot be read. A log that cannot be calibrated is no error.
     """
-    log = open_log(logs, csv_columns)
+    request = CalibrationRequest(
+        logs=logs, csv_columns=csv_columns, urdf=urdf, allow_remote_scan=allow_remote_scan
+    )
+    log = open_requested(request, progress)
     names = {
         topic.name for kind in ("imu", "joints", "pose") for topic in candidates(log.topics, kind)
     }
     data = log.read(names, None if progress is None else lambda share: progress("reading", share))
-    robot = None if urdf is None else load_robot(urdf)
-    request = CalibrationRequest(logs=logs, csv_columns=csv_columns, urdf=urdf)
+    robot = None if urdf is None else robot_of(urdf)
     chosen, request, problem = _chosen(log, request)
     read = data if chosen is None else _part_of(data, chosen)
     clock = choose_clock(moving_streams(read), "auto")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import threading
 from dataclasses import dataclass
+from datetime import datetime, timedelta, timezone
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,13 +13,15 @@ import numpy as np
 from imucalib_cli.errors import InputError
 from imucalib_cli.findings import Finding, note, warnings
 from imucalib_cli.jobs.motion import Sources
-from imucalib_cli.logs.clock import choose_clock
+from imucalib_cli.logs.clock import choose_clock, first_plausible
 from imucalib_cli.logs.log import open_log
+from imucalib_cli.logs.remote.file import RemoteFile
 from imucalib_cli.logs.select import select_topics
-from imucalib_cli.results.result import SourceFile
+from imucalib_cli.results.result import RemoteEntry, SourceFile
 from imucalib_cli.robot.frames import Edge
 from imucalib_cli.robot.path import Track
-from imucalib_cli.robot.urdf import load_robot
+from imucalib_cli.robot.urdf import load_robot, parse_robot
+from imucalib_cli.robot.urdf_xml import SIZE_LIMIT
 from imucalib_cli.signals.samples import ImuSamples
 
 if TYPE_CHECKING:
@@ -27,12 +30,16 @@ if TYPE_CHECKING:
 
     from imucalib_cli.jobs.request import CalibrationRequest, Progress
     from imucalib_cli.logs.clock import Clock
-    from imucalib_cli.logs.log import LogData
+    from imucalib_cli.logs.log import Log, LogData
+    from imucalib_cli.logs.reader import LogPath
     from imucalib_cli.logs.streams import ImuStream, JointStream, PoseStream, Stream
     from imucalib_cli.robot.urdf import Robot
 
 _SHOWN = 3
 """Most losses in one error; a damaged disk has thousands."""
+_UNIX_EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
+_FIRST_DATE_NS = 946_684_800 * 10**9
+"""Stamps from the year 2000 on are dates: no device has been running for thirty years."""
 _BLOCK = 1 << 22
 """Bytes hashed at a time."""
 
@@ -47,10 +54,12 @@ class Recording:
     sources: Sources
     clock: Clock
     robot: Robot | None
-    paths: tuple[Path, ...]
+    paths: tuple[LogPath, ...]
     files: Fingerprints
     findings: tuple[Finding, ...]
     """Findings about the whole log."""
+    epoch_ns: int = 0
+    """What to add to the stamps to get those of the source, ns; not zero for arrays alone."""
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -65,7 +74,7 @@ def read_recording(request: CalibrationRequest, progress: Progress | None = None
         InputError: A file cannot be used, or the log has no IMU or no source of motion.
         ChoiceError: A topic does not exist or must be chosen.
     """
-    log = open_log(request.logs, request.csv_columns)
+    log = open_requested(request, progress)
     chosen = select_topics(
         log.topics, request.imu_topics, request.joint_topics, request.pose_topics
     )
@@ -77,13 +86,39 @@ def read_recording(request: CalibrationRequest, progress: Progress | None = None
     return recording_of(data, request, unasked=chosen.unasked, paths=log.paths, files=files)
 
 
+def open_requested(request: CalibrationRequest, progress: Progress | None = None) -> Log:
+    """Open the recording of a request.
+
+    Raises:
+        InputError, ChoiceError: As :func:`imucalib_cli.logs.log.open_log`.
+    """
+    return open_log(
+        request.logs,
+        request.csv_columns,
+        scan_remote=request.allow_remote_scan,
+        progress=lambda share: None if progress is None else progress("downloading", share),
+    )
+
+
+def robot_of(urdf: LogPath) -> Robot:
+    """The robot of a URDF, which may be behind a URL.
+
+    Raises:
+        InputError: As :func:`imucalib_cli.robot.urdf.load_robot`.
+    """
+    if isinstance(urdf, RemoteFile):
+        return parse_robot(urdf.read_bytes(SIZE_LIMIT + 1), str(urdf))
+    return load_robot(urdf)
+
+
 def recording_of(
     data: LogData,
     request: CalibrationRequest,
     *,
     unasked: Collection[str] = (),
-    paths: tuple[Path, ...] = (),
+    paths: tuple[LogPath, ...] = (),
     files: Fingerprints | None = None,
+    epoch_ns: int = 0,
 ) -> Recording:
     """Streams on one clock, what they tell of the motion, and the URDF.
 
@@ -93,6 +128,7 @@ def recording_of(
         unasked: Odometry topics that nobody named; used only if nothing else moves the base.
         paths: Of the log.
         files: Their hashes.
+        epoch_ns: What was taken off the stamps of the data, ns.
 
     Raises:
         InputError: The stamps of an IMU stand still, or the URDF cannot be used.
@@ -106,16 +142,37 @@ def recording_of(
         joints=data.joints,
         sources=sources,
         clock=clock,
-        robot=None if request.urdf is None else load_robot(request.urdf),
+        robot=None if request.urdf is None else robot_of(request.urdf),
         paths=paths,
         files=files or Fingerprints(()),
         findings=(*data.findings, *clock.findings, *duplicates),
+        epoch_ns=epoch_ns,
     )
 
 
 def samples_of(imu: ImuStream, clock: Clock) -> ImuSamples:
     """One IMU on the log's clock."""
     return ImuSamples(t=clock.seconds(imu), gyro=imu.gyro, accel=imu.accel, topic=imu.topic)
+
+
+def recorded_at(recording: Recording, imu: ImuStream, seconds: float) -> datetime | None:
+    """Date and time of an instant of the log, UTC; None where its stamps tell no date.
+
+    The stamps that are used tell it; where they count from elsewhere, such as the start of the
+    computer, the others tell when the recording began.
+
+    Args:
+        recording: Of the log.
+        imu: One of its IMUs.
+        seconds: Of the log.
+    """
+    clock = recording.clock
+    others = imu.log_ns if clock.kind == "header" else imu.header_ns
+    for stamp in (clock.origin_ns + round(seconds * 1e9), first_plausible(others)):
+        ns = stamp + recording.epoch_ns
+        if ns >= _FIRST_DATE_NS:
+            return _UNIX_EPOCH + timedelta(microseconds=ns // 1000)
+    return None
 
 
 def _require_imus(data: LogData, topics: Iterable[str], request: CalibrationRequest) -> None:
@@ -247,7 +304,7 @@ class Fingerprints:
     The thread is a daemon, so that an error or Ctrl-C does not wait for gigabytes.
     """
 
-    def __init__(self, paths: Iterable[Path]) -> None:
+    def __init__(self, paths: Iterable[LogPath]) -> None:
         self._paths = tuple(paths)
         self._files: tuple[SourceFile, ...] = ()
         self._error: OSError | None = None
@@ -268,14 +325,21 @@ class Fingerprints:
 
     def _hash(self) -> None:
         try:
-            self._files = tuple(
-                SourceFile(path=printable(path), sha256=sha256_of(path)) for path in self._paths
-            )
+            self._files = tuple(map(_source_file, self._paths))
         except OSError as error:
             self._error = error
 
 
-def printable(path: Path) -> str:
+def _source_file(path: LogPath) -> SourceFile:
+    if not isinstance(path, RemoteFile):
+        return SourceFile(path=printable(path), sha256=sha256_of(path))
+    # of a file that is read in parts nobody knows the hash
+    sha256 = None if path.copy is None else sha256_of(path.copy)
+    remote = RemoteEntry(bytes=path.size, version=path.version or None)
+    return SourceFile(path=printable(path), sha256=sha256, remote=remote)
+
+
+def printable(path: LogPath | str) -> str:
     """A path as text: bytes that are not UTF-8 become question marks."""
     return str(path).encode("utf-8", "surrogateescape").decode("utf-8", "replace")
 

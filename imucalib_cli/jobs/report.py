@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from imucalib_cli.estimate.again import stretches_of
 from imucalib_cli.jobs.result_files import read_result_file
 from imucalib_cli.report.figures import Material
 from imucalib_cli.report.page import page
+from imucalib_cli.results.statistics_file import read_statistics
 
 if TYPE_CHECKING:
     from imucalib_cli.jobs.calibrate import Calibrated, Outcome
+    from imucalib_cli.results.statistics_file import StoredLog
 
 
 def report(outcome: Outcome) -> str:
@@ -22,12 +28,27 @@ def report(outcome: Outcome) -> str:
 
 
 def report_of_file(name: str) -> str:
-    """HTML of a stored result, ``-`` for standard input: what is not in it needs the log.
+    """HTML of a stored result, ``-`` for standard input, or of a file of statistics.
+
+    What is not in it needs the log.
 
     Raises:
         InputError: The file cannot be read or holds no result.
     """
+    if name.endswith(".npz"):
+        return page([_of_statistics(read_statistics(Path(name)))])
     return page([Material(result=result) for result in read_result_file(name)])
+
+
+def _of_statistics(log: StoredLog) -> Material:
+    covariance = log.result.uncertain_pose.covariance
+    return Material(
+        result=log.result,
+        spectra=log.statistics.spectra,
+        stretches=None
+        if covariance is None
+        else stretches_of(log.statistics, np.sqrt(np.diag(covariance))),
+    )
 
 
 def _material(calibrated: Calibrated) -> Material:

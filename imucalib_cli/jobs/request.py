@@ -10,8 +10,8 @@ from imucalib_cli.signals.imu.units import Units
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from pathlib import Path
 
+    from imucalib_cli.logs.reader import LogPath
     from imucalib_cli.results.requirement import Tolerance
     from imucalib_cli.signals.imu.data_sheet import ImuModel
     from imucalib_cli.signals.samples import Sensor
@@ -42,11 +42,13 @@ class ExpectedImu:
 class CalibrationRequest:
     """One recording and how to calibrate the IMUs in it."""
 
-    logs: tuple[Path, ...]
-    """One recording: a path, or the files of a split one."""
+    logs: tuple[LogPath, ...]
+    """One recording: a path or URL, or the files of a split one."""
+    allow_remote_scan: bool = False
+    """Whether to download remote files that cannot be read in parts."""
     csv_columns: tuple[str, ...] = ()
     """Names of the columns of tables without a header."""
-    urdf: Path | None = None
+    urdf: LogPath | None = None
     imu_topics: tuple[str, ...] = ()
     """Empty: every IMU in the log."""
     joint_topics: tuple[str, ...] = ()

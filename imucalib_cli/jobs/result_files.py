@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.guarded_yaml import YamlError, read_bounded
+from imucalib_cli.logs.remote.url import is_url, without_secrets
 from imucalib_cli.results.codec import read_results
 
 if TYPE_CHECKING:
@@ -19,12 +20,16 @@ if TYPE_CHECKING:
 _SUFFIXES = {".yaml", ".yml", ".json"}
 _OPENING = re.compile(rb"\A\s*(?:#[^\n]*\n\s*)*(?:---\s*)?[\[{\s]*\"?schema\"?\s*:")
 """First key of a result document, whatever the file's name."""
+_RESULT = re.compile(_OPENING.pattern + rb"[^\n]*?[\s,]\"?status\"?\s*:")
+"""First keys of a result; answers of verify and others have other ones after the first."""
 
 
 def is_result(name: str) -> bool:
     """Whether an argument is a result rather than a log; ``-`` is one."""
     if name == "-":
         return True
+    if is_url(name):
+        return False
     path = Path(name)
     if path.name == "metadata.yaml" or path.is_dir():  # of a ROS 2 recording
         return False
@@ -35,6 +40,24 @@ def is_result(name: str) -> bool:
             return path.suffix.lower() in _SUFFIXES or bool(_OPENING.match(file.read(4096)))
     except OSError:
         return path.suffix.lower() in _SUFFIXES
+
+
+def results_in(folder: Path) -> list[str]:
+    """Result files of a folder by name; what else lies there is passed over.
+
+    Raises:
+        InputError: The folder cannot be read.
+    """
+    try:
+        files = sorted(each for each in folder.iterdir() if each.suffix.lower() in _SUFFIXES)
+        return [str(each) for each in files if each.is_file() and _opens_as_result(each)]
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be read ({error.strerror}): check the path") from error
+
+
+def _opens_as_result(path: Path) -> bool:
+    with path.open("rb") as file:
+        return bool(_RESULT.match(file.read(4096)))
 
 
 def read_result_file(name: str) -> list[Result]:
@@ -67,7 +90,7 @@ def results_of(results: list[Result], imus: Sequence[str], name: str) -> list[Re
 
 def display_name(name: str) -> str:
     """Name of an argument in messages."""
-    return "standard input" if name == "-" else name
+    return "standard input" if name == "-" else without_secrets(name)
 
 
 def read_text(name: str, expected: str = "a result of imucalib run") -> str:
@@ -80,6 +103,7 @@ def read_text(name: str, expected: str = "a result of imucalib run") -> str:
     Raises:
         InputError: It cannot be read, is not text, or is too large.
     """
+    shown = display_name(name)
     try:
         if name == "-":
             if sys.stdin is None:
@@ -88,8 +112,8 @@ def read_text(name: str, expected: str = "a result of imucalib run") -> str:
         with Path(name).open("rb") as file:
             return read_bounded(file)
     except OSError as error:
-        raise InputError(f"{name}: cannot be read ({error.strerror}): check the path") from error
+        raise InputError(f"{shown}: cannot be read ({error.strerror}): check the path") from error
     except UnicodeDecodeError as error:
-        raise InputError(f"{name}: is not text: it should be {expected}") from error
+        raise InputError(f"{shown}: is not text: it should be {expected}") from error
     except YamlError as error:
-        raise InputError(f"{name}: {error}: it should be {expected}") from error
+        raise InputError(f"{shown}: {error}: it should be {expected}") from error

@@ -8,19 +8,20 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 from imucalib_cli.errors import ChoiceError, ImucalibError
 from imucalib_cli.jobs.calibrate import calibrate
 from imucalib_cli.jobs.motion import no_nominal
+from imucalib_cli.jobs.reading import robot_of
 from imucalib_cli.jobs.result_files import display_name, read_result_file
 from imucalib_cli.results.result import SourceFile
 from imucalib_cli.results.verdicts import WITHIN, verify
 from imucalib_cli.robot.mount import nominal_pose
-from imucalib_cli.robot.urdf import load_robot
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-    from pathlib import Path
 
     from imucalib_cli.jobs.request import CalibrationRequest, Progress
+    from imucalib_cli.logs.reader import LogPath
     from imucalib_cli.results.answers import VerifyAnswer
     from imucalib_cli.results.requirement import Tolerance
+    from imucalib_cli.results.result import Result
 
 Answer = TypeVar("Answer")
 
@@ -54,7 +55,7 @@ def verify_recording(
 
 def verify_results(
     names: Sequence[str],
-    urdf: Path,
+    urdf: LogPath,
     within: Tolerance = WITHIN,
     *,
     imu_link: str | None = None,
@@ -69,13 +70,21 @@ def verify_results(
         imu_link: The IMU's link in the URDF, if it is not the result's child.
         imu_topics: Which results to take; empty takes all.
 
+    A file that cannot be used does not stop the others.
+
     Raises:
-        InputError: A file cannot be used.
+        InputError: The URDF cannot be used.
         ChoiceError: A topic is in no result, or the link of one IMU was named for several.
     """
-    found = [(name, result) for name in names for result in read_result_file(name)]
+    found: list[tuple[str, Result]] = []
+    failures: list[ImucalibError] = []
+    for name in names:
+        try:
+            found += [(name, result) for result in read_result_file(name)]
+        except ImucalibError as error:
+            failures.append(error)
     known = tuple(dict.fromkeys(result.imu_topic for _, result in found))
-    for topic in imu_topics:
+    for topic in imu_topics if found else ():
         if topic not in known:
             raise ChoiceError(f"--imu-topic {topic}: no result is of it, only {', '.join(known)}")
     if imu_topics:
@@ -85,15 +94,14 @@ def verify_results(
             f"--imu-link {imu_link} is the link of one IMU, there are several results: choose one "
             f"with --imu-topic: {', '.join(known)}"
         )
-    robot = load_robot(urdf)
+    robot = robot_of(urdf)
     source = SourceFile(path=str(urdf), sha256=robot.sha256)
     answers: list[VerifyAnswer] = []
-    failures: list[ImucalibError] = []
     for name, result in found:
         try:
             nominal = nominal_pose(robot, result.parent, imu_link or result.child)
         except ImucalibError as error:
             failures.append(error.about(display_name(name)))
         else:
-            answers.append(verify(result, nominal, within, source))
+            answers.append(verify(result, nominal, within, source, display_name(name)))
     return Answers(answers=tuple(answers), failures=tuple(failures))

@@ -9,7 +9,7 @@ import io
 import zlib
 from abc import ABC, abstractmethod
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, BinaryIO, ClassVar, Literal
 
 import numpy as np
@@ -17,20 +17,27 @@ import numpy as np
 from imucalib_cli.arrays import Bools, Bytes, Indices, Integers
 from imucalib_cli.findings import Finding, warning
 from imucalib_cli.logs.damage import DamageError, Tally, seek
-from imucalib_cli.logs.inflate import Inflated, Scratch, inflate, inflate_file
+from imucalib_cli.logs.inflate import SLACK, Inflated, Scratch, inflate, inflate_file
 from imucalib_cli.logs.reader import Catalogue, Channel, Located, add_by_length
+from imucalib_cli.logs.remote.file import RemoteFile, announce
 
 if TYPE_CHECKING:
     from collections.abc import Collection
-    from pathlib import Path
 
-    from imucalib_cli.logs.reader import Progress, Sink
+    from imucalib_cli.logs.reader import LogPath, Progress, Sink
 
 Index = dict[int, Integers]
 """Channel to the receive times (ns) and the offsets in the chunk of its messages, (n, 2)."""
 
 _INDEX_ROOM = 1 << 14
 """Bytes of message indexes read at a time: they are small and stand in a row after the chunk."""
+_WORTH = 1 << 18
+"""Bytes of a remote file that are worth a request of their own to be skipped: at 100 Mbit/s they
+take 20 ms, as does a request where many wait for each other."""
+_LARGE = 1 << 20
+"""Bytes: recorders close a chunk at about this size, so a larger one has large messages."""
+_HEAD_ROOM = 256
+"""Bytes: the head of a chunk is shorter."""
 _CHECKED_SHARE = 0.5
 """A chunk's checksum is checked if wanted messages make up this share of it. Otherwise the check
 would cost more than reading, mostly over images nobody asked for."""
@@ -50,6 +57,19 @@ class Chunk:
     """Message positions that a scan found."""
     end: int = 0
     """Of its record in the file; known once the record has been read."""
+    stop: int = 0
+    """End of its record by the file's index; in bags, which do not tell it, as ``index_stop``."""
+    index_stop: int = 0
+    """End of its message indexes by the file's index."""
+    is_plain: bool = False
+    """Whether its messages are stored uncompressed, by the file's index."""
+    head: ChunkHead | None = None
+    """Once it has been read."""
+
+    @property
+    def index_start(self) -> int:
+        """File offset of its message indexes; 0 where the file's index does not tell it."""
+        return min((self.index_at or {}).values(), default=0)
 
     def may_hold(self, channels: Collection[int]) -> bool:
         """Whether it may hold messages of a channel."""
@@ -100,6 +120,10 @@ class Contents:
     losses: list[Finding] = field(default_factory=list)
 
 
+class NoIndexError(Exception):
+    """A remote file has no usable index: it would have to be scanned."""
+
+
 class ChunkedFile(ABC):
     """One file of chunks; see :class:`~imucalib_cli.logs.reader.LogFile`.
 
@@ -108,6 +132,7 @@ class ChunkedFile(ABC):
 
     Raises:
         OSError: The file cannot be opened.
+        NoIndexError: It is remote and has no usable index.
     """
 
     MAGIC: ClassVar[bytes]
@@ -116,26 +141,29 @@ class ChunkedFile(ABC):
     PART: ClassVar[str]
     """The file's name in messages about a truncated file."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: LogPath) -> None:
         from imucalib_cli.logs.scan import scan
 
         self.path = path
         self._file = path
-        self.size = path.stat().st_size
         self._scratch = Scratch()
         self._packed = Scratch()
         contents = None
         with path.open("rb") as file:
+            self.size = file.seek(0, io.SEEK_END)
             with suppress(DamageError):
                 contents = self._summary(file)
-            if contents is None:
+            if isinstance(path, RemoteFile):
+                if contents is None or all(each.index_at is None for each in contents.chunks):
+                    raise NoIndexError
+            elif contents is None:
                 contents = scan(self, file)
         self._chunks = contents.chunks
         self.channels = contents.catalogue.channels(contents.tallies)
         self.losses = contents.losses
 
     @classmethod
-    def matches(cls, head: bytes, path: Path) -> bool:  # noqa: ARG003 - content decides
+    def matches(cls, head: bytes, path: LogPath) -> bool:  # noqa: ARG003 - content decides
         """Whether a file with these first bytes is of this format."""
         return head.startswith(cls.MAGIC)
 
@@ -211,7 +239,7 @@ class ChunkedFile(ABC):
         """
         if chunk.length:
             return inflate_file(file, chunk.start, chunk.length, self._scratch), 0
-        head = self._chunk_head(file, chunk.start)
+        head = chunk.head or self._chunk_head(file, chunk.start)
         chunk.end = head.start + head.packed
         size = max(0, min(chunk.end, self.size) - head.start)
         if head.is_plain:
@@ -231,13 +259,55 @@ class ChunkedFile(ABC):
         needed = [each for each in self._chunks if each.may_hold(channels)]
         base = 0
         with self._file.open("rb", buffering=0) as file:
+            told = progress
+            if isinstance(self._file, RemoteFile):
+                needed, told = self._announced(file, needed, channels, progress)
             for done, chunk in enumerate(needed):
-                progress(done / len(needed))
+                told(done / len(needed))
                 try:
                     base += self._read_chunk(file, chunk, channels, sink, base)
                 except (DamageError, ValueError) as error:
                     self._lose(warning("log.chunk_unreadable", byte=chunk.start, reason=str(error)))
+        if isinstance(self._file, RemoteFile):
+            self._file.see_unchanged()
         progress(1.0)
+
+    def _announced(
+        self,
+        file: BinaryIO,
+        chunks: list[Chunk],
+        channels: Collection[int],
+        progress: Progress,
+    ) -> tuple[list[Chunk], Progress]:
+        """Announce what is read of a remote file's chunks: all, or parts of large plain ones.
+
+        Returns:
+            The chunks, and what is left to be called by who reads them.
+        """
+        large = [each for each in chunks if each.is_plain and each.stop - each.start > _LARGE]
+        spans = [
+            span
+            for chunk in large
+            for span in (
+                (chunk.start, chunk.start + _HEAD_ROOM),
+                (chunk.index_start, chunk.index_stop),
+            )
+        ]
+        announce(file, spans, lambda share: progress(share / 2.0))
+        parts: dict[int, list[tuple[int, int]]] = {}
+        found: dict[int, Chunk] = {}
+        for chunk in large:
+            with suppress(DamageError):  # is told where the chunk is read
+                head = self._chunk_head(file, chunk.start)
+                index = self._index_of(file, chunk, channels)
+                parts[chunk.start] = _runs(head.start, index)
+                found[chunk.start] = replace(chunk, head=head, index=index)
+        spans = [
+            span for chunk in chunks for span in parts.get(chunk.start, [(chunk.start, chunk.stop)])
+        ]
+        done = 0.5 if large else 0.0
+        told = announce(file, spans, lambda share: progress(done + (1.0 - done) * share))
+        return [found.get(chunk.start, chunk) for chunk in chunks], told
 
     def _read_chunk(
         self, file: BinaryIO, chunk: Chunk, channels: dict[int, Channel], sink: Sink, base: int
@@ -283,19 +353,28 @@ class ChunkedFile(ABC):
         """Message positions: from a scan, from a message index, or by walking the records."""
         if chunk.index is not None:
             return chunk.index
-        if chunk.index_at is not None:
-            buffered = io.BufferedReader(file, _INDEX_ROOM)  # type: ignore[type-var]
-            try:
-                return self._message_index(buffered, chunk, channels)
-            except DamageError:
-                pass
-            finally:
-                buffered.detach()
+        # of a remote file the index would be read too: to walk through the chunk costs less
+        is_there = chunk.index_start < chunk.stop or not isinstance(self._file, RemoteFile)
+        if chunk.index_at is not None and is_there:
+            with suppress(DamageError):
+                return self._index_of(file, chunk, channels)
         index, sound = self.walk(inflated.upto(), Catalogue())
         if sound < inflated.claimed:
             size = inflated.claimed
             self._lose(warning("log.chunk_damaged", byte=chunk.start, lost=size - sound, size=size))
         return index
+
+    def _index_of(self, file: BinaryIO, chunk: Chunk, channels: Collection[int]) -> Index:
+        """Message positions from the message index, read by a buffer.
+
+        Raises:
+            DamageError: It is missing or damaged.
+        """
+        buffered = io.BufferedReader(file, _INDEX_ROOM)  # type: ignore[type-var]
+        try:
+            return self._message_index(buffered, chunk, channels)
+        finally:
+            buffered.detach()
 
     def _time(self, file: BinaryIO, contents: Contents) -> None:
         """Times of each channel's first and last messages, from the chunks at both ends.
@@ -303,10 +382,19 @@ class ChunkedFile(ABC):
         Raises:
             DamageError: A message index is damaged.
         """
-        for number, tally in contents.tallies.items():
+        ends = {}
+        for number in contents.tallies:
             holding = [each for each in contents.chunks if number in (each.index_at or ())]
+            ends[number] = holding[:1] + holding[1:][-1:]
+        spans = [
+            (chunk.index_start or chunk.index_stop - _INDEX_ROOM, chunk.index_stop)
+            for chunks in ends.values()
+            for chunk in chunks
+        ]
+        announce(file, spans, lambda _: None)
+        for number, tally in contents.tallies.items():
             times = Tally()
-            for chunk in holding[:1] + holding[1:][-1:]:
+            for chunk in ends[number]:
                 found = self._message_index(file, chunk, {number})
                 if number in found:
                     times.add(found[number][:, 0])
@@ -316,3 +404,14 @@ class ChunkedFile(ABC):
     def _lose(self, what: Finding) -> None:
         if what not in self.losses:
             self.losses.append(what)
+
+
+def _runs(start: int, index: Index) -> list[tuple[int, int]]:
+    """Parts of a file that hold the messages of an index, of data that begin at ``start``."""
+    if not index:
+        return []
+    offsets = start + np.sort(np.concatenate([each[:, 1] for each in index.values()]))
+    breaks = np.flatnonzero(np.diff(offsets) > _WORTH)
+    firsts = offsets[np.concatenate(([0], breaks + 1))].tolist()
+    lasts = offsets[np.concatenate((breaks, [len(offsets) - 1]))].tolist()
+    return [(first, last + SLACK) for first, last in zip(firsts, lasts, strict=True)]

@@ -99,7 +99,7 @@ def choose_clock(
         findings = [_told(fault, "receive times") for fault in header_faults]
     else:
         findings = [_told(fault, "no better", log_faults) for fault in header_faults]
-    origin = min((_first_plausible(_stamps(each, kind)) for each in moving), default=0)
+    origin = min((first_plausible(_stamps(each, kind)) for each in moving), default=0)
     sound = None if faults[other] else other
     return Clock(kind=kind, origin_ns=origin, findings=tuple(findings), alternative=sound)
 
@@ -239,7 +239,7 @@ def _rate(stream: Stream) -> float:
     return float(header / log)
 
 
-def _first_plausible(stamps: Nanoseconds) -> int:
+def first_plausible(stamps: Nanoseconds) -> int:
     """The first stamp, ignoring single glitches such as zeros, which would cost float64 digits."""
     low, middle, high = (int(x) for x in np.percentile(stamps, (5, 50, 95)))
     reach = 2 * (high - low) + _NS

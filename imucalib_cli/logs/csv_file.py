@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from imucalib_cli.findings import Finding
     from imucalib_cli.logs.messages import Kind
-    from imucalib_cli.logs.reader import Channel, Progress, Sink
+    from imucalib_cli.logs.reader import Channel, LogPath, Progress, Sink
 
 _SPELLINGS = {
     "gyro": ("xyz", "g|w|gyr|gyro|omega|angular_velocity|w_rs_s"),
@@ -127,7 +127,7 @@ class CsvFile:
     """Names of the columns where the file has no header."""
 
     def __init__(self, path: Path, topic: str = "", unit: str = "") -> None:
-        self.path = path
+        self.path: LogPath = path
         self.losses: list[Finding] = []
         self._topic = topic
         with path.open(encoding="utf-8-sig", errors="replace") as file:

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Any, BinaryIO, Protocol
 
 import numpy as np
 
+from imucalib_cli.errors import ImucalibError
+
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Bytes, Integers
 
@@ -13,7 +15,7 @@ _STEP = 1 << 16
 """Bytes decompressed at a time: small enough that the allocator reuses the memory."""
 _DOUBLED = 1 << 26
 """A buffer that is too small is doubled up to this size, bytes."""
-_SLACK = 4096
+SLACK = 4096
 """Bytes read after the start of a wanted message: most messages are shorter."""
 _SKIP = 1 << 15
 """Larger gaps in a file are skipped, smaller ones are read, bytes."""
@@ -70,6 +72,8 @@ class Inflated:
             buffer = self._scratch.reserve(self._done + room, keep=self._done)
             try:
                 got = self._source.fill(buffer.data[self._done : self._done + room])
+            except ImucalibError:  # a server's
+                raise
             # lz4, zstandard and bz2 each raise exceptions of their own for damaged bytes.
             except Exception:  # noqa: BLE001
                 got = 0
@@ -88,12 +92,12 @@ class Inflated:
             before the end of the message; then :meth:`upto` gets the remaining bytes.
         """
         if not isinstance(self._source, _Part) or self._done:
-            data = self.upto(int(offsets.max()) + _SLACK)
+            data = self.upto(int(offsets.max()) + SLACK)
             return data, np.full(len(offsets), len(data))
         order = np.sort(offsets)
         breaks = np.flatnonzero(np.diff(order) > _SKIP)
         starts = order[np.concatenate(([0], breaks + 1))]
-        stops = order[np.concatenate((breaks, [len(order) - 1]))] + _SLACK
+        stops = order[np.concatenate((breaks, [len(order) - 1]))] + SLACK
         room = min(self.claimed, self._source.size)
         if starts[0] < 0 or starts[-1] >= room:
             return self._scratch.data[:0], np.zeros(len(offsets), dtype=np.int64)

@@ -12,13 +12,13 @@ from imucalib_cli.logs.csv_file import CsvFile
 from imucalib_cli.logs.messages import MESSAGE_TYPES
 from imucalib_cli.logs.open import READERS, open_files
 from imucalib_cli.logs.reader import Topic
+from imucalib_cli.logs.remote.file import RemoteFile
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
-    from pathlib import Path
 
     from imucalib_cli.logs.decode import TopicData
-    from imucalib_cli.logs.reader import Channel, LogFile
+    from imucalib_cli.logs.reader import Channel, LogFile, LogPath, Progress
     from imucalib_cli.logs.streams import ImuStream, JointStream, PoseStream
 
 _MOST_TOLD = 8
@@ -186,28 +186,46 @@ class Log:
         return str(self.paths[0]) if self.paths else "the log"
 
 
-def open_log(paths: Sequence[Path], csv_columns: Sequence[str] = ()) -> Log:
+def open_log(
+    paths: Sequence[LogPath],
+    csv_columns: Sequence[str] = (),
+    *,
+    scan_remote: bool = False,
+    progress: Progress = lambda _: None,
+) -> Log:
     """Open one recording.
 
     Args:
         paths: A file or folder, or the files of one recording, of any format that
             :data:`~imucalib_cli.logs.open.READERS` has, recognised by content.
         csv_columns: Names of the columns of tables without a header.
+        scan_remote: Download remote files that cannot be read in parts.
+        progress: Called with the share of one that is downloaded, 0 to 1.
 
     Raises:
         InputError: A path is missing, unreadable, or not a log.
-        ChoiceError: A folder holds several recordings, or a path is given twice.
+        ChoiceError: A folder holds several recordings, a path is given twice, or a remote file
+            would have to be read whole.
     """
-    known = [os.path.realpath(path) for path in paths]  # Path.resolve raises for links in a circle
+    known = [
+        # Path.resolve raises for links in a circle
+        path.address if isinstance(path, RemoteFile) else os.path.realpath(path)
+        for path in paths
+    ]
     twice = [path for path, real in zip(paths, known, strict=True) if known.count(real) > 1]
     if twice:
         raise ChoiceError(f"{twice[0]} is given twice: name each file of the recording once")
     readers = [*READERS, CsvFile.with_columns(csv_columns)] if csv_columns else READERS
-    return Log([file for path in paths for file in open_files(path, readers)])
+    files = (
+        open_files(path, readers, scan_remote=scan_remote, progress=progress) for path in paths
+    )
+    return Log([file for opened in files for file in opened])
 
 
-def _bytes_of(path: Path) -> int:
-    """Files on disk, with those that SQLite keeps beside a database."""
+def _bytes_of(path: LogPath) -> int:
+    """Files on disk, with those that SQLite keeps beside a database; or behind a URL."""
+    if isinstance(path, RemoteFile):
+        return path.size or 0
     wal = path.with_name(f"{path.name}-wal")
     return path.stat().st_size + (wal.stat().st_size if wal.exists() else 0)
 

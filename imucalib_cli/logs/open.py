@@ -10,15 +10,18 @@ from typing import TYPE_CHECKING
 from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.findings import warning
 from imucalib_cli.logs.bag.file import BagFile
+from imucalib_cli.logs.chunks import ChunkedFile, NoIndexError
 from imucalib_cli.logs.csv_file import NAMES, CsvFile
 from imucalib_cli.logs.db3.file import Db3File
 from imucalib_cli.logs.mcap.file import McapFile
+from imucalib_cli.logs.remote.file import RemoteFile, in_bytes
+from imucalib_cli.logs.remote.store import NoRangesError
 from imucalib_cli.logs.tum_euroc import TABLES, EurocTable, TumFile
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from imucalib_cli.logs.reader import LogFile
+    from imucalib_cli.logs.reader import LogFile, LogPath, Progress
 
     Readers = Sequence[type[LogFile]]
 
@@ -32,13 +35,28 @@ _HEAD = 4096
 _METADATA = b"rosbag2_bagfile_information"
 
 
-def open_files(path: Path, readers: Readers = READERS) -> list[LogFile]:
+def open_files(
+    path: LogPath,
+    readers: Readers = READERS,
+    *,
+    scan_remote: bool = False,
+    progress: Progress = lambda _: None,
+) -> list[LogFile]:
     """Open the files of a recording.
+
+    Args:
+        path: A file or folder, or a file behind a URL.
+        readers: Formats that may be meant.
+        scan_remote: Download a remote file that cannot be read in parts.
+        progress: Called with the share of it that is downloaded, 0 to 1.
 
     Raises:
         InputError: Missing, unreadable, empty or not a log.
-        ChoiceError: A folder without metadata.yaml holds several recordings.
+        ChoiceError: A folder without metadata.yaml holds several recordings, or a remote file
+            would have to be read whole.
     """
+    if isinstance(path, RemoteFile):
+        return [_open_remote(path, readers, progress if scan_remote else None)]
     try:
         if stat.S_ISDIR(_mode(path)):
             return _open_folder(path, readers)
@@ -111,26 +129,73 @@ def _open_file(path: Path, head: bytes, readers: Readers) -> LogFile:
             loss = cut_table(unpacked, path.stat().st_size) or loss
         if head.startswith(_ZSTD):
             raise InputError(f"{path} is compressed twice: unpack it with zstd -d")
-        try:
-            file = _open_file(unpacked, head, readers)
-        except InputError as error:  # the error names a temporary file that the user does not know
+        if kind is None:
             cut = "" if loss is None else ", as far as it could be unpacked"
-            said = f"{path} unpacks to no log{cut}: expected {_known(readers)}"
-            if kind is not None:
-                said = str(error).replace(str(unpacked), str(path))
-            raise InputError(said) from error
-        file.path = path
+            raise InputError(f"{path} unpacks to no log{cut}: expected {_known(readers)}")
+        file = _open_copy(path, unpacked, readers)
         if loss is not None:
             file.losses.append(loss)
         return file
     reader = _reader(path, head, readers)
-    if reader is not None:
-        return reader(path)
+    if reader is None:
+        raise _no_log(path, head, readers)
+    return reader(path)
+
+
+def _open_copy(path: LogPath, copied: Path, readers: Readers) -> LogFile:
+    """Open a temporary file, which the user does not know, under the name of its origin."""
+    try:
+        file = _open_file(copied, _head(copied), readers)
+    except InputError as error:
+        raise InputError(str(error).replace(str(copied), str(path))) from error
+    file.path = path
+    return file
+
+
+def _open_remote(remote: RemoteFile, readers: Readers, progress: Progress | None) -> LogFile:
+    """Open a file behind a URL in parts; whole only where that is allowed.
+
+    Args:
+        remote: The file.
+        readers: Formats that may be meant.
+        progress: Called with the share that is downloaded; None allows no download.
+    """
+    if remote.is_folder:
+        raise InputError(f"{remote} is a folder: name its .mcap or .bag files one by one")
+    try:
+        head = remote.head(_HEAD)
+        reader = _reader(Path(remote.name), head, readers)
+        if head.startswith(_ZSTD):
+            reason = "it is compressed as a whole"
+        elif _METADATA in head:
+            raise InputError(f"{remote} only lists files: name those one by one")
+        elif reader is None:
+            raise _no_log(remote, head, readers)
+        elif issubclass(reader, ChunkedFile):
+            try:
+                return reader(remote)
+            except NoIndexError:
+                reason = "it has no usable index, as of a recorder that was killed"
+        else:
+            reason = f"{reader.FORMAT} has no index"
+    except NoRangesError:
+        reason = "its server does not send parts of a file"
+    if progress is None:
+        size = "" if remote.size is None else f", {in_bytes(remote.size)}"
+        raise ChoiceError(
+            f"{remote} would have to be read whole{size}: {reason}; download it, or let a "
+            "temporary copy be made with --allow-remote-scan",
+            option="--allow-remote-scan",
+        )
+    return _open_copy(remote, remote.download(progress), readers)
+
+
+def _no_log(path: LogPath, head: bytes, readers: Readers) -> InputError:
     if not head:
-        raise InputError(f"{path} is empty: record or copy it again")
-    if path.suffix.lower() == ".csv":
-        raise InputError(f"{path} has no header of known columns: {NAMES}, or use --csv-columns")
-    raise InputError(f"{path} is not a log: expected {_known(readers)}")
+        return InputError(f"{path} is empty: record or copy it again")
+    if path.name.lower().endswith(".csv"):
+        return InputError(f"{path} has no header of known columns: {NAMES}, or use --csv-columns")
+    return InputError(f"{path} is not a log: expected {_known(readers)}")
 
 
 def _known(readers: Readers) -> str:

@@ -13,11 +13,16 @@ from imucalib_cli.logs.messages import MESSAGE_TYPES, normalise_type
 
 if TYPE_CHECKING:
     from pathlib import Path
+    from typing import TypeAlias
 
     from imucalib_cli.arrays import Bytes, Floats, Integers
     from imucalib_cli.findings import Finding
     from imucalib_cli.logs.messages import Kind
+    from imucalib_cli.logs.remote.file import RemoteFile
     from imucalib_cli.logs.streams import Nanoseconds
+
+    LogPath: TypeAlias = Path | RemoteFile
+    """A file on disk, or behind a URL."""
 
 ENCODINGS = frozenset({"cdr", "ros1", "text"})
 """Encodings that can be decoded; ``text``: the format's reader provides numbers itself."""
@@ -134,7 +139,8 @@ class LogFile(Protocol):
     IS_TEXT: ClassVar[bool]
     """Whether such a file may lie beside a log without belonging to it."""
 
-    path: Path
+    path: LogPath
+    """As it is named to users, for what was unpacked or downloaded its origin."""
 
     @property
     def channels(self) -> tuple[Channel, ...]:

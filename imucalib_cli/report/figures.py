@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.checks.segments import LogParts
-    from imucalib_cli.estimate.details import Details, OffsetProfile, WindowSeries
+    from imucalib_cli.estimate.details import Details, OffsetProfile, Spectrum, WindowSeries
     from imucalib_cli.report.chart import Style
     from imucalib_cli.results.result import Result, TimeOffset
 
@@ -50,27 +50,33 @@ class Material:
     result: Result
     details: Details | None = None
     """None where only the result is at hand."""
+    spectra: tuple[Spectrum, Spectrum] | None = None
+    """Of what the fit leaves, accelerometer and gyroscope; the details have them too."""
+    stretches: LogParts | None = None
+    """What each part of the log told; likewise."""
     stamps: Mapping[str, Floats] | None = None
     """Stamps of each stream, s of the log, in the order in which they were recorded."""
 
 
 def figures(material: Material) -> Iterator[Figure]:
     """All that the material can show."""
-    details = material.details
+    details, spectra, stretches = material.details, material.spectra, material.stretches
     if details is not None:
+        spectra, stretches = details.spectra, details.stretches
         details = replace(details, windows=details.windows.with_gaps())
         yield _motion(material, details, "accel")
         yield _motion(material, details, "gyro")
         yield _residuals(details.windows)
-        yield _spectra(details)
-        if details.dependence:
-            yield _window(details)
-        if details.stretches is not None:
-            yield _segments(details.stretches)
-            yield _so_far(details.stretches)
-            yield _taught(details.stretches)
-        if details.offset is not None:
-            yield _offset(details.offset, material.result.time_offset)
+    if spectra is not None:
+        yield _spectra(spectra)
+    if details is not None and details.dependence:
+        yield _window(details)
+    if stretches is not None:
+        yield _segments(stretches)
+        yield _so_far(stretches)
+        yield _taught(stretches)
+    if details is not None and details.offset is not None:
+        yield _offset(details.offset, material.result.time_offset)
     if material.stamps:
         yield _stamps(material.stamps)
     if material.result.diagnostics.parameters:
@@ -144,7 +150,7 @@ def _residuals(series: WindowSeries) -> Figure:
     )
 
 
-def _spectra(details: Details) -> Figure:
+def _spectra(spectra: tuple[Spectrum, Spectrum]) -> Figure:
     plots = tuple(
         Plot(
             title=_SENSORS[sensor],
@@ -155,7 +161,7 @@ def _spectra(details: Details) -> Figure:
             log="xy",
             levels=(("the IMU's own noise", spectrum.own),) if spectrum.own > _SILENT else (),
         )
-        for sensor, spectrum in zip(_SENSORS, details.spectra, strict=True)
+        for sensor, spectrum in zip(_SENSORS, spectra, strict=True)
     )
     return _figure(
         "spectra",

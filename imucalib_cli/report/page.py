@@ -72,7 +72,8 @@ def _article(material: Material, number: int, data: dict[str, Any]) -> str:
     links = "".join(f'<li><a href="#{prefix}{key}">{title}</a></li>' for key, title in contents)
     drawn = "".join(_figure(each, prefix, data) for each in found)
     if material.details is None:
-        drawn = f"<p>{_ALONE if material.stamps is None else _PUBLISHED}</p>{drawn}"
+        why = _PUBLISHED if material.stamps is not None else _ALONE
+        drawn = f"<p>{why if material.spectra is None else _FROM_STATISTICS}</p>{drawn}"
     told = sections(result)
     first = "".join(_section(each) for each in told if _is_told_first(each))
     others = "".join(_section(each) for each in told if not _is_told_first(each))
@@ -88,6 +89,10 @@ def _article(material: Material, number: int, data: dict[str, Any]) -> str:
 _ALONE = (
     "This page was made from a result alone. Measured and predicted motion, residuals and spectra "
     "need the log: <code>imucalib run … --report report.html</code>."
+)
+_FROM_STATISTICS = (
+    "This page was made from the statistics of a log. Measured and predicted motion, residuals and "
+    "the time offset's likelihood need the log: <code>imucalib run … --report report.html</code>."
 )
 _PUBLISHED = (
     "The published method (<code>--method paper</code>) keeps no series of what it measured and "
@@ -217,9 +222,9 @@ def _mount_words(result: Result) -> str:
 
 def _source(result: Result, prefix: str) -> str:
     source = result.provenance
-    rows = [(each.path, f"sha256 {each.sha256}") for each in source.files]
+    rows = [(each.path, each.identity) for each in source.files]
     if source.urdf is not None:
-        rows.append((source.urdf.path, f"sha256 {source.urdf.sha256}"))
+        rows.append((source.urdf.path, source.urdf.identity))
     rows.append(("made by", f"{source.tool} {source.version}"))
     rows += [(name, "default" if v is None else str(v)) for name, v in source.options.items()]
     text = "".join(f"<dt>{as_html(name)}</dt><dd>{as_html(value)}</dd>" for name, value in rows)

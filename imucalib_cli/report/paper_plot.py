@@ -14,7 +14,10 @@ import numpy as np
 from imucalib_cli.optional import optional
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
     from imucalib_cli.estimate.details import WindowSeries
 
@@ -45,11 +48,12 @@ _NO_DATES: dict[str, dict[str, Any]] = {
 }
 
 
-def draw_residuals(windows: WindowSeries, suffix: str) -> bytes:
-    """Measured and predicted per axis of both sensors over time, a strip of residuals below each.
+def drawn(draw: Callable[[Figure], None], size: tuple[float, float], suffix: str) -> bytes:
+    """A page on which something is drawn.
 
     Args:
-        windows: Of an estimate.
+        draw: What draws it.
+        size: Width and height, inches.
         suffix: One of SUFFIXES.
 
     Raises:
@@ -60,8 +64,26 @@ def draw_residuals(windows: WindowSeries, suffix: str) -> bytes:
     from matplotlib.figure import Figure
 
     with style.context(["default", _STYLE]):  # whatever the user has in matplotlibrc
-        figure = Figure(figsize=_SIZE, layout="constrained")
+        figure = Figure(figsize=size, layout="constrained")
         FigureCanvasAgg(figure)
+        draw(figure)
+        content = io.BytesIO()
+        figure.savefig(content, format=suffix[1:], dpi=_DPI, metadata=_NO_DATES[suffix])
+    return content.getvalue()
+
+
+def draw_residuals(windows: WindowSeries, suffix: str) -> bytes:
+    """Measured and predicted per axis of both sensors over time, a strip of residuals below each.
+
+    Args:
+        windows: Of an estimate.
+        suffix: One of SUFFIXES.
+
+    Raises:
+        InputError: matplotlib is not installed.
+    """
+
+    def draw(figure: Figure) -> None:
         panels = figure.subplots(
             6, 2, sharex=True, height_ratios=(3, 1.2) * 3, gridspec_kw={"hspace": 0.04}
         )
@@ -75,9 +97,8 @@ def draw_residuals(windows: WindowSeries, suffix: str) -> bytes:
         figure.align_ylabels()
         handles = [line for panel in panels[:2, 0] for line in panel.get_legend_handles_labels()[0]]
         figure.legend(handles=handles, loc="outside upper center", ncols=4, frameon=False)
-        content = io.BytesIO()
-        figure.savefig(content, format=suffix[1:], dpi=_DPI, metadata=_NO_DATES[suffix])
-    return content.getvalue()
+
+    return drawn(draw, _SIZE, suffix)
 
 
 def _draw_axis(upper: Axes, lower: Axes, windows: WindowSeries, sensor: str, axis: int) -> None:

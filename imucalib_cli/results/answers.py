@@ -7,7 +7,9 @@ the JSON Schema. Differences are found - told (verify), second - first (diff) or
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+import csv
+import io
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from msgspec import UNSET, Meta, UnsetType
 
@@ -22,6 +24,9 @@ from imucalib_cli.results.result import (
     Tree,
     Vector3,
 )
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 Verdict = Literal["yes", "no", "unknown"]
 """Whether two poses are one."""
@@ -127,6 +132,13 @@ class VerifyAnswer(Tree, frozen=True):
     significance: Significance | None
     told: ToldPose
     found: Result
+    file: str | UnsetType = UNSET
+    """Of the result; not there where a log was asked."""
+
+    @property
+    def about(self) -> str:
+        """The file it is about; empty for a log."""
+        return self.file or ""
 
 
 class Side(Tree, frozen=True):
@@ -163,6 +175,11 @@ class DiffAnswer(Tree, frozen=True):
     warnings: list[str]
     first: Side
     second: Side
+
+    @property
+    def about(self) -> str:
+        """The file it is about."""
+        return self.second.file
 
 
 class Averaged(Tree, frozen=True):
@@ -270,8 +287,33 @@ class KalibrAnswer(Tree, frozen=True):
     truth: TruthPose | None
 
 
+def as_csv(answers: Sequence[VerifyAnswer | DiffAnswer]) -> str:
+    """One row for each answer; what is not known is empty."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(
+        (
+            *("file", "first", "parent", "child", "verdict", "distance_mm", "distance_sigma_mm"),
+            *("angle_deg", "angle_sigma_deg", "reason"),
+        )
+    )
+    for answer in answers:
+        writer.writerow(
+            (
+                answer.about,
+                answer.first.file if isinstance(answer, DiffAnswer) else "",
+                *(answer.parent, answer.child, answer.verdict),
+                *(answer.translation.difference_mm, answer.translation.sigma_mm),
+                *(answer.rotation.difference_deg, answer.rotation.sigma_deg, answer.reason),
+            )
+        )
+    return text.getvalue()
+
+
 def schema_of(which: Literal["result", "comparison"]) -> str:
-    """JSON Schema of what ``run`` writes, or of what ``verify``, ``diff`` and ``compare`` do."""
+    """JSON Schema of what ``run`` writes, or of the answers of the commands that compare."""
+    from imucalib_cli.results.trend.answer import TrendAnswer
+
     several = "With --format json several IMUs give an array of these objects, with YAML a stream."
     if which == "result":
         return json_schema(
@@ -283,11 +325,12 @@ def schema_of(which: Literal["result", "comparison"]) -> str:
             Result,
         )
     return json_schema(
-        "imucalib verify, diff and compare, schema 1",
+        "imucalib verify, diff, trend and compare, schema 1",
         "Answer for one IMU. Adding a key keeps the schema number, changing one raises it. "
         "Differences are found - told (verify), second - first (diff) or Kalibr's - ours "
         f"(compare), in the parent frame. {several}",
         VerifyAnswer,
         DiffAnswer,
+        TrendAnswer,
         KalibrAnswer,
     )

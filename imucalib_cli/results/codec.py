@@ -109,6 +109,15 @@ def to_json(documents: Sequence[Tree | Document]) -> str:
     return json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
+def to_jsonl(documents: Sequence[Tree | Document]) -> str:
+    """One object a line."""
+    lines = (
+        json.dumps(document, ensure_ascii=False, allow_nan=False)
+        for document in map(msgspec.to_builtins, documents)
+    )
+    return "".join(f"{line}\n" for line in lines)
+
+
 def read_results(text: str, name: str) -> list[Result]:
     """Results of one file: a YAML stream, a JSON object or a JSON array.
 

@@ -21,6 +21,7 @@ from imucalib_cli.robot.rotations import (
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
+    from datetime import datetime
 
     from imucalib_cli.arrays import Floats
     from imucalib_cli.results.result import Bias, Observable, Result, Status, Unobservable
@@ -97,7 +98,10 @@ def sections(result: Result) -> tuple[Section, ...]:
         for section in (
             Section(
                 "log",
-                (Field("", f"from {files}: {topics.imu} with {', '.join(topics.motion)}"),),
+                (
+                    Field("", f"from {files}: {topics.imu} with {', '.join(topics.motion)}"),
+                    *_recorded(result),
+                ),
             ),
             Section("reasons against it", (*distrust, *unobservable_fields(result))),
             Section(
@@ -113,6 +117,7 @@ def sections(result: Result) -> tuple[Section, ...]:
             Section("uncertainty", tuple(_sigmas(result))),
             Section("time offset, biases and gravity", tuple(_nuisances(result))),
             Section("fit", tuple(_fit(result))),
+            Section("logs", tuple(_logs(result))),
             Section("nominal pose", tuple(_nominal(result))),
             Section("warnings", tuple(warnings)),
         )
@@ -160,6 +165,23 @@ def _direction_std(direction: Unobservable) -> str:
     if direction.kind == "translation":
         return f"{figures(direction.std * 1e3, 2)} mm"
     return f"{figures(math.degrees(direction.std), 2)} deg"
+
+
+def _recorded(result: Result) -> Iterator[Field]:
+    recording = result.provenance.recording
+    if recording is None:
+        return
+    when = "at an unknown time" if recording.start is None else instant(recording.start)
+    yield Field(
+        "recorded",
+        f"{when}, {figures(recording.duration, 4)} s: {recording.imu_samples} samples of the IMU "
+        f"at {figures(recording.imu_rate, 4)} Hz, {recording.motion_samples} of the motion",
+    )
+
+
+def instant(when: datetime) -> str:
+    """Date and time for people, such as ``2026-05-04 09:15:02 UTC``."""
+    return f"{when:%Y-%m-%d %H:%M:%S} UTC"
 
 
 def _paste(R: Floats, t: Floats) -> Iterator[Field]:
@@ -304,6 +326,25 @@ def _fit(result: Result) -> Iterator[Field]:
             f"first and second half {figures(apart, 2)} mm and {figures(turned, 2)} deg apart, "
             f"{figures(parts.halves.sigmas, 2)} sigma",
         )
+
+
+def _logs(result: Result) -> Iterator[Field]:
+    """How far each of several logs is from the others."""
+    combined = result.diagnostics.combined
+    if combined is None:
+        return
+    between = combined.between_logs
+    low, high = (figures(value, 2) for value in between.translation_mm_95)
+    least, most = (figures(value, 2) for value in between.rotation_deg_95)
+    yield Field(
+        "between logs",
+        f"± {figures(between.translation_mm, 2)} mm ({low} to {high} with 95 %) and "
+        f"± {figures(between.rotation_deg, 2)} deg ({least} to {most}) beside the noise in each",
+    )
+    for log in combined.logs:
+        apart = f"{figures(log.distance_mm, 2)} mm and {figures(log.distance_deg, 2)} deg"
+        odd = ": it disagrees" if log.disagrees else ""
+        yield Field(log.name, f"{apart} from the others, {figures(log.sigmas, 2)} sigma{odd}")
 
 
 def _nominal(result: Result) -> Iterator[Field]:

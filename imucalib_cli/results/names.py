@@ -7,10 +7,12 @@ import unicodedata
 from itertools import count
 from typing import TYPE_CHECKING
 
+from imucalib_cli.logs.remote.file import RemoteFile
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
-    from pathlib import Path
 
+    from imucalib_cli.logs.reader import LogPath
     from imucalib_cli.results.result import Result
 
 _LONGEST = 200
@@ -64,8 +66,10 @@ def sameness(name: str) -> str:
     return unicodedata.normalize("NFC", name).casefold()
 
 
-def log_name(log: Path) -> str:
+def log_name(log: LogPath) -> str:
     """What the files of a log are named after."""
+    if isinstance(log, RemoteFile):
+        return log.stem
     resolved = log.resolve()
     if resolved.name == "metadata.yaml":
         resolved = resolved.parent

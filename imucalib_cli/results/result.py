@@ -7,6 +7,7 @@ w >= 0. A number that is not known is null.
 
 from __future__ import annotations
 
+from datetime import datetime
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
@@ -367,13 +368,33 @@ class Diagnostics(Tree, frozen=True, kw_only=True):
     """Further diagnostics by name, for the record."""
 
 
+class RemoteEntry(Tree, frozen=True):
+    """A file behind a URL, as its server described it."""
+
+    bytes: int | None
+    """Size; null where the server does not tell."""
+    version: str | None
+    """Entity tag, or time of the last change; null where the server tells neither."""
+
+
 class SourceFile(Tree, frozen=True):
     """A file that was read."""
 
     path: str
-    """As the user named it."""
-    sha256: Annotated[str, Meta(pattern="^[0-9a-f]{64}$")]
-    """Hexadecimal, of the file's bytes."""
+    """As the user named it; a URL without user, password and query."""
+    sha256: Annotated[str, Meta(pattern="^[0-9a-f]{64}$")] | None
+    """Hexadecimal, of the file's bytes; null for a remote file of which only parts were read."""
+    remote: RemoteEntry | UnsetType = UNSET
+    """Only of a file behind a URL."""
+
+    @property
+    def identity(self) -> str:
+        """What two files of the same content have in common, as far as that is known."""
+        if self.sha256 is not None:
+            return f"sha256 {self.sha256}"
+        if self.remote is UNSET:
+            return self.path
+        return f"{self.path} {self.remote.bytes} bytes, version {self.remote.version}"
 
 
 class Topics(Tree, frozen=True):
@@ -382,6 +403,21 @@ class Topics(Tree, frozen=True):
     imu: str
     motion: list[str]
     """Topics that say how the parent link moves."""
+
+
+class RecordingEntry(Tree, frozen=True):
+    """When the IMU was recorded, for how long, and with how many samples."""
+
+    start: Annotated[datetime, Meta(tz=True)] | None
+    """Date and time of the first sample, UTC; null where no stamp of the log tells the date."""
+    duration: Annotated[float, Meta(ge=0)]
+    """s, from the first sample that was used to the last."""
+    imu_samples: int
+    """In the log."""
+    imu_rate: float
+    """Hz, of samples that follow each other without a gap."""
+    motion_samples: int
+    """Messages that say how the parent link moves."""
 
 
 class Provenance(Tree, frozen=True):
@@ -397,6 +433,8 @@ class Provenance(Tree, frozen=True):
     clock: str
     """Which stamps were used: header or log."""
     options: dict[str, Scalar]
+    recording: RecordingEntry | None = None
+    """null in results of earlier versions."""
 
 
 class Result(Tree, frozen=True, kw_only=True):
@@ -441,6 +479,12 @@ class Result(Tree, frozen=True, kw_only=True):
     def imu_topic(self) -> str:
         """Of the log."""
         return self.provenance.topics.imu
+
+    @property
+    def recorded_at(self) -> datetime | None:
+        """When the recording begins, UTC; None where the result does not know."""
+        recording = self.provenance.recording
+        return None if recording is None else recording.start
 
     @property
     def pose(self) -> Pose:

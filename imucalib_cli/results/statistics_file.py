@@ -1,6 +1,6 @@
 """The file of a log's statistics: a NumPy archive (.npz) that is solved again without the log.
 
-It holds the result too, so that it says itself what it belongs to. Layout: docs/statistics.md.
+It holds the result too, so that it says itself what it belongs to. Layout: docs/several-logs.md.
 """
 
 from __future__ import annotations

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Literal
 
+from msgspec import UNSET
+
 from imucalib_cli.digits import figures
 from imucalib_cli.findings import warning
 from imucalib_cli.results.answers import (
@@ -40,7 +42,11 @@ WITHIN = Tolerance(translation=5e-3, rotation=math.radians(0.5))
 
 
 def verify(
-    result: Result, told: Nominal, within: Tolerance = WITHIN, urdf: SourceFile | None = None
+    result: Result,
+    told: Nominal,
+    within: Tolerance = WITHIN,
+    urdf: SourceFile | None = None,
+    file: str = "",
 ) -> VerifyAnswer:
     """Decide whether a told pose is right within a tolerance.
 
@@ -53,13 +59,14 @@ def verify(
         told: The pose in question, in the result's parent frame.
         within: What is near enough; finite.
         urdf: Where it was told; None where the log's own frames did.
+        file: Of the result; empty where it is of a log that was just read.
     """
     found = result.uncertain_pose
     apart = compare_poses(found.exactly(told.R_parent_imu, told.t_parent_imu), found)
     verdicts = [apart.judge(part, within) for part in apart.parts]
     doubts = _contradictions(result)
     verdict: Verdict = "unknown" if doubts else apart.verdict(within)
-    asked = _tolerance_words(within)
+    asked = tolerance_words(within)
     place = f"{result.child} in {result.parent}"
     source = "the log's own frames say" if urdf is None else f"{urdf.path} says"
     by = f"{source} (joint '{told.joint}')" if told.joint else source
@@ -86,7 +93,7 @@ def verify(
         reason=said + _given_beforehand(result),
         parent=result.parent,
         child=result.child,
-        within=_within(within),
+        within=within_entry(within),
         translation=translation,
         rotation=rotation,
         significance=apart.significance(),
@@ -98,6 +105,7 @@ def verify(
             urdf=urdf,
         ),
         found=result,
+        file=file or UNSET,
     )
 
 
@@ -125,7 +133,7 @@ def diff(
     verdict: Verdict = "unknown" if doubts else apart.verdict(within)
     place = f"{poses[0].child} in {poses[0].parent}"
     figures_said = f"{apart} apart{_chance(test)}"
-    allowed = "" if within is None else f", within {_tolerance_words(within)}"
+    allowed = "" if within is None else f", within {tolerance_words(within)}"
     match verdict:
         case "no":
             said = f"{place} has moved: {figures_said}{allowed}"
@@ -147,7 +155,7 @@ def diff(
         reason=said,
         parent=poses[0].parent,
         child=poses[0].child,
-        within=None if within is None else _within(within),
+        within=None if within is None else within_entry(within),
         translation=translation,
         rotation=rotation,
         significance=apart.significance(),
@@ -159,7 +167,8 @@ def diff(
     )
 
 
-def _within(within: Tolerance) -> Within:
+def within_entry(within: Tolerance) -> Within:
+    """A tolerance as answers write it."""
     return Within(plain(within.translation * 1e3), plain(math.degrees(within.rotation)))
 
 
@@ -220,7 +229,7 @@ def _given_beforehand(result: Result) -> str:
     return f"; told beforehand, not found by the log alone: {', '.join(names)}" if names else ""
 
 
-def _tolerance_words(within: Tolerance) -> str:
+def tolerance_words(within: Tolerance) -> str:
     """Such as ``5 mm and 0.5 deg``."""
     return f"{within.translation * 1e3:.6g} mm and {math.degrees(within.rotation):.6g} deg"
 
@@ -237,7 +246,7 @@ def _chance(test: TestEntry | None) -> str:
 
 
 def _too_wide(apart: PoseComparison, within: Tolerance | None) -> str:
-    asked = "" if within is None else f", and {_tolerance_words(within)} is allowed"
+    asked = "" if within is None else f", and {tolerance_words(within)} is allowed"
     return (
         f"within two sigma it is up to {apart.farthest_words}{asked}: record longer or livelier "
         "motion"
@@ -246,7 +255,7 @@ def _too_wide(apart: PoseComparison, within: Tolerance | None) -> str:
 
 def _warnings(first: tuple[str, Result], second: tuple[str, Result]) -> list[str]:
     """What sigma cannot know of two results."""
-    one, other = ({file.sha256 for file in r.provenance.files} for _, r in (first, second))
+    one, other = ({file.identity for file in r.provenance.files} for _, r in (first, second))
     if not one & other:
         return []
     return [warning("diff.same_log", first=first[0], second=second[0]).message]

@@ -71,7 +71,7 @@ class Robot:
     joints: tuple[Joint, ...]
     sha256: str
     """Of the file's bytes."""
-    source: Path
+    source: Path | str
     xml: bytes
     """The file's bytes."""
 
@@ -162,7 +162,7 @@ def read_urdf(path: Path) -> bytes:
         raise InputError(f"{path}: cannot be read ({error.strerror}): check --urdf") from None
 
 
-def parse_robot(data: bytes, path: Path) -> Robot:
+def parse_robot(data: bytes, path: Path | str) -> Robot:
     """The kinematic tree of a URDF's bytes.
 
     Meshes are not opened. Axes are normalised; a missing axis is x, the default of URDF.

@@ -31,7 +31,7 @@ _KEPT = {
 }
 
 
-def check_urdf(data: bytes, path: Path) -> bytes:
+def check_urdf(data: bytes, path: Path | str) -> bytes:
     """Refuse an invalid URDF; return only its links and joints, as XML.
 
     It is lenient where the meaning is clear: limits may be missing, a missing axis is x, and other

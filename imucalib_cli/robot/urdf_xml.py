@@ -44,7 +44,7 @@ class _Refused(Exception):  # noqa: N818 - carries a fault out of an expat callb
     pass
 
 
-def parse_xml(data: bytes, path: Path) -> Element:
+def parse_xml(data: bytes, path: Path | str) -> Element:
     """Read a URDF's elements.
 
     Raises:
@@ -78,7 +78,7 @@ def parse_xml(data: bytes, path: Path) -> Element:
 class _Reader:
     """Elements down to those inside a <joint>; deeper ones are not kinematic."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path | str) -> None:
         self._path = path
         self._stack: list[Element] = []
         self._root: Element | None = None

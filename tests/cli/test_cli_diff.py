@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import io
 import json
 from pathlib import Path
@@ -103,7 +104,7 @@ def test_one_of_them_from_stdin(
     assert "warning: standard input and " in err
     assert "were computed from the same log" in err
     assert diff("-", "-") == 2
-    assert "one of the two results, not both" in capsys.readouterr().err
+    assert "one of the results, not two" in capsys.readouterr().err
 
 
 def test_imus_are_paired_by_frame_and_topic(write: Any, capsys: pytest.CaptureFixture[str]) -> None:
@@ -185,3 +186,33 @@ def test_a_covariance_that_is_none_is_refused(
     err = capsys.readouterr().err
     assert "b.yaml: covariance of imu_link in hand is not symmetric" in err
     assert err.count("\n") == 1
+
+
+def test_later_results_are_each_compared_with_the_first(
+    write: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    first, same = write("a.yaml", make()), write("b.yaml", make(log="b"))
+    moved = write("c.yaml", make([0.0, 0.001, 0.0], log="c"))
+    broken = tmp_path / "d.yaml"
+    broken.write_text("schema: 1\n")
+    assert diff(first, same, moved) == 4
+    documents, err = answers(capsys)
+    assert [each["second"]["file"] for each in documents] == [str(same), str(moved)]
+    assert [each["verdict"] for each in documents] == ["not moved", "moved"]
+    assert f"not moved: {same}: imu_link in hand has not moved" in err
+    assert f"moved: {moved}: imu_link in hand has moved" in err
+    assert diff(first, broken, same, "--format", "jsonl", "-q") == 1
+    out, err = capsys.readouterr()
+    (line,) = out.splitlines()
+    SCHEMA.validate(json.loads(line))
+    assert err.startswith(f"error: {broken}: status is missing")
+    assert diff(first, same, moved, "--format", "csv", "-q") == 4
+    rows = list(csv.DictReader(io.StringIO(capsys.readouterr().out)))
+    assert [(row["file"], row["first"]) for row in rows] == [
+        (str(same), str(first)),
+        (str(moved), str(first)),
+    ]
+    assert float(rows[1]["distance_mm"]) == pytest.approx(1.0)
+    assert float(rows[1]["distance_sigma_mm"]) == pytest.approx(0.1 * 2**0.5, rel=1e-3)
+    assert diff(first, same, moved, "--format", "summary") == 4
+    assert capsys.readouterr().out.splitlines()[1].startswith(f"moved: {moved}: imu_link")

@@ -85,7 +85,7 @@ def _explode(*_: object, **__: object) -> None:
 def test_unexpected_errors_are_one_line(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("imucalib_cli.jobs.inspect.open_log", _explode)
+    monkeypatch.setattr("imucalib_cli.jobs.inspect.open_requested", _explode)
     monkeypatch.delenv("IMUCALIB_TRACEBACK", raising=False)
     assert main(["inspect", "x.mcap"]) == 1
     err = capsys.readouterr().err
@@ -103,7 +103,7 @@ def _interrupt(*_: object, **__: object) -> None:
 def test_interruption_exits_130(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("imucalib_cli.jobs.inspect.open_log", _interrupt)
+    monkeypatch.setattr("imucalib_cli.jobs.inspect.open_requested", _interrupt)
     assert main(["inspect", "x.mcap"]) == 130
     assert "Traceback" not in capsys.readouterr().err
 
@@ -269,7 +269,7 @@ def test_a_lack_of_memory_is_one_line(
     def full(*_: object) -> None:
         raise MemoryError
 
-    monkeypatch.setattr("imucalib_cli.jobs.inspect.open_log", full)
+    monkeypatch.setattr("imucalib_cli.jobs.inspect.open_requested", full)
     assert main(["inspect", "log.mcap"]) == 1
     err = capsys.readouterr().err
     assert err.startswith("error: not enough memory: ")

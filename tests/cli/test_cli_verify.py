@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import csv
 import io
 import json
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -285,3 +287,34 @@ def test_a_mount_off_by_a_known_amount_is_found_off_by_it(
     least, most = document["translation"]["between_mm"]
     assert least < 13.0 < most
     assert most - least < 0.1
+
+
+def test_of_several_results_each_answer_names_its_file(
+    result: Path, arm_urdf: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    right, broken = tmp_path / "right.yaml", tmp_path / "broken.yaml"
+    right.write_text(
+        re.sub(r"translation: \[0\.06\d*", "translation: [0.05", result.read_text(), count=1)
+    )
+    broken.write_text("schema: 1\n")
+    capsys.readouterr()
+    assert verify(result, "--urdf", arm_urdf, "--format", "summary") == 4
+    assert capsys.readouterr().out.startswith("no: imu_link in hand is not where")
+    assert verify(result, right, broken, "--urdf", arm_urdf) == 4
+    documents, err = answers(capsys)
+    assert [(each["file"], each["verdict"]) for each in documents] == [
+        (str(result), "no"),
+        (str(right), "yes"),
+    ]
+    assert f"no: {result}: imu_link in hand is not where" in err
+    assert f"yes: {right}: imu_link in hand is where" in err
+    assert f"error: {broken}: status is missing" in err
+    assert verify(right, broken, "--urdf", arm_urdf, "--format", "csv", "-q") == 1
+    out, _ = capsys.readouterr()
+    (row,) = csv.DictReader(io.StringIO(out))
+    assert (row["file"], row["verdict"], row["first"]) == (str(right), "yes", "")
+    assert verify(result, right, "--urdf", arm_urdf, "--format", "jsonl", "-q") == 4
+    assert [json.loads(line)["file"] for line in capsys.readouterr().out.splitlines()] == [
+        str(result),
+        str(right),
+    ]

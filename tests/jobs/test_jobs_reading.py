@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from datetime import datetime, timezone
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,9 +13,9 @@ from mcap.writer import CompressionType
 from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.jobs.inspect import inspect
 from imucalib_cli.jobs.motion import find_motion
-from imucalib_cli.jobs.reading import read_recording
+from imucalib_cli.jobs.reading import read_recording, recorded_at
 from imucalib_cli.jobs.request import CalibrationRequest
-from tests.conftest import LogWriter
+from tests.conftest import START_NS, LogWriter
 from tests.logs.logs_samples import mixed_messages, write_mcap
 
 if TYPE_CHECKING:
@@ -135,3 +137,16 @@ def test_a_log_without_any_time_gives_no_advice_to_change_the_clock(
 def clock_of(log: Path, urdf: Path) -> str:
     """Which clock a run takes."""
     return read_recording(CalibrationRequest(logs=(log,), urdf=urdf)).clock.kind
+
+
+def test_the_date_is_that_of_the_stamps_or_of_receipt_or_unknown(log_writer: LogWriter) -> None:
+    """Of headers that count from the start of a computer the recorder's clock tells the date."""
+    recording = read_recording(CalibrationRequest(logs=(log_writer.imu().joints().write(),)))
+    (imu,) = recording.imus
+    start = datetime.fromtimestamp(START_NS / 1e9, tz=timezone.utc)
+    assert recorded_at(recording, imu, 1.5) == start.replace(
+        second=start.second + 1, microsecond=500_000
+    )
+    booted = replace(recording, clock=replace(recording.clock, origin_ns=77_000_000_000))
+    assert recorded_at(booted, imu, 1.5) == start
+    assert recorded_at(booted, replace(imu, log_ns=imu.log_ns - START_NS), 1.5) is None

@@ -7,6 +7,7 @@ import math
 import re
 import shlex
 from dataclasses import replace
+from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
@@ -38,13 +39,20 @@ from imucalib_cli.results.fields import sections, verdict
 from imucalib_cli.results.formats import FORMATS, refuse_untrusted
 from imucalib_cli.results.from_estimate import finding_entry, result_of, scalars
 from imucalib_cli.results.requirement import Tolerance, require
-from imucalib_cli.results.result import Provenance, Result, SourceFile, Topics
+from imucalib_cli.results.result import (
+    Provenance,
+    RecordingEntry,
+    Result,
+    SourceFile,
+    Topics,
+)
 from imucalib_cli.results.summary import summarise
 from imucalib_cli.robot.mount import Nominal
 
 ROOT = Path(__file__).parents[2]
 SCHEMA = jsonschema.Draft202012Validator(json.loads((ROOT / "docs/result.schema.json").read_text()))
 
+RECORDED = datetime(2026, 5, 4, 9, 15, 2, 250_000, tzinfo=timezone.utc)
 R_TRUE = Rotation.from_euler("xyz", [0.1, -0.4, 2.9])
 UP = UnobservableDirection(
     kind="translation", direction_parent=np.array([0.0, 0.0, 1.0]), std=None, motion="tilt it"
@@ -111,6 +119,7 @@ def make_result(
     topic: str = "/imu/data",
     log: str = "0",
     options: dict[str, Any] | None = None,
+    recorded: datetime | None = RECORDED,
     **changes: Any,
 ) -> Result:
     """A result of what an estimator found, or of make_estimate with changes."""
@@ -124,12 +133,19 @@ def make_result(
         provenance=Provenance(
             tool="imucalib",
             version="0.1.0",
-            files=[SourceFile(path="a b.mcap", sha256=log * 64)],
+            files=[SourceFile(path="a b.mcap", sha256=(log * 64)[:64])],
             urdf=SourceFile(path="robot.urdf", sha256="f" * 64),
             topics=Topics(imu=topic, motion=["/joint_states"]),
             world="base_link",
             clock="header",
             options=scalars(options or {"max_offset": 1.0, "tilt_std": math.inf}),
+            recording=RecordingEntry(
+                start=recorded,
+                duration=60.0,
+                imu_samples=30_000,
+                imu_rate=500.0,
+                motion_samples=7_500,
+            ),
         ),
     )
 
@@ -153,6 +169,18 @@ def test_documents_obey_the_schema_and_read_back_equal(variant: str, write: Any)
     SCHEMA.validate(yaml.safe_load(text)) if write is to_yaml else json.loads(text)
     (again,) = read_results(text, "result.yaml")
     assert to_document(again) == document
+
+
+def test_when_it_was_recorded_is_read_from_any_writer() -> None:
+    """Also from one that leaves the quotes out, which makes of the text a date."""
+    text = to_yaml([make_result()])
+    assert "start: '2026-05-04T09:15:02.250000Z'" in text
+    for form in (text, text.replace("'2026-05-04T09:15:02.250000Z'", "2026-05-04T09:15:02.25Z")):
+        (again,) = read_results(form, "result.yaml")
+        assert again.recorded_at == RECORDED
+    assert "recorded        2026-05-04 09:15:02 UTC, 60 s: 30000 samples" in summarise(again)
+    with pytest.raises(InputError, match=r"recording.start .*date"):
+        read_results(text.replace("2026-05-04T", "last week, "), "result.yaml")
 
 
 def test_keys_stand_in_the_order_of_the_contract() -> None:
@@ -413,6 +441,8 @@ def test_every_missing_or_mistyped_key_is_an_input_error() -> None:
                 "imu_model",
                 "findings",
                 "parameters",
+                "combined",
+                "recording",
             }
             free |= damage == "missing" and (path[-1] in later or path[-2:-1] == ("corrections",))
             try:

@@ -19,6 +19,7 @@ def test_every_key_of_an_old_result_is_read_and_kept(path: Path) -> None:
     text = path.read_text()
     (result,) = read_results(text, path.name)
     _assert_kept(yaml.safe_load(text), to_document(result))
+    assert result.recorded_at is None
 
 
 def _assert_kept(old: object, new: object) -> None:

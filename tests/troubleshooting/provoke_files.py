@@ -10,7 +10,7 @@ import shutil
 import signal
 import sys
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 from unittest.mock import patch
 
 import yaml
@@ -26,6 +26,7 @@ from tests.troubleshooting.scene import (
     noisy,
     on_arm,
 )
+from tests.web_server import serving
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -143,6 +144,32 @@ def urdf(edit: Edit) -> Provocation:
 
     return provocation
 
+
+def remote(url: str = "", **behaviour: Any) -> Provocation:
+    """A log behind a URL, or else of a server with a fault."""
+
+    def provocation(scene: Scene) -> Seen:
+        log = scene.writer().imu().write()
+        with (
+            patch.dict(os.environ, {"NO_PROXY": "*", "no_proxy": "*"}),
+            patch("imucalib_cli.logs.remote.http._PAUSE_S", 0.0),
+            serving(log.parent, **behaviour) as web,
+        ):
+            seen = scene.cli("run", url or web.url(log.name))
+            return replace(seen, err=seen.err.replace(web.address, "HOST"))
+
+    return provocation
+
+
+REMOTE: dict[str, Provocation] = {
+    "remote-package": remote("s3://bucket/log.mcap"),
+    "remote-whole": remote(ranges=False),
+    "remote-missing": remote(status=404),
+    "remote-denied": remote(status=403),
+    "remote-no-host": remote("http://robot.invalid/log.mcap"),
+    "remote-fails": remote(break_after=10),
+    "remote-changed": remote(changes_after=1),
+}
 
 READING: dict[str, Provocation] = {
     "no-file": no_file,
@@ -293,6 +320,18 @@ def compared(*edits: tuple[str, str], seed: int = 4) -> Provocation:
     return provocation
 
 
+def followed(*edits: tuple[int, str, str], count: int = 4) -> Provocation:
+    """`imucalib trend` of results of several logs, some edited."""
+
+    def provocation(scene: Scene) -> Seen:
+        results = [scene.result(f"{k}.yaml", seed=3 + k) for k in range(count)]
+        for place, pattern, new in edits:
+            edited(results[place], pattern, new)
+        return scene.cli("trend", *results, "--format", "csv")
+
+    return provocation
+
+
 def diff_unpaired(scene: Scene) -> Seen:
     a, b = scene.result("a.yaml"), scene.result("b.yaml", seed=4)
     first = a.read_text()
@@ -355,6 +394,7 @@ def output_protected(scene: Scene) -> Seen:
     return written("result.yaml")(scene)
 
 
+_MOVED = (r"translation: \[-0\.02\d+", "translation: [-0.0245")
 RESULTS: dict[str, Provocation] = {
     "yaml-alias": applied("a: &a [*a]\n"),
     "yaml-deep": applied("a: " + "[" * 100),
@@ -366,10 +406,13 @@ RESULTS: dict[str, Provocation] = {
     ),
     "verify-no-pose": verified("--parent", "wrist_3_link", imu_frame="imu"),
     "verify-no-urdf": verify_no_urdf,
-    "diff-moved": compared((r"translation: \[-0\.02\d+", "translation: [-0.0245")),
+    "diff-moved": compared(_MOVED),
     "diff-same-log": compared(seed=3),
     "diff-unpaired": diff_unpaired,
     "diff-parents": compared(("parent: wrist_3_link", "parent: flange")),
+    "trend-moved": followed(*((k, *_MOVED) for k in (2, 3))),
+    "trend-odd-last": followed((3, *_MOVED)),
+    "trend-unknown-time": followed((1, "start: .*", "start: null"), count=2),
     "covariance-edited": compared((r"(covariance:[^,]*,) [^,]*", r"\1 1.0")),
     "not-a-result": applied("arm: rihibot\n"),
     "apply-two-results": apply_two_results,

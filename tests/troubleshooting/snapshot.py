@@ -8,11 +8,12 @@ from typing import NamedTuple
 from unittest.mock import patch
 
 from imucalib_cli.findings import Finding
-from tests.troubleshooting import provoke_files, provoke_recordings
+from tests.troubleshooting import provoke_files, provoke_recordings, provoke_together
 from tests.troubleshooting.scene import Scene
 
 LISTED = (
     provoke_files.READING,
+    provoke_files.REMOTE,
     provoke_files.CHOICES,
     provoke_files.RESULTS,
     provoke_files.STUDIES,
@@ -21,6 +22,7 @@ LISTED = (
     provoke_recordings.SHEETS,
     provoke_recordings.ROBOT,
     provoke_recordings.MOTION,
+    provoke_together.TOGETHER,
 )
 """By the keys of docs/troubleshooting.md."""
 TABLES = (*LISTED, provoke_recordings.UNLISTED)

@@ -79,6 +79,42 @@ class LogParts:
     """(F, 6), 1 sigma of the pose by the part alone."""
 
 
+def log_parts(
+    A: Floats, b: Floats, P: Floats, edges: Floats, *, pose: Indices, std: Floats
+) -> LogParts:
+    """What each part of a log tells about the pose.
+
+    Args:
+        A: (p, n, n), information of the parts, in units of the noise.
+        b: (p, n), their scores at the solution.
+        P: (n, n), precision of the priors.
+        edges: (p + 1,), s of the log.
+        pose: (6,), places of the pose.
+        std: (6,), of the pose, as it is stated: where ``std_so_far`` ends.
+    """
+    whole = inverse_of(A.sum(axis=0) + P)[pose]
+    told = np.einsum("pi,kij,pj->kp", whole, A, whole)
+    so_far = inverse_of(np.cumsum(A, axis=0) + P)
+    std_so_far = np.sqrt(np.diagonal(so_far, axis1=1, axis2=2)[:, pose])
+    fold_A, fold_b = _folds(A, b)
+    inverse = inverse_of(fold_A + P)
+    return LogParts(
+        edges=edges,
+        share=told / told.sum(axis=0),
+        std_so_far=std_so_far * (std / std_so_far[-1]),
+        fold_edges=edges[:: len(A) // len(fold_A)],
+        fold_difference=-(inverse @ fold_b[:, :, None])[:, pose, 0],
+        fold_std=np.sqrt(np.diagonal(inverse, axis1=1, axis2=2)[:, pose]),
+    )
+
+
+def _folds(A: Floats, b: Floats) -> tuple[Floats, Floats]:
+    """Information and score of a few longer parts."""
+    folds = np.array_split(np.arange(len(A)), min(_FOLDS, len(A)))
+    longer_A, longer_b = (np.array([each[fold].sum(axis=0) for fold in folds]) for each in (A, b))
+    return longer_A, longer_b
+
+
 class Segments:
     """Normal matrices of the parts of a log about the solution of all of it."""
 
@@ -121,18 +157,12 @@ class Segments:
             self._edges[:: len(parts) // _FOLDS],
         )
 
-    def _folds(self) -> tuple[Floats, Floats]:
-        """Information and score of the parts that are left out in turn."""
-        folds = np.array_split(np.arange(len(self._A)), _FOLDS)
-        A, b = (np.array([each[fold].sum(axis=0) for fold in folds]) for each in (self._A, self._b))
-        return A, b
-
     def consistency(self, whiteness: tuple[float, float]) -> Consistency | None:
         """Folds and halves of the pose; None where it is not free."""
         pose = self._places("translation", "rotation")
         if len(pose) < 6:
             return None
-        A, b = self._folds()
+        A, b = _folds(self._A, self._b)
         each = (inverse_of(self._total - A) @ b[:, :, None])[:, pose, 0]
         scatter = each - each.mean(axis=0)
         fold_std = np.sqrt((_FOLDS - 1) / _FOLDS * (scatter**2).sum(axis=0))
@@ -163,19 +193,7 @@ class Segments:
         pose = self._places("translation", "rotation")
         if len(pose) < 6:
             return None
-        told = np.einsum("pi,kij,pj->kp", self._inverse[pose], self._A, self._inverse[pose])
-        so_far = inverse_of(np.cumsum(self._A, axis=0) + self._P)
-        std_so_far = np.sqrt(np.diagonal(so_far, axis1=1, axis2=2)[:, pose])
-        A, b = self._folds()
-        inverse = inverse_of(A + self._P)
-        return LogParts(
-            edges=self._edges,
-            share=told / told.sum(axis=0),
-            std_so_far=std_so_far * (std / std_so_far[-1]),
-            fold_edges=self._edges[:: len(self._A) // _FOLDS],
-            fold_difference=-(inverse @ b[:, :, None])[:, pose, 0],
-            fold_std=np.sqrt(np.diagonal(inverse, axis1=1, axis2=2)[:, pose]),
-        )
+        return log_parts(self._A, self._b, self._P, self._edges, pose=pose, std=std)
 
     def change(self) -> Change | None:
         """The most decisive change of mount, clock or bias; None if there is none.

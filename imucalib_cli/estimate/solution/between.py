@@ -75,7 +75,7 @@ class Together:
 
     def likelihood(self, u: Floats) -> tuple[float, Floats]:
         """As :meth:`Problem.likelihood`, with the differences of the logs integrated over."""
-        each = self.without_differences(u)
+        each = self.reduced(u)
         value, step = self._sum(each).likelihood(u[:-2])
         # Half-Cauchy in the scatter itself, which the logarithm's own measure turns into this.
         ratio = np.exp(u[-2:]) / USUAL
@@ -87,39 +87,44 @@ class Together:
 
     def problem(self, u: Floats) -> Problem:
         """In what is shared, at given scatters."""
-        return self._sum(self.without_differences(u))
+        each = self.reduced(u)
+        return replace(self._sum(each), noise=self._noise(each).sum(axis=0))
 
     def _sum(self, each: Reduced) -> Problem:
         return replace(
-            self.priors,
-            information=each.information.sum(axis=0),
-            score=each.score.sum(axis=0),
-            noise=each.noise.sum(axis=0),
+            self.priors, information=each.information.sum(axis=0), score=each.score.sum(axis=0)
         )
 
-    def without_differences(self, u: Floats) -> Reduced:
+    def reduced(self, u: Floats) -> Reduced:
         """Each log's equations with its own difference from the common pose eliminated."""
         p = len(self.scattered)
-        precision = np.linalg.inv(self._spread(u))
+        precision = np.asarray(np.linalg.inv(self._spread(u)), dtype=np.float64)
         own, own_score = self.information[:, :, :p], self.score[:, :p]
         inner = own[:, :p] + precision
         inverse = np.linalg.inv(inner)
         share = own @ inverse
-        kept = np.zeros_like(self.information) + np.eye(self.score.shape[1])
-        kept[:, :, :p] -= share
-        kept[:, :p, :p] = precision @ inverse  # the same without rounding
-        by_prior = share @ precision @ np.swapaxes(share, 1, 2)
-        information, noise = (
-            kept @ each @ np.swapaxes(kept, 1, 2) + by_prior
-            for each in (self.information, self.noise)
-        )
+        information = self.information - share @ np.swapaxes(own, 1, 2)
+        # The same without rounding: what is left of the pose is small beside what was there.
+        left = precision @ inverse @ np.swapaxes(own, 1, 2)
+        information[:, :p], information[:, :, :p] = left, np.swapaxes(left, 1, 2)
         determinants = np.linalg.slogdet(inner)[1] - np.linalg.slogdet(precision)[1]
         fit = np.einsum("kp,kpq,kq->", own_score, inverse, own_score)
         return Reduced(
             information=information,
             score=self.score - (share @ own_score[:, :, None])[:, :, 0],
-            noise=noise,
             gain=float(0.5 * (fit - determinants.sum())),
+            precision=precision,
+            share=share,
+        )
+
+    def _noise(self, each: Reduced) -> Floats:
+        """(K, m, m), covariance of the scores of reduced equations."""
+        p, share, precision = len(self.scattered), each.share, each.precision
+        kept = np.zeros_like(self.noise) + np.eye(self.score.shape[1])
+        kept[:, :, :p] -= share
+        return np.asarray(
+            kept @ self.noise @ np.swapaxes(kept, 1, 2)
+            + share @ precision @ np.swapaxes(share, 1, 2)
         )
 
     def differences(self, u: Floats, step: Floats) -> Floats:
@@ -137,15 +142,16 @@ class Together:
 
     def distances(self, u: Floats) -> tuple[Floats, Floats]:
         """(K, p), each log's pose less that by all the others, and (K,) its square in sigmas."""
-        each, p = self.without_differences(u), len(self.scattered)
-        every, spread = self._sum(each), self._spread(u)
+        each, p, spread = self.reduced(u), len(self.scattered), self._spread(u)
+        noise = self._noise(each)
+        every = replace(self._sum(each), noise=noise.sum(axis=0))
         found, squares = np.zeros((len(self.score), p)), np.zeros(len(self.score))
         for log, own in enumerate(self.information):
             others = replace(
                 every,
                 information=every.information - each.information[log],
                 score=every.score - each.score[log],
-                noise=(every.information if every.noise is None else every.noise) - each.noise[log],
+                noise=noise.sum(axis=0) - noise[log],
             )
             step, _ = others.solve(u[:-2])
             left, pose = self.score[log, :p] + own[:p] @ step, own[:p, :p]
@@ -177,10 +183,12 @@ class Reduced:
     """(K, m, m)."""
     score: Floats
     """(K, m)."""
-    noise: Floats
-    """(K, m, m)."""
     gain: float
     """What the differences that are gone add to the logarithm of the likelihood."""
+    precision: Floats
+    """(K, p, p), of each log's own difference."""
+    share: Floats
+    """(K, m, p), what of it stands in the scores."""
 
 
 def together(

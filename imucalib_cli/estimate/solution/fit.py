@@ -338,11 +338,11 @@ def _fitted(model: Model, options: MatchedOptions, state: State, rise: float, mo
     equations = NormalEquations(
         layout=layout,
         at=state,
-        information=stats.information,
+        information=_symmetric(stats.information),
         score=stats.score,
-        noise=stats.score_covariance(levels),
+        noise=_symmetric(stats.score_covariance(levels)),
         level=level,
-        motion=_motion(model, stats, scales),
+        motion=_symmetric(_motion(model, stats, scales)),
     )
     return Fit(
         **vars(equations.solve(options)),
@@ -356,6 +356,11 @@ def _fitted(model: Model, options: MatchedOptions, state: State, rise: float, mo
         residual_scales=scales,
         runner_up_rise=rise,
     )
+
+
+def _symmetric(matrix: Floats) -> Floats:
+    """Without what rounding makes of its halves, so that one half says all."""
+    return np.asarray(0.5 * (matrix + matrix.T))
 
 
 def _motion(model: Model, stats: Statistics, scales: tuple[float, float]) -> Floats:

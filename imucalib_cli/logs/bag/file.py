@@ -19,13 +19,14 @@ from imucalib_cli.logs.chunks import (
 )
 from imucalib_cli.logs.damage import DamageError, Tally, seek
 from imucalib_cli.logs.reader import Located, cut
+from imucalib_cli.logs.remote.file import announce
 
 if TYPE_CHECKING:
     from collections.abc import Collection
-    from pathlib import Path
 
     from imucalib_cli.arrays import Bools, Bytes, Integers
     from imucalib_cli.logs.bag.records import Fields
+    from imucalib_cli.logs.reader import LogPath
 
 _ENTRY = np.dtype([("sec", "<u4"), ("nsec", "<u4"), ("offset", "<u4")])
 
@@ -39,7 +40,7 @@ class BagFile(ChunkedFile):
     walk = staticmethod(records.walk)
     find_record = staticmethod(records.find_record)
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: LogPath) -> None:
         self._is_indexed = False
         super().__init__(path)
         if not self._is_indexed and not self.losses:
@@ -50,7 +51,8 @@ class BagFile(ChunkedFile):
         at = number_of(head, "index_pos")
         if op_of(head) != records.BAG or not len(records.MAGIC) < at < self.size:
             return None
-        expected = number_of(head, "chunk_count")
+        announce(file, [(at, self.size)], lambda _: None)
+        index_at, expected = at, number_of(head, "chunk_count")
         contents = Contents()
         while at < self.size:
             head, start, size = read_head(file, at)
@@ -63,6 +65,10 @@ class BagFile(ChunkedFile):
         if len(contents.chunks) != expected:
             return None
         contents.chunks.sort(key=lambda chunk: chunk.start)
+        for chunk, following in zip(contents.chunks, contents.chunks[1:], strict=False):
+            chunk.stop = chunk.index_stop = following.start
+        for chunk in contents.chunks[-1:]:
+            chunk.stop = chunk.index_stop = index_at
         if not contents.tallies.keys() <= contents.catalogue.publishers.keys():
             return None
         self._time(file, contents)
@@ -87,7 +93,7 @@ class BagFile(ChunkedFile):
             head = self._chunk_head(file, chunk.start)
             at = head.start + head.packed
         found: Index = {}
-        while at < self.size:
+        while at < (chunk.index_stop or self.size):
             fields, start, size = read_head(file, at)
             if op_of(fields) != records.INDEX:
                 break

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Sequence
     from pathlib import Path
 
+    from imucalib_cli.logs.reader import LogPath
+
 
 _MAGIC = b"SQLite format 3\x00"
 _BROKEN = (sqlite3.DatabaseError, MemoryError, UnicodeDecodeError)
@@ -46,13 +48,13 @@ class Db3File:
     IS_TEXT: ClassVar[bool] = False
 
     def __init__(self, path: Path) -> None:
-        self.path = path
+        self.path: LogPath = path
         self._file = path
         self.losses: list[Finding] = []
         # mode=ro rather than immutable: a -wal left by a crash still counts.
         self._mode = "mode=ro"
         try:
-            self.channels = self._open()
+            self.channels = self._open(path)
         except _BROKEN as error:
             reason = "its schema is damaged" if isinstance(error, UnicodeDecodeError) else error
             raise InputError(
@@ -64,15 +66,15 @@ class Db3File:
         """Whether a file with these first bytes is of this format."""
         return head.startswith(_MAGIC)
 
-    def _open(self) -> tuple[Channel, ...]:
-        beside = [self.path.with_name(self.path.name + end) for end in ("-wal", "-journal")]
+    def _open(self, path: Path) -> tuple[Channel, ...]:
+        beside = [path.with_name(path.name + end) for end in ("-wal", "-journal")]
         try:
             return self._channels()
         except sqlite3.OperationalError:
             if not any(each.exists() for each in beside):
                 raise
             # SQLite merges the -wal beside the file, which needs a writable folder.
-            self._file = copy(self.path, companions=True)
+            self._file = copy(path, companions=True)
             self._mode = "mode=rw"
             with contextlib.suppress(*_BROKEN):
                 return self._channels()
@@ -80,7 +82,7 @@ class Db3File:
             pass
         # SQLite refuses a file that is shorter than its header states. With a corrected header
         # it reads up to the first missing page.
-        self._file = copy(self.path, companions=False)
+        self._file = copy(path, companions=False)
         count_pages(self._file)
         self._mode = "mode=ro"
         self.losses.append(warning("log.database_cut_short"))

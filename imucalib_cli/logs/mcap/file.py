@@ -20,6 +20,7 @@ from imucalib_cli.logs.damage import Cursor, DamageError, Tally, seek
 from imucalib_cli.logs.mcap import records
 from imucalib_cli.logs.mcap.records import MAGIC, MESSAGE_HEAD, RECORD_HEAD
 from imucalib_cli.logs.reader import Located, cut
+from imucalib_cli.logs.remote.file import announce
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -31,6 +32,9 @@ _INDEX_HEAD = struct.Struct("<BQHI")
 _LARGEST_INDEX = 1 << 26
 """Largest message index, bytes: that of a million messages is smaller."""
 _FOOTER_SIZE = RECORD_HEAD.size + 20 + len(MAGIC)
+_SUFFIX = 1 << 16
+"""Bytes at the end of a remote file that are read at once, beside 1/4096 of it: schemas and
+statistics have some 64 KiB, the index of a chunk of 1 MiB some 256 bytes."""
 _LARGEST_SUMMARY = 1 << 28
 """Largest summary, bytes: that of ten thousand chunks has a few million."""
 
@@ -47,6 +51,7 @@ class McapFile(ChunkedFile):
     def _summary(self, file: BinaryIO) -> Contents | None:
         if self.size < len(MAGIC) + _FOOTER_SIZE:
             return None
+        announce(file, [(self.size - _SUFFIX - self.size // 4096, self.size)], lambda _: None)
         file.seek(self.size - _FOOTER_SIZE)
         footer = Cursor(file.read(_FOOTER_SIZE))
         if footer.number(1) != records.FOOTER or footer.number(8) != 20:
@@ -67,9 +72,12 @@ class McapFile(ChunkedFile):
             if opcode == records.CHUNK_INDEX:
                 cursor = Cursor(body)
                 spans.append((cursor.number(8), cursor.number(8)))
-                start, _ = cursor.number(8), cursor.number(8)
+                start, length = cursor.number(8), cursor.number(8)
                 index_at = records.parse_map(cursor)
-                contents.chunks.append(Chunk(start=start, index_at=index_at or None))
+                chunk = Chunk(start=start, index_at=index_at or None, stop=start + length)
+                chunk.index_stop = chunk.stop + cursor.number(8)
+                chunk.is_plain = cursor.text() in {"", "none"}
+                contents.chunks.append(chunk)
             elif opcode == records.STATISTICS:
                 chunk_count, counts = records.parse_statistics(body)
             else:

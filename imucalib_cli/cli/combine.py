@@ -1,0 +1,52 @@
+"""``imucalib combine``: one answer from the statistics of several logs, or of one again."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from imucalib_cli.cli.exit_codes import exit_code_of
+from imucalib_cli.cli.files import files_of, writing
+from imucalib_cli.cli.options import (
+    FormatOption,
+    KnownOptions,
+    OutputFile,
+    Quiet,
+    Require,
+    changed_options,
+)
+from imucalib_cli.cli.output import chosen_format
+from imucalib_cli.cli.run import deliverable, give, tell
+
+
+def combine_command(
+    results: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="RESULT",
+            help="Results of `imucalib run` with their statistics beside them, files of "
+            "statistics, or folders of these.",
+            readable=False,
+        ),
+    ],
+    *,
+    known: KnownOptions,
+    fmt: FormatOption = None,
+    output: OutputFile = None,
+    require: Require = None,
+    quiet: Quiet = False,
+) -> None:
+    """Solve several logs of one mount together, or one again with other priors, without the logs.
+
+    It reads what `imucalib run --statistics` and `imucalib batch --statistics` write.
+    """
+    from imucalib_cli.jobs.combine import combine
+    from imucalib_cli.jobs.statistics_files import read_all
+
+    with writing(output, read=files_of(*results)):
+        found = combine(read_all(results), changed_options(known), require)
+        chosen = chosen_format(fmt, output)
+        give(deliverable(found, chosen, force=False), chosen, output, quiet=quiet)
+        if not quiet:
+            tell(found, chosen, output, hint=fmt is None)
+        raise typer.Exit(exit_code_of((), found))

@@ -1,0 +1,84 @@
+"""``imucalib trend``: has the mount moved over many recordings?"""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from imucalib_cli.cli.exit_codes import exit_code, verdict_code, worst
+from imucalib_cli.cli.files import files_of, telling_what_is_left
+from imucalib_cli.cli.options import OUTPUT, OutputFile, Quiet, Within
+from imucalib_cli.cli.output import deliver, say, say_error
+from imucalib_cli.cli.parsers import file_ending
+from imucalib_cli.cli.tables import deliver_blocks
+
+
+def trend_command(
+    results: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="RESULT|FOLDER",
+            help="Results of `imucalib run`, folders of them, or - for stdin.",
+        ),
+    ],
+    *,
+    within: Within = None,
+    fmt: Annotated[
+        Literal["text", "csv", "jsonl"],
+        typer.Option(
+            "--format",
+            help="text: a table in words; csv: a row for each recording; jsonl: a line of JSON "
+            "for each IMU.",
+            rich_help_panel=OUTPUT,
+        ),
+    ] = "text",
+    output: OutputFile = None,
+    plot: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE.svg|.pdf|.png",
+            parser=file_ending(".svg", ".pdf", ".png"),
+            help="Also draw the mount over time with 1 sigma.",
+            show_default="none",
+            rich_help_panel=OUTPUT,
+        ),
+    ] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Has the mount moved over many recordings? Exit 0 no, 4 it has, 3 cannot tell."""
+    from imucalib_cli.jobs.trend import result_names, trend_of
+    from imucalib_cli.optional import optional
+    from imucalib_cli.results.places import see_places
+
+    names = result_names(results)
+    written = [path for path in (output, plot) if path is not None]
+    see_places(read=files_of(*names), written=written)
+    if plot is not None:
+        optional("matplotlib", "--plot needs", "plot")
+    with telling_what_is_left(*written):
+        found = trend_of(names, within)
+        answers = found.answers
+        if fmt == "text":
+            from imucalib_cli.results.trend.table import blocks
+
+            deliver_blocks(blocks(answers), output, quiet=quiet)
+        else:
+            from imucalib_cli.results.codec import to_jsonl
+            from imucalib_cli.results.trend.table import as_csv
+
+            deliver((as_csv if fmt == "csv" else to_jsonl)(answers), output, quiet=quiet)
+        if plot is not None:
+            from imucalib_cli.report.trend_plot import draw_trends
+
+            deliver(draw_trends(answers, plot.suffix.lower()), plot, quiet=quiet)
+        for answer in () if quiet else answers:
+            for warning in answer.warnings:
+                say("warning", warning)
+            if fmt != "text" or output is not None:
+                for each in answer.left_out:
+                    say("left out", f"{each.file}: {each.reason}")
+                say(answer.verdict, answer.reason)
+        for failure in found.failures:
+            say_error(failure)
+        verdicts = [verdict_code(answer.verdict) for answer in answers]
+        raise typer.Exit(worst([*verdicts, *(exit_code(each) for each in found.failures)]))

@@ -1,0 +1,1 @@
+"""Logs behind URLs, read in ranges through fsspec."""

@@ -1,0 +1,155 @@
+"""Where the bytes of a remote file come from: any file system that fsspec knows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, BinaryIO, Protocol
+
+from imucalib_cli.logs.remote.url import protocol_of, without_secrets
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+Span = tuple[int, int]
+"""Start and end of some bytes of a file."""
+Received = Callable[[int], None]
+"""Called with the number of bytes that have arrived since the last call, from any thread."""
+
+_STEP = 1 << 20
+"""Bytes copied at a time."""
+_VERSIONS = ("ETag", "etag", "generation", "version_id", "mtime", "last_modified", "LastModified")
+"""Where file systems say which version of a file it is."""
+
+
+class RemoteError(Exception):
+    """A remote file cannot be read: the rest of a sentence that begins with its name."""
+
+
+class NoRangesError(Exception):
+    """Parts of the file cannot be read, only the whole."""
+
+
+@dataclass
+class Traffic:
+    """What has been read over the network."""
+
+    bytes: int = 0
+    """Of content; headers and what lies below HTTP are not counted."""
+    requests: int = 0
+    repeats: int = 0
+    """Requests that had to be repeated."""
+
+
+class Store(Protocol):
+    """One file of a remote file system.
+
+    Every method raises RemoteError where the file cannot be read or has changed since it was
+    opened.
+    """
+
+    size: int | None
+    """Bytes; None where it is not known, for HTTP before the first request."""
+    version: str
+    """Entity tag or time of the last change; empty where there is none."""
+
+    def fetch(self, spans: Sequence[Span], received: Received) -> list[bytes]:
+        """Read parts of the file, at once where the file system can do that.
+
+        Raises:
+            NoRangesError: It gives no parts.
+        """
+
+    def copy_to(self, target: BinaryIO, received: Received) -> None:
+        """Read the whole file from front to back."""
+
+    def see_unchanged(self) -> None:
+        """See that the file is still the one that was opened."""
+
+
+class AnyStore:
+    """A file of any file system but HTTP's, with that one's own time-outs and repetitions."""
+
+    def __init__(self, address: str, traffic: Traffic) -> None:
+        from fsspec.core import url_to_fs
+
+        self._traffic = traffic
+        try:
+            self._fs, self._path = url_to_fs(address)
+        except ImportError as error:
+            missing = f"{error or error.__cause__}"
+            raise RemoteError(f"needs a package that is not installed: {missing}") from None
+        except Exception as error:  # noqa: BLE001 - each file system has its own
+            raise RemoteError(
+                f"cannot be opened, {protocol_of(address)} as fsspec has it: {_words(error)}"
+            ) from None
+        self.size, self.version = self._identity()
+
+    def fetch(self, spans: Sequence[Span], received: Received) -> list[bytes]:
+        """See :class:`Store`."""
+        if self.size is None:
+            raise NoRangesError
+        starts, ends = [start for start, _ in spans], [min(stop, self.size) for _, stop in spans]
+        self._traffic.requests += len(spans)
+        found: list[bytes] = _in_our_words(
+            lambda: self._fs.cat_ranges([self._path] * len(spans), starts, ends, on_error="raise")
+        )
+        for data, start, end in zip(found, starts, ends, strict=True):
+            self._count(len(data), received)
+            if len(data) != end - start:
+                raise RemoteError("is shorter than it says: it may be changing, so try again later")
+        return found
+
+    def copy_to(self, target: BinaryIO, received: Received) -> None:
+        """See :class:`Store`."""
+        self._traffic.requests += 1
+        for data in self._blocks():
+            target.write(data)
+            self._count(len(data), received)
+
+    def see_unchanged(self) -> None:
+        """See :class:`Store`."""
+        self._fs.invalidate_cache()
+        if self._identity() != (self.size, self.version):
+            raise RemoteError(CHANGED)
+
+    def _blocks(self) -> Iterator[bytes]:
+        file = _in_our_words(lambda: self._fs.open(self._path, "rb"))
+        with file:
+            while data := _in_our_words(lambda: file.read(_STEP)):
+                yield data
+
+    def _count(self, size: int, received: Received) -> None:
+        self._traffic.bytes += size
+        received(size)
+
+    def _identity(self) -> tuple[int | None, str]:
+        self._traffic.requests += 1
+        info = _in_our_words(lambda: self._fs.info(self._path))
+        if info.get("type") == "directory":
+            raise RemoteError("is a folder: name its .mcap or .bag files one by one")
+        version = next((str(info[key]) for key in _VERSIONS if info.get(key)), "")
+        return info.get("size"), version
+
+
+CHANGED = "changed while it was read: try again when nothing writes to it any more"
+
+
+def _in_our_words(read: Callable[[], Any]) -> Any:
+    """What a file system gives.
+
+    Raises:
+        RemoteError: It fails; each file system raises exceptions of its own.
+    """
+    try:
+        return read()
+    except FileNotFoundError:
+        raise RemoteError("does not exist: check the URL") from None
+    except PermissionError as error:
+        raise RemoteError(f"may not be read, check your credentials: {_words(error)}") from None
+    except Exception as error:  # noqa: BLE001 - as above
+        raise RemoteError(f"cannot be read: {_words(error)}") from None
+
+
+def _words(error: Exception) -> str:
+    return f"{type(error).__name__}: {without_secrets(str(error))}"

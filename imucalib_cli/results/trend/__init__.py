@@ -1,0 +1,1 @@
+"""Poses of one mount over many recordings: has it moved, when, and by how much?"""

@@ -1,0 +1,414 @@
+"""Recordings of one mount in order: which show the same pose, where it changes, which are odd.
+
+Recording i of mount s measures y_i = x_s + b_i + e_i. e_i has the covariance that its result
+states; b_i is what sigma cannot know, a scatter between recordings whose covariance is learnt from
+all mounts together. What is found is what lowers -2 log L by more than it costs: every further
+mount, recording that stands alone or slope costs the Bayesian information criterion's price of its
+components and DECISIVE besides (estimate/checks/segments.py). So the same criterion says how many
+changes there are, what is odd, and whether a line or a step explains more.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
+
+import numpy as np
+
+from imucalib_cli.estimate.checks.segments import DECISIVE
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from imucalib_cli.arrays import Bools, Floats, Indices
+
+LEAST = 4
+"""Recordings from which a move can be told from a scatter: two before and two after."""
+LEAST_OF_LINE = 6
+"""Recordings from which a drift is looked for: of four and five the scatter about a line is known
+so badly that one in twenty mounts that stand still seems to drift."""
+_ROUNDS = 10
+"""Of partition and scatter in turn; two or three settle."""
+_STEPS = 50
+_SETTLED = 1e-3
+"""Relative change of a variance that ends its iteration."""
+_MEDIAN_CHI2 = 0.455
+"""Of one degree of freedom."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Series:
+    """Poses as small vectors about a common reference, in the order of recording."""
+
+    values: Floats
+    """(k, m), m and rad."""
+    covariances: Floats
+    """(k, m, m), positive definite."""
+    parts: Indices
+    """(m,), which components share a scatter between recordings: 0 translation, 1 rotation."""
+    times: Floats
+    """(k,), ascending, of any unit and origin."""
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+    def at(self, rows: Indices) -> Series:
+        """Some of the recordings."""
+        return replace(
+            self,
+            values=self.values[rows],
+            covariances=self.covariances[rows],
+            times=self.times[rows],
+        )
+
+    @property
+    def price(self) -> float:
+        """What must be gained by a further mount, an odd recording or a slope, in -2 log L."""
+        return float(self.values.shape[1] * math.log(self.values.size) + DECISIVE)
+
+    def scatter(self, variances: Floats) -> Floats:
+        """(m, m), covariance between recordings: of the variances (2,) of the parts."""
+        return np.diag(variances[self.parts])
+
+
+class Model(Protocol):
+    """A mean of every recording that is linear in what is unknown."""
+
+    def fit(self, series: Series, weights: Floats) -> tuple[Floats, Floats]:
+        """Means (k, m) and their covariances (k, m, m), by weights (k, m, m)."""
+
+    @property
+    def extras(self) -> int:
+        """How many times the price is to be paid."""
+
+
+AnyModel = TypeVar("AnyModel", bound=Model)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Mounts:
+    """Recordings of the same number have the same pose; one that is alone is odd."""
+
+    numbers: Indices
+    """(k,), 0 .. n - 1 in order of first appearance."""
+
+    @property
+    def odd(self) -> Indices:
+        """Places of recordings that are alone."""
+        return np.flatnonzero(np.bincount(self.numbers)[self.numbers] == 1)
+
+    @property
+    def rows(self) -> list[Indices]:
+        """Places of the recordings of each mount in order, without the odd ones."""
+        found = (np.flatnonzero(self.numbers == n) for n in range(self.numbers.max() + 1))
+        return [each for each in found if len(each) > 1]
+
+    @property
+    def extras(self) -> int:
+        """How many times the price is to be paid."""
+        return int(self.numbers.max())
+
+    def fit(self, series: Series, weights: Floats) -> tuple[Floats, Floats]:
+        """As Model has it."""
+        mean, covariance = means(series, weights, self.numbers)
+        return mean[self.numbers], covariance[self.numbers]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Line:
+    """A pose that changes by the same amount in every unit of time; some recordings are odd."""
+
+    odd: Indices
+    """Places of recordings that are off the line."""
+
+    @property
+    def extras(self) -> int:
+        """How many times the price is to be paid."""
+        return 1 + len(self.odd)
+
+    def fit(self, series: Series, weights: Floats) -> tuple[Floats, Floats]:
+        """As Model has it."""
+        mean, spread = self.through(series, weights, series.times)
+        mean[self.odd] = series.values[self.odd]
+        spread[self.odd] = np.linalg.inv(weights[self.odd])
+        return mean, spread
+
+    def through(self, series: Series, weights: Floats, times: Floats) -> tuple[Floats, Floats]:
+        """The line at some times: (n, m) with covariances (n, m, m)."""
+        at, covariance = self._ends(series, weights)
+        columns = _columns(series, times)
+        return columns @ at, columns @ covariance @ np.swapaxes(columns, 1, 2)
+
+    def difference(self, series: Series, weights: Floats) -> Floats:
+        """(m, m), covariance of what lies between the first recording and the last."""
+        size = series.values.shape[1]
+        return self._ends(series, weights)[1][size:, size:]
+
+    def _ends(self, series: Series, weights: Floats) -> tuple[Floats, Floats]:
+        """Value at the first recording and change up to the last, (2 m,), and the covariance."""
+        on = weights.copy()
+        on[self.odd] = 0.0
+        columns = _columns(series, series.times)
+        information = np.einsum("kai,kab,kbj->ij", columns, on, columns)
+        covariance = np.linalg.inv(information)
+        return covariance @ np.einsum("kai,kab,kb->i", columns, on, series.values), covariance
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Explained(Generic[AnyModel]):
+    """A model with the scatter between recordings that goes with it."""
+
+    model: AnyModel
+    variances: Floats
+    """(2,), between recordings: m² and rad²."""
+    score: float
+    """-2 log L and the price of its extras."""
+
+
+def means(series: Series, weights: Floats, numbers: Indices) -> tuple[Floats, Floats]:
+    """Weighted mean (n, m) of each mount and its covariance (n, m, m)."""
+    count, size = int(numbers.max()) + 1, series.values.shape[1]
+    information, score = np.zeros((count, size, size)), np.zeros((count, size))
+    np.add.at(information, numbers, weights)
+    np.add.at(score, numbers, np.einsum("kij,kj->ki", weights, series.values))
+    covariance = np.asarray(np.linalg.inv(information))
+    return np.einsum("nij,nj->ni", covariance, score), covariance
+
+
+def _columns(series: Series, times: Floats) -> Floats:
+    """(n, m, 2 m), derivative of a line by its value at the first recording and its change."""
+    share = (times - series.times[0]) / (float(np.ptp(series.times)) or 1.0)
+    eye = np.eye(series.values.shape[1])
+    return np.concatenate(
+        [np.broadcast_to(eye, (len(times), *eye.shape)), share[:, None, None] * eye], axis=2
+    )
+
+
+def explained(series: Series, model: AnyModel) -> Explained[AnyModel]:
+    """A model with its most likely scatter (restricted maximum likelihood).
+
+    Fisher's scoring in the variances of the two parts, each the same in all directions: a step
+    along one direction does not pass for such a scatter, and a few recordings tell two numbers.
+    """
+    parts = np.eye(2)[series.parts]
+    variances = np.zeros(2)
+    for _ in range(_STEPS):
+        weights = weights_of(series, variances)
+        mean, spread = model.fit(series, weights)
+        pull = np.einsum("kij,kj->ki", weights, series.values - mean)
+        left = weights - weights @ spread @ weights
+        score = (pull**2).sum(axis=0) - np.einsum("kii->i", left)
+        information = parts.T @ (weights**2).sum(axis=0) @ parts
+        free = (variances > 0.0) | (parts.T @ score > 0.0)
+        free &= np.diag(information) > 0.0
+        step = np.zeros(2)
+        step[free] = np.linalg.solve(information[np.ix_(free, free)], (parts.T @ score)[free])
+        new = np.maximum(variances + step, 0.0)
+        settled = np.all(np.abs(new - variances) <= _SETTLED * np.maximum(new, variances))
+        variances = new
+        if settled:
+            break
+    return Explained(
+        model=model,
+        variances=variances,
+        score=_deviance(series, model, variances) + series.price * model.extras,
+    )
+
+
+def _deviance(series: Series, model: Model, variances: Floats) -> float:
+    """-2 log L, but for a constant."""
+    weights = weights_of(series, variances)
+    left = series.values - model.fit(series, weights)[0]
+    chi2 = np.einsum("ki,kij,kj->", left, weights, left)
+    return float(chi2 - np.linalg.slogdet(weights)[1].sum())
+
+
+def weights_of(series: Series, variances: Floats) -> Floats:
+    """(k, m, m), inverse covariance of the recordings about the pose of their mount."""
+    return np.asarray(np.linalg.inv(series.covariances + series.scatter(variances)))
+
+
+def find_mounts(series: Series) -> Explained[Mounts]:
+    """Which recordings show the same mount: the partition of the lowest score.
+
+    It is looked for from three scatters (none, that of neighbours, that about one mean), each in
+    turn with the partition, and then freed of what does not pay.
+    """
+    one = explained(series, Mounts(numbers=np.zeros(len(series), dtype=np.intp)))
+    best = one
+    for start in (np.zeros(2), _of_neighbours(series), one.variances):
+        variances = start
+        for _ in range(_ROUNDS):
+            numbers = _partition(series, weights_of(series, variances))
+            if numbers is None:
+                break
+            found = explained(series, Mounts(numbers=numbers))
+            best = min(best, found, key=_score)
+            if np.allclose(found.variances, variances, rtol=_SETTLED, atol=0.0):
+                break
+            variances = found.variances
+    while True:
+        with_odd = (joined for _, joined in with_an_odd_one(series, best).values())
+        simpler = [*without_a_change(series, best), *with_odd]
+        if not simpler or min(map(_score, simpler)) >= best.score:
+            return best
+        best = min(simpler, key=_score)
+
+
+def find_line(series: Series) -> Explained[Line] | None:
+    """A line through the recordings but those that are off it; None where nothing tells one."""
+    if len(series) < LEAST_OF_LINE or not np.ptp(series.times):
+        return None
+    best = explained(series, Line(odd=np.zeros(0, dtype=np.intp)))
+    while 2 * len(best.model.odd) < len(series):
+        weights = weights_of(series, best.variances)
+        mean, spread = best.model.fit(series, weights)
+        on = np.setdiff1d(np.arange(len(series)), best.model.odd)
+        gain = _gain(series.at(on), weights[on], mean[on], spread[on])
+        odd = np.sort(np.append(best.model.odd, on[np.argmax(gain)]))
+        if not np.ptp(np.delete(series.times, odd)):
+            break
+        found = explained(series, Line(odd=odd))
+        if found.score >= best.score:
+            break
+        best = found
+    return best
+
+
+def without_a_change(series: Series, found: Explained[Mounts]) -> Iterator[Explained[Mounts]]:
+    """A partition with two mounts that follow each other made one, for each such pair."""
+    numbers = found.model.numbers
+    for before, after in pairwise(found.model.rows):
+        joined = numbers.copy()
+        joined[after] = numbers[before[0]]
+        yield explained(series, _mounts(joined))
+
+
+def with_an_odd_one(
+    series: Series, found: Explained[Mounts]
+) -> dict[int, tuple[int, Explained[Mounts]]]:
+    """A partition with a recording that is alone put to the mount before or after it.
+
+    Returns:
+        By its place: the number of that mount, and the partition.
+    """
+    simpler = {}
+    numbers, odd = found.model.numbers, found.model.odd
+    others = np.setdiff1d(np.arange(len(numbers)), odd)
+    for place in odd.tolist() if len(others) else ():
+        near = numbers[[*others[others < place][-1:], *others[others > place][:1]]]
+        choices = []
+        for number in dict.fromkeys(near.tolist()):
+            joined = numbers.copy()
+            joined[place] = number
+            choices.append((number, explained(series, _mounts(joined))))
+        simpler[place] = min(choices, key=lambda each: each[1].score)
+    return simpler
+
+
+def certainty_of_place(
+    series: Series, found: Explained[Mounts], before: Indices, after: Indices
+) -> float:
+    """Probability that a change lies where it was found, rather than elsewhere in two mounts."""
+    rows = np.concatenate([before, after])
+    weights = weights_of(series, found.variances)[rows]
+    values = series.values[rows]
+    upto = _chi2_from_the_end(values[::-1], weights[::-1])[::-1]
+    chi2 = upto[:-1] + _chi2_from_the_end(values, weights)[1:]
+    likely = np.exp(-0.5 * (chi2 - chi2.min()))
+    return float(likely[len(before) - 1] / likely.sum())
+
+
+def chi2_about_one(series: Series) -> float:
+    """Chi-squared about a common mean by what the results state alone, (k - 1) m of freedom."""
+    weights = weights_of(series, np.zeros(2))
+    return float(_chi2_from_the_end(series.values, weights)[0])
+
+
+def _score(found: Explained[Mounts]) -> float:
+    return found.score
+
+
+def _mounts(numbers: Indices) -> Mounts:
+    """Numbers in order of first appearance."""
+    _, first, inverse = np.unique(numbers, return_index=True, return_inverse=True)
+    return Mounts(numbers=np.argsort(np.argsort(first))[inverse])
+
+
+def _of_neighbours(series: Series) -> Floats:
+    """(2,), variances by how far recordings are from the next: few changes do not matter."""
+    apart = np.diff(series.values, axis=0) ** 2
+    stated = np.diagonal(series.covariances, axis1=1, axis2=2)
+    stated = stated[1:] + stated[:-1]
+    found = np.zeros(2)
+    for part in np.unique(series.parts):
+        own = series.parts == part
+        seen = np.median(apart[:, own]) / _MEDIAN_CHI2 - np.median(stated[:, own])
+        found[part] = max(0.5 * float(seen), 0.0)
+    return found
+
+
+def _partition(series: Series, weights: Floats) -> Indices | None:
+    """Numbers of the mounts (k,) that explain most, by weights (k, m, m).
+
+    None where more than half of the recordings would be odd.
+    """
+    kept = np.arange(len(series))
+    while 2 * len(kept) > len(series):
+        some = series.at(kept)
+        numbers = _cheapest_cuts(some, weights[kept], series.price)
+        alone = np.bincount(numbers)[numbers] == 1
+        if not alone.any():
+            alone = _farthest_off(some, weights[kept], numbers, series.price)
+        if not alone.any():
+            full = len(series) + np.arange(len(series))
+            full[kept] = numbers
+            return _mounts(full).numbers
+        kept = kept[~alone]
+    return None
+
+
+def _farthest_off(series: Series, weights: Floats, numbers: Indices, price: float) -> Bools:
+    """(k,), which recordings are off their mount by more than a price, one a mount."""
+    mean, covariance = means(series, weights, numbers)
+    gain = _gain(series, weights, mean[numbers], covariance[numbers])
+    most = np.zeros(numbers.max() + 1)
+    np.maximum.at(most, numbers, gain)
+    return np.asarray((gain > price) & (gain >= most[numbers]))
+
+
+def _gain(series: Series, weights: Floats, mean: Floats, spread: Floats) -> Floats:
+    """(k,), by how much chi-squared falls without each recording."""
+    left = series.values - mean
+    information = np.linalg.inv(np.linalg.inv(weights) - spread)
+    return np.asarray(np.einsum("ki,kij,kj->k", left, information, left))
+
+
+def _cheapest_cuts(series: Series, weights: Floats, price: float) -> Indices:
+    """Numbers of contiguous mounts (k,) of least chi-squared and price (optimal partitioning)."""
+    count = len(series)
+    cost, start = np.zeros(count + 1), np.zeros(count + 1, dtype=np.intp)
+    for end in range(1, count + 1):
+        chi2 = _chi2_from_the_end(series.values[:end], weights[:end])
+        total = cost[:end] + chi2 + price
+        start[end] = int(np.argmin(total))
+        cost[end] = total[start[end]]
+    numbers = np.zeros(count, dtype=np.intp)
+    end = count
+    while start[end]:
+        end = start[end]
+        numbers[end:] += 1
+    return numbers
+
+
+def _chi2_from_the_end(values: Floats, weights: Floats) -> Floats:
+    """(k,), chi-squared of the recordings from each to the last about their common mean."""
+    pulled = np.einsum("kij,kj->ki", weights, values)
+    squares = np.einsum("ki,ki->k", values, pulled)
+    information, score, total = (
+        np.cumsum(each[::-1], axis=0)[::-1] for each in (weights, pulled, squares)
+    )
+    mean = np.linalg.solve(information, score[:, :, None])[:, :, 0]
+    return np.asarray(total - np.einsum("ki,ki->k", score, mean))

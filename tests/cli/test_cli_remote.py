@@ -1,0 +1,163 @@
+"""The command line and Python on logs behind URLs: the same answers, and no secret in any."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+import yaml
+
+import imucalib_cli as ic
+from imucalib_cli.cli.main import main
+from imucalib_cli.errors import ChoiceError
+from imucalib_cli.results.codec import read_results
+from tests.web_server import WebServer, serving
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+SAMPLES = Path(__file__).parents[2] / "sample_data"
+URDF = SAMPLES / "rihibot.urdf"
+
+
+@pytest.fixture
+def web(monkeypatch: pytest.MonkeyPatch) -> Iterator[WebServer]:
+    for name in ("http_proxy", "https_proxy", "all_proxy"):
+        monkeypatch.delenv(name, raising=False)
+        monkeypatch.delenv(name.upper(), raising=False)
+    with serving(SAMPLES) as server:
+        yield server
+
+
+def parts(text: str) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    """A result without its files, and these."""
+    result = yaml.safe_load(text)
+    return result, result["provenance"].pop("files")
+
+
+def test_a_result_is_that_of_the_file_on_disk(
+    web: WebServer, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    url = web.url("rihibot.mcap?signature=hidden", user="me:secret")
+    web.behaviour.asks_for = "me:secret"
+    assert main(["run", url, "--urdf", str(URDF), "-v"]) == 0
+    seen = capsys.readouterr()
+    sent = web.sent
+    (tmp_path / "rihibot.imu_link.yaml").write_text(seen.out.replace("-0.0225", "-0.0226", 1))
+    assert main(["run", str(SAMPLES / "rihibot.mcap"), "--urdf", str(URDF), "-v"]) == 0
+    here = capsys.readouterr()
+    result, files = parts(seen.out)
+    expected, local = parts(here.out)
+    assert result == expected
+    path = web.url("rihibot.mcap?…")
+    size = (SAMPLES / "rihibot.mcap").stat().st_size
+    assert files == [
+        {"path": path, "sha256": None, "remote": {"bytes": size, "version": '"first"'}}
+    ]
+    assert "remote" not in local[0]
+    assert not re.search("secret|hidden", seen.out + seen.err)
+    assert here.err == ""
+    assert re.fullmatch(
+        rf"read: {re.escape(path)}: [\d.]+ MB of 2\.2 MB \({sent} bytes\) in \d+ requests\n",
+        seen.err,
+    )
+    (read,) = read_results(seen.out, "stdout")
+    assert read.provenance.files[0].identity == f'{path} {size} bytes, version "first"'
+    # a result of the same log is replaced
+    assert main(["run", url, "--urdf", str(URDF), "-o", f"{tmp_path}/"]) == 0
+    assert [each.name for each in tmp_path.iterdir()] == ["rihibot.imu_link.yaml"]
+
+
+def test_inspect_says_the_same_and_shows_no_secret(
+    web: WebServer, capsys: pytest.CaptureFixture[str]
+) -> None:
+    url = web.url("rihibot.mcap?signature=hidden", user="me:secret")
+    path = str(SAMPLES / "rihibot.mcap")
+    for log in (url, path):
+        assert main(["inspect", log, "--urdf", str(URDF), "--format", "json"]) == 0
+    found, expected = map(json.loads, capsys.readouterr().out.replace("}\n{", "}\0{").split("\0"))
+    assert "secret" not in json.dumps(found)
+    assert "hidden" not in json.dumps(found)
+    assert f"'{web.url('rihibot.mcap?…')}'" in found["command"]
+    for each in (found, expected):
+        del each["files"], each["command"]
+    assert found == expected
+
+
+def test_verify_takes_urls_of_log_and_urdf(
+    web: WebServer, capsys: pytest.CaptureFixture[str]
+) -> None:
+    web.behaviour.ranges = True
+    log, urdf = web.url("rihibot.mcap"), web.url("rihibot.urdf")
+    assert main(["verify", log, "--urdf", urdf, "--within", "5mm,1.5deg", "-v"]) == 0
+    seen = capsys.readouterr()
+    assert f"path: {urdf}\n" in seen.out
+    assert f"read: {urdf}: 5.1 kB of 5.1 kB (5119 bytes) in 1 request\n" in seen.err
+
+
+def test_a_urdf_needs_no_server_with_ranges(
+    web: WebServer, capsys: pytest.CaptureFixture[str]
+) -> None:
+    web.behaviour.ranges = False
+    log = str(SAMPLES / "rihibot.mcap")
+    assert main(["inspect", log, "--urdf", web.url("rihibot.urdf")]) == 0
+    assert f"urdf      {web.url('rihibot.urdf')}\n" in capsys.readouterr().out
+    assert main(["inspect", log, "--urdf", web.url("robot.urdf")]) == 1
+    assert "robot.urdf does not exist (404 Not Found): check the URL" in capsys.readouterr().err
+
+
+def test_what_would_be_read_whole_is_refused_and_then_downloaded(
+    web: WebServer,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    web.behaviour.ranges = False
+    arguments = ["run", web.url("rihibot.mcap"), "--urdf", str(URDF), "--format", "yaml"]
+    assert main(arguments) == 2
+    said = capsys.readouterr().err
+    assert said.startswith(f"error: {web.url('rihibot.mcap')} would have to be read whole, 2.2 MB")
+    assert main([*arguments, "--allow-remote-scan"]) == 0
+    _, (file,) = parts(capsys.readouterr().out)
+    assert main(["run", str(SAMPLES / "rihibot.mcap"), *arguments[2:]]) == 0
+    _, (local,) = parts(capsys.readouterr().out)
+    assert file["sha256"] == local["sha256"]
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_was_read_is_told_of_a_failure_too(
+    web: WebServer, capsys: pytest.CaptureFixture[str]
+) -> None:
+    web.behaviour.changes_after = 4
+    assert main(["run", web.url("rihibot.mcap"), "--urdf", str(URDF), "-v"]) == 1
+    *_, first, second = capsys.readouterr().err.splitlines()
+    assert first.startswith("read: http://")
+    assert second.startswith(f"error: {web.url('rihibot.mcap')} changed while it was read: ")
+
+
+@pytest.mark.parametrize("command", ["diff", "apply", "verify"])
+def test_a_url_in_the_wrong_place_shows_no_secret(
+    command: str, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    url = "https://me:secret@host.invalid/result.yaml?signature=hidden"
+    result = tmp_path / "result.yaml"
+    result.write_text("schema: 1\n")
+    others = {"apply": ["--urdf", str(URDF)], "verify": [str(result)]}.get(command, [str(result)])
+    urdf = ["--urdf", url]
+    for arguments in ([url, *others], [str(result), *others, *urdf], [str(result), "-o", url]):
+        assert main([command, *arguments]) in {1, 2}
+        seen = capsys.readouterr()
+        assert seen.err.startswith("error: ")
+        assert not re.search("secret|hidden", seen.out + seen.err)
+
+
+def test_python_takes_urls(web: WebServer) -> None:
+    log, urdf = web.url("rihibot.mcap"), web.url("rihibot.urdf")
+    assert ic.calibrate(log, urdf=urdf).result.provenance.files[0].path == log
+    web.behaviour.ranges = False
+    with pytest.raises(ChoiceError, match="--allow-remote-scan"):
+        ic.calibrate(log, urdf=urdf)

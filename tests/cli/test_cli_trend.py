@@ -1,0 +1,158 @@
+"""`imucalib trend` from files to an exit code: folders, several IMUs, formats, a picture."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree as ET
+
+import jsonschema
+import numpy as np
+import pytest
+
+from imucalib_cli.cli.main import main
+from imucalib_cli.results.codec import to_yaml
+from tests.results.trend_results import drawn, named, result, written
+
+ROOT = Path(__file__).parents[2]
+SCHEMA = jsonschema.Draft202012Validator(
+    json.loads((ROOT / "docs/comparison.schema.json").read_text())
+)
+MOVE = np.array([2e-3, 0.0, 0.0, 0.0, 1e-3, 0.0])
+
+
+def trend(*arguments: object) -> int:
+    return main(["trend", *(str(argument) for argument in arguments)])
+
+
+@pytest.fixture
+def moved(tmp_path: Path) -> Path:
+    return written(tmp_path / "moved", named(*drawn(1, 12, moves=[(8, MOVE)])))
+
+
+@pytest.fixture
+def still(tmp_path: Path) -> Path:
+    return written(tmp_path / "still", named(*drawn(2, 6)))
+
+
+def test_the_exit_code_is_the_alarm(
+    moved: Path, still: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert trend(moved) == 4
+    out, err = capsys.readouterr()
+    assert out.startswith("moved: imu_link in wrist_3_link has moved: by 1.96 ")
+    assert err == ""
+    rows = [line.split() for line in out.splitlines()[2:]]
+    assert rows[0] == ["recorded", "result", "mount", "shift", "mm", "turn", "deg"]
+    assert [row[4] for row in rows[1:]] == ["1"] * 8 + ["2"] * 4
+    assert trend(still) == 0
+    assert capsys.readouterr().out.startswith("not moved: imu_link")
+    assert trend(next(still.iterdir())) == 3
+    assert "one recording can be used, two are needed" in capsys.readouterr().out
+    assert trend(moved, "--within", "1cm,1deg") == 0
+
+
+def test_csv_and_json_lines_go_to_stdout_and_words_to_stderr(
+    moved: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert trend(moved, "--format", "jsonl") == 4
+    out, err = capsys.readouterr()
+    (line,) = out.splitlines()
+    answer = json.loads(line)
+    SCHEMA.validate(answer)
+    assert err.startswith("moved: imu_link in wrist_3_link has moved")
+    assert trend(moved, "--format", "csv", "-q") == 4
+    out, err = capsys.readouterr()
+    assert err == ""
+    rows = list(csv.DictReader(io.StringIO(out)))
+    assert [row["file"] for row in rows] == [each["file"] for each in answer["recordings"]]
+    assert [row["mount"] for row in rows] == ["1"] * 8 + ["2"] * 4
+    assert [row["change_evidence"] != "" for row in rows] == [k == 8 for k in range(12)]
+    assert float(rows[8]["shift_x_mm"]) == pytest.approx(2.0, abs=0.5)
+    assert rows[0]["start"] == "2026-05-04T09:15:02.250000Z"
+
+
+def test_a_folder_holds_other_files_too(still: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Among them the answers and tables that were written there before."""
+    first = next(still.iterdir())
+    assert trend(still, "-o", still / "trend.csv", "--format", "csv", "-q") == 0
+    assert main(["diff", str(first), str(first), "-o", str(still / "diff.yaml"), "-q"]) == 0
+    (still / "notes.json").write_text('{"schema": 1, "mine": true}')
+    (still / "config.yaml").write_text("rate: 5\n")
+    (still / "deeper.yaml").mkdir()
+    (still / "00.statistics.yaml").write_text("schema: 1\nstatistics: []\n")
+    capsys.readouterr()
+    assert trend(still, "-o", still / "trend.csv", "--format", "csv") == 0
+    assert "not moved: imu_link in wrist_3_link has not moved: 6 rec" in capsys.readouterr().err
+    assert trend(still, first, "--format", "jsonl", "-q") == 0
+    assert len(json.loads(capsys.readouterr().out)["recordings"]) == 6
+
+
+def test_a_damaged_result_does_not_stop_the_others(
+    still: Path, moved: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for folder, code in ((still, 1), (moved, 4)):
+        damaged = folder / "damaged.yaml"
+        damaged.write_text(next(folder.iterdir()).read_text()[:300])
+        assert trend(folder) == code
+        out, err = capsys.readouterr()
+        assert "has " in out
+        assert err.startswith(f"error: {damaged}: ")
+    empty = still / "empty"
+    empty.mkdir()
+    assert trend(empty) == 1
+    assert "no result of imucalib run in it" in capsys.readouterr().err
+    assert trend(still / "missing.yaml") == 1
+    assert "missing.yaml: cannot be read" in capsys.readouterr().err
+
+
+def test_each_imu_has_a_trend_of_its_own(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    values, C = drawn(3, 8, moves=[(4, MOVE)])
+    still, C_still = drawn(4, 8)
+    for k in range(8):
+        both = [result(k, values[k], C[k], child="arm_imu"), result(k, still[k], C_still[k])]
+        (tmp_path / f"{k}.yaml").write_text(to_yaml(both))
+    picture = tmp_path / "trend.svg"
+    assert trend(tmp_path, "--format", "jsonl", "--plot", picture) == 4
+    out, err = capsys.readouterr()
+    answers = [json.loads(line) for line in out.splitlines()]
+    assert [(each["child"], each["verdict"]) for each in answers] == [
+        ("arm_imu", "moved"),
+        ("imu_link", "not moved"),
+    ]
+    assert f"wrote: {picture}" in err
+    text = "".join(ET.parse(picture).getroot().itertext())
+    for word in ("arm_imu in wrist_3_link: moved", "imu_link in wrist_3_link: not moved", "σ"):
+        assert word in text
+    before = picture.read_bytes()
+    assert trend(tmp_path, "--plot", picture, "-q") == 4
+    assert picture.read_bytes() == before
+
+
+@pytest.mark.parametrize("suffix", [".pdf", ".png"])
+def test_pictures_of_every_verdict_are_drawn(suffix: str, tmp_path: Path) -> None:
+    values, C = drawn(5, 12)
+    values[3] += 20 * MOVE
+    drifting = values + np.outer(np.arange(12), MOVE)
+    untimed: Any = {"recorded": None}
+    for number, given in enumerate((named(values, C, **untimed), named(drifting, C), [])):
+        folder = written(tmp_path / str(number), given or named(values, C)[:1])
+        picture = tmp_path / f"{number}{suffix}"
+        assert trend(folder, "--plot", picture, "-q") == (0, 4, 3)[number]
+        assert picture.read_bytes()[:4] in {b"%PDF", b"\x89PNG"}
+
+
+def test_no_result_is_written_over(still: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    first = next(still.iterdir())
+    before = first.read_bytes()
+    assert trend(still, "-o", first) == 2
+    assert "is an input and would be overwritten" in capsys.readouterr().err
+    assert first.read_bytes() == before
+    assert trend(still, "-o", "x.svg", "--plot", "x.svg") == 2
+    assert trend(still, "--plot", "x.gif") == 2
+    assert "expected a file ending in .svg or .pdf or .png" in capsys.readouterr().err

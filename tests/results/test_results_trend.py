@@ -1,0 +1,243 @@
+"""Whether, when and how far a mount moved, by draws of which that is known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from imucalib_cli.findings import Severity, texts
+from imucalib_cli.results.requirement import Tolerance
+from imucalib_cli.results.trend.search import Series, find_line, find_mounts
+from imucalib_cli.results.trend.trend import trend
+from tests.results.test_results_documents import RECORDED
+from tests.results.trend_results import drawn, named, result
+
+SCATTERS = {"none": (0.0, 0.0), "some": (3e-4, 1e-4), "much": (3e-3, 1e-3)}
+"""Between recordings, 1 sigma of an axis, m and rad; sigma itself is about 0.1 mm, 0.05 mrad."""
+MOVE = np.array([2e-3, 0.0, 0.0, 0.0, 1e-3, 0.0])
+SECOND = np.array([0.0, -1.5e-3, 0.0, 0.0, 0.0, -1e-3])
+
+
+def series(values: Any, covariances: Any) -> Series:
+    return Series(
+        values=values,
+        covariances=covariances,
+        parts=np.repeat([0, 1], 3),
+        times=np.arange(float(len(values))),
+    )
+
+
+def false_alarms(seeds: range, count: int, scatter: tuple[float, float]) -> int:
+    """Of mounts that stand still: how many are told to move, drift or have an odd recording."""
+    alarms = 0
+    for seed in seeds:
+        recordings = series(*drawn(seed, count, scatter=scatter))
+        still, line = find_mounts(recordings), find_line(recordings)
+        alarms += still.model.extras > 0 or (line is not None and line.score < still.score)
+    return alarms
+
+
+@pytest.mark.parametrize("scatter", SCATTERS)
+def test_a_mount_that_stands_still_gives_no_alarm(scatter: str) -> None:
+    """The criterion is stated to give fewer than one false alarm in a thousand."""
+    assert false_alarms(range(60), 12, SCATTERS[scatter]) == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scatter", SCATTERS)
+@pytest.mark.parametrize("count", [4, 6, 20])
+def test_false_alarms_are_fewer_than_stated(count: int, scatter: str) -> None:
+    """At one in a thousand three in 400 have a chance of 1 %."""
+    assert false_alarms(range(1000, 1400), count, SCATTERS[scatter]) <= 2
+
+
+@pytest.mark.parametrize("scatter", ["none", "some"])
+def test_a_move_after_recording_12_of_20_is_found_there(scatter: str) -> None:
+    for seed in range(5):
+        values, C = drawn(seed, 20, scatter=SCATTERS[scatter], moves=[(12, MOVE)])
+        given = named(values, C)
+        answer = trend(given)
+        assert answer.verdict == "moved"
+        assert answer.order == "recording time"
+        (change,) = answer.changes
+        assert (change.after, change.before) == (given[11][0], given[12][0])
+        assert change.evidence > 20.0
+        assert change.place_probability > 0.9
+        found = np.r_[change.translation.vector_mm, np.radians(change.rotation.vector_deg) * 1e3]
+        assert change.rotation.std_deg is not None
+        std = np.r_[change.translation.std_mm, np.radians(change.rotation.std_deg) * 1e3]
+        # chi-squared of 6 degrees of freedom exceeds 33 once in a hundred thousand
+        assert np.sum(((found - 1e3 * MOVE) / std) ** 2) < 33.0
+        assert [mount.recordings for mount in answer.mounts] == [12, 8]
+        assert [each.mount for each in answer.recordings] == [1] * 12 + [2] * 8
+
+
+def test_the_sigma_of_a_move_is_true_where_recordings_scatter() -> None:
+    squared = []
+    for seed in range(40):
+        answer = trend(named(*drawn(seed, 24, scatter=SCATTERS["some"], moves=[(12, 3 * MOVE)])))
+        (change,) = answer.changes
+        off, std = change.translation.vector_mm - 3e3 * MOVE[:3], change.translation.std_mm
+        squared.append(np.sum((off / np.array(std)) ** 2))
+    assert 1.8 < np.mean(squared) < 4.5  # 3, and 40 draws of it
+
+
+def test_several_moves_and_back_again() -> None:
+    moves = [(6, MOVE), (13, SECOND), (16, -MOVE - SECOND)]
+    answer = trend(named(*drawn(1, 22, moves=moves)))
+    assert [each.mount for each in answer.recordings] == [1] * 6 + [2] * 7 + [3] * 3 + [4] * 6
+    first, last = answer.mounts[0], answer.mounts[-1]
+    assert first.translation == pytest.approx(last.translation, abs=3e-4)
+
+
+def test_a_recording_that_stands_alone_is_odd_and_no_move() -> None:
+    values, C = drawn(2, 20, scatter=SCATTERS["some"])
+    values[7] += 5 * MOVE
+    given = named(values, C)
+    answer = trend(given)
+    assert (answer.verdict, answer.changes) == ("not moved", [])
+    assert [each.file for each in answer.odd] == [given[7][0]]
+    assert answer.odd[0].translation.difference_mm == pytest.approx(10.0, abs=1.5)
+    assert [each.odd for each in answer.recordings] == [k == 7 for k in range(20)]
+    assert "of which odd and left out: 49.yaml" in answer.reason
+
+
+@pytest.mark.parametrize(("place", "which"), [(19, "the last"), (0, "the first")])
+def test_at_an_end_nobody_can_tell_an_odd_recording_from_a_move(place: int, which: str) -> None:
+    values, C = drawn(3, 20)
+    values[place] += MOVE
+    answer = trend(named(values, C))
+    assert answer.verdict == "unknown"
+    assert f"{which} recording, " in answer.reason
+    assert "another recording tells" in answer.reason
+
+
+def test_a_drift_is_no_move_and_has_its_rate() -> None:
+    values, C = drawn(4, 20, scatter=SCATTERS["some"])
+    values += np.outer(np.arange(20) / 19.0, 3 * MOVE)
+    values[5, 2] += 0.02
+    given = named(values, C)
+    answer = trend(given)
+    assert (answer.verdict, answer.changes, answer.mounts) == ("drifting", [], [])
+    assert answer.drift is not None
+    assert answer.drift.per == "day"
+    off = np.array(answer.drift.translation_mm) - 3e3 * MOVE[:3] / 19.0
+    assert np.all(np.abs(off) < 4.0 * np.array(answer.drift.translation_std_mm))
+    assert [each.file for each in answer.odd] == [given[5][0]]
+    assert "moves steadily: by 6." in answer.reason
+
+
+def test_a_mount_put_on_the_other_way_round_is_one_move() -> None:
+    """Half a turn: its rotation vector has two signs."""
+    values, C = drawn(5, 12)
+    values[6:, 3:] = [
+        (Rotation.from_rotvec(v[3:]) * Rotation.from_rotvec([0.0, 0.0, np.pi])).as_rotvec()
+        for v in values[6:]
+    ]
+    (change,) = trend(named(values, C)).changes
+    assert change.rotation.difference_deg == pytest.approx(180.0, abs=0.1)
+
+
+def test_what_a_tolerance_allows_is_no_alarm() -> None:
+    given = named(*drawn(6, 20, moves=[(12, MOVE)]))
+    wide = Tolerance(translation=5e-3, rotation=0.01)
+    narrow = replace(wide, translation=1e-3)
+    allowed = trend(given, wide)
+    assert allowed.verdict == "not moved"
+    assert len(allowed.changes) == 1
+    assert "has not moved, within 5 mm" in allowed.reason
+    assert trend(given, narrow).verdict == "moved"
+    assert trend(given, replace(wide, translation=2e-3)).verdict == "unknown"
+
+
+def test_recordings_of_one_time_have_no_drift() -> None:
+    """As simulated logs have it."""
+    values, C = drawn(12, 8)
+    values += np.outer(np.arange(8), MOVE)
+    assert trend(named(values, C, recorded=RECORDED)).drift is None
+    values, C = drawn(13, 8, moves=[(7, MOVE)])
+    given = named(values, C, recorded=RECORDED)
+    given[7] = ("99.yaml", result(7, values[7], C[7]))
+    assert [each.file for each in trend(given).odd] == ["99.yaml"]
+
+
+def test_recordings_that_are_too_few() -> None:
+    values, C = drawn(7, 3)
+    assert trend(named(values, C)[:1]).verdict == "unknown"
+    assert trend(named(values, C)).verdict == "not moved"
+    values[2] += MOVE
+    answer = trend(named(values, C))
+    assert answer.verdict == "unknown"
+    assert answer.scatter is None
+    assert "so few do not tell a move from a scatter between recordings: 4 do" in answer.reason
+
+
+def test_results_that_tell_nothing_are_left_out_and_named() -> None:
+    values, C = drawn(8, 8)
+    given = named(values, C)
+    fixed = C[0].copy()
+    fixed[0], fixed[:, 0] = 0.0, 0.0
+    flat = np.outer(np.sqrt(np.diag(C[0])), np.sqrt(np.diag(C[0])))
+    wrong = [
+        ("a.yaml", result(20, values[0], C[0], findings=texts(Severity.UNTRUSTED, ["loose"]))),
+        ("b.yaml", result(21, values[0], np.zeros((6, 6)))),
+        ("c.yaml", result(22, values[0], fixed)),
+        ("e.yaml", result(23, values[0], flat)),
+        ("d.yaml", msgspec.structs.replace(given[2][1])),
+    ]
+    answer = trend([*given, *wrong])
+    assert answer.verdict == "not moved"
+    assert len(answer.recordings) == 8
+    reasons = {each.file: each.reason for each in answer.left_out}
+    assert reasons["a.yaml"] == "untrusted: do not use as it stands: loose"
+    assert reasons["b.yaml"] == "all of its pose is held by --fix, not found"
+    assert reasons["c.yaml"] == f"--fix holds others of its axes than {given[0][0]}"
+    assert reasons["e.yaml"] == "its covariance is singular"
+    assert reasons["d.yaml"] == f"it is of the same log as {given[2][0]}"
+
+
+def test_axes_that_are_held_say_nothing() -> None:
+    """The sigma of what --fix holds is zero."""
+    values, C = drawn(9, 12, moves=[(6, MOVE)])
+    values[:, 2], C[:, 2], C[:, :, 2] = 0.0, 0.0, 0.0
+    answer = trend(named(values, C))
+    (change,) = answer.changes
+    assert change.translation.vector_mm == pytest.approx([2.0, 0.0, 0.0], abs=0.3)
+    assert change.translation.vector_mm[2] == pytest.approx(0.0, abs=1e-9)
+    assert answer.mounts[0].covariance[2] == [0.0] * 6
+
+
+def test_results_without_a_time_are_taken_as_given() -> None:
+    values, C = drawn(10, 12, moves=[(6, MOVE)])
+    given = named(values, C)
+    given[3] = (given[3][0], result(3, values[3], C[3], recorded=None))
+    answer = trend(given)
+    assert answer.order == "as given"
+    assert [each.file for each in answer.recordings] == [name for name, _ in given]
+    (said,) = answer.warnings
+    assert said.startswith(f"{given[3][0]}: when it was recorded is not known")
+    assert len(answer.changes) == 1
+    shuffled = [given[k] for k in np.random.default_rng(0).permutation(12) if k != 3]
+    assert [each.start for each in trend(shuffled).recordings] == sorted(
+        each.recorded_at or RECORDED for _, each in shuffled
+    )
+
+
+def test_another_urdf_at_a_move_is_told() -> None:
+    values, C = drawn(11, 12, moves=[(6, MOVE)])
+    given = named(values, C)
+    source = given[0][1].provenance.urdf
+    assert source is not None
+    for k in range(6, 12):
+        name, each = given[k]
+        urdf = msgspec.structs.replace(source, sha256="e" * 64)
+        provenance = msgspec.structs.replace(each.provenance, urdf=urdf)
+        given[k] = (name, msgspec.structs.replace(each, provenance=provenance))
+    answer = trend(given)
+    assert answer.changes[0].other_urdf
+    assert "where the URDF changed too" in answer.reason

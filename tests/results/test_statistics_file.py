@@ -1,0 +1,141 @@
+"""Files of statistics: exact, small, and solved again from the command line."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from dataclasses import fields
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+import yaml
+
+from imucalib_cli.cli.main import main
+from imucalib_cli.errors import InputError
+from imucalib_cli.estimate.again import stretches_of
+from imucalib_cli.jobs.calibrate import calibrate
+from imucalib_cli.jobs.request import CalibrationRequest
+from imucalib_cli.results.statistics_file import read_statistics, statistics_bytes
+
+if TYPE_CHECKING:
+    from imucalib_cli.jobs.calibrate import Calibrated
+
+SAMPLE = Path(__file__).parents[2] / "sample_data/rihibot.mcap"
+URDF = SAMPLE.with_suffix(".urdf")
+MOST = 1_000_000
+"""Bytes of a file of an ordinary arm."""
+
+
+@pytest.fixture(scope="module")
+def calibrated() -> Calibrated:
+    (found,) = calibrate(CalibrationRequest(logs=(SAMPLE,), urdf=URDF, details=True)).calibrated
+    return found
+
+
+@pytest.fixture(scope="module")
+def content(calibrated: Calibrated) -> bytes:
+    assert calibrated.estimate.statistics is not None
+    return statistics_bytes(calibrated.result, calibrated.estimate.statistics)
+
+
+@pytest.fixture
+def file(content: bytes, tmp_path: Path) -> Path:
+    path = tmp_path / "log.statistics.npz"
+    path.write_bytes(content)
+    return path
+
+
+def test_what_is_read_is_what_was_written(
+    file: Path, content: bytes, calibrated: Calibrated
+) -> None:
+    assert len(content) < MOST
+    read, before = read_statistics(file), calibrated.estimate.statistics
+    assert before is not None
+    assert read.result == calibrated.result
+    for name in ("information", "score", "noise", "motion"):
+        there, here = getattr(read.statistics.equations, name), getattr(before.equations, name)
+        assert np.array_equal(there, here), name
+    for each in fields(before.options):
+        assert getattr(read.statistics.options, each.name) == getattr(before.options, each.name)
+    assert np.array_equal(np.triu(read.statistics.blocks), np.triu(before.blocks))
+    assert statistics_bytes(read.result, read.statistics) == content
+
+
+def test_the_parts_of_the_log_are_those_of_the_report(file: Path, calibrated: Calibrated) -> None:
+    details, covariance = calibrated.estimate.details, calibrated.estimate.covariance
+    assert details is not None
+    assert details.stretches is not None
+    assert covariance is not None
+    found = stretches_of(read_statistics(file).statistics, np.sqrt(np.diag(covariance)))
+    assert found is not None
+    # A few longer parts in place of many: ends and sums are the same.
+    share = details.stretches.share.reshape(len(found.share), -1, 6).sum(axis=1)
+    np.testing.assert_allclose(found.share, share, atol=1e-6)
+    np.testing.assert_allclose(found.fold_difference, details.stretches.fold_difference, atol=1e-9)
+    np.testing.assert_allclose(found.std_so_far[-1], details.stretches.std_so_far[-1])
+
+
+def test_the_command_says_the_same_again(
+    file: Path, calibrated: Calibrated, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["combine", str(file), "--format", "yaml"]) == 0
+    again, first = yaml.safe_load(capsys.readouterr().out), calibrated.result
+    for there, here in (
+        (again["covariance"], first.covariance),
+        (again["transform"]["translation"], first.transform.translation),
+    ):
+        np.testing.assert_allclose(np.array(there), np.array(here), rtol=1e-12)
+    assert again["provenance"]["options"] == first.provenance.options
+    assert again["diagnostics"]["combined"] is None
+
+
+def test_other_priors_need_no_log(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    known = "-0.0225 0.1 0 3.14159265 0 1.57079633"
+    argv = ["combine", str(file), "--initial", known, "--prior-std", "tz=1mm", "--robot", "exact"]
+    assert main([*argv, "--format", "yaml"]) == 0
+    found = yaml.safe_load(capsys.readouterr().out)
+    assert found["provenance"]["options"]["robot"] == "exact"
+    assert found["provenance"]["options"]["pose.std"].split()[2] == "0.001"
+
+
+def test_a_page_of_statistics_has_spectra_and_parts(file: Path, tmp_path: Path) -> None:
+    page = tmp_path / "page.html"
+    assert main(["report", str(file), "-o", str(page)]) == 0
+    text = page.read_text(encoding="utf-8")
+    assert "from the statistics of a log" in text
+    assert 'id="imu0-spectra"' in text
+    assert 'id="imu0-segments"' in text
+
+
+def _without(content: bytes, name: str) -> bytes:
+    """The archive with one array fewer."""
+    out = io.BytesIO()
+    with zipfile.ZipFile(io.BytesIO(content)) as old, zipfile.ZipFile(out, "w") as new:
+        for each in old.namelist():
+            if each != f"{name}.npy":
+                new.writestr(each, old.read(each))
+    return out.getvalue()
+
+
+@pytest.mark.parametrize("name", ["header", "information", "widened", "accel_density"])
+def test_a_file_with_something_missing_is_told_in_one_line(
+    name: str, content: bytes, tmp_path: Path
+) -> None:
+    path = tmp_path / "log.npz"
+    path.write_bytes(_without(content, name))
+    with pytest.raises(InputError, match="damaged or no statistics"):
+        read_statistics(path)
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_a_damaged_file_is_told_in_one_line(seed: int, content: bytes, tmp_path: Path) -> None:
+    rng = np.random.default_rng(seed)
+    data = bytearray(content)
+    for place in rng.integers(0, len(data), 20).tolist():
+        data[place] = int(rng.integers(256))
+    path = tmp_path / "log.npz"
+    path.write_bytes(data)
+    with pytest.raises(InputError):
+        read_statistics(path)

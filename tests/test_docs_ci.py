@@ -1,0 +1,138 @@
+"""docs/ci.md: the commands of its jobs run in a shell; the container file builds in a venv."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from typing import TYPE_CHECKING, Any
+
+import pytest
+import yaml
+
+from tests.results.trend_results import drawn, named, written
+from tests.test_docs import ROOT, run
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+PAGE = (ROOT / "docs" / "ci.md").read_text(encoding="utf-8")
+GITHUB, GITLAB = (
+    yaml.safe_load(block)
+    for block in re.findall(r"^```yaml\n(.*?)^```", PAGE, re.DOTALL | re.MULTILINE)
+)
+INSTALL = re.compile(r"(?:pipx|pip) install \"imucalib\[plot\]\"")
+
+
+def github_steps() -> list[str]:
+    (job,) = GITHUB["jobs"].values()
+    return [step["run"] for step in job["steps"] if "run" in step]
+
+
+def gitlab_lines() -> list[str]:
+    (job,) = GITLAB.values()
+    return [*job["before_script"], *job["script"]]
+
+
+@pytest.fixture
+def checkout(tmp_path: Path) -> Path:
+    """A user's repository, with a log."""
+    (tmp_path / "bags").mkdir()
+    shutil.copy(ROOT / "sample_data/rihibot.mcap", tmp_path / "bags")
+    shutil.copy(ROOT / "sample_data/rihibot.urdf", tmp_path / "robot.urdf")
+    return tmp_path
+
+
+def shell(script: str, folder: Path) -> subprocess.CompletedProcess[str]:
+    return run(f'export GITHUB_STEP_SUMMARY="$PWD/summary.md"\n{script}', folder)
+
+
+@pytest.mark.parametrize("commands", [github_steps(), gitlab_lines()], ids=["github", "gitlab"])
+def test_the_commands_of_a_job_run(commands: list[str], checkout: Path) -> None:
+    """As they stand, but for the installation; then again with what the cache keeps."""
+    install, *commands = commands
+    assert INSTALL.fullmatch(install)
+    for _ in range(2):
+        done = shell("\n".join(commands), checkout)
+        assert done.returncode == 0, done.stderr
+        assert "Traceback" not in done.stderr
+        assert (checkout / "junit.xml").read_text(encoding="utf-8").startswith("<?xml")
+    assert (checkout / "results/rihibot.imu_link.yaml").exists()
+    assert (checkout / "verify.csv").read_text(encoding="utf-8").count(",yes,") == 1
+    assert "one recording can be used" in done.stdout
+
+
+@pytest.mark.parametrize("commands", [github_steps(), gitlab_lines()], ids=["github", "gitlab"])
+def test_a_mount_that_has_moved_fails_the_job(commands: list[str], tmp_path: Path) -> None:
+    (last,) = (line for line in commands if line.startswith("imucalib trend"))
+    still = drawn(1, 12)
+    written(tmp_path / "results", named(*still))
+    assert shell(last, tmp_path).returncode == 0
+    moved = drawn(1, 12, moves=[(6, [3e-3, 0.0, 0.0, 0.0, 0.0, 0.0])])
+    written(tmp_path / "results", named(*moved))
+    done = shell(last, tmp_path)
+    assert done.returncode not in {0, 3}
+    assert done.stdout.startswith("moved: ")
+    assert (tmp_path / "trend.svg").exists()
+
+
+def test_every_file_that_a_job_keeps_is_written_by_it() -> None:
+    (github,), (gitlab,) = GITHUB["jobs"].values(), GITLAB.values()
+    kept = github["steps"][-1]["with"]["path"].split()
+    commands = "\n".join(github_steps())
+    for path in (*kept, "junit.xml", "$GITHUB_STEP_SUMMARY"):
+        assert path in commands
+    for path in (*gitlab["artifacts"]["paths"], gitlab["artifacts"]["reports"]["junit"]):
+        assert path in "\n".join(gitlab_lines())
+
+
+def instructions() -> list[tuple[str, str]]:
+    """Of the container file, in their order."""
+    text = (ROOT / "Containerfile").read_text(encoding="utf-8")
+    lines = re.sub(r"\\\n", " ", text).splitlines()
+    found = [line.split(maxsplit=1) for line in lines if line and not line.startswith("#")]
+    return [(word, rest) for word, rest in found]
+
+
+def test_the_container_runs_the_command_as_nobody_s_root() -> None:
+    told = dict(instructions())  # of each the last one
+    bases = [rest for word, rest in instructions() if word == "FROM"]
+    assert all(re.match(r"docker\.io/library/python:3\.1[0-3]-slim\b", base) for base in bases)
+    assert json.loads(told["ENTRYPOINT"]) == ["imucalib"]
+    assert not told["USER"].startswith(("0", "root"))
+    assert "OPENBLAS_NUM_THREADS=1" in shlex.split(told["ENV"])
+    known = {"FROM", "COPY", "RUN", "ENV", "USER", "WORKDIR", "ENTRYPOINT", "CMD"}
+    assert {word for word, _ in instructions()} <= known
+
+
+@pytest.mark.slow
+def test_what_the_container_file_runs_installs_the_command(tmp_path: Path) -> None:
+    """Each RUN in a fresh environment, with the image's folders in one of the test's."""
+    ignored = (ROOT / ".dockerignore").read_text(encoding="utf-8").splitlines()
+    for name in (line[1:] for line in ignored if line.startswith("!")):
+        copy: Any = shutil.copytree if (ROOT / name).is_dir() else shutil.copy
+        (tmp_path / "src").mkdir(exist_ok=True)
+        copy(ROOT / name, tmp_path / "src" / name)
+    subprocess.run([sys.executable, "-m", "venv", tmp_path / "venv"], check=True)
+    tools = tmp_path / "venv" / "bin"
+    environment = {**os.environ, "PATH": f"{tools}{os.pathsep}{os.environ['PATH']}"}
+    for word, rest in instructions():
+        if word == "RUN":
+            command = re.sub(r"(?<=[\s(])/(?=src|wheels)", f"{tmp_path}/", rest)
+            done = subprocess.run(
+                ["sh", "-euc", command],
+                cwd=tmp_path,
+                env=environment,
+                capture_output=True,
+                text=True,
+                check=False,
+            )
+            assert done.returncode == 0, done.stderr
+    told = subprocess.run(
+        [tools / "imucalib", "--help"], cwd=tmp_path, capture_output=True, text=True, check=True
+    )
+    assert "trend" in told.stdout

@@ -1,0 +1,105 @@
+"""Several logs of one mount: what does not belong together, and what cannot be solved again."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from imucalib_cli.simulate.load import load_grade, load_system
+from imucalib_cli.simulate.noise import corrupt
+from imucalib_cli.simulate.options import PhysicsOptions
+from imucalib_cli.simulate.physics import record
+from tests.troubleshooting.provoke_recordings import moving_only
+from tests.troubleshooting.scene import ARM, RATE, Scene, Seen, noisy, with_imu
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from imucalib_cli.simulate.recording import Recording
+    from tests.troubleshooting.scene import Provocation
+
+
+def together(*recordings: Recording) -> Provocation:
+    """`imucalib run --joint` on recordings of the arm."""
+
+    def provocation(scene: Scene) -> Seen:
+        logs = [scene.log(each, f"log{index}.mcap") for index, each in enumerate(recordings)]
+        return _joint(scene, logs)
+
+    return provocation
+
+
+def _joint(scene: Scene, logs: Sequence[Path]) -> Seen:
+    first, *others = logs
+    return scene.run(first, *others, "--joint")
+
+
+def moved() -> Recording:
+    """The same arm with the IMU 8 mm away."""
+    physics = PhysicsOptions(
+        duration=24.0, imu_rate=RATE, robot_rate=RATE, mount_xyz=(-0.0225, 0.108, 0.0)
+    )
+    return corrupt(record(load_system(ARM), physics), load_grade("industrial"), seed=6)
+
+
+def disagree(scene: Scene) -> Seen:
+    return together(*(noisy(seed=seed) for seed in (3, 4, 5)), moved())(scene)
+
+
+def left_out(scene: Scene) -> Seen:
+    mirrored = with_imu(noisy(), gyro=-noisy().imu.gyro)
+    return together(*(noisy(seed=seed) for seed in (3, 4, 5)), mirrored)(scene)
+
+
+def few(scene: Scene) -> Seen:
+    return together(noisy(seed=3), noisy(seed=4))(scene)
+
+
+def twice(scene: Scene) -> Seen:
+    return together(*(noisy(seed=seed) for seed in (3, 4, 5, 5)))(scene)
+
+
+def far(scene: Scene) -> Seen:
+    return together(*(noisy(seed=seed) for seed in (3, 4, 5)), moving_only(5)())(scene)
+
+
+def _statistics(scene: Scene, *options: object, seed: int = 3) -> Path:
+    """The statistics of a run."""
+    path = scene.path(f"log{seed}.npz")
+    assert scene.run(scene.log(noisy(seed=seed)), "--statistics", path, *options).code in {0, 3}
+    return path
+
+
+def other_robot(scene: Scene) -> Seen:
+    one = _statistics(scene)
+    urdf = scene.path("robot.urdf")
+    urdf.write_text(urdf.read_text().replace("<robot", "<!-- changed --><robot", 1))
+    return scene.cli("combine", one, _statistics(scene, seed=4))
+
+
+def held(scene: Scene) -> Seen:
+    one = _statistics(scene, "--robot", "exact")
+    return scene.cli("combine", one, "--robot", "nominal")
+
+
+def without_statistics(scene: Scene) -> Seen:
+    return scene.cli("combine", scene.result())
+
+
+def damaged(scene: Scene) -> Seen:
+    path = _statistics(scene)
+    path.write_bytes(path.read_bytes()[:-1000])
+    return scene.cli("combine", path)
+
+
+TOGETHER: dict[str, Provocation] = {
+    "together-disagree": disagree,
+    "together-left-out": left_out,
+    "together-far": far,
+    "together-few": few,
+    "together-twice": twice,
+    "combine-robots": other_robot,
+    "combine-held": held,
+    "combine-no-statistics": without_statistics,
+    "combine-damaged": damaged,
+}
