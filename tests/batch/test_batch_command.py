@@ -222,6 +222,7 @@ def test_a_report_for_each_log(
         (["a.mcap", "--dask", ""], "--dask is empty"),
         (["a.mcap", "--dask", "tcp://x:1", "--workers", "2"], "leave them out"),
         (["a.mcap", "--urdf", "a.mcap"], "a.mcap"),
+        (["a.mcap", "https://me:secret@there/b.mcap"], "there/b.mcap: imucalib batch takes logs"),
     ],
 )
 def test_what_is_wrong_for_all_is_one_line(
@@ -234,6 +235,7 @@ def test_what_is_wrong_for_all_is_one_line(
     assert batch(*arguments) in {1, 2}
     err = capsys.readouterr().err
     assert words in err
+    assert "secret" not in err
     assert err.startswith("error: ")
     assert len(err.splitlines()) == 1
 
