@@ -121,10 +121,16 @@ def csv_table(records: Iterable[Record]) -> str:
     for record in records:
         for entry in by_imu(record):
             writer.writerow(_cell(column, record, entry) for column in COLUMNS.values())
-    return text.getvalue().replace("\0", "\\x00")  # at which many readers end
+    return text.getvalue()
 
 
 def _cell(column: Column, record: Record, entry: Entry) -> Cell:
+    cell = _value(column, record, entry)
+    # many readers end at a zero byte
+    return cell.replace("\0", "\\x00") if isinstance(cell, str) else cell
+
+
+def _value(column: Column, record: Record, entry: Entry) -> Cell:
     if column.of_log is not None:
         return column.of_log(record)
     if isinstance(entry, str):

@@ -239,7 +239,19 @@ def _show(records: "Sequence[Record]", form: str) -> None:
 
 
 def _names(arguments: "Sequence[str]") -> "Iterator[str]":
-    """What is named, with that of the list on stdin."""
+    """What is named, with that of the list on stdin; all on disk."""
+    from imucalib_cli.logs.remote.url import is_url, without_secrets
+
+    for name in _listed(arguments):
+        if is_url(name):
+            raise ChoiceError(
+                f"{without_secrets(name)}: imucalib batch takes logs on disk: download it, or use "
+                "imucalib run"
+            )
+        yield name
+
+
+def _listed(arguments: "Sequence[str]") -> "Iterator[str]":
     from imucalib_cli.batch.logs import listed
 
     for argument in arguments:

@@ -5,10 +5,12 @@ from __future__ import annotations
 import io
 import json
 import os
+import re
 import shutil
 import stat
 import subprocess
 import sys
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree as ET
@@ -22,6 +24,8 @@ from tests.batch.batch_tasks import here
 from tests.batch.test_batch_tables import rows_of
 from tests.cli.test_cli_run import Estimator
 from tests.conftest import LogWriter
+from tools.fuzz import seeds
+from tools.fuzz.cases import make, sound_case
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -218,6 +222,7 @@ def test_a_report_for_each_log(
         (["a.mcap", "--dask", ""], "--dask is empty"),
         (["a.mcap", "--dask", "tcp://x:1", "--workers", "2"], "leave them out"),
         (["a.mcap", "--urdf", "a.mcap"], "a.mcap"),
+        (["a.mcap", "https://me:secret@there/b.mcap"], "there/b.mcap: imucalib batch takes logs"),
     ],
 )
 def test_what_is_wrong_for_all_is_one_line(
@@ -230,6 +235,7 @@ def test_what_is_wrong_for_all_is_one_line(
     assert batch(*arguments) in {1, 2}
     err = capsys.readouterr().err
     assert words in err
+    assert "secret" not in err
     assert err.startswith("error: ")
     assert len(err.splitlines()) == 1
 
@@ -304,3 +310,70 @@ def test_processes_calibrate(reader: str, tmp_path: Path) -> None:
         assert (results / f"{name}.report.html").stat().st_size > 10_000
     assert done.stderr.count("error: ") == 1
     assert "empty.mcap is empty" in done.stderr
+
+
+@pytest.mark.slow
+def test_logs_with_every_damage_are_what_run_makes_of_them(tmp_path: Path) -> None:
+    """Of the fuzzer: bytes, records, messages and pages at fault, checksums made to fit again."""
+    folder = tmp_path / "logs"
+    (folder / "sound").mkdir(parents=True)
+    sound = sound_case(seeds.arm, "mcap-none", folder / "sound")
+    urdf = next(path for path in sound.inputs if path.suffix == ".urdf")
+    kinds = ("messages", "mcap", "bag", "db3", "bytes")
+    for number in range(40):
+        (folder / str(number)).mkdir()
+        make(13, number, kinds, folder / str(number), runs=1.0)
+    options = ["--urdf", str(urdf)]
+    done = subprocess.run(
+        [sys.executable, "-m", "imucalib_cli", "batch", "logs", *options, "-o", "results"],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert "Traceback" not in done.stderr
+    assert "internal error" not in done.stderr
+    files = sorted((tmp_path / "results" / "records").glob("[!.]*.json"))
+    records = [json.loads(path.read_text()) for path in files]
+    assert len(records) >= 41
+    assert done.returncode == 1
+    assert {record["exit_code"] for record in records} >= {0, 1}
+    alone = tmp_path / "alone"
+    for record in records:
+        code = main(["run", str(tmp_path / record["log"]), *options, "-q", "-o", f"{alone}/"])
+        assert code == record["exit_code"], record["log"]
+        results = [yaml.safe_load(path.read_text()) for path in alone.glob("*.yaml")]
+        found = sorted(json.dumps(result["transform"]) for result in results)
+        assert found == sorted(json.dumps(result["transform"]) for result in record["results"])
+        shutil.rmtree(alone, ignore_errors=True)
+
+
+@pytest.mark.slow
+def test_an_interruption_says_how_to_go_on(tmp_path: Path) -> None:
+    for name in "abcd":
+        shutil.copy(SAMPLES / "rihibot.mcap", tmp_path / f"{name}.mcap")
+    command = [sys.executable, "-m", "imucalib_cli", "batch", ".", *ROBOT, "-o", "results"]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    process = subprocess.Popen(
+        [*command, "--workers", "1"],
+        cwd=tmp_path,
+        env=environment,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    records = tmp_path / "results" / "records"
+    while not list(records.glob("[!.]*.json")):
+        time.sleep(0.01)
+    process.terminate()
+    _, words = process.communicate(timeout=30)
+    assert process.returncode == 130
+    last = words.splitlines()[-1]
+    assert re.fullmatch(
+        r"interrupted: \d of 4 logs are kept in results; the same command goes on", last
+    )
+    done = {path: path.stat().st_mtime_ns for path in records.glob("[!.]*.json")}
+    assert len(rows_of((tmp_path / "results" / "summary.csv").read_text())) == len(done) < 4
+    subprocess.run(command, cwd=tmp_path, env=environment, check=True, stderr=subprocess.DEVNULL)
+    assert len(list(records.glob("[!.]*.json"))) == 4
+    assert {path: path.stat().st_mtime_ns for path in done} == done
