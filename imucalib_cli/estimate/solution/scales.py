@@ -46,7 +46,7 @@ _LEAST_SHARE: Final = 0.05
 
 def with_learnt(std: Floats, scale: Indices, u: Floats) -> Floats:
     """(n,), standard deviations of priors, those that are learnt put in from their logarithms."""
-    return np.asarray(np.where(scale >= 0, np.exp(u)[scale], std) if len(u) else std)
+    return np.where(scale >= 0, np.exp(u)[scale], std) if len(u) else std.copy()
 
 
 @dataclass(frozen=True, eq=False)
