@@ -155,7 +155,7 @@ def _see_one_robot(logs: Sequence[StoredLog]) -> None:
     Raises:
         ChoiceError: They are not.
     """
-    robots = [None if (u := log.result.provenance.urdf) is None else u.sha256 for log in logs]
+    robots = [None if (u := log.result.provenance.urdf) is None else u.identity for log in logs]
     for log, robot in zip(logs, robots, strict=True):
         if robot != robots[0]:
             raise ChoiceError(
