@@ -31,6 +31,8 @@ LEAST_OF_LINE = 6
 so badly that one in twenty mounts that stand still seems to drift."""
 _ROUNDS = 10
 """Of partition and scatter in turn; two or three settle."""
+_SAME = 0.01
+"""Relative difference of two variances that part the recordings alike."""
 _STEPS = 50
 _SETTLED = 1e-3
 """Relative change of a variance that ends its iteration."""
@@ -238,16 +240,18 @@ def find_mounts(series: Series) -> Explained[Mounts]:
     """
     one = explained(series, Mounts(numbers=np.zeros(len(series), dtype=np.intp)))
     best = one
+    tried: list[Floats] = []
     for start in (np.zeros(2), _of_neighbours(series), one.variances):
         variances = start
         for _ in range(_ROUNDS):
+            if any(np.allclose(variances, each, rtol=_SAME, atol=0.0) for each in tried):
+                break
+            tried.append(variances)
             numbers = _partition(series, weights_of(series, variances))
             if numbers is None:
                 break
             found = explained(series, Mounts(numbers=numbers))
             best = min(best, found, key=_score)
-            if np.allclose(found.variances, variances, rtol=_SETTLED, atol=0.0):
-                break
             variances = found.variances
     while True:
         with_odd = (joined for _, joined in with_an_odd_one(series, best).values())
