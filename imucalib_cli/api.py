@@ -20,6 +20,7 @@ from imucalib_cli.jobs.calibrate import calibrate_recording
 from imucalib_cli.jobs.from_arrays import streams_of
 from imucalib_cli.jobs.reading import read_recording, recording_of
 from imucalib_cli.jobs.request import CalibrationRequest, ExpectedImu
+from imucalib_cli.logs.part import Part
 from imucalib_cli.logs.remote.file import path_or_url, without_copies
 from imucalib_cli.results.fields import sections, verdict
 from imucalib_cli.results.formats import FORMATS, refuse_untrusted
@@ -179,6 +180,10 @@ def calibrate(
     clock: ClockChoice = "auto",
     units: Units | None = None,
     csv_columns: Sequence[str] = (),
+    start: float | None = None,
+    end: float | None = None,
+    description_topic: str | None = None,
+    joint_prefix: str | None = None,
     estimator: MatchedOptions | PaperOptions | None = None,
     imu_model: StrPath | None = None,
     require: Tolerance | None = None,
@@ -190,8 +195,9 @@ def calibrate(
     Args:
         logs: One recording: a ROS 1 bag, a ROS 2 folder or db3, an MCAP, a CSV; its URL; or the
             files of a split one.
-        urdf: The robot's URDF; without it the log's own frames must tell the motion.
-        imu_topic: Which IMU, where the log has several.
+        urdf: The robot's URDF; without it the log's /robot_description or its own frames must tell
+            the motion.
+        imu_topic: Which IMU, where the log has several; ``topic:frame`` if they share a topic.
         joint_topics: Joint states to use; all.
         pose_topics: Poses to use; found.
         parent: Link or frame that carries the IMU; the one that holds the frame of its messages.
@@ -200,6 +206,10 @@ def calibrate(
         clock: Stamps of the headers, or times of receipt.
         units: What the IMU's numbers mean; told from the log.
         csv_columns: Columns of tables without a header.
+        start: Use the log from here (--from): s of the log, or a stamp, s since 1970.
+        end: Use the log up to here (--to).
+        description_topic: Topic of the URDF in the log, where several fit.
+        joint_prefix: What the log's joint names have before those of the URDF, or lack; found.
         estimator: Method and options.
         imu_model: Which IMU it is, a name of configs/imus or a YAML file: weak priors.
         require: Largest sigma to trust.
@@ -227,6 +237,11 @@ def calibrate(
         clock=clock,
         units=units,
         csv_columns=_texts("csv_columns", csv_columns),
+        part=_part(start, end),
+        description_topics=()
+        if description_topic is None
+        else _texts("description_topic", [description_topic]),
+        joint_prefix=joint_prefix,
         estimator=estimator,
         imu_model=imu_model,
         require=require,
@@ -235,7 +250,7 @@ def calibrate(
     with without_copies(request.logs):
         recording = read_recording(request, progress)
         if len(recording.imus) > 1:
-            topics = ", ".join(imu.topic for imu in recording.imus)
+            topics = ", ".join(imu.name for imu in recording.imus)
             raise ChoiceError(f"the log has several IMUs: choose one by imu_topic: {topics}")
         return _calibrated(recording, request, progress)
 
@@ -327,6 +342,17 @@ def calibrate_arrays(
     return _calibrated(recording_of(data, request, epoch_ns=epoch_ns), request, progress)
 
 
+def _part(start: float | None, end: float | None) -> Part | None:
+    """The part of the log that is asked for.
+
+    Raises:
+        ChoiceError: A bound is no number.
+    """
+    for name, value in (("start", start), ("end", end)):
+        _see_kind(name, value, (int, float))
+    return None if start is None and end is None else Part(start=start, end=end)
+
+
 def _request(
     *,
     urdf: StrPath | None,
@@ -335,8 +361,8 @@ def _request(
     imu_model: StrPath | None,
     **given: Any,
 ) -> CalibrationRequest:
-    for name in ("parent", "imu_link", "world"):
-        _see_kind(name, given[name], (str,))
+    for name in ("parent", "imu_link", "world", "joint_prefix"):
+        _see_kind(name, given.get(name), (str,))
     _see_kind("units", units, (Units,))
     _see_kind("estimator", estimator, (MatchedOptions, PaperOptions))
     _see_kind("require", given["require"], (Tolerance,))

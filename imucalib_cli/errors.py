@@ -19,6 +19,7 @@ class ImucalibError(Exception):
         finding: What was found, where the error rests on a finding.
         topic: That the text names already; None where it names none.
         option: That would solve it, such as ``--parent``; None where no single one does.
+        reason: The text without its candidates; None where it has none.
     """
 
     def __init__(
@@ -27,6 +28,7 @@ class ImucalibError(Exception):
         *,
         topic: str | None = None,
         option: str | None = None,
+        reason: str | None = None,
     ) -> None:
         self.finding = message if isinstance(message, Finding) else None
         if isinstance(message, Finding):
@@ -34,7 +36,7 @@ class ImucalibError(Exception):
             topic = topic or (named if isinstance(named, str) else None)
             message = message.message
         super().__init__(shown(message))
-        self.topic, self.option = topic, option
+        self.topic, self.option, self.reason = topic, option, reason
 
     def about(self, name: str) -> Self:
         """The same error, its text beginning with what it is about: a file or a topic."""

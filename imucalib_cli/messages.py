@@ -82,6 +82,10 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "{limit:g} are left out",
     "pose.unusable": "{topic}: {count} poses that are not finite or whose quaternion is not of "
     "unit norm are left out",
+    "joints.prefixed": "{topic}: {count} joints differ from those of {robot} by the prefix "
+    "'{prefix}' and are taken for them; --joint-prefix overrules it",
+    "frames.prefixed": "{count} frames differ from links of {robot} by the prefix '{prefix}' and "
+    "are taken for them",
     "pose.told_twice": "{topic} tells the pose of {child} in {parent} too; {used} is used, having "
     "more messages",
     "stream.rows_left_out": "{stream}: left out {not_finite} messages that are not finite, "
@@ -179,6 +183,9 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "{sensor:unit} where {model} ends by its data sheet: glitches, another unit, or another IMU "
     "than --imu-model says",
     # The robot.
+    "robot.described": "the robot is '{robot}' of the log's {topic}; --urdf overrules it",
+    "robot.description_unusable": "{reason}: the log's own description of the robot is not used",
+    "robot.unused": "{urdf} is not used, the log's own frames tell the motion: {reason}",
     "robot.held": held,
     "robot.held_in_motion": "{share:.0%} of the IMU's rotation happened while the robot's stream "
     "stood still: record again with a publisher that runs throughout",
@@ -238,16 +245,16 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "change.mount": "before and after about {seconds:.0f} ± {uncertainty:whole} s of the log the "
     "IMU's pose differs by {translation:mm± translation_std} and {rotation:deg± rotation_std}, "
     "beyond what noise and model explain: the mount moved, or the log joins two set-ups; calibrate "
-    "each part alone",
+    "each part alone (--to {seconds:.0f}, --from {seconds:.0f})",
     "change.clock": "the clocks of IMU and robot shift by {size:ms+.3g} against each other at "
-    "about {seconds:.0f} ± {uncertainty:whole} s of the log: use a part on one side of it, and "
-    "see that no clock is set while recording",
+    "about {seconds:.0f} ± {uncertainty:whole} s of the log: use a part on one side of it "
+    "(--to {seconds:.0f} or --from {seconds:.0f}), and see that no clock is set while recording",
     "change.gyro_bias": "the gyroscope's bias changes by {size:.2g} rad/s at about {seconds:.0f} "
     "± {uncertainty:whole} s of the log: the sensor was reset, struck or is warming up; use a "
-    "part on one side of it",
+    "part on one side of it (--to {seconds:.0f} or --from {seconds:.0f})",
     "change.accel_bias": "the accelerometer's bias changes by {size:.2g} m/s² at about "
     "{seconds:.0f} ± {uncertainty:whole} s of the log: the sensor was reset, struck or is warming "
-    "up; use a part on one side of it",
+    "up; use a part on one side of it (--to {seconds:.0f} or --from {seconds:.0f})",
     "unknown.found": unknown_found,
     "unknown.implausible": implausible,
     "robot.joints_still": "{joints:list} do not move in this log: their zeros and lengths cannot "
@@ -281,5 +288,7 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     **{f"cause.{kind.partition('.')[0]}": cause for kind in CAUSES},
     "cause.publishers": publishers,
     "cause.base_moves": base_moves,
+    "cause.imu_still": "the IMU stands still while {names:list} turns at {turning:deg.2g}/s (rms): "
+    "it is not on {names:list}; name what carries it with --parent, or choose another --imu-topic",
 }
 """By code. Values are in SI units and radians unless their name says otherwise."""

@@ -352,7 +352,7 @@ _REORDER = "let the publisher list positions in the order of its names"
 _JOINT_STATES = "sensor_msgs/JointState is in {}: convert them in the publisher"
 CAUSES: dict[str, tuple[str, str]] = {
     "link": (
-        "the IMU moves as {any} does, not as {told}",
+        "the IMU moves as {any} does[ (rigidly joined: {joined})], not as {told}",
         (
             "rerun with --parent {parents}; if --parent was not given, correct also the frame_id "
             "or the URDF's joint that holds the IMU"
@@ -440,7 +440,7 @@ CAUSES: dict[str, tuple[str, str]] = {
 A kind has further forms behind a dot.
 """
 _DETAILS: dict[str, tuple[str, ...]] = {
-    "link": ("told",),
+    "link": ("told", "joined"),
     "order": ("topic", "how"),
     "unit": ("of", "topics"),
     "quaternion": ("order",),
@@ -460,7 +460,8 @@ def _clauses(
     kind: str, names: tuple[str, ...], sizes: tuple[float, ...], *detail: Detail
 ) -> list[str]:
     """What is wrong, and the remedy."""
-    values: dict[str, Any] = dict(zip(_DETAILS.get(kind, ()), detail, strict=True))
+    # links of older results have none that are joined to them
+    values: dict[str, Any] = dict(zip(_DETAILS.get(kind, ()), detail, strict=kind != "link"))
     values |= {
         "first": names[0] if names else "",
         "all": " and ".join(filter(None, (", ".join(names[:-1]), *names[-1:]))),
@@ -490,7 +491,8 @@ def cause(
     """One cause that explains a poor fit, what it leaves unexplained, and what to do."""
     if all(tie[0] == "link" for tie in ties):
         names = tuple(name for tie in ties for name in tie[1])
-        ties = (("link", names, (), ties[0][3]),)
+        detail = ties[0][3] if len(ties) == 1 else ties[0][3][:1]
+        ties = (("link", names, (), detail),)
         unsure = len(names) > 1
     else:
         unsure = len(ties) > 1

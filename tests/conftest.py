@@ -134,9 +134,9 @@ class LogWriter:
 
         return self._add(topic, "nav_msgs/msg/Odometry", message)
 
-    def text(self, topic: str = "/chatter") -> LogWriter:
+    def text(self, topic: str = "/chatter", said: str = "hi") -> LogWriter:
         return self._add(
-            topic, "std_msgs/msg/String", lambda _ns, _t: T["String"](data="hi"), np.zeros(1)
+            topic, "std_msgs/msg/String", lambda _ns, _t: T["String"](data=said), np.zeros(1)
         )
 
     def write(self) -> Path:

@@ -11,6 +11,7 @@ from imucalib_cli.cli.files import files_of, telling_what_is_left
 from imucalib_cli.cli.options import OUTPUT, OutputFile, Quiet
 from imucalib_cli.cli.output import deliver, say, say_error
 from imucalib_cli.cli.parsers import local_file
+from imucalib_cli.errors import ChoiceError
 
 
 def apply_command(
@@ -21,7 +22,9 @@ def apply_command(
     urdf: Annotated[
         Path,
         typer.Option(
-            metavar="FILE", parser=local_file, help="URDF to calibrate; it is not changed."
+            metavar="FILE",
+            parser=local_file,
+            help="URDF or xacro to calibrate, - for stdin; it is not changed without --in-place.",
         ),
     ],
     imu: Annotated[
@@ -33,6 +36,14 @@ def apply_command(
             show_default="all",
         ),
     ] = None,
+    add: Annotated[
+        bool,
+        typer.Option("--add", help="Add the IMU's link and joint where the URDF has none."),
+    ] = False,
+    in_place: Annotated[
+        bool,
+        typer.Option("--in-place", help="Write into the file of --urdf.", rich_help_panel=OUTPUT),
+    ] = False,
     output: OutputFile = None,
     force: Annotated[
         bool,
@@ -48,10 +59,14 @@ def apply_command(
     from imucalib_cli.jobs.apply import apply
     from imucalib_cli.results.places import see_places
 
+    if in_place and (output is not None or str(urdf) == "-"):
+        raise ChoiceError("--in-place writes into the file of --urdf: leave -o out, name a file")
     with telling_what_is_left(output):
-        applied = apply(result, urdf, imus=imu or (), force=force)
+        applied = apply(result, urdf, imus=imu or (), add=add, force=force)
         if applied.content is not None:
-            if output is not None:
+            if in_place:
+                output = urdf
+            elif output is not None:
                 read = files_of(result, urdf)
                 see_places(read=read, written=[output], force=force, made_here=applied.made)
             deliver(applied.content, output, quiet=quiet)

@@ -69,6 +69,8 @@ CsvColumns = Annotated[
         help="Columns of a CSV table without a header: t,gx,gy,gz,ax,ay,az; - for none.",
     ),
 ]
+PLANAR = (2,)
+"""Components of the pose that driving on a plane cannot tell: tz."""
 WORDS_OR_YAML = "summary on a terminal, else yaml"
 """Default of ``--format``, as output.chosen_format has it."""
 AnswerFormat = Annotated[
@@ -196,22 +198,66 @@ class RecordingOptions:
         ),
     ] = "auto"
     csv_columns: CsvColumns = None
+    part_from: Annotated[
+        float | None,
+        _log(
+            "--from",
+            metavar="SECONDS|STAMP",
+            parser=parsers.log_time,
+            help="Use the log from here: seconds of the log, as messages have them, or a stamp in "
+            "s or ns since 1970.",
+            show_default="its start",
+        ),
+    ] = None
+    part_to: Annotated[
+        float | None,
+        _log(
+            "--to",
+            metavar="SECONDS|STAMP",
+            parser=parsers.log_time,
+            help="Use the log up to here.",
+            show_default="its end",
+        ),
+    ] = None
     allow_remote_scan: AllowRemoteScan = False
     urdf: Annotated[
         LogPath | None,
         _robot(
             metavar="FILE|URL",
             parser=parsers.path_or_url,
-            help="The robot's URDF; without it the log's own frames must tell the motion.",
+            help="The robot's URDF, - for stdin, or a .xacro (pip install 'imucalib[xacro]'); "
+            "without it the log's /robot_description or its own frames must tell the motion.",
         ),
     ] = None
-    parent: Annotated[
+    description_topics: Annotated[
+        list[str],
+        _robot(
+            "--description-topic",
+            metavar="TOPIC",
+            autocompletion=complete.topics("text"),
+            help="Topic of the URDF in the log, where several fit.",
+            show_default="found",
+        ),
+    ] = field(default_factory=list)
+    joint_prefix: Annotated[
         str | None,
+        _robot(
+            metavar="PREFIX",
+            help="What the log's joint names have before those of the URDF, or lack.",
+            show_default="found",
+        ),
+    ] = None
+    parents: Annotated[
+        list[str],
         _frame(
-            help="Link or frame that carries the IMU.",
+            "--parent",
+            metavar="FRAME|IMU=FRAME",
+            parser=parsers.parent,
+            help="Link or frame that carries the IMU; of several IMUs that of each, by its topic "
+            "or frame_id, repeatable.",
             show_default="the one that holds the frame_id of its messages",
         ),
-    ] = None
+    ] = field(default_factory=list)
     imu_link: Annotated[
         str | None,
         _frame(
@@ -292,6 +338,14 @@ class KnownOptions:
             show_default="none",
         ),
     ] = None
+    planar: Annotated[
+        bool,
+        _known(
+            "--planar",
+            help="The robot drives on a plane and turns about its upright axis alone: short for "
+            "--fix tz, which such motion cannot tell.",
+        ),
+    ] = False
     prior_std: Annotated[
         PoseStd | None,
         _known(
@@ -460,6 +514,7 @@ def calibration_request(
         InputError: The data sheet of the user's own states something else.
     """
     from imucalib_cli.jobs.request import CalibrationRequest
+    from imucalib_cli.logs.part import Part
     from imucalib_cli.signals.imu.units import Units
 
     asked: dict[str, Any] = {
@@ -470,14 +525,33 @@ def calibration_request(
     units = Units(
         accel=asked.pop("accel_unit"), gyro=asked.pop("gyro_unit"), sign=asked.pop("accel_sign")
     )
+    start, end = asked.pop("part_from"), asked.pop("part_to")
+    asked["parent"], asked["parents"] = _parents(recording.parents)
     return CalibrationRequest(
         logs=tuple(logs),
         units=units,
         estimator=_estimator_options(ctx, estimator),
         imu=_expected_imu(estimator),
         require=require,
+        part=None if start is None and end is None else Part(start=start, end=end),
         **asked,
     )
+
+
+def _parents(given: Sequence[str]) -> tuple[str | None, tuple[tuple[str, str], ...]]:
+    """The parent of all IMUs, and those of single ones.
+
+    Raises:
+        ChoiceError: An IMU has two.
+    """
+    of_all = [text for text in given if "=" not in text]
+    of_one = [(imu, frame) for imu, _, frame in (t.rpartition("=") for t in given if "=" in t)]
+    if len(of_all) > 1 or len(dict(of_one)) < len(of_one):
+        raise ChoiceError(
+            f"--parent {' --parent '.join(given)}: one parent for each IMU; of several IMUs say "
+            "which by its topic or frame_id: --parent IMU=FRAME"
+        )
+    return of_all[0] if of_all else None, tuple(of_one)
 
 
 def options_given(ctx: typer.Context) -> dict[str, str]:
@@ -497,6 +571,7 @@ _MATCHED_ONLY = {
     "--gyro-bias",
     "--tilt-std",
     "--fix",
+    "--planar",
     "--prior-std",
     "--sensor-model",
     "--robot",
@@ -582,7 +657,7 @@ def _pose_prior(estimator: KnownOptions) -> PosePrior | None:
     from imucalib_cli.estimate.options import PosePrior
 
     std = list(estimator.prior_std or [math.inf] * 6)
-    for place in estimator.fix or ():
+    for place in (*(estimator.fix or ()), *(PLANAR if estimator.planar else ())):
         std[place] = 0.0
     known = estimator.initial
     if all(map(math.isinf, std)):

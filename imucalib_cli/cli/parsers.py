@@ -26,6 +26,8 @@ _RADIANS = {"deg": math.pi / 180.0, "°": math.pi / 180.0, "rad": 1.0, "mrad": 1
 _COMPONENTS = ("tx", "ty", "tz", "rx", "ry", "rz")
 _BYTES = {"MB": 10**6, "GB": 10**9, "MiB": 1 << 20, "GiB": 1 << 30}
 _NUMBER = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\D*)")
+_NANOSECONDS = 1e12
+"""A stamp beyond this is in ns: in s it would be of the year 33658."""
 _LONGEST_OFFSET = 600.0
 """s: clocks further apart than this share no log; a search needs memory by its width."""
 
@@ -60,6 +62,12 @@ def time_offset(text: str) -> float | None:
     if text in {"auto", "none"}:
         return None if text == "auto" else 0.0
     return seconds(text, "auto, none, or seconds such as -0.042 or -42ms")
+
+
+def log_time(text: str) -> float:
+    """Seconds of the log, or a stamp in s or ns since 1970, as s."""
+    value = seconds(text, "seconds of the log such as 12.5, or a stamp in s or ns since 1970")
+    return value * 1e-9 if value > _NANOSECONDS else value
 
 
 def largest_offset(text: str) -> float:
@@ -228,6 +236,12 @@ def frame(text: str) -> str:
     from imucalib_cli.robot.urdf import frame_name
 
     return frame_name(text)
+
+
+def parent(text: str) -> str:
+    """A frame, or IMU=FRAME."""
+    imu, equals, name = text.rpartition("=")
+    return f"{imu}{equals}{frame(name)}"
 
 
 def imu_name(text: str) -> str:

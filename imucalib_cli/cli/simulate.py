@@ -142,6 +142,16 @@ class SimulateOptions:
     imu_topic: Annotated[str | None, _log()] = None
     robot_topic: Annotated[str | None, _log()] = None
     imu_frame: Annotated[str | None, _log(help="frame_id of Imu messages.")] = None
+    robot_description: Annotated[
+        bool, _log("--robot-description", help="Also publish the URDF, on /robot_description.")
+    ] = False
+    tf_static: Annotated[
+        bool, _log("--tf-static", help="Also publish the IMU's nominal pose, on /tf_static.")
+    ] = False
+    joint_prefix: Annotated[str, _log(help="Before the names of joints.", show_default="none")] = ""
+    frame_prefix: Annotated[
+        str, _log(help="Before frame ids, such as robot1/.", show_default="none")
+    ] = ""
     topic_each: Annotated[bool, _log("--topic-each", help="A topic per joint publisher.")] = False
     joint_order: Annotated[
         str, _log(help="chain, alphabetical, reversed, or all names, by commas.")

@@ -6,10 +6,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from imucalib_cli.cli import parsers
 from imucalib_cli.cli.exit_codes import exit_code, verdict_code, worst
 from imucalib_cli.cli.files import files_of, reading, writing
 from imucalib_cli.cli.options import (
     OUTPUT,
+    PLANAR,
     AnswersFormat,
     EstimatorOptions,
     OutputFile,
@@ -29,7 +31,11 @@ from imucalib_cli.layout import plain
 if TYPE_CHECKING:
     from imucalib_cli.jobs.verify import Answers
 
-_OF_RESULTS = {"--urdf", "--imu-link", "--imu-topic"}
+    Components = list[int]
+else:  # typer evaluates this too
+    Components = object
+
+_OF_RESULTS = {"--urdf", "--imu-link", "--imu-topic", "--planar"}
 """Options of the recording that mean something for a result too."""
 
 
@@ -46,6 +52,17 @@ def verify_command(
     recording: RecordingOptions,
     estimator: EstimatorOptions,
     within: Within = None,
+    ignore: Annotated[
+        Components | None,
+        typer.Option(
+            metavar="tx,ty,tz,rx,ry,rz",
+            parser=parsers.components,
+            help="Components that need not be right, such as tz of a robot that drives on a plane; "
+            "parent frame.",
+            show_default="none",
+            rich_help_panel=OUTPUT,
+        ),
+    ] = None,
     fmt: AnswersFormat = None,
     output: OutputFile = None,
     quiet: Quiet = False,
@@ -57,6 +74,7 @@ def verify_command(
     from imucalib_cli.results.verdicts import WITHIN
 
     paths = [*map(path_or_url, logs)]
+    ignored = frozenset((*(ignore or ()), *(PLANAR if estimator.planar else ())))
     with (
         writing(output, read=files_of(*paths, recording.urdf, estimator.imu_model)),
         reading(*paths, recording.urdf, verbose=verbose),
@@ -72,11 +90,12 @@ def verify_command(
                 within or WITHIN,
                 imu_link=recording.imu_link,
                 imu_topics=recording.imu_topics,
+                ignored=ignored,
             )
         else:
             request = calibration_request(ctx, paths, recording, estimator)
             with ProgressBar(quiet=quiet) as bar:
-                answers = verify_recording(request, within or WITHIN, bar.report)
+                answers = verify_recording(request, within or WITHIN, bar.report, ignored=ignored)
         warnings = [
             named(answer, warning, several=len(logs) > 1)
             for answer in answers.answers

@@ -48,6 +48,8 @@ _SECONDS: Final = 60.0
 _GOOD: Final = (0.1, 0.03)
 """Shares of acceleration and rotation that a right model, with the worst sensor and robot that are
 sold, leaves unexplained."""
+_ALIKE: Final = 0.1
+"""Share of the rotation that the right link leaves of a robot three times as bad as that."""
 _NOISES: Final = 3.0
 """Residuals this near to the sensor's own noise are good, whatever the share."""
 _FALL: Final = 2.0
@@ -116,13 +118,22 @@ class Trial:
             )
         )
 
-    def explains(self, given: Trial) -> bool:
-        """Whether this is decisively better than what was given, and good by itself."""
+    @property
+    def turns_alike(self) -> bool:
+        """Whether it explains the rotation, which a wrong link does not."""
+        return self.shares[1] < _ALIKE
+
+    def falls_from(self, given: Trial) -> bool:
+        """Whether this is decisively better than what was given."""
         falls = max(
             np.hypot(before, noise) / np.hypot(after, noise)
             for before, after, noise in zip(given.left, self.left, self.noise, strict=True)
         )
-        return self.good and falls > _FALL and self.lean.evidence_over(given.lean) > DECISIVE
+        return bool(falls > _FALL and self.lean.evidence_over(given.lean) > DECISIVE)
+
+    def explains(self, given: Trial) -> bool:
+        """Whether this is decisively better than what was given, and good by itself."""
+        return self.good and self.falls_from(given)
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,23 +215,31 @@ def trimmed_rms(values: Floats) -> float:
     return float(np.sqrt(np.mean(squares[: max(int(len(squares) * (1 - _TRIMMED)), 1)])))
 
 
-def given_trial(poor: PoorFit, *, reversed_accel: bool) -> tuple[Fitter, Trial]:
+def given_trial(
+    samples: ImuSamples,
+    path: KinematicPath,
+    options: MatchedOptions,
+    *,
+    reversed_accel: bool = False,
+) -> tuple[Fitter, Trial]:
     """Fit what was given to the liveliest stretch of the log.
 
     Args:
-        poor: The fit that is to be explained.
+        samples: Of the IMU.
+        path: Of the link that is said to carry it.
+        options: Of the fit.
         reversed_accel: Whether it took the accelerometer's readings with the other sign.
 
     Raises:
         InputError: Too few usable samples or windows.
     """
     # A pose known in one link is no guide in another, and what holds it would be blamed elsewhere.
-    options = replace(poor.options, pose=None, robot="nominal", either_sign=False)
-    clean = clean_imu(_liveliest(poor.samples))
+    options = replace(options, pose=None, robot="nominal", either_sign=False)
+    clean = clean_imu(_liveliest(samples))
     if reversed_accel:
         clean = clean.reversed()
-    attempt = best_attempt(clean, Trajectory.of(poor.path), options)
-    given = trial_of(Hypothesis(kind="offset", path=poor.path), attempt.lean)
+    attempt = best_attempt(clean, Trajectory.of(path), options)
+    given = trial_of(Hypothesis(kind="offset", path=path), attempt.lean)
     # A time offset that is given may be what is wrong.
     return Fitter(replace(options, time_offset=None), attempt.lean.model.windowing), given
 
@@ -254,7 +273,22 @@ def explaining(fitter: Fitter, poor: PoorFit, given: Trial) -> list[Trial]:
     if given.good:
         return _best(given, _slight(fitter, poor, given))
     single = (*_tried(fitter, single_faults(poor), given), *_slight(fitter, poor, given))
-    return _best(given, single) or _best(given, _tried(fitter, double_faults(poor), given))
+    links = (trial for trial in single if trial.hypothesis.kind == "link" and trial.turns_alike)
+    return (
+        _best(given, single)
+        or _best(given, _tried(fitter, double_faults(poor), given))
+        or _most_likely([each for each in links if each.falls_from(given)], given)
+    )
+
+
+def alike(fitter: Fitter, hypotheses: Iterable[Hypothesis], given: Trial) -> list[Trial]:
+    """What was given and alternatives, those that explain best: one, or what cannot be told apart.
+
+    Where none explains as a right model does, those under which the robot turns as the IMU does.
+    """
+    trials = [given, *_tried(fitter, hypotheses, given)]
+    good = [trial for trial in trials if trial.good]
+    return _most_likely(good or [trial for trial in trials if trial.turns_alike], given)
 
 
 def _slight(fitter: Fitter, poor: PoorFit, given: Trial) -> Iterator[Trial]:
@@ -272,11 +306,15 @@ def _slight(fitter: Fitter, poor: PoorFit, given: Trial) -> Iterator[Trial]:
 
 
 def _best(given: Trial, trials: Iterable[Trial]) -> list[Trial]:
-    good = [trial for trial in trials if trial.explains(given)]
-    if not good:
+    return _most_likely([trial for trial in trials if trial.explains(given)], given)
+
+
+def _most_likely(trials: list[Trial], given: Trial) -> list[Trial]:
+    """The trial with most evidence, and those that the log cannot tell from it."""
+    if not trials:
         return []
-    best = max(good, key=lambda trial: trial.lean.evidence_over(given.lean))
-    ties = [trial for trial in good if best.lean.evidence_over(trial.lean) < DECISIVE]
+    best = max(trials, key=lambda trial: trial.lean.evidence_over(given.lean))
+    ties = [trial for trial in trials if best.lean.evidence_over(trial.lean) < DECISIVE]
     ties.sort(key=lambda trial: get_args(Kind).index(trial.hypothesis.kind))
     # The same zero is reached from several angles.
     distinct: dict[tuple[str, tuple[str, ...]], Trial] = {}

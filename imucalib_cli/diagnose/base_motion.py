@@ -9,7 +9,7 @@ import numpy as np
 
 from imucalib_cli.diagnose.alternatives import short_windows, trimmed_rms
 from imucalib_cli.diagnose.edits import joints_of
-from imucalib_cli.estimate.checks.judge import own_noise
+from imucalib_cli.estimate.checks.judge import STANDSTILL_GYRO, UNEXPLAINED_GYRO, own_noise
 from imucalib_cli.findings import Finding, untrusted
 
 if TYPE_CHECKING:
@@ -77,6 +77,20 @@ def find_motion_at_rest(given: Trial) -> Finding | None:
         pushing=pushing if pushed else None,
         joints=bool(joints_of(path)),
     )
+
+
+def find_still_imu(given: Trial) -> Finding | None:
+    """Name an IMU that stands still although its parent link turns.
+
+    Args:
+        given: The kinematics as given, fitted.
+    """
+    grid, path = given.lean.model.windowing.grid, given.lean.model.windowing.trajectory.path
+    measured = trimmed_rms(grid.gyro - np.median(grid.gyro, axis=0))
+    turning = given.total[1]
+    if not measured < STANDSTILL_GYRO < UNEXPLAINED_GYRO * turning:
+        return None
+    return untrusted("cause.imu_still", names=(path.parent,), turning=turning)
 
 
 def _less_a_step(values: Floats) -> Floats:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from imucalib_cli.diagnose.alternatives import explaining, given_trial
-from imucalib_cli.diagnose.base_motion import find_motion_at_rest
+from imucalib_cli.diagnose.base_motion import find_motion_at_rest, find_still_imu
 from imucalib_cli.diagnose.publishers import find_rival_publishers
 from imucalib_cli.errors import InputError
 from imucalib_cli.findings import Finding, Severity, untrusted
@@ -82,9 +82,12 @@ def diagnose(poor: PoorFit) -> tuple[Finding, ...]:
     # The fit may have reversed the accelerometer for another fault's sake.
     for sign in (False, True) if reversed_accel else (False,):
         try:
-            fitter, given = given_trial(poor, reversed_accel=sign)
+            fitter, given = given_trial(poor.samples, poor.path, poor.options, reversed_accel=sign)
         except InputError:
             return found
+        still = find_still_imu(given)
+        if still is not None:
+            return (still,)
         ties = explaining(fitter, poor, given)
         if ties:
             return (_cause(ties, given),)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Literal
 
 from imucalib_cli.diagnose import edits
-from imucalib_cli.errors import ImucalibError
+from imucalib_cli.diagnose.rigid import rigid_groups
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -88,16 +88,13 @@ def double_faults(poor: PoorFit) -> Iterator[Hypothesis]:
 
 def _links(poor: PoorFit) -> Iterator[Hypothesis]:
     """Links that move otherwise, one of those that are rigidly joined."""
-    seen = {edits.driven_key(poor.path)}
-    for frame in poor.frames if poor.path_to is not None else ():
-        try:
-            path = poor.path_to(frame)  # type: ignore[misc]
-        except ImucalibError:
-            continue
-        key = edits.driven_key(path)
-        if key and key not in seen:
-            seen.add(key)
-            yield Hypothesis(kind="link", names=(frame,), detail=(poor.path.parent,), path=path)
+    if poor.path_to is None:
+        return
+    given = edits.driven_key(poor.path)
+    for link in rigid_groups(poor.frames, poor.path_to):
+        if edits.driven_key(link.path) != given:
+            detail = (poor.path.parent, ", ".join(link.joined))
+            yield Hypothesis(kind="link", names=(link.frame,), detail=detail, path=link.path)
 
 
 def _signs(path: KinematicPath, count: int) -> Iterator[Hypothesis]:

@@ -12,7 +12,13 @@ from imucalib_cli.digits import figures
 from imucalib_cli.errors import ChoiceError, ImucalibError
 from imucalib_cli.jobs.result_files import display_name, read_result_file, results_of
 from imucalib_cli.results.formats import refuse_untrusted
-from imucalib_cli.results.urdf_edit import JointOrigin, joint_for, replace_origin
+from imucalib_cli.results.urdf_edit import (
+    JointOrigin,
+    MissingJointError,
+    insert_last,
+    joint_for,
+    replace_origin,
+)
 from imucalib_cli.robot.rotations import matrix_from_rpy, rotation_angle
 from imucalib_cli.robot.urdf import load_robot, read_urdf
 
@@ -35,17 +41,30 @@ class Applied:
     """Findings of results left out, whose joints are unchanged."""
     origins: tuple[JointOrigin, ...] = ()
     """The results that were applied."""
+    snippets: tuple[str, ...] = ()
+    """Joints that were added."""
 
     def made(self, path: Path) -> bool:
         """Whether an existing URDF differs only in these origins: then an earlier run wrote it."""
         try:
-            return _with_origins(read_urdf(path), self.origins) == self.content
+            return not self.snippets and _with_origins(read_urdf(path), self.origins) == (
+                self.content
+            )
         except ImucalibError:
             return False
 
 
-def apply(result: str, urdf: Path, *, imus: Sequence[str] = (), force: bool = False) -> Applied:
+def apply(
+    result: str,
+    urdf: Path,
+    *,
+    imus: Sequence[str] = (),
+    add: bool = False,
+    force: bool = False,
+) -> Applied:
     """Replace the origin of each result's joint; every other byte stays.
+
+    Of a xacro file, it is the joint as it stands there that is changed.
 
     Of several results the usable ones are applied; the others are left out and reported.
 
@@ -53,6 +72,7 @@ def apply(result: str, urdf: Path, *, imus: Sequence[str] = (), force: bool = Fa
         result: Path of a result file; ``-`` reads standard input.
         urdf: Path of the URDF; it is not changed.
         imus: Frames or topics of the IMUs to take from the file; empty takes all.
+        add: Write the joint and the link of an IMU that the URDF does not have.
         force: Use untrusted results too.
 
     Raises:
@@ -61,6 +81,9 @@ def apply(result: str, urdf: Path, *, imus: Sequence[str] = (), force: bool = Fa
     """
     results = results_of(read_result_file(result), imus, display_name(result))
     robot = load_robot(urdf)
+    # of xacro the robot is what it expands to
+    written = robot.xml if str(urdf) == "-" else read_urdf(urdf)
+    snippets: list[str] = []
     origins: dict[str, JointOrigin] = {}
     changes: list[str] = []
     failures: list[ImucalibError] = []
@@ -68,6 +91,14 @@ def apply(result: str, urdf: Path, *, imus: Sequence[str] = (), force: bool = Fa
         try:
             refuse_untrusted(each, "URDF", force=force)
             origin = joint_for(robot, each.parent, each.child, each.pose.R, each.pose.t)
+        except MissingJointError as error:
+            if not add or each.child in robot.links:
+                failures.append(error)
+                continue
+            robot.require_link(error.parent)
+            snippets.append(error.snippet)
+            changes.append(f"a joint that holds '{each.child}' on '{each.parent}' was added")
+            continue
         except ImucalibError as error:
             failures.append(error)
             continue
@@ -79,11 +110,15 @@ def apply(result: str, urdf: Path, *, imus: Sequence[str] = (), force: bool = Fa
             )
         origins[origin.joint] = origin
         changes.append(_change(robot, each.child, origin))
+    content = _with_origins(written, origins.values())
+    if snippets:
+        content = insert_last(content, "".join(snippets))
     return Applied(
-        content=_with_origins(urdf.read_bytes(), origins.values()) if origins else None,
+        content=content if origins or snippets else None,
         changes=tuple(changes),
         failures=tuple(failures),
         origins=tuple(origins.values()),
+        snippets=tuple(snippets),
     )
 
 

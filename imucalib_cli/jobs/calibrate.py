@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from msgspec import UNSET
 
 from imucalib_cli import __version__
 from imucalib_cli.errors import ChoiceError, ImucalibError, InputError
@@ -18,6 +19,12 @@ from imucalib_cli.jobs.data_sheet import (
     without_priors,
 )
 from imucalib_cli.jobs.explain import explain
+from imucalib_cli.jobs.known.parents import (
+    check_parents,
+    find_parents,
+    request_of,
+    with_answer,
+)
 from imucalib_cli.jobs.motion import Motion, find_motion
 from imucalib_cli.jobs.reading import printable, read_recording, recorded_at, samples_of
 from imucalib_cli.jobs.recorded_options import recorded_options
@@ -90,16 +97,17 @@ def calibrate_recording(
         ChoiceError: One link is named for several IMUs.
     """
     if request.imu_link is not None and len(recording.imus) > 1:
-        topics = ", ".join(imu.topic for imu in recording.imus)
+        topics = ", ".join(imu.name for imu in recording.imus)
         raise ChoiceError(
             f"--imu-link {request.imu_link} is the link of one IMU, the log has several: choose "
             f"one with --imu-topic: {topics}"
         )
+    check_parents(recording.imus, request)
     calibrated: list[Calibrated] = []
     failures: list[ImucalibError] = []
     for imu in recording.imus:
         if progress is not None:
-            progress(f"estimating {imu.topic}", None)
+            progress(f"estimating {imu.name}", None)
         try:
             calibrated.append(_calibrate_one(recording, imu, request))
         except ImucalibError as error:
@@ -109,19 +117,26 @@ def calibrate_recording(
 
 def _about(error: ImucalibError, imu: ImuStream, *, several: bool) -> ImucalibError:
     """Name the IMU in its error where there are several."""
-    return error.about(imu.topic) if several and error.topic != imu.topic else error
+    return error.about(imu.name) if several and error.topic != imu.name else error
 
 
 def _calibrate_one(recording: Recording, imu: ImuStream, request: CalibrationRequest) -> Calibrated:
     samples = samples_of(imu, recording.clock)
-    motion = find_motion(recording.sources, recording.robot, imu.frame_id, request)
+    request = request_of(imu, request)
+    try:
+        motion = find_motion(recording.sources, recording.robot, imu.frame_id, request)
+    except ChoiceError as error:
+        if error.option != "--parent":
+            raise
+        carriers = find_parents(imu, recording.clock, recording.sources, recording.robot, request)
+        raise with_answer(error, carriers) from error
     check_joint_topics(recording.joints, _driven(motion.path))
     check_overlap(samples, motion, recording.clock)
     tracks = {track.name: track.t for track in motion.path.tracks}
-    missing = tuple(missing_parts({imu.topic: samples.t, **tracks}))
+    missing = tuple(missing_parts({imu.name: samples.t, **tracks}))
     repaired = repair_streams(samples, motion.path, request)
     options = with_priors(request.estimator, request.imu)
-    options = _with_initial(options, motion, verifying=request.needs_nominal)
+    options = _with_initial(options, motion, request)
     if isinstance(options, MatchedOptions):
         options = replace(options, either_sign=request.units.sign == "auto")
     estimate = _estimate(repaired.samples, repaired.path, options, details=request.details)
@@ -134,7 +149,8 @@ def _calibrate_one(recording: Recording, imu: ImuStream, request: CalibrationReq
         request = replace(request, estimator=options)
     estimate = checked(estimate, repaired.samples, request.imu, wrong)
     estimate = explain(estimate, repaired, motion, recording, request)
-    estimate = _with_repairs(estimate, repaired, (*recording.findings, *missing))
+    found = (*recording.findings, *motion.findings, *missing)
+    estimate = _with_repairs(estimate, repaired, found)
     if request.require is not None:
         estimate = require(estimate, motion.mount.parent, request.require)
     result = result_of(
@@ -200,7 +216,7 @@ def _estimate(
 
 
 def _with_initial(
-    options: MatchedOptions | PaperOptions, motion: Motion, *, verifying: bool
+    options: MatchedOptions | PaperOptions, motion: Motion, request: CalibrationRequest
 ) -> MatchedOptions | PaperOptions:
     """Take the pose that priors refer to, or the published method's guess, from the URDF.
 
@@ -215,15 +231,17 @@ def _with_initial(
     prior = options.pose
     if prior is None or prior.R_parent_imu is not None:
         return options
-    if verifying:
+    held = {place for place, std in enumerate(prior.std) if std < np.inf}
+    if request.needs_nominal and not held <= request.unverified:
         raise ChoiceError(
             "--fix and --prior-std take the pose from the URDF, which is what verify is to check: "
             'give the pose you know by --initial "X Y Z R P Y"'
         )
     if nominal is None:
         raise ChoiceError(
-            f"--fix and --prior-std need a pose of {motion.mount.child} in {motion.mount.parent} "
-            'to be about, and no joint has it: give --initial "X Y Z R P Y", or --imu-link'
+            "--fix, --planar and --prior-std need a pose of "
+            f"{motion.mount.child} in {motion.mount.parent} to be about, and no joint has it: give "
+            '--initial "X Y Z R P Y", or --imu-link'
         )
     known = replace(prior, R_parent_imu=nominal.R_parent_imu, t_parent_imu=nominal.t_parent_imu)
     return replace(options, pose=known)
@@ -272,7 +290,7 @@ def _provenance(
     recording: Recording, imu: ImuStream, motion: Motion, t: Floats, request: CalibrationRequest
 ) -> Provenance:
     """Where a result comes from; t (N,), s of the log, are the IMU's samples that are used."""
-    robot = recording.robot
+    robot = motion.robot
     return Provenance(
         tool="imucalib",
         version=__version__,
@@ -280,7 +298,8 @@ def _provenance(
         urdf=None
         if robot is None
         else SourceFile(path=printable(robot.source), sha256=robot.sha256),
-        topics=Topics(imu=imu.topic, motion=list(motion.topics)),
+        topics=Topics(imu=imu.name, motion=list(motion.topics)),
+        part=UNSET if recording.part is None else list(recording.part),
         world=motion.path.world,
         clock=recording.clock.kind,
         options=scalars(recorded_options(request)),

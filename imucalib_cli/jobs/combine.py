@@ -408,4 +408,20 @@ def _provenance(logs: Sequence[StoredLog], options: MatchedOptions) -> tree.Prov
         topics=tree.Topics(imu=first.topics.imu, motion=list(motion)),
         clock=", ".join(clocks),
         options={**first.options, **scalars(recorded_estimator(options))},
+        recording=_recording([source.recording for source in sources]),
+    )
+
+
+def _recording(each: Sequence[tree.RecordingEntry | None]) -> tree.RecordingEntry | None:
+    """Of all logs: since the first began, and as much as all of them together hold."""
+    known = [entry for entry in each if entry is not None]
+    if len(known) < len(each):
+        return None
+    starts = [entry.start for entry in known if entry.start is not None]
+    return tree.RecordingEntry(
+        start=min(starts) if len(starts) == len(known) else None,
+        duration=sum(entry.duration for entry in known),
+        imu_samples=sum(entry.imu_samples for entry in known),
+        imu_rate=known[0].imu_rate,
+        motion_samples=sum(entry.motion_samples for entry in known),
     )

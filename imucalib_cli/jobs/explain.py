@@ -40,7 +40,7 @@ def explain(
     options = request.estimator
     if not isinstance(options, MatchedOptions):
         return explained(estimate, repaired.contradicted)
-    frames, path_to = other_frames(recording.sources, recording.robot, request)
+    frames, path_to = other_frames(recording.sources, motion.robot, request)
     poor = PoorFit(
         samples=repaired.samples,
         path=repaired.path,

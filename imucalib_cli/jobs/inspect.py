@@ -16,19 +16,20 @@ from imucalib_cli.jobs.inspection import (
     JointFinding,
     PoseFinding,
 )
+from imucalib_cli.jobs.known.parents import find_parents, with_answer
 from imucalib_cli.jobs.motion import find_motion
 from imucalib_cli.jobs.reading import (
     gather_sources,
     moving_streams,
     open_requested,
-    robot_of,
+    robot_and_names,
     samples_of,
 )
 from imucalib_cli.jobs.request import CalibrationRequest
 from imucalib_cli.logs.clock import choose_clock
 from imucalib_cli.logs.log import LogData
 from imucalib_cli.logs.messages import TF_TYPES
-from imucalib_cli.logs.select import Selection, candidates, select_topics
+from imucalib_cli.logs.select import Selection, candidates, descriptions, select_topics
 from imucalib_cli.signals.imu.repair import check_alone
 from imucalib_cli.signals.imu.stream_health import stamp_health
 from imucalib_cli.signals.imu.units import guess_units
@@ -73,14 +74,17 @@ def inspect(
     names = {
         topic.name for kind in ("imu", "joints", "pose") for topic in candidates(log.topics, kind)
     }
+    names |= {topic.name for topic in descriptions(log.topics) if urdf is None}
     data = log.read(names, None if progress is None else lambda share: progress("reading", share))
-    robot = None if urdf is None else robot_of(urdf)
+    robot, data, named, prefixes, unsure = _robot(data, request)
     chosen, request, problem = _chosen(log, request)
     read = data if chosen is None else _part_of(data, chosen)
     clock = choose_clock(moving_streams(read), "auto")
     sources, duplicates = gather_sources(read, clock, () if chosen is None else chosen.unasked)
+    sources = replace(sources, prefixes=prefixes)
+    problem = problem or unsure
     imus: list[ImuFinding] = []
-    hints = [*data.findings, *clock.findings, *duplicates]
+    hints = [*data.findings, *named, *clock.findings, *duplicates]
     for imu in data.imus.values():
         found, problems = _imu(imu, clock, sources, robot, request=request, problem=problem)
         imus.append(found)
@@ -100,6 +104,16 @@ def inspect(
         more_commands=commands[1:],
         placeholders=placeholders,
     )
+
+
+def _robot(
+    data: LogData, request: CalibrationRequest
+) -> tuple[Robot | None, LogData, tuple[Finding, ...], tuple[str, ...], ImucalibError | None]:
+    """As robot_and_names; of several robots in the log none, with the error that says so."""
+    try:
+        return *robot_and_names(data, request), None
+    except ChoiceError as error:
+        return None, data, (), (), error
 
 
 def _chosen(
@@ -143,7 +157,7 @@ def _imu(
     """An IMU: its values, the link that carries it, and what a run would repair or refuse."""
     samples = samples_of(imu, clock)
     units = guess_units(samples)
-    found = ImuFinding(topic=imu.topic, frame_id=imu.frame_id, units=units)
+    found = ImuFinding(topic=imu.name, frame_id=imu.frame_id, units=units)
     try:
         if problem is not None:
             raise problem
@@ -151,7 +165,12 @@ def _imu(
         check_overlap(samples, motion, clock)
     except ImucalibError as error:
         asks = isinstance(error, ChoiceError)
-        found = replace(found, problem=str(error), needs_choice=asks, solved_by=error.option)
+        found = replace(found, needs_choice=asks, solved_by=error.option)
+        if error.option == "--parent":
+            carriers = find_parents(imu, clock, sources, robot, request)
+            found = replace(found, moves_like=tuple(each.frame for each in carriers))
+            error = with_answer(error, carriers)
+        found = replace(found, problem=str(error))
         return found, (*units.findings, *check_alone(samples))
     unnamed = any(
         not edge.child and sources.topics[edge.track.name] == motion.mount.parent
@@ -173,47 +192,53 @@ def _imu(
     if repaired.gyro_unit == "deg/s":
         found = replace(found, units=replace(units, gyro_unit="deg/s"))
     # with kinematics the repair reports everything about units, except this
-    return found, (*(units.findings if found.floats else ()), *repaired.findings)
+    of_units = units.findings if found.floats else ()
+    return found, (*of_units, *motion.findings, *repaired.findings)
 
 
 def _command(
     request: CalibrationRequest, findings: Sequence[ImuFinding], data: LogData
 ) -> tuple[tuple[str, ...], str]:
-    """The commands for the IMUs that can be calibrated, and their placeholders."""
-    options = ["--gravity none"] if any(finding.floats for finding in findings) else []
+    """A command for each IMU that can be calibrated, and their placeholders.
+
+    If none can be without a choice that nothing tells, one for all that says what is missing.
+    """
     if not findings or not any((*data.joints.values(), *data.poses.values())):
         return (), ""
     words = ["imucalib", "run", *_inputs(request)]
-    placeholders = []
-    good = [finding for finding in findings if finding.problem is None]
-    asked = [finding for finding in findings if finding.needs_choice]
+    words += [f"--pose-topic {shlex.quote(topic)}" for topic in request.pose_topics]
+    ready = [each for each in findings if each.problem is None or each.solved_by == "--parent"]
     if request.urdf is not None:
         words.append(f"--urdf {shlex.quote(str(request.urdf))}")
-    elif any(data.joints.values()) and not good:
-        words.append("--urdf ROBOT.urdf")
-        placeholders.append("ROBOT.urdf by your robot's")
-    words += [f"--pose-topic {shlex.quote(topic)}" for topic in request.pose_topics]
-    own = []
-    if good and len(good) < len(findings):
-        own += [f"--imu-topic {shlex.quote(finding.topic)}" for finding in good]
-    if any(finding.parent_unnamed for finding in good):
-        own.append("--parent BODY")
-        placeholders.append("BODY by a name for what the poses are of")
-    if not good and not asked and not placeholders:
-        return (), ""
-    if not good and not placeholders:
-        own.append("--parent FRAME")
-        placeholders.append("FRAME by the link or frame that carries the IMU")
-    commands = [" ".join([*words, *own, *options])]
-    if good and asked:
-        commands += [
-            " ".join([*words, f"--imu-topic {shlex.quote(each.topic)}", "--parent FRAME", *options])
-            for each in asked
-            if each.solved_by == "--parent"
-        ]
-        if len(commands) > 1:
-            placeholders.append("FRAME by the link or frame that carries that IMU")
+    elif any(data.joints.values()) and not ready:
+        command = " ".join([*words, "--urdf ROBOT.urdf", *_options(findings)])
+        return (command,), "ROBOT.urdf by your robot's"
+    if not ready:
+        asks = any(finding.needs_choice for finding in findings)
+        command = " ".join([*words, "--parent FRAME", *_options(findings)])
+        return ((command,), _FRAME) if asks else ((), "")
+    commands, placeholders = [], dict[str, None]()
+    for each in ready:
+        own = []
+        if len(findings) > 1:
+            own.append(f"--imu-topic {shlex.quote(each.topic)}")
+        if each.moves_like:
+            own.append(f"--parent {shlex.quote(each.moves_like[0])}")
+        elif each.problem is not None:
+            own.append("--parent FRAME")
+            placeholders[_FRAME] = None
+        elif each.parent_unnamed:
+            own.append("--parent BODY")
+            placeholders["BODY by a name for what the poses are of"] = None
+        commands.append(" ".join([*words, *own, *_options([each])]))
     return tuple(commands), ", ".join(placeholders)
+
+
+_FRAME = "FRAME by the link or frame that carries the IMU"
+
+
+def _options(findings: Sequence[ImuFinding]) -> list[str]:
+    return ["--gravity none"] if any(finding.floats for finding in findings) else []
 
 
 def _inputs(request: CalibrationRequest) -> list[str]:
@@ -225,7 +250,7 @@ def _inputs(request: CalibrationRequest) -> list[str]:
 
 def _health(data: LogData) -> tuple[Health, ...]:
     streams: list[tuple[str, ImuStream | JointStream | PoseStream]] = [
-        (imu.topic, imu) for imu in data.imus.values()
+        (imu.name, imu) for imu in data.imus.values()
     ]
     for joints in data.joints.values():
         many = len(joints) > 1

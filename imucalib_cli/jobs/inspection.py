@@ -56,6 +56,8 @@ class ImuFinding:
     """Whether an option solves the problem."""
     solved_by: str | None = None
     """That option, if there is only one, such as ``--parent``."""
+    moves_like: tuple[str, ...] = ()
+    """Where it is the parent that nothing tells: links that move as the IMU does."""
     parent_unnamed: bool = False
     """Whether the parent's poses name no frame, so that their topic names it."""
 
@@ -103,7 +105,7 @@ class Inspection:
     placeholders: str
     """Placeholders in the commands that the user must replace."""
     more_commands: tuple[str, ...] = ()
-    """Commands for further IMUs that need more options."""
+    """Commands for further IMUs."""
 
     @property
     def warnings(self) -> tuple[str, ...]:

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from imucalib_cli.errors import ChoiceError, InputError, UntrustedError
-from imucalib_cli.findings import untrusted
+from imucalib_cli.errors import ChoiceError, ImucalibError, InputError, UntrustedError
+from imucalib_cli.findings import note, untrusted, warning
 from imucalib_cli.robot.build import find_base, is_still, joint_path, moving_base_path
-from imucalib_cli.robot.frames import Edge, frame_path
+from imucalib_cli.robot.frames import Edge, frame_path, with_static_frames
 from imucalib_cli.robot.mount import Mount, Nominal, find_mount, require_nominal
 from imucalib_cli.robot.path import FixedStep
 from imucalib_cli.robot.rotations import matrix_from_quaternion
@@ -20,6 +20,7 @@ from imucalib_cli.signals.moves import track_moves
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from imucalib_cli.findings import Finding
     from imucalib_cli.jobs.request import CalibrationRequest
     from imucalib_cli.robot.path import KinematicPath, Track
     from imucalib_cli.robot.urdf import Robot
@@ -38,6 +39,10 @@ class Sources:
     """One sentence for each topic without usable messages: the reason."""
     unasked: frozenset[str] = frozenset()
     """Odometry topics that the user did not name."""
+    prefixes: tuple[str, ...] = ()
+    """Of the joints' names, where several fit those of the URDF."""
+    undescribed: tuple[str, ...] = ()
+    """Why the log's own descriptions of the robot cannot be used."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -47,6 +52,9 @@ class Motion:
     path: KinematicPath
     mount: Mount
     topics: tuple[str, ...]
+    robot: Robot | None
+    """Of which the path is made, with the log's static frames; None if of frames alone."""
+    findings: tuple[Finding, ...] = ()
 
 
 def find_motion(
@@ -67,14 +75,27 @@ def find_motion(
         UntrustedError: Nothing in the log moves, so that no pose can be determined.
     """
     if robot is None:
-        path, mount = _from_frames(sources, frame_id, request)
-    else:
-        if request.needs_nominal:
-            require_nominal(robot, frame_id, request.parent, request.imu_link)
-        mount = find_mount(robot, frame_id, request.parent, request.imu_link)
-        path = _robot_path(sources, robot, mount.parent, request)
-        _require_poses_used(path, sources, request)
-    motion = Motion(path=path, mount=mount, topics=_topics(path, sources))
+        return _moving(_from_frames(sources, frame_id, request), sources, request)
+    try:
+        return _moving(_from_robot(sources, robot, frame_id, request), sources, request)
+    except (InputError, ChoiceError) as error:
+        if request.needs_nominal and request.urdf is not None:
+            raise
+        frame = request.parent or frame_id
+        told = any(frame in (edge.parent, edge.child) for edge in sources.edges)
+        if not told and (sources.joints or error.option != "--parent"):
+            raise  # frames alone would take the base of an arm for what carries the IMU
+        try:
+            motion = _moving(_from_frames(sources, frame_id, request), sources, request)
+        except ImucalibError:
+            raise error from None
+        make = note if request.urdf is None else warning
+        unused = make("robot.unused", urdf=str(robot.source), reason=error.reason or str(error))
+        return replace(motion, findings=(unused,))
+
+
+def _moving(motion: Motion, sources: Sources, request: CalibrationRequest) -> Motion:
+    """A motion that has what was asked for, and moves."""
     if request.needs_nominal and motion.mount.nominal is None:
         raise ChoiceError(no_nominal(motion.mount.parent, motion.mount.child))
     if _nothing_moves(motion.path, sources):
@@ -87,6 +108,19 @@ def find_motion(
             "it by --pose-topic"
         )
     return motion
+
+
+def _from_robot(
+    sources: Sources, robot: Robot, frame_id: str, request: CalibrationRequest
+) -> Motion:
+    """Motion of the links of a URDF, and of the log's frames that hang on them."""
+    if request.needs_nominal:
+        require_nominal(robot, frame_id, request.parent, request.imu_link)
+    robot = with_static_frames(robot, sources.edges)
+    mount = find_mount(robot, frame_id, request.parent, request.imu_link)
+    path = _robot_path(sources, robot, mount.parent, request)
+    _require_poses_used(path, sources, request)
+    return Motion(path=path, mount=mount, topics=_topics(path, sources), robot=robot)
 
 
 def _nothing_moves(path: KinematicPath, sources: Sources) -> bool:
@@ -151,6 +185,12 @@ def _robot_path(
     except InputError as error:
         # joint states of other joints only, while /tf has all frames
         if not any(parent in (edge.parent, edge.child) for edge in edges):
+            if sources.prefixes:
+                raise ChoiceError(
+                    f"the log's joints have the names of {robot.source} with several prefixes: "
+                    f"choose one --joint-prefix: {', '.join(sources.prefixes)}",
+                    option="--joint-prefix",
+                ) from error
             if sources.unused:
                 # the URDF is not at fault for joints that are in the log but unusable
                 said = [str(error)] if sources.joints else []
@@ -176,15 +216,14 @@ def _base(
     return ((*asked, *moving), base) if base is not None else (asked, None)
 
 
-def _from_frames(
-    sources: Sources, frame_id: str, request: CalibrationRequest
-) -> tuple[KinematicPath, Mount]:
-    """Path and mount from the log's frames, without a URDF."""
+def _from_frames(sources: Sources, frame_id: str, request: CalibrationRequest) -> Motion:
+    """Motion of the log's frames, without a URDF."""
     if not sources.edges:
         if sources.joints:
             listed = ", ".join(dict.fromkeys(sources.topics[t.name] for t in sources.joints))
+            remedy = "; ".join(("give --urdf, or record /robot_description", *sources.undescribed))
             raise ChoiceError(
-                f"joint states ({listed}) say nothing without the robot's chain: give --urdf"
+                f"joint states ({listed}) say nothing without the robot's chain: {remedy}"
             )
         if sources.unused:
             raise InputError("; ".join(sources.unused))
@@ -195,7 +234,8 @@ def _from_frames(
         parent, nominal = _guess_parent(edges, frame_id)
     path = frame_path(edges, parent, world=request.world)
     child = request.imu_link or frame_id or "imu"
-    return path, Mount(parent=parent, child=child, nominal=nominal)
+    mount = Mount(parent=parent, child=child, nominal=nominal)
+    return Motion(path=path, mount=mount, topics=_topics(path, sources), robot=None)
 
 
 def _guess_parent(edges: tuple[Edge, ...], frame_id: str) -> tuple[str, Nominal | None]:
@@ -218,6 +258,7 @@ def _guess_parent(edges: tuple[Edge, ...], frame_id: str) -> tuple[str, Nominal 
     raise ChoiceError(
         f"which frame carries the IMU '{frame_id}'? name it with --parent, one of: {frames}",
         option="--parent",
+        reason=f"no frame of the log says what carries the IMU '{frame_id}'",
     )
 
 

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import hashlib
 import threading
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime, timedelta, timezone
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from imucalib_cli.errors import InputError
+from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.findings import Finding, note, warnings
+from imucalib_cli.jobs.known.description import described_robot
+from imucalib_cli.jobs.known.naming import named_as_in
 from imucalib_cli.jobs.motion import Sources
 from imucalib_cli.logs.clock import choose_clock, first_plausible
 from imucalib_cli.logs.log import open_log
+from imucalib_cli.logs.part import part_of
 from imucalib_cli.logs.remote.file import RemoteFile
 from imucalib_cli.logs.select import select_topics
 from imucalib_cli.results.result import RemoteEntry, SourceFile
@@ -54,6 +57,9 @@ class Recording:
     sources: Sources
     clock: Clock
     robot: Robot | None
+    """Of the URDF, or of the log's own description."""
+    part: tuple[float, float] | None
+    """From and to, seconds of the log, if only a part of it is used."""
     paths: tuple[LogPath, ...]
     files: Fingerprints
     findings: tuple[Finding, ...]
@@ -76,12 +82,19 @@ def read_recording(request: CalibrationRequest, progress: Progress | None = None
     """
     log = open_requested(request, progress)
     chosen = select_topics(
-        log.topics, request.imu_topics, request.joint_topics, request.pose_topics
+        log.topics,
+        request.imu_topics,
+        request.joint_topics,
+        request.pose_topics,
+        request.description_topics,
     )
+    if request.urdf is not None:
+        chosen = replace(chosen, descriptions=())
     files = Fingerprints(log.paths)
     data = log.read(
         chosen.all, None if progress is None else lambda share: progress("reading", share)
     )
+    data = _wanted_imus(data, request)
     _require_imus(data, chosen.imus, request)
     return recording_of(data, request, unasked=chosen.unasked, paths=log.paths, files=files)
 
@@ -124,7 +137,7 @@ def recording_of(
 
     Args:
         data: As read, or made of arrays; at least one IMU.
-        request: Its clock and URDF.
+        request: Its clock, URDF and part of the log.
         unasked: Odometry topics that nobody named; used only if nothing else moves the base.
         paths: Of the log.
         files: Their hashes.
@@ -132,27 +145,79 @@ def recording_of(
 
     Raises:
         InputError: The stamps of an IMU stand still, or the URDF cannot be used.
+        ChoiceError: The part of the log has no IMU, or the robot's description, or a prefix of
+            its joints, must be chosen.
     """
-    imus = tuple(imu for imu in data.imus.values() if len(imu))
+    robot, data, findings, prefixes = robot_and_names(data, request)
     clock = choose_clock(moving_streams(data), request.clock)
+    part = None
+    if request.part is not None:
+        data, part = part_of(data, clock, request.part)
+    imus = tuple(imu for imu in data.imus.values() if len(imu))
     _require_advancing_stamps(imus, clock)
     sources, duplicates = gather_sources(data, clock, unasked)
     return Recording(
         imus=imus,
         joints=data.joints,
-        sources=sources,
+        sources=replace(
+            sources,
+            prefixes=prefixes,
+            undescribed=warnings(
+                each for each in findings if each.code == "robot.description_unusable"
+            ),
+        ),
         clock=clock,
-        robot=None if request.urdf is None else robot_of(request.urdf),
+        robot=robot,
+        part=part,
         paths=paths,
         files=files or Fingerprints(()),
-        findings=(*data.findings, *clock.findings, *duplicates),
+        findings=(*data.findings, *findings, *clock.findings, *duplicates),
         epoch_ns=epoch_ns,
     )
 
 
+def robot_and_names(
+    data: LogData, request: CalibrationRequest
+) -> tuple[Robot | None, LogData, tuple[Finding, ...], tuple[str, ...]]:
+    """The robot, and the log in the names of its URDF.
+
+    Returns:
+        The robot, of the request's URDF or else of the log's description; the log; findings; and
+        prefixes of which several fit the joints' names.
+
+    Raises:
+        InputError: The URDF cannot be used.
+        ChoiceError: The description must be chosen, or no joint has the prefix that is asked for.
+    """
+    robot, findings = (
+        described_robot(data, request) if request.urdf is None else (robot_of(request.urdf), ())
+    )
+    if robot is None:
+        return None, data, findings, ()
+    data, renamed, prefixes = named_as_in(robot, data, request.joint_prefix)
+    return robot, data, (*findings, *renamed), prefixes
+
+
 def samples_of(imu: ImuStream, clock: Clock) -> ImuSamples:
     """One IMU on the log's clock."""
-    return ImuSamples(t=clock.seconds(imu), gyro=imu.gyro, accel=imu.accel, topic=imu.topic)
+    return ImuSamples(t=clock.seconds(imu), gyro=imu.gyro, accel=imu.accel, topic=imu.name)
+
+
+def _wanted_imus(data: LogData, request: CalibrationRequest) -> LogData:
+    """Leave out the IMUs that share a topic with one that the user named.
+
+    Raises:
+        ChoiceError: The topic has no IMU of the frame that the user named.
+    """
+    asked = request.imu_topics
+    if not asked:
+        return data
+    topics = {imu.topic for imu in data.imus.values()}
+    for name in asked:
+        if name not in data.imus and name not in topics and name.partition(":")[0] in topics:
+            raise ChoiceError(f"--imu-topic {name}: no such IMU, but {', '.join(data.imus)}")
+    kept = {name: imu for name, imu in data.imus.items() if {name, imu.topic} & set(asked)}
+    return replace(data, imus=kept)
 
 
 def recorded_at(recording: Recording, imu: ImuStream, seconds: float) -> datetime | None:

@@ -11,6 +11,7 @@ from imucalib_cli.signals.imu.units import Units
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from imucalib_cli.logs.part import Part
     from imucalib_cli.logs.reader import LogPath
     from imucalib_cli.results.requirement import Tolerance
     from imucalib_cli.signals.imu.data_sheet import ImuModel
@@ -53,8 +54,16 @@ class CalibrationRequest:
     """Empty: every IMU in the log."""
     joint_topics: tuple[str, ...] = ()
     pose_topics: tuple[str, ...] = ()
+    description_topics: tuple[str, ...] = ()
+    """Topics of the URDF, if none is given as a file; empty: found."""
+    joint_prefix: str | None = None
+    """What the log's joint names have before those of the URDF, or lack; None: found."""
+    part: Part | None = None
+    """Of the log; None: all."""
     parent: str | None = None
     """Link or frame that carries the IMU; None: found automatically."""
+    parents: tuple[tuple[str, str], ...] = ()
+    """Of single IMUs, each by its topic or frame: these go before ``parent``."""
     imu_link: str | None = None
     """The IMU's frame in the URDF, if it is not the messages' frame_id."""
     world: str | None = None
@@ -66,7 +75,9 @@ class CalibrationRequest:
     """The IMU's data sheet."""
     require: Tolerance | None = None
     needs_nominal: bool = False
-    """Whether the URDF or the log's frames must contain the pose of every IMU."""
+    """Whether the URDF or the log's frames must contain the pose of every IMU, to be verified."""
+    unverified: frozenset[int] = frozenset()
+    """Of the six components of the pose those that are not, so that they may be held there."""
 
     details: bool = False
     """Whether to keep the series and curves that a report draws."""

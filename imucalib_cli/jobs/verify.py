@@ -35,21 +35,31 @@ class Answers(Generic[Answer]):
 
 
 def verify_recording(
-    request: CalibrationRequest, within: Tolerance = WITHIN, progress: Progress | None = None
+    request: CalibrationRequest,
+    within: Tolerance = WITHIN,
+    progress: Progress | None = None,
+    *,
+    ignored: frozenset[int] = frozenset(),
 ) -> Answers[VerifyAnswer]:
     """Calibrate every IMU of a recording and compare each with its nominal pose.
+
+    Args:
+        request: As for calibrate.
+        within: Tolerance.
+        progress: As for calibrate.
+        ignored: Of the six components of the pose those that need not be right.
 
     Raises:
         InputError, ChoiceError: As :func:`imucalib_cli.jobs.calibrate.calibrate`; and ChoiceError
             if the nominal pose of an IMU is not known.
     """
-    outcome = calibrate(replace(request, needs_nominal=True), progress)
+    outcome = calibrate(replace(request, needs_nominal=True, unverified=ignored), progress)
     answers = []
     for result in outcome.results:
         nominal = result.nominal
         if nominal is None:  # needs_nominal excludes this
             raise ChoiceError(no_nominal(result.parent, result.child))
-        answers.append(verify(result, nominal, within, result.provenance.urdf))
+        answers.append(verify(result, nominal, within, result.provenance.urdf, ignored=ignored))
     return Answers(answers=tuple(answers), failures=outcome.failures)
 
 
@@ -60,6 +70,7 @@ def verify_results(
     *,
     imu_link: str | None = None,
     imu_topics: Sequence[str] = (),
+    ignored: frozenset[int] = frozenset(),
 ) -> Answers[VerifyAnswer]:
     """Compare results of earlier runs with the poses in a URDF.
 
@@ -69,6 +80,7 @@ def verify_results(
         within: Tolerance.
         imu_link: The IMU's link in the URDF, if it is not the result's child.
         imu_topics: Which results to take; empty takes all.
+        ignored: As for :func:`verify_recording`.
 
     A file that cannot be used does not stop the others.
 
@@ -103,5 +115,7 @@ def verify_results(
         except ImucalibError as error:
             failures.append(error.about(display_name(name)))
         else:
-            answers.append(verify(result, nominal, within, source, display_name(name)))
+            answers.append(
+                verify(result, nominal, within, source, display_name(name), ignored=ignored)
+            )
     return Answers(answers=tuple(answers), failures=tuple(failures))

@@ -193,41 +193,66 @@ class Collector:
         into.undecoded += int(np.count_nonzero(~decoded))
 
 
-def imu_stream(data: TopicData) -> tuple[ImuStream | None, list[Finding]]:
-    """The IMU stream of a topic, and findings about rows left out."""
+def imu_streams(data: TopicData) -> tuple[tuple[ImuStream, ...], list[Finding]]:
+    """The IMUs of a topic, and findings about rows left out.
+
+    Frames whose messages come at the same time are IMUs that share the topic. Of frames that follow
+    each other, as of a driver that was restarted, the one with most messages is used.
+    """
     losses: list[Finding] = []
-    frames: Counter[str] = Counter()
+    pieces: dict[str, list[Piece]] = {}
     for piece in data.pieces:
-        frames[_frame(piece)] += len(piece.stamp_ns)
-    if not frames:
-        return None, losses
-    frame, kept = frames.most_common(1)[0]
-    if len(frames) > 1:
-        losses.append(
-            warning(
-                "imu.frames_mixed",
-                topic=data.topic,
-                count=frames.total() - kept,
-                frame=frame,
-                others=[each for each in frames if each != frame],
-            )
-        )
-    joined = _Joined([piece for piece in data.pieces if _frame(piece) == frame])
+        pieces.setdefault(_frame(piece), []).append(piece)
+    counts = Counter({frame: _rows(some) for frame, some in pieces.items()})
+    if not counts:
+        return (), losses
+    main, _ = counts.most_common(1)[0]
+    used = [frame for frame in pieces if frame == main or _accompanies(pieces[frame], pieces[main])]
+    others = [frame for frame in pieces if frame not in used]
+    if others:
+        count = sum(counts[frame] for frame in others)
+        values = {"topic": data.topic, "frame": main, "others": others}
+        losses.append(warning("imu.frames_mixed", count=count, **values))
+    streams = [_imu_stream(data.topic, frame, pieces[frame], losses) for frame in used]
+    if len(streams) > 1:
+        streams = [replace(each, shared=f"{each.topic}:{each.frame_id}") for each in streams]
+    return tuple(streams), losses
+
+
+def _rows(pieces: Iterable[Piece]) -> int:
+    return sum(len(piece.log_ns) for piece in pieces)
+
+
+def _accompanies(pieces: list[Piece], main: list[Piece]) -> bool:
+    """Whether messages of one frame are received during most of the time of another's."""
+    (first, last), (start, end) = (
+        (min(int(p.log_ns.min()) for p in some), max(int(p.log_ns.max()) for p in some))
+        for some in (pieces, main)
+    )
+    return 2 * (min(last, end) - max(first, start)) > end - start
+
+
+def _imu_stream(topic: str, frame: str, pieces: list[Piece], losses: list[Finding]) -> ImuStream:
+    joined = _Joined(pieces)
     gyro, accel = joined.numbers("gyro"), joined.numbers("accel")
     numbers = _is_number(gyro) & _is_number(accel)
     sound: Bools | slice = slice(None)  # a slice copies nothing
     if not numbers.all():
         sound, count = numbers, np.count_nonzero(~numbers)
-        losses.append(warning("imu.not_finite", topic=data.topic, count=count, limit=_ABSURD))
-    stream = ImuStream(
-        topic=data.topic,
+        losses.append(warning("imu.not_finite", topic=topic, count=count, limit=_ABSURD))
+    return ImuStream(
+        topic=topic,
         header_ns=joined.stamp_ns[sound],
         log_ns=joined.log_ns[sound],
         frame_id=frame,
         gyro=gyro[sound],
         accel=accel[sound],
     )
-    return stream, losses
+
+
+def texts_of(data: TopicData) -> tuple[str, ...]:
+    """What was said on a topic of strings, each text once."""
+    return tuple(dict.fromkeys(str(piece.texts["data"]) for piece in data.pieces))
 
 
 def _is_number(values: Floats) -> Bools:

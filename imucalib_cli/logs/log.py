@@ -34,10 +34,13 @@ class LogData:
     """The streams of the wanted topics, each by its topic."""
 
     imus: dict[str, ImuStream] = field(default_factory=dict)
+    """By name: the topic, and the frame where several IMUs share it."""
     joints: dict[str, tuple[JointStream, ...]] = field(default_factory=dict)
     """One per set of joint names; none where no message could be used."""
     poses: dict[str, tuple[PoseStream, ...]] = field(default_factory=dict)
     """One per (parent, child)."""
+    texts: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    """What was said on topics of strings, each text once, in the order of the log."""
     findings: tuple[Finding, ...] = ()
     """Damage, rows left out, and anything unusual, of a ``file`` or of a ``topic``."""
 
@@ -91,9 +94,10 @@ class Log:
             MOST_RATIO,
             Collector,
             TooMuchError,
-            imu_stream,
+            imu_streams,
             joint_streams,
             pose_streams,
+            texts_of,
         )
 
         wanted = set(topics)
@@ -120,9 +124,8 @@ class Log:
             losses += self._shortfall(found)
             match MESSAGE_TYPES[found.type].kind:
                 case "imu":
-                    imu, lost = imu_stream(found)
-                    if imu is not None:
-                        data.imus[name] = imu
+                    imus, lost = imu_streams(found)
+                    data.imus |= {imu.name: imu for imu in imus}
                 case "joints":
                     joints, lost = joint_streams(found)
                     data.joints[name] = joints
@@ -130,6 +133,8 @@ class Log:
                     poses, lost = pose_streams(found)
                     # A topic may have poses of two types.
                     data.poses[name] = data.poses.get(name, ()) + poses
+                case "text":
+                    data.texts[name], lost = texts_of(found), []
             losses += lost
         data.findings = tuple(losses)
         return data

@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-Kind = Literal["imu", "joints", "pose"]
+Kind = Literal["imu", "joints", "pose", "text"]
 
 
 @dataclass(frozen=True)
@@ -24,6 +24,8 @@ class Text:
     """One string."""
 
     path: str
+    is_name: bool = True
+    """Whether it is the name of something, which has no line breaks."""
 
 
 @dataclass(frozen=True)
@@ -133,6 +135,8 @@ MESSAGE_TYPES: dict[str, MessageType] = {
             Numbers("twist.covariance", 36),
         ),
     ),
+    # such as a robot's URDF
+    "std_msgs/String": MessageType("text", (Text("data", is_name=False),)),
 }
 
 TF_TYPES = frozenset({"tf2_msgs/TFMessage", "tf/tfMessage"})

@@ -19,6 +19,7 @@ _CALLED: dict[Kind, tuple[str, str]] = {
     "imu": ("IMU", "--imu-topic"),
     "joints": ("joint state", "--joint-topic"),
     "pose": ("pose", "--pose-topic"),
+    "text": ("robot description", "--description-topic"),
 }
 """Name of each kind, and the option that chooses it."""
 _ODOMETRY = "nav_msgs/Odometry"
@@ -40,11 +41,13 @@ class Selection:
     unasked: tuple[str, ...] = ()
     """Those of ``poses`` that the user did not name: odometry beside joint states, perhaps of the
     base."""
+    descriptions: tuple[str, ...] = ()
+    """Topics of a URDF."""
 
     @property
     def all(self) -> tuple[str, ...]:
         """Everything to read, in one pass."""
-        return (*self.imus, *self.joints, *self.poses, *self.tf)
+        return (*self.imus, *self.joints, *self.poses, *self.tf, *self.descriptions)
 
 
 def candidates(topics: Sequence[Topic], kind: Kind) -> tuple[Topic, ...]:
@@ -52,24 +55,34 @@ def candidates(topics: Sequence[Topic], kind: Kind) -> tuple[Topic, ...]:
     return tuple(each for each in topics if each.count and each.kind == kind)
 
 
+def descriptions(topics: Sequence[Topic]) -> tuple[Topic, ...]:
+    """Topics with the URDF of a robot, in any namespace."""
+    texts = candidates(topics, "text")
+    return tuple(each for each in texts if each.name.endswith("/robot_description"))
+
+
 def select_topics(
     topics: Sequence[Topic],
     imu_topics: Sequence[str] = (),
     joint_topics: Sequence[str] = (),
     pose_topics: Sequence[str] = (),
+    description_topics: Sequence[str] = (),
 ) -> Selection:
     """Choose topics.
 
     Without names: every IMU, every JointState topic and tf; odometry beside joint states, since it
     may be the motion of the base; a pose topic of another type only where there are no joint
     states and it is the only one. A kind that is named is limited to
-    what is named; static transforms always stay.
+    what is named; static transforms always stay. ``topic:frame`` names one of several IMUs on a
+    topic.
 
     Raises:
         ChoiceError: A named topic is not there or of another kind, or several pose topics could
             be meant.
         InputError: There is no IMU, or no source of poses.
     """
+    names = {each.name for each in topics}
+    imu_topics = [each if each in names else each.partition(":")[0] for each in imu_topics]
     imus = _of_kind(topics, "imu", imu_topics)
     joints = _of_kind(topics, "joints", joint_topics)
     found = _of_kind(topics, "pose", pose_topics)
@@ -84,6 +97,9 @@ def select_topics(
         raise ChoiceError(
             f"several topics have poses, choose one with --pose-topic: {_listed([*poses, *tf])}"
         )
+    described = (
+        _of_kind(topics, "text", description_topics) if description_topics else descriptions(topics)
+    )
     if not imus:
         raise InputError(
             f"the log has no IMU (sensor_msgs/Imu); it has: {_listed(topics) or 'no topics'}"
@@ -99,6 +115,7 @@ def select_topics(
         poses=_names(poses),
         tf=_names(tf),
         unasked=_names(unasked),
+        descriptions=_names(described),
     )
 
 

@@ -82,8 +82,9 @@ def _element(message: Any, fields: tuple[messages.Field, ...]) -> Element:
             case messages.Header():
                 stamp = message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
                 texts["frame_id"] = _sound(message.header.frame_id)
-            case messages.Text(path):
-                texts[path] = _sound(_get(message, path))
+            case messages.Text(path, is_name):
+                text = _get(message, path)
+                texts[path] = _sound(text) if is_name else text
             case messages.Texts(path):
                 texts[path] = tuple(map(_sound, _get(message, path)))
             case messages.Numbers(path, _, name) | messages.NumberList(path, name):

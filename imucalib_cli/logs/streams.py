@@ -37,6 +37,13 @@ class ImuStream(Stream):
     """(N, 3), angular rate in the IMU frame, rad/s."""
     accel: Floats
     """(N, 3), specific force in the IMU frame, m/s²; at rest it points up."""
+    shared: str = ""
+    """``topic:frame`` where several IMUs share the topic."""
+
+    @property
+    def name(self) -> str:
+        """As ``--imu-topic`` takes it."""
+        return self.shared or self.topic
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

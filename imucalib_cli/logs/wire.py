@@ -61,6 +61,7 @@ class _Place:
     """Positions of one element's values in the payload."""
 
     stamp: int = -1
+    """-1 where it has none."""
     texts: Labels = field(default_factory=dict)
     numbers: dict[str, tuple[int, int]] = field(default_factory=dict)
 
@@ -101,8 +102,8 @@ class _Shape:
                     place.stamp = self._at
                     self._move(8)
                     place.texts["frame_id"] = self._text()
-                case messages.Text(path):
-                    place.texts[path] = self._text()
+                case messages.Text(path, is_name):
+                    place.texts[path] = self._text(is_name=is_name)
                 case messages.Texts(path):
                     # A string takes at least its length field, which bounds the count.
                     place.texts[path] = tuple(self._text() for _ in range(self._count(4)))
@@ -140,7 +141,7 @@ class _Shape:
         self._decides(start, self._at)
         return count
 
-    def _text(self) -> str:
+    def _text(self, *, is_name: bool = True) -> str:
         size = self._count(1)
         start = self._at
         self._move(size)
@@ -149,7 +150,7 @@ class _Shape:
         if not self.ros1:
             raw = raw[:-1]
         text = raw.decode("utf-8", errors="replace")
-        if not messages.is_sound_text(text):
+        if is_name and not messages.is_sound_text(text):
             raise WireError("a text is no text")
         return text
 
@@ -221,10 +222,12 @@ def _cut(rows: Rows, shape: _Shape, which: Indices) -> Iterator[Element]:
     if not shape.places:
         yield Element(which, _NOTHING.stamp_ns, {}, {})
     for place in shape.places:
-        seconds_type = "u4" if shape.ros1 else "i4"
-        stamp = np.ascontiguousarray(rows[:, place.stamp : place.stamp + 8])
-        seconds = stamp[:, :4].view(mark + seconds_type)[:, 0].astype(np.int64)
-        nanoseconds = stamp[:, 4:].view(mark + "u4")[:, 0].astype(np.int64)
+        stamp_ns = np.zeros(len(rows), dtype=np.int64)
+        if place.stamp >= 0:
+            seconds_type = "u4" if shape.ros1 else "i4"
+            stamp = np.ascontiguousarray(rows[:, place.stamp : place.stamp + 8])
+            stamp_ns += stamp[:, :4].view(mark + seconds_type)[:, 0].astype(np.int64) * _NS_PER_S
+            stamp_ns += stamp[:, 4:].view(mark + "u4")[:, 0]
         numbers = {
             name: np.ascontiguousarray(rows[:, start : start + 8 * count])
             .view(mark + "f8")
@@ -232,4 +235,4 @@ def _cut(rows: Rows, shape: _Shape, which: Indices) -> Iterator[Element]:
             .reshape(len(rows), count)
             for name, (start, count) in place.numbers.items()
         }
-        yield Element(which, seconds * _NS_PER_S + nanoseconds, place.texts, numbers)
+        yield Element(which, stamp_ns, place.texts, numbers)

@@ -132,6 +132,8 @@ class VerifyAnswer(Tree, frozen=True):
     significance: Significance | None
     told: ToldPose
     found: Result
+    ignored: tuple[str, ...] = ()
+    """Components of the pose, along and about the parent's axes, that were not checked."""
     file: str | UnsetType = UNSET
     """Of the result; not there where a log was asked."""
 

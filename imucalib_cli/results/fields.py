@@ -89,7 +89,8 @@ def sections(result: Result) -> tuple[Section, ...]:
     parent, child = result.parent, result.child
     R, t = result.pose.R, result.pose.t
     files = ", ".join(file.path for file in result.provenance.files) or "arrays"
-    topics = result.provenance.topics
+    topics, used = result.provenance.topics, result.provenance.part
+    part = f", {used[0]:.3f} to {used[1]:.3f} s of the log" if used else ""
     distrust = (Field("not trusted", reason, "untrusted") for reason in diagnostics.distrust)
     warnings = (Field("warning", warning, "warning") for warning in diagnostics.warnings)
     given = "  (conditional: some of it is not determined, see above)" if result.partial else ""
@@ -99,7 +100,7 @@ def sections(result: Result) -> tuple[Section, ...]:
             Section(
                 "log",
                 (
-                    Field("", f"from {files}: {topics.imu} with {', '.join(topics.motion)}"),
+                    Field("", f"from {files}: {topics.imu} with {', '.join(topics.motion)}{part}"),
                     *_recorded(result),
                 ),
             ),

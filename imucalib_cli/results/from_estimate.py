@@ -7,6 +7,7 @@ What the motion did not determine is null in ``transform``; its conditional valu
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
@@ -47,6 +48,7 @@ def result_of(
         nominal: What the URDF, or the log's own frames, say about the same pose.
         provenance: Where the estimate came from.
     """
+    estimate = _with_nominal(estimate, nominal)
     pose = pose_entry(estimate.R_parent_imu, estimate.t_parent_imu)
     lost = [each.direction_parent for each in estimate.unobservable if each.kind == "translation"]
     known = np.all(np.abs(np.reshape(lost, (-1, 3))) < AFFECTED, axis=0).tolist()
@@ -72,6 +74,19 @@ def result_of(
         diagnostics=_diagnostics(estimate, nominal),
         provenance=provenance,
     )
+
+
+def _with_nominal(estimate: Estimate, nominal: Nominal | None) -> Estimate:
+    """The estimate at the nominal place along directions that the motion did not determine.
+
+    Where it lies along them is a guess, and no other is better.
+    """
+    lost = [each.direction_parent for each in estimate.unobservable if each.kind == "translation"]
+    if nominal is None or not lost or len(lost) < len(estimate.unobservable):
+        return estimate
+    apart = nominal.t_parent_imu - estimate.t_parent_imu
+    along = np.array(lost).T @ (np.array(lost) @ apart)
+    return replace(estimate, t_parent_imu=estimate.t_parent_imu + along)
 
 
 def known_directions(

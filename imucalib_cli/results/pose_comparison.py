@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -43,6 +43,8 @@ exceeds two sigma."""
 RARE = 0.01
 """Chance below which a difference is not noise, where no tolerance is given: one false alarm in a
 hundred comparisons."""
+_NOTHING = 1e-9
+"""m or rad, 1 sigma of a component that is left out of a comparison: far below any tolerance."""
 _UNITS = {"translation": ("mm", 1e3), "rotation": ("deg", math.degrees(1.0))}
 """Of each part: its unit, and how many of it a metre or a radian is."""
 
@@ -155,6 +157,28 @@ class PoseComparison:
     def parts(self) -> tuple[Part, Part]:
         """Translation and rotation."""
         return self.translation, self.rotation
+
+    def without(self, ignored: frozenset[int]) -> PoseComparison:
+        """The difference as if there were none in some of its six components, surely."""
+        if not ignored:
+            return self
+        places = sorted(ignored)
+        covariance = None if self.covariance is None else self.covariance.copy()
+        if covariance is not None:
+            covariance[places, :] = covariance[:, places] = 0.0
+            covariance[places, places] = _NOTHING**2
+        parts = {}
+        for part, block in zip(self.parts, (slice(0, 3), slice(3, 6)), strict=True):
+            gone = np.isin(np.arange(6)[block], places)
+            parts[part.kind] = replace(
+                part,
+                vector=np.where(gone, 0.0, part.vector),
+                covariance=None if covariance is None else covariance[block, block],
+                unknown=_distinct(np.where(gone, 0.0, part.unknown)),
+            )
+        return PoseComparison(
+            translation=parts["translation"], rotation=parts["rotation"], covariance=covariance
+        )
 
     def test(self, *chosen: Part) -> TestEntry | None:
         """Test parts of the difference (default: both) together against no difference.

@@ -381,7 +381,8 @@ class SourceFile(Tree, frozen=True):
     """A file that was read."""
 
     path: str
-    """As the user named it; a URL without user, password and query."""
+    """As the user named it; a URL without user, password and query. Of a URDF that the log holds,
+    its topic."""
     sha256: Annotated[str, Meta(pattern="^[0-9a-f]{64}$")] | None
     """Hexadecimal, of the file's bytes; null for a remote file of which only parts were read."""
     remote: RemoteEntry | UnsetType = UNSET
@@ -433,6 +434,8 @@ class Provenance(Tree, frozen=True):
     clock: str
     """Which stamps were used: header or log."""
     options: dict[str, Scalar]
+    part: Annotated[list[float], Meta(min_length=2, max_length=2)] | UnsetType = UNSET
+    """From and to, seconds of the log, where only a part of it was used (--from, --to)."""
     recording: RecordingEntry | None = None
     """null in results of earlier versions."""
 

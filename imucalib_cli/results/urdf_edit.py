@@ -35,8 +35,9 @@ _START_TAG = re.compile(
 class MissingJointError(InputError):
     """The URDF has no joint to put the pose into; carries the snippet to add."""
 
-    def __init__(self, message: str, snippet: str) -> None:
+    def __init__(self, message: str, snippet: str, *, parent: str) -> None:
         self.snippet = snippet
+        self.parent = parent
         super().__init__(message)
 
 
@@ -82,7 +83,7 @@ def joint_for(
             said = f"hangs on the {joint.kind} joint '{joint.name}'"
         name = child if child not in robot.links else f"{child}_imu"
         raise MissingJointError(
-            f"{robot.source}: no fixed joint holds '{child}' (it {said}): add one, or, if "
+            f"{robot.source}: no fixed joint holds '{child}' (it {said}): add one (--add), or, if "
             "the IMU's frame has another name there, run again with --imu-link",
             joint_snippet(
                 parent,
@@ -91,6 +92,7 @@ def joint_for(
                 _triple(rpy_from_matrix(R_parent_imu)),
                 taken=[each.name for each in robot.joints],
             ),
+            parent=parent,
         )
     robot.require_link(parent)
     between = rigid_transform(robot, joint.parent, parent)
@@ -135,9 +137,46 @@ def replace_origin(urdf: bytes, joint: str, xyz: Sequence[float], rpy: Sequence[
         tag, changed = "", f'<origin xyz="{values["xyz"]}" rpy="{values["rpy"]}"/>{indent}'
     else:
         tag = _start_tag(urdf[start:].decode(codec, "surrogatepass"))
+        if "$" in tag:
+            raise InputError(
+                f"the origin of joint '{joint}' is computed by xacro ({tag}): put the numbers of "
+                "`imucalib run --format xacro` where it takes its own from"
+            )
         changed = _with_attributes(tag, values)
     rest = start + len(tag.encode(codec, "surrogatepass"))
     return urdf[:start] + changed.encode(codec, "surrogatepass") + urdf[rest:]
+
+
+def insert_last(urdf: bytes, elements: str) -> bytes:
+    """Put elements behind all others of <robot>, indented by two blanks.
+
+    Args:
+        urdf: The file's bytes, in any encoding expat reads.
+        elements: Lines of XML, each with its line break.
+
+    Raises:
+        InputError: The XML is not sound, or <robot> has no end tag of its own.
+    """
+    at, depth = 0, 0
+    parser = expat.ParserCreate()
+
+    def start(*_: object) -> None:
+        nonlocal depth
+        depth += 1
+
+    def end(_: str) -> None:
+        nonlocal at, depth
+        depth -= 1
+        at = parser.CurrentByteIndex
+
+    parser.StartElementHandler, parser.EndElementHandler = start, end
+    _parse(parser, urdf)
+    codec = _codec(urdf)
+    if not urdf[at:].decode(codec, "surrogatepass").startswith("</"):
+        raise InputError("the URDF's <robot> has no end tag: write </robot>")
+    text = "".join(f"  {line}\n" for line in elements.splitlines())
+    plain = text.encode("ascii", "xmlcharrefreplace").decode("ascii")  # whatever the encoding
+    return urdf[:at] + plain.encode(codec) + urdf[at:]
 
 
 def joint_snippet(
@@ -191,18 +230,22 @@ def _elements(urdf: bytes, joint: str) -> list[tuple[str, int]]:
     parser.StartElementHandler = start
     parser.EndElementHandler = lambda _: path.pop()
     parser.StartDoctypeDeclHandler = doctype
-    try:
-        parser.Parse(urdf, True)
-    except expat.ExpatError as error:
-        raise InputError(f"the URDF is not well-formed XML ({error}): repair it") from None
-    except (ValueError, LookupError) as error:
-        raise InputError(f"the URDF's encoding cannot be read ({error})") from None
+    _parse(parser, urdf)
     if len(joints) != 1:
         raise InputError(f"the URDF has {len(joints)} joints '{joint}', it must have one")
     origins = sum(tag == "origin" for tag, _ in joints[0])
     if origins > 1:
         raise InputError(f"the URDF has {origins} origins in joint '{joint}', it must have one")
     return joints[0]
+
+
+def _parse(parser: expat.XMLParserType, urdf: bytes) -> None:
+    try:
+        parser.Parse(urdf, True)
+    except expat.ExpatError as error:
+        raise InputError(f"the URDF is not well-formed XML ({error}): repair it") from None
+    except (ValueError, LookupError) as error:
+        raise InputError(f"the URDF's encoding cannot be read ({error})") from None
 
 
 def _codec(urdf: bytes) -> str:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Literal
 from msgspec import UNSET
 
 from imucalib_cli.digits import figures
+from imucalib_cli.estimate.checks.stated import POSE_NAMES
 from imucalib_cli.findings import warning
 from imucalib_cli.results.answers import (
     DiffAnswer,
@@ -47,6 +48,8 @@ def verify(
     within: Tolerance = WITHIN,
     urdf: SourceFile | None = None,
     file: str = "",
+    *,
+    ignored: frozenset[int] = frozenset(),
 ) -> VerifyAnswer:
     """Decide whether a told pose is right within a tolerance.
 
@@ -60,9 +63,12 @@ def verify(
         within: What is near enough; finite.
         urdf: Where it was told; None where the log's own frames did.
         file: Of the result; empty where it is of a log that was just read.
+        ignored: Components of the pose, of tx ty tz rx ry rz in the parent frame, that need not be
+            right.
     """
     found = result.uncertain_pose
     apart = compare_poses(found.exactly(told.R_parent_imu, told.t_parent_imu), found)
+    apart = apart.without(ignored)
     verdicts = [apart.judge(part, within) for part in apart.parts]
     doubts = _contradictions(result)
     verdict: Verdict = "unknown" if doubts else apart.verdict(within)
@@ -90,7 +96,7 @@ def verify(
         schema=SCHEMA,
         comparison="verify",
         verdict=verdict,
-        reason=said + _given_beforehand(result),
+        reason=said + _left_out(ignored) + _given_beforehand(result),
         parent=result.parent,
         child=result.child,
         within=within_entry(within),
@@ -105,6 +111,7 @@ def verify(
             urdf=urdf,
         ),
         found=result,
+        ignored=tuple(POSE_NAMES[place] for place in sorted(ignored)),
         file=file or UNSET,
     )
 
@@ -200,7 +207,8 @@ def _open_questions(result: Result, apart: PoseComparison, within: Tolerance) ->
             f"{apart} away: use --method matched"
         )
         return
-    yield from map(str, unobservable_fields(result))
+    if not all(part.determined for part in apart.parts):
+        yield from map(str, unobservable_fields(result))
     remedy = "record longer or livelier motion"
     if result.diagnostics.sigma_source == "segments":
         remedy = (
@@ -215,17 +223,19 @@ def _open_questions(result: Result, apart: PoseComparison, within: Tolerance) ->
             )
 
 
+def _left_out(ignored: frozenset[int]) -> str:
+    """A clause on components that were not checked."""
+    names = ", ".join(POSE_NAMES[place] for place in sorted(ignored))
+    return f"; not checked: {names}" if names else ""
+
+
 def _given_beforehand(result: Result) -> str:
     """A clause on components of the pose that were told to the estimator, not found by it.
 
     They agree with what was told for the simple reason that it was told.
     """
     stds = str(result.provenance.options.get("pose.std", "")).split()
-    names = [
-        name
-        for name, std in zip(("tx", "ty", "tz", "rx", "ry", "rz"), stds, strict=False)
-        if std != "inf"
-    ]
+    names = [name for name, std in zip(POSE_NAMES, stds, strict=False) if std != "inf"]
     return f"; told beforehand, not found by the log alone: {', '.join(names)}" if names else ""
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -34,6 +34,39 @@ class Edge:
     """Of kind "pose"."""
     is_static: bool = False
     """From /tf_static: the last value holds for the whole log."""
+
+
+def with_static_frames(robot: Robot, edges: Sequence[Edge]) -> Robot:
+    """A robot with the frames that the log's static edges hang on its links, by nameless joints.
+
+    Frames of the URDF stay as they are, and frames that move or are told differently are left out.
+    """
+    told: dict[str, list[Edge]] = {}
+    for edge in edges:
+        told.setdefault(edge.child, []).append(edge)
+    links, joints = list(robot.links), list(robot.joints)
+    hanging = {
+        child: some[-1]
+        for child, some in told.items()
+        if child not in links and all(_is_repeated(edge, some[-1]) for edge in some)
+    }
+    while fitting := [edge for edge in hanging.values() if edge.parent in links]:
+        for edge in fitting:
+            del hanging[edge.child]
+            last = edge.track.values[-1]
+            links.append(edge.child)
+            joints.append(
+                Joint(
+                    name="",
+                    kind="fixed",
+                    parent=edge.parent,
+                    child=edge.child,
+                    R_origin=matrix_from_quaternion(last[3:7]),
+                    p_origin=last[:3].copy(),
+                    axis=np.array([1.0, 0.0, 0.0]),
+                )
+            )
+    return replace(robot, links=tuple(links), joints=tuple(joints))
 
 
 Tree = dict[str, list[Edge]]

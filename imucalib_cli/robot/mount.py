@@ -44,18 +44,22 @@ def find_mount(
     The IMU's frame is ``imu_link`` if given, else the message's ``frame_id``. Its parent is the
     parent of the fixed joint above it. A frame below a moving joint (or the root) is its own
     parent, with the identity as nominal pose. An explicit ``parent`` has priority; the nominal pose
-    is expressed in it if only fixed joints lie between the two.
+    is expressed in it if only fixed joints lie between the two. With a ``parent`` the frame need
+    not be in the URDF.
 
     Raises:
         ChoiceError: The frame is not in the URDF and no parent is named, or a named link is not in
         the URDF; the error lists links.
     """
+    frame = frame_id.lstrip("/")
+    if parent is not None and imu_link == frame:
+        imu_link = None
     for option, link in (("--parent", parent), ("--imu-link", imu_link)):
         if link is not None and link not in robot.links:
             raise ChoiceError(
                 f"{option} {link}: no such link in {robot.source}{near_matches(link, robot.links)}"
             )
-    frame = imu_link or frame_id.lstrip("/")
+    frame = imu_link or frame
     if frame not in robot.links:
         if parent is None:
             said = f"frame '{frame}' is not in {robot.source}" if frame else "frame_id is empty"
@@ -64,6 +68,7 @@ def find_mount(
                 f"{', '.join(robot.links)}; or, if the IMU itself is among these, name it with "
                 "--imu-link",
                 option="--parent",
+                reason=f"the IMU's {said}",
             )
         return Mount(parent=parent, child=frame or "imu", nominal=None)
     holder = robot.joint_above.get(frame)

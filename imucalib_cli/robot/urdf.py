@@ -13,7 +13,7 @@ import importlib.util
 import logging
 import sys
 from collections import Counter
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass
 from functools import cache, cached_property
 from io import BytesIO
@@ -81,6 +81,11 @@ class Robot:
         return {joint.name: joint for joint in self.joints}
 
     @cached_property
+    def moving_joints(self) -> tuple[str, ...]:
+        """Names of the joints that are not fixed."""
+        return tuple(joint.name for joint in self.joints if joint.kind != "fixed")
+
+    @cached_property
     def joint_above(self) -> dict[str, Joint]:
         """The joint above each link; the root has none."""
         return {joint.child: joint for joint in self.joints}
@@ -141,21 +146,55 @@ def frame_name(name: str) -> str:
 
 
 def load_robot(path: Path) -> Robot:
-    """Read a URDF's kinematic tree.
+    """Read a URDF's kinematic tree; of xacro in a file that ends so, what it expands to.
 
     Raises:
         InputError: The file cannot be read or is no valid URDF; the error names the elements.
     """
-    return parse_robot(read_urdf(path), path)
+    try:
+        return parse_robot(read_urdf(path), path)
+    except InputError:
+        if path.suffix != ".xacro" or not path.is_file():
+            raise
+    return parse_robot(_expanded(path), path)
+
+
+def _expanded(path: Path) -> bytes:
+    """The URDF that a xacro file expands to with the defaults of its arguments.
+
+    Raises:
+        InputError: xacro is not installed, or the file is faulty or needs an argument.
+    """
+    command = f"`xacro {path} > robot.urdf` and give robot.urdf"
+    try:
+        import xacro
+    except ImportError as error:
+        raise InputError(
+            f"{path}: is xacro: expand it with {command}, or have it expanded here: "
+            "pip install 'imucalib[xacro]'"
+        ) from error
+    try:
+        with redirect_stdout(sys.stderr):  # for which xacro has words of its own
+            text: str = xacro.process_file(str(path)).toxml()
+    # xacro evaluates Python of the file, which may raise anything
+    except Exception as error:
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise InputError(
+            f"{path}: xacro cannot expand it ({reason}): if it needs arguments or other packages, "
+            f"expand it with {command}"
+        ) from error
+    return text.encode()
 
 
 def read_urdf(path: Path) -> bytes:
-    """Read a URDF's bytes once, so that it may come through a pipe.
+    """Read a URDF's bytes once, so that it may come through a pipe; ``-`` is standard input.
 
     Raises:
         InputError: The file cannot be read.
     """
     try:
+        if str(path) == "-":
+            return sys.stdin.buffer.read(SIZE_LIMIT + 1)
         with path.open("rb") as file:
             return file.read(SIZE_LIMIT + 1)  # a device may be endless
     except OSError as error:

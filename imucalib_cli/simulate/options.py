@@ -124,5 +124,13 @@ class LogOptions:
     """Whether every joint publisher has its own topic."""
     joint_order: tuple[str, ...] = ()
     """Order of joint names in messages; empty is the arm's own."""
+    robot_description: bool = False
+    """Whether the URDF is published on /robot_description, once, as the log begins."""
+    tf_static: bool = False
+    """Whether the IMU's nominal pose is published on /tf_static, likewise."""
+    joint_prefix: str = ""
+    """Before the names of joints in messages."""
+    frame_prefix: str = ""
+    """Before frame ids."""
     start: int = 1_700_000_000
     """Unix time of the first instant, s."""

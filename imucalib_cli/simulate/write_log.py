@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.results.atomic import see_writable
+from imucalib_cli.robot.rotations import matrix_from_rpy, quaternion_from_matrix
 from imucalib_cli.simulate.options import LogOptions
 from imucalib_cli.simulate.recording import CameraRecord, ImuRecord, JointRecord, PoseRecord
 
@@ -70,6 +71,10 @@ def write_log(
         parts = [
             (_ns(record.received, options), log.connect(topic, message_type), make)
             for record, topic, message_type, make in factory.sources()
+        ]
+        parts += [
+            (_ns(np.zeros(1), options), log.connect(topic, message_type), make)
+            for topic, message_type, make in factory.latched()
         ]
         received = np.concatenate([ns for ns, _, _ in parts])
         source = np.repeat(np.arange(len(parts)), [len(ns) for ns, _, _ in parts])
@@ -244,11 +249,31 @@ class _Factory:
         if camera is not None:
             yield camera, camera.config.topic, "sensor_msgs/msg/Image", self._images(camera)
 
-    def _headers(self, record: Messages, frame: str) -> Make:
+    def latched(self) -> Iterator[tuple[str, str, Make]]:
+        """Topics with one message, sent as the log begins: topic, message type and message."""
+        system, mount = self._recording.system, self._recording.system.imu
+        if self._options.robot_description:
+            from imucalib_cli.simulate.urdf import urdf_text
+
+            text = urdf_text(system)
+            string = self._types["std_msgs/msg/String"]
+            yield "/robot_description", "std_msgs/msg/String", lambda _: string(data=text)
+        if self._options.tf_static:
+            turn = quaternion_from_matrix(matrix_from_rpy(mount.nominal.rpy))
+            make = self._transforms(
+                np.zeros(1),
+                (system.parent, self._options.imu_frame or mount.link),
+                np.array([mount.nominal.xyz]),
+                turn[None],
+            )
+            yield "/tf_static", "tf2_msgs/msg/TFMessage", make
+
+    def _headers(self, stamp: NDArray[np.float64], frame: str) -> Make:
         time, header = (
             self._types[name] for name in ("builtin_interfaces/msg/Time", "std_msgs/msg/Header")
         )
-        stamps = _ns(record.stamp, self._options).tolist()
+        stamps = _ns(stamp, self._options).tolist()
+        frame = f"{self._options.frame_prefix}{frame}" if frame else ""
 
         def make(i: int) -> Any:
             sequence = {"seq": i} if self._sequence else {}
@@ -262,7 +287,8 @@ class _Factory:
         # REP 145: a first element of -1 means that there is no orientation.
         no_orientation = np.array([-1.0, *np.zeros(8)])
         no_turn = self._types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
-        header = self._headers(record, self._options.imu_frame or self._recording.system.imu.link)
+        frame = self._options.imu_frame or self._recording.system.imu.link
+        header = self._headers(record.stamp, frame)
         gyro, accel = record.gyro.tolist(), record.accel.tolist()
         return lambda i: imu(
             header=header(i),
@@ -277,9 +303,9 @@ class _Factory:
     def _joints(self, record: JointRecord) -> Make:
         joint_state = self._types["sensor_msgs/msg/JointState"]
         columns = self._columns(record.names)
-        names = [record.names[column] for column in columns]
+        names = [f"{self._options.joint_prefix}{record.names[column]}" for column in columns]
         position = np.ascontiguousarray(record.position[:, columns])
-        header, nothing = self._headers(record, ""), np.zeros(0)
+        header, nothing = self._headers(record.stamp, ""), np.zeros(0)
         return lambda i: joint_state(
             header=header(i), name=names, position=position[i], velocity=nothing, effort=nothing
         )
@@ -295,17 +321,29 @@ class _Factory:
         return [names.index(name) for name in order if name in names]
 
     def _pose(self, record: PoseRecord) -> Make:
+        frames = (record.parent, record.child)
+        return self._transforms(record.stamp, frames, record.position, record.quaternion_xyzw)
+
+    def _transforms(
+        self,
+        stamp: NDArray[np.float64],
+        frames: tuple[str, str],
+        positions: NDArray[np.float64],
+        quaternions_xyzw: NDArray[np.float64],
+    ) -> Make:
+        """Poses of the second frame in the first."""
         vector, quaternion, transform, stamped = (
             self._types[f"geometry_msgs/msg/{name}"]
             for name in ("Vector3", "Quaternion", "Transform", "TransformStamped")
         )
         message = self._types["tf2_msgs/msg/TFMessage"]
-        header = self._headers(record, record.parent)
-        position, turn = record.position.tolist(), record.quaternion_xyzw.tolist()
+        header = self._headers(stamp, frames[0])
+        child = f"{self._options.frame_prefix}{frames[1]}"
+        position, turn = positions.tolist(), quaternions_xyzw.tolist()
 
         def make(i: int) -> Any:
             pose = transform(translation=vector(*position[i]), rotation=quaternion(*turn[i]))
-            return message([stamped(header=header(i), child_frame_id=record.child, transform=pose)])
+            return message([stamped(header=header(i), child_frame_id=child, transform=pose)])
 
         return make
 
@@ -317,7 +355,7 @@ class _Factory:
         images = Images(record, self._recording.noise, seed)  # each is rendered when it is written
         image = self._types["sensor_msgs/msg/Image"]
         lens = record.config.intrinsics
-        header = self._headers(record, record.config.frame.link)
+        header = self._headers(record.stamp, record.config.frame.link)
         return lambda i: image(
             header=header(i),
             height=lens.height,

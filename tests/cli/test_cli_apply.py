@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from io import BytesIO
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,6 +12,7 @@ import pytest
 from imucalib_cli.cli.main import main
 from imucalib_cli.findings import Severity, texts
 from imucalib_cli.results.codec import to_yaml
+from imucalib_cli.robot.urdf import load_robot
 from tests.cli.test_cli_diff import make
 
 if TYPE_CHECKING:
@@ -105,3 +108,61 @@ def test_the_turn_is_told_in_degrees(apply: Any, capsys: pytest.CaptureFixture[s
     R = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     assert apply([imu("left", R_parent_imu=R)]) == 0
     assert "moved by 3 mm and 90 deg" in capsys.readouterr().err
+
+
+def test_a_missing_joint_is_added(
+    apply: Any, urdf: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    results = [imu("left"), imu("tête")]
+    assert apply(results) == 1
+    assert "add one (--add)" in capsys.readouterr().err
+    assert apply(results, "--add", "-o", str(urdf.with_name("new.urdf"))) == 0
+    assert "a joint that holds 'tête' on 'hand' was added" in capsys.readouterr().err
+    robot = load_robot(urdf.with_name("new.urdf"))
+    joint = robot.joint_above["tête"]
+    assert (joint.parent, joint.kind, joint.name) == ("hand", "fixed", "tête_joint")
+    np.testing.assert_allclose(joint.p_origin, [0.1, 0.2, 0.3], atol=1e-12)
+    before = urdf.read_text().replace('xyz="0.1 0.2 0.303"', 'xyz="0.1 0.2 0.3"')
+    assert urdf.with_name("new.urdf").read_text().startswith(before.removesuffix("</robot>"))
+
+
+def test_in_place_writes_the_urdf_itself(
+    apply: Any, urdf: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert apply([imu("left")], "-o", str(urdf)) == 2
+    assert urdf.read_text() == URDF
+    assert apply([imu("left")], "--in-place", "-o", "x.urdf") == 2
+    assert "leave -o out" in capsys.readouterr().err
+    assert apply([imu("left")], "--in-place") == 0
+    assert urdf.read_text() == URDF.replace("0.303", "0.3")
+    assert capsys.readouterr().out == ""
+
+
+def test_the_origin_of_a_xacro_is_changed_where_it_is_a_number(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("xacro")
+    xacro = tmp_path / "robot.urdf.xacro"
+    head = '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">'
+    text = URDF.replace('<robot name="r">', head + '<xacro:property name="d" value="0.1"/>')
+    xacro.write_text(text)
+    result = tmp_path / "result.yaml"
+    result.write_text(to_yaml([imu("left")]))
+    command = ["apply", str(result), "--urdf", str(xacro)]
+    assert main(command) == 0
+    assert capsys.readouterr().out == text.replace("0.303", "0.3")
+    xacro.write_text(text.replace('xyz="0.1 0.2 0.303"', 'xyz="${d} 0.2 0.303"'))
+    assert main(command) == 1
+    said = capsys.readouterr().err
+    assert "the origin of joint 'left_joint' is computed by xacro" in said
+    assert "--format xacro" in said
+
+
+def test_a_urdf_from_stdin_is_written_to_stdout(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    result = tmp_path / "result.yaml"
+    result.write_text(to_yaml([imu("left")]))
+    monkeypatch.setattr("sys.stdin", SimpleNamespace(buffer=BytesIO(URDF.encode())))
+    assert main(["apply", str(result), "--urdf", "-"]) == 0
+    assert capsys.readouterr().out == URDF.replace("0.303", "0.3")

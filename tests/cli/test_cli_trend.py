@@ -15,6 +15,12 @@ import pytest
 
 from imucalib_cli.cli.main import main
 from imucalib_cli.results.codec import to_yaml
+from imucalib_cli.simulate.load import load_grade, load_system
+from imucalib_cli.simulate.noise import corrupt
+from imucalib_cli.simulate.options import LogOptions, PhysicsOptions
+from imucalib_cli.simulate.physics import record
+from imucalib_cli.simulate.urdf import urdf_text
+from imucalib_cli.simulate.write_log import write_log
 from tests.results.trend_results import drawn, named, result, written
 
 ROOT = Path(__file__).parents[2]
@@ -156,3 +162,43 @@ def test_no_result_is_written_over(still: Path, capsys: pytest.CaptureFixture[st
     assert trend(still, "-o", "x.svg", "--plot", "x.svg") == 2
     assert trend(still, "--plot", "x.gif") == 2
     assert "expected a file ending in .svg or .pdf or .png" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_from_logs_of_a_simulated_arm_whose_mount_moves(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Four days at one place and three at another, from the engine's physics to the alarm."""
+    system = load_system("rihibot")
+    urdf, results = tmp_path / "robot.urdf", tmp_path / "results"
+    urdf.write_text(urdf_text(system), encoding="utf-8")
+    here = np.array(system.imu.xyz)
+    shift = np.array([2e-3, -1e-3, 1e-3])
+    places = [here] * 4 + [here + shift] * 3
+    clean = {
+        tuple(place): record(
+            system,
+            PhysicsOptions(
+                duration=24.0, imu_rate=100, robot_rate=100, mount_xyz=tuple(place.tolist())
+            ),
+        )
+        for place in places
+    }
+    for day, place in enumerate(places):
+        log = tmp_path / f"{9 - day}.mcap"
+        noisy = corrupt(clean[tuple(place)], load_grade("industrial"), seed=day)
+        write_log(noisy, log, LogOptions(start=1_750_000_000 + 86_400 * day))
+        assert main(["run", str(log), "--urdf", str(urdf), "-q", "-o", f"{results}/"]) == 0
+    capsys.readouterr()
+    assert trend(results, "--format", "jsonl", "-q") == 4
+    answer = json.loads(capsys.readouterr().out)
+    (change,) = answer["changes"]
+    assert (Path(change["after"]).name[0], Path(change["before"]).name[0]) == ("6", "5")
+    assert change["after_start"].startswith("2025-06-18T15:06:40")
+    off = np.subtract(change["translation"]["vector_mm"], 1e3 * shift)
+    assert np.all(np.abs(off) < 4.0 * np.array(change["translation"]["std_mm"]))
+    assert np.linalg.norm(off) < 0.5
+    for day in (4, 5, 6):
+        (results / f"{9 - day}.imu_link.yaml").unlink()
+    assert trend(results) == 0
+    assert "has not moved: 4 recordings" in capsys.readouterr().out

@@ -28,7 +28,7 @@ def test_every_imu_gets_a_command(log_writer: LogWriter, arm_urdf: Path) -> None
     assert found.command == f"imucalib run {log} --urdf {arm_urdf} --imu-topic /imu/a"
     (other,) = found.more_commands
     assert other == f"imucalib run {log} --urdf {arm_urdf} --imu-topic /imu/b --parent FRAME"
-    assert found.placeholders == "FRAME by the link or frame that carries that IMU"
+    assert found.placeholders == "FRAME by the link or frame that carries the IMU"
     assert other in found.as_text()
 
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 from datetime import datetime, timezone
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,11 +16,9 @@ from imucalib_cli.jobs.inspect import inspect
 from imucalib_cli.jobs.motion import find_motion
 from imucalib_cli.jobs.reading import read_recording, recorded_at
 from imucalib_cli.jobs.request import CalibrationRequest
+from imucalib_cli.logs.part import Part
 from tests.conftest import START_NS, LogWriter
 from tests.logs.logs_samples import mixed_messages, write_mcap
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 
 def failure(log: Path, urdf: Path | None = None, **wishes: Any) -> str:
@@ -137,6 +136,49 @@ def test_a_log_without_any_time_gives_no_advice_to_change_the_clock(
 def clock_of(log: Path, urdf: Path) -> str:
     """Which clock a run takes."""
     return read_recording(CalibrationRequest(logs=(log,), urdf=urdf)).clock.kind
+
+
+def test_imus_that_share_a_topic_are_told_apart(log_writer: LogWriter, arm_urdf: Path) -> None:
+    log = log_writer.imu().imu(frame="upper", gyro=0.2).joints().write()
+    request = CalibrationRequest(logs=(log,), urdf=arm_urdf)
+    both = read_recording(request).imus
+    assert [imu.name for imu in both] == ["/imu/data:imu_link", "/imu/data:upper"]
+    assert [np.abs(imu.gyro).max().round(1) for imu in both] == [0.5, 0.2]
+    for name in ("/imu/data:upper", "/imu/data"):
+        asked = read_recording(replace(request, imu_topics=(name,))).imus
+        assert [imu.name for imu in asked] == [i.name for i in both if i.name.startswith(name)]
+    found = inspect((log,), arm_urdf)
+    assert [each.topic for each in found.imus] == [imu.name for imu in both]
+    assert found.command is not None
+    assert found.command.endswith("--imu-topic /imu/data:imu_link")
+
+
+@pytest.mark.parametrize("said", ["arm", "other"])
+def test_of_several_descriptions_the_one_that_fits_is_used(
+    log_writer: LogWriter, arm_urdf: Path, said: str
+) -> None:
+    text = arm_urdf.read_text()
+    other = text.replace("pan", "wheel").replace("lift", "fork").replace("imu_link", "lidar")
+    texts = (text, other) if said == "arm" else (other, text)
+    log_writer.imu().joints().text("/b/robot_description", texts[0])
+    log = log_writer.text("/a/robot_description", texts[1]).write()
+    recording = read_recording(CalibrationRequest(logs=(log,)))
+    assert recording.robot is not None
+    assert recording.robot.source == Path("/b" if said == "arm" else "/a", "robot_description")
+    asked = CalibrationRequest(logs=(log,), description_topics=("/a/robot_description",))
+    chosen = read_recording(asked).robot
+    assert chosen is not None
+    assert str(chosen.source) == "/a/robot_description"
+
+
+def test_a_part_of_two_tells_its_own_seconds(log_writer: LogWriter, arm_urdf: Path) -> None:
+    log = log_writer.imu().joints().write()
+    request = CalibrationRequest(logs=(log,), urdf=arm_urdf, part=Part(start=1.0, end=3.0))
+    recording = read_recording(request)
+    assert recording.part == (1.0, 3.0)
+    (imu,) = recording.imus
+    assert len(imu) == 201
+    assert recording.clock.seconds(imu)[0] == 1.0
 
 
 def test_the_date_is_that_of_the_stamps_or_of_receipt_or_unknown(log_writer: LogWriter) -> None:

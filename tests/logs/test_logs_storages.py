@@ -180,7 +180,7 @@ def test_topics_say_what_is_there(messages: list[Said], storage: str, written: W
         assert topic.type == of_topic[0].type.replace("/msg/", "/")
         assert topic.start_ns == of_topic[0].log_ns
         assert topic.end_ns == of_topic[-1].log_ns
-    assert not topics["/chatter"].kind
+    assert topics["/chatter"].kind == "text"
     assert len(topics) == 9
 
 
@@ -264,8 +264,20 @@ def test_unknown_topic_lists_those_there(messages: list[Said], written: Write) -
     log = open_log([written(messages, "mcap-none")])
     with pytest.raises(ChoiceError, match=r"no topic /nope .*/amcl, /chatter, /imu"):
         log.read(["/nope"])
-    with pytest.raises(InputError, match=r"/chatter .* holds std_msgs/String"):
-        log.read(["/chatter"])
+    other = Said("/empty", "std_msgs/msg/Empty", T["Empty"](), messages[0].log_ns)
+    log = open_log([written([*messages, other], "mcap-none", name="other.mcap")])
+    with pytest.raises(InputError, match=r"/empty .* holds std_msgs/Empty"):
+        log.read(["/empty"])
+
+
+def test_texts_are_read_each_once(messages: list[Said], storage: str, written: Write) -> None:
+    described = "<robot>\n\t<!-- ° -->\n</robot>"
+    said = [
+        Said("/robot_description", "std_msgs/msg/String", T["String"](data=text), each.log_ns)
+        for text, each in zip((described, "", described), messages, strict=False)
+    ]
+    log = open_log([written([*said, *messages], storage)])
+    assert log.read(["/robot_description"]).texts == {"/robot_description": (described, "")}
 
 
 def test_progress_rises_to_one(messages: list[Said], storage: str, written: Write) -> None:

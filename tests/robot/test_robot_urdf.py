@@ -3,7 +3,9 @@
 import itertools
 import subprocess
 import sys
+from io import BytesIO
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -224,3 +226,41 @@ def test_damaged_files_are_read_or_refused_never_a_traceback(
     else:
         assert loaded.root in loaded.links
         assert len(loaded.joints) == len(loaded.links) - 1
+
+
+XACRO = """<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">
+  <xacro:arg name="prefix" default="left_"/>
+  <xacro:property name="reach" value="${2 * 0.15}"/>
+  <link name="base"/> <link name="$(arg prefix)hand"/>
+  <joint name="$(arg prefix)j" type="revolute">
+    <parent link="base"/> <child link="$(arg prefix)hand"/> <origin xyz="0 0 ${reach}"/>
+    <axis xyz="0 0 1"/> <limit lower="-1" upper="1" effort="1" velocity="1"/>
+  </joint>
+</robot>
+"""
+
+
+def test_xacro_is_expanded(tmp_path: Path) -> None:
+    pytest.importorskip("xacro")
+    path = tmp_path / "robot.urdf.xacro"
+    path.write_text(XACRO)
+    robot = load_robot(path)
+    assert robot.links == ("base", "left_hand")
+    assert robot.joints[0].p_origin.tolist() == [0.0, 0.0, 0.3]
+    path.write_text(XACRO.replace('<xacro:arg name="prefix" default="left_"/>', ""))
+    with pytest.raises(InputError, match=r"xacro cannot expand it \(.*prefix.*expand it with `xa"):
+        load_robot(path)
+
+
+def test_without_xacro_its_command_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "xacro", None)
+    path = tmp_path / "robot.urdf.xacro"
+    path.write_text(XACRO)
+    with pytest.raises(InputError, match=r"is xacro: expand it with `xacro .*imucalib\[xacro\]"):
+        load_robot(path)
+
+
+def test_a_urdf_may_come_from_stdin(monkeypatch: pytest.MonkeyPatch) -> None:
+    text = b"<robot name='r'><link name='a'/></robot>"
+    monkeypatch.setattr("sys.stdin", SimpleNamespace(buffer=BytesIO(text)))
+    assert load_robot(Path("-")).links == ("a",)

@@ -15,8 +15,11 @@ from unittest.mock import patch
 
 import yaml
 
+from imucalib_cli.simulate.load import load_system
 from imucalib_cli.simulate.recording import rows_kept
+from imucalib_cli.simulate.urdf import urdf_text
 from tests.troubleshooting.scene import (
+    ARM,
     BODY,
     Edit,
     Provocation,
@@ -231,8 +234,43 @@ def no_joint_states(scene: Scene) -> Seen:
 
 
 def prefix_extra(scene: Scene) -> Seen:
-    scene.urdf(lambda text: text.replace('joint name="', 'joint name="left_'))
+    scene.urdf(lambda text: text.replace('joint name="', 'joint name="left'))
     return arm_messages()(scene)
+
+
+def prefixed(scene: Scene) -> Seen:
+    """The arm's log with names that the URDF has without prefixes."""
+    return scene.run(scene.log(noisy(), joint_prefix="left_", frame_prefix="robot1/"))
+
+
+def described(said: dict[str, Edit]) -> Provocation:
+    """The arm's joints with descriptions of robots by their topics, and no URDF."""
+
+    def provocation(scene: Scene) -> Seen:
+        log = scene.writer().imu().joints(names=NAMES)
+        for topic, edit in said.items():
+            log.text(topic, edit(urdf_text(load_system(ARM))))
+        return scene.cli("run", log.write())
+
+    return provocation
+
+
+def description_unusable(scene: Scene) -> Seen:
+    """A body that is tracked, beside a description that was cut short."""
+    described = scene.writer().text("/robot_description", "<robot").write()
+    log = scene.log(noisy(BODY), imu_frame="bar_link")
+    return scene.cli("run", log, described, "--gravity", "none")
+
+
+def urdf_unused(scene: Scene) -> Seen:
+    recording = noisy(BODY)
+    log = scene.log(recording, imu_frame="bar_link")
+    return scene.run(log, "--gravity", "none")
+
+
+def two_imus_on_a_topic(*arguments: object) -> Provocation:
+    """Two IMUs whose messages share a topic."""
+    return arm_messages(*arguments, make=lambda log: log.imu(frame="tool0"))
 
 
 def frames_mixed(scene: Scene) -> Seen:
@@ -251,9 +289,29 @@ CHOICES: dict[str, Provocation] = {
     "no-urdf": messages(lambda log: log.imu().joints(names=NAMES)),
     "no-joint-states": no_joint_states,
     "joint-missing": arm_messages(names=(*NAMES[:5], "wrist_4_joint")),
-    "joint-prefix-missing": arm_messages(names=tuple(f"left_{name}" for name in NAMES)),
+    "joint-prefix-missing": arm_messages(names=tuple(f"left{name}" for name in NAMES)),
     "joint-prefix-extra": prefix_extra,
+    "joint-prefix": prefixed,
+    "joint-prefix-unsure": arm_messages(
+        names=tuple(f"{arm}_{name}" for arm in ("left", "right") for name in NAMES)
+    ),
+    "joint-prefix-wrong": arm_messages("--joint-prefix", "right_"),
+    "frame-prefix": prefixed,
+    "description": lambda scene: scene.cli("run", scene.log(noisy(), robot_description=True)),
+    "description-unusable": description_unusable,
+    "descriptions": described(
+        {
+            "/left/robot_description": lambda text: text,
+            "/right/robot_description": lambda text: text.replace("rihibot", "other"),
+        }
+    ),
+    "urdf-unused": urdf_unused,
     "frame-not-in-urdf": arm_messages(frame="imu"),
+    "moves-like": lambda scene: scene.run(scene.log(noisy(), imu_frame="imu")),
+    "parent-twice": arm_messages("--parent", "wrist_3_link", "--parent", "wrist_2_link"),
+    "parent-of-no-imu": arm_messages("--parent", "/imu/other=wrist_3_link"),
+    "imu-of-no-frame": two_imus_on_a_topic("--imu-topic", "/imu/data:tool1"),
+    "part-empty": arm_messages("--from", "10"),
     "frame-empty": arm_messages(frame=""),
     "parent-misspelt": arm_messages("--parent", "wrist_3"),
     "parent-is-imu": arm_messages("--parent", "imu_link"),

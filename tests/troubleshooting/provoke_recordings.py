@@ -109,6 +109,13 @@ def a_fifth_missing() -> Recording:
     return replace(noisy(), imu=rows_kept(imu, kept))
 
 
+def on_the_base() -> Recording:
+    """What an IMU beside the arm reads: noise and gravity."""
+    rng, shape = np.random.default_rng(1), noisy().imu.gyro.shape
+    accel = rng.normal((0.0, 0.0, _G), 0.01, shape)
+    return with_imu(noisy(), gyro=rng.normal(0.0, 1e-3, shape), accel=accel)
+
+
 def positions(change: Callable[[Floats, Floats], Floats]) -> Provocation:
     """The arm's log with other joint positions, made of their instants and values."""
 
@@ -328,6 +335,7 @@ def loose(angle: float) -> Provocation:
 
 
 ROBOT: dict[str, Provocation] = {
+    "imu-still": on_arm(on_the_base),
     "wrong-link": on_arm(noisy, "--parent", "forearm_link"),
     "joint-sign": wrong_urdf("elbow_joint", 'axis xyz="0 0 1"', 'axis xyz="0 0 -1"'),
     "joint-zero": wrong_urdf("elbow_joint", 'rpy="0 0 0"', 'rpy="0 0 1.5708"'),

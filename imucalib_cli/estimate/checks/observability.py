@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
@@ -22,6 +23,8 @@ _UNBOUNDED: Final = 0.5
 """Share of the weakest prior's deviation from which nothing but that prior bounds a direction."""
 _WEAKEST_STD: Final = {each.name: each.std for each in TABLE if isinstance(each.effect, Mount)}
 """m and rad: what is known of any mount without looking."""
+_ALONG: Final = 0.99
+"""Cosine, 8 deg: a direction nearer to an axis is that axis, to a person."""
 _PARTS: Final = {"translation": slice(0, 3), "rotation": slice(3, 6)}
 
 
@@ -30,7 +33,7 @@ def excitation(answer: Answer, *, everything: bool = False) -> Floats:
 
     Args:
         answer: A solution.
-        everything: Components of the mount that are held count as free.
+        everything: Components of the mount that are held, or known beforehand, count as free.
 
     Returns:
         (n, n), of the layout's components.
@@ -46,7 +49,7 @@ def excitation(answer: Answer, *, everything: bool = False) -> Floats:
         for name, weakest in _WEAKEST_STD.items():
             part = layout.part(name)
             free[part] = True
-            std[part] = np.where(std[part] > 0.0, std[part], weakest)
+            std[part] = weakest
     # In units of the priors nothing can be known less than they say.
     unit = std[free]
     values, vectors = np.linalg.eigh(answer.motion[np.ix_(free, free)] * np.outer(unit, unit))
@@ -57,7 +60,7 @@ def excitation(answer: Answer, *, everything: bool = False) -> Floats:
 
 
 def undetermined(answer: Answer) -> Bools:
-    """(6,), components of the mount that the motion does not show, held or not."""
+    """(6,), components of the mount that the motion does not show, whatever is told of them."""
     places = answer.layout.pose
     std = np.sqrt(np.diag(excitation(answer, everything=True))[places])
     return np.asarray(std > _LIMIT)
@@ -78,7 +81,22 @@ def unobservable_directions(covariance: Floats, excitation: Floats) -> list[Unob
     swept = [_swept(matrix, rotation) for matrix in (covariance, excitation)]
     # The one turn that is unknown is that about the one axis that the motion has already.
     turns_about = rotation[0].direction_parent if len(rotation) == 1 else None
-    return [*_beyond("translation", swept[0], swept[1], turns_about), *rotation]
+    translation = _beyond("translation", swept[0], swept[1], turns_about)
+    if len(translation) == 1:
+        translation = [_with_way_out(translation[0])]
+    return [*translation, *rotation]
+
+
+def _with_way_out(lost: UnobservableDirection) -> UnobservableDirection:
+    """What to do where a robot cannot move so, as one that drives on a plane."""
+    axis = int(np.argmax(np.abs(lost.direction_parent)))
+    held, about = "", "--prior-std"
+    if abs(lost.direction_parent[axis]) > _ALONG:
+        name = f"t{'xyz'[axis]}"
+        held = f"--fix {name} holds it at the URDF's value, "
+        about = f"--prior-std {name}=5mm"
+    words = f"; if the robot cannot, {held}{about} says how well that is known"
+    return replace(lost, motion=lost.motion + words)
 
 
 def _swept(covariance: Floats, rotation: Sequence[UnobservableDirection]) -> Floats:

@@ -107,7 +107,7 @@ class DriftEntry(Tree, frozen=True, kw_only=True):
     """Fall of the Bayesian information criterion against a mount that stands still."""
 
 
-class LeftOut(Tree, frozen=True):
+class UnusedResult(Tree, frozen=True):
     """A result that is not used."""
 
     file: str
@@ -144,5 +144,5 @@ class TrendAnswer(Tree, frozen=True, kw_only=True):
     odd: list[OddEntry]
     drift: DriftEntry | None
     recordings: list[TrendRecording]
-    left_out: list[LeftOut]
+    left_out: list[UnusedResult]
     warnings: list[str]

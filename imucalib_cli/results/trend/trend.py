@@ -20,12 +20,12 @@ from imucalib_cli.results.result import SCHEMA
 from imucalib_cli.results.trend.answer import (
     ChangeEntry,
     DriftEntry,
-    LeftOut,
     MountEntry,
     OddEntry,
     Scatter,
     TrendAnswer,
     TrendRecording,
+    UnusedResult,
 )
 from imucalib_cli.results.trend.search import (
     LEAST,
@@ -171,7 +171,7 @@ def trend(given: Sequence[Named], within: Tolerance | None = None) -> TrendAnswe
     )
 
 
-def _usable(given: Sequence[Named]) -> tuple[list[Named], list[LeftOut]]:
+def _usable(given: Sequence[Named]) -> tuple[list[Named], list[UnusedResult]]:
     """Results that tell where the mount was, each log once; and why the others do not."""
     used: list[Named] = []
     left_out = []
@@ -179,19 +179,21 @@ def _usable(given: Sequence[Named]) -> tuple[list[Named], list[LeftOut]]:
     for name, result in given:
         log = tuple(sorted(file.identity for file in result.provenance.files))
         covariance = result.uncertain_pose.covariance
-        if result.status != "ok":
-            left_out.append(LeftOut(name, f"untrusted: {judgement(result)[1]}"))
+        if result.diagnostics.combined is not None:
+            left_out.append(UnusedResult(name, "it is of several recordings together"))
+        elif result.status != "ok":
+            left_out.append(UnusedResult(name, f"untrusted: {judgement(result)[1]}"))
         elif covariance is None:
             method = result.diagnostics.method
-            left_out.append(LeftOut(name, f"--method {method} states no sigma"))
+            left_out.append(UnusedResult(name, f"--method {method} states no sigma"))
         elif not covariance.any():
-            left_out.append(LeftOut(name, "all of its pose is held by --fix, not found"))
+            left_out.append(UnusedResult(name, "all of its pose is held by --fix, not found"))
         elif not _is_regular(covariance):
-            left_out.append(LeftOut(name, "its covariance is singular"))
+            left_out.append(UnusedResult(name, "its covariance is singular"))
         elif used and _held(result) != _held(used[0][1]):
-            left_out.append(LeftOut(name, f"--fix holds others of its axes than {used[0][0]}"))
+            left_out.append(UnusedResult(name, f"--fix holds others of its axes than {used[0][0]}"))
         elif log and log in logs:
-            left_out.append(LeftOut(name, f"it is of the same log as {logs[log]}"))
+            left_out.append(UnusedResult(name, f"it is of the same log as {logs[log]}"))
         else:
             logs[log] = name
             used.append((name, result))

@@ -1,0 +1,104 @@
+"""Joints and frames of a log by the names that the URDF has for them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from imucalib_cli.errors import ChoiceError
+from imucalib_cli.findings import note
+from imucalib_cli.robot.names import prefixes, renamed
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from imucalib_cli.findings import Finding
+    from imucalib_cli.logs.log import LogData
+    from imucalib_cli.logs.streams import JointStream
+    from imucalib_cli.robot.urdf import Robot
+
+_SURELY = 2
+"""Frames that one prefix must fit, where it does not end with a slash, as tf_prefix does."""
+_SHOWN = 12
+"""Joints listed in an error."""
+
+
+def named_as_in(
+    robot: Robot, data: LogData, joint_prefix: str | None
+) -> tuple[LogData, tuple[Finding, ...], tuple[str, ...]]:
+    """A log whose joints and frames have the names of a URDF, where they differ by a prefix.
+
+    Args:
+        robot: Of the URDF.
+        data: As read.
+        joint_prefix: Of the joints, as the user says; None: found where one fits best.
+
+    Returns:
+        The log, findings that say so, and prefixes of which several fit the joints.
+
+    Raises:
+        ChoiceError: No joint differs by the prefix that the user says.
+    """
+    joints: dict[str, tuple[JointStream, ...]] = {}
+    findings: dict[Finding, None] = {}
+    unsure: dict[str, None] = {}
+    used: set[str] = set()
+    frames = " ".join(imu.frame_id for imu in data.imus.values())
+    for topic, streams in data.joints.items():
+        named = []
+        for stream in streams:
+            found = prefixes(stream.names, robot.moving_joints, f"{topic} {frames}")
+            if joint_prefix is not None:
+                found = (joint_prefix,)
+            names = renamed(stream.names, robot.moving_joints, found[0]) if len(found) == 1 else {}
+            unsure |= dict.fromkeys(found if len(found) > 1 else ())
+            if names:
+                used.add(found[0])
+                values = {"topic": topic, "prefix": found[0], "robot": str(robot.source)}
+                findings[note("joints.prefixed", count=len(names), **values)] = None
+            named.append(replace(stream, names=tuple(names.get(n, n) for n in stream.names)))
+        joints[topic] = tuple(named)
+    if joint_prefix is not None and not used:
+        logged = [name for some in data.joints.values() for each in some for name in each.names]
+        raise ChoiceError(
+            f"--joint-prefix {joint_prefix}: no joint of the log differs by it from one of "
+            f"{robot.source}; the log has: {', '.join(logged[:_SHOWN]) or 'none'}",
+            option="--joint-prefix",
+        )
+    data = replace(data, joints=joints)
+    return *_with_frames(robot, data, used, findings), tuple(unsure)
+
+
+def _with_frames(
+    robot: Robot, data: LogData, used: Iterable[str], findings: dict[Finding, None]
+) -> tuple[LogData, tuple[Finding, ...]]:
+    """Frames likewise: of an IMU, or of poses."""
+    imus = {imu.frame_id for imu in data.imus.values()}
+    poses = [pose for some in data.poses.values() for pose in some]
+    frames = {*imus, *(pose.parent for pose in poses), *(pose.child for pose in poses)} - {""}
+    hints = " ".join((*data.imus, *used))
+    found = prefixes(frames, robot.links, hints)
+    names = renamed(frames, robot.links, found[0]) if len(found) == 1 else {}
+    if not names or not (found[0].endswith("/") or found[0] in used or len(names) >= _SURELY):
+        return data, tuple(findings)
+    values = {"prefix": found[0], "robot": str(robot.source)}
+    findings[note("frames.prefixed", count=len(names), **values)] = None
+    renamed_data = replace(
+        data,
+        imus={
+            name: replace(imu, frame_id=names.get(imu.frame_id, imu.frame_id))
+            for name, imu in data.imus.items()
+        },
+        poses={
+            topic: tuple(
+                replace(
+                    pose,
+                    parent=names.get(pose.parent, pose.parent),
+                    child=names.get(pose.child, pose.child),
+                )
+                for pose in some
+            )
+            for topic, some in data.poses.items()
+        },
+    )
+    return renamed_data, tuple(findings)

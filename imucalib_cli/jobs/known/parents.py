@@ -1,0 +1,91 @@
+"""The link that carries an IMU: as the user says for each, or as its own motion tells."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from imucalib_cli.diagnose.carrier import find_carriers
+from imucalib_cli.errors import ChoiceError, ImucalibError
+from imucalib_cli.estimate.options import MatchedOptions
+from imucalib_cli.jobs.motion import other_frames
+from imucalib_cli.jobs.reading import samples_of
+from imucalib_cli.robot.frames import with_static_frames
+from imucalib_cli.signals.imu.repair import repair
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from imucalib_cli.diagnose.rigid import Carrier
+    from imucalib_cli.jobs.motion import Sources
+    from imucalib_cli.jobs.request import CalibrationRequest
+    from imucalib_cli.logs.clock import Clock
+    from imucalib_cli.logs.streams import ImuStream
+    from imucalib_cli.robot.path import KinematicPath
+    from imucalib_cli.robot.urdf import Robot
+    from imucalib_cli.signals.samples import ImuSamples
+
+
+def request_of(imu: ImuStream, request: CalibrationRequest) -> CalibrationRequest:
+    """A request with the parent that the user names for one IMU."""
+    named = dict(request.parents)
+    parents = [named[key] for key in (imu.name, imu.topic, imu.frame_id) if key in named]
+    return replace(request, parent=parents[0]) if parents else request
+
+
+def check_parents(imus: Sequence[ImuStream], request: CalibrationRequest) -> None:
+    """See that every IMU for which the user names a parent is there.
+
+    Raises:
+        ChoiceError: One is not.
+    """
+    known = {key for imu in imus for key in (imu.name, imu.topic, imu.frame_id)}
+    for name, parent in request.parents:
+        if name not in known:
+            listed = ", ".join(f"{imu.name} (frame '{imu.frame_id}')" for imu in imus)
+            raise ChoiceError(f"--parent {name}={parent}: no such IMU, but {listed}")
+
+
+def find_parents(
+    imu: ImuStream,
+    clock: Clock,
+    sources: Sources,
+    robot: Robot | None,
+    request: CalibrationRequest,
+) -> tuple[Carrier, ...]:
+    """Links that move as an IMU does, best first; several where the log cannot tell them apart."""
+    if robot is not None:
+        robot = with_static_frames(robot, sources.edges)
+    frames, path_to = other_frames(sources, robot, request)
+    options = request.estimator
+    if not isinstance(options, MatchedOptions):
+        options = MatchedOptions()
+
+    def repaired(path: KinematicPath) -> ImuSamples:
+        samples = samples_of(imu, clock)
+        try:
+            return repair(
+                samples,
+                path,
+                units=request.units,
+                gravity=request.gravity,
+                max_offset=request.max_offset,
+            ).samples
+        except ImucalibError:
+            return samples
+
+    return find_carriers(repaired, options, frames, path_to)
+
+
+def with_answer(error: ImucalibError, carriers: tuple[Carrier, ...]) -> ImucalibError:
+    """An error that asks for the parent, with the links that move as the IMU does."""
+    if not carriers or error.reason is None:
+        return error
+    moves = " or ".join(map(str, carriers))
+    several = ", the log cannot tell which" if len(carriers) > 1 else ""
+    parents = " or ".join(f"--parent {each.frame}" for each in carriers)
+    return ChoiceError(
+        f"{error.reason}; it moves like {moves}{several}: {parents}",
+        topic=error.topic,
+        option=error.option,
+    )

@@ -1,0 +1,59 @@
+"""Names of joints and frames in a log that differ from those of a URDF by a prefix.
+
+Drivers and robot_state_publisher put a prefix before names (tf_prefix, frame_prefix, one for each
+arm), and a URDF of two arms has prefixes that the topics of one arm lack.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Collection
+
+_SEPARATORS = ("/", "_", "-", ".", ":")
+"""A prefix ends with one of these: without, `joint` would be a prefixed `t`."""
+
+
+def renamed(names: Collection[str], known: Collection[str], prefix: str) -> dict[str, str]:
+    """Known names of those that differ from one by a prefix, which either may have."""
+    found = {}
+    missing = set(known).difference(names)
+    for name in set(names).difference(known):
+        bare = name.removeprefix(prefix)
+        if bare != name and bare in missing:
+            found[name] = bare
+        elif prefix + name in missing:
+            found[name] = prefix + name
+    return found
+
+
+def prefixes(names: Collection[str], known: Collection[str], hints: str = "") -> tuple[str, ...]:
+    """The prefixes by which most names become known ones; several if they do equally well.
+
+    Args:
+        names: As the log has them.
+        known: As the URDF has them.
+        hints: Text that names the robot, such as a topic: of prefixes that do equally well, one
+            that it contains is meant.
+
+    Returns:
+        Empty if the names need no prefix or none helps.
+    """
+    scores: Counter[str] = Counter()
+    for name in set(names).difference(known):
+        for other in set(known).difference(names):
+            longer, shorter = (name, other) if len(name) > len(other) else (other, name)
+            prefix = longer[: len(longer) - len(shorter)]
+            if shorter and prefix.endswith(_SEPARATORS) and longer.endswith(shorter):
+                scores[prefix] += 1
+    most = max(scores.values(), default=0)
+    best = sorted(prefix for prefix, count in scores.items() if count == most)
+    hinted = [prefix for prefix in best if _words(prefix) & _words(hints)]
+    return tuple(hinted if len(hinted) == 1 else best)
+
+
+def _words(text: str) -> set[str]:
+    return set(filter(None, re.split(r"[^A-Za-z0-9]+", text.lower())))

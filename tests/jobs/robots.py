@@ -1,0 +1,229 @@
+"""Robots of several shapes and logs of them: kinematics by pinocchio, readings by differences."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pinocchio as pin
+from scipy.spatial.transform import Rotation
+
+from tests.conftest import START_NS
+from tests.logs.logs_samples import Said, T, header, quaternion, vector, write_log
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+Floats = Any
+JointRow = tuple[str, str, str, str, str, str]
+"""Name, type, parent, child, xyz, axis."""
+
+_STEP = 1e-3
+"""s, of the differences, of eighth order: exact to 1e-9."""
+_FIRST = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
+_SECOND = np.array([-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72, 8 / 5, -1 / 5, 8 / 315, -1 / 560])
+GRAVITY = np.array([0.0, 0.0, -9.80665])
+
+
+def _leg(name: str, x: float, y: float) -> tuple[JointRow, ...]:
+    return (
+        (f"{name}_hip", "revolute", "trunk", f"{name}_hip_link", f"{x} {y} 0", "1 0 0"),
+        (
+            f"{name}_thigh",
+            "revolute",
+            f"{name}_hip_link",
+            f"{name}_thigh_link",
+            "0 0.08 0",
+            "0 1 0",
+        ),
+        (
+            f"{name}_calf",
+            "revolute",
+            f"{name}_thigh_link",
+            f"{name}_calf_link",
+            "0 0 -0.2",
+            "0 1 0",
+        ),
+        (f"{name}_foot", "fixed", f"{name}_calf_link", f"{name}_foot_link", "0 0 -0.2", ""),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shape:
+    """A robot, and the link that carries the IMU."""
+
+    joints: tuple[JointRow, ...]
+    carrier: str
+    alike: tuple[str, ...] = ()
+    """Links that are rigidly joined to it."""
+    base: str | None = None
+    """Link whose pose is published, if the base moves."""
+    fingers: tuple[str, ...] = field(default=())
+    """Joints that follow the first of them."""
+
+    def urdf(self, prefix: str = "") -> str:
+        links = dict.fromkeys(link for row in self.joints for link in row[2:4])
+        lines = [f'<link name="{prefix}{link}"/>' for link in links]
+        for name, kind, parent, child, xyz, axis in self.joints:
+            inner = f'<parent link="{prefix}{parent}"/><child link="{prefix}{child}"/>'
+            inner += f'<origin xyz="{xyz}" rpy="0 0 0"/>'
+            if kind != "fixed":
+                inner += f'<axis xyz="{axis}"/>'
+                inner += '<limit lower="-3" upper="3" effort="1" velocity="9"/>'
+            if name in self.fingers[1:]:
+                inner += f'<mimic joint="{prefix}{self.fingers[0]}" multiplier="-1"/>'
+            lines.append(f'<joint name="{prefix}{name}" type="{kind}">{inner}</joint>')
+        return "<robot name='shape'>" + "".join(lines) + "</robot>"
+
+
+SHAPES = {
+    "arm with a gripper": Shape(
+        joints=(
+            ("j1", "revolute", "base", "l1", "0 0 0.3", "0 0 1"),
+            ("j2", "revolute", "l1", "l2", "0 0 0", "0 1 0"),
+            ("j3", "revolute", "l2", "l3", "0 0 0.4", "0 1 0"),
+            ("j4", "revolute", "l3", "l4", "0.1 0 0.3", "1 0 0"),
+            ("flange_joint", "fixed", "l4", "flange", "0 0 0.1", ""),
+            ("left_finger", "prismatic", "flange", "finger_l", "0 0.02 0.05", "0 1 0"),
+            ("right_finger", "prismatic", "flange", "finger_r", "0 -0.02 0.05", "0 1 0"),
+        ),
+        carrier="l4",
+        alike=("flange",),
+        fingers=("left_finger", "right_finger"),
+    ),
+    "pan and tilt on a lift": Shape(
+        joints=(
+            ("lift", "prismatic", "base", "column", "0 0 0.2", "0 0 1"),
+            ("pan", "continuous", "column", "pan_link", "0 0 0.1", "0 0 1"),
+            ("tilt", "revolute", "pan_link", "tilt_link", "0.05 0 0.1", "0 1 0"),
+            ("camera_joint", "fixed", "tilt_link", "camera", "0.03 0 0.02", ""),
+        ),
+        carrier="tilt_link",
+        alike=("camera",),
+    ),
+    "quadruped": Shape(
+        joints=tuple(
+            row
+            for name, x, y in (("FL", 0.2, 0.1), ("FR", 0.2, -0.1), ("RL", -0.2, 0.1))
+            for row in _leg(name, x, y)
+        ),
+        carrier="trunk",
+        base="trunk",
+    ),
+    "arm on a moving base": Shape(
+        joints=(
+            ("mast_joint", "fixed", "base_link", "mast", "0.1 0 0.5", ""),
+            ("pan", "revolute", "mast", "shoulder", "0 0 0.1", "0 0 1"),
+            ("lift", "revolute", "shoulder", "upper", "0 0 0.1", "0 1 0"),
+            ("roll", "revolute", "upper", "tool", "0 0 0.4", "0 0 1"),
+        ),
+        carrier="upper",
+        base="base_link",
+    ),
+}
+
+
+def record(
+    shape: Shape,
+    path: Path,
+    *,
+    mount: pin.SE3,
+    imu_frame: str = "imu",
+    storage: str = "mcap2",
+    joint_prefix: str = "",
+    seconds: float = 30.0,
+    seed: int = 0,
+) -> Path:
+    """A log in which all joints move, and the base if it does; noise of a good IMU.
+
+    Args:
+        shape: The robot.
+        path: Of the log.
+        mount: T_carrier_imu.
+        imu_frame: frame_id of the IMU's messages.
+        storage: As tests.logs has them.
+        joint_prefix: Before the names of joints in messages.
+        seconds: Of the log.
+        seed: Of motion and noise.
+    """
+    rng = np.random.default_rng(seed)
+    model = (
+        pin.buildModelFromXML(shape.urdf(), pin.JointModelFreeFlyer())
+        if shape.base
+        else (pin.buildModelFromXML(shape.urdf()))
+    )
+    data, frame = model.createData(), model.getFrameId(shape.carrier)
+    names = [row[0] for row in shape.joints if row[1] != "fixed"]
+    size = np.array([0.1 if row[1] == "prismatic" else 0.7 for row in shape.joints])
+    size = size[[row[1] != "fixed" for row in shape.joints]]
+    waves = rng.uniform(0.8, 3.0, (2, len(names) + 6)), rng.uniform(0, 6, (2, len(names) + 6))
+
+    def sway(t: float) -> Floats:
+        return (np.sin(waves[0] * t + waves[1]) * [[0.6], [0.4]]).sum(axis=0)
+
+    def joints(t: float) -> Floats:
+        q = sway(t)[6:] * size
+        for name in shape.fingers[1:]:
+            q[names.index(name)] = -q[names.index(shape.fingers[0])]
+        return q
+
+    def base(t: float) -> pin.SE3:
+        s = sway(t)[:6]
+        R = Rotation.from_euler("ZYX", [1.2 * s[0], 0.3 * s[1], 0.3 * s[2]]).as_matrix()
+        return pin.SE3(R, np.array([0.5 * s[3], 0.5 * s[4], 0.1 * s[5]]))
+
+    def imu_pose(t: float) -> pin.SE3:
+        q = pin.neutral(model)
+        if shape.base:
+            q[:7] = pin.SE3ToXYZQUAT(base(t))
+        for name, value in zip(names, joints(t), strict=True):
+            joint = model.joints[model.getJointId(name)]
+            turns = joint.nq == 2  # continuous: cosine and sine
+            q[joint.idx_q : joint.idx_q + joint.nq] = (
+                [np.cos(value), np.sin(value)] if turns else [value]
+            )
+        pin.framesForwardKinematics(model, data, q)
+        return data.oMf[frame] * mount
+
+    unknown = np.zeros(9)
+    said = []
+    for t in np.arange(0.0, seconds, 0.01):
+        around = [imu_pose(t + k * _STEP) for k in range(-4, 5)]
+        R = around[4].rotation
+        places = np.array([each.translation for each in around])
+        acceleration = _SECOND @ places / _STEP**2 - GRAVITY
+        turned = np.array([pin.log3(R.T @ each.rotation) for each in around])
+        w = _FIRST @ turned / _STEP + rng.normal(0.0, 1e-3, 3)
+        a = R.T @ acceleration + rng.normal(0.0, 0.01, 3)
+        ns = START_NS + round(float(t) * 1e9)
+        message = T["Imu"](
+            header(ns, imu_frame),
+            quaternion((0, 0, 0, 1)), unknown, vector(w), unknown, vector(a), unknown,
+        )  # fmt: skip
+        said.append(Said("/imu", "sensor_msgs/msg/Imu", message, ns))
+        # a mimic joint is not published
+        told = [k for k, name in enumerate(names) if name not in shape.fingers[1:]]
+        none, q = np.zeros(0), joints(float(t)) + rng.normal(0.0, 2e-5, len(names))
+        state = T["JointState"](
+            header(ns, ""), [joint_prefix + names[k] for k in told], q[told], none, none
+        )
+        said.append(Said("/joint_states", "sensor_msgs/msg/JointState", state, ns + 1))
+        if shape.base:
+            xyz_quat = pin.SE3ToXYZQUAT(base(float(t)))
+            pose = T["Transform"](vector(xyz_quat[:3]), quaternion(xyz_quat[3:]))
+            tf = T["TFMessage"]([T["TransformStamped"](header(ns, "odom"), shape.base, pose)])
+            said.append(Said("/tf", "tf2_msgs/msg/TFMessage", tf, ns + 2))
+    write_log(path, said, storage)
+    return path
+
+
+def described(said: str) -> Said:
+    """The message of robot_state_publisher."""
+    return Said("/robot_description", "std_msgs/msg/String", T["String"](data=said), START_NS)
+
+
+def random_mount(seed: int) -> pin.SE3:
+    rng = np.random.default_rng(seed)
+    return pin.SE3(Rotation.random(rng=rng).as_matrix(), rng.uniform(-0.08, 0.08, 3))

@@ -1,0 +1,107 @@
+"""A robot that drives on a plane: what cannot be known, and the ways out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from imucalib_cli.cli.main import main
+from imucalib_cli.estimate.options import MatchedOptions, PosePrior
+from imucalib_cli.jobs.calibrate import calibrate
+from imucalib_cli.jobs.request import CalibrationRequest
+from imucalib_cli.jobs.verify import verify_recording
+from imucalib_cli.results.codec import read_results
+from imucalib_cli.results.formats import FORMATS
+from imucalib_cli.results.requirement import Tolerance
+from tests.jobs.driving import TRUE_T, drive
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from imucalib_cli.results.result import Result
+
+FREE = np.inf
+HELD = PosePrior(std=(FREE, FREE, 0.0, FREE, FREE, FREE))
+LOOSE = PosePrior(std=(FREE, FREE, 5e-3, FREE, FREE, FREE))
+NEAR = Tolerance(translation=0.02, rotation=0.02)
+
+
+@pytest.fixture(scope="module")
+def log_and_urdf(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """Odometry as of a tracker: noisy in all six directions, of which the body moves in three."""
+    return drive(tmp_path_factory.mktemp("drive"), seconds=40.0, pose_noise=1e-3, seed=1)
+
+
+def request_for(log_and_urdf: tuple[Path, Path], pose: PosePrior | None) -> CalibrationRequest:
+    log, urdf = log_and_urdf
+    return CalibrationRequest(logs=(log,), urdf=urdf, estimator=MatchedOptions(pose=pose))
+
+
+def run(log_and_urdf: tuple[Path, Path], pose: PosePrior | None = None) -> Result:
+    (result,) = calibrate(request_for(log_and_urdf, pose)).results
+    return result
+
+
+def test_what_cannot_be_known_is_said_with_the_way_out(log_and_urdf: tuple[Path, Path]) -> None:
+    result = run(log_and_urdf)
+    assert result.status == "untrusted"
+    (lost,) = result.diagnostics.unobservable
+    np.testing.assert_allclose(lost.direction_parent, [0.0, 0.0, 1.0], atol=0.01)
+    assert "--fix tz holds it at the URDF's value, --prior-std tz=5mm" in lost.motion
+
+
+def test_an_undetermined_component_is_written_at_its_nominal_value(
+    log_and_urdf: tuple[Path, Path],
+) -> None:
+    result = run(log_and_urdf)
+    words = FORMATS["tf"].render([result]).split()
+    assert float(words[words.index("--z") + 1]) == pytest.approx(0.08, abs=1e-5)
+    assert result.transform.translation[2] is None
+
+
+@pytest.mark.parametrize("pose", [HELD, LOOSE])
+def test_what_is_told_of_it_is_not_contradicted(
+    log_and_urdf: tuple[Path, Path], pose: PosePrior
+) -> None:
+    """Noise of the poses in roll and pitch looks like information on tz, and is none."""
+    result = run(log_and_urdf, pose)
+    assert result.status == "ok"
+    assert result.std is not None
+    sigma = np.maximum(np.array(result.std.translation_mm, dtype=np.float64) / 1e3, 1e-6)
+    apart = np.array(result.pose.translation) - TRUE_T
+    assert np.all(np.abs(apart)[:2] < 4.0 * sigma[:2])
+    if pose is HELD:
+        assert result.pose.translation[2] == 0.08
+
+
+def test_verify_may_leave_it_out(log_and_urdf: tuple[Path, Path]) -> None:
+    def verdict(pose: PosePrior | None = None, **options: Any) -> str:
+        request = request_for(log_and_urdf, pose)
+        (answer,) = verify_recording(request, NEAR, **options).answers
+        return answer.verdict
+
+    ignored = frozenset({2})
+    assert verdict() == "unknown"
+    assert verdict(ignored=ignored) == "yes"
+    assert verdict(HELD, ignored=ignored) == "yes"
+    # 10 mm off in x and y, as the drawing is
+    request = request_for(log_and_urdf, None)
+    (answer,) = verify_recording(request, replace(NEAR, translation=5e-3), ignored=ignored).answers
+    assert answer.verdict == "no"
+    assert answer.ignored == ("tz",)
+    assert "not checked: tz" in answer.reason
+
+
+def test_planar_is_a_name_for_it(
+    log_and_urdf: tuple[Path, Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    log, urdf = log_and_urdf
+    assert main(["run", str(log), "--urdf", str(urdf), "--planar"]) == 0
+    (result,) = read_results(capsys.readouterr().out, "stdout")
+    assert result.pose.translation[2] == 0.08
+    near = ["--within", "20mm,1deg"]
+    assert main(["verify", str(log), "--urdf", str(urdf), "--planar", *near]) == 0
+    assert main(["verify", str(log), "--urdf", str(urdf), "--fix", "tz", *near]) == 2

@@ -1,0 +1,176 @@
+"""What a log itself knows of the robot, on logs of the simulated arm: truth is the simulation's."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from imucalib_cli.errors import ChoiceError
+from imucalib_cli.findings import Severity
+from imucalib_cli.jobs.calibrate import calibrate
+from imucalib_cli.jobs.inspect import inspect
+from imucalib_cli.jobs.request import CalibrationRequest
+from imucalib_cli.logs.part import Part
+from imucalib_cli.simulate.load import load_system
+from imucalib_cli.simulate.options import LogOptions
+from imucalib_cli.simulate.urdf import urdf_text
+from imucalib_cli.simulate.write_log import write_log
+from tests.slow import slow_after
+from tests.troubleshooting.provoke_recordings import on_the_base
+from tests.troubleshooting.scene import ARM, noisy
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from imucalib_cli.jobs.calibrate import Outcome
+    from imucalib_cli.results.result import Result
+
+TRUE_T = (-0.0225, 0.1, 0.0)
+"""m, of configs/rihibot.yaml."""
+
+
+@pytest.fixture
+def urdf(tmp_path: Path) -> Path:
+    path = tmp_path / "arm.urdf"
+    path.write_text(urdf_text(load_system(ARM)))
+    return path
+
+
+@pytest.fixture
+def maker_urdf(urdf: Path) -> Path:
+    """The arm without its IMU and camera, as its maker delivers it."""
+    text = urdf.read_text()
+    for name in ("imu_link", "camera_link"):
+        text = text.replace(f'<link name="{name}" />', "")
+        start = text.rindex("<joint", 0, text.index(f'<child link="{name}" />'))
+        text = text[:start] + text[text.index("</joint>", start) + len("</joint>") :]
+    urdf.write_text(text)
+    return urdf
+
+
+def log_of(folder: Path, suffix: str = ".mcap", **options: Any) -> Path:
+    path = folder / f"log{suffix}"
+    write_log(noisy(), path, LogOptions(**options))
+    return path
+
+
+def run(log: Path, **wishes: Any) -> Outcome:
+    return calibrate(CalibrationRequest(logs=(log,), **wishes))
+
+
+def only(outcome: Outcome) -> Result:
+    assert not outcome.failures
+    (result,) = outcome.results
+    return result
+
+
+def see_truth(result: Result) -> None:
+    assert result.status == "ok"
+    assert result.parent == "wrist_3_link"
+    assert result.std is not None
+    sigma = np.array(result.std.translation_mm, dtype=np.float64) / 1e3
+    assert np.all(np.abs(np.array(result.pose.translation) - TRUE_T) < 4.0 * sigma)
+
+
+@pytest.mark.parametrize("suffix", slow_after(1, [".bag", ".mcap", ".db3"]))
+def test_a_bag_with_its_description_needs_no_option(tmp_path: Path, suffix: str) -> None:
+    log = log_of(
+        tmp_path, suffix, robot_description=True, joint_prefix="ur10/", frame_prefix="ur10/"
+    )
+    result = only(run(log))
+    see_truth(result)
+    assert result.child == "imu_link"
+    assert result.provenance.urdf is not None
+    assert result.provenance.urdf.path == "/robot_description"
+    codes = [each.code for each in result.diagnostics.findings]
+    assert codes[:3] == ["robot.described", "joints.prefixed", "frames.prefixed"]
+
+
+def test_urdf_wins_over_the_description(tmp_path: Path, urdf: Path) -> None:
+    urdf.write_text(urdf.read_text().replace("rihibot", "mine"))
+    result = only(run(log_of(tmp_path, robot_description=True), urdf=urdf))
+    assert result.provenance.urdf is not None
+    assert result.provenance.urdf.path == str(urdf)
+    assert not result.diagnostics.findings
+
+
+def test_tf_static_places_the_imu_beside_a_urdf_without_it(
+    tmp_path: Path, maker_urdf: Path
+) -> None:
+    result = only(run(log_of(tmp_path, tf_static=True), urdf=maker_urdf))
+    see_truth(result)
+    nominal = result.diagnostics.nominal
+    assert nominal is not None
+    assert nominal.joint == ""
+    expected = load_system(ARM).imu.nominal.xyz
+    np.testing.assert_allclose(nominal.translation, expected, atol=1e-12)
+
+
+def test_verify_asks_the_urdf_alone(tmp_path: Path, maker_urdf: Path) -> None:
+    log = log_of(tmp_path, tf_static=True)
+    outcome = run(log, urdf=maker_urdf, needs_nominal=True)
+    assert "so there is no pose to verify" in str(outcome.failures[0])
+
+
+def test_the_link_that_carries_the_imu_is_named(tmp_path: Path, maker_urdf: Path) -> None:
+    log = log_of(tmp_path)
+    (error,) = run(log, urdf=maker_urdf).failures
+    assert isinstance(error, ChoiceError)
+    assert str(error).endswith("it moves like wrist_3_link: --parent wrist_3_link")
+    found = inspect((log,), maker_urdf)
+    assert found.command == f"imucalib run {log} --urdf {maker_urdf} --parent wrist_3_link"
+    assert found.placeholders == ""
+
+
+def test_an_imu_link_that_is_the_frame_id_is_no_error(tmp_path: Path, maker_urdf: Path) -> None:
+    request = {"urdf": maker_urdf, "parent": "wrist_3_link", "imu_link": "imu_link"}
+    see_truth(only(run(log_of(tmp_path), **request)))
+
+
+def test_a_wrong_parent_is_corrected(tmp_path: Path, maker_urdf: Path) -> None:
+    result = only(run(log_of(tmp_path), urdf=maker_urdf, parent="forearm_link"))
+    first = result.diagnostics.findings[0]
+    assert first.code == "cause.link"
+    assert "--parent wrist_3_link" in first.message
+
+
+def test_an_imu_on_the_base_is_recognised(tmp_path: Path, urdf: Path) -> None:
+    log = tmp_path / "log.mcap"
+    write_log(on_the_base(), log, LogOptions())
+    result = only(run(log, urdf=urdf))
+    assert result.diagnostics.findings[0].code == "cause.imu_still"
+
+
+def test_every_imu_may_have_its_parent(tmp_path: Path, maker_urdf: Path) -> None:
+    log = log_of(tmp_path)
+    parents = (("/imu/data", "wrist_3_link"),)
+    see_truth(only(run(log, urdf=maker_urdf, parents=parents)))
+    see_truth(only(run(log, urdf=maker_urdf, parent="base_link", parents=parents)))
+
+
+def test_a_part_is_what_is_used(tmp_path: Path, urdf: Path) -> None:
+    log = log_of(tmp_path)
+    seconds = only(run(log, urdf=urdf, part=Part(start=6.0, end=18.0)))
+    see_truth(seconds)
+    assert seconds.provenance.part == [6.0, 18.0]
+    start = LogOptions().start
+    stamps = only(run(log, urdf=urdf, part=Part(start=start + 6.0, end=start + 18.0)))
+    assert stamps.transform == seconds.transform
+
+
+def test_seconds_are_those_of_the_whole_log(tmp_path: Path, urdf: Path) -> None:
+    """The clock is set at 16 s; what is before and after is sound."""
+    imu = noisy().imu
+    stamp = imu.stamp + 0.01 * (imu.t >= 16.0)
+    log = tmp_path / "log.mcap"
+    write_log(replace(noisy(), imu=replace(imu, stamp=stamp)), log, LogOptions())
+    whole = only(run(log, urdf=urdf))
+    change = next(each for each in whole.diagnostics.findings if each.code == "change.clock")
+    assert change.severity != Severity.NOTE.value
+    assert "--to 16 or --from 16" in change.message
+    before = only(run(log, urdf=urdf, part=Part(end=16.0)))
+    see_truth(before)
+    assert not before.diagnostics.findings
