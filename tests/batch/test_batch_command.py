@@ -222,6 +222,7 @@ def test_a_report_for_each_log(
         (["a.mcap", "--dask", ""], "--dask is empty"),
         (["a.mcap", "--dask", "tcp://x:1", "--workers", "2"], "leave them out"),
         (["a.mcap", "--urdf", "a.mcap"], "a.mcap"),
+        (["a.mcap", "--urdf", "-"], "--urdf -: imucalib batch takes a URDF on disk"),
         (["a.mcap", "https://me:secret@there/b.mcap"], "there/b.mcap: imucalib batch takes logs"),
     ],
 )
