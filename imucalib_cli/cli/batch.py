@@ -163,8 +163,8 @@ def batch_command(
 
     _see_options(output, extras, dask, workers or memory)
     request = calibration_request(ctx, (), recording, estimator, require)
-    if isinstance(request.urdf, RemoteFile):
-        raise ChoiceError(f"{request.urdf}: imucalib batch takes a URDF on disk: download it")
+    if isinstance(request.urdf, RemoteFile) or str(request.urdf) == "-":
+        raise ChoiceError(f"--urdf {request.urdf}: imucalib batch takes a URDF on disk: save it")
     if request.urdf is not None:
         load_robot(request.urdf)  # once, rather than in an error of every log
     makers = for_each_log(name for name, wanted in vars(extras).items() if wanted)
