@@ -51,6 +51,7 @@ def shell(script: str, folder: Path) -> subprocess.CompletedProcess[str]:
     return run(f'export GITHUB_STEP_SUMMARY="$PWD/summary.md"\n{script}', folder)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("commands", [github_steps(), gitlab_lines()], ids=["github", "gitlab"])
 def test_the_commands_of_a_job_run(commands: list[str], checkout: Path) -> None:
     """As they stand, but for the installation; then again with what the cache keeps."""

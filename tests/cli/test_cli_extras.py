@@ -27,6 +27,7 @@ from imucalib_cli.jobs.request import CalibrationRequest
 from imucalib_cli.report.debug_mcap import frames_of, topics_of
 from imucalib_cli.results.codec import read_results
 from imucalib_cli.robot.rotations import matrix_from_quaternion
+from tests.slow import slow_after
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -356,7 +357,7 @@ def test_the_files_of_several_imus_spare_inputs_and_outputs(
     assert capsys.readouterr().err == ""
 
 
-@pytest.mark.parametrize("suffix", ["svg", "pdf", "png"])
+@pytest.mark.parametrize("suffix", slow_after(1, ["svg", "pdf", "png"]))
 def test_a_figure_is_the_same_bytes_each_time(arm: Outcome, suffix: str, tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     for name in ("a", "b"):
