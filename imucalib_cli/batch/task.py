@@ -97,7 +97,7 @@ class Task:
         except Exception as error:  # noqa: BLE001 - one log must not stop the others
             errors.append(_in_our_words(error))
         is_whole = sizes == _sizes(log) and self._has_its_urdf()
-        is_lasting = not any(isinstance(error, _PassingError) for error in errors)
+        is_lasting = not any(map(_is_passing, errors))
         stamps = stamps or _stamps(sizes)
         untrusted = any(result.status != "ok" for result in results)
         record = Record(
@@ -192,6 +192,11 @@ def file_name(log_name: str) -> str:
 
 class _PassingError(InputError):
     """What may be otherwise the next time, though the log is the same."""
+
+
+def _is_passing(error: ImucalibError) -> bool:
+    """Whether the next time may be otherwise: a full disk, a package that is not installed."""
+    return isinstance(error, _PassingError) or isinstance(error.__cause__, (OSError, ImportError))
 
 
 def _in_our_words(error: Exception) -> ImucalibError:

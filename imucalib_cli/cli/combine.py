@@ -15,7 +15,7 @@ from imucalib_cli.cli.options import (
     Require,
     changed_options,
 )
-from imucalib_cli.cli.output import chosen_format
+from imucalib_cli.cli.output import chosen_format, say_error
 from imucalib_cli.cli.run import deliverable, give, tell
 
 
@@ -44,9 +44,11 @@ def combine_command(
     from imucalib_cli.jobs.statistics_files import read_all
 
     with writing(output, read=files_of(*results)):
-        found = combine(read_all(results), changed_options(known), require)
+        found, failures = combine(read_all(results), changed_options(known), require)
         chosen = chosen_format(fmt, output)
         give(deliverable(found, chosen, force=False), chosen, output, quiet=quiet)
         if not quiet:
             tell(found, chosen, output, hint=fmt is None)
-        raise typer.Exit(exit_code_of((), found))
+        for failure in failures:
+            say_error(failure)
+        raise typer.Exit(exit_code_of(failures, found))

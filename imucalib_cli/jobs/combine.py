@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from msgspec import structs
+from msgspec import UNSET, structs
 
 from imucalib_cli import __version__
 from imucalib_cli.errors import ChoiceError, ImucalibError, UntrustedError
@@ -42,7 +42,7 @@ _FEW: Final = 3
 
 def combine(
     logs: Sequence[StoredLog], change: Change, tolerance: Tolerance | None = None
-) -> list[tree.Result]:
+) -> tuple[list[tree.Result], list[ImucalibError]]:
     """Solve the logs of each IMU together; those of one log again.
 
     Args:
@@ -50,15 +50,22 @@ def combine(
         change: From the options of a run to those that are asked for.
         tolerance: Largest sigma to trust.
 
-    Raises:
-        ChoiceError: Logs are of different robots, or an option needs the log itself.
-        UntrustedError: None of the logs of an IMU can be trusted.
+    Returns:
+        A result for each IMU, and why others have none: their logs are of different robots, none
+        of them can be trusted, or an option needs the log itself.
     """
     imus: dict[tuple[str, str, str], list[StoredLog]] = {}
     for log in logs:
         result = log.result
         imus.setdefault((result.parent, result.child, result.imu_topic), []).append(log)
-    return [_of_imu(each, change, tolerance) for each in imus.values()]
+    results: list[tree.Result] = []
+    failures: list[ImucalibError] = []
+    for each in imus.values():
+        try:
+            results.append(_of_imu(each, change, tolerance))
+        except ImucalibError as error:
+            failures.append(error)
+    return results, failures
 
 
 def calibrate_together(
@@ -82,7 +89,8 @@ def calibrate_together(
             if each.estimate.statistics is not None:
                 found = each.estimate.statistics
                 logs.append(StoredLog(name=str(path), result=each.result, statistics=found))
-    return combine(logs, lambda options: options, request.require), failures
+    results, unsolved = combine(logs, lambda options: options, request.require)
+    return results, [*failures, *unsolved]
 
 
 def _of_imu(logs: Sequence[StoredLog], change: Change, tolerance: Tolerance | None) -> tree.Result:
@@ -95,9 +103,9 @@ def _of_imu(logs: Sequence[StoredLog], change: Change, tolerance: Tolerance | No
         _one(logs[0], options[0]) if len(logs) == 1 else _several(logs, options, left_out)
     )
     first = logs[0].result
-    if twice:
-        told = warning("logs.twice", count=twice)
-        estimate = replace(estimate, findings=(*estimate.findings, told))
+    told = [warning("logs.twice", count=twice)] if twice else []
+    told += [warning("logs.left_out", log=each.name, reason=each.reason) for each in left_out]
+    estimate = replace(estimate, findings=(*estimate.findings, *told))
     if tolerance is not None:
         estimate = require(estimate, first.parent, tolerance)
     result = result_of(
@@ -119,8 +127,7 @@ def _once(logs: Sequence[StoredLog]) -> list[StoredLog]:
     """Each log once, whatever its files are called."""
     found: dict[tuple[str, ...], StoredLog] = {}
     for log in logs:
-        hashes = tuple(sorted(file.identity for file in log.result.provenance.files))
-        found.setdefault(hashes or (log.name,), log)
+        found.setdefault(log.result.provenance.log_identity or (log.name,), log)
     return list(found.values())
 
 
@@ -236,7 +243,7 @@ def _several(
         residuals=_residuals(said),
         findings=(
             *_contradicted(logs, options),
-            *_findings(logs, found, left_out),
+            *_findings(logs, found),
             *_of_shared(found),
         ),
         notes={"logs": len(logs)},
@@ -281,11 +288,7 @@ def _with_means(
     )
 
 
-def _findings(
-    logs: Sequence[StoredLog], found: Combined, left_out: Sequence[tree.LeftOut]
-) -> Iterable[Finding]:
-    for each in left_out:
-        yield warning("logs.left_out", log=each.name, reason=each.reason)
+def _findings(logs: Sequence[StoredLog], found: Combined) -> Iterable[Finding]:
     sigma = np.sqrt(np.diag(found.answer.pose_covariance))
     for log, own in zip(logs, found.own, strict=True):
         apart = np.linalg.norm(own.distance.reshape(2, 3), axis=1)
@@ -409,6 +412,7 @@ def _provenance(logs: Sequence[StoredLog], options: MatchedOptions) -> tree.Prov
         clock=", ".join(clocks),
         options={**first.options, **scalars(recorded_estimator(options))},
         recording=_recording([source.recording for source in sources]),
+        part=first.part if len(logs) == 1 else UNSET,
     )
 
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from glob import escape
 from typing import TYPE_CHECKING
 
 from imucalib_cli.errors import InputError
+from imucalib_cli.jobs.result_files import read_result_file
 from imucalib_cli.results.statistics_file import place_of, read_statistics
 
 if TYPE_CHECKING:
@@ -37,9 +39,24 @@ def _files(path: Path) -> list[Path]:
     if path.suffix.lower() == _ENDING or not path.exists():
         return [path]
     beside = place_of(path)
-    if not beside.exists():
+    found = [beside] if beside.exists() else _same_origin(path)
+    if not found:
         raise InputError(
             f"{path}: no statistics beside it: `imucalib run LOG -o {path} --statistics {beside}` "
             "writes them"
         )
-    return [beside]
+    return found
+
+
+def _same_origin(path: Path) -> list[Path]:
+    """Files of statistics in the folder of a result, of the same logs and IMUs under other names.
+
+    Those of several IMUs have the frame in their name, and a batch names them after the log.
+    """
+    wanted = [(each.child, each.provenance.files) for each in read_result_file(str(path))]
+    return [
+        file
+        for file in sorted(path.parent.glob(f"{escape(path.name.split('.')[0])}*{_ENDING}"))
+        for result in [read_statistics(file).result]
+        if (result.child, result.provenance.files) in wanted
+    ]

@@ -436,6 +436,13 @@ class Provenance(Tree, frozen=True):
     options: dict[str, Scalar]
     part: Annotated[list[float], Meta(min_length=2, max_length=2)] | UnsetType = UNSET
     """From and to, seconds of the log, where only a part of it was used (--from, --to)."""
+
+    @property
+    def log_identity(self) -> tuple[str, ...]:
+        """What results of the same log, or of the same part of it, have in common."""
+        part = () if self.part is UNSET else (f"part {self.part}",)
+        return (*sorted(file.identity for file in self.files), *part)
+
     recording: RecordingEntry | None = None
     """null in results of earlier versions."""
 

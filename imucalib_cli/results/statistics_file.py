@@ -8,6 +8,7 @@ from __future__ import annotations
 import io
 import json
 import zipfile
+import zlib
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, Final
 
@@ -39,6 +40,18 @@ _ROOM: Final = 1_000_000
 _LARGEST: Final = 64 << 20
 """Bytes of all arrays of a file: fifty times what is ever written."""
 _KINDS: Final = {each.name: each for each in TABLE}
+_DAMAGED: Final = (
+    zipfile.BadZipFile,
+    zlib.error,
+    ValueError,
+    LookupError,
+    TypeError,
+    AttributeError,
+    EOFError,
+    RuntimeError,
+    StopIteration,
+)
+"""What reading and taking apart an archive that is no such file raises."""
 _SYMMETRIC: Final = ("information", "noise", "motion")
 
 
@@ -138,7 +151,7 @@ def read_statistics(path: Path) -> StoredLog:
         )
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}): check the path") from error
-    except (zipfile.BadZipFile, ValueError, KeyError, TypeError, AttributeError) as error:
+    except _DAMAGED as error:
         raise InputError(
             f"{path}: is damaged or no {_WHAT}: write it again by `imucalib run --statistics`"
         ) from error

@@ -11,12 +11,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 import yaml
+from msgspec import structs
 
 from imucalib_cli.cli.main import main
 from imucalib_cli.errors import InputError
 from imucalib_cli.estimate.again import stretches_of
 from imucalib_cli.jobs.calibrate import calibrate
 from imucalib_cli.jobs.request import CalibrationRequest
+from imucalib_cli.results.codec import to_yaml
 from imucalib_cli.results.statistics_file import read_statistics, statistics_bytes
 
 if TYPE_CHECKING:
@@ -89,6 +91,50 @@ def test_the_command_says_the_same_again(
         np.testing.assert_allclose(np.array(there), np.array(here), rtol=1e-12)
     assert again["provenance"]["options"] == first.provenance.options
     assert again["diagnostics"]["combined"] is None
+
+
+def test_a_result_finds_its_statistics_under_the_names_of_a_batch(
+    file: Path, calibrated: Calibrated, capsys: pytest.CaptureFixture[str]
+) -> None:
+    result = file.with_name("log.imu_link.yaml")
+    result.write_text(to_yaml([calibrated.result]), encoding="utf-8")
+    other = file.with_name("log.statistics.other.npz")
+    elsewhere = structs.replace(calibrated.result.transform, child="other")
+    assert calibrated.estimate.statistics is not None
+    other.write_bytes(
+        statistics_bytes(
+            structs.replace(calibrated.result, transform=elsewhere), calibrated.estimate.statistics
+        )
+    )
+    assert main(["combine", str(result), "--format", "yaml"]) == 0
+    (found,) = yaml.safe_load_all(capsys.readouterr().out)
+    assert found["transform"]["child"] == calibrated.result.child
+
+
+def test_an_imu_that_cannot_be_solved_stops_no_other(
+    file: Path, calibrated: Calibrated, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert calibrated.estimate.statistics is not None
+    source, urdf = calibrated.result.provenance, calibrated.result.provenance.urdf
+    assert urdf is not None
+    for name, sha in (("a", "0" * 64), ("b", "1" * 64)):
+        other = structs.replace(
+            calibrated.result,
+            transform=structs.replace(calibrated.result.transform, child="other"),
+            provenance=structs.replace(
+                source,
+                urdf=structs.replace(urdf, sha256=sha),
+                files=[structs.replace(source.files[0], sha256=sha)],
+            ),
+        )
+        file.with_name(f"{name}.npz").write_bytes(
+            statistics_bytes(other, calibrated.estimate.statistics)
+        )
+    assert main(["combine", str(file.parent), "--format", "yaml"]) == 2
+    seen = capsys.readouterr()
+    (found,) = yaml.safe_load_all(seen.out)
+    assert found["transform"]["child"] == calibrated.result.child
+    assert "different URDFs" in seen.err
 
 
 def test_other_priors_need_no_log(file: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -177,7 +177,7 @@ def _usable(given: Sequence[Named]) -> tuple[list[Named], list[UnusedResult]]:
     left_out = []
     logs: dict[tuple[str, ...], str] = {}
     for name, result in given:
-        log = tuple(sorted(file.identity for file in result.provenance.files))
+        log = result.provenance.log_identity
         covariance = result.uncertain_pose.covariance
         if result.diagnostics.combined is not None:
             left_out.append(UnusedResult(name, "it is of several recordings together"))
@@ -329,7 +329,7 @@ def _judged(seen: _Seen, place: str, within: Tolerance | None, *, daily: bool) -
         moved: Moved = "moved" if seen.drift is None else "drifting"
         how = "has moved" if seen.drift is None else "moves steadily"
         return moved, f"{place} {how}{allowed}: {said}; {span}"
-    doubt = _doubt(seen)
+    doubt = _doubt(seen, within)
     if "unknown" in verdicts:
         doubt = f"{said}, and {tolerance_words(within)} is allowed" if within else said
     if doubt:
@@ -339,11 +339,12 @@ def _judged(seen: _Seen, place: str, within: Tolerance | None, *, daily: bool) -
     return "not moved", f"{place} has not moved: {span}, {_agreement(seen)}"
 
 
-def _doubt(seen: _Seen) -> str:
+def _doubt(seen: _Seen, within: Tolerance | None) -> str:
     """Why recordings without a change do not yet say that there was none."""
     last = len(seen.used) - 1
     for odd in seen.odd:
-        if odd.place in {0, last}:
+        allowed = within is not None and odd.apart.verdict(within) == "yes"
+        if odd.place in {0, last} and not allowed:
             which = "the last" if odd.place == last else "the first"
             return (
                 f"{which} recording, {seen.used[odd.place][0]}, is off the others by {odd.apart}: "
