@@ -54,12 +54,16 @@ def context_of(request: CalibrationRequest, extras: Iterable[str]) -> str:
 
 
 def urdf_hash(request: CalibrationRequest) -> str | None:
-    """SHA-256 of the URDF's bytes; None where there is none on disk.
+    """SHA-256 of the URDF's bytes, of a xacro of what it expands to; None where none is on disk.
 
     Raises:
         InputError: It cannot be read.
     """
     urdf = request.urdf
+    if isinstance(urdf, Path) and urdf.suffix == ".xacro":
+        from imucalib_cli.robot.urdf import load_robot
+
+        return load_robot(urdf).sha256
     try:
         return sha256_of(urdf) if isinstance(urdf, Path) else None
     except OSError as error:

@@ -214,7 +214,7 @@ def _piped(cells: Iterable[str]) -> str:
 
 def _marked_down(text: str) -> str:
     """Text that is nothing but text to markdown."""
-    return re.sub(r"([\\`*_{}\[\]()#+!|~])", r"\\\1", as_html(text))
+    return as_html(re.sub(r"([\\`*_{}\[\]()#+!|~])", r"\\\1", text))
 
 
 def junit(records: Sequence[Record]) -> str:

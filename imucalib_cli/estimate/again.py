@@ -91,8 +91,6 @@ def stretches_of(log: LogStatistics, std: Floats) -> LogParts | None:
 class OwnValues:
     """What one of several logs says, solved with the others."""
 
-    difference: Floats
-    """(6,), its pose less the common one, m and rad."""
     distance: Floats
     """(6,), its pose less that of all others, m and rad; zero in what it does not tell."""
     sigmas: float
@@ -157,7 +155,6 @@ def combine_logs(logs: Sequence[LogStatistics], options: Sequence[MatchedOptions
         step[moves] += differences[log]
         own.append(
             OwnValues(
-                difference=embedded(differences[log], shared.free[shared.pose]),
                 distance=embedded(distances[log], shared.free[shared.pose]),
                 sigmas=float(np.sqrt(strangers.get(log, squares[log]))),
                 disagrees=log in strangers,
@@ -181,7 +178,10 @@ def _shared_layout(logs: Sequence[LogStatistics], options: MatchedOptions) -> La
     for log in logs:
         for placed in log.equations.layout.placed:
             if not placed.unknown.of_log:
-                found.setdefault((placed.unknown.name, _owner(placed)), _whole(placed))
+                key = (placed.unknown.name, _owner(placed))
+                known = found.setdefault(key, _whole(placed))
+                # What any of the logs tells from the mount, all of them do.
+                found[key] = replace(known, hidden=known.hidden and placed.hidden)
     places = sorted(found.values(), key=lambda each: _ORDER[each.unknown.name])
     return with_priors(places, options, logs[0].equations.layout.still)
 

@@ -227,7 +227,8 @@ def most_likely_together(logs: Together) -> tuple[Together, Floats]:
     for _ in range(_ROUNDS):
         u[:-2] = most_likely(logs.problem(u), u[:-2])
         for index in (0, 1):
-            tried = np.linspace(bounds[index, 0], bounds[index, 1], _TRIED)
+            least, most = logs.scatter_bounds[index].tolist()
+            tried = np.linspace(least, most, _TRIED)
             heights = np.empty(_TRIED)
             for place, value in enumerate(tried):
                 u[index - 2] = value
