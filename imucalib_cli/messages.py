@@ -210,6 +210,9 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "logs.disagree": "{log} disagrees with the other logs: its pose is {translation:mm.2g} and "
     "{rotation:deg.2g} from theirs, {sigmas:.2g} sigma with the scatter between them: the mount "
     "moved, or the log is of another set-up; leave it out, or see when it moved by imucalib trend",
+    "logs.apart": "the logs do not agree on one pose: they are up to {translation:mm.2g} and "
+    "{rotation:deg.2g} from each other, more than a mount that sits fast moves: see when it moved "
+    "by imucalib trend, and combine the logs of each place alone",
     "logs.far": "{log} was solved {rotation:deg.2g} from the common pose, too far for its "
     "statistics to hold there: run it again with --initial and --prior-std near the common pose",
     "logs.left_out": "{log} is not to be trusted by itself and was left out: {reason}",

@@ -147,7 +147,9 @@ class ResultFolder:
         write_whole(self._folder / file, table(records))
 
     def _read(self) -> None:
-        self._owners = _decoded(self._records / _NAMES, dict[str, str]) or {}
+        owners = _decoded(self._records / _NAMES, dict[str, str]) or {}
+        # A folder may come from elsewhere: no name in it leads out of it.
+        self._owners = {name: place for name, place in owners.items() if Path(name).name == name}
         for path in sorted(self._records.glob("[!.]*.json")):
             record = _decoded(path, Record)
             if record is not None:  # else done again: of another version, or damaged

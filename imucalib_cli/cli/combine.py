@@ -16,6 +16,7 @@ from imucalib_cli.cli.options import (
     changed_options,
 )
 from imucalib_cli.cli.output import chosen_format, say_error
+from imucalib_cli.cli.parsers import local_file
 from imucalib_cli.cli.run import deliverable, give, tell
 
 
@@ -24,9 +25,9 @@ def combine_command(
         list[Path],
         typer.Argument(
             metavar="RESULT",
+            parser=local_file,
             help="Results of `imucalib run` with their statistics beside them, files of "
             "statistics, or folders of these.",
-            readable=False,
         ),
     ],
     *,
@@ -41,10 +42,13 @@ def combine_command(
     It reads what `imucalib run --statistics` and `imucalib batch --statistics` write.
     """
     from imucalib_cli.jobs.combine import combine
-    from imucalib_cli.jobs.statistics_files import read_all
+    from imucalib_cli.jobs.statistics_files import statistics_files
+    from imucalib_cli.results.statistics_file import read_statistics
 
-    with writing(output, read=files_of(*results)):
-        found, failures = combine(read_all(results), changed_options(known), require)
+    files = statistics_files(results)
+    with writing(output, read=files_of(*results, *files)):
+        logs = [read_statistics(file) for file in files]
+        found, failures = combine(logs, changed_options(known), require)
         chosen = chosen_format(fmt, output)
         give(deliverable(found, chosen, force=False), chosen, output, quiet=quiet)
         if not quiet:

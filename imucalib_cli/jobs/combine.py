@@ -36,6 +36,10 @@ if TYPE_CHECKING:
 
     Change = Callable[[MatchedOptions], MatchedOptions]
 
+_MENDED_BY_OTHERS: Final = (CODES | judge.OF_ANSWER) - {"prior.contradicted"}
+"""Codes of reasons against one log that do not hold for several."""
+_SHARED: Final = ("robot", "sensor_model", "pose", "sensor_scale_most", "sensor_axes_most")
+"""Options about what logs share."""
 _FEW: Final = 3
 """Logs, below which the scatter between them is hardly known."""
 
@@ -99,6 +103,7 @@ def _of_imu(logs: Sequence[StoredLog], change: Change, tolerance: Tolerance | No
     twice = given - len(logs) - len(left_out)
     _see_one_robot(logs)
     options = [_changed(log, change) for log in logs]
+    _see_same_priors(logs, options)
     estimate, combined = (
         _one(logs[0], options[0]) if len(logs) == 1 else _several(logs, options, left_out)
     )
@@ -142,7 +147,7 @@ def _usable(logs: Sequence[StoredLog]) -> tuple[list[StoredLog], list[tree.LeftO
         wrong = [
             each.message
             for each in log.result.diagnostics.findings
-            if each.severity == "untrusted" and each.code not in CODES | judge.OF_ANSWER
+            if each.severity == "untrusted" and each.code not in _MENDED_BY_OTHERS
         ]
         if wrong and len(logs) > 1:
             left_out.append(tree.LeftOut(log.name, wrong[0]))
@@ -169,6 +174,29 @@ def _see_one_robot(logs: Sequence[StoredLog]) -> None:
                 f"{logs[0].name} and {log.name} were made with different URDFs: what they share "
                 "is relative to one, so run both with the same --urdf"
             )
+
+
+def _see_same_priors(logs: Sequence[StoredLog], options: Sequence[MatchedOptions]) -> None:
+    """See that what is stated of what logs share is stated alike.
+
+    Raises:
+        ChoiceError: It is not.
+    """
+    stated = [
+        {name: value for name, value in recorded_estimator(each).items() if _is_shared(name)}
+        for each in options
+    ]
+    for log, each in zip(logs, stated, strict=True):
+        differ = [name for name, value in each.items() if stated[0].get(name) != value]
+        if differ:
+            raise ChoiceError(
+                f"{logs[0].name} and {log.name} were run with other values of {differ[0]}: what "
+                "they share has one prior, so state it here, or run both alike"
+            )
+
+
+def _is_shared(option: str) -> bool:
+    return option.partition(".")[0] in _SHARED
 
 
 def _changed(log: StoredLog, change: Change) -> MatchedOptions:
@@ -305,6 +333,7 @@ def _findings(logs: Sequence[StoredLog], found: Combined) -> Iterable[Finding]:
                 rotation=apart[1],
                 sigmas=own.sigmas,
             )
+    yield from _apart(logs, found)
     if len(logs) < _FEW:
         yield warning(
             "logs.few",
@@ -312,6 +341,24 @@ def _findings(logs: Sequence[StoredLog], found: Combined) -> Iterable[Finding]:
             translation=found.scatter[0, 2],
             rotation=found.scatter[1, 2],
         )
+
+
+def _apart(logs: Sequence[StoredLog], found: Combined) -> Iterable[Finding]:
+    """Logs of which more than one is elsewhere: a scatter that no mount that sits fast has."""
+    if any(own.disagrees for own in found.own):
+        return
+    far = 0.0
+    for log, own in zip(logs, found.own, strict=True):
+        covariance = log.result.uncertain_pose.covariance
+        if covariance is None or log.result.diagnostics.unobservable:
+            continue
+        sizes = np.linalg.norm(own.distance.reshape(2, 3), axis=1)
+        sigmas = np.sqrt([np.trace(covariance[:3, :3]), np.trace(covariance[3:, 3:])])
+        clear = (sizes > judge.SLIP) & (sizes > judge.DISTRUST_SIGMAS * sigmas)
+        if clear.any() and (sizes / judge.SLIP).max() > far:
+            far, worst = float((sizes / judge.SLIP).max()), sizes
+    if far:
+        yield untrusted("logs.apart", translation=worst[0], rotation=worst[1])
 
 
 def _of_shared(found: Combined) -> Iterable[Finding]:

@@ -13,18 +13,17 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
     from pathlib import Path
 
-    from imucalib_cli.results.statistics_file import StoredLog
 
 _ENDING = ".npz"
 
 
-def read_all(paths: Iterable[Path]) -> list[StoredLog]:
-    """The statistics of all arguments.
+def statistics_files(paths: Iterable[Path]) -> list[Path]:
+    """Files of statistics that arguments name.
 
     Raises:
-        InputError: A file cannot be used, or a folder has none.
+        InputError: A file cannot be used, or a folder or a result has none.
     """
-    return [read_statistics(file) for path in paths for file in _files(path)]
+    return [file for path in paths for file in _files(path)]
 
 
 def _files(path: Path) -> list[Path]:
@@ -39,24 +38,13 @@ def _files(path: Path) -> list[Path]:
     if path.suffix.lower() == _ENDING or not path.exists():
         return [path]
     beside = place_of(path)
-    found = [beside] if beside.exists() else _same_origin(path)
+    results = read_result_file(str(path))
+    near = sorted({beside, *path.parent.glob(f"{escape(path.name.split('.')[0])}*{_ENDING}")})
+    # Those of several IMUs have the frame in their name, and a batch names them after the log.
+    found = [file for file in near if file.exists() and read_statistics(file).result in results]
     if not found:
         raise InputError(
-            f"{path}: no statistics beside it: `imucalib run LOG -o {path} --statistics {beside}` "
-            "writes them"
+            f"{path}: no statistics of this result beside it: `imucalib run LOG -o {path} "
+            f"--statistics {beside}` writes both"
         )
     return found
-
-
-def _same_origin(path: Path) -> list[Path]:
-    """Files of statistics in the folder of a result, of the same logs and IMUs under other names.
-
-    Those of several IMUs have the frame in their name, and a batch names them after the log.
-    """
-    wanted = [(each.child, each.provenance.files) for each in read_result_file(str(path))]
-    return [
-        file
-        for file in sorted(path.parent.glob(f"{escape(path.name.split('.')[0])}*{_ENDING}"))
-        for result in [read_statistics(file).result]
-        if (result.child, result.provenance.files) in wanted
-    ]

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import io
 import json
+import math
 import zipfile
 import zlib
 from dataclasses import asdict, dataclass
@@ -40,6 +41,8 @@ _ROOM: Final = 1_000_000
 _LARGEST: Final = 64 << 20
 """Bytes of all arrays of a file: fifty times what is ever written."""
 _KINDS: Final = {each.name: each for each in TABLE}
+_ALIKE: Final = 1e-6
+"""m and rad: statistics give the pose of their result to far more digits."""
 _DAMAGED: Final = (
     zipfile.BadZipFile,
     zlib.error,
@@ -48,6 +51,7 @@ _DAMAGED: Final = (
     TypeError,
     AttributeError,
     EOFError,
+    ArithmeticError,
     RuntimeError,
     StopIteration,
 )
@@ -144,17 +148,37 @@ def read_statistics(path: Path) -> StoredLog:
                 f"{path}: is of schema {header['schema']}, this version reads {_SCHEMA}: use the "
                 "imucalib it came from"
             )
-        return StoredLog(
-            name=str(path),
-            result=result_from(header["result"], str(path)),
-            statistics=_statistics(header, arrays),
-        )
+        return _stored(str(path), header, arrays)
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}): check the path") from error
     except _DAMAGED as error:
         raise InputError(
             f"{path}: is damaged or no {_WHAT}: write it again by `imucalib run --statistics`"
         ) from error
+
+
+def _stored(name: str, header: dict[str, Any], arrays: dict[str, Floats]) -> StoredLog:
+    result = result_from(header["result"], name)
+    log = StoredLog(name=name, result=result, statistics=_statistics(header, arrays))
+    _see_they_agree(log)
+    return log
+
+
+def _see_they_agree(log: StoredLog) -> None:
+    """See that statistics give the pose of the result that they are said to belong to.
+
+    Raises:
+        ValueError: They do not.
+    """
+    equations = log.statistics.equations
+    if not (equations.level > 0.0 and math.isfinite(equations.level)):
+        raise ValueError("a level of noise that is not positive")
+    if abs(np.linalg.det(equations.at.R) - 1.0) > _ALIKE:
+        raise ValueError("a rotation that is none")
+    if log.result.status == "ok":
+        state, pose = equations.solve(log.statistics.options).state, log.result.pose
+        if np.abs(state.t - pose.t).max() > _ALIKE or np.abs(state.R - pose.R).max() > _ALIKE:
+            raise ValueError("statistics of another result")
 
 
 def _statistics(header: dict[str, Any], arrays: dict[str, Floats]) -> LogStatistics:

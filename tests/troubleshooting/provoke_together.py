@@ -55,6 +55,15 @@ def few(scene: Scene) -> Seen:
     return together(noisy(seed=3), noisy(seed=4))(scene)
 
 
+def apart(scene: Scene) -> Seen:
+    return together(noisy(), moved())(scene)
+
+
+def other_priors(scene: Scene) -> Seen:
+    one = _statistics(scene)
+    return scene.cli("combine", one, _statistics(scene, "--robot", "exact", seed=4))
+
+
 def twice(scene: Scene) -> Seen:
     return together(*(noisy(seed=seed) for seed in (3, 4, 5, 5)))(scene)
 
@@ -95,10 +104,12 @@ def damaged(scene: Scene) -> Seen:
 TOGETHER: dict[str, Provocation] = {
     "together-disagree": disagree,
     "together-left-out": left_out,
+    "together-apart": apart,
     "together-far": far,
     "together-few": few,
     "together-twice": twice,
     "combine-robots": other_robot,
+    "combine-priors": other_priors,
     "combine-held": held,
     "combine-no-statistics": without_statistics,
     "combine-damaged": damaged,
