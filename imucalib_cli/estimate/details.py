@@ -225,7 +225,8 @@ def spectra_of(fit: Fit) -> tuple[Spectrum, Spectrum]:
     accel, gyro = (
         Spectrum(
             frequency=frequency[heard],
-            density=np.sqrt(levels[heard]) * (scale / gain * to_density),
+            # Without noise a level may be below zero by rounding.
+            density=np.sqrt(np.maximum(levels[heard], 0.0)) * (scale / gain * to_density),
             own=noise * float(np.sqrt(2.0 * grid.dt * grid.refine)),
         )
         for heard, levels, scale, gain, noise in zip(

@@ -32,7 +32,8 @@ def test_the_wrong_parent_is_answered_with_the_right_command() -> None:
     (result,) = calibrate(request).results
     assert result.status == "untrusted"
     first = result.diagnostics.distrust[0]
-    assert first.startswith("the IMU moves as wrist_3_link does, not as forearm_link")
+    assert first.startswith("the IMU moves as wrist_3_link does (rigidly joined: ")
+    assert "not as forearm_link" in first
     assert "--parent wrist_3_link" in first
 
 
