@@ -1,7 +1,9 @@
-"""Lines and tables for people, and how they read as plain text."""
+"""Lines and tables for people, how they read as plain text, and rows as CSV."""
 
 from __future__ import annotations
 
+import csv
+import io
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -28,6 +30,15 @@ class Table:
 
 Block: TypeAlias = "str | Table"
 """A line, or a table."""
+
+
+def csv_text(head: Iterable[str], rows: Iterable[Iterable[object]]) -> str:
+    """A header and rows by commas, a newline after each; None is empty."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(head)
+    writer.writerows(rows)
+    return text.getvalue()
 
 
 def plain(blocks: Iterable[Block]) -> str:

@@ -5,15 +5,13 @@ Names in a log, and of one, may hold anything: each form escapes what has a mean
 
 from __future__ import annotations
 
-import csv
-import io
 import re
 from typing import TYPE_CHECKING, NamedTuple
 
 import msgspec
 
 from imucalib_cli.batch.record import by_imu
-from imucalib_cli.layout import Table
+from imucalib_cli.layout import Table, csv_text
 from imucalib_cli.results.fields import unobservable_fields
 from imucalib_cli.shown import as_html, shown
 
@@ -114,14 +112,15 @@ COLUMNS: dict[str, Column] = {
 
 
 def csv_table(records: Iterable[Record]) -> str:
-    """A header, then a row for each IMU and each failure, as RFC 4180 has it."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(COLUMNS)
-    for record in records:
-        for entry in by_imu(record):
-            writer.writerow(_cell(column, record, entry) for column in COLUMNS.values())
-    return text.getvalue()
+    """A header, then a row for each IMU and each failure."""
+    return csv_text(
+        COLUMNS,
+        (
+            [_cell(column, record, entry) for column in COLUMNS.values()]
+            for record in records
+            for entry in by_imu(record)
+        ),
+    )
 
 
 def _cell(column: Column, record: Record, entry: Entry) -> Cell:

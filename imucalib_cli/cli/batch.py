@@ -18,6 +18,7 @@ from imucalib_cli.cli.options import (
     ExtrasForEachLog,
     Quiet,
     RecordingOptions,
+    Require,
     calibration_request,
 )
 from imucalib_cli.cli.output import deliver, is_terminal, say
@@ -32,9 +33,6 @@ if TYPE_CHECKING:
     from imucalib_cli.batch.engine import Engine
     from imucalib_cli.batch.logs import BatchLog
     from imucalib_cli.batch.record import Record
-    from imucalib_cli.results.requirement import Tolerance
-else:  # typer evaluates these too
-    Tolerance = object
 
 WORK = "Work"
 """Panel of the help."""
@@ -96,16 +94,7 @@ def batch_command(
             rich_help_panel=OUTPUT,
         ),
     ] = None,
-    require: Annotated[
-        Tolerance | None,
-        typer.Option(
-            metavar="LENGTH,ANGLE",
-            parser=parsers.tolerance,
-            help="Largest sigma to trust, such as 1mm,0.1deg; exit 3 if it is exceeded.",
-            show_default="none",
-            rich_help_panel=OUTPUT,
-        ),
-    ] = None,
+    require: Require = None,
     extras: ExtrasForEachLog,
     workers: Annotated[
         int | None,

@@ -42,12 +42,10 @@ def combine_command(
     It reads what `imucalib run --statistics` and `imucalib batch --statistics` write.
     """
     from imucalib_cli.jobs.combine import combine
-    from imucalib_cli.jobs.statistics_files import statistics_files
-    from imucalib_cli.results.statistics_file import read_statistics
+    from imucalib_cli.jobs.statistics_files import read_all
 
-    files = statistics_files(results)
-    with writing(output, read=files_of(*results, *files)):
-        logs = [read_statistics(file) for file in files]
+    logs = read_all(results)
+    with writing(output, read=files_of(*results, *(log.name for log in logs))):
         found, failures = combine(logs, changed_options(known), require)
         chosen = chosen_format(fmt, output)
         give(deliverable(found, chosen, force=False), chosen, output, quiet=quiet)

@@ -25,7 +25,7 @@ from imucalib_cli.estimate.solution.normal_equations import (
     prior_offset,
     problem_of,
 )
-from imucalib_cli.estimate.solution.spectrum import embedded, inverse_of
+from imucalib_cli.estimate.solution.spectrum import embedded, inverse_of, inverse_with_priors
 from imucalib_cli.robot.rotations import rotation_angle, rotvec_from_matrix
 
 if TYPE_CHECKING:
@@ -101,6 +101,11 @@ class OwnValues:
     """Of its own layout: biases, gravity and clocks."""
     turned: float
     """rad, from the rotation about which its equations were made to that of the answer."""
+
+    @property
+    def apart(self) -> Floats:
+        """(2,), lengths of the distance, m and rad."""
+        return np.asarray(np.linalg.norm(self.distance.reshape(2, 3), axis=1))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -297,15 +302,13 @@ def _motion(equations: NormalEquations, layout: Layout, shared: Layout) -> Float
         for each in layout.placed
         if each.unknown.of_log and each.unknown.name in _LEAN and layout.free[each.part].all()
     )
-    unit, M = layout.std[own], equations.motion
-    values, vectors = np.linalg.eigh(M[np.ix_(own, own)] * np.outer(unit, unit))
-    scaled = vectors * unit[:, None]
-    across = M[np.ix_(layout.pose, own)] @ scaled
-    told = M[np.ix_(layout.pose, layout.pose)]
-    found = np.zeros((shared.size, shared.size))
-    found[np.ix_(shared.pose, shared.pose)] = (
-        told - across / (np.maximum(values, 0.0) + 1.0) @ across.T
+    M, pose = equations.motion, layout.pose
+    across, inverse = (
+        M[np.ix_(pose, own)],
+        inverse_with_priors(M[np.ix_(own, own)], layout.std[own]),
     )
+    found = np.zeros((shared.size, shared.size))
+    found[np.ix_(shared.pose, shared.pose)] = M[np.ix_(pose, pose)] - across @ inverse @ across.T
     return found
 
 

@@ -14,6 +14,7 @@ from imucalib_cli.estimate.model.unknowns import Gravity, Mount
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.solution.normal_equations import Answer
+    from imucalib_cli.estimate.statistics import LogStatistics
 
 
 _RECORDED: Final = (
@@ -28,22 +29,19 @@ _RECORDED: Final = (
 
 
 def estimate_of(
-    answer: Answer,
-    *,
-    widened: Floats,
-    offset_variance: float,
-    clock_stepped: bool,
-    **evidence: Any,
+    answer: Answer, statistics: LogStatistics | None = None, **evidence: Any
 ) -> Estimate:
     """The estimate of an answer.
 
     Args:
         answer: Every unknown.
-        widened: (6, 6), what findings add to the covariance of the pose.
-        offset_variance: s², what stamps add to that of the time offset.
-        clock_stepped: Whether the clocks were set within the log.
+        statistics: Of the one log that it is of, which add to its covariances; None for an answer
+            of several logs, in which they are already.
         evidence: Other fields of the estimate.
     """
+    widened = np.zeros((6, 6)) if statistics is None else statistics.widened
+    offset_variance = 0.0 if statistics is None else statistics.offset_variance
+    clock_stepped = statistics is not None and statistics.clock_stepped
     directions = judge.unobservable(answer)
     biases = {name: _bias(answer, name) for name in ("accel_bias", "gyro_bias")}
     offset, offset_std = answer.of("time_offset")

@@ -74,11 +74,10 @@ def calibrate_matched(
         sign=sign,
         change=None if directions else segments.change(),
     )
+    statistics = _statistics(evidence, segments)
     found = estimate_of(
         fit,
-        widened=judge.of_findings(evidence),
-        offset_variance=_offset_variance(evidence),
-        clock_stepped=evidence.clock_stepped,
+        statistics,
         window=attempt.window,
         residuals=_residuals(fit, clean.spikes),
         consistency=segments.consistency(fit.statistics.whiteness(fit.levels)),
@@ -92,7 +91,7 @@ def calibrate_matched(
     )
     return replace(
         found,
-        statistics=_statistics(evidence, segments),
+        statistics=statistics,
         details=details_of(fit, clean, segments, dependence, found.covariance)
         if details and found.covariance is not None
         else None,

@@ -40,11 +40,13 @@ from imucalib_cli.signals.stamps import usual_interval
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.estimate import Estimate
+    from imucalib_cli.estimate.options import PosePrior
     from imucalib_cli.jobs.reading import Recording
     from imucalib_cli.jobs.request import CalibrationRequest, Progress
     from imucalib_cli.logs.clock import Clock
     from imucalib_cli.logs.streams import ImuStream
     from imucalib_cli.results.result import Result
+    from imucalib_cli.robot.mount import Nominal
     from imucalib_cli.robot.path import KinematicPath
     from imucalib_cli.signals.samples import ImuSamples
 
@@ -243,6 +245,11 @@ def _with_initial(
             f"{motion.mount.child} in {motion.mount.parent} to be about, and no joint has it: give "
             '--initial "X Y Z R P Y", or --imu-link'
         )
+    return about_nominal(options, prior, nominal)
+
+
+def about_nominal(options: MatchedOptions, prior: PosePrior, nominal: Nominal) -> MatchedOptions:
+    """Options with a prior of the pose that is about the nominal one."""
     known = replace(prior, R_parent_imu=nominal.R_parent_imu, t_parent_imu=nominal.t_parent_imu)
     return replace(options, pose=known)
 

@@ -16,7 +16,7 @@ from imucalib_cli.estimate.checks import judge
 from imucalib_cli.estimate.estimate import Residuals, Window
 from imucalib_cli.estimate.model.unknowns import TABLE
 from imucalib_cli.findings import Severity, untrusted, warning
-from imucalib_cli.jobs.calibrate import calibrate
+from imucalib_cli.jobs.calibrate import about_nominal, calibrate
 from imucalib_cli.jobs.recorded_options import recorded_estimator
 from imucalib_cli.results import result as tree
 from imucalib_cli.results.from_estimate import finding_of, plain, result_of, scalars, tangent
@@ -60,8 +60,7 @@ def combine(
     """
     imus: dict[tuple[str, str, str], list[StoredLog]] = {}
     for log in logs:
-        result = log.result
-        imus.setdefault((result.parent, result.child, result.imu_topic), []).append(log)
+        imus.setdefault(log.result.mount, []).append(log)
     results: list[tree.Result] = []
     failures: list[ImucalibError] = []
     for each in imus.values():
@@ -216,10 +215,7 @@ def _changed(log: StoredLog, change: Change) -> MatchedOptions:
                 f"{log.name}: --fix and --prior-std need a pose to be about, and no joint has it: "
                 'give --initial "X Y Z R P Y"'
             )
-        known = replace(
-            options.pose, R_parent_imu=nominal.R_parent_imu, t_parent_imu=nominal.t_parent_imu
-        )
-        options = replace(options, pose=known)
+        options = about_nominal(options, options.pose, nominal)
     there = {each.unknown.name for each in log.statistics.equations.layout.placed}
     for unknown in TABLE:
         was, now = before.prior_std(unknown), options.prior_std(unknown)
@@ -243,9 +239,7 @@ def _one(log: StoredLog, options: MatchedOptions) -> tuple[Estimate, None]:
     return (
         estimate_of(
             answer,
-            widened=statistics.widened,
-            offset_variance=statistics.offset_variance,
-            clock_stepped=statistics.clock_stepped,
+            statistics,
             window=_window(said.window),
             residuals=_residuals([said]),
             findings=tuple(findings),
@@ -264,9 +258,6 @@ def _several(
     longest = max(said, key=lambda each: each.windows_used)
     estimate = estimate_of(
         found.answer,
-        widened=np.zeros((6, 6)),
-        offset_variance=0.0,
-        clock_stepped=False,
         window=_window(longest.window),
         residuals=_residuals(said),
         findings=(
@@ -319,18 +310,17 @@ def _with_means(
 def _findings(logs: Sequence[StoredLog], found: Combined) -> Iterable[Finding]:
     sigma = np.sqrt(np.diag(found.answer.pose_covariance))
     for log, own in zip(logs, found.own, strict=True):
-        apart = np.linalg.norm(own.distance.reshape(2, 3), axis=1)
         # Equations are straight lines: what a turn leaves out is half of its square.
         bent = own.turned**2 / 2.0 > sigma[3:].max()
         if bent and log.result.diagnostics.unobservable:
             yield untrusted("logs.far", log=log.name, rotation=own.turned)
         elif own.disagrees:
-            make = untrusted if (apart > judge.SLIP).any() else warning
+            make = untrusted if (own.apart > judge.SLIP).any() else warning
             yield make(
                 "logs.disagree",
                 log=log.name,
-                translation=apart[0],
-                rotation=apart[1],
+                translation=own.apart[0],
+                rotation=own.apart[1],
                 sigmas=own.sigmas,
             )
     yield from _apart(logs, found)
@@ -352,7 +342,7 @@ def _apart(logs: Sequence[StoredLog], found: Combined) -> Iterable[Finding]:
         covariance = log.result.uncertain_pose.covariance
         if covariance is None or log.result.diagnostics.unobservable:
             continue
-        sizes = np.linalg.norm(own.distance.reshape(2, 3), axis=1)
+        sizes = own.apart
         sigmas = np.sqrt([np.trace(covariance[:3, :3]), np.trace(covariance[3:, 3:])])
         clear = (sizes > judge.SLIP) & (sizes > judge.DISTRUST_SIGMAS * sigmas)
         if clear.any() and (sizes / judge.SLIP).max() > far:
@@ -424,8 +414,8 @@ def _entry(
                 name=log.name,
                 files=[file.path for file in log.result.provenance.files],
                 distance=tree.Tangent(*tangent(own.distance)),
-                distance_mm=float(np.linalg.norm(own.distance[:3])) * 1e3,
-                distance_deg=float(np.degrees(np.linalg.norm(own.distance[3:]))),
+                distance_mm=float(own.apart[0]) * 1e3,
+                distance_deg=float(np.degrees(own.apart[1])),
                 sigmas=own.sigmas,
                 disagrees=own.disagrees,
                 time_offset=float(value["time_offset"][0]),

@@ -13,20 +13,21 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
     from pathlib import Path
 
+    from imucalib_cli.results.statistics_file import StoredLog
 
 _ENDING = ".npz"
 
 
-def statistics_files(paths: Iterable[Path]) -> list[Path]:
-    """Files of statistics that arguments name.
+def read_all(paths: Iterable[Path]) -> list[StoredLog]:
+    """The statistics that arguments name.
 
     Raises:
         InputError: A file cannot be used, or a folder or a result has none.
     """
-    return [file for path in paths for file in _files(path)]
+    return [log for path in paths for log in _read(path)]
 
 
-def _files(path: Path) -> list[Path]:
+def _read(path: Path) -> list[StoredLog]:
     if path.is_dir():
         found = sorted(path.glob(f"*{_ENDING}"))
         if not found:
@@ -34,17 +35,18 @@ def _files(path: Path) -> list[Path]:
                 f"{path}: no statistics in it: `imucalib batch LOGS -o {path} --statistics` writes "
                 "them"
             )
-        return found
+        return [read_statistics(file) for file in found]
     if path.suffix.lower() == _ENDING or not path.exists():
-        return [path]
+        return [read_statistics(path)]
     beside = place_of(path)
     results = read_result_file(str(path))
     near = sorted({beside, *path.parent.glob(f"{escape(path.name.split('.')[0])}*{_ENDING}")})
     # Those of several IMUs have the frame in their name, and a batch names them after the log.
-    found = [file for file in near if file.exists() and read_statistics(file).result in results]
-    if not found:
+    logs = [read_statistics(file) for file in near if file.exists()]
+    own = [log for log in logs if log.result in results]
+    if not own:
         raise InputError(
             f"{path}: no statistics of this result beside it: `imucalib run LOG -o {path} "
             f"--statistics {beside}` writes both"
         )
-    return found
+    return own

@@ -36,8 +36,7 @@ def trend_of(names: Sequence[str], within: Tolerance | None = None) -> Answers[T
     for name in result_names(names):
         try:
             for result in read_result_file(name):
-                mount = (result.parent, result.child, result.imu_topic)
-                mounts.setdefault(mount, []).append((display_name(name), result))
+                mounts.setdefault(result.mount, []).append((display_name(name), result))
         except ImucalibError as error:
             failures.append(error)
     if not mounts and not failures:

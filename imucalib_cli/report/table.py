@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import csv
 import io
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from imucalib_cli.layout import csv_text
 from imucalib_cli.optional import optional
 
 if TYPE_CHECKING:
@@ -51,17 +51,13 @@ def residual_table(windows: WindowSeries, origin_ns: int) -> dict[str, Column]:
 
 def as_csv(table: Mapping[str, Column]) -> bytes:
     """A table with its header, by commas."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(table)
     columns: list[list[Any]] = [
         [format(value, _DIGITS) for value in values.tolist()]
         if values.dtype.kind == "f"
         else values.tolist()
         for values in table.values()
     ]
-    writer.writerows(zip(*columns, strict=True))
-    return text.getvalue().encode()
+    return csv_text(table, zip(*columns, strict=True)).encode()
 
 
 def as_parquet(table: Mapping[str, Column]) -> bytes:

@@ -7,12 +7,11 @@ the JSON Schema. Differences are found - told (verify), second - first (diff) or
 
 from __future__ import annotations
 
-import csv
-import io
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from msgspec import UNSET, Meta, UnsetType
 
+from imucalib_cli.layout import csv_text
 from imucalib_cli.results.codec import json_schema
 from imucalib_cli.results.result import (
     Matrix6,
@@ -291,25 +290,21 @@ class KalibrAnswer(Tree, frozen=True):
 
 def as_csv(answers: Sequence[VerifyAnswer | DiffAnswer]) -> str:
     """One row for each answer; what is not known is empty."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(
-        (
-            *("file", "first", "parent", "child", "verdict", "distance_mm", "distance_sigma_mm"),
-            *("angle_deg", "angle_sigma_deg", "reason"),
-        )
+    head = (
+        *("file", "first", "parent", "child", "verdict", "distance_mm", "distance_sigma_mm"),
+        *("angle_deg", "angle_sigma_deg", "reason"),
     )
-    for answer in answers:
-        writer.writerow(
-            (
-                answer.about,
-                answer.first.file if isinstance(answer, DiffAnswer) else "",
-                *(answer.parent, answer.child, answer.verdict),
-                *(answer.translation.difference_mm, answer.translation.sigma_mm),
-                *(answer.rotation.difference_deg, answer.rotation.sigma_deg, answer.reason),
-            )
+    rows = (
+        (
+            answer.about,
+            answer.first.file if isinstance(answer, DiffAnswer) else "",
+            *(answer.parent, answer.child, answer.verdict),
+            *(answer.translation.difference_mm, answer.translation.sigma_mm),
+            *(answer.rotation.difference_deg, answer.rotation.sigma_deg, answer.reason),
         )
-    return text.getvalue()
+        for answer in answers
+    )
+    return csv_text(head, rows)
 
 
 def schema_of(which: Literal["result", "comparison"]) -> str:

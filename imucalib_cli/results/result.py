@@ -497,6 +497,11 @@ class Result(Tree, frozen=True, kw_only=True):
         return None if recording is None else recording.start
 
     @property
+    def mount(self) -> tuple[str, str, str]:
+        """Parent, child and topic: what results of one mount have in common."""
+        return self.parent, self.child, self.imu_topic
+
+    @property
     def pose(self) -> Pose:
         """The pose; where some of it is not determined, the conditional one."""
         if self.partial is not UNSET:

@@ -9,6 +9,7 @@ import numpy as np
 
 from imucalib_cli.estimate.estimate import UnobservableDirection
 from imucalib_cli.estimate.model.unknowns import LEAN, TABLE, Mount
+from imucalib_cli.estimate.solution.spectrum import inverse_with_priors
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -50,12 +51,9 @@ def excitation(answer: Answer, *, everything: bool = False) -> Floats:
             part = layout.part(name)
             free[part] = True
             std[part] = weakest
-    # In units of the priors nothing can be known less than they say.
-    unit = std[free]
-    values, vectors = np.linalg.eigh(answer.motion[np.ix_(free, free)] * np.outer(unit, unit))
-    scaled = vectors * unit[:, None]
+    lean_only = np.ix_(free, free)
     full = np.zeros((layout.size, layout.size))
-    full[np.ix_(free, free)] = (scaled / (np.maximum(values, 0.0) + 1.0)) @ scaled.T
+    full[lean_only] = inverse_with_priors(answer.motion[lean_only], std[free])
     return full
 
 

@@ -26,6 +26,8 @@ DECISIVE: Final = 20.0
 """Difference of the Bayesian information criterion from which an alternative is believed: odds of
 e^10 to one, and fewer than one false alarm in a thousand sound logs over all that is tried."""
 
+MEDIAN_CHI2: Final = 0.455
+"""Median of chi-squared of one degree of freedom: of the squares of normal deviates."""
 _APART: Final = PARTS // 8
 """Parts, over which the walk of a bias is measured: far enough to stand clear of the noise, near
 enough that a step lies between fewer than half of all pairs."""
@@ -302,5 +304,7 @@ class Segments:
         steps = (each[pairs + _APART] - each[pairs]) ** 2
         expected = noise[pairs + _APART] + noise[pairs]
         # The median lets one step, which is looked for, be what it is.
-        walked = np.maximum(np.median(steps, axis=0) / 0.455 - np.median(expected, axis=0), 0.0)
+        walked = np.maximum(
+            np.median(steps, axis=0) / MEDIAN_CHI2 - np.median(expected, axis=0), 0.0
+        )
         return np.diag(walked / _APART * len(self._A) / 3.0)

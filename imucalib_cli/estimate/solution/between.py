@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats, Indices
     from imucalib_cli.estimate.solution.scales import Posterior
 
-_POSE: Final = np.repeat([0, 1], 3)
-"""Whether a component of the pose is of the translation or of the rotation."""
 USUAL: Final = (1e-4, 5e-4)
 """m and rad: where the half-Cauchy prior of the scatter falls to a half. A decimetre of aluminium
 grows by 0.1 mm over 40 K, and a bracket of 0.2 m turns by 0.5 mrad for as much at one end."""
@@ -34,8 +32,6 @@ _LEAST: Final = 1e-2
 """Of USUAL: smaller is none, to any mount and any drawing."""
 _MOST: Final = 500.0
 """Of USUAL: no mount that is fixed at all moves farther."""
-_ANYWHERE: Final = (10.0, np.pi)
-"""m and rad: what is known of any mount without looking."""
 _TRIED: Final = 41
 """Values of a scatter between its bounds, among which the likeliest is searched."""
 _ROUNDS: Final = 3
@@ -197,8 +193,8 @@ def together(
     noise: Floats,
     priors: Problem,
     *,
-    widened: Floats | None = None,
-    scattered: Indices = _POSE,
+    widened: Floats,
+    scattered: Indices,
 ) -> Together:
     """Equations of K logs with the widest bounds of the scatter between them.
 
@@ -207,11 +203,9 @@ def together(
         score: (K, m).
         noise: (K, m, m).
         priors: Of the shared components.
-        widened: (K, p, p), what else sets each log's pose off; None is nothing.
-        scattered: (p,), which components of the pose there are.
+        widened: (K, p, p), what else sets each log's pose off, as a covariance.
+        scattered: (p,), for each component of the pose that is not held: 0 translation, 1 rotation.
     """
-    if widened is None:
-        widened = np.zeros((len(score), len(scattered), len(scattered)))
     bounds = np.log(np.outer(USUAL, (_LEAST, _MOST)))
     return Together(information, score, noise, priors, scattered, widened, bounds)
 
@@ -247,30 +241,6 @@ def combine(logs: Together) -> Posterior:
     return integrate(narrowed, mode)
 
 
-def combine_poses(values: Floats, covariances: Floats) -> Posterior:
-    """The common pose of K logs of which nothing but pose and covariance is known.
-
-    Args:
-        values: (K, 6), each pose less one that all are near, m and rad.
-        covariances: (K, 6, 6), within each log.
-
-    Returns:
-        The mean, and as the two scales of the posterior the scatter of translation and rotation
-        between the logs, m and rad.
-    """
-    information = inverse_of(covariances)
-    priors = Problem(
-        information=np.zeros((6, 6)),
-        score=np.zeros(6),
-        offset=np.zeros(6),
-        std=np.repeat(_ANYWHERE, 3),
-        scale=np.full(6, -1),
-        bounds=np.zeros((0, 2)),
-    )
-    score = -(information @ values[:, :, None])[:, :, 0]
-    return combine(together(information, score, information, priors))
-
-
 def disagreeing(logs: Together, u: Floats) -> dict[int, float]:
     """Logs whose pose neither chance nor the scatter of the others explains, with its square.
 
@@ -283,11 +253,11 @@ def disagreeing(logs: Together, u: Floats) -> dict[int, float]:
     found: dict[int, float] = {}
     kept = np.arange(len(logs.score))
     while len(kept) > 2:
-        squares = logs.only(kept).distances(u)[1]
-        worst = int(np.argmax(squares))
+        those = logs.only(kept)
+        worst = int(np.argmax(those.distances(u)[1]))
         others = np.delete(np.arange(len(kept)), worst)
         _, u = most_likely_together(logs.only(kept[others]))
-        square = float(logs.only(kept).distances(u)[1][worst])
+        square = float(those.distances(u)[1][worst])
         # The scatter of the others is known from six differences for each but one of them.
         if chance_of_six(square, 6 * (len(others) - 1)) > _RARE / len(logs.score):
             break

@@ -314,6 +314,20 @@ def inverse_of(A: Floats) -> Floats:
     return np.asarray((scaled / kept) @ np.swapaxes(scaled, -1, -2))
 
 
+def inverse_with_priors(A: Floats, std: Floats) -> Floats:
+    """(n, n), inverse of an information and priors; less than no information counts as none.
+
+    In units of the priors nothing can be known less than they say.
+
+    Args:
+        A: (n, n), symmetric, from which noise may have been taken off.
+        std: (n,), 1 sigma beforehand.
+    """
+    values, vectors = np.linalg.eigh(A * np.outer(std, std))
+    scaled = vectors * std[:, None]
+    return np.asarray((scaled / (np.maximum(values, 0.0) + 1.0)) @ scaled.T)
+
+
 def embedded(values: Floats, kept: Bools) -> Floats:
     """(n,), values of the components that are kept, the others zero."""
     full = np.zeros(len(kept))

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
 
 import numpy as np
 
-from imucalib_cli.estimate.checks.segments import DECISIVE
+from imucalib_cli.estimate.checks.segments import DECISIVE, MEDIAN_CHI2
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -36,8 +36,6 @@ _SAME = 0.01
 _STEPS = 50
 _SETTLED = 1e-3
 """Relative change of a variance that ends its iteration."""
-_MEDIAN_CHI2 = 0.455
-"""Of one degree of freedom."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -349,7 +347,7 @@ def _of_neighbours(series: Series) -> Floats:
     found = np.zeros(2)
     for part in np.unique(series.parts):
         own = series.parts == part
-        seen = np.median(apart[:, own]) / _MEDIAN_CHI2 - np.median(stated[:, own])
+        seen = np.median(apart[:, own]) / MEDIAN_CHI2 - np.median(stated[:, own])
         found[part] = max(0.5 * float(seen), 0.0)
     return found
 

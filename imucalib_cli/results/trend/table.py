@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from imucalib_cli.digits import with_std
-from imucalib_cli.layout import Table
+from imucalib_cli.layout import Table, csv_text
 from imucalib_cli.results.fields import instant
 
 if TYPE_CHECKING:
@@ -57,17 +55,14 @@ def _size(vector: Sequence[float], std: Sequence[float]) -> str:
 
 def as_csv(answers: Sequence[TrendAnswer]) -> str:
     """One row for each recording, with its pose; what is not known is empty."""
-    text = io.StringIO()
-    rows = [_columns(answer, each) for answer in answers for each in answer.recordings]
-    writer = csv.DictWriter(text, _COLUMNS, lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return text.getvalue()
+    rows = (_row(answer, each) for answer in answers for each in answer.recordings)
+    return csv_text(_COLUMNS, rows)
 
 
-def _columns(answer: TrendAnswer, each: TrendRecording) -> dict[str, Any]:
+def _row(answer: TrendAnswer, each: TrendRecording) -> tuple[object, ...]:
+    """Of _COLUMNS."""
     before = {change.before: change for change in answer.changes}.get(each.file)
-    values = (
+    return (
         answer.parent,
         answer.child,
         answer.imu,
@@ -84,7 +79,6 @@ def _columns(answer: TrendAnswer, each: TrendRecording) -> dict[str, Any]:
         *each.std_mm,
         *each.std_deg,
     )
-    return dict(zip(_COLUMNS, values, strict=True))
 
 
 _COLUMNS = (

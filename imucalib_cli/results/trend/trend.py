@@ -13,7 +13,7 @@ from imucalib_cli.estimate.checks.segments import DECISIVE
 from imucalib_cli.findings import warning
 from imucalib_cli.results.bounds import chance_of_more
 from imucalib_cli.results.fields import instant, judgement
-from imucalib_cli.results.from_estimate import plain, pose_entry
+from imucalib_cli.results.from_estimate import plain, pose_entry, tangent
 from imucalib_cli.results.pose import correlation
 from imucalib_cli.results.pose_comparison import RARE, PoseComparison, compare_poses
 from imucalib_cli.results.result import SCHEMA
@@ -105,8 +105,6 @@ class _Seen:
     used: Sequence[Named]
     start: UncertainPose
     """What shifts are told from: the first mount, or where a drift begins."""
-    end: UncertainPose
-    """The last mount, or where a drift ends."""
     rows: Sequence[Indices] = ()
     """Places of the recordings of each mount."""
     mounts: Sequence[UncertainPose] = ()
@@ -267,7 +265,6 @@ def _steps(
     return _Seen(
         used=used,
         start=mounts[0],
-        end=mounts[-1],
         rows=rows,
         mounts=mounts,
         changes=changes,
@@ -302,7 +299,6 @@ def _drifting(
     return _Seen(
         used=used,
         start=poses[0],
-        end=poses[-1],
         odd=odd,
         drift=_Drift(
             apart=compare_poses(poses[0].exactly(poses[0].R, poses[0].t), change),
@@ -482,7 +478,7 @@ def _recording_entries(seen: _Seen) -> Iterator[TrendRecording]:
         pose, recording = result.uncertain_pose, result.provenance.recording
         apart = compare_poses(seen.start, pose)
         shift, turn = (plain(part.vector * part.scale) for part in apart.parts)
-        std = np.sqrt(np.diag(np.asarray(pose.covariance)))
+        std_mm, std_deg = tangent(np.sqrt(np.diag(np.asarray(pose.covariance))))
         yield TrendRecording(
             file=name,
             start=result.recorded_at,
@@ -493,6 +489,6 @@ def _recording_entries(seen: _Seen) -> Iterator[TrendRecording]:
             rotation_xyzw=result.pose.rotation_xyzw,
             shift_mm=shift,
             turn_deg=turn,
-            std_mm=plain(1e3 * std[:3]),
-            std_deg=plain(np.degrees(std[3:])),
+            std_mm=std_mm,
+            std_deg=std_deg,
         )
