@@ -16,6 +16,9 @@ from imucalib_cli.estimate.model.design import BLOCK
 from imucalib_cli.estimate.model.layout import places_of
 from imucalib_cli.estimate.model.state import Chain, gravity_axes
 from imucalib_cli.estimate.model.unknowns import (
+    BaseClock,
+    BaseMount,
+    BaseReading,
     Clock,
     Gravity,
     JointCurve,
@@ -23,6 +26,7 @@ from imucalib_cli.estimate.model.unknowns import (
     Origin,
     PoseScale,
     Reading,
+    Samples,
     with_ends,
 )
 from imucalib_cli.estimate.model.windows import blocks
@@ -36,8 +40,7 @@ if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats, Indices
     from imucalib_cli.estimate.model.design import Model
     from imucalib_cli.estimate.model.layout import Joint, Placed
-    from imucalib_cli.estimate.model.state import State
-    from imucalib_cli.estimate.model.unknowns import Samples
+    from imucalib_cli.estimate.model.state import BaseImu, State
     from imucalib_cli.estimate.model.windows import WindowPlan
     from imucalib_cli.robot.path import KinematicPath
     from imucalib_cli.signals.kernels import MatchedFilter
@@ -95,6 +98,23 @@ def plan_nodes(plan: WindowPlan, dt: float) -> NodePlan:
 
 
 @dataclass(frozen=True, eq=False)
+class _BaseNodes:
+    """The IMU that tells how the base moves, along the nodes; world axes."""
+
+    samples: Samples
+    R: Floats
+    """(M, 3, 3), R_world_base."""
+    force: Floats
+    """(M, 3), m/s²."""
+    turning: Floats
+    """(M, 3), rad/s."""
+    moving: Floats
+    """(M, 3), velocity, m/s."""
+    arm: Floats
+    """(M, 3), from it to the IMU that is calibrated, m."""
+
+
+@dataclass(frozen=True, eq=False)
 class _Nodes:
     """Everything of a stretch of nodes that effects are made of."""
 
@@ -119,6 +139,7 @@ class _Nodes:
     path: KinematicPath
     gravity: Floats
     """(3,), m/s², world axes."""
+    base: _BaseNodes | None = None
     _twists: dict[Joint, tuple[Floats, Floats, Floats]] = field(default_factory=dict)
 
     def twist(self, joint: Joint) -> tuple[Floats, Floats, Floats]:
@@ -167,6 +188,9 @@ class _Channels:
     """(n, 3), of gravity."""
     clock: list[tuple[slice, Clock]] = field(default_factory=list)
     """Unknowns of the clock: the pose is that of another instant."""
+    base_turn: list[tuple[slice, Floats]] = field(default_factory=list)
+    """What turns with the base as it is reckoned, itself, the place and the force: only the turn
+    since the middle of a window matters."""
 
 
 def _block_columns(
@@ -199,6 +223,14 @@ def _block_columns(
             index = places_of(part for part, _ in found)
             changes = in_parent(np.concatenate([each for _, each in found], 1), weights)
             J[:, index, rows] += sign * changes
+    if nodes.base is not None and channels.base_turn:
+        index = places_of(part for part, _ in channels.base_turn)
+        turn = np.concatenate([each for _, each in channels.base_turn], 1)
+        arm, force = nodes.base.arm[:, None], (nodes.force - nodes.base.force)[:, None]
+        changes = in_parent(cross(turn, arm), plan.second.derivative)
+        changes -= in_parent(cross(turn, force), plan.second.average)
+        still = in_parent(arm, plan.second.derivative) - in_parent(force, plan.second.average)
+        J[:, index, accel] += changes - cross(turn[at] @ R_centre, still)
     for part, change in channels.gravity:
         J[:, part, accel] -= change @ R_centre
     if channels.clock:
@@ -227,6 +259,23 @@ def _add(placed: Placed, nodes: _Nodes, channels: _Channels) -> None:  # noqa: C
             seen = -(basis @ np.swapaxes(nodes.R_world_imu, 1, 2))
             read = channels.force if effect.sensor == "accel" else channels.rate
             read.append((part, seen))
+        case BaseReading(reading) if nodes.base is not None:
+            basis = np.swapaxes(reading.basis(nodes.base.samples), 0, 1)
+            seen = basis @ np.swapaxes(nodes.base.R, 1, 2)
+            if reading.sensor == "accel":  # what is taken off moves the base less
+                channels.force.append((part, seen))
+            else:
+                channels.rate.append((part, seen))
+                channels.base_turn.append((part, _integral(-seen, nodes.base.samples.dt)))
+        case BaseMount() if nodes.base is not None:
+            axes = -np.swapaxes(nodes.frames[placed.index + 1][0], 1, 2)
+            if effect.what == "translation":
+                channels.shift.append((part, axes))
+            else:
+                _move_base(channels, part, nodes, axes, np.zeros_like(axes))
+        case BaseClock() if nodes.base is not None:
+            turn, shift = nodes.base.turning[:, None], nodes.base.moving[:, None]
+            _move_base(channels, part, nodes, turn, shift)
         case Clock():
             channels.clock.append((part, effect))
         case Gravity():
@@ -257,6 +306,53 @@ def _add(placed: Placed, nodes: _Nodes, channels: _Channels) -> None:  # noqa: C
                 channel.append((part, curve * along[:, None]))
 
 
+def _move_base(
+    channels: _Channels, part: slice, nodes: _Nodes, turn: Floats, shift: Floats
+) -> None:
+    """The base IMU is shifted, (M, n, 3) m, and everything behind it turns about it, rad."""
+    if nodes.base is not None:
+        channels.turn.append((part, turn))
+        channels.shift.append((part, shift + cross(turn, nodes.base.arm[:, None])))
+        channels.force.append((part, cross(turn, nodes.force[:, None])))
+
+
+def _integral(values: Floats, dt: float) -> Floats:
+    """Sum of trapezia from the first on, as the values."""
+    steps = 0.5 * dt * (values[1:] + values[:-1])
+    return np.concatenate([np.zeros_like(values[:1]), np.cumsum(steps, axis=0)])
+
+
+def _base_nodes(
+    base: BaseImu,
+    t: Floats,
+    dt: float,
+    frame: tuple[Floats, Floats],
+    place: Floats,
+) -> _BaseNodes:
+    """The base IMU at nodes (M,), s, every dt; its frame, and the place (M, 3) of the other IMU."""
+    stamps, gyro, accel = base.readings(t)
+    width = max(round(dt / base.grid.dt), 1)
+    box = np.full(width, 1.0 / width)
+    mean = np.stack(
+        [
+            np.interp(t + base.shift, stamps, np.convolve(values, box, mode="same"))
+            for values in np.hstack([accel, gyro]).T
+        ],
+        axis=1,
+    )
+    age = (t + base.shift - base.grid.t0) / (base.grid.dt * max(len(base.grid.usable) - 1, 1))
+    samples = Samples(accel=mean[:, :3], gyro=mean[:, 3:], age=np.asarray(age - 0.5), dt=dt)
+    R, p = frame
+    return _BaseNodes(
+        samples=samples,
+        R=R,
+        force=np.einsum("mij,mj->mi", R, samples.accel),
+        turning=np.einsum("mij,mj->mi", R, samples.gyro),
+        moving=with_ends((p[2:] - p[:-2]) / (2 * dt)),
+        arm=place - p,
+    )
+
+
 def _nodes(model: Model, plan: NodePlan, chain: Chain, state: State, centres: Indices) -> _Nodes:
     """Everything along the nodes that windows touch."""
     grid = model.windowing.grid
@@ -285,6 +381,10 @@ def _nodes(model: Model, plan: NodePlan, chain: Chain, state: State, centres: In
     moving = (place[2:] - place[:-2]) / (2 * dt)
     accel = model.less_errors(state, samples, "accel")
     R_world_imu = R @ state.R
+    base = None
+    if chain.base is not None:
+        step = chain.path.base_step
+        base = _base_nodes(chain.base, t, dt, frames[step + 1], place)
     return _Nodes(
         first=first,
         samples=samples,
@@ -300,4 +400,5 @@ def _nodes(model: Model, plan: NodePlan, chain: Chain, state: State, centres: In
         rates=rates,
         path=chain.path,
         gravity=state.gravity,
+        base=base,
     )

@@ -10,6 +10,9 @@ import numpy as np
 from imucalib_cli.estimate.model.unknowns import (
     SCALES,
     TABLE,
+    BaseClock,
+    BaseMount,
+    BaseReading,
     JointCurve,
     Mount,
     Origin,
@@ -208,6 +211,7 @@ class _Chain:
         values = trajectory.values(np.linspace(start, end, _INSTANTS))
         self._path = path
         self._joints = _joints_of(path)
+        self._base = path.base_imu
         moving = [i for i, step in enumerate(path.steps) if isinstance(step, PoseStep)]
         self._moving = set()
         for joint in self._joints:
@@ -240,9 +244,15 @@ class _Chain:
                 yield Placed(unknown, nowhere, labels, None, index, directions, hidden)
         elif isinstance(effect, PoseScale):
             used = (step.track for step in self._path.steps if isinstance(step, PoseStep))
-            for track in dict.fromkeys(used):
+            for track in (each for each in dict.fromkeys(used) if each != self._base):
                 labels = (self._path.tracks[track].name,)
                 yield Placed(unknown, nowhere, labels, index=track)
+        elif isinstance(effect, BaseReading):
+            if self._base is not None:
+                yield Placed(unknown, nowhere, unknown.labels)
+        elif isinstance(effect, (BaseMount, BaseClock)):
+            if self._base is not None and self._moving:
+                yield Placed(unknown, nowhere, unknown.labels, index=self._path.base_step + 1)
         else:
             yield Placed(unknown, nowhere, unknown.labels)
 
@@ -259,7 +269,10 @@ class _Chain:
 
     def _origins(self) -> Iterator[tuple[int, Floats]]:
         """Constant steps behind the first that moves, with what of them is not the mount."""
+        mounted = () if self._base is None else (self._path.base_step + 1, self._path.base_step + 2)
         for index, step in enumerate(self._path.steps):
+            if index in mounted:  # what follows the base IMU is the place of its mount
+                continue
             if isinstance(step, FixedStep) and self._inside(index):
                 # Behind the last that moves nothing turns, and all of it looks like the mount.
                 directions = self._turning(index) if index < self._last else np.eye(3)

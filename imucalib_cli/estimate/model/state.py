@@ -7,12 +7,29 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from imucalib_cli.estimate.model.unknowns import Gravity, JointCurve, Mount, Origin, PoseScale
+from imucalib_cli.estimate.model.unknowns import (
+    BaseClock,
+    BaseMount,
+    BaseReading,
+    Gravity,
+    JointCurve,
+    Mount,
+    Origin,
+    PoseScale,
+    Samples,
+)
 from imucalib_cli.robot.path import FixedStep
 from imucalib_cli.robot.rotations import cross, matrix_from_rotvec, rotvec_from_matrix
+from imucalib_cli.signals.dead_reckoning import dead_reckon
+from imucalib_cli.signals.interpolate import lagrange
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from imucalib_cli.arrays import Bools, Floats
+    from imucalib_cli.estimate.model.unknowns import Reading
+    from imucalib_cli.signals.grid import ImuGrid
+    from imucalib_cli.signals.samples import Sensor
     from imucalib_cli.estimate.model.layout import Joint, Layout
     from imucalib_cli.robot.path import KinematicPath, Step
     from imucalib_cli.signals.trajectory import Trajectory
@@ -53,6 +70,59 @@ class State:
         return State(matrix_from_rotvec(rotation) @ self.R, t, gravity, x, self.held_offset)
 
 
+def less_errors(
+    errors: Iterable[tuple[Reading, Floats]], samples: Samples, sensor: Sensor
+) -> Floats:
+    """(M, 3), readings of a sensor with errors of given sizes taken off."""
+    reading = np.array(samples.accel if sensor == "accel" else samples.gyro)
+    for effect, size in errors:
+        if effect.sensor == sensor and size.any():
+            reading -= np.tensordot(size, effect.basis(samples), axes=1)
+    return reading
+
+
+_AROUND = 5
+"""Samples of an IMU on either side of a stretch: polynomials reach so far, and ends are guesses."""
+
+
+@dataclass(frozen=True, eq=False)
+class BaseImu:
+    """The IMU that tells how the base moves, its errors taken off.
+
+    Each stretch is reckoned by itself, from rest: no digit is lost, however long the log, and what
+    stretches have in common is not asked for.
+    """
+
+    track: int
+    """Of the path."""
+    grid: ImuGrid
+    shift: float
+    """Its stamp less the joints', s."""
+    errors: tuple[tuple[Reading, Floats], ...]
+
+    def readings(self, t: Floats) -> tuple[Floats, Floats, Floats]:
+        """Stamps (n,), gyroscope and accelerometer (n, 3) around robot stamps (M,), errors off."""
+        grid, count = self.grid, len(self.grid.usable)
+        ends = (np.array([t.min(), t.max()]) + self.shift - grid.t0) / grid.dt
+        first = max(min(int(ends[0]) - _AROUND, count - 2 * _AROUND), 0)
+        last = min(max(int(ends[1]) + _AROUND + 1, first + 2 * _AROUND), count)
+        index = np.arange(first, last)
+        samples = Samples(
+            accel=grid.accel[first:last],
+            gyro=grid.gyro[first:last],
+            age=np.asarray(index / max(count - 1, 1) - 0.5),
+            dt=grid.dt,
+        )
+        gyro, accel = (less_errors(self.errors, samples, each) for each in ("gyro", "accel"))
+        return np.asarray(grid.t0 + grid.dt * index), gyro, accel
+
+    def poses(self, t: Floats) -> Floats:
+        """(M, 7), of the IMU in a freely falling frame at robot stamps (M,), s."""
+        stamps, gyro, accel = self.readings(t)
+        quaternion, position = dead_reckon(gyro, accel, self.grid.dt)
+        return lagrange(stamps, np.hstack([position, quaternion]), t + self.shift)
+
+
 @dataclass(frozen=True, eq=False)
 class Chain:
     """The parent link's motion with errors of its joints, origins and pose streams taken off."""
@@ -64,6 +134,7 @@ class Chain:
     """Errors of joint positions."""
     scales: tuple[tuple[int, float], ...] = ()
     """Errors of pose streams: track, relative."""
+    base: BaseImu | None = None
 
     @classmethod
     def of(cls, trajectory: Trajectory, layout: Layout, x: Floats) -> Chain:
@@ -73,8 +144,13 @@ class Chain:
             step = steps[each.index]
             if isinstance(step, FixedStep) and x[each.part].any():
                 steps[each.index] = replace(step, p=step.p + x[each.part] @ each.directions)
+        for each, mount in layout.of(BaseMount):
+            step, size = steps[each.index], x[each.part]
+            if isinstance(step, FixedStep) and size.any():
+                steps[each.index] = _remounted(step, mount, size)
         return cls(
             trajectory=trajectory,
+            base=_base_imu(trajectory, layout, x),
             path=replace(trajectory.path, steps=tuple(steps)),
             curves=tuple(
                 (each.joint, curve, x[each.part])
@@ -91,7 +167,7 @@ class Chain:
     def values(self, t: Floats) -> tuple[Floats, ...]:
         """Values of every track, errors taken off."""
         if not self.curves:
-            return self._scaled(self.trajectory.values(t))
+            return self._corrected(self.trajectory.values(t), t)
         return self.values_and_rates(t)[0]
 
     def values_and_rates(self, t: Floats) -> tuple[tuple[Floats, ...], tuple[Floats, ...]]:
@@ -101,16 +177,41 @@ class Chain:
         for joint, curve, size in self.curves:
             q, rate = (each[joint.track][:, joint.column] for each in (reported, rates))
             values[joint.track][:, joint.column] += size @ curve.basis(q, rate)
-        return self._scaled(values), rates
+        return self._corrected(values, t), rates
 
-    def _scaled(self, values: tuple[Floats, ...]) -> tuple[Floats, ...]:
+    def _corrected(self, values: tuple[Floats, ...], t: Floats) -> tuple[Floats, ...]:
+        """With errors of the pose streams taken off."""
         for track, scale in self.scales:
             values[track][:, :3] *= 1.0 + scale
+        if self.base is not None:
+            values[self.base.track][:] = self.base.poses(t)
         return values
 
     def poses(self, t: Floats) -> tuple[Floats, Floats]:
         """R_world_parent (M, 3, 3) and p_world_parent (M, 3), m."""
         return self.path.poses(self.values(t))
+
+
+def _remounted(step: FixedStep, mount: BaseMount, size: Floats) -> FixedStep:
+    """From an IMU to its link, where its pose in the link is another by so much, link's axes."""
+    if mount.what == "translation":
+        return replace(step, p=step.p - step.R @ size)
+    R = step.R @ matrix_from_rotvec(-size)
+    return FixedStep(R=R, p=R @ step.R.T @ step.p)
+
+
+def _base_imu(trajectory: Trajectory, layout: Layout, x: Floats) -> BaseImu | None:
+    track = trajectory.path.base_imu
+    if track is None:
+        return None
+    grid = trajectory.tracks[track].readings
+    assert grid is not None  # noqa: S101 - an IMU's track has them
+    return BaseImu(
+        track=track,
+        grid=grid,
+        shift=sum(float(x[each.part][0]) for each, _ in layout.of(BaseClock)),
+        errors=tuple((effect.reading, x[each.part]) for each, effect in layout.of(BaseReading)),
+    )
 
 
 def turned_about(R: Floats, R_prior: Floats, turns: Bools) -> Floats:

@@ -13,6 +13,8 @@ To add an unknown, add one entry to TABLE. What an entry does is one of a few ki
 - ``PoseScale``: positions of a pose stream, relative.
 - ``Clock``: stamps of a sensor are later by value times basis(age).
 - ``Gravity``, ``Mount``: gravity in the world, and the pose that is wanted.
+- ``BaseReading``, ``BaseMount``, ``BaseClock``: of the IMU that tells how the base moves, if one
+  does: its readings, its pose in its link, its stamps against those of the joints.
 
 Never in the table, because no log can tell them: the zero of the first joint (it turns the base),
 the zero of the last joint and all that follows it (they are part of the mount), and where the base
@@ -21,7 +23,7 @@ stands. A URDF whose last link is wrong gives the pose that this URDF needs.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
@@ -126,7 +128,37 @@ class Mount:
     what: Literal["translation", "rotation"]
 
 
-Effect = Reading | JointCurve | Origin | PoseScale | Clock | Gravity | Mount
+@dataclass(frozen=True, eq=False)
+class BaseReading:
+    """Error of a reading of the IMU that tells how the base moves."""
+
+    reading: Reading
+
+
+@dataclass(frozen=True)
+class BaseMount:
+    """Pose of that IMU in its link: its translation or its rotation, in the link's frame."""
+
+    what: Literal["translation", "rotation"]
+
+
+@dataclass(frozen=True)
+class BaseClock:
+    """Stamps of that IMU: later than those of the joints by the value."""
+
+
+Effect = (
+    Reading
+    | JointCurve
+    | Origin
+    | PoseScale
+    | Clock
+    | Gravity
+    | Mount
+    | BaseReading
+    | BaseMount
+    | BaseClock
+)
 
 
 _GROUPS: Final[dict[type, Group]] = {
@@ -137,6 +169,9 @@ _GROUPS: Final[dict[type, Group]] = {
     PoseScale: "robot",
     Gravity: "gravity",
     Mount: "mount",
+    BaseReading: "sensor",
+    BaseMount: "robot",
+    BaseClock: "offset",
 }
 
 
@@ -250,7 +285,7 @@ encoders on the output to those behind a worn gear; delays of a field bus cycle 
 error once a turn and its play are made by the same teeth: catalogues of strain wave gears give one
 arc minute for either, within a factor of two."""
 
-TABLE: Final[tuple[Unknown, ...]] = (
+_OWN: Final[tuple[Unknown, ...]] = (
     Unknown(
         name="translation",
         labels=_XYZ,
@@ -474,12 +509,61 @@ TABLE: Final[tuple[Unknown, ...]] = (
         effect=PoseScale(),
         words="scale of a pose stream's positions",
     ),
+    Unknown(
+        name="base_translation",
+        labels=_XYZ,
+        unit="m",
+        scale="length",
+        healthy=0.02,
+        effect=BaseMount("translation"),
+        words="place of the base IMU in its link: true less URDF",
+    ),
+    Unknown(
+        name="base_rotation",
+        labels=_XYZ,
+        unit="rad",
+        scale="joint_zero",
+        healthy=0.02,
+        effect=BaseMount("rotation"),
+        words="rotation of the base IMU in its link: true less URDF",
+    ),
+    Unknown(
+        name="base_time_offset",
+        unit="s",
+        std=0.02,
+        effect=BaseClock(),
+        of_log=True,
+        words="stamp of the base IMU less joint stamp",
+    ),
 )
+
+
+def _of_the_base(unknown: Unknown, reading: Reading) -> Unknown:
+    """The same error of the IMU that tells how the base moves."""
+    return replace(
+        unknown,
+        name=f"base_{unknown.name}",
+        among=unknown.among,
+        effect=BaseReading(reading),
+        words=f"{unknown.words}, base IMU",
+    )
+
+
+TABLE: Final[tuple[Unknown, ...]] = (
+    *_OWN,
+    *(
+        _of_the_base(each, each.effect)
+        for each in _OWN
+        if isinstance(each.effect, Reading) and each.name != "mount_give"
+    ),
+)
+"""Whatever is wrong with one IMU may be wrong with the other, by the same priors."""
 
 LEAN: Final = tuple(
     each
     for each in TABLE
-    if each.name
+    if each.name.removeprefix("base_")
     in {"translation", "rotation", "accel_bias", "gyro_bias", "gravity_direction", "time_offset"}
+    and not isinstance(each.effect, BaseMount)
 )
 """What is found first, before the rest of the table is linearised about it."""
