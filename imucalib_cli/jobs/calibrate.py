@@ -19,6 +19,7 @@ from imucalib_cli.jobs.data_sheet import (
     without_priors,
 )
 from imucalib_cli.jobs.explain import explain
+from imucalib_cli.jobs.known.base import with_base_imu
 from imucalib_cli.jobs.known.parents import (
     check_parents,
     find_parents,
@@ -98,13 +99,14 @@ def calibrate_recording(
     Raises:
         ChoiceError: One link is named for several IMUs.
     """
-    if request.imu_link is not None and len(recording.imus) > 1:
+    if request.imu_link is not None and len(recording.imus) > 1 and request.base_imu is None:
         topics = ", ".join(imu.name for imu in recording.imus)
         raise ChoiceError(
             f"--imu-link {request.imu_link} is the link of one IMU, the log has several: choose "
             f"one with --imu-topic: {topics}"
         )
     check_parents(recording.imus, request)
+    recording = with_base_imu(recording, request)
     calibrated: list[Calibrated] = []
     failures: list[ImucalibError] = []
     for imu in recording.imus:
@@ -138,6 +140,9 @@ def _calibrate_one(recording: Recording, imu: ImuStream, request: CalibrationReq
     missing = tuple(missing_parts({imu.name: samples.t, **tracks}))
     repaired = repair_streams(samples, motion.path, request)
     options = with_priors(request.estimator, request.imu)
+    if recording.sources.base is not None and isinstance(options, MatchedOptions):
+        # Both IMUs fall freely: what each feels of gravity is the same.
+        options = replace(options, gravity="none")
     options = _with_initial(options, motion, request)
     if isinstance(options, MatchedOptions):
         options = replace(options, either_sign=request.units.sign == "auto")

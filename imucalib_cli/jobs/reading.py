@@ -87,6 +87,7 @@ def read_recording(request: CalibrationRequest, progress: Progress | None = None
         request.joint_topics,
         request.pose_topics,
         request.description_topics,
+        base_imu=request.base_imu,
     )
     if request.urdf is not None:
         chosen = replace(chosen, descriptions=())
@@ -212,6 +213,8 @@ def _wanted_imus(data: LogData, request: CalibrationRequest) -> LogData:
     asked = request.imu_topics
     if not asked:
         return data
+    if request.base_imu is not None:
+        asked = (*asked, request.base_imu)
     topics = {imu.topic for imu in data.imus.values()}
     for name in asked:
         if name not in data.imus and name not in topics and name.partition(":")[0] in topics:

@@ -67,6 +67,8 @@ def select_topics(
     joint_topics: Sequence[str] = (),
     pose_topics: Sequence[str] = (),
     description_topics: Sequence[str] = (),
+    *,
+    base_imu: str | None = None,
 ) -> Selection:
     """Choose topics.
 
@@ -74,7 +76,7 @@ def select_topics(
     may be the motion of the base; a pose topic of another type only where there are no joint
     states and it is the only one. A kind that is named is limited to
     what is named; static transforms always stay. ``topic:frame`` names one of several IMUs on a
-    topic.
+    topic. ``base_imu`` is one that tells a motion itself.
 
     Raises:
         ChoiceError: A named topic is not there or of another kind, or several pose topics could
@@ -82,6 +84,8 @@ def select_topics(
         InputError: There is no IMU, or no source of poses.
     """
     names = {each.name for each in topics}
+    if imu_topics and base_imu is not None:
+        imu_topics = (*imu_topics, base_imu)
     imu_topics = [each if each in names else each.partition(":")[0] for each in imu_topics]
     imus = _of_kind(topics, "imu", imu_topics)
     joints = _of_kind(topics, "joints", joint_topics)
@@ -104,10 +108,11 @@ def select_topics(
         raise InputError(
             f"the log has no IMU (sensor_msgs/Imu); it has: {_listed(topics) or 'no topics'}"
         )
-    if not (joints or poses or tf):
+    if not (joints or poses or tf or base_imu):
+        several = "; of several IMUs one may tell it: --base-imu TOPIC" if len(imus) > 1 else ""
         raise InputError(
             "the log has no source of the robot's motion (sensor_msgs/JointState, tf, "
-            f"odometry or poses); it has: {_listed(topics)}"
+            f"odometry or poses); it has: {_listed(topics)}{several}"
         )
     return Selection(
         imus=_names(imus),

@@ -134,9 +134,7 @@ def _reckoned(track: Track) -> CleanTrack:
     grid = clean.grid(0.0, use_ticks=clean.ticks is not None)
     values = np.hstack(dead_reckon(grid.gyro, grid.accel, grid.dt)[::-1])
     t = grid.t[grid.usable]
-    return CleanTrack(
-        track.name, t, values[grid.usable], gap_breaks(t), ticks=None, readings=grid
-    )
+    return CleanTrack(track.name, t, values[grid.usable], gap_breaks(t), ticks=None, readings=grid)
 
 
 def continuous(kind: Literal["joints", "pose", "imu"], values: Floats) -> Floats:

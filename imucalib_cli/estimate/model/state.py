@@ -27,11 +27,11 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from imucalib_cli.arrays import Bools, Floats
+    from imucalib_cli.estimate.model.layout import Joint, Layout
     from imucalib_cli.estimate.model.unknowns import Reading
+    from imucalib_cli.robot.path import KinematicPath, Step
     from imucalib_cli.signals.grid import ImuGrid
     from imucalib_cli.signals.samples import Sensor
-    from imucalib_cli.estimate.model.layout import Joint, Layout
-    from imucalib_cli.robot.path import KinematicPath, Step
     from imucalib_cli.signals.trajectory import Trajectory
 
 

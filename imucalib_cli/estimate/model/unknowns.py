@@ -184,7 +184,8 @@ class Unknown:
     """Of its components; joints and origins are named by the robot instead."""
     unit: str
     std: float = np.inf
-    """Prior, 1 sigma; inf where nothing is known beforehand. With a scale: not used."""
+    """Prior, 1 sigma; inf where nothing is known beforehand. With a scale: of components that the
+    user leaves open where they tell others."""
     scale: str | None = None
     """Which learnt standard deviation its components share."""
     effect: Effect
@@ -513,6 +514,7 @@ _OWN: Final[tuple[Unknown, ...]] = (
         name="base_translation",
         labels=_XYZ,
         unit="m",
+        std=3e-3,
         scale="length",
         healthy=0.02,
         effect=BaseMount("translation"),
@@ -522,6 +524,7 @@ _OWN: Final[tuple[Unknown, ...]] = (
         name="base_rotation",
         labels=_XYZ,
         unit="rad",
+        std=5e-3,
         scale="joint_zero",
         healthy=0.02,
         effect=BaseMount("rotation"),
