@@ -247,14 +247,11 @@ class _Chain:
             for track in (each for each in dict.fromkeys(used) if each != self._base):
                 labels = (self._path.tracks[track].name,)
                 yield Placed(unknown, nowhere, labels, index=track)
-        elif isinstance(effect, BaseReading):
-            if self._base is not None:
-                yield Placed(unknown, nowhere, unknown.labels)
-        elif isinstance(effect, (BaseMount, BaseClock)):
-            if self._base is not None and self._moving:
-                yield Placed(unknown, nowhere, unknown.labels, index=self._path.base_step + 1)
-        else:
+        elif not isinstance(effect, (BaseReading, BaseMount, BaseClock)):
             yield Placed(unknown, nowhere, unknown.labels)
+        # Of two IMUs on one body the mounts are one, and no joint has other stamps.
+        elif self._base is not None and (self._moving or isinstance(effect, BaseReading)):
+            yield Placed(unknown, nowhere, unknown.labels, index=self._path.base_step + 1)
 
     def _joints_of(self, curve: JointCurve) -> Iterator[Joint]:
         """Joints that have an error of this kind, as far as a log tells it."""
