@@ -73,6 +73,9 @@ class SimulateOptions:
         Vector | None, _motion(parser=vector, metavar='"R P Y"', help="True IMU orientation, rad.")
     ] = None
     profile: Annotated[Literal["smooth", "hard"], _motion(help="Pushes of barbot.")] = "smooth"
+    bandwidth: Annotated[
+        float | None, _motion(help="Of every IMU's low-pass, Hz; 0 measures the instant.")
+    ] = None
     publishers: Annotated[
         int, _motion(min=1, help="Joint publishers, each with part of the joints.")
     ] = 1
@@ -184,7 +187,7 @@ def simulate_command(
     system: Annotated[
         str,
         typer.Argument(
-            help="rihibot (UR10e under gravity) or barbot (free bar without).",
+            help="rihibot (UR10e under gravity), barbot (free bar without) or walker (four legs).",
             autocompletion=complete.systems,
         ),
     ] = "",
@@ -224,7 +227,7 @@ def simulate_command(
     from imucalib_cli.simulate.simulate import simulate
 
     if bool(system) == (config is not None):
-        raise ChoiceError("name one system, rihibot or barbot, or give --config FILE")
+        raise ChoiceError("name one system, such as rihibot, or give --config FILE")
     chosen, camera = load_system(config or system), None
     if options.camera or options.camera_config is not None:
         from imucalib_cli.simulate.camera.config import load_camera
@@ -284,7 +287,7 @@ def _with_noise(options: SimulateOptions) -> NoiseOptions:
 
 
 def _joint_order(text: str, system: SystemConfig) -> tuple[str, ...]:
-    joints = () if system.arm is None else tuple(joint.name for joint in system.arm.joints)
+    joints = tuple(joint.name for joint in system.joints)
     orders = {"chain": (), "alphabetical": tuple(sorted(joints)), "reversed": joints[::-1]}
     return orders[text] if text in orders else names(text)
 

@@ -98,7 +98,7 @@ def test_a_system_of_ones_own(tmp_path: Path) -> None:
     [
         ([], 2, "name one system"),
         (["barbot", "--config", "x.yaml"], 2, "name one system"),
-        (["robbot"], 2, "choose barbot, rihibot"),
+        (["robbot"], 2, "choose barbot, rihibot, walker"),
         (["--config", "none.yaml"], 1, "none.yaml"),
         (["barbot", "--grade", "cheap"], 2, "choose ideal, industrial, mems"),
         (["barbot", "--imu-model", "bmi088", "--grade", "mems"], 2, "give one of them"),
