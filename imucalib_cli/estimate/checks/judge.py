@@ -113,7 +113,7 @@ class Evidence:
 
 def own_noise(windowing: Windowing) -> tuple[float, float]:
     """What the sensor's own white noise leaves in a window, m/s² and rad/s; at least any IMU's."""
-    noise, gains = windowing.grid.noise, windowing.white_gains
+    noise, gains = windowing.noise, windowing.white_gains
     accel, gyro = (
         max(own * gain, floor) for own, gain, floor in zip(noise, gains, COMMON_IMU, strict=True)
     )
@@ -133,7 +133,7 @@ def over_known_noise(fit: Fit) -> tuple[float, float]:
     )
     ratios = []
     for sensor, gain in enumerate(windowing.white_gains):
-        known = float(np.hypot(grid.noise[sensor] * gain, np.sqrt(kinematic[sensor])))
+        known = float(np.hypot(windowing.noise[sensor] * gain, np.sqrt(kinematic[sensor])))
         ratios.append(fit.residual_scales[sensor] / max(known, COMMON_IMU[sensor]))
     return ratios[0], ratios[1]
 

@@ -141,11 +141,9 @@ def _remounted(step: FixedStep, mount: BaseMount, size: Floats) -> FixedStep:
 
 
 def _base_imu(trajectory: Trajectory, layout: Layout, x: Floats) -> BaseImu | None:
-    track = trajectory.path.base_imu
-    if track is None:
+    track, grid = trajectory.path.base_imu, trajectory.base_readings
+    if track is None or grid is None:
         return None
-    grid = trajectory.tracks[track].readings
-    assert grid is not None  # noqa: S101 - an IMU's track has them
     return BaseImu(
         track=track,
         grid=grid,

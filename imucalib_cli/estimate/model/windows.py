@@ -11,6 +11,7 @@ R_c' as well, so that all residuals read in the parent frame.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -161,6 +162,20 @@ class Windowing:
         accel, gyro = (
             float(np.linalg.norm(pair.average) * np.sqrt(self.grid.refine))
             for pair in self.plan.filters
+        )
+        return accel, gyro
+
+    @property
+    def noise(self) -> tuple[float, float]:
+        """White noise of a sample, m/s² and rad/s, with that of the IMU that tells the base's
+        motion: a window sees both in the same way."""
+        base = self.trajectory.base_readings
+        if base is None:
+            return self.grid.noise
+        share = base.dt / (self.grid.dt * self.grid.refine)
+        accel, gyro = (
+            math.hypot(own, other * math.sqrt(share))
+            for own, other in zip(self.grid.noise, base.noise, strict=True)
         )
         return accel, gyro
 
