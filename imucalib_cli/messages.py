@@ -187,6 +187,12 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     # The robot.
     "robot.described": "the robot is '{robot}' of the log's {topic}; --urdf overrules it",
     "robot.description_unusable": "{reason}: the log's own description of the robot is not used",
+    "robot.chain_missing": "{parent} is taken to carry '{frame}', for no other frame moves; if a "
+    "joint lies between them, give --urdf, without which {topics:list} cannot be used",
+    "joints.other_robot": "{dropped:list} names joints of {robot} too; {used:list} is used, which "
+    "is in the namespace of the IMU",
+    "cause.pose_unread": "no link of the robot moves as the IMU does, but {topics:list} was not "
+    "read: if it is the pose of the robot's base, give --pose-topic {first}",
     "robot.unused": "{urdf} is not used, the log's own frames tell the motion: {reason}",
     "robot.held": held,
     "robot.held_in_motion": "{share:.0%} of the IMU's rotation happened while the robot's stream "

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from imucalib_cli.cli.parsers import Pose
     from imucalib_cli.estimate.options import MatchedOptions, PaperOptions, PosePrior, WindowChoice
     from imucalib_cli.jobs.request import CalibrationRequest, ExpectedImu
+    from imucalib_cli.logs.part import Part
     from imucalib_cli.logs.reader import LogPath
     from imucalib_cli.results.requirement import Tolerance
 
@@ -67,6 +68,27 @@ CsvColumns = Annotated[
         metavar="NAME,NAME,...",
         parser=parsers.names,
         help="Columns of a CSV table without a header: t,gx,gy,gz,ax,ay,az; - for none.",
+    ),
+]
+PartFrom = Annotated[
+    float | None,
+    _log(
+        "--from",
+        metavar="SECONDS|STAMP",
+        parser=parsers.log_time,
+        help="Use the log from here: seconds of the log, as messages have them, or a stamp in "
+        "s or ns since 1970.",
+        show_default="its start",
+    ),
+]
+PartTo = Annotated[
+    float | None,
+    _log(
+        "--to",
+        metavar="SECONDS|STAMP",
+        parser=parsers.log_time,
+        help="Use the log up to here.",
+        show_default="its end",
     ),
 ]
 PLANAR = (2,)
@@ -198,27 +220,8 @@ class RecordingOptions:
         ),
     ] = "auto"
     csv_columns: CsvColumns = None
-    part_from: Annotated[
-        float | None,
-        _log(
-            "--from",
-            metavar="SECONDS|STAMP",
-            parser=parsers.log_time,
-            help="Use the log from here: seconds of the log, as messages have them, or a stamp in "
-            "s or ns since 1970.",
-            show_default="its start",
-        ),
-    ] = None
-    part_to: Annotated[
-        float | None,
-        _log(
-            "--to",
-            metavar="SECONDS|STAMP",
-            parser=parsers.log_time,
-            help="Use the log up to here.",
-            show_default="its end",
-        ),
-    ] = None
+    part_from: PartFrom = None
+    part_to: PartTo = None
     allow_remote_scan: AllowRemoteScan = False
     urdf: Annotated[
         LogPath | None,
@@ -533,7 +536,6 @@ def calibration_request(
         InputError: The data sheet of the user's own states something else.
     """
     from imucalib_cli.jobs.request import CalibrationRequest
-    from imucalib_cli.logs.part import Part
     from imucalib_cli.signals.imu.units import Units
 
     asked: dict[str, Any] = {
@@ -552,9 +554,16 @@ def calibration_request(
         estimator=_estimator_options(ctx, estimator),
         imu=_expected_imu(estimator),
         require=require,
-        part=None if start is None and end is None else Part(start=start, end=end),
+        part=part_asked(start, end),
         **asked,
     )
+
+
+def part_asked(start: float | None, end: float | None) -> Part | None:
+    """The part of a log that is asked for; None for all of it."""
+    from imucalib_cli.logs.part import Part
+
+    return None if start is None and end is None else Part(start=start, end=end)
 
 
 def _parents(given: Sequence[str]) -> tuple[str | None, tuple[tuple[str, str], ...]]:

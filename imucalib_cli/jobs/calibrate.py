@@ -133,7 +133,7 @@ def _calibrate_one(recording: Recording, imu: ImuStream, request: CalibrationReq
         if error.option != "--parent":
             raise
         carriers = find_parents(imu, recording.clock, recording.sources, recording.robot, request)
-        raise with_answer(error, carriers) from error
+        raise with_answer(error, carriers, recording.sources.unread) from error
     check_joint_topics(recording.joints, _driven(motion.path))
     check_overlap(samples, motion, recording.clock)
     tracks = {track.name: track.t for track in motion.path.tracks}
@@ -193,7 +193,10 @@ def _with_repairs(
 ) -> Estimate:
     """Add the findings and repairs before the fit to an estimate."""
     blamed = {each.code for each in estimate.findings if each.severity is Severity.UNTRUSTED}
-    suspects = (each for each in repaired.suspects if each.code not in blamed)
+    of_the_log, suspects = (
+        tuple(each for each in some if each.code not in blamed)
+        for some in (of_the_log, repaired.suspects)
+    )
     record: dict[str, float | str | bool | None] = {
         "gyro_unit": repaired.gyro_unit,
         "accel_unit": repaired.accel_unit,

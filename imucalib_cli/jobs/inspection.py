@@ -58,6 +58,8 @@ class ImuFinding:
     """That option, if there is only one, such as ``--parent``."""
     moves_like: tuple[str, ...] = ()
     """Where it is the parent that nothing tells: links that move as the IMU does."""
+    still: bool = False
+    """Likewise: whether it stands still while the robot moves."""
     parent_unnamed: bool = False
     """Whether the parent's poses name no frame, so that their topic names it."""
 

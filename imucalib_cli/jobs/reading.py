@@ -97,7 +97,8 @@ def read_recording(request: CalibrationRequest, progress: Progress | None = None
     )
     data = _wanted_imus(data, request)
     _require_imus(data, chosen.imus, request)
-    return recording_of(data, request, unasked=chosen.unasked, paths=log.paths, files=files)
+    recording = recording_of(data, request, unasked=chosen.unasked, paths=log.paths, files=files)
+    return replace(recording, sources=replace(recording.sources, unread=chosen.unread))
 
 
 def open_requested(request: CalibrationRequest, progress: Progress | None = None) -> Log:

@@ -41,6 +41,8 @@ class Selection:
     unasked: tuple[str, ...] = ()
     """Those of ``poses`` that the user did not name: odometry beside joint states, perhaps of the
     base."""
+    unread: tuple[str, ...] = ()
+    """Other poses beside joint states: of the base, of a tool, or of anything."""
     descriptions: tuple[str, ...] = ()
     """Topics of a URDF."""
 
@@ -93,9 +95,11 @@ def select_topics(
     tf = [each for each in candidates(topics, "pose") if each.type in TF_TYPES]
     poses = [each for each in found if each.type not in TF_TYPES]
     unasked: list[Topic] = []
+    unread: list[Topic] = []
     if pose_topics:
         tf = [each for each in tf if each.name in pose_topics or each.name.endswith("tf_static")]
     elif joints:
+        unread = [each for each in poses if each.type != _ODOMETRY]
         poses = unasked = [each for each in poses if each.type == _ODOMETRY]
     elif len(poses) > 1:
         raise ChoiceError(
@@ -120,6 +124,7 @@ def select_topics(
         poses=_names(poses),
         tf=_names(tf),
         unasked=_names(unasked),
+        unread=_names(unread),
         descriptions=_names(described),
     )
 

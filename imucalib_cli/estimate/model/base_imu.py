@@ -90,6 +90,14 @@ class BaseNodes:
     """(M, 3), from it to the IMU that is calibrated, m."""
 
 
+def box_over(count: int) -> Floats:
+    """Weights that average so many samples about one of them: half at the ends, if it is even."""
+    box = np.full(2 * (count // 2) + 1, 1.0 / count)
+    if count % 2 == 0:
+        box[[0, -1]] /= 2.0
+    return box
+
+
 def base_nodes(
     base: BaseImu,
     t: Floats,
@@ -99,8 +107,7 @@ def base_nodes(
 ) -> BaseNodes:
     """The base IMU at nodes (M,), s, every dt; its frame, and the place (M, 3) of the other IMU."""
     stamps, gyro, accel = base.readings(t)
-    width = max(round(dt / base.grid.dt), 1)
-    box = np.full(width, 1.0 / width)
+    box = box_over(max(round(dt / base.grid.dt), 1))
     mean = np.stack(
         [
             np.interp(t + base.shift, stamps, np.convolve(values, box, mode="same"))

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from imucalib_cli.estimate.model.base_imu import base_nodes
+from imucalib_cli.estimate.model.base_imu import base_nodes, box_over
 from imucalib_cli.estimate.model.design import BLOCK
 from imucalib_cli.estimate.model.layout import places_of
 from imucalib_cli.estimate.model.state import Chain, gravity_axes
@@ -86,16 +86,12 @@ class NodePlan:
 def plan_nodes(plan: WindowPlan, dt: float) -> NodePlan:
     """Nodes for a plan of windows whose hop is a multiple of theirs."""
     every, length, degree = plan.node, plan.node_length, plan.degree
-    half = every // 2
-    box = np.full(2 * half + 1, 1.0 / every)
-    if every % 2 == 0:
-        box[[0, -1]] /= 2.0
     return NodePlan(
         every=every,
         dt=every * dt,
         first=matched_filter(length, degree, 1, every * dt),
         second=matched_filter(length, degree, 2, every * dt),
-        box=box,
+        box=box_over(every),
     )
 
 

@@ -166,18 +166,22 @@ class Windowing:
         return accel, gyro
 
     @property
-    def noise(self) -> tuple[float, float]:
-        """White noise of a sample, m/s² and rad/s, with that of the IMU that tells the base's
-        motion: a window sees both in the same way."""
+    def base_noise(self) -> tuple[float, float]:
+        """White noise of the IMU that tells the base's motion, m/s² and rad/s; zero without one.
+
+        As samples at the other IMU's rate would have it.
+        """
         base = self.trajectory.base_readings
         if base is None:
-            return self.grid.noise
-        share = base.dt / (self.grid.dt * self.grid.refine)
-        accel, gyro = (
-            math.hypot(own, other * math.sqrt(share))
-            for own, other in zip(self.grid.noise, base.noise, strict=True)
-        )
-        return accel, gyro
+            return 0.0, 0.0
+        share = math.sqrt(base.dt / (self.grid.dt * self.grid.refine))
+        return base.noise[0] * share, base.noise[1] * share
+
+    @property
+    def noise(self) -> tuple[float, float]:
+        """White noise of a sample of both IMUs together: a window sees either in the same way."""
+        (accel, gyro), (base_accel, base_gyro) = self.grid.noise, self.base_noise
+        return math.hypot(accel, base_accel), math.hypot(gyro, base_gyro)
 
     def overlap(self, time_offset: float) -> float:
         """Share of the shorter stream that overlaps the other, for an offset, s."""
