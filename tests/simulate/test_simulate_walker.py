@@ -163,8 +163,9 @@ def test_it_stays_upright_through_all_walks_and_again() -> None:
     assert (np.sort(gyro.std(axis=1), axis=1)[:, 1] > 0.3).all()
     joints = recording.robot[0]
     assert isinstance(joints, JointRecord)
-    limits = np.radians([joint.range_deg for joint in system.joints])
-    assert (np.abs(joints.position) < limits).all()
+    limits = np.radians([(joint.range_deg, joint.velocity_deg) for joint in system.joints])
+    assert (np.abs(joints.position) < limits[:, 0]).all()
+    assert (np.abs(recording.state.velocity[:, 6:]) < limits[:, 1]).all()
 
 
 def test_feet_go_where_the_gait_says() -> None:
