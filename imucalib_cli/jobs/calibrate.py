@@ -19,15 +19,13 @@ from imucalib_cli.jobs.data_sheet import (
     without_priors,
 )
 from imucalib_cli.jobs.explain import explain
-from imucalib_cli.jobs.known.base import with_base_imu
 from imucalib_cli.jobs.known.parents import (
-    check_parents,
     find_parents,
     request_of,
     with_answer,
 )
 from imucalib_cli.jobs.motion import Motion, find_motion
-from imucalib_cli.jobs.reading import printable, read_recording, recorded_at, samples_of
+from imucalib_cli.jobs.reading import printable, read_recording, recorded_at
 from imucalib_cli.jobs.recorded_options import recorded_options
 from imucalib_cli.logs.select import check_joint_topics
 from imucalib_cli.results.from_estimate import result_of, scalars
@@ -36,6 +34,7 @@ from imucalib_cli.results.result import Provenance, RecordingEntry, SourceFile, 
 from imucalib_cli.robot.path import JointStep
 from imucalib_cli.signals.imu.repair import Repaired, repair
 from imucalib_cli.signals.imu.stream_health import missing_parts
+from imucalib_cli.signals.samples import samples_of
 from imucalib_cli.signals.stamps import usual_interval
 
 if TYPE_CHECKING:
@@ -99,14 +98,12 @@ def calibrate_recording(
     Raises:
         ChoiceError: One link is named for several IMUs.
     """
-    if request.imu_link is not None and len(recording.imus) > 1 and request.base_imu is None:
+    if request.imu_link is not None and len(recording.imus) > 1:
         topics = ", ".join(imu.name for imu in recording.imus)
         raise ChoiceError(
             f"--imu-link {request.imu_link} is the link of one IMU, the log has several: choose "
             f"one with --imu-topic: {topics}"
         )
-    check_parents(recording.imus, request)
-    recording = with_base_imu(recording, request)
     calibrated: list[Calibrated] = []
     failures: list[ImucalibError] = []
     for imu in recording.imus:

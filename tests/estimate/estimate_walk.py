@@ -135,8 +135,9 @@ class Walk:
         steps: list[PoseStep | FixedStep | JointStep] = [PoseStep(track=0), fixed_inverse(BASE)]
         for column, (axis, origin) in enumerate(zip(self.axes, ORIGINS, strict=False)):
             steps.append(FixedStep(R=np.eye(3), p=np.array(origin)))
-            joint = {"name": f"j{column}", "axis": np.array(axis), "column": column}
-            steps.append(JointStep(kind="revolute", track=1, **joint))
+            along = np.array(axis)
+            name = f"j{column}"
+            steps.append(JointStep(name=name, kind="revolute", axis=along, track=1, column=column))
         path = KinematicPath(
             world="free fall",
             parent="foot" if self.axes else "trunk",

@@ -73,8 +73,7 @@ def test_sigma_is_true_with_noise_and_errors_of_both_imus_and_of_the_robot() -> 
         assert np.linalg.norm(error[:3]) < 1e-3
         assert np.linalg.norm(error[3:]) < np.radians(0.1)
         total += squared(found)
-    low, high = chi2.ppf([0.001, 0.999], 48)
-    assert low < total < high
+    assert chi2.ppf(0.001, 48) < total < chi2.ppf(0.999, 48)
 
 
 def test_stamps_of_three_clocks() -> None:

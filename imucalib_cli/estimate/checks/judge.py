@@ -18,7 +18,12 @@ from imucalib_cli.estimate.model.state import tilt_from_down
 from imucalib_cli.estimate.model.unknowns import Clock, JointCurve, Mount, Origin, PoseScale
 from imucalib_cli.estimate.solution.fit import COMMON_IMU
 from imucalib_cli.estimate.solution.spectrum import inverse_of
-from imucalib_cli.estimate.window_choice import kinematic_noise, second_derivative_gain
+from imucalib_cli.estimate.window_choice import (
+    ARM,
+    kinematic_noise,
+    second_derivative_gain,
+    turning_noise,
+)
 from imucalib_cli.findings import Finding, Severity, note, untrusted, warning
 
 if TYPE_CHECKING:
@@ -127,7 +132,8 @@ def over_known_noise(fit: Fit) -> tuple[float, float]:
     plan, grid = windowing.plan, windowing.grid
     seconds = plan.length * grid.dt
     kinematic = (
-        second_derivative_gain(seconds) * position,
+        second_derivative_gain(seconds) * position
+        + ARM**2 * turning_noise(seconds, windowing.trajectory),
         # The first derivative's gain, 12 / T³, of the three angles in the nine elements of R.
         12.0 / seconds**3 * rotation / 6.0,
     )
