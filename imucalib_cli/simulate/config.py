@@ -232,6 +232,8 @@ class Ground:
     friction: float
     time_constant: float
     """s, of the contact as a critically damped spring; shorter is harder."""
+    depth: float
+    """m, in which the contact becomes so hard: forces begin at zero, and nothing jumps."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -337,12 +339,14 @@ class Legged(Jointed):
                 )
         if not self.feet or not self.gait.walks:
             raise ValueError("legged: state at least one foot and one walk")
-        times = [self.gait.period, self.gait.blend, self.ground.time_constant]
+        times = [self.gait.period, self.gait.blend, self.ground.time_constant, self.ground.depth]
         times += [walk.seconds for walk in self.gait.walks]
         times += [sway.period for sway in self.gait.sways]
         times += [swing.period for swing in self.gait.swings]
         if min(times) <= 0 or not 0 < self.gait.stance < 1:
-            raise ValueError("legged: times must be positive, stance a share between 0 and 1")
+            raise ValueError(
+                "legged: times and depth must be positive, stance a share between 0 and 1"
+            )
 
 
 _ONE_MOVER = "state one of arm, free_body and legged"

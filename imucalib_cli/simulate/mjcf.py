@@ -122,9 +122,13 @@ def _trunk(world: ET.Element, name: str, legged: Legged) -> dict[str, ET.Element
 
 def _contacts(world: ET.Element, bodies: dict[str, ET.Element], legged: Legged) -> None:
     """Feet touch the ground, and nothing else touches anything."""
+    ground = legged.ground
     contact = {
-        "friction": _numbers((legged.ground.friction, 0.005, 0.0001)),  # MuJoCo's own but sliding
-        "solref": _numbers((legged.ground.time_constant, 1.0)),
+        "friction": _numbers((ground.friction, 0.005, 0.0001)),  # MuJoCo's own but sliding
+        "solref": _numbers((ground.time_constant, 1.0)),
+        # From MuJoCo's least to its own hardness: a reading jumps nowhere, so that the readings at
+        # the instants of the log have the sum that the velocity has.
+        "solimp": _numbers((0.0001, 0.95, ground.depth, 0.5, 2.0)),
     }
     plane = {"type": "plane", "size": "0 0 1", "contype": "1", "conaffinity": "0"}
     ET.SubElement(world, "geom", plane | contact)
