@@ -588,6 +588,7 @@ _MATCHED_ONLY = {
     "--residuals",
     "--debug-mcap",
     "--plot",
+    "--kinematics-report",
 }
 
 
