@@ -18,6 +18,7 @@ import yaml
 from imucalib_cli.simulate.load import load_system
 from imucalib_cli.simulate.recording import rows_kept
 from imucalib_cli.simulate.urdf import urdf_text
+from tests.jobs.driving import drive, with_a_camera_frame
 from tests.jobs.robots import SHAPES, random_mount, record
 from tests.jobs.robots import messages as robot_messages
 from tests.logs.logs_samples import write_log as write_messages
@@ -79,6 +80,12 @@ def two_robots(scene: Scene) -> Seen:
     log = write_messages(scene.path("log"), said, "mcap2")
     options = ("--imu-topic", "/left/imu", "--parent", "tilt_link")
     return scene.cli("run", log, "--urdf", file, *options)
+
+
+def planar_askew(scene: Scene) -> Seen:
+    log, _ = drive(scene.folder, seconds=15.0)
+    urdf = with_a_camera_frame(scene.folder, "0 0.6 0")
+    return scene.cli("run", log, "--urdf", urdf, "--planar")
 
 
 def cut(name: str) -> Provocation:
@@ -344,6 +351,8 @@ CHOICES: dict[str, Provocation] = {
     "still-unnamed": lambda scene: scene.run(scene.log(on_the_base(), imu_frame="imu")),
     "base-unread": on_a_moving_base(base_topic="/mocap"),
     "base-unread-poor": on_a_moving_base("--parent", "upper", base_topic="/mocap"),
+    "planar-arm": on_arm(noisy, "--planar"),
+    "planar-askew": planar_askew,
     "chain-missing": on_a_moving_base(urdf=False),
     "robots-two": two_robots,
     "parent-twice": arm_messages("--parent", "wrist_3_link", "--parent", "wrist_2_link"),
