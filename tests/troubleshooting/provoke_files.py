@@ -353,6 +353,9 @@ CHOICES: dict[str, Provocation] = {
     "base-unread-poor": on_a_moving_base("--parent", "upper", base_topic="/mocap"),
     "planar-arm": on_arm(noisy, "--planar"),
     "planar-askew": planar_askew,
+    "frames-apart": lambda scene: scene.cli(
+        "run", scene.writer().imu().tf("map", "body").tf("hand", "imu_link", moving=False).write()
+    ),
     "chain-missing": on_a_moving_base(urdf=False),
     "robots-two": two_robots,
     "parent-twice": arm_messages("--parent", "wrist_3_link", "--parent", "wrist_2_link"),
