@@ -92,7 +92,7 @@ PartTo = Annotated[
     ),
 ]
 PLANAR = (2,)
-"""Components of the pose that driving on a plane cannot tell: tz."""
+"""Components of the pose that driving on a plane cannot tell, where no motion says which: tz."""
 WORDS_OR_YAML = "summary on a terminal, else yaml"
 """Default of ``--format``, as output.chosen_format has it."""
 AnswerFormat = Annotated[
@@ -355,8 +355,8 @@ class KnownOptions:
         bool,
         _known(
             "--planar",
-            help="The robot drives on a plane and turns about its upright axis alone: short for "
-            "--fix tz, which such motion cannot tell.",
+            help="The robot drives on a plane and turns about its upright axis alone: holds the "
+            "height, which such motion cannot tell, as --fix tz does where z is upright.",
         ),
     ] = False
     prior_std: Annotated[
@@ -555,6 +555,7 @@ def calibration_request(
         imu=_expected_imu(estimator),
         require=require,
         part=part_asked(start, end),
+        planar=estimator.planar,
         **asked,
     )
 
@@ -609,6 +610,7 @@ _MATCHED_ONLY = {
     "--residuals",
     "--debug-mcap",
     "--plot",
+    "--kinematics-report",
 }
 
 
@@ -644,14 +646,14 @@ def changed_options(known: KnownOptions) -> Callable[[MatchedOptions], MatchedOp
     Raises:
         ChoiceError: An option contradicts another.
     """
-    given = _given(known)
+    given = _given(known, *(PLANAR if known.planar else ()))
     if given["pose"] is None:
         del given["pose"]
     return lambda options: replace(options, **given)
 
 
-def _given(known: KnownOptions) -> dict[str, Any]:
-    """What of MatchedOptions is given, and the prior of the pose."""
+def _given(known: KnownOptions, *more: int) -> dict[str, Any]:
+    """What of MatchedOptions is given, and the prior of the pose, in which more is held."""
     from imucalib_cli.estimate.options import MatchedOptions
 
     if known.tilt_std is not None and known.gravity in {"fixed", "none"}:
@@ -662,7 +664,7 @@ def _given(known: KnownOptions) -> dict[str, Any]:
         given |= {"gravity_norm": known.gravity, "gravity_std": 0.0}
     if known.base_std is not None:
         given["base_std"] = tuple(known.base_std)
-    return {**given, "pose": _pose_prior(known)}
+    return {**given, "pose": _pose_prior(known, (*(known.fix or ()), *more))}
 
 
 def _published(estimator: EstimatorOptions) -> PaperOptions:
@@ -684,15 +686,20 @@ def _named_alike(estimator: KnownOptions, kind: type[Any]) -> dict[str, Any]:
     return {name: value for name, value in values.items() if value is not None}
 
 
-def _pose_prior(estimator: KnownOptions) -> PosePrior | None:
-    """What the user knows of the pose; where it is about may be left to the URDF."""
+def _pose_prior(estimator: KnownOptions, held: Sequence[int]) -> PosePrior | None:
+    """What the user knows of the pose; where it is about may be left to the URDF.
+
+    Args:
+        estimator: As given.
+        held: Components; that of --planar is known only with the robot's motion.
+    """
     from imucalib_cli.estimate.options import PosePrior
 
     std = list(estimator.prior_std or [math.inf] * 6)
-    for place in (*(estimator.fix or ()), *(PLANAR if estimator.planar else ())):
+    for place in held:
         std[place] = 0.0
     known = estimator.initial
-    if all(map(math.isinf, std)):
+    if all(map(math.isinf, std)) and not (estimator.planar and known):
         if known is not None:
             raise ChoiceError(
                 "--initial belongs to --fix, --prior-std or --method paper: the matched method "

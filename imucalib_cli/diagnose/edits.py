@@ -47,7 +47,7 @@ def moving_key(path: KinematicPath) -> tuple[object, ...]:
     return tuple(
         _driver(path, step)
         for step in path.steps
-        if isinstance(step, PoseStep) or (isinstance(step, JointStep) and _travels(path, step))
+        if isinstance(step, PoseStep) or (isinstance(step, JointStep) and travels(path, step))
     )
 
 
@@ -58,7 +58,7 @@ def _driver(path: KinematicPath, step: JointStep | PoseStep) -> tuple[object, ..
     return (track, step.inverse)
 
 
-def _travels(path: KinematicPath, step: JointStep) -> bool:
+def travels(path: KinematicPath, step: JointStep) -> bool:
     """Whether a joint moves farther than noise and sag do; single glitches are no motion."""
     positions = path.tracks[step.track].values[:, step.column]
     finite = positions[np.isfinite(positions)]

@@ -10,7 +10,7 @@ from msgspec import UNSET
 
 from imucalib_cli import __version__
 from imucalib_cli.errors import ChoiceError, ImucalibError, InputError
-from imucalib_cli.estimate.options import MatchedOptions, PaperOptions
+from imucalib_cli.estimate.options import MatchedOptions, PaperOptions, PosePrior
 from imucalib_cli.findings import Finding, Severity
 from imucalib_cli.jobs.data_sheet import (
     checked,
@@ -24,6 +24,7 @@ from imucalib_cli.jobs.known.parents import (
     request_of,
     with_answer,
 )
+from imucalib_cli.jobs.known.upright import upright_component
 from imucalib_cli.jobs.motion import Motion, find_motion
 from imucalib_cli.jobs.reading import printable, read_recording, recorded_at
 from imucalib_cli.jobs.recorded_options import recorded_options
@@ -40,7 +41,6 @@ from imucalib_cli.signals.stamps import usual_interval
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.estimate import Estimate
-    from imucalib_cli.estimate.options import PosePrior
     from imucalib_cli.jobs.reading import Recording
     from imucalib_cli.jobs.request import CalibrationRequest, Progress
     from imucalib_cli.logs.clock import Clock
@@ -235,11 +235,15 @@ def _with_initial(
         if options.R_initial is not None or nominal is None:
             return options
         return replace(options, R_initial=nominal.R_parent_imu, t_initial=nominal.t_parent_imu)
-    prior = options.pose
+    prior, unverified = options.pose, request.unverified
+    if request.planar:
+        height = upright_component(motion.path)
+        prior, unverified = _with_height_held(prior, height), unverified | {height}
+        options = replace(options, pose=prior)
     if prior is None or prior.R_parent_imu is not None:
         return options
     held = {place for place, std in enumerate(prior.std) if std < np.inf}
-    if request.needs_nominal and not held <= request.unverified:
+    if request.needs_nominal and not held <= unverified:
         raise ChoiceError(
             "--fix and --prior-std take the pose from the URDF, which is what verify is to check: "
             'give the pose you know by --initial "X Y Z R P Y"'
@@ -251,6 +255,12 @@ def _with_initial(
             '--initial "X Y Z R P Y", or --imu-link'
         )
     return about_nominal(options, prior, nominal)
+
+
+def _with_height_held(prior: PosePrior | None, height: int) -> PosePrior:
+    known = prior or PosePrior()
+    std = tuple(0.0 if place == height else each for place, each in enumerate(known.std))
+    return replace(known, std=std)
 
 
 def about_nominal(options: MatchedOptions, prior: PosePrior, nominal: Nominal) -> MatchedOptions:

@@ -276,6 +276,15 @@ def _from_frames(sources: Sources, frame_id: str, request: CalibrationRequest) -
             values = {"parent": parent, "frame": frame_id, "topics": topics}
             findings = (warning("robot.chain_missing", **values),)
     path = frame_path(edges, parent, world=request.world)
+    if not path.tracks and not all(edge.is_static for edge in edges):
+        apart = f"no transform of the log leads from '{parent}' to a frame that moves"
+        moving = ", ".join(dict.fromkeys(edge.child for edge in edges if not edge.is_static))
+        raise ChoiceError(
+            f"{apart}: was /tf_static recorded from the start? Give --urdf, or name with --parent "
+            f"what carries the IMU, one of: {moving}",
+            option="--parent",
+            reason=apart,
+        )
     child = request.imu_link or frame_id or "imu"
     mount = Mount(parent=parent, child=child, nominal=nominal)
     return Motion(
