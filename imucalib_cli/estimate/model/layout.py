@@ -271,18 +271,13 @@ class _Chain:
             if told and (curve.sliding or not joint.sliding) and curve.only in {None, joint.name}:
                 yield joint
 
-<<<<<<< HEAD
-    def _origins(self) -> Iterator[tuple[int, Floats]]:
-        """Constant steps behind the first that moves, with what of them is not the mount."""
-        mounted = () if self._base is None else (self._path.base_step + 1, self._path.base_step + 2)
-=======
     def _origins(self) -> Iterator[tuple[int, Floats, Floats]]:
         """Constant steps behind the first that moves: index, what is not the mount's, and R."""
->>>>>>> 8accf3be2079249d0d68d0f9da6dd43770b2d263
+        # What follows the base IMU is the place of its mount.
+        base = self._path.base_step if self._base is not None else len(self._path.steps)
         for index, step in enumerate(self._path.steps):
-            if index in mounted:  # what follows the base IMU is the place of its mount
-                continue
-            if isinstance(step, FixedStep) and self._inside(index):
+            of_base = base < index <= base + 2
+            if isinstance(step, FixedStep) and self._inside(index) and not of_base:
                 # Behind the last that moves nothing turns, and all of it looks like the mount.
                 directions = self._turning(index) if index < self._last else np.eye(3)
                 if len(directions):
