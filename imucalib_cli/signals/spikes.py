@@ -23,7 +23,7 @@ _AROUND = 8
 """Samples on either side of a spike that tell how far the signal steps by itself."""
 _OTHERS = 3
 """Rank of the step there that counts: a single spike close by makes the two largest."""
-_FURTHER = 2.0
+_FURTHER = 4.0
 """A spike is off by so many of these steps. A strike takes several samples to come and to go, as
 every sensor's filter does: its samples are as far from each other as from their neighbours' cubic.
 """
