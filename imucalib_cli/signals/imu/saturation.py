@@ -22,6 +22,10 @@ Shape = Literal["certain", "abrupt", "smooth"]
 _TOP_RUN = 3
 _TOP_SAMPLES = 6
 _TOP_PLAIN = 20
+_PILED = 2.0
+"""Samples at a limit, relative to those within some noise of it, from which it cuts off."""
+_PILE_NOISE = 3.0
+"""That noise, in standard deviations."""
 _TOP_STAY = 0.5
 """Least share of samples at the limit whose successor is at the limit too."""
 _TOP_BENDS = 3.0
@@ -144,21 +148,35 @@ def _flat_rows(channel: Floats, limit: float, noise: float) -> tuple[Indices, Sh
         return none, "smooth"
     at = channel == limit
     rows = np.flatnonzero(at)
-    if len(rows) < _TOP_SAMPLES or np.mean(at[np.minimum(rows + 1, len(at) - 1)]) < _TOP_STAY:
+    if len(rows) < _TOP_SAMPLES:
+        return none, "smooth"
+    ends = at | (channel == channel.max()) | (channel == channel.min())
+    noisy = noise > ALIVE_NOISE and not repeats_by_chance(channel[:, None], ends)
+    if noisy and _piles_up(channel, limit, len(rows), noise):
+        return rows, "certain"
+    if np.mean(at[np.minimum(rows + 1, len(at) - 1)]) < _TOP_STAY:
         return none, "smooth"
     runs = repeats(at[1:] & at[:-1])
     runs = runs.where((runs.lengths >= _TOP_RUN) & (runs.first >= 3))
     if not len(runs):
         return none, "smooth"
-    ends = at | (channel == channel.max()) | (channel == channel.min())
-    if (
-        len(rows) >= _TOP_PLAIN
-        and noise > ALIVE_NOISE
-        and not repeats_by_chance(channel[:, None], ends)
-    ):
+    if noisy and len(rows) >= _TOP_PLAIN:
         return rows, "certain"
     # Smooth motion slows down before it stops, at any noise level.
     slope = np.abs(channel[runs.first - 1] - channel[runs.first - 3]) / 2.0
     bend = np.percentile(np.abs(np.diff(channel, 2)), _TOP_BEND_SHARE)
     abrupt = slope > np.maximum(_TOP_BENDS * bend, _TOP_STEPS * noise)
     return rows, "abrupt" if np.mean(abrupt) > 0.5 else "smooth"
+
+
+def _piles_up(channel: Floats, limit: float, count: int, noise: float) -> bool:
+    """Whether samples stand at a limit and hardly any just within it, as of peaks that are cut off.
+
+    Peaks that are not cut off end anywhere, and noise larger than the quantum spreads them over
+    several values, of which the outermost is the rarest. That six samples or more have it, and
+    not half as many lie within three deviations of the noise, then has a chance below 1e-6: each
+    of them would have it by a chance of a third at most, and of a hundredth where the tail of the
+    noise is what is seen.
+    """
+    near = np.count_nonzero(np.abs(channel - limit) <= _PILE_NOISE * noise) - count
+    return count >= _PILED * near
