@@ -143,22 +143,17 @@ def flat_tops(values: Floats) -> list[FlatTop]:
 
 def _flat_rows(channel: Floats, limit: float, noise: float) -> tuple[Indices, Shape]:
     """Rows at the limit (none if it is no limit), and the shape of the top."""
-    none = np.zeros(0, np.intp)
-    if limit == 0.0 or np.mean(channel == limit) > DEAD:
-        return none, "smooth"
-    at = channel == limit
+    none, at = np.zeros(0, np.intp), channel == limit
     rows = np.flatnonzero(at)
-    if len(rows) < _TOP_SAMPLES:
+    if limit == 0.0 or not _TOP_SAMPLES <= len(rows) <= DEAD * len(channel):
         return none, "smooth"
     ends = at | (channel == channel.max()) | (channel == channel.min())
     noisy = noise > ALIVE_NOISE and not repeats_by_chance(channel[:, None], ends)
     if noisy and _piles_up(channel, limit, len(rows), noise):
         return rows, "certain"
-    if np.mean(at[np.minimum(rows + 1, len(at) - 1)]) < _TOP_STAY:
-        return none, "smooth"
     runs = repeats(at[1:] & at[:-1])
     runs = runs.where((runs.lengths >= _TOP_RUN) & (runs.first >= 3))
-    if not len(runs):
+    if not len(runs) or np.mean(at[np.minimum(rows + 1, len(at) - 1)]) < _TOP_STAY:
         return none, "smooth"
     if noisy and len(rows) >= _TOP_PLAIN:
         return rows, "certain"
@@ -179,4 +174,4 @@ def _piles_up(channel: Floats, limit: float, count: int, noise: float) -> bool:
     noise is what is seen.
     """
     near = np.count_nonzero(np.abs(channel - limit) <= _PILE_NOISE * noise) - count
-    return count >= _PILED * near
+    return bool(count >= _PILED * near)
