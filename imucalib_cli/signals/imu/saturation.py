@@ -167,11 +167,12 @@ def _flat_rows(channel: Floats, limit: float, noise: float) -> tuple[Indices, Sh
 def _piles_up(channel: Floats, limit: float, count: int, noise: float) -> bool:
     """Whether samples stand at a limit and hardly any just within it, as of peaks that are cut off.
 
-    Peaks that are not cut off end anywhere, and noise larger than the quantum spreads them over
-    several values, of which the outermost is the rarest. That six samples or more have it, and
-    not half as many lie within three deviations of the noise, then has a chance below 1e-6: each
-    of them would have it by a chance of a third at most, and of a hundredth where the tail of the
-    noise is what is seen.
+    The outermost value of what is not cut off is its rarest: noise larger than the quantum spreads
+    it over several. That six samples have it, and not half as many lie within three deviations of
+    the noise, happens by chance about three times in a million where noise and quantum are alike
+    and the tail falls over some quanta (4e5 drawn of each), and never seen otherwise: in a
+    steeper tail the next values hold many more, in a flatter one or at a finer quantum six
+    samples do not share a value.
     """
     near = np.count_nonzero(np.abs(channel - limit) <= _PILE_NOISE * noise) - count
     return bool(count >= _PILED * near)
