@@ -69,7 +69,7 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "log.messages_undecoded": "{topic}: {undecoded} of {messages} messages do not fit {type} and "
     "are left out",
     "log.files_overlap": "{first} and {second} overlap by {seconds:.3g} s: if they are two "
-    "recordings, run on each alone",
+    "recordings, name each alone",
     # What messages hold.
     "imu.frames_mixed": "{topic}: {count} messages in other frames ({others:quoted}) than "
     "{frame:quoted} are left out",
@@ -208,6 +208,12 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "compare.frames_far": "the poses are farther apart than two calibrations of one mount are: is "
     "{camera_link} the camera's optical frame (z forward, x right, y down)?[ --camera-link takes "
     "another: {others:list}]",
+    # Many logs, each on its own.
+    "batch.log_twice": "{log} is the same as {first}, and is done once",
+    "batch.log_replaced": "{log} is another recording than when it was calibrated last: the "
+    "results of that one are replaced; to keep both, give each recording a name of its own",
+    "batch.parts_joined": "{first}[ and {others:some} more]: taken for the parts of one recording, "
+    "as their names say; if each is a recording, name them one by one: {pattern:quoted}",
     # Several logs together.
     "logs.disagree": "{log} disagrees with the other logs: its pose is {translation:mm.2g} and "
     "{rotation:deg.2g} from theirs, {sigmas:.2g} sigma with the scatter between them: the mount "

@@ -3,6 +3,7 @@
 import os
 import sys
 from contextlib import closing, contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -33,6 +34,8 @@ if TYPE_CHECKING:
     from imucalib_cli.batch.engine import Engine
     from imucalib_cli.batch.logs import BatchLog
     from imucalib_cli.batch.record import Record
+    from imucalib_cli.findings import Finding
+    from imucalib_cli.logs.reader import LogPath
 
 WORK = "Work"
 """Panel of the help."""
@@ -46,7 +49,8 @@ def batch_command(
         list[str],
         typer.Argument(
             metavar="LOG...",
-            help="Logs, patterns and folders to be searched; - reads a list from stdin.",
+            help="Logs, also behind URLs, patterns and folders to be searched; - reads a list from "
+            "stdin.",
         ),
     ],
     *,
@@ -116,6 +120,17 @@ def batch_command(
             rich_help_panel=WORK,
         ),
     ] = None,
+    timeout: Annotated[
+        float | None,
+        typer.Option(
+            metavar="SECONDS",
+            parser=parsers.duration,
+            help="What each log may take; one that needs longer fails, and is done again next "
+            "time.",
+            show_default="any time",
+            rich_help_panel=WORK,
+        ),
+    ] = None,
     dask: Annotated[
         str | None,
         typer.Option(
@@ -162,8 +177,9 @@ def batch_command(
         raise InputError("the list of logs on stdin is empty: write one path a line")
     read = files_of(*_paths(found.logs), recording.urdf, estimator.imu_model)
     _see_places(read, output, (markdown, junit))
-    for again, first in () if quiet else found.repeated:
-        say("note", f"{again} is the same as {first}, and is done once")
+    tell = partial(_tell_finding, quiet=quiet)
+    for finding in found.findings:
+        tell(finding)
     chosen = fmt or ("" if output else "summary" if is_terminal(sys.stdout) else "jsonl")
     bytes_each = memory or MEMORY
     jobs = workers or default_workers(bytes_each)
@@ -177,10 +193,11 @@ def batch_command(
             extras=makers,
             keeps_files=output is not None,
         ),
-        engine=_engine(dask, jobs, bytes_each),
+        engine=_engine(dask, jobs, bytes_each, timeout),
         folder=output,
         fresh=fresh,
         rehash=rehash,
+        tell=tell,
     )
     records: dict[BatchLog, Record] = {}
     progress = CountProgress("batch", "logs", jobs=jobs, quiet=quiet)
@@ -228,19 +245,7 @@ def _show(records: "Sequence[Record]", form: str) -> None:
 
 
 def _names(arguments: "Sequence[str]") -> "Iterator[str]":
-    """What is named, with that of the list on stdin; all on disk."""
-    from imucalib_cli.logs.remote.url import is_url, without_secrets
-
-    for name in _listed(arguments):
-        if is_url(name):
-            raise ChoiceError(
-                f"{without_secrets(name)}: imucalib batch takes logs on disk: download it, or use "
-                "imucalib run"
-            )
-        yield name
-
-
-def _listed(arguments: "Sequence[str]") -> "Iterator[str]":
+    """What is named, with that of the list on stdin."""
     from imucalib_cli.batch.logs import listed
 
     for argument in arguments:
@@ -257,7 +262,7 @@ def _listed(arguments: "Sequence[str]") -> "Iterator[str]":
         yield from listed(data)
 
 
-def _paths(logs: "Sequence[BatchLog]") -> "Iterator[Path]":
+def _paths(logs: "Sequence[BatchLog]") -> "Iterator[LogPath]":
     for log in logs:
         yield from log.paths
 
@@ -277,14 +282,14 @@ def _see_places(
     see_places(read=read, written=written)
 
 
-def _engine(dask: str | None, workers: int, memory: int) -> "Engine":
+def _engine(dask: str | None, workers: int, memory: int, timeout: float | None) -> "Engine":
     if dask is None:
         from imucalib_cli.batch.local import LocalProcesses
 
-        return LocalProcesses(workers, memory)
+        return LocalProcesses(workers, memory, timeout)
     from imucalib_cli.batch.on_dask import DaskWorkers
 
-    return DaskWorkers(dask, workers, memory)
+    return DaskWorkers(dask, workers, memory, timeout)
 
 
 @contextmanager
@@ -303,6 +308,11 @@ def _telling_what_is_kept(
     except KeyboardInterrupt:
         tell()
         raise
+
+
+def _tell_finding(finding: "Finding", *, quiet: bool) -> None:
+    if not quiet:
+        say("note", finding.message)
 
 
 def _tell(record: "Record", *, quiet: bool) -> None:

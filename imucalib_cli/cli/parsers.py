@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import typer
 
+from imucalib_cli.shown import without_secrets
+
 if TYPE_CHECKING:
     from collections.abc import Callable
 
@@ -35,6 +37,9 @@ _LONGEST_OFFSET = 600.0
 class WrongValue(typer.BadParameter):
     """A value that is not understood; its text begins with the value, for the option's name."""
 
+    def __init__(self, message: str) -> None:
+        super().__init__(without_secrets(message))
+
     def format_message(self) -> str:
         """The option, the value, and what is expected."""
         return f"{self.param.opts[0] if self.param else ''} {self.message}".strip()
@@ -55,6 +60,14 @@ def seconds(text: str, expected: str = "seconds, such as 0.5 or 500ms") -> float
     if unit and unit not in _SECONDS:
         raise WrongValue(f"{text}: no unit of time; expected {expected}")
     return value * _SECONDS.get(unit, 1.0)
+
+
+def duration(text: str) -> float:
+    """Seconds, more than none."""
+    value = seconds(text, expected := "seconds, such as 600 or 500ms")
+    if value <= 0.0:
+        raise WrongValue(f"{text}: must be positive; expected {expected}")
+    return value
 
 
 def time_offset(text: str) -> float | None:
@@ -266,10 +279,10 @@ def path_or_url(text: str) -> LogPath:
 
 def local_file(text: str) -> Path:
     """A path, where a URL is not taken."""
-    from imucalib_cli.logs.remote.url import is_url, without_secrets
+    from imucalib_cli.logs.remote.url import is_url
 
     if is_url(text):
-        raise WrongValue(f"{without_secrets(text)}: is a URL; name a file on disk")
+        raise WrongValue(f"{text}: is a URL; name a file on disk")
     return Path(text)
 
 
@@ -299,7 +312,7 @@ def log_file(text: str) -> Path:
     """The log that ``-o`` names, which may be a folder."""
     if text in {"", "-"}:
         raise WrongValue(f"{text or 'is empty'}: a log goes to a file or a folder: name one")
-    return Path(text)
+    return local_file(text)
 
 
 def file_or_folder(text: str) -> str | None:

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 
 from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.guarded_yaml import YamlError, read_bounded
-from imucalib_cli.logs.remote.url import is_url, without_secrets
+from imucalib_cli.logs.remote.url import is_url
 from imucalib_cli.results.codec import read_results
+from imucalib_cli.shown import without_secrets
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -104,6 +105,8 @@ def read_text(name: str, expected: str = "a result of imucalib run") -> str:
         InputError: It cannot be read, is not text, or is too large.
     """
     shown = display_name(name)
+    if is_url(name):
+        raise InputError(f"{shown}: is a URL; results are read from disk: download it")
     try:
         if name == "-":
             if sys.stdin is None:
