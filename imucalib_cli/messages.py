@@ -203,6 +203,10 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "trend.unknown_time": "{file}[ and {others:some} more]: when it was recorded is not known (a "
     "result of an earlier version, or a log without dates), so the results are taken in the order "
     "given, those of a folder by name",
+    "trend.at_once": "{second}[ and {others:some} more] began before {first} ended, and one mount "
+    "makes no two recordings at once: they are of several robots (give the results of each alone), "
+    "or simulated (imucalib simulate --start dates them); those that begin together are in the "
+    "order of their names",
     "diff.same_log": "{first} and {second} were computed from the same log: their errors are not "
     "independent, so the sigma of their difference is not true",
     "compare.frames_far": "the poses are farther apart than two calibrations of one mount are: is "
@@ -224,6 +228,8 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "logs.far": "{log} was solved {rotation:deg.2g} from the common pose, too far for its "
     "statistics to hold there: run it again with --initial and --prior-std near the common pose",
     "logs.left_out": "{log} is not to be trusted by itself and was left out: {reason}",
+    "logs.missing": "{missing} of the {logs} logs give nothing on this IMU: the result is that of "
+    "the other {used}; run on each alone to see why",
     "logs.twice": "{count} of the logs are other copies of the same recording: each counts once",
     "logs.few": "{logs} logs hardly tell how far the mount scatters between recordings (up to "
     "{translation:mm.2g} and {rotation:deg.2g}): sigma includes that, and more logs lessen it",

@@ -16,6 +16,12 @@ def shown(line: str) -> str:
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in line)
 
 
+def natural(name: str) -> list[tuple[int, str]]:
+    """What names are sorted by, so that numbers in them count as numbers."""
+    parts = re.split(r"(\d+)", name)
+    return [(int(part), "") if place % 2 else (0, part) for place, part in enumerate(parts)]
+
+
 def without_secrets(text: str) -> str:
     """A text whose URLs show neither user and password nor a query, where signatures are."""
     return _LINK.sub(lambda found: f"{found[1]}://{_without_secrets(found[2])}", text)

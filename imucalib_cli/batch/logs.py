@@ -67,12 +67,6 @@ class Found:
     """What leads to a log that is there already, and what was taken for parts of one."""
 
 
-def listed(data: bytes) -> list[str]:
-    """Paths of a list: one a line, or separated by NUL as ``find -print0`` writes them."""
-    parts = data.split(b"\0") if b"\0" in data else data.splitlines()
-    return [os.fsdecode(part) for part in parts if part]
-
-
 def find_logs(names: Iterable[str], *, left_out: Path | None = None) -> Found:
     """Find the recordings that names lead to, in their order.
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from msgspec import Meta
 
+from imucalib_cli.results.codec import json_schema
 from imucalib_cli.results.result import Result, Tree
 
 if TYPE_CHECKING:
@@ -69,3 +70,12 @@ def by_imu(record: Record) -> Iterator[Result | str]:
     """Its results, then why others are not there."""
     yield from record.results
     yield from record.errors
+
+
+def schema_of_record() -> str:
+    """JSON Schema of a line of ``imucalib batch --format jsonl``, and of a file in ``records/``."""
+    return json_schema(
+        f"imucalib batch, schema {SCHEMA}",
+        "What became of one log. Adding a key keeps the schema number, changing one raises it.",
+        Record,
+    )

@@ -12,7 +12,7 @@ import typer
 from imucalib_cli.cli import parsers
 from imucalib_cli.cli.entry import last_words
 from imucalib_cli.cli.exit_codes import exit_code_of, worst
-from imucalib_cli.cli.files import files_of
+from imucalib_cli.cli.files import files_of, listed
 from imucalib_cli.cli.options import (
     OUTPUT,
     EstimatorOptions,
@@ -39,8 +39,6 @@ if TYPE_CHECKING:
 
 WORK = "Work"
 """Panel of the help."""
-_LONGEST_LIST = 1 << 26
-"""Bytes of a list of logs on stdin: a million paths."""
 
 
 def batch_command(
@@ -172,7 +170,7 @@ def batch_command(
     if request.urdf is not None:
         load_robot(request.urdf)  # once, rather than in an error of every log
     makers = for_each_log(name for name, wanted in vars(extras).items() if wanted)
-    found = find_logs(_names(logs), left_out=output)
+    found = find_logs(listed(logs, "logs"), left_out=output)
     if not found.logs:
         raise InputError("the list of logs on stdin is empty: write one path a line")
     read = files_of(*_paths(found.logs), recording.urdf, estimator.imu_model)
@@ -242,24 +240,6 @@ def _show(records: "Sequence[Record]", form: str) -> None:
         deliver_blocks(words(records))
     elif form and form != "jsonl":
         deliver(TABLES[form](records))
-
-
-def _names(arguments: "Sequence[str]") -> "Iterator[str]":
-    """What is named, with that of the list on stdin."""
-    from imucalib_cli.batch.logs import listed
-
-    for argument in arguments:
-        if not argument:
-            raise ChoiceError("the name of a log is empty, as of a variable that is not set")
-        if argument != "-":
-            yield argument
-            continue
-        if sys.stdin is None:
-            raise InputError("standard input is closed: name the logs")
-        data = sys.stdin.buffer.read(_LONGEST_LIST + 1)
-        if len(data) > _LONGEST_LIST:
-            raise InputError("standard input is no list of logs: it is too long")
-        yield from listed(data)
 
 
 def _paths(logs: "Sequence[BatchLog]") -> "Iterator[LogPath]":

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import re
+from datetime import datetime, timezone
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -30,6 +31,8 @@ _BYTES = {"MB": 10**6, "GB": 10**9, "MiB": 1 << 20, "GiB": 1 << 30}
 _NUMBER = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\D*)")
 _NANOSECONDS = 1e12
 """A stamp beyond this is in ns: in s it would be of the year 33658."""
+_LAST_START = 7_258_118_400
+"""s since 1970: stamps in ns end in 2262."""
 _LONGEST_OFFSET = 600.0
 """s: clocks further apart than this share no log; a search needs memory by its width."""
 
@@ -60,6 +63,25 @@ def seconds(text: str, expected: str = "seconds, such as 0.5 or 500ms") -> float
     if unit and unit not in _SECONDS:
         raise WrongValue(f"{text}: no unit of time; expected {expected}")
     return value * _SECONDS.get(unit, 1.0)
+
+
+def moment(text: str) -> datetime:
+    """A date, or a date and time, as ISO 8601 has it; UTC where it names no zone."""
+    try:
+        found = datetime.fromisoformat(re.sub(r"[zZ]$", "+00:00", text))
+    except ValueError:
+        raise WrongValue(
+            f"{text}: expected a date or a time, such as 2026-11-23 or 2026-11-23T14:30"
+        ) from None
+    return found if found.tzinfo is not None else found.replace(tzinfo=timezone.utc)
+
+
+def unix_time(text: str) -> int:
+    """A moment from 1970 on, as whole seconds since then."""
+    found = round(moment(text).timestamp())
+    if not 0 <= found <= _LAST_START:
+        raise WrongValue(f"{text}: expected a time from 1970 to 2200")
+    return found
 
 
 def duration(text: str) -> float:

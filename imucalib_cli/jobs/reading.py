@@ -153,7 +153,8 @@ def recording_of(
     clock = choose_clock(moving_streams(data), request.clock)
     part = None
     if request.part is not None:
-        data, part = part_of(data, clock, request.part)
+        whole, (data, part) = data, part_of(data, clock, request.part)
+        _see_named_imus(whole, data, request)
     imus = tuple(imu for imu in data.imus.values() if len(imu))
     _require_advancing_stamps(imus, clock)
     sources, duplicates = gather_sources(data, clock, unasked)
@@ -249,6 +250,17 @@ def _require_imus(data: LogData, topics: Iterable[str], request: CalibrationRequ
     unused = [topic for topic in topics if topic not in used]
     if unused and (request.imu_topics or not used):
         raise InputError("; ".join(_why_unused(topic, data) for topic in unused))
+
+
+def _see_named_imus(whole: LogData, part: LogData, request: CalibrationRequest) -> None:
+    """Refuse a part of the log in which an IMU that the user named has no samples."""
+    for name, imu in part.imus.items() if request.imu_topics else ():
+        if not len(imu) and len(whole.imus[name]):
+            raise ChoiceError(
+                f"{name}: has no samples between --from and --to: choose another part, or leave "
+                "this IMU out",
+                topic=name,
+            )
 
 
 def _require_advancing_stamps(imus: tuple[ImuStream, ...], clock: Clock) -> None:

@@ -11,7 +11,7 @@ from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.guarded_yaml import YamlError, read_bounded
 from imucalib_cli.logs.remote.url import is_url
 from imucalib_cli.results.codec import read_results
-from imucalib_cli.shown import without_secrets
+from imucalib_cli.shown import natural, without_secrets
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -44,13 +44,14 @@ def is_result(name: str) -> bool:
 
 
 def results_in(folder: Path) -> list[str]:
-    """Result files of a folder by name; what else lies there is passed over.
+    """Result files of a folder by name, numbers as numbers; what else lies there is passed over.
 
     Raises:
         InputError: The folder cannot be read.
     """
     try:
-        files = sorted(each for each in folder.iterdir() if each.suffix.lower() in _SUFFIXES)
+        there = (each for each in folder.iterdir() if each.suffix.lower() in _SUFFIXES)
+        files = sorted(there, key=lambda each: natural(each.name))
         return [str(each) for each in files if each.is_file() and _opens_as_result(each)]
     except OSError as error:
         raise InputError(f"{folder}: cannot be read ({error.strerror}): check the path") from error

@@ -214,7 +214,7 @@ def test_a_report_for_each_log(
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["", "-o", "r"], "the name of a log is empty"),
+        (["", "-o", "r"], "a name among the logs is empty"),
         (["a.mcap", "-o", "-"], "results go to a folder"),
         (["a.mcap", "-o", "a.mcap"], "a.mcap"),
         (["a.mcap", "--junit", "a.mcap"], "a.mcap is an input and would be overwritten"),

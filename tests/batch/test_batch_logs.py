@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from imucalib_cli.batch.logs import find_logs, listed
+from imucalib_cli.batch.logs import find_logs
+from imucalib_cli.cli.files import names_in
 from imucalib_cli.logs.mcap.write import McapWriter
 
 if TYPE_CHECKING:
@@ -144,7 +145,7 @@ def test_pipes_are_not_opened(tmp_path: Path) -> None:
     ],
 )
 def test_lists(data: bytes, names: Iterable[str]) -> None:
-    assert listed(data) == names
+    assert names_in(data) == names
 
 
 def test_names_that_are_no_utf8_can_be_told() -> None:
