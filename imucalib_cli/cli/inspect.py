@@ -11,8 +11,11 @@ from imucalib_cli.cli.options import (
     CsvColumns,
     Logs,
     OutputFile,
+    PartFrom,
+    PartTo,
     Quiet,
     Verbose,
+    part_asked,
 )
 from imucalib_cli.cli.output import deliver
 from imucalib_cli.cli.parsers import path_or_url
@@ -30,6 +33,8 @@ def inspect_command(
     *,
     csv_columns: CsvColumns = None,
     allow_remote_scan: AllowRemoteScan = False,
+    part_from: PartFrom = None,
+    part_to: PartTo = None,
     urdf: Annotated[
         LogPath | None,
         typer.Option(
@@ -60,6 +65,7 @@ def inspect_command(
                 bar.report,
                 csv_columns or (),
                 allow_remote_scan=allow_remote_scan,
+                part=part_asked(part_from, part_to),
             )
         if fmt == "json":
             deliver(report.as_json(), output, quiet=quiet)

@@ -1,5 +1,6 @@
 """``imucalib trend``: has the mount moved over many recordings?"""
 
+from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -24,9 +25,10 @@ def trend_command(
     *,
     within: Within = None,
     since: Annotated[
-        str | None,
+        datetime | None,
         typer.Option(
             metavar="TIME",
+            parser=moment,
             help="Leave out what was recorded before, as before a mount was moved on purpose: "
             "2026-11-23, or 2026-11-23T14:30; UTC, or with its zone.",
             show_default="all recordings",
@@ -65,7 +67,7 @@ def trend_command(
     if plot is not None:
         optional("matplotlib", "--plot needs", "plot")
     with telling_what_is_left(*written):
-        found = trend_of(names, within, None if since is None else moment(since))
+        found = trend_of(names, within, since)
         answers = found.answers
         if fmt == "text":
             from imucalib_cli.results.trend.table import blocks

@@ -10,7 +10,7 @@ from msgspec import UNSET
 
 from imucalib_cli import __version__
 from imucalib_cli.errors import ChoiceError, ImucalibError, InputError
-from imucalib_cli.estimate.options import MatchedOptions, PaperOptions
+from imucalib_cli.estimate.options import MatchedOptions, PaperOptions, PosePrior
 from imucalib_cli.findings import Finding, Severity
 from imucalib_cli.jobs.data_sheet import (
     checked,
@@ -19,15 +19,14 @@ from imucalib_cli.jobs.data_sheet import (
     without_priors,
 )
 from imucalib_cli.jobs.explain import explain
-from imucalib_cli.jobs.known.base import with_base_imu
 from imucalib_cli.jobs.known.parents import (
-    check_parents,
     find_parents,
     request_of,
     with_answer,
 )
+from imucalib_cli.jobs.known.upright import upright_component
 from imucalib_cli.jobs.motion import Motion, find_motion
-from imucalib_cli.jobs.reading import printable, read_recording, recorded_at, samples_of
+from imucalib_cli.jobs.reading import printable, read_recording, recorded_at
 from imucalib_cli.jobs.recorded_options import recorded_options
 from imucalib_cli.logs.select import check_joint_topics
 from imucalib_cli.results.from_estimate import result_of, scalars
@@ -36,12 +35,12 @@ from imucalib_cli.results.result import Provenance, RecordingEntry, SourceFile, 
 from imucalib_cli.robot.path import JointStep
 from imucalib_cli.signals.imu.repair import Repaired, repair
 from imucalib_cli.signals.imu.stream_health import missing_parts
+from imucalib_cli.signals.samples import samples_of
 from imucalib_cli.signals.stamps import usual_interval
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.estimate import Estimate
-    from imucalib_cli.estimate.options import PosePrior
     from imucalib_cli.jobs.reading import Recording
     from imucalib_cli.jobs.request import CalibrationRequest, Progress
     from imucalib_cli.logs.clock import Clock
@@ -99,14 +98,12 @@ def calibrate_recording(
     Raises:
         ChoiceError: One link is named for several IMUs.
     """
-    if request.imu_link is not None and len(recording.imus) > 1 and request.base_imu is None:
+    if request.imu_link is not None and len(recording.imus) > 1:
         topics = ", ".join(imu.name for imu in recording.imus)
         raise ChoiceError(
             f"--imu-link {request.imu_link} is the link of one IMU, the log has several: choose "
             f"one with --imu-topic: {topics}"
         )
-    check_parents(recording.imus, request)
-    recording = with_base_imu(recording, request)
     calibrated: list[Calibrated] = []
     failures: list[ImucalibError] = []
     for imu in recording.imus:
@@ -133,7 +130,7 @@ def _calibrate_one(recording: Recording, imu: ImuStream, request: CalibrationReq
         if error.option != "--parent":
             raise
         carriers = find_parents(imu, recording.clock, recording.sources, recording.robot, request)
-        raise with_answer(error, carriers) from error
+        raise with_answer(error, carriers, recording.sources.unread) from error
     check_joint_topics(recording.joints, _driven(motion.path))
     check_overlap(samples, motion, recording.clock)
     tracks = {track.name: track.t for track in motion.path.tracks}
@@ -193,7 +190,10 @@ def _with_repairs(
 ) -> Estimate:
     """Add the findings and repairs before the fit to an estimate."""
     blamed = {each.code for each in estimate.findings if each.severity is Severity.UNTRUSTED}
-    suspects = (each for each in repaired.suspects if each.code not in blamed)
+    of_the_log, suspects = (
+        tuple(each for each in some if each.code not in blamed)
+        for some in (of_the_log, repaired.suspects)
+    )
     record: dict[str, float | str | bool | None] = {
         "gyro_unit": repaired.gyro_unit,
         "accel_unit": repaired.accel_unit,
@@ -235,11 +235,15 @@ def _with_initial(
         if options.R_initial is not None or nominal is None:
             return options
         return replace(options, R_initial=nominal.R_parent_imu, t_initial=nominal.t_parent_imu)
-    prior = options.pose
+    prior, unverified = options.pose, request.unverified
+    if request.planar:
+        height = upright_component(motion.path)
+        prior, unverified = _with_height_held(prior, height), unverified | {height}
+        options = replace(options, pose=prior)
     if prior is None or prior.R_parent_imu is not None:
         return options
     held = {place for place, std in enumerate(prior.std) if std < np.inf}
-    if request.needs_nominal and not held <= request.unverified:
+    if request.needs_nominal and not held <= unverified:
         raise ChoiceError(
             "--fix and --prior-std take the pose from the URDF, which is what verify is to check: "
             'give the pose you know by --initial "X Y Z R P Y"'
@@ -251,6 +255,12 @@ def _with_initial(
             '--initial "X Y Z R P Y", or --imu-link'
         )
     return about_nominal(options, prior, nominal)
+
+
+def _with_height_held(prior: PosePrior | None, height: int) -> PosePrior:
+    known = prior or PosePrior()
+    std = tuple(0.0 if place == height else each for place, each in enumerate(known.std))
+    return replace(known, std=std)
 
 
 def about_nominal(options: MatchedOptions, prior: PosePrior, nominal: Nominal) -> MatchedOptions:

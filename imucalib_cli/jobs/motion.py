@@ -19,6 +19,7 @@ from imucalib_cli.robot.build import (
 )
 from imucalib_cli.robot.frames import Edge, frame_path, with_static_frames
 from imucalib_cli.robot.mount import Mount, Nominal, find_mount, require_nominal
+from imucalib_cli.robot.names import known_name
 from imucalib_cli.robot.path import FixedStep
 from imucalib_cli.robot.rotations import matrix_from_quaternion
 from imucalib_cli.robot.urdf import near_matches
@@ -48,6 +49,8 @@ class Sources:
     """One sentence for each topic without usable messages: the reason."""
     unasked: frozenset[str] = frozenset()
     """Odometry topics that the user did not name."""
+    unread: tuple[str, ...] = ()
+    """Topics of poses that are not taken for the base's unless the user says so."""
     prefixes: tuple[str, ...] = ()
     """Of the joints' names, where several fit those of the URDF."""
     undescribed: tuple[str, ...] = ()
@@ -100,7 +103,7 @@ def find_motion(
             raise error from None
         make = note if request.urdf is None else warning
         unused = make("robot.unused", urdf=str(robot.source), reason=error.reason or str(error))
-        return replace(motion, findings=(unused,))
+        return replace(motion, findings=(unused, *motion.findings))
 
 
 def _moving(motion: Motion, sources: Sources, request: CalibrationRequest) -> Motion:
@@ -126,10 +129,28 @@ def _from_robot(
     if request.needs_nominal:
         require_nominal(robot, frame_id, request.parent, request.imu_link)
     robot = with_static_frames(robot, sources.edges)
+    request = _named_as_in(robot, sources, frame_id, request)
     mount = find_mount(robot, frame_id, request.parent, request.imu_link)
     path = _robot_path(sources, robot, mount.parent, request)
     _require_poses_used(path, sources, request)
     return Motion(path=path, mount=mount, topics=_topics(path, sources), robot=robot)
+
+
+def _named_as_in(
+    robot: Robot, sources: Sources, frame_id: str, request: CalibrationRequest
+) -> CalibrationRequest:
+    """A request whose frames are called as in a URDF, where they have a prefix of the log."""
+    hints = " ".join((frame_id, *sources.topics.values()))
+
+    def known(frame: str | None) -> str | None:
+        return None if frame is None else known_name(frame, robot.links, hints)
+
+    return replace(
+        request,
+        parent=known(request.parent),
+        imu_link=known(request.imu_link),
+        world=known(request.world),
+    )
 
 
 def _nothing_moves(path: KinematicPath, sources: Sources) -> bool:
@@ -246,12 +267,29 @@ def _from_frames(sources: Sources, frame_id: str, request: CalibrationRequest) -
         raise InputError("no poses of any frame could be read from the log: see `imucalib inspect`")
     edges = _labelled(sources.edges, request.parent)
     parent, nominal = request.parent, None
+    findings: tuple[Finding, ...] = ()
     if parent is None:
         parent, nominal = _guess_parent(edges, frame_id)
+        if nominal is None and any(map(track_moves, sources.joints)):
+            # A joint may lie between that frame and the IMU.
+            topics = tuple(dict.fromkeys(sources.topics[each.name] for each in sources.joints))
+            values = {"parent": parent, "frame": frame_id, "topics": topics}
+            findings = (warning("robot.chain_missing", **values),)
     path = frame_path(edges, parent, world=request.world)
+    if not path.tracks and not all(edge.is_static for edge in edges):
+        apart = f"no transform of the log leads from '{parent}' to a frame that moves"
+        moving = ", ".join(dict.fromkeys(edge.child for edge in edges if not edge.is_static))
+        raise ChoiceError(
+            f"{apart}: was /tf_static recorded from the start? Give --urdf, or name with --parent "
+            f"what carries the IMU, one of: {moving}",
+            option="--parent",
+            reason=apart,
+        )
     child = request.imu_link or frame_id or "imu"
     mount = Mount(parent=parent, child=child, nominal=nominal)
-    return Motion(path=path, mount=mount, topics=_topics(path, sources), robot=None)
+    return Motion(
+        path=path, mount=mount, topics=_topics(path, sources), robot=None, findings=findings
+    )
 
 
 def _from_base(

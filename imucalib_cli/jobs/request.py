@@ -75,6 +75,8 @@ class CalibrationRequest:
     estimator: MatchedOptions | PaperOptions = field(default_factory=MatchedOptions)
     imu: ExpectedImu | None = None
     """The IMU's data sheet."""
+    planar: bool = False
+    """Whether to hold the height of the pose, which driving on a plane does not tell."""
     require: Tolerance | None = None
     needs_nominal: bool = False
     """Whether the URDF or the log's frames must contain the pose of every IMU, to be verified."""

@@ -38,9 +38,14 @@ class Selection:
     """Odometry, PoseStamped and the like."""
     tf: tuple[str, ...]
     """/tf and /tf_static."""
+    other_imus: tuple[str, ...] = ()
+    """IMUs that are not asked for, one of which may tell how the base moves where there are
+    joints."""
     unasked: tuple[str, ...] = ()
     """Those of ``poses`` that the user did not name: odometry beside joint states, perhaps of the
     base."""
+    unread: tuple[str, ...] = ()
+    """Other poses beside joint states: of the base, of a tool, or of anything."""
     descriptions: tuple[str, ...] = ()
     """Topics of a URDF."""
 
@@ -84,18 +89,19 @@ def select_topics(
         InputError: There is no IMU, or no source of poses.
     """
     names = {each.name for each in topics}
-    if imu_topics and base_imu is not None:
-        imu_topics = (*imu_topics, base_imu)
     imu_topics = [each if each in names else each.partition(":")[0] for each in imu_topics]
     imus = _of_kind(topics, "imu", imu_topics)
+    others = [each for each in candidates(topics, "imu") if each not in imus]
     joints = _of_kind(topics, "joints", joint_topics)
     found = _of_kind(topics, "pose", pose_topics)
     tf = [each for each in candidates(topics, "pose") if each.type in TF_TYPES]
     poses = [each for each in found if each.type not in TF_TYPES]
     unasked: list[Topic] = []
+    unread: list[Topic] = []
     if pose_topics:
         tf = [each for each in tf if each.name in pose_topics or each.name.endswith("tf_static")]
     elif joints:
+        unread = [each for each in poses if each.type != _ODOMETRY]
         poses = unasked = [each for each in poses if each.type == _ODOMETRY]
     elif len(poses) > 1:
         raise ChoiceError(
@@ -104,6 +110,8 @@ def select_topics(
     described = (
         _of_kind(topics, "text", description_topics) if description_topics else descriptions(topics)
     )
+    if base_imu is not None:
+        others = [each for each in others if each.name in (base_imu, base_imu.partition(":")[0])]
     if not imus:
         raise InputError(
             f"the log has no IMU (sensor_msgs/Imu); it has: {_listed(topics) or 'no topics'}"
@@ -116,10 +124,12 @@ def select_topics(
         )
     return Selection(
         imus=_names(imus),
+        other_imus=_names(others) if joints or base_imu else (),
         joints=_names(joints),
         poses=_names(poses),
         tf=_names(tf),
         unasked=_names(unasked),
+        unread=_names(unread),
         descriptions=_names(described),
     )
 

@@ -16,13 +16,14 @@ from imucalib_cli.robot.rotations import cross, matrix_from_quaternion
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats
 
-_PLACES: Final = np.arange(-2, 4)
-"""Samples about the interval from 0 to 1 whose polynomial stands for the signal in it."""
+_PLACES: Final = np.arange(-1, 3)
+"""Samples about the interval from 0 to 1 whose cubic stands for the signal in it: that of the
+filters' quadrature (kernels.py), so that noise is the same in what is compared."""
 _GAUSS: Final = np.sqrt(3.0) / 6.0
 
 
 def _weights(moments: Floats) -> Floats:
-    """(6,), of the samples at the places, from what powers 0 to 5 of the time become."""
+    """(4,), of the samples at the places, from what powers 0 to 3 of the time become."""
     return np.asarray(np.linalg.solve(np.vander(_PLACES, increasing=True).T, moments))
 
 
@@ -45,11 +46,11 @@ def dead_reckon(gyro: Floats, accel: Floats, dt: float) -> tuple[Floats, Floats]
 
     Returns:
         Quaternions (N, 4), x y z w, and positions (N, 3), m: R_fall_imu and p_fall_imu. At the
-        first two and the last three samples the signal's continuation is a guess.
+        first and the last two samples the signal's continuation is a guess.
 
     Source:
         Attitude: the Magnus expansion of fourth order, Iserles and Nørsett, Phil. Trans. R. Soc. A
-        357, 1999. Position: quadrature of the polynomial through six samples.
+        357, 1999. Position: quadrature of the cubic through four samples.
     """
     early, late = (_between(gyro, each) for each in (_EARLY, _LATE))
     turns = 0.5 * dt * (early + late) + _GAUSS * dt**2 / 2.0 * cross(early, late)

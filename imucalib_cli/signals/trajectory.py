@@ -230,6 +230,11 @@ class Trajectory:
         return max(found, default=0.0)
 
     @property
+    def base_readings(self) -> ImuGrid | None:
+        """Of the IMU that tells how the base moves, if one does."""
+        return next((track.readings for track in self.tracks if track.readings is not None), None)
+
+    @property
     def interval(self) -> float:
         """Median interval of the slowest track, s."""
         return max((track.interval for track in self.tracks), default=0.0)

@@ -69,9 +69,8 @@ def twice(scene: Scene) -> Seen:
 
 
 def missing(scene: Scene) -> Seen:
-    empty = scene.path("empty.mcap")
-    empty.write_bytes(b"")
-    return _joint(scene, [scene.log(noisy()), empty])
+    other = scene.log(noisy(seed=5), "other.mcap", imu_topic="/imu/other")
+    return _joint(scene, [*(scene.log(noisy(seed=seed), f"{seed}.mcap") for seed in (3, 4)), other])
 
 
 def batch_notes(scene: Scene) -> Seen:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from imucalib_cli.estimate.model.base_imu import base_nodes, box_over
 from imucalib_cli.estimate.model.design import BLOCK
 from imucalib_cli.estimate.model.layout import places_of
 from imucalib_cli.estimate.model.state import Chain, gravity_axes
@@ -26,7 +27,6 @@ from imucalib_cli.estimate.model.unknowns import (
     Origin,
     PoseScale,
     Reading,
-    Samples,
     with_ends,
 )
 from imucalib_cli.estimate.model.windows import blocks
@@ -38,9 +38,11 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from imucalib_cli.arrays import Floats, Indices
+    from imucalib_cli.estimate.model.base_imu import BaseNodes
     from imucalib_cli.estimate.model.design import Model
     from imucalib_cli.estimate.model.layout import Joint, Placed
-    from imucalib_cli.estimate.model.state import BaseImu, State
+    from imucalib_cli.estimate.model.state import State
+    from imucalib_cli.estimate.model.unknowns import Samples
     from imucalib_cli.estimate.model.windows import WindowPlan
     from imucalib_cli.robot.path import KinematicPath
     from imucalib_cli.signals.kernels import MatchedFilter
@@ -84,34 +86,13 @@ class NodePlan:
 def plan_nodes(plan: WindowPlan, dt: float) -> NodePlan:
     """Nodes for a plan of windows whose hop is a multiple of theirs."""
     every, length, degree = plan.node, plan.node_length, plan.degree
-    half = every // 2
-    box = np.full(2 * half + 1, 1.0 / every)
-    if every % 2 == 0:
-        box[[0, -1]] /= 2.0
     return NodePlan(
         every=every,
         dt=every * dt,
         first=matched_filter(length, degree, 1, every * dt),
         second=matched_filter(length, degree, 2, every * dt),
-        box=box,
+        box=box_over(every),
     )
-
-
-@dataclass(frozen=True, eq=False)
-class _BaseNodes:
-    """The IMU that tells how the base moves, along the nodes; world axes."""
-
-    samples: Samples
-    R: Floats
-    """(M, 3, 3), R_world_base."""
-    force: Floats
-    """(M, 3), m/s²."""
-    turning: Floats
-    """(M, 3), rad/s."""
-    moving: Floats
-    """(M, 3), velocity, m/s."""
-    arm: Floats
-    """(M, 3), from it to the IMU that is calibrated, m."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +120,7 @@ class _Nodes:
     path: KinematicPath
     gravity: Floats
     """(3,), m/s², world axes."""
-    base: _BaseNodes | None = None
+    base: BaseNodes | None = None
     _twists: dict[Joint, tuple[Floats, Floats, Floats]] = field(default_factory=dict)
 
     def twist(self, joint: Joint) -> tuple[Floats, Floats, Floats]:
@@ -192,17 +173,22 @@ class _Channels:
     """What turns with the base as it is reckoned, itself, the place and the force: only the turn
     since the middle of a window matters."""
 
+    @classmethod
+    def of(cls, placed: tuple[Placed, ...], nodes: _Nodes) -> _Channels:
+        """What the entries of a layout do, but for those that the mount hides."""
+        channels = cls()
+        for each in placed:
+            if not each.hidden:
+                _add(each, nodes, channels)
+        return channels
+
 
 def _block_columns(
     model: Model, plan: NodePlan, chain: Chain, state: State, centres: Indices
 ) -> Floats:
     """Columns (W, 6, n) of a few hundred windows."""
     nodes = _nodes(model, plan, chain, state, centres)
-    channels = _Channels()
-    hidden = [each for each in model.layout.placed if each.hidden]
-    for each in model.layout.placed:
-        if not each.hidden:
-            _add(each, nodes, channels)
+    channels = _Channels.of(model.layout.placed, nodes)
     at = centres // plan.every - nodes.first
     R_centre = nodes.R[at]
 
@@ -244,7 +230,9 @@ def _block_columns(
         for part, clock in channels.clock:
             J[:, part.start, accel] += by_time[:, 0] * clock.accel(age)[:, None]
             J[:, part.start, gyro] += turned[:, 0] * clock.gyro(age)[:, None]
-    for each in hidden:  # exactly, for a log that is sharp enough would tell a difference
+    for each in (
+        each for each in model.layout.placed if each.hidden
+    ):  # exactly, for a log that is sharp enough would tell a difference
         J[:, each.part] = nodes.as_mount(each) @ J[:, model.layout.pose]
     return np.swapaxes(J, 1, 2)
 
@@ -259,23 +247,8 @@ def _add(placed: Placed, nodes: _Nodes, channels: _Channels) -> None:  # noqa: C
             seen = -(basis @ np.swapaxes(nodes.R_world_imu, 1, 2))
             read = channels.force if effect.sensor == "accel" else channels.rate
             read.append((part, seen))
-        case BaseReading(reading) if nodes.base is not None:
-            basis = np.swapaxes(reading.basis(nodes.base.samples), 0, 1)
-            seen = basis @ np.swapaxes(nodes.base.R, 1, 2)
-            if reading.sensor == "accel":  # what is taken off moves the base less
-                channels.force.append((part, seen))
-            else:
-                channels.rate.append((part, seen))
-                channels.base_turn.append((part, _integral(-seen, nodes.base.samples.dt)))
-        case BaseMount() if nodes.base is not None:
-            axes = -np.swapaxes(nodes.frames[placed.index + 1][0], 1, 2)
-            if effect.what == "translation":
-                channels.shift.append((part, axes))
-            else:
-                _move_base(channels, part, nodes, axes, np.zeros_like(axes))
-        case BaseClock() if nodes.base is not None:
-            turn, shift = nodes.base.turning[:, None], nodes.base.moving[:, None]
-            _move_base(channels, part, nodes, turn, shift)
+        case BaseReading() | BaseMount() | BaseClock() if nodes.base is not None:
+            _add_of_base(placed, nodes, nodes.base, channels)
         case Clock():
             channels.clock.append((part, effect))
         case Gravity():
@@ -306,51 +279,37 @@ def _add(placed: Placed, nodes: _Nodes, channels: _Channels) -> None:  # noqa: C
                 channel.append((part, curve * along[:, None]))
 
 
-def _move_base(
-    channels: _Channels, part: slice, nodes: _Nodes, turn: Floats, shift: Floats
-) -> None:
-    """The base IMU is shifted, (M, n, 3) m, and everything behind it turns about it, rad."""
-    if nodes.base is not None:
-        channels.turn.append((part, turn))
-        channels.shift.append((part, shift + cross(turn, nodes.base.arm[:, None])))
-        channels.force.append((part, cross(turn, nodes.force[:, None])))
+def _add_of_base(placed: Placed, nodes: _Nodes, base: BaseNodes, channels: _Channels) -> None:
+    """Add what an error of the IMU does that tells how the base moves."""
+    part = placed.part
+    match placed.unknown.effect:
+        case BaseReading(reading):
+            seen = np.swapaxes(reading.basis(base.samples), 0, 1) @ np.swapaxes(base.R, 1, 2)
+            if reading.sensor == "accel":  # what is taken off moves the base less
+                channels.force.append((part, seen))
+            else:
+                channels.rate.append((part, seen))
+                channels.base_turn.append((part, _integral(-seen, base.samples.dt)))
+            return
+        case BaseMount(what="translation"):
+            # Farther from the link's origin, and the link begins so much farther back.
+            axes = np.swapaxes(nodes.frames[placed.index + 1][0], 1, 2)
+            channels.shift.append((part, -axes))
+            return
+        case BaseMount():
+            turn = -np.swapaxes(nodes.frames[placed.index + 1][0], 1, 2)
+            shift = np.zeros_like(turn)
+        case _:  # a later stamp means a later pose
+            turn, shift = base.turning[:, None], base.moving[:, None]
+    channels.turn.append((part, turn))
+    channels.shift.append((part, shift + cross(turn, base.arm[:, None])))
+    channels.force.append((part, cross(turn, nodes.force[:, None])))
 
 
 def _integral(values: Floats, dt: float) -> Floats:
     """Sum of trapezia from the first on, as the values."""
     steps = 0.5 * dt * (values[1:] + values[:-1])
     return np.concatenate([np.zeros_like(values[:1]), np.cumsum(steps, axis=0)])
-
-
-def _base_nodes(
-    base: BaseImu,
-    t: Floats,
-    dt: float,
-    frame: tuple[Floats, Floats],
-    place: Floats,
-) -> _BaseNodes:
-    """The base IMU at nodes (M,), s, every dt; its frame, and the place (M, 3) of the other IMU."""
-    stamps, gyro, accel = base.readings(t)
-    width = max(round(dt / base.grid.dt), 1)
-    box = np.full(width, 1.0 / width)
-    mean = np.stack(
-        [
-            np.interp(t + base.shift, stamps, np.convolve(values, box, mode="same"))
-            for values in np.hstack([accel, gyro]).T
-        ],
-        axis=1,
-    )
-    age = (t + base.shift - base.grid.t0) / (base.grid.dt * max(len(base.grid.usable) - 1, 1))
-    samples = Samples(accel=mean[:, :3], gyro=mean[:, 3:], age=np.asarray(age - 0.5), dt=dt)
-    R, p = frame
-    return _BaseNodes(
-        samples=samples,
-        R=R,
-        force=np.einsum("mij,mj->mi", R, samples.accel),
-        turning=np.einsum("mij,mj->mi", R, samples.gyro),
-        moving=with_ends((p[2:] - p[:-2]) / (2 * dt)),
-        arm=place - p,
-    )
 
 
 def _nodes(model: Model, plan: NodePlan, chain: Chain, state: State, centres: Indices) -> _Nodes:
@@ -384,7 +343,7 @@ def _nodes(model: Model, plan: NodePlan, chain: Chain, state: State, centres: In
     base = None
     if chain.base is not None:
         step = chain.path.base_step
-        base = _base_nodes(chain.base, t, dt, frames[step + 1], place)
+        base = base_nodes(chain.base, t, dt, frames[step + 1], place)
     return _Nodes(
         first=first,
         samples=samples,

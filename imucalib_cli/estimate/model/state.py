@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from imucalib_cli.estimate.model.base_imu import BaseImu
 from imucalib_cli.estimate.model.unknowns import (
     BaseClock,
     BaseMount,
@@ -16,22 +17,14 @@ from imucalib_cli.estimate.model.unknowns import (
     Mount,
     Origin,
     PoseScale,
-    Samples,
 )
 from imucalib_cli.robot.path import FixedStep
 from imucalib_cli.robot.rotations import cross, matrix_from_rotvec, rotvec_from_matrix
-from imucalib_cli.signals.dead_reckoning import dead_reckon
-from imucalib_cli.signals.interpolate import lagrange
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
     from imucalib_cli.arrays import Bools, Floats
     from imucalib_cli.estimate.model.layout import Joint, Layout
-    from imucalib_cli.estimate.model.unknowns import Reading
     from imucalib_cli.robot.path import KinematicPath, Step
-    from imucalib_cli.signals.grid import ImuGrid
-    from imucalib_cli.signals.samples import Sensor
     from imucalib_cli.signals.trajectory import Trajectory
 
 
@@ -68,59 +61,6 @@ class State:
                 rotation = step[each.part]
             x[each.part] = 0.0
         return State(matrix_from_rotvec(rotation) @ self.R, t, gravity, x, self.held_offset)
-
-
-def less_errors(
-    errors: Iterable[tuple[Reading, Floats]], samples: Samples, sensor: Sensor
-) -> Floats:
-    """(M, 3), readings of a sensor with errors of given sizes taken off."""
-    reading = np.array(samples.accel if sensor == "accel" else samples.gyro)
-    for effect, size in errors:
-        if effect.sensor == sensor and size.any():
-            reading -= np.tensordot(size, effect.basis(samples), axes=1)
-    return reading
-
-
-_AROUND = 5
-"""Samples of an IMU on either side of a stretch: polynomials reach so far, and ends are guesses."""
-
-
-@dataclass(frozen=True, eq=False)
-class BaseImu:
-    """The IMU that tells how the base moves, its errors taken off.
-
-    Each stretch is reckoned by itself, from rest: no digit is lost, however long the log, and what
-    stretches have in common is not asked for.
-    """
-
-    track: int
-    """Of the path."""
-    grid: ImuGrid
-    shift: float
-    """Its stamp less the joints', s."""
-    errors: tuple[tuple[Reading, Floats], ...]
-
-    def readings(self, t: Floats) -> tuple[Floats, Floats, Floats]:
-        """Stamps (n,), gyroscope and accelerometer (n, 3) around robot stamps (M,), errors off."""
-        grid, count = self.grid, len(self.grid.usable)
-        ends = (np.array([t.min(), t.max()]) + self.shift - grid.t0) / grid.dt
-        first = max(min(int(ends[0]) - _AROUND, count - 2 * _AROUND), 0)
-        last = min(max(int(ends[1]) + _AROUND + 1, first + 2 * _AROUND), count)
-        index = np.arange(first, last)
-        samples = Samples(
-            accel=grid.accel[first:last],
-            gyro=grid.gyro[first:last],
-            age=np.asarray(index / max(count - 1, 1) - 0.5),
-            dt=grid.dt,
-        )
-        gyro, accel = (less_errors(self.errors, samples, each) for each in ("gyro", "accel"))
-        return np.asarray(grid.t0 + grid.dt * index), gyro, accel
-
-    def poses(self, t: Floats) -> Floats:
-        """(M, 7), of the IMU in a freely falling frame at robot stamps (M,), s."""
-        stamps, gyro, accel = self.readings(t)
-        quaternion, position = dead_reckon(gyro, accel, self.grid.dt)
-        return lagrange(stamps, np.hstack([position, quaternion]), t + self.shift)
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,11 +141,9 @@ def _remounted(step: FixedStep, mount: BaseMount, size: Floats) -> FixedStep:
 
 
 def _base_imu(trajectory: Trajectory, layout: Layout, x: Floats) -> BaseImu | None:
-    track = trajectory.path.base_imu
-    if track is None:
+    track, grid = trajectory.path.base_imu, trajectory.base_readings
+    if track is None or grid is None:
         return None
-    grid = trajectory.tracks[track].readings
-    assert grid is not None  # noqa: S101 - an IMU's track has them
     return BaseImu(
         track=track,
         grid=grid,

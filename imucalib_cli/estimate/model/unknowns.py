@@ -274,6 +274,8 @@ SCALES: Final[dict[str, Scale]] = {
     "g_sensitivity": Scale(low=1e-7, high=3e-4),
     "driver_filter": Scale(low=3e-7, high=3e-4),
     "mount_give": Scale(low=3e-7, high=3e-3),
+    "base_place": Scale(low=3e-4, high=1e-2),
+    "base_turn": Scale(low=1e-3, high=5e-2),
     "joint_zero": Scale(low=2e-5, high=5e-3),
     "length": Scale(low=5e-5, high=3e-3),
     "joint_harmonic": Scale(low=1e-5, high=2e-3, like="joint_play"),
@@ -282,7 +284,8 @@ SCALES: Final[dict[str, Scale]] = {
 }
 """From the best that is made to the worst that is sold, in the unit of their entries: sensors
 factory-calibrated over temperature to consumer parts; arms calibrated one by one to hobby arms;
-encoders on the output to those behind a worn gear; delays of a field bus cycle or less. A gear's
+encoders on the output to those behind a worn gear; an IMU placed by measured holes to one placed by
+eye; delays of a field bus cycle or less. A gear's
 error once a turn and its play are made by the same teeth: catalogues of strain wave gears give one
 arc minute for either, within a factor of two."""
 
@@ -515,7 +518,7 @@ _OWN: Final[tuple[Unknown, ...]] = (
         labels=_XYZ,
         unit="m",
         std=3e-3,
-        scale="length",
+        scale="base_place",
         healthy=0.02,
         effect=BaseMount("translation"),
         words="place of the base IMU in its link: true less URDF",
@@ -525,8 +528,8 @@ _OWN: Final[tuple[Unknown, ...]] = (
         labels=_XYZ,
         unit="rad",
         std=5e-3,
-        scale="joint_zero",
-        healthy=0.02,
+        scale="base_turn",
+        healthy=0.1,
         effect=BaseMount("rotation"),
         words="rotation of the base IMU in its link: true less URDF",
     ),

@@ -10,92 +10,105 @@ import numpy as np
 from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.findings import note
-from imucalib_cli.jobs.reading import samples_of
 from imucalib_cli.robot.build import BaseImu, find_base
 from imucalib_cli.robot.frames import with_static_frames
 from imucalib_cli.robot.mount import Mount, Nominal, find_mount, rigid_transform
 from imucalib_cli.signals.imu.base import base_track, is_same_sensor, turns
 from imucalib_cli.signals.moves import track_moves
+from imucalib_cli.signals.samples import samples_of
 
 if TYPE_CHECKING:
-    from imucalib_cli.jobs.reading import Recording
+    from imucalib_cli.findings import Finding
+    from imucalib_cli.jobs.motion import Sources
     from imucalib_cli.jobs.request import CalibrationRequest
+    from imucalib_cli.logs.clock import Clock
     from imucalib_cli.logs.streams import ImuStream
     from imucalib_cli.robot.path import Track
     from imucalib_cli.robot.urdf import Robot
 
+    Imus = tuple[ImuStream, ...]
+
 _REMEDY = "add it to the URDF (`imucalib apply --add`), or record /tf_static"
 
 
-def with_base_imu(recording: Recording, request: CalibrationRequest) -> Recording:
-    """A recording in which an IMU tells the base's motion, if one is named or must be.
+def with_base_imu(
+    imus: tuple[Imus, Imus],
+    sources: Sources,
+    clock: Clock,
+    robot: Robot | None,
+    request: CalibrationRequest,
+) -> tuple[Imus, Sources, tuple[Finding, ...]]:
+    """Take one of a log's IMUs as what tells the base's motion, if one is named or must be.
 
     One must be where the root of the URDF carries an IMU that turns, joint states are there, and
     nothing else in the log moves the base.
+
+    Args:
+        imus: To be calibrated, and others in the log.
+        sources: What else tells a motion.
+        clock: Of the log.
+        robot: Of the URDF.
+        request: Its base_imu, parents and units.
+
+    Returns:
+        The IMUs to be calibrated, the sources with it, and findings that say so; as given where
+        none is.
 
     Raises:
         ChoiceError: The named IMU is not there, or where it is on the robot is not known.
         InputError: It stands still, or its data cannot be used.
     """
-    robot = recording.robot
     if robot is not None:
-        robot = with_static_frames(robot, recording.sources.edges)
-    if request.base_imu is None:
-        imu = None if robot is None else _on_the_root(recording, robot)
-    else:
-        imu = _named(recording, request.base_imu)
-    if imu is None:
-        return recording
+        robot = with_static_frames(robot, sources.edges)
+    wanted, known = imus[0], (*imus[0], *imus[1])
+    base: ImuStream | None = None
+    if request.base_imu is not None:
+        base = _named(known, request.base_imu)
+    elif robot is not None:
+        base = _on_the_root(known, sources, clock, robot)
+    if base is None or (request.base_imu is None and wanted == (base,)):
+        return wanted, sources, ()
     if not isinstance(request.estimator, MatchedOptions):
         raise ChoiceError(
-            f"{imu.name} would tell how the base moves, which only --method matched can use: leave "
-            "--method out, or give the base's pose by --pose-topic"
+            f"{base.name} would tell how the base moves, which only --method matched can use: "
+            "leave --method out, or give the base's pose by --pose-topic"
         )
-    samples = samples_of(imu, recording.clock)
+    samples = samples_of(base, clock)
     if not turns(samples):
         raise InputError(
-            f"{imu.name} hardly turns, so it tells no motion: leave --base-imu out if the base "
+            f"{base.name} hardly turns, so it tells no motion: leave --base-imu out if the base "
             "stands still, or record while it moves",
-            topic=imu.topic,
+            topic=base.name,
         )
-    for other in recording.imus:
-        if other is not imu and is_same_sensor(samples_of(other, recording.clock), samples):
+    others = tuple(each for each in wanted if each is not base)
+    if not others:
+        raise ChoiceError(
+            f"--base-imu {base.name} is the only IMU that is asked for: it tells how others move"
+        )
+    for other in others:
+        if is_same_sensor(samples_of(other, clock), samples):
             raise ChoiceError(
-                f"{imu.name} and {other.name} have the readings of one sensor: choose the others "
+                f"{base.name} and {other.name} have the readings of one sensor: choose the others "
                 "with --imu-topic, or another --base-imu"
             )
     track, findings = base_track(samples, request.units, request.estimator.gravity_norm)
-    base = _placed(imu, track, robot, request)
-    told = note("base.imu", topic=imu.name, link=base.link)
-    sources = recording.sources
-    return replace(
-        recording,
-        imus=tuple(each for each in recording.imus if each is not imu),
-        sources=replace(
-            sources,
-            base=base,
-            topics={**sources.topics, track.name: imu.name},
-        ),
-        findings=(*recording.findings, told, *findings),
-    )
+    placed = _placed(base, track, robot, request)
+    told = note("base.imu", topic=base.name, link=placed.link)
+    topics = {**sources.topics, track.name: base.name}
+    return others, replace(sources, base=placed, topics=topics), (told, *findings)
 
 
-def _named(recording: Recording, name: str) -> ImuStream:
-    found = [imu for imu in recording.imus if name in (imu.name, imu.topic)]
-    listed = ", ".join(imu.name for imu in recording.imus)
+def _named(imus: Imus, name: str) -> ImuStream:
+    found = [imu for imu in imus if name in (imu.name, imu.topic)]
     if len(found) != 1:
+        listed = ", ".join(imu.name for imu in imus)
         raise ChoiceError(f"--base-imu {name}: no such IMU, but {listed}")
-    if len(recording.imus) == 1:
-        raise ChoiceError(
-            f"--base-imu {name} is the only IMU that is used: it tells how the others move"
-        )
     return found[0]
 
 
-def _on_the_root(recording: Recording, robot: Robot) -> ImuStream | None:
+def _on_the_root(imus: Imus, sources: Sources, clock: Clock, robot: Robot) -> ImuStream | None:
     """The IMU on the URDF's root that tells how it moves, if nothing else does."""
-    sources = recording.sources
-    if len(recording.imus) == 1 or not sources.joints:
+    if len(imus) == 1 or not sources.joints:
         return None
     moving = [edge for edge in sources.edges if not edge.is_static and track_moves(edge.track)]
     if find_base(moving, robot) is not None:
@@ -103,10 +116,10 @@ def _on_the_root(recording: Recording, robot: Robot) -> ImuStream | None:
     floating = [each.child for each in robot.joints if each.kind == "floating"]
     on_root = [
         imu
-        for imu in recording.imus
+        for imu in imus
         if imu.frame_id in robot.links
         and any(rigid_transform(robot, root, imu.frame_id) for root in (robot.root, *floating))
-        and turns(samples_of(imu, recording.clock))
+        and turns(samples_of(imu, clock))
     ]
     return max(on_root, key=len, default=None)
 
