@@ -16,6 +16,10 @@ def shown(line: str) -> str:
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in line)
 
 
+_HIDDEN = re.compile(r"[?#](?!…(?:\W|$))")
+"""Begins query or fragment, unless it has been taken out already."""
+
+
 def natural(name: str) -> list[tuple[int, str]]:
     """What names are sorted by, so that numbers in them count as numbers."""
     parts = re.split(r"(\d+)", name)
@@ -42,7 +46,7 @@ def _without_secrets(address: str) -> str:
 
 def _cut(address: str) -> tuple[str, str, str]:
     """A URL without query and fragment, and these."""
-    found = re.search(r"[?#]", address)
+    found = _HIDDEN.search(address)
     if found is None:
         return address, "", ""
     return address[: found.start()], found[0], address[found.end() :]

@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     from imucalib_cli.batch.logs import BatchLog
     from imucalib_cli.batch.task import Done, Task
 
-_CONNECTING = "5s"
-"""A scheduler that does not answer by then is not there."""
+_CONNECTING, _GREETING = "5s", "20s"
+"""A scheduler that does not answer by then is not there; one that does may be busy."""
 _RETRIES = 1
 """Of what fails on a worker for a reason of the worker's."""
 _SOON = 0.01
@@ -126,8 +126,9 @@ class DaskWorkers:
             else:
                 address = self.scheduler
             try:
-                asyncio.run(_see_answer(distributed, address))
-                client = distributed.Client(address, timeout=_CONNECTING, set_as_default=False)
+                if address == self.scheduler:
+                    asyncio.run(_see_answer(distributed, address))
+                client = distributed.Client(address, timeout=_GREETING, set_as_default=False)
             except Exception as error:  # of whatever kind; its words may hold a password
                 raise InputError(
                     f"--dask {self._name}: no scheduler answers there: give an address such as "

@@ -517,6 +517,7 @@ def test_no_letter_of_a_password_is_shown(password: str, chain: str) -> None:
         assert "bob" not in text
         assert "p" not in re.sub("https|zip|simplecache|mcap", "", text)
         assert "w" not in text
+        assert without_secrets(text) == text
     assert "here" in str(RemoteFile("https://bob:a b@here"))
     assert "bob" not in str(RemoteFile("https://bob:a b@here"))
 
@@ -527,4 +528,6 @@ def test_what_is_no_secret_is_shown() -> None:
         "https://host:8080/a/log.mcap",
         "zip://a.mcap::https://host/x.zip",
     ):
-        assert without_secrets(url) == url
+        assert without_secrets(f"{url}: gone") == f"{url}: gone"
+    hidden = without_secrets("https://host/log.mcap?sig=1")
+    assert str(InputError(f"{hidden}: gone")) == "https://host/log.mcap?…: gone"
