@@ -12,10 +12,9 @@ from typing import TYPE_CHECKING
 
 from imucalib_cli.findings import Finding, note
 from imucalib_cli.jobs.reading import printable
-from imucalib_cli.logs.open import holds_log
+from imucalib_cli.logs.open import holds_log, is_made_here
 from imucalib_cli.logs.remote.file import RemoteFile, path_or_url
 from imucalib_cli.logs.tum_euroc import TABLES
-from imucalib_cli.results.places import is_made_here
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator

@@ -59,7 +59,8 @@ def write_extras(
     Returns:
         Why some could not be written; the others are.
     """
-    from imucalib_cli.results.places import is_made_here, see_places
+    from imucalib_cli.logs.open import is_made_here
+    from imucalib_cli.results.places import see_places
 
     before, failures = list(written), []
     for name, path in _asked(files).items() if outcome.calibrated else ():

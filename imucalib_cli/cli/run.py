@@ -104,8 +104,9 @@ def run_command(
     """Find where every IMU of a recording sits on the robot."""
     from imucalib_cli.jobs.calibrate import calibrate
     from imucalib_cli.jobs.combine import calibrate_together
+    from imucalib_cli.logs.open import is_made_here
     from imucalib_cli.results.atomic import see_folder_writable
-    from imucalib_cli.results.places import is_made_here, see_places
+    from imucalib_cli.results.places import see_places
 
     request = calibration_request(ctx, logs, recording, estimator, require)
     read = files_of(*logs, recording.urdf, estimator.imu_model)

@@ -11,6 +11,7 @@ import pytest
 from imucalib_cli.batch.logs import find_logs
 from imucalib_cli.cli.files import names_in
 from imucalib_cli.logs.mcap.write import McapWriter
+from imucalib_cli.logs.open import open_files
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -75,12 +76,15 @@ def test_what_is_joined_by_name_is_told(tmp_path: Path) -> None:
 
 
 def test_files_beside_results_are_no_logs(tmp_path: Path) -> None:
-    made(tmp_path, "log.mcap")
-    with (tmp_path / "log.debug-mcap.mcap").open("wb") as file:
-        McapWriter(file, library="imucalib run --debug-mcap").close()
+    for name in ("log.mcap", "log.debug-mcap.mcap"):
+        library = "imucalib run --debug-mcap" if "debug" in name else "a recorder"
+        with (tmp_path / name).open("wb") as file:
+            McapWriter(file, library=library).close()
     head = "time_s,stamp_ns,accel_x_measured_m_s2,accel_y_measured_m_s2,accel_z_measured_m_s2\n"
     (tmp_path / "log.residuals.csv").write_text(head)
     assert found(tmp_path, tmp_path) == [["log.mcap"]]
+    (log,) = open_files(tmp_path)
+    assert str(log.path) == str(tmp_path / "log.mcap")
     named = tmp_path / "log.debug-mcap.mcap"
     assert found(tmp_path, named) == [["log.debug-mcap.mcap"]]  # who names it means it
 
