@@ -246,6 +246,12 @@ def _with_initial(
             "--fix and --prior-std take the pose from the URDF, which is what verify is to check: "
             'give the pose you know by --initial "X Y Z R P Y"'
         )
+    if nominal is None and request.planar and len(held) == 1:
+        words = " ".join("HEIGHT" if place in held else "0" for place in range(6))
+        raise ChoiceError(
+            f"--planar needs the height of {motion.mount.child} in {motion.mount.parent}, and no "
+            f'joint has it: give it in m by --initial "{words}", of which the rest is not used'
+        )
     if nominal is None:
         raise ChoiceError(
             "--fix, --planar and --prior-std need a pose of "
