@@ -86,6 +86,8 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "'{prefix}' and are taken for them; --joint-prefix overrules it",
     "frames.prefixed": "{count} frames differ from links of {robot} by the prefix '{prefix}' and "
     "are taken for them",
+    "base.imu": "{topic} on {link} tells how the robot moves; the other IMUs are calibrated "
+    "against it",
     "pose.told_twice": "{topic} tells the pose of {child} in {parent} too; {used} is used, having "
     "more messages",
     "stream.rows_left_out": "{stream}: left out {not_finite} messages that are not finite, "

@@ -261,6 +261,16 @@ class RecordingOptions:
             show_default="the one that holds the frame_id of its messages",
         ),
     ] = field(default_factory=list)
+    base_imu: Annotated[
+        str | None,
+        _robot(
+            metavar="TOPIC",
+            autocompletion=complete.topics("imu"),
+            help="IMU that tells how a robot without a fixed base moves, or the body that another "
+            "IMU is on; the others are calibrated against it.",
+            show_default="that on the URDF's root, where nothing else tells how it moves",
+        ),
+    ] = None
     imu_link: Annotated[
         str | None,
         _frame(
@@ -356,6 +366,15 @@ class KnownOptions:
             parser=parsers.pose_std,
             help="How well the URDF's pose, or --initial, is known beforehand, 1 sigma.",
             show_default="unknown",
+        ),
+    ] = None
+    base_std: Annotated[
+        PoseStd | None,
+        _known(
+            metavar="2mm,0.5deg|tx=1mm,rz=0.2deg",
+            parser=parsers.pose_std,
+            help="How well the URDF's pose of the --base-imu in its link is known, 1 sigma.",
+            show_default="learnt, as the robot's lengths and zeros",
         ),
     ] = None
     initial: Annotated[
@@ -583,6 +602,8 @@ _MATCHED_ONLY = {
     "--fix",
     "--planar",
     "--prior-std",
+    "--base-imu",
+    "--base-std",
     "--sensor-model",
     "--robot",
     "--statistics",
@@ -641,6 +662,8 @@ def _given(known: KnownOptions, *more: int) -> dict[str, Any]:
     if isinstance(known.gravity, float):
         del given["gravity"]
         given |= {"gravity_norm": known.gravity, "gravity_std": 0.0}
+    if known.base_std is not None:
+        given["base_std"] = tuple(known.base_std)
     return {**given, "pose": _pose_prior(known, (*(known.fix or ()), *more))}
 
 

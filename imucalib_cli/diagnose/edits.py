@@ -131,7 +131,8 @@ def with_inverse_poses(path: KinematicPath, tracks: frozenset[int]) -> Kinematic
 
 def pose_tracks(path: KinematicPath) -> tuple[int, ...]:
     """Tracks of poses that the path uses."""
-    return tuple(dict.fromkeys(step.track for step in path.steps if isinstance(step, PoseStep)))
+    used = dict.fromkeys(step.track for step in path.steps if isinstance(step, PoseStep))
+    return tuple(track for track in used if path.tracks[track].kind == "pose")
 
 
 def with_rolled_quaternions(path: KinematicPath, by: int) -> KinematicPath:

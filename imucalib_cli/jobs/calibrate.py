@@ -20,14 +20,13 @@ from imucalib_cli.jobs.data_sheet import (
 )
 from imucalib_cli.jobs.explain import explain
 from imucalib_cli.jobs.known.parents import (
-    check_parents,
     find_parents,
     request_of,
     with_answer,
 )
 from imucalib_cli.jobs.known.upright import upright_component
 from imucalib_cli.jobs.motion import Motion, find_motion
-from imucalib_cli.jobs.reading import printable, read_recording, recorded_at, samples_of
+from imucalib_cli.jobs.reading import printable, read_recording, recorded_at
 from imucalib_cli.jobs.recorded_options import recorded_options
 from imucalib_cli.logs.select import check_joint_topics
 from imucalib_cli.results.from_estimate import result_of, scalars
@@ -36,6 +35,7 @@ from imucalib_cli.results.result import Provenance, RecordingEntry, SourceFile, 
 from imucalib_cli.robot.path import JointStep
 from imucalib_cli.signals.imu.repair import Repaired, repair
 from imucalib_cli.signals.imu.stream_health import missing_parts
+from imucalib_cli.signals.samples import samples_of
 from imucalib_cli.signals.stamps import usual_interval
 
 if TYPE_CHECKING:
@@ -104,7 +104,6 @@ def calibrate_recording(
             f"--imu-link {request.imu_link} is the link of one IMU, the log has several: choose "
             f"one with --imu-topic: {topics}"
         )
-    check_parents(recording.imus, request)
     calibrated: list[Calibrated] = []
     failures: list[ImucalibError] = []
     for imu in recording.imus:
@@ -138,6 +137,9 @@ def _calibrate_one(recording: Recording, imu: ImuStream, request: CalibrationReq
     missing = tuple(missing_parts({imu.name: samples.t, **tracks}))
     repaired = repair_streams(samples, motion.path, request)
     options = with_priors(request.estimator, request.imu)
+    if recording.sources.base is not None and isinstance(options, MatchedOptions):
+        # Both IMUs fall freely: what each feels of gravity is the same.
+        options = replace(options, gravity="none")
     options = _with_initial(options, motion, request)
     if isinstance(options, MatchedOptions):
         options = replace(options, either_sign=request.units.sign == "auto")

@@ -16,6 +16,7 @@ from imucalib_cli.jobs.inspection import (
     JointFinding,
     PoseFinding,
 )
+from imucalib_cli.jobs.known.base import with_base_imu
 from imucalib_cli.jobs.known.parents import find_parents, with_answer
 from imucalib_cli.jobs.motion import find_motion
 from imucalib_cli.jobs.reading import (
@@ -23,7 +24,6 @@ from imucalib_cli.jobs.reading import (
     moving_streams,
     open_requested,
     robot_and_names,
-    samples_of,
 )
 from imucalib_cli.jobs.request import CalibrationRequest
 from imucalib_cli.logs.clock import choose_clock
@@ -34,6 +34,7 @@ from imucalib_cli.logs.select import Selection, candidates, descriptions, select
 from imucalib_cli.signals.imu.repair import check_alone
 from imucalib_cli.signals.imu.stream_health import stamp_health
 from imucalib_cli.signals.imu.units import guess_units
+from imucalib_cli.signals.samples import samples_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -178,10 +179,18 @@ def _seen(
         sources, duplicates = gather_sources(read, clock, unasked)
         sources = replace(sources, prefixes=one.prefixes, unread=unread)
         findings += [*clock.findings, *duplicates]
+        base = None
+        unknown = problem or one.problem
+        try:
+            given = tuple(imu for imu in read.imus.values() if len(imu))
+            left, sources, told = with_base_imu((given, ()), sources, clock, one.robot, request)
+            base = next((imu.name for imu in given if imu not in left), None)
+            findings += told
+        except ImucalibError as error:
+            unknown = unknown or error
         for imu in read.imus.values():
-            found, problems = _imu(
-                imu, clock, sources, one.robot, request=request, problem=problem or one.problem
-            )
+            found, problems = _imu(imu, clock, sources, one.robot, request=request, problem=unknown)
+            found = replace(found, base_imu=base)
             imus.append(found)
             findings += problems
     return _Seen(clock=clock, imus=tuple(imus), findings=tuple(findings))
@@ -229,6 +238,8 @@ def _imu(
     samples = samples_of(imu, clock)
     units = guess_units(samples)
     found = ImuFinding(topic=imu.name, frame_id=imu.frame_id, units=units)
+    if sources.base is not None and sources.base.track.name == imu.name:
+        return replace(found, parent=sources.base.link), units.findings
     try:
         if problem is not None:
             raise problem
@@ -276,12 +287,13 @@ def _command(
 
     If none can be without a choice that nothing tells, one for all that says what is missing.
     """
-    if not findings or not any((*data.joints.values(), *data.poses.values())):
-        return (), ""
     words = ["imucalib", "run", *_inputs(request)]
     several = len(findings) > 1
+    if not any((*data.joints.values(), *data.poses.values())):
+        command = " ".join([*words, "--base-imu IMU"])
+        return ((command,), _BASE) if several else ((), "")
     words += [f"--pose-topic {shlex.quote(topic)}" for topic in request.pose_topics]
-    findings = [each for each in findings if not each.still]
+    findings = [each for each in findings if not each.still and each.base_imu != each.topic]
     ready = [each for each in findings if each.problem is None or each.solved_by == "--parent"]
     if request.urdf is not None:
         words.append(f"--urdf {shlex.quote(str(request.urdf))}")
@@ -294,22 +306,33 @@ def _command(
         return ((command,), _FRAME) if asks else ((), "")
     commands, placeholders = [], dict[str, None]()
     for each in ready:
-        own = []
-        if several:
-            own.append(f"--imu-topic {shlex.quote(each.topic)}")
-        if each.moves_like:
-            own.append(f"--parent {shlex.quote(each.moves_like[0])}")
-        elif each.problem is not None:
-            own.append("--parent FRAME")
-            placeholders[_FRAME] = None
-        elif each.parent_unnamed:
-            own.append("--parent BODY")
-            placeholders["BODY by a name for what the poses are of"] = None
+        own, placeholder = _own_options(each, several=several)
+        placeholders |= {placeholder: None} if placeholder else {}
         commands.append(" ".join([*words, *own, *_options([each])]))
     return tuple(commands), ", ".join(placeholders)
 
 
 _FRAME = "FRAME by the link or frame that carries the IMU"
+_BODY = "BODY by a name for what the poses are of"
+_BASE = "IMU by the topic of the one on the body that the others are calibrated against"
+
+
+def _own_options(imu: ImuFinding, *, several: bool) -> tuple[list[str], str]:
+    """Options for one IMU, and what the user must put in."""
+    own, placeholder = [], ""
+    if several:
+        own.append(f"--imu-topic {shlex.quote(imu.topic)}")
+    if imu.base_imu is not None:
+        own.append(f"--base-imu {shlex.quote(imu.base_imu)}")
+    if imu.moves_like:
+        own.append(f"--parent {shlex.quote(imu.moves_like[0])}")
+    elif imu.problem is not None:
+        own.append("--parent FRAME")
+        placeholder = _FRAME
+    elif imu.parent_unnamed:
+        own.append("--parent BODY")
+        placeholder = _BODY
+    return own, placeholder
 
 
 def _options(findings: Sequence[ImuFinding]) -> list[str]:

@@ -9,7 +9,14 @@ import numpy as np
 
 from imucalib_cli.errors import ChoiceError, ImucalibError, InputError, UntrustedError
 from imucalib_cli.findings import note, untrusted, warning
-from imucalib_cli.robot.build import find_base, is_still, joint_path, moving_base_path
+from imucalib_cli.robot.build import (
+    BaseImu,
+    base_imu_path,
+    find_base,
+    is_still,
+    joint_path,
+    moving_base_path,
+)
 from imucalib_cli.robot.frames import Edge, frame_path, with_static_frames
 from imucalib_cli.robot.mount import Mount, Nominal, find_mount, require_nominal
 from imucalib_cli.robot.names import known_name
@@ -36,6 +43,8 @@ class Sources:
     """One for each parent and child; the child is empty if the message names none."""
     topics: dict[str, str]
     """Topic of each track, by the track's name."""
+    base: BaseImu | None = None
+    """The IMU that tells how the base moves, if one does."""
     unused: tuple[str, ...] = ()
     """One sentence for each topic without usable messages: the reason."""
     unasked: frozenset[str] = frozenset()
@@ -152,7 +161,8 @@ def _nothing_moves(path: KinematicPath, sources: Sources) -> bool:
     if all(isinstance(step, FixedStep) for step in path.steps):
         return False
     moving = (edge.track for edge in sources.edges if not edge.is_static)
-    return not any(track_moves(track) for track in (*sources.joints, *moving))
+    reckoned = () if sources.base is None else (sources.base.track,)
+    return not any(track_moves(track) for track in (*reckoned, *sources.joints, *moving))
 
 
 def other_frames(
@@ -163,8 +173,10 @@ def other_frames(
     The function raises ImucalibError for frames whose motion is not in the log.
     """
     if robot is None:
-        edges = _labelled(sources.edges, request.parent)
+        edges, base = _labelled(sources.edges, request.parent), sources.base
         frames = tuple(dict.fromkeys(edge.child for edge in edges))
+        if base is not None:
+            return frames, lambda frame: base_imu_path(base, frame, robot=None, edges=edges)
         return frames, lambda frame: frame_path(edges, frame, world=request.world)
 
     def path_to(link: str) -> KinematicPath:
@@ -189,6 +201,8 @@ def _robot_path(
     sources: Sources, robot: Robot, parent: str, request: CalibrationRequest
 ) -> KinematicPath:
     """Joints through the URDF, below a moving base if the log has one; else frames alone."""
+    if sources.base is not None:
+        return base_imu_path(sources.base, parent, robot=robot, tracks=sources.joints)
     # joints first: with them a pose without a child can only be the base's
     label = robot.root if sources.joints else request.parent
     edges, base = _base(_labelled(sources.edges, label), sources, robot)
@@ -239,6 +253,8 @@ def _base(
 
 def _from_frames(sources: Sources, frame_id: str, request: CalibrationRequest) -> Motion:
     """Motion of the log's frames, without a URDF."""
+    if sources.base is not None:
+        return _from_base(sources, sources.base, frame_id, request)
     if not sources.edges:
         if sources.joints:
             listed = ", ".join(dict.fromkeys(sources.topics[t.name] for t in sources.joints))
@@ -274,6 +290,20 @@ def _from_frames(sources: Sources, frame_id: str, request: CalibrationRequest) -
     return Motion(
         path=path, mount=mount, topics=_topics(path, sources), robot=None, findings=findings
     )
+
+
+def _from_base(
+    sources: Sources, base: BaseImu, frame_id: str, request: CalibrationRequest
+) -> Motion:
+    """Motion of a frame behind an IMU that tells its own; by default both are on one body."""
+    edges = _labelled(sources.edges, request.parent)
+    parent, nominal = request.parent, None
+    if parent is None and any(edge.child == frame_id for edge in edges):
+        parent, nominal = _guess_parent(edges, frame_id)
+    path = base_imu_path(base, parent or base.link, robot=None, edges=edges)
+    child = request.imu_link or frame_id or "imu"
+    mount = Mount(parent=path.parent, child=child, nominal=nominal)
+    return Motion(path=path, mount=mount, topics=_topics(path, sources), robot=None)
 
 
 def _guess_parent(edges: tuple[Edge, ...], frame_id: str) -> tuple[str, Nominal | None]:

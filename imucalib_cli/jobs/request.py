@@ -64,6 +64,8 @@ class CalibrationRequest:
     """Link or frame that carries the IMU; None: found automatically."""
     parents: tuple[tuple[str, str], ...] = ()
     """Of single IMUs, each by its topic or frame: these go before ``parent``."""
+    base_imu: str | None = None
+    """The IMU that tells how the base moves; None: found where nothing else tells it."""
     imu_link: str | None = None
     """The IMU's frame in the URDF, if it is not the messages' frame_id."""
     world: str | None = None

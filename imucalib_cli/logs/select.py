@@ -38,6 +38,9 @@ class Selection:
     """Odometry, PoseStamped and the like."""
     tf: tuple[str, ...]
     """/tf and /tf_static."""
+    other_imus: tuple[str, ...] = ()
+    """IMUs that are not asked for, one of which may tell how the base moves where there are
+    joints."""
     unasked: tuple[str, ...] = ()
     """Those of ``poses`` that the user did not name: odometry beside joint states, perhaps of the
     base."""
@@ -69,6 +72,8 @@ def select_topics(
     joint_topics: Sequence[str] = (),
     pose_topics: Sequence[str] = (),
     description_topics: Sequence[str] = (),
+    *,
+    base_imu: str | None = None,
 ) -> Selection:
     """Choose topics.
 
@@ -76,7 +81,7 @@ def select_topics(
     may be the motion of the base; a pose topic of another type only where there are no joint
     states and it is the only one. A kind that is named is limited to
     what is named; static transforms always stay. ``topic:frame`` names one of several IMUs on a
-    topic.
+    topic. ``base_imu`` is one that tells a motion itself.
 
     Raises:
         ChoiceError: A named topic is not there or of another kind, or several pose topics could
@@ -86,6 +91,7 @@ def select_topics(
     names = {each.name for each in topics}
     imu_topics = [each if each in names else each.partition(":")[0] for each in imu_topics]
     imus = _of_kind(topics, "imu", imu_topics)
+    others = [each for each in candidates(topics, "imu") if each not in imus]
     joints = _of_kind(topics, "joints", joint_topics)
     found = _of_kind(topics, "pose", pose_topics)
     tf = [each for each in candidates(topics, "pose") if each.type in TF_TYPES]
@@ -104,17 +110,21 @@ def select_topics(
     described = (
         _of_kind(topics, "text", description_topics) if description_topics else descriptions(topics)
     )
+    if base_imu is not None:
+        others = [each for each in others if each.name in (base_imu, base_imu.partition(":")[0])]
     if not imus:
         raise InputError(
             f"the log has no IMU (sensor_msgs/Imu); it has: {_listed(topics) or 'no topics'}"
         )
-    if not (joints or poses or tf):
+    if not (joints or poses or tf or base_imu):
+        several = "; of several IMUs one may tell it: --base-imu TOPIC" if len(imus) > 1 else ""
         raise InputError(
             "the log has no source of the robot's motion (sensor_msgs/JointState, tf, "
-            f"odometry or poses); it has: {_listed(topics)}"
+            f"odometry or poses); it has: {_listed(topics)}{several}"
         )
     return Selection(
         imus=_names(imus),
+        other_imus=_names(others) if joints or base_imu else (),
         joints=_names(joints),
         poses=_names(poses),
         tf=_names(tf),

@@ -10,6 +10,9 @@ import numpy as np
 from imucalib_cli.estimate.model.unknowns import (
     SCALES,
     TABLE,
+    BaseClock,
+    BaseMount,
+    BaseReading,
     JointCurve,
     Mount,
     Origin,
@@ -215,6 +218,7 @@ class _Chain:
         values = trajectory.values(np.linspace(start, end, _INSTANTS))
         self._path = path
         self._joints = _joints_of(path)
+        self._base = path.base_imu
         moving = [i for i, step in enumerate(path.steps) if isinstance(step, PoseStep)]
         self._moving = set()
         for joint in self._joints:
@@ -247,11 +251,14 @@ class _Chain:
                 yield Placed(unknown, nowhere, labels, None, index, directions, R, hidden)
         elif isinstance(effect, PoseScale):
             used = (step.track for step in self._path.steps if isinstance(step, PoseStep))
-            for track in dict.fromkeys(used):
+            for track in (each for each in dict.fromkeys(used) if each != self._base):
                 labels = (self._path.tracks[track].name,)
                 yield Placed(unknown, nowhere, labels, index=track)
-        else:
+        elif not isinstance(effect, (BaseReading, BaseMount, BaseClock)):
             yield Placed(unknown, nowhere, unknown.labels)
+        # Of two IMUs on one body the mounts are one, and no joint has other stamps.
+        elif self._base is not None and (self._moving or isinstance(effect, BaseReading)):
+            yield Placed(unknown, nowhere, unknown.labels, index=self._path.base_step + 1)
 
     def _joints_of(self, curve: JointCurve) -> Iterator[Joint]:
         """Joints that have an error of this kind, as far as a log tells it."""
@@ -266,8 +273,11 @@ class _Chain:
 
     def _origins(self) -> Iterator[tuple[int, Floats, Floats]]:
         """Constant steps behind the first that moves: index, what is not the mount's, and R."""
+        # What follows the base IMU is the place of its mount.
+        base = self._path.base_step if self._base is not None else len(self._path.steps)
         for index, step in enumerate(self._path.steps):
-            if isinstance(step, FixedStep) and self._inside(index):
+            of_base = base < index <= base + 2
+            if isinstance(step, FixedStep) and self._inside(index) and not of_base:
                 # Behind the last that moves nothing turns, and all of it looks like the mount.
                 directions = self._turning(index) if index < self._last else np.eye(3)
                 if len(directions):

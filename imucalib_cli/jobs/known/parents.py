@@ -9,9 +9,9 @@ from imucalib_cli.diagnose.carrier import Carriers, find_carriers
 from imucalib_cli.errors import ChoiceError, ImucalibError
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.jobs.motion import other_frames
-from imucalib_cli.jobs.reading import samples_of
 from imucalib_cli.robot.frames import with_static_frames
 from imucalib_cli.signals.imu.repair import repair
+from imucalib_cli.signals.samples import samples_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
