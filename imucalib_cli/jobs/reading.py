@@ -200,12 +200,14 @@ def robot_and_names(
         InputError: The URDF cannot be used.
         ChoiceError: The description must be chosen, or no joint has the prefix that is asked for.
     """
+    asked = _asked_for(data, request)
+    wanted = replace(data, imus={name: data.imus[name] for name in data.imus if name in asked})
     robot, findings = (
-        described_robot(data, request) if request.urdf is None else (robot_of(request.urdf), ())
+        described_robot(wanted, request) if request.urdf is None else (robot_of(request.urdf), ())
     )
     if robot is None:
         return None, data, findings, ()
-    data, renamed, prefixes = named_as_in(robot, data, request.joint_prefix)
+    data, renamed, prefixes = named_as_in(robot, data, request.joint_prefix, wanted.imus)
     return robot, data, (*findings, *renamed), prefixes
 
 
