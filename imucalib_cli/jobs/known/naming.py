@@ -86,6 +86,8 @@ def _of_one_robot(
     if len(own) != 1:
         return joints
     dropped = tuple(topic for topic in rivals if topic not in own)
+    for said in [each for each in findings if each.values["topic"] in dropped]:
+        del findings[said]
     values = {"dropped": dropped, "robot": str(robot.source), "used": tuple(own)}
     findings[note("joints.other_robot", **values)] = None
     return {topic: streams for topic, streams in joints.items() if topic not in dropped}
