@@ -139,7 +139,8 @@ def _calibrate_one(recording: Recording, imu: ImuStream, request: CalibrationReq
     options = with_priors(request.estimator, request.imu)
     if recording.sources.base is not None and isinstance(options, MatchedOptions):
         # Both IMUs fall freely: what each feels of gravity is the same.
-        options = replace(options, gravity="none")
+        norm = options.gravity_norm if options.has_gravity else 0.0
+        options = replace(options, gravity="none", gravity_norm=norm)
     options = _with_initial(options, motion, request)
     if isinstance(options, MatchedOptions):
         options = replace(options, either_sign=request.units.sign == "auto")
