@@ -9,6 +9,7 @@ from imucalib_cli.cli.options import (
     OUTPUT,
     AllowRemoteScan,
     CsvColumns,
+    JointColumnsOption,
     Logs,
     OutputFile,
     Quiet,
@@ -29,6 +30,7 @@ def inspect_command(
     logs: Logs,
     *,
     csv_columns: CsvColumns = None,
+    joints: JointColumnsOption = [],  # noqa: B006 - typer makes a new one
     allow_remote_scan: AllowRemoteScan = False,
     urdf: Annotated[
         LogPath | None,
@@ -59,6 +61,7 @@ def inspect_command(
                 urdf,
                 bar.report,
                 csv_columns or (),
+                joint_columns=tuple(joints),
                 allow_remote_scan=allow_remote_scan,
             )
         if fmt == "json":

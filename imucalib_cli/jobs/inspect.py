@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from imucalib_cli.errors import ChoiceError, ImucalibError
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.jobs.calibrate import check_overlap, repair_streams
+from imucalib_cli.jobs.halves import joined
 from imucalib_cli.jobs.inspection import (
     Health,
     ImuFinding,
@@ -27,9 +28,7 @@ from imucalib_cli.jobs.reading import (
 )
 from imucalib_cli.jobs.request import CalibrationRequest
 from imucalib_cli.logs.clock import choose_clock
-from imucalib_cli.logs.log import LogData
-from imucalib_cli.logs.messages import TF_TYPES
-from imucalib_cli.logs.select import Selection, candidates, descriptions, select_topics
+from imucalib_cli.logs.select import candidates, descriptions, is_tf, select_topics
 from imucalib_cli.signals.imu.repair import check_alone
 from imucalib_cli.signals.imu.stream_health import stamp_health
 from imucalib_cli.signals.imu.units import guess_units
@@ -41,8 +40,10 @@ if TYPE_CHECKING:
     from imucalib_cli.jobs.motion import Sources
     from imucalib_cli.jobs.request import Progress
     from imucalib_cli.logs.clock import Clock
-    from imucalib_cli.logs.log import Log
+    from imucalib_cli.logs.columns import JointColumns
+    from imucalib_cli.logs.log import Log, LogData
     from imucalib_cli.logs.reader import LogPath
+    from imucalib_cli.logs.select import Selection
     from imucalib_cli.logs.streams import ImuStream, JointStream, PoseStream
     from imucalib_cli.robot.urdf import Robot
 
@@ -53,6 +54,7 @@ def inspect(
     progress: Progress | None = None,
     csv_columns: tuple[str, ...] = (),
     *,
+    joint_columns: tuple[JointColumns, ...] = (),
     allow_remote_scan: bool = False,
 ) -> Inspection:
     """Describe a recording and find the command that calibrates it.
@@ -62,13 +64,18 @@ def inspect(
         urdf: Of the robot, to be checked against the log.
         progress: As for calibrate.
         csv_columns: Likewise.
+        joint_columns: Likewise.
         allow_remote_scan: Likewise.
 
     Raises:
         InputError: A file cannot be read. A log that cannot be calibrated is no error.
     """
     request = CalibrationRequest(
-        logs=logs, csv_columns=csv_columns, urdf=urdf, allow_remote_scan=allow_remote_scan
+        logs=logs,
+        csv_columns=csv_columns,
+        joint_columns=joint_columns,
+        urdf=urdf,
+        allow_remote_scan=allow_remote_scan,
     )
     log = open_requested(request, progress)
     names = {
@@ -78,14 +85,15 @@ def inspect(
     data = log.read(names, None if progress is None else lambda share: progress("reading", share))
     robot, data, named, prefixes, unsure = _robot(data, request)
     chosen, request, problem = _chosen(log, request)
-    read = data if chosen is None else _part_of(data, chosen)
+    read = data if chosen is None else chosen.of(data)
     clock = choose_clock(moving_streams(read), "auto")
+    read, pairs = joined(read, clock, request)
     sources, duplicates = gather_sources(read, clock, () if chosen is None else chosen.unasked)
     sources = replace(sources, prefixes=prefixes)
     problem = problem or unsure
     imus: list[ImuFinding] = []
-    hints = [*data.findings, *named, *clock.findings, *duplicates]
-    for imu in data.imus.values():
+    hints = [*data.findings, *named, *clock.findings, *pairs, *duplicates]
+    for imu in read.imus.values():
         found, problems = _imu(imu, clock, sources, robot, request=request, problem=problem)
         imus.append(found)
         hints += problems
@@ -126,7 +134,7 @@ def _chosen(
     try:
         return select_topics(log.topics), request, None
     except ChoiceError:
-        poses = [t for t in candidates(log.topics, "pose") if t.type not in TF_TYPES]
+        poses = [t for t in candidates(log.topics, "pose") if not is_tf(t)]
         if not poses:
             raise
         longest = (max(poses, key=lambda topic: topic.count).name,)
@@ -134,15 +142,6 @@ def _chosen(
         return select_topics(log.topics, pose_topics=longest), request, None
     except ImucalibError as error:
         return None, request, error
-
-
-def _part_of(data: LogData, chosen: Selection) -> LogData:
-    return LogData(
-        imus=data.imus,
-        joints={topic: data.joints[topic] for topic in data.joints if topic in chosen.all},
-        poses={topic: data.poses[topic] for topic in data.poses if topic in chosen.all},
-        findings=data.findings,
-    )
 
 
 def _imu(
@@ -245,6 +244,7 @@ def _inputs(request: CalibrationRequest) -> list[str]:
     words = [shlex.quote(str(path)) for path in request.logs]
     if request.csv_columns:
         words.append(f"--csv-columns {shlex.quote(','.join(request.csv_columns))}")
+    words += [f"--joints {shlex.quote(str(each))}" for each in request.joint_columns]
     return words
 
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.findings import Finding, note, warnings
+from imucalib_cli.jobs.halves import half_topics, joined
 from imucalib_cli.jobs.known.description import described_robot
 from imucalib_cli.jobs.known.naming import named_as_in
 from imucalib_cli.jobs.motion import Sources
@@ -87,6 +88,7 @@ def read_recording(request: CalibrationRequest, progress: Progress | None = None
         request.joint_topics,
         request.pose_topics,
         request.description_topics,
+        half_topics=half_topics(request),
     )
     if request.urdf is not None:
         chosen = replace(chosen, descriptions=())
@@ -94,7 +96,7 @@ def read_recording(request: CalibrationRequest, progress: Progress | None = None
     data = log.read(
         chosen.all, None if progress is None else lambda share: progress("reading", share)
     )
-    data = _wanted_imus(data, request)
+    data = chosen.of(data)
     _require_imus(data, chosen.imus, request)
     return recording_of(data, request, unasked=chosen.unasked, paths=log.paths, files=files)
 
@@ -108,6 +110,7 @@ def open_requested(request: CalibrationRequest, progress: Progress | None = None
     return open_log(
         request.logs,
         request.csv_columns,
+        columns=request.joint_columns,
         scan_remote=request.allow_remote_scan,
         progress=lambda share: None if progress is None else progress("downloading", share),
     )
@@ -150,6 +153,8 @@ def recording_of(
     """
     robot, data, findings, prefixes = robot_and_names(data, request)
     clock = choose_clock(moving_streams(data), request.clock)
+    data, pairs = joined(data, clock, request)
+    data = _wanted_imus(data, request)
     part = None
     if request.part is not None:
         data, part = part_of(data, clock, request.part)
@@ -171,7 +176,7 @@ def recording_of(
         part=part,
         paths=paths,
         files=files or Fingerprints(()),
-        findings=(*data.findings, *findings, *clock.findings, *duplicates),
+        findings=(*data.findings, *findings, *clock.findings, *pairs, *duplicates),
         epoch_ns=epoch_ns,
     )
 
@@ -204,7 +209,7 @@ def samples_of(imu: ImuStream, clock: Clock) -> ImuSamples:
 
 
 def _wanted_imus(data: LogData, request: CalibrationRequest) -> LogData:
-    """Leave out the IMUs that share a topic with one that the user named.
+    """Leave out what was read beside the IMUs that the user named.
 
     Raises:
         ChoiceError: The topic has no IMU of the frame that the user named.

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import re
+from dataclasses import dataclass, replace
 from textwrap import shorten
 from typing import TYPE_CHECKING
 
 from imucalib_cli.errors import ChoiceError, InputError
-from imucalib_cli.logs.messages import TF_TYPES, Kind
+from imucalib_cli.logs.protobuf import EXTRA, is_installed
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence
 
+    from imucalib_cli.logs.log import LogData
+    from imucalib_cli.logs.messages import Kind
     from imucalib_cli.logs.reader import Topic
     from imucalib_cli.logs.streams import JointStream
 
@@ -22,6 +25,7 @@ _CALLED: dict[Kind, tuple[str, str]] = {
     "text": ("robot description", "--description-topic"),
 }
 """Name of each kind, and the option that chooses it."""
+_SENSOR = re.compile(r"(?<![a-z])(accel(erometer)?|acc|gyro(scope)?|gyr)(?![a-z])", re.IGNORECASE)
 _ODOMETRY = "nav_msgs/Odometry"
 _MOST_LISTED = 20
 _LONGEST = 100
@@ -44,15 +48,42 @@ class Selection:
     descriptions: tuple[str, ...] = ()
     """Topics of a URDF."""
 
+    halves: tuple[str, ...] = ()
+    """Those of ``imus`` that may be the other half of one that the user named."""
+
     @property
     def all(self) -> tuple[str, ...]:
         """Everything to read, in one pass."""
-        return (*self.imus, *self.joints, *self.poses, *self.tf, *self.descriptions)
+        return (
+            *self.imus,
+            *self.halves,
+            *self.joints,
+            *self.poses,
+            *self.tf,
+            *self.descriptions,
+        )
+
+    def of(self, data: LogData) -> LogData:
+        """What is chosen of what was read: a topic may tell more than is wanted of it."""
+        imus, poses = {*self.imus, *self.halves}, {*self.poses, *self.tf}
+        return replace(
+            data,
+            imus={name: imu for name, imu in data.imus.items() if imu.topic in imus},
+            joints={topic: some for topic, some in data.joints.items() if topic in self.joints},
+            poses={topic: some for topic, some in data.poses.items() if topic in poses},
+        )
 
 
 def candidates(topics: Sequence[Topic], kind: Kind) -> tuple[Topic, ...]:
     """Topics with messages of this kind."""
-    return tuple(each for each in topics if each.count and each.kind == kind)
+    return tuple(each for each in topics if each.count and kind in each.kinds)
+
+
+def foremost(topics: Sequence[Topic], kind: Kind) -> tuple[Topic, ...]:
+    """Those of the lowest rank among the topics of a kind."""
+    possible = candidates(topics, kind)
+    least = min((each.kinds[kind] for each in possible), default=0)
+    return tuple(each for each in possible if each.kinds[kind] == least)
 
 
 def descriptions(topics: Sequence[Topic]) -> tuple[Topic, ...]:
@@ -67,14 +98,18 @@ def select_topics(
     joint_topics: Sequence[str] = (),
     pose_topics: Sequence[str] = (),
     description_topics: Sequence[str] = (),
+    *,
+    half_topics: Sequence[str] = (),
 ) -> Selection:
     """Choose topics.
 
-    Without names: every IMU, every JointState topic and tf; odometry beside joint states, since it
+    Without names: every IMU, every topic of joint states and tf, each of the lowest rank (a
+    JointState goes before a controller's state); odometry beside joint states, since it
     may be the motion of the base; a pose topic of another type only where there are no joint
     states and it is the only one. A kind that is named is limited to
     what is named; static transforms always stay. ``topic:frame`` names one of several IMUs on a
-    topic.
+    topic. Beside a named IMU all topics of sensor_msgs/Imu and the like are read that may be its
+    other half, and ``half_topics``.
 
     Raises:
         ChoiceError: A named topic is not there or of another kind, or several pose topics could
@@ -86,8 +121,8 @@ def select_topics(
     imus = _of_kind(topics, "imu", imu_topics)
     joints = _of_kind(topics, "joints", joint_topics)
     found = _of_kind(topics, "pose", pose_topics)
-    tf = [each for each in candidates(topics, "pose") if each.type in TF_TYPES]
-    poses = [each for each in found if each.type not in TF_TYPES]
+    tf = [each for each in foremost(topics, "pose") if is_tf(each)]
+    poses = [each for each in found if not is_tf(each)]
     unasked: list[Topic] = []
     if pose_topics:
         tf = [each for each in tf if each.name in pose_topics or each.name.endswith("tf_static")]
@@ -103,11 +138,12 @@ def select_topics(
     if not imus:
         raise InputError(
             f"the log has no IMU (sensor_msgs/Imu); it has: {_listed(topics) or 'no topics'}"
+            f"{_remedy(topics)}"
         )
     if not (joints or poses or tf):
         raise InputError(
             "the log has no source of the robot's motion (sensor_msgs/JointState, tf, "
-            f"odometry or poses); it has: {_listed(topics)}"
+            f"odometry or poses); it has: {_listed(topics)}{_remedy(topics)}"
         )
     return Selection(
         imus=_names(imus),
@@ -116,7 +152,29 @@ def select_topics(
         tf=_names(tf),
         unasked=_names(unasked),
         descriptions=_names(described),
+        halves=_names(_of_kind(topics, "imu", half_topics) if half_topics else ())
+        or (_names(halves_of(topics, imus)) if imu_topics else ()),
     )
+
+
+def is_tf(topic: Topic) -> bool:
+    """Whether its messages are edges of one tree of frames."""
+    return topic.reading is not None and topic.reading.is_tf
+
+
+def halves_of(topics: Sequence[Topic], named: Sequence[Topic]) -> list[Topic]:
+    """IMU topics called as one of those named, but for the name of the sensor."""
+    keys = {without_sensor(each.name) for each in named}
+    return [
+        each
+        for each in candidates(topics, "imu")
+        if each not in named and without_sensor(each.name) in keys
+    ]
+
+
+def without_sensor(topic: str) -> str:
+    """A topic's name without that of a sensor: those of the two halves of an IMU are the same."""
+    return _SENSOR.sub("", topic)
 
 
 def check_joint_topics(
@@ -146,7 +204,7 @@ def check_joint_topics(
 def _of_kind(topics: Sequence[Topic], kind: Kind, named: Sequence[str]) -> list[Topic]:
     possible = candidates(topics, kind)
     if not named:
-        return list(possible)
+        return list(foremost(topics, kind))
     by_name = {each.name: each for each in possible}
     for name in named:
         if name not in by_name:
@@ -158,8 +216,18 @@ def _of_kind(topics: Sequence[Topic], kind: Kind, named: Sequence[str]) -> list[
                 what = f"{name} has no messages"
             called, option = _CALLED[kind]
             listed = _listed(possible) or "none"
-            raise ChoiceError(f"{what}: {called} topics for {option} are {listed}")
+            raise ChoiceError(f"{what}: {called} topics for {option} are {listed}{_remedy(topics)}")
     return [by_name[name] for name in dict.fromkeys(named)]
+
+
+def _remedy(topics: Sequence[Topic]) -> str:
+    """What opens topics that are not read."""
+    unread = [each for each in topics if each.count and not each.kinds]
+    if any(each.encoding == "protobuf" for each in unread) and not is_installed():
+        return f"; what is in protobuf needs {EXTRA}"
+    if any(each.type.endswith("MultiArray") for each in unread):
+        return "; for numbers without names say which are joints by --joints TOPIC:data=name,..."
+    return ""
 
 
 def _names(topics: Sequence[Topic]) -> tuple[str, ...]:

@@ -111,7 +111,7 @@ def assert_same(data: LogData, rows: Rows) -> None:
 
 
 def read_all(log: Log) -> LogData:
-    return log.read(topic.name for topic in log.topics if topic.kind)
+    return log.read(topic.name for topic in log.topics if topic.kinds)
 
 
 def said_rows(messages: list[Said]) -> Rows:
