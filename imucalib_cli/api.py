@@ -178,6 +178,7 @@ def calibrate(
     pose_topics: Sequence[str] = (),
     parent: str | None = None,
     imu_link: str | None = None,
+    base_imu: str | None = None,
     world: str | None = None,
     clock: ClockChoice = "auto",
     units: Units | None = None,
@@ -207,6 +208,7 @@ def calibrate(
         pose_topics: Poses to use; found.
         parent: Link or frame that carries the IMU; the one that holds the frame of its messages.
         imu_link: The IMU's link in the URDF; the frame of its messages.
+        base_imu: Topic of the IMU that tells how the base moves; found where nothing else does.
         world: Frame that stands still; the root of the frames.
         clock: Stamps of the headers, or times of receipt.
         units: What the IMU's numbers mean; told from the log.
@@ -242,6 +244,7 @@ def calibrate(
         pose_topics=_texts("pose_topics", pose_topics),
         parent=parent,
         imu_link=imu_link,
+        base_imu=base_imu,
         world=world,
         clock=clock,
         units=units,
@@ -371,7 +374,7 @@ def _request(
     imu_model: StrPath | None,
     **given: Any,
 ) -> CalibrationRequest:
-    for name in ("parent", "imu_link", "world", "joint_prefix"):
+    for name in ("parent", "imu_link", "base_imu", "world", "joint_prefix"):
         _see_kind(name, given.get(name), (str,))
     _see_kind("units", units, (Units,))
     _see_kind("estimator", estimator, (MatchedOptions, PaperOptions))

@@ -88,6 +88,8 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "'{prefix}' and are taken for them; --joint-prefix overrules it",
     "frames.prefixed": "{count} frames differ from links of {robot} by the prefix '{prefix}' and "
     "are taken for them",
+    "base.imu": "{topic} on {link} tells how the robot moves; the other IMUs are calibrated "
+    "against it",
     "pose.told_twice": "{topic} tells the pose of {child} in {parent} too; {used} is used, having "
     "more messages",
     "stream.rows_left_out": "{stream}: left out {not_finite} messages that are not finite, "
@@ -191,6 +193,12 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     # The robot.
     "robot.described": "the robot is '{robot}' of the log's {topic}; --urdf overrules it",
     "robot.description_unusable": "{reason}: the log's own description of the robot is not used",
+    "robot.chain_missing": "{parent} is taken to carry '{frame}', for no other frame moves; if a "
+    "joint lies between them, give --urdf, without which {topics:list} cannot be used",
+    "joints.other_robot": "{dropped:list} names joints of {robot} too; {used:list} is used, which "
+    "is in the namespace of the IMU",
+    "cause.pose_unread": "no link of the robot moves as the IMU does, but {topics:list} was not "
+    "read: if it is the pose of the robot's base, give --pose-topic {first}",
     "robot.unused": "{urdf} is not used, the log's own frames tell the motion: {reason}",
     "robot.held": held,
     "robot.held_in_motion": "{share:.0%} of the IMU's rotation happened while the robot's stream "

@@ -40,6 +40,14 @@ def apply_command(
         bool,
         typer.Option("--add", help="Add the IMU's link and joint where the URDF has none."),
     ] = False,
+    kinematics: Annotated[
+        bool,
+        typer.Option(
+            "--kinematics",
+            help="Also correct joint zeros and origins that stand 5 sigma off, into "
+            "<urdf>.kinematics.urdf or -o, never into the file of --urdf.",
+        ),
+    ] = False,
     in_place: Annotated[
         bool,
         typer.Option("--in-place", help="Write into the file of --urdf.", rich_help_panel=OUTPUT),
@@ -61,8 +69,12 @@ def apply_command(
 
     if in_place and (output is not None or str(urdf) == "-"):
         raise ChoiceError("--in-place writes into the file of --urdf: leave -o out, name a file")
+    if kinematics and in_place:
+        raise ChoiceError("--kinematics writes a URDF of its own: leave --in-place out")
+    if kinematics and output is None and str(urdf) != "-":
+        output = urdf.with_name(f"{urdf.stem}.kinematics{urdf.suffix}")
     with telling_what_is_left(output):
-        applied = apply(result, urdf, imus=imu or (), add=add, force=force)
+        applied = apply(result, urdf, imus=imu or (), add=add, kinematics=kinematics, force=force)
         if applied.content is not None:
             if in_place:
                 output = urdf

@@ -12,8 +12,11 @@ from imucalib_cli.cli.options import (
     JointColumnsOption,
     Logs,
     OutputFile,
+    PartFrom,
+    PartTo,
     Quiet,
     Verbose,
+    part_asked,
 )
 from imucalib_cli.cli.output import deliver
 from imucalib_cli.cli.parsers import path_or_url
@@ -32,6 +35,8 @@ def inspect_command(
     csv_columns: CsvColumns = None,
     joints: JointColumnsOption = [],  # noqa: B006 - typer makes a new one
     allow_remote_scan: AllowRemoteScan = False,
+    part_from: PartFrom = None,
+    part_to: PartTo = None,
     urdf: Annotated[
         LogPath | None,
         typer.Option(
@@ -63,6 +68,7 @@ def inspect_command(
                 csv_columns or (),
                 joint_columns=tuple(joints),
                 allow_remote_scan=allow_remote_scan,
+                part=part_asked(part_from, part_to),
             )
         if fmt == "json":
             deliver(report.as_json(), output, quiet=quiet)

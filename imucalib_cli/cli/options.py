@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.options import MatchedOptions, PaperOptions, PosePrior, WindowChoice
     from imucalib_cli.jobs.request import CalibrationRequest, ExpectedImu
     from imucalib_cli.logs.columns import JointColumns
+    from imucalib_cli.logs.part import Part
     from imucalib_cli.logs.reader import LogPath
     from imucalib_cli.results.requirement import Tolerance
 
@@ -81,8 +82,29 @@ JointColumnsOption = Annotated[
         show_default="none",
     ),
 ]
+PartFrom = Annotated[
+    float | None,
+    _log(
+        "--from",
+        metavar="SECONDS|STAMP",
+        parser=parsers.log_time,
+        help="Use the log from here: seconds of the log, as messages have them, or a stamp in "
+        "s or ns since 1970.",
+        show_default="its start",
+    ),
+]
+PartTo = Annotated[
+    float | None,
+    _log(
+        "--to",
+        metavar="SECONDS|STAMP",
+        parser=parsers.log_time,
+        help="Use the log up to here.",
+        show_default="its end",
+    ),
+]
 PLANAR = (2,)
-"""Components of the pose that driving on a plane cannot tell: tz."""
+"""Components of the pose that driving on a plane cannot tell, where no motion says which: tz."""
 WORDS_OR_YAML = "summary on a terminal, else yaml"
 """Default of ``--format``, as output.chosen_format has it."""
 AnswerFormat = Annotated[
@@ -230,27 +252,8 @@ class RecordingOptions:
     ] = "auto"
     csv_columns: CsvColumns = None
     joint_columns: JointColumnsOption = field(default_factory=list)
-    part_from: Annotated[
-        float | None,
-        _log(
-            "--from",
-            metavar="SECONDS|STAMP",
-            parser=parsers.log_time,
-            help="Use the log from here: seconds of the log, as messages have them, or a stamp in "
-            "s or ns since 1970.",
-            show_default="its start",
-        ),
-    ] = None
-    part_to: Annotated[
-        float | None,
-        _log(
-            "--to",
-            metavar="SECONDS|STAMP",
-            parser=parsers.log_time,
-            help="Use the log up to here.",
-            show_default="its end",
-        ),
-    ] = None
+    part_from: PartFrom = None
+    part_to: PartTo = None
     allow_remote_scan: AllowRemoteScan = False
     urdf: Annotated[
         LogPath | None,
@@ -290,6 +293,16 @@ class RecordingOptions:
             show_default="the one that holds the frame_id of its messages",
         ),
     ] = field(default_factory=list)
+    base_imu: Annotated[
+        str | None,
+        _robot(
+            metavar="TOPIC",
+            autocompletion=complete.topics("imu"),
+            help="IMU that tells how a robot without a fixed base moves, or the body that another "
+            "IMU is on; the others are calibrated against it.",
+            show_default="that on the URDF's root, where nothing else tells how it moves",
+        ),
+    ] = None
     imu_link: Annotated[
         str | None,
         _frame(
@@ -374,8 +387,8 @@ class KnownOptions:
         bool,
         _known(
             "--planar",
-            help="The robot drives on a plane and turns about its upright axis alone: short for "
-            "--fix tz, which such motion cannot tell.",
+            help="The robot drives on a plane and turns about its upright axis alone: holds the "
+            "height, which such motion cannot tell, as --fix tz does where z is upright.",
         ),
     ] = False
     prior_std: Annotated[
@@ -385,6 +398,15 @@ class KnownOptions:
             parser=parsers.pose_std,
             help="How well the URDF's pose, or --initial, is known beforehand, 1 sigma.",
             show_default="unknown",
+        ),
+    ] = None
+    base_std: Annotated[
+        PoseStd | None,
+        _known(
+            metavar="2mm,0.5deg|tx=1mm,rz=0.2deg",
+            parser=parsers.pose_std,
+            help="How well the URDF's pose of the --base-imu in its link is known, 1 sigma.",
+            show_default="learnt, as the robot's lengths and zeros",
         ),
     ] = None
     initial: Annotated[
@@ -546,7 +568,6 @@ def calibration_request(
         InputError: The data sheet of the user's own states something else.
     """
     from imucalib_cli.jobs.request import CalibrationRequest
-    from imucalib_cli.logs.part import Part
     from imucalib_cli.signals.imu.units import Units
 
     asked: dict[str, Any] = {
@@ -565,9 +586,17 @@ def calibration_request(
         estimator=_estimator_options(ctx, estimator),
         imu=_expected_imu(estimator),
         require=require,
-        part=None if start is None and end is None else Part(start=start, end=end),
+        part=part_asked(start, end),
+        planar=estimator.planar,
         **asked,
     )
+
+
+def part_asked(start: float | None, end: float | None) -> Part | None:
+    """The part of a log that is asked for; None for all of it."""
+    from imucalib_cli.logs.part import Part
+
+    return None if start is None and end is None else Part(start=start, end=end)
 
 
 def _parents(given: Sequence[str]) -> tuple[str | None, tuple[tuple[str, str], ...]]:
@@ -605,12 +634,15 @@ _MATCHED_ONLY = {
     "--fix",
     "--planar",
     "--prior-std",
+    "--base-imu",
+    "--base-std",
     "--sensor-model",
     "--robot",
     "--statistics",
     "--residuals",
     "--debug-mcap",
     "--plot",
+    "--kinematics-report",
 }
 
 
@@ -646,14 +678,14 @@ def changed_options(known: KnownOptions) -> Callable[[MatchedOptions], MatchedOp
     Raises:
         ChoiceError: An option contradicts another.
     """
-    given = _given(known)
+    given = _given(known, *(PLANAR if known.planar else ()))
     if given["pose"] is None:
         del given["pose"]
     return lambda options: replace(options, **given)
 
 
-def _given(known: KnownOptions) -> dict[str, Any]:
-    """What of MatchedOptions is given, and the prior of the pose."""
+def _given(known: KnownOptions, *more: int) -> dict[str, Any]:
+    """What of MatchedOptions is given, and the prior of the pose, in which more is held."""
     from imucalib_cli.estimate.options import MatchedOptions
 
     if known.tilt_std is not None and known.gravity in {"fixed", "none"}:
@@ -662,7 +694,9 @@ def _given(known: KnownOptions) -> dict[str, Any]:
     if isinstance(known.gravity, float):
         del given["gravity"]
         given |= {"gravity_norm": known.gravity, "gravity_std": 0.0}
-    return {**given, "pose": _pose_prior(known)}
+    if known.base_std is not None:
+        given["base_std"] = tuple(known.base_std)
+    return {**given, "pose": _pose_prior(known, (*(known.fix or ()), *more))}
 
 
 def _published(estimator: EstimatorOptions) -> PaperOptions:
@@ -684,15 +718,20 @@ def _named_alike(estimator: KnownOptions, kind: type[Any]) -> dict[str, Any]:
     return {name: value for name, value in values.items() if value is not None}
 
 
-def _pose_prior(estimator: KnownOptions) -> PosePrior | None:
-    """What the user knows of the pose; where it is about may be left to the URDF."""
+def _pose_prior(estimator: KnownOptions, held: Sequence[int]) -> PosePrior | None:
+    """What the user knows of the pose; where it is about may be left to the URDF.
+
+    Args:
+        estimator: As given.
+        held: Components; that of --planar is known only with the robot's motion.
+    """
     from imucalib_cli.estimate.options import PosePrior
 
     std = list(estimator.prior_std or [math.inf] * 6)
-    for place in (*(estimator.fix or ()), *(PLANAR if estimator.planar else ())):
+    for place in held:
         std[place] = 0.0
     known = estimator.initial
-    if all(map(math.isinf, std)):
+    if all(map(math.isinf, std)) and not (estimator.planar and known):
         if known is not None:
             raise ChoiceError(
                 "--initial belongs to --fix, --prior-std or --method paper: the matched method "

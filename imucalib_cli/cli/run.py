@@ -34,6 +34,7 @@ from imucalib_cli.cli.output import (
 )
 from imucalib_cli.cli.parsers import file_or_folder, is_folder
 from imucalib_cli.cli.progress import ProgressBar
+from imucalib_cli.cli.tables import deliver_blocks
 from imucalib_cli.errors import ChoiceError, UntrustedError
 from imucalib_cli.results.formats import FORMATS, refuse_untrusted
 
@@ -41,6 +42,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from typing import TextIO
 
+    from imucalib_cli.jobs.calibrate import Outcome
     from imucalib_cli.logs.reader import LogPath
     from imucalib_cli.results.result import Result
 
@@ -86,6 +88,15 @@ def run_command(
             rich_help_panel=LOG,
         ),
     ] = False,
+    kinematics_report: Annotated[
+        bool,
+        typer.Option(
+            "--kinematics-report",
+            help="Also list what the log tells of the robot: joint zeros and origins, with what "
+            "was known beforehand and what no log can tell.",
+            rich_help_panel=OUTPUT,
+        ),
+    ] = False,
     extras: ExtraFiles,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -108,7 +119,7 @@ def run_command(
     beside = see_extras(extras)
     request = replace(request, details=bool(beside))
     if joint:
-        _see_joint(logs, estimator, beside)
+        _see_joint(logs, estimator, beside, kinematics_report=kinematics_report)
     see_places(read=read, written=[*single, *beside], force=force, made_here=is_made_here)
     older = [*single, *beside, *([] if folder is None else of_log(folder, logs[0]))]
     with telling_what_is_left(*older), reading(*logs, recording.urdf, verbose=verbose):
@@ -129,6 +140,9 @@ def run_command(
             failures += write_extras(
                 extras, outcome, read=read, written=single, force=force, quiet=quiet
             )
+            if kinematics_report:
+                # beside a result on stdout that programs read it goes to stderr
+                give_kinematics(outcome, to_stdout=chosen == "summary" or target is not None)
         if not quiet:
             tell(found, chosen, target, hint=fmt is None)
         for failure in failures:
@@ -136,8 +150,25 @@ def run_command(
         raise typer.Exit(exit_code_of(failures, found))
 
 
+def give_kinematics(outcome: "Outcome", *, to_stdout: bool) -> None:
+    """Print what each IMU tells of the robot's joints."""
+    from imucalib_cli.jobs.kinematics import kinematics_report
+    from imucalib_cli.layout import plain
+
+    for each in outcome.calibrated:
+        blocks = kinematics_report(each)
+        if to_stdout:
+            deliver_blocks(blocks)
+        else:
+            sys.stderr.write(plain(blocks))
+
+
 def _see_joint(
-    logs: "Sequence[LogPath]", estimator: EstimatorOptions, beside: "Sequence[Path]"
+    logs: "Sequence[LogPath]",
+    estimator: EstimatorOptions,
+    beside: "Sequence[Path]",
+    *,
+    kinematics_report: bool,
 ) -> None:
     """See that what is asked together with --joint can be done.
 
@@ -148,6 +179,8 @@ def _see_joint(
         raise ChoiceError("--joint belongs to --method matched: add that, or leave --joint out")
     if len(logs) < _SEVERAL:
         raise ChoiceError("--joint takes several recordings: name another LOG, or leave it out")
+    if kinematics_report:
+        raise ChoiceError("--kinematics-report is of one recording: leave --joint out")
     if beside:
         raise ChoiceError(
             f"{beside[0]}: --joint writes one result: `imucalib batch` writes files of each log"

@@ -67,12 +67,19 @@ class SimulateOptions:
     ] = None
     mount_xyz: Annotated[
         Vector | None,
-        _motion(parser=vector, metavar='"X Y Z"', help="True IMU position in its link, m."),
+        _motion(
+            parser=vector,
+            metavar='"X Y Z"',
+            help="True IMU position in its link, m; of several IMUs, of the first.",
+        ),
     ] = None
     mount_rpy: Annotated[
         Vector | None, _motion(parser=vector, metavar='"R P Y"', help="True IMU orientation, rad.")
     ] = None
     profile: Annotated[Literal["smooth", "hard"], _motion(help="Pushes of barbot.")] = "smooth"
+    bandwidth: Annotated[
+        float | None, _motion(help="Of every IMU's low-pass, Hz; 0 measures the instant.")
+    ] = None
     publishers: Annotated[
         int, _motion(min=1, help="Joint publishers, each with part of the joints.")
     ] = 1
@@ -139,9 +146,11 @@ class SimulateOptions:
         str | None,
         _log(help=".mcap: zstd, lz4, none; .bag: lz4, bz2, none.", show_default="the first"),
     ] = None
-    imu_topic: Annotated[str | None, _log()] = None
+    imu_topic: Annotated[str | None, _log(help="Of several IMUs, of the first.")] = None
     robot_topic: Annotated[str | None, _log()] = None
-    imu_frame: Annotated[str | None, _log(help="frame_id of Imu messages.")] = None
+    imu_frame: Annotated[
+        str | None, _log(help="frame_id of Imu messages; of several IMUs, of the first.")
+    ] = None
     robot_description: Annotated[
         bool, _log("--robot-description", help="Also publish the URDF, on /robot_description.")
     ] = False
@@ -184,7 +193,7 @@ def simulate_command(
     system: Annotated[
         str,
         typer.Argument(
-            help="rihibot (UR10e under gravity) or barbot (free bar without).",
+            help="rihibot (UR10e under gravity), barbot (free bar without) or walker (four legs).",
             autocompletion=complete.systems,
         ),
     ] = "",
@@ -216,7 +225,7 @@ def simulate_command(
     seed: Annotated[int, typer.Option(min=0, help="Of all noise.")] = 0,
     options: SimulateOptions,
 ) -> None:
-    """Simulate a robot with an IMU and write a log, with its truth beside it.
+    """Simulate a robot with IMUs and write a log, with its truth beside it.
 
     The truth goes to <log>.truth.yaml. The same options and seed give the same log.
     """
@@ -224,7 +233,7 @@ def simulate_command(
     from imucalib_cli.simulate.simulate import simulate
 
     if bool(system) == (config is not None):
-        raise ChoiceError("name one system, rihibot or barbot, or give --config FILE")
+        raise ChoiceError("name one system, such as rihibot, or give --config FILE")
     chosen, camera = load_system(config or system), None
     if options.camera or options.camera_config is not None:
         from imucalib_cli.simulate.camera.config import load_camera
@@ -284,7 +293,7 @@ def _with_noise(options: SimulateOptions) -> NoiseOptions:
 
 
 def _joint_order(text: str, system: SystemConfig) -> tuple[str, ...]:
-    joints = () if system.arm is None else tuple(joint.name for joint in system.arm.joints)
+    joints = tuple(joint.name for joint in system.joints)
     orders = {"chain": (), "alphabetical": tuple(sorted(joints)), "reversed": joints[::-1]}
     return orders[text] if text in orders else names(text)
 
@@ -293,10 +302,13 @@ def _say_what_was_written(truth: dict[str, Any], output: Path, urdf: Path | None
     from imucalib_cli.simulate.simulate import truth_path
 
     log, camera = truth["log"], truth.get("camera")
+    imus = [imu["log"] for imu in truth.get("imus", [truth])]
+    messages, saturated = (sum(imu[of] for imu in imus) for of in ("imu_messages", "imu_saturated"))
     say(
         "wrote",
-        f"{output}: {log['duration']:g} s, {log['imu_messages']} Imu messages, "
-        f"{log['robot_messages']} of the robot; truth in {truth_path(output)}"
+        f"{output}: {log['duration']:g} s, {messages} Imu messages"
+        + (f" of {len(imus)} IMUs" if len(imus) > 1 else "")
+        + f", {log['robot_messages']} of the robot; truth in {truth_path(output)}"
         + (f", URDF in {urdf}" if urdf else ""),
     )
     if camera is not None:
@@ -311,10 +323,10 @@ def _say_what_was_written(truth: dict[str, Any], output: Path, urdf: Path | None
             say("kalibr", kalibr_command(output))
         else:
             say("kalibr", f"reads ROS 1 bags only: for it give -o {output.with_suffix('.bag')}")
-    if log["imu_saturated"]:
+    if saturated:
         say(
             "warning",
-            f"{log['imu_saturated']} of {log['imu_messages']} Imu messages are cut off at the "
+            f"{saturated} of {messages} Imu messages are cut off at the "
             "sensor's range: set a larger one with --accel-range or --gyro-range, or take slower "
             "motion",
         )

@@ -74,7 +74,7 @@ def verify_command(
     from imucalib_cli.results.verdicts import WITHIN
 
     paths = [*map(path_or_url, logs)]
-    ignored = frozenset((*(ignore or ()), *(PLANAR if estimator.planar else ())))
+    ignored = frozenset(ignore or ())
     with (
         writing(output, read=files_of(*paths, recording.urdf, estimator.imu_model)),
         reading(*paths, recording.urdf, verbose=verbose),
@@ -90,7 +90,7 @@ def verify_command(
                 within or WITHIN,
                 imu_link=recording.imu_link,
                 imu_topics=recording.imu_topics,
-                ignored=ignored,
+                ignored=ignored | frozenset(PLANAR if estimator.planar else ()),
             )
         else:
             request = calibration_request(ctx, paths, recording, estimator)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from imucalib_cli.diagnose.alternatives import alike, given_trial
-from imucalib_cli.diagnose.edits import driven_key
+from imucalib_cli.diagnose.base_motion import find_still_imu
+from imucalib_cli.diagnose.edits import moving_key
 from imucalib_cli.diagnose.hypotheses import Hypothesis
 from imucalib_cli.diagnose.rigid import Carrier, rigid_groups
 from imucalib_cli.errors import InputError
@@ -18,34 +20,43 @@ if TYPE_CHECKING:
     from imucalib_cli.signals.samples import ImuSamples
 
 
+@dataclass(frozen=True, kw_only=True)
+class Carriers:
+    """Which links may carry an IMU."""
+
+    links: tuple[Carrier, ...] = ()
+    """Best first; several where the log cannot tell them apart, none where no link explains it."""
+    still: bool = False
+    """Whether the IMU stands still while the robot moves."""
+
+
 def find_carriers(
     samples: Callable[[KinematicPath], ImuSamples],
     options: MatchedOptions,
     frames: Iterable[str],
     path_to: Callable[[str], KinematicPath],
-) -> tuple[Carrier, ...]:
-    """Links that move as an IMU does, best first; several where the log cannot tell them apart.
+) -> Carriers:
+    """Links that move as an IMU does.
 
     Args:
         samples: The IMU's, repaired with the help of a path.
         options: Of the estimator.
         frames: As for :func:`rigid_groups`.
         path_to: Likewise.
-
-    Returns:
-        Empty if no link explains the IMU.
     """
     groups = {each.path: each for each in rigid_groups(frames, path_to)}
-    for first in sorted(groups, key=lambda path: -len(driven_key(path))):
+    for first in sorted(groups, key=lambda path: -len(moving_key(path))):
         try:
             fitter, given = given_trial(samples(first), first, options)
         except InputError:
             continue
+        if find_still_imu(given) is not None:
+            return Carriers(still=True)
         others = (
             Hypothesis(kind="link", names=(path.parent,), path=path)
             for path in groups
             if path is not first
         )
         best = alike(fitter, others, given)
-        return tuple(groups[trial.hypothesis.path] for trial in best)
-    return ()
+        return Carriers(links=tuple(groups[trial.hypothesis.path] for trial in best))
+    return Carriers()

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
+from imucalib_cli.estimate.model.layout import STILL_JOINT
 from imucalib_cli.robot.path import FixedStep, JointStep, KinematicPath, PoseStep, Step, Track
 
 if TYPE_CHECKING:
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
 StepKind = TypeVar("StepKind", FixedStep, JointStep, PoseStep)
 
 MILLI = 1e-3
+_TAILS = (1.0, 99.0)
+"""Percentiles between which a joint's travel is measured."""
 
 
 def joints_of(path: KinematicPath) -> tuple[JointStep, ...]:
@@ -35,14 +38,31 @@ def turning_joints(path: KinematicPath) -> dict[tuple[int, int], str]:
 
 
 def driven_key(path: KinematicPath) -> tuple[object, ...]:
-    """What moves a path: equal for links that are rigidly joined."""
+    """What drives a path: equal for links that are rigidly joined."""
+    return tuple(_driver(path, step) for step in path.steps if not isinstance(step, FixedStep))
+
+
+def moving_key(path: KinematicPath) -> tuple[object, ...]:
+    """What moves a path in the log: equal for links that do not move against each other in it."""
     return tuple(
-        (step.name, step.kind, path.tracks[step.track].name, step.column)
-        if isinstance(step, JointStep)
-        else (path.tracks[step.track].name, step.inverse)
+        _driver(path, step)
         for step in path.steps
-        if not isinstance(step, FixedStep)
+        if isinstance(step, PoseStep) or (isinstance(step, JointStep) and travels(path, step))
     )
+
+
+def _driver(path: KinematicPath, step: JointStep | PoseStep) -> tuple[object, ...]:
+    track = path.tracks[step.track].name
+    if isinstance(step, JointStep):
+        return (step.name, step.kind, track, step.column)
+    return (track, step.inverse)
+
+
+def travels(path: KinematicPath, step: JointStep) -> bool:
+    """Whether a joint moves farther than noise and sag do; single glitches are no motion."""
+    positions = path.tracks[step.track].values[:, step.column]
+    finite = positions[np.isfinite(positions)]
+    return bool(len(finite)) and float(np.ptp(np.percentile(finite, _TAILS))) > STILL_JOINT
 
 
 def with_flipped(path: KinematicPath, names: frozenset[str]) -> KinematicPath:
@@ -111,7 +131,8 @@ def with_inverse_poses(path: KinematicPath, tracks: frozenset[int]) -> Kinematic
 
 def pose_tracks(path: KinematicPath) -> tuple[int, ...]:
     """Tracks of poses that the path uses."""
-    return tuple(dict.fromkeys(step.track for step in path.steps if isinstance(step, PoseStep)))
+    used = dict.fromkeys(step.track for step in path.steps if isinstance(step, PoseStep))
+    return tuple(track for track in used if path.tracks[track].kind == "pose")
 
 
 def with_rolled_quaternions(path: KinematicPath, by: int) -> KinematicPath:

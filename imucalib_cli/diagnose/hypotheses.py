@@ -90,9 +90,9 @@ def _links(poor: PoorFit) -> Iterator[Hypothesis]:
     """Links that move otherwise, one of those that are rigidly joined."""
     if poor.path_to is None:
         return
-    given = edits.driven_key(poor.path)
+    given = edits.moving_key(poor.path)
     for link in rigid_groups(poor.frames, poor.path_to):
-        if edits.driven_key(link.path) != given:
+        if edits.moving_key(link.path) != given:
             detail = (poor.path.parent, ", ".join(link.joined))
             yield Hypothesis(kind="link", names=(link.frame,), detail=detail, path=link.path)
 

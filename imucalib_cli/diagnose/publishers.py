@@ -43,7 +43,7 @@ def find_rival_publishers(path: KinematicPath) -> Finding | None:
             size = _jump(track.values[order, column])
             if size is None:
                 continue
-            what = label_of(track.name) if track.kind == "pose" else track.names[column]
+            what = track.names[column] if track.kind == "joints" else label_of(track.name)
             return untrusted(
                 "cause.publishers",
                 names=(topic_of(track.name),),
@@ -61,7 +61,7 @@ def _used(path: KinematicPath, index: int) -> tuple[int, ...]:
         if isinstance(step, JointStep) and step.track == index:
             columns.append(step.column)
         elif isinstance(step, PoseStep) and step.track == index:
-            columns += range(7)
+            columns += range(path.tracks[index].values.shape[1])
     return tuple(dict.fromkeys(columns))
 
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
-from imucalib_cli.diagnose.edits import driven_key
+from imucalib_cli.diagnose.edits import driven_key, moving_key
 from imucalib_cli.errors import ImucalibError
 from imucalib_cli.robot.path import FixedStep
 
@@ -15,25 +15,33 @@ if TYPE_CHECKING:
     from imucalib_cli.robot.path import KinematicPath
 
 
+_LISTED: Final = 4
+"""Names in one list of a sentence."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Carrier:
-    """A link, and those that are rigidly joined to it."""
+    """A link, and those that do not move against it."""
 
     frame: str
     """The first below what moves it."""
     joined: tuple[str, ...]
+    """Links that are rigidly joined to it."""
+    resting: tuple[str, ...] = ()
+    """Links behind joints that stand still in the log, which cannot tell them from it."""
     path: KinematicPath
 
     def __str__(self) -> str:
         """Such as ``wrist_3_link (rigidly joined: flange, tool0)``."""
-        joined = f" (rigidly joined: {', '.join(self.joined)})" if self.joined else ""
-        return f"{self.frame}{joined}"
+        told = (("rigidly joined", self.joined), ("at rest to it in this log", self.resting))
+        words = "; ".join(f"{what}: {_listed(names)}" for what, names in told if names)
+        return f"{self.frame} ({words})" if words else self.frame
 
 
 def rigid_groups(
     frames: Iterable[str], path_to: Callable[[str], KinematicPath]
 ) -> tuple[Carrier, ...]:
-    """Frames that move, in groups that move alike.
+    """Frames that move, in groups that move alike in the log.
 
     Args:
         frames: Of the robot, or of the log.
@@ -45,11 +53,24 @@ def rigid_groups(
             path = path_to(frame)
         except ImucalibError:
             continue
-        groups.setdefault(driven_key(path), []).append(path)
+        groups.setdefault(moving_key(path), []).append(path)
     groups.pop((), None)
     found = []
     for paths in groups.values():
-        first = next((p for p in paths if not isinstance(p.steps[-1], FixedStep)), paths[0])
-        joined = tuple(path.parent for path in paths if path is not first)
-        found.append(Carrier(frame=first.parent, joined=joined, path=first))
+        first = min(paths, key=lambda p: (len(driven_key(p)), isinstance(p.steps[-1], FixedStep)))
+        rigid = driven_key(first)
+        others = [path for path in paths if path is not first]
+        found.append(
+            Carrier(
+                frame=first.parent,
+                joined=tuple(path.parent for path in others if driven_key(path) == rigid),
+                resting=tuple(path.parent for path in others if driven_key(path) != rigid),
+                path=first,
+            )
+        )
     return tuple(found)
+
+
+def _listed(names: tuple[str, ...]) -> str:
+    left = len(names) - _LISTED
+    return ", ".join(names[:_LISTED]) + (f" and {left} more" if left > 0 else "")

@@ -9,7 +9,7 @@ import numpy as np
 from imucalib_cli.estimate.checks import judge
 from imucalib_cli.estimate.checks.observability import widen
 from imucalib_cli.estimate.estimate import Correction, Estimate, Parameter
-from imucalib_cli.estimate.model.unknowns import Gravity, Mount
+from imucalib_cli.estimate.model.unknowns import Gravity, Mount, Origin
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats
@@ -93,6 +93,7 @@ def _parameters(answer: Answer) -> tuple[Parameter, ...]:
                     std=float(std[place]),
                     prior_std=float(prior[place]),
                     learnt=bool(answer.layout.scale[place] >= 0),
+                    axis=each.axes[offset] if isinstance(each.unknown.effect, Origin) else None,
                 )
             )
     return tuple(found)

@@ -56,7 +56,7 @@ class WindowSeries:
     R_world_parent: Floats
     """(W, 3, 3), of the parent link at the same instants, errors of the robot taken off."""
     p_world_parent: Floats
-    """(W, 3), m."""
+    """(W, 3), m; from the IMU that tells how the base moves on, if one does."""
 
     @property
     def left_out(self) -> list[tuple[float, float]]:
@@ -181,9 +181,11 @@ def window_series(fit: Fit, most: int = _MOST_WINDOWS) -> WindowSeries:
     (residuals,) = model.residuals(state, centres)
     t = windowing.grid.t[centres]
     robot_times = windowing.trajectory.nearest_covered(model.robot_times(t, model.shifts(state)[0]))
-    R_world_parent, p_world_parent = Chain.of(windowing.trajectory, model.layout, state.x).poses(
-        robot_times
-    )
+    chain = Chain.of(windowing.trajectory, model.layout, state.x)
+    frames = chain.path.frames(chain.values(robot_times))
+    R_world_parent, p_world_parent = frames[-1]
+    if chain.base is not None:  # the base falls freely, which nobody wants to see
+        p_world_parent = p_world_parent - frames[chain.path.base_step + 1][1]
     force = np.einsum("wji,wj->wi", R_world_parent, residuals.acceleration - state.gravity)
     # Residuals are predicted less measured, in the parent's axes.
     accel, gyro = force @ state.R, residuals.rate @ state.R

@@ -67,6 +67,8 @@ class Parameter:
     """1 sigma beforehand."""
     learnt: bool
     """Whether the prior's size is learnt from the log too."""
+    axis: Floats | None = None
+    """(3,), of an origin: its direction in the frame of the joint whose origin it is."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

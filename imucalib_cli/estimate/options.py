@@ -71,6 +71,9 @@ class MatchedOptions:
     robot: Literal["nominal", "exact"] | tuple[float, float] = "nominal"
     """How good the robot's constants are: nominal, the size of their errors learnt; exact; or the
     standard deviations of joint zeros, rad, and of origins, m."""
+    base_std: tuple[float, ...] | None = None
+    """What is known of the base IMU's pose in its link: tx ty tz in m, rx ry rz in rad; None: the
+    size of its errors is learnt, as the robot's."""
     either_sign: bool = True
     """Whether the accelerometer's readings may be reversed if that fits decisively better."""
     sensor_scale_most: float = math.inf
@@ -123,6 +126,9 @@ class MatchedOptions:
         if self.pose is not None and self.pose.R_parent_imu is not None:
             told |= {"translation": np.array(self.pose.std[:3])}
             told |= {"rotation": np.array(self.pose.std[3:])}
+        if self.base_std is not None:
+            told |= {"base_translation": np.array(self.base_std[:3])}
+            told |= {"base_rotation": np.array(self.base_std[3:])}
         if self.time_offset is not None:
             told |= {"time_offset": 0.0}
         if isinstance(self.robot, tuple):

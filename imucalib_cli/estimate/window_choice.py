@@ -40,8 +40,9 @@ QUIET_ACCEL = 1e-3
 """m/s²: no accelerometer is quieter; a log without noise is no reason for long windows."""
 _ENOUGH, _NODES, _DEGREE = 400, 9, 3
 """Windows that tell how lively a log is, instants in each, and degree of their polynomials."""
-_ARM = 1.0
-"""m: how far joints stand from the parent link, for what their noise does to its position."""
+ARM = 1.0
+"""m: how far joints and the base's IMU stand from the parent link, for what their noise does to its
+position."""
 
 
 def choose_window(
@@ -79,8 +80,10 @@ def _automatic(grid: ImuGrid, trajectory: Trajectory) -> tuple[float, str]:
     for seconds in _LENGTHS:
         gain = second_derivative_gain(seconds)
         bent = gain * rotation / turning if turning > 0.0 else 0.0
+        swung = ARM**2 * turning_noise(seconds, trajectory)
         # White noise through the second derivative's kernel keeps 10/7 dt/T of its variance.
-        drowned = gain * position > (10.0 / 7.0) * accel**2 * grid.refine * grid.dt / seconds
+        own = (10.0 / 7.0) * accel**2 * grid.refine * grid.dt / seconds
+        drowned = gain * position + swung > own
         if bent <= MAX_ATTENUATION and not drowned:
             if seconds == SHORTEST_AUTO:
                 return seconds, "automatic: noise of the kinematics is small at the shortest length"
@@ -100,6 +103,18 @@ def second_derivative_gain(seconds: float) -> float:
     return 720.0 / seconds**5
 
 
+def turning_noise(seconds: float, trajectory: Trajectory) -> float:
+    """Noise of the angular acceleration over a window that the base IMU's gyroscope makes.
+
+    The variance of a first derivative is 12 sigma² dt / T³.
+
+    Returns:
+        (rad/s²)², of the two axes across an arm; zero without a base IMU.
+    """
+    base = trajectory.base_readings
+    return 0.0 if base is None else 2.0 * 12.0 / seconds**3 * base.noise[1] ** 2 * base.dt
+
+
 def kinematic_noise(trajectory: Trajectory) -> tuple[float, float]:
     """Noise of R_world_parent and p_world_parent, as variance times sample interval.
 
@@ -111,7 +126,7 @@ def kinematic_noise(trajectory: Trajectory) -> tuple[float, float]:
         variance = track.moving_variance
         if kind.kind == "joints":
             rotation += 2.0 * float(variance.sum()) * track.interval
-            position += _ARM**2 * float(variance.sum()) * track.interval
+            position += ARM**2 * float(variance.sum()) * track.interval
         else:
             # A quaternion's error is half the angle's; each angle fills two units of |dR|².
             rotation += 2.0 * 4.0 * float(variance[3:].sum()) * track.interval

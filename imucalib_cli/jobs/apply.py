@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from imucalib_cli.digits import figures
-from imucalib_cli.errors import ChoiceError, ImucalibError
+from imucalib_cli.errors import ChoiceError, ImucalibError, UntrustedError
 from imucalib_cli.jobs.result_files import display_name, read_result_file, results_of
 from imucalib_cli.results.formats import refuse_untrusted
+from imucalib_cli.results.kinematics import CLEAR, corrected_origins
 from imucalib_cli.results.urdf_edit import (
     JointOrigin,
     MissingJointError,
@@ -60,6 +61,7 @@ def apply(
     *,
     imus: Sequence[str] = (),
     add: bool = False,
+    kinematics: bool = False,
     force: bool = False,
 ) -> Applied:
     """Replace the origin of each result's joint; every other byte stays.
@@ -73,6 +75,7 @@ def apply(
         urdf: Path of the URDF; it is not changed.
         imus: Frames or topics of the IMUs to take from the file; empty takes all.
         add: Write the joint and the link of an IMU that the URDF does not have.
+        kinematics: Write the errors of the robot that stand clear of zero, too.
         force: Use untrusted results too.
 
     Raises:
@@ -80,6 +83,9 @@ def apply(
         ChoiceError: An IMU is not in the file, or two results are for the same joint.
     """
     results = results_of(read_result_file(result), imus, display_name(result))
+    if kinematics and len(results) > 1:
+        topics = ", ".join(each.imu_topic for each in results)
+        raise ChoiceError(f"--kinematics takes the result of one IMU, by --imu, of: {topics}")
     robot = load_robot(urdf)
     # of xacro the robot is what it expands to
     written = robot.xml if str(urdf) == "-" else read_urdf(urdf)
@@ -109,7 +115,15 @@ def apply(
                 f"with --imu, of: {topics}"
             )
         origins[origin.joint] = origin
-        changes.append(_change(robot, each.child, origin))
+        changes.append(_change(robot, origin))
+    if kinematics and results and not any(map(_is_refused, failures)):
+        corrected = corrected_origins(robot, results[0])
+        origins |= {each.joint: each for each in corrected}
+        changes += [_change(robot, each) for each in corrected]
+        if not corrected:
+            changes.append(
+                f"nothing of the robot itself: no joint zero or origin stands {CLEAR:g} sigma off"
+            )
     content = _with_origins(written, origins.values())
     if snippets:
         content = insert_last(content, "".join(snippets))
@@ -128,11 +142,15 @@ def _with_origins(content: bytes, origins: Iterable[JointOrigin]) -> bytes:
     return content
 
 
-def _change(robot: Robot, child: str, origin: JointOrigin) -> str:
-    joint = robot.joint_above[child]
+def _is_refused(failure: ImucalibError) -> bool:
+    return isinstance(failure, UntrustedError)
+
+
+def _change(robot: Robot, origin: JointOrigin) -> str:
+    joint = robot.joint_by_name[origin.joint]
     shift = float(np.linalg.norm(np.array(origin.xyz) - joint.p_origin))
     turn = float(rotation_angle(joint.R_origin.T @ matrix_from_rpy(origin.rpy)))
     return (
-        f"joint '{origin.joint}' ({child} on {joint.parent}): its origin moved by "
+        f"joint '{origin.joint}' ({joint.child} on {joint.parent}): its origin moved by "
         f"{figures(shift * 1e3, 3)} mm and {figures(math.degrees(turn), 3)} deg"
     )

@@ -10,7 +10,7 @@ from msgspec import UNSET
 
 from imucalib_cli import __version__
 from imucalib_cli.errors import ChoiceError, ImucalibError, InputError
-from imucalib_cli.estimate.options import MatchedOptions, PaperOptions
+from imucalib_cli.estimate.options import MatchedOptions, PaperOptions, PosePrior
 from imucalib_cli.findings import Finding, Severity
 from imucalib_cli.jobs.data_sheet import (
     checked,
@@ -20,13 +20,13 @@ from imucalib_cli.jobs.data_sheet import (
 )
 from imucalib_cli.jobs.explain import explain
 from imucalib_cli.jobs.known.parents import (
-    check_parents,
     find_parents,
     request_of,
     with_answer,
 )
+from imucalib_cli.jobs.known.upright import upright_component
 from imucalib_cli.jobs.motion import Motion, find_motion
-from imucalib_cli.jobs.reading import printable, read_recording, recorded_at, samples_of
+from imucalib_cli.jobs.reading import printable, read_recording, recorded_at
 from imucalib_cli.jobs.recorded_options import recorded_options
 from imucalib_cli.logs.select import check_joint_topics
 from imucalib_cli.results.from_estimate import result_of, scalars
@@ -35,12 +35,12 @@ from imucalib_cli.results.result import Provenance, RecordingEntry, SourceFile, 
 from imucalib_cli.robot.path import JointStep
 from imucalib_cli.signals.imu.repair import Repaired, repair
 from imucalib_cli.signals.imu.stream_health import missing_parts
+from imucalib_cli.signals.samples import samples_of
 from imucalib_cli.signals.stamps import usual_interval
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.estimate import Estimate
-    from imucalib_cli.estimate.options import PosePrior
     from imucalib_cli.jobs.reading import Recording
     from imucalib_cli.jobs.request import CalibrationRequest, Progress
     from imucalib_cli.logs.clock import Clock
@@ -104,7 +104,6 @@ def calibrate_recording(
             f"--imu-link {request.imu_link} is the link of one IMU, the log has several: choose "
             f"one with --imu-topic: {topics}"
         )
-    check_parents(recording.imus, request)
     calibrated: list[Calibrated] = []
     failures: list[ImucalibError] = []
     for imu in recording.imus:
@@ -131,13 +130,16 @@ def _calibrate_one(recording: Recording, imu: ImuStream, request: CalibrationReq
         if error.option != "--parent":
             raise
         carriers = find_parents(imu, recording.clock, recording.sources, recording.robot, request)
-        raise with_answer(error, carriers) from error
+        raise with_answer(error, carriers, recording.sources.unread) from error
     check_joint_topics(recording.joints, _driven(motion.path))
     check_overlap(samples, motion, recording.clock)
     tracks = {track.name: track.t for track in motion.path.tracks}
     missing = tuple(missing_parts({imu.name: samples.t, **tracks}))
     repaired = repair_streams(samples, motion.path, request)
     options = with_priors(request.estimator, request.imu)
+    if recording.sources.base is not None and isinstance(options, MatchedOptions):
+        # Both IMUs fall freely: what each feels of gravity is the same.
+        options = replace(options, gravity="none")
     options = _with_initial(options, motion, request)
     if isinstance(options, MatchedOptions):
         options = replace(options, either_sign=request.units.sign == "auto")
@@ -188,7 +190,10 @@ def _with_repairs(
 ) -> Estimate:
     """Add the findings and repairs before the fit to an estimate."""
     blamed = {each.code for each in estimate.findings if each.severity is Severity.UNTRUSTED}
-    suspects = (each for each in repaired.suspects if each.code not in blamed)
+    of_the_log, suspects = (
+        tuple(each for each in some if each.code not in blamed)
+        for some in (of_the_log, repaired.suspects)
+    )
     record: dict[str, float | str | bool | None] = {
         "gyro_unit": repaired.gyro_unit,
         "accel_unit": repaired.accel_unit,
@@ -230,11 +235,15 @@ def _with_initial(
         if options.R_initial is not None or nominal is None:
             return options
         return replace(options, R_initial=nominal.R_parent_imu, t_initial=nominal.t_parent_imu)
-    prior = options.pose
+    prior, unverified = options.pose, request.unverified
+    if request.planar:
+        height = upright_component(motion.path)
+        prior, unverified = _with_height_held(prior, height), unverified | {height}
+        options = replace(options, pose=prior)
     if prior is None or prior.R_parent_imu is not None:
         return options
     held = {place for place, std in enumerate(prior.std) if std < np.inf}
-    if request.needs_nominal and not held <= request.unverified:
+    if request.needs_nominal and not held <= unverified:
         raise ChoiceError(
             "--fix and --prior-std take the pose from the URDF, which is what verify is to check: "
             'give the pose you know by --initial "X Y Z R P Y"'
@@ -246,6 +255,12 @@ def _with_initial(
             '--initial "X Y Z R P Y", or --imu-link'
         )
     return about_nominal(options, prior, nominal)
+
+
+def _with_height_held(prior: PosePrior | None, height: int) -> PosePrior:
+    known = prior or PosePrior()
+    std = tuple(0.0 if place == height else each for place, each in enumerate(known.std))
+    return replace(known, std=std)
 
 
 def about_nominal(options: MatchedOptions, prior: PosePrior, nominal: Nominal) -> MatchedOptions:

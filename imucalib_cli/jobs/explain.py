@@ -9,7 +9,7 @@ from imucalib_cli.diagnose.diagnose import diagnose, explained, needs_diagnosis
 from imucalib_cli.diagnose.hypotheses import PoorFit
 from imucalib_cli.diagnose.nominal import inverted_nominal
 from imucalib_cli.estimate.options import MatchedOptions
-from imucalib_cli.findings import Severity
+from imucalib_cli.findings import Severity, untrusted
 from imucalib_cli.jobs.motion import other_frames
 
 if TYPE_CHECKING:
@@ -54,6 +54,11 @@ def explain(
     if needs_diagnosis(estimate) and not causes:
         # what was found about the sensor before the fit
         causes = tuple(replace(each, severity=Severity.UNTRUSTED) for each in repaired.suspects)
+    if needs_diagnosis(estimate) and not causes:
+        guessed = (each for each in motion.findings if each.code == "robot.chain_missing")
+        causes = tuple(replace(each, severity=Severity.UNTRUSTED) for each in guessed)
+    if needs_diagnosis(estimate) and not causes and (unread := recording.sources.unread):
+        causes = (untrusted("cause.pose_unread", topics=unread, first=unread[0]),)
     estimate = explained(estimate, causes)
     if motion.mount.nominal is None or not estimate.trusted:
         return estimate

@@ -66,6 +66,7 @@ def joined(
             gyro,
             header_ns=rows.header_ns,
             log_ns=rows.log_ns,
+            accel_topic=accel.topic,
             frame_id=gyro.frame_id or accel.frame_id,
             gyro=rows.gyro if fast is gyro else values,
             accel=rows.accel if fast is accel else values,

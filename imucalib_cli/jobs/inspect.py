@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from imucalib_cli.errors import ChoiceError, ImucalibError
@@ -17,6 +17,7 @@ from imucalib_cli.jobs.inspection import (
     JointFinding,
     PoseFinding,
 )
+from imucalib_cli.jobs.known.base import with_base_imu
 from imucalib_cli.jobs.known.parents import find_parents, with_answer
 from imucalib_cli.jobs.motion import find_motion
 from imucalib_cli.jobs.reading import (
@@ -24,14 +25,15 @@ from imucalib_cli.jobs.reading import (
     moving_streams,
     open_requested,
     robot_and_names,
-    samples_of,
 )
 from imucalib_cli.jobs.request import CalibrationRequest
 from imucalib_cli.logs.clock import choose_clock
+from imucalib_cli.logs.part import part_of
 from imucalib_cli.logs.select import candidates, descriptions, is_tf, select_topics
 from imucalib_cli.signals.imu.repair import check_alone
 from imucalib_cli.signals.imu.stream_health import stamp_health
 from imucalib_cli.signals.imu.units import guess_units
+from imucalib_cli.signals.samples import samples_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -42,6 +44,7 @@ if TYPE_CHECKING:
     from imucalib_cli.logs.clock import Clock
     from imucalib_cli.logs.columns import JointColumns
     from imucalib_cli.logs.log import Log, LogData
+    from imucalib_cli.logs.part import Part
     from imucalib_cli.logs.reader import LogPath
     from imucalib_cli.logs.select import Selection
     from imucalib_cli.logs.streams import ImuStream, JointStream, PoseStream
@@ -56,6 +59,7 @@ def inspect(
     *,
     joint_columns: tuple[JointColumns, ...] = (),
     allow_remote_scan: bool = False,
+    part: Part | None = None,
 ) -> Inspection:
     """Describe a recording and find the command that calibrates it.
 
@@ -66,9 +70,11 @@ def inspect(
         csv_columns: Likewise.
         joint_columns: Likewise.
         allow_remote_scan: Likewise.
+        part: Of the log; None: all.
 
     Raises:
         InputError: A file cannot be read. A log that cannot be calibrated is no error.
+        ChoiceError: The part holds nothing.
     """
     request = CalibrationRequest(
         logs=logs,
@@ -76,6 +82,7 @@ def inspect(
         joint_columns=joint_columns,
         urdf=urdf,
         allow_remote_scan=allow_remote_scan,
+        part=part,
     )
     log = open_requested(request, progress)
     names = {
@@ -83,28 +90,29 @@ def inspect(
     }
     names |= {topic.name for topic in descriptions(log.topics) if urdf is None}
     data = log.read(names, None if progress is None else lambda share: progress("reading", share))
-    robot, data, named, prefixes, unsure = _robot(data, request)
+    robots = _robots(data, request)
     chosen, request, problem = _chosen(log, request)
-    read = data if chosen is None else chosen.of(data)
-    clock = choose_clock(moving_streams(read), "auto")
-    read, pairs = joined(read, clock, request)
-    sources, duplicates = gather_sources(read, clock, () if chosen is None else chosen.unasked)
-    sources = replace(sources, prefixes=prefixes)
-    problem = problem or unsure
-    imus: list[ImuFinding] = []
-    hints = [*data.findings, *named, *clock.findings, *pairs, *duplicates]
-    for imu in read.imus.values():
-        found, problems = _imu(imu, clock, sources, robot, request=request, problem=problem)
-        imus.append(found)
-        hints += problems
+    seen = _seen(robots, chosen, request, problem)
+    if seen.carrier_unknown and chosen is not None and len(chosen.unread) == 1:
+        # perhaps the pose of the base
+        with_pose = replace(request, pose_topics=chosen.unread)
+        with_base = select_topics(log.topics, pose_topics=chosen.unread)
+        other = _seen(robots, with_base, with_pose, problem)
+        if not other.carrier_unknown:
+            seen, request = other, with_pose
+    imus, clock = seen.imus, seen.clock
+    hints = [*data.findings, *(each for one in robots for each in one.findings), *seen.findings]
+    if part is not None:
+        data, _ = part_of(data, clock, part)
+    robot = robots[0].robot if len(robots) == 1 else None
     commands, placeholders = _command(request, imus, data)
     return Inspection(
         files=tuple(str(path) for path in log.paths),
         topics=log.topics,
         health=_health(data),
         clock=clock.kind,
-        imus=tuple(imus),
-        joints=_joints(data, robot),
+        imus=imus,
+        joints=_joints(robots[0].data if robot is not None else data, robot),
         poses=_poses(data),
         urdf=None if urdf is None else str(urdf),
         findings=tuple(dict.fromkeys(hints)),
@@ -114,14 +122,83 @@ def inspect(
     )
 
 
-def _robot(
-    data: LogData, request: CalibrationRequest
-) -> tuple[Robot | None, LogData, tuple[Finding, ...], tuple[str, ...], ImucalibError | None]:
-    """As robot_and_names; of several robots in the log none, with the error that says so."""
+@dataclass(frozen=True, kw_only=True)
+class _Seen:
+    """Every IMU of a log, by the topics of one choice."""
+
+    clock: Clock
+    imus: tuple[ImuFinding, ...]
+    findings: tuple[Finding, ...]
+
+    @property
+    def carrier_unknown(self) -> bool:
+        """Whether there is an IMU of which neither log nor motion tells what carries it."""
+        return any(
+            each.solved_by == "--parent" and not each.moves_like and not each.still
+            for each in self.imus
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class _OfRobot:
+    """What of a log belongs to one robot, in the names of its URDF."""
+
+    robot: Robot | None
+    data: LogData
+    findings: tuple[Finding, ...] = ()
+    prefixes: tuple[str, ...] = ()
+    problem: ImucalibError | None = None
+    """Why it is not known which robot it is."""
+
+
+def _robots(data: LogData, request: CalibrationRequest) -> tuple[_OfRobot, ...]:
+    """The robot of a log; where there are several, that of each IMU."""
     try:
-        return *robot_and_names(data, request), None
+        robot, named, findings, prefixes = robot_and_names(data, request)
     except ChoiceError as error:
-        return None, data, (), (), error
+        if error.option == "--description-topic" and len(data.imus) > 1:
+            alone = ({name: imu} for name, imu in data.imus.items())
+            return tuple(
+                one for imus in alone for one in _robots(replace(data, imus=imus), request)
+            )
+        return (_OfRobot(robot=None, data=data, problem=error),)
+    return (_OfRobot(robot=robot, data=named, findings=findings, prefixes=prefixes),)
+
+
+def _seen(
+    robots: Sequence[_OfRobot],
+    chosen: Selection | None,
+    request: CalibrationRequest,
+    problem: ImucalibError | None,
+) -> _Seen:
+    """Look at the IMUs of every robot."""
+    imus: list[ImuFinding] = []
+    findings: list[Finding] = []
+    for one in robots:
+        read = one.data if chosen is None else chosen.of(one.data)
+        clock = choose_clock(moving_streams(read), "auto")
+        read, pairs = joined(read, clock, request)
+        if request.part is not None:
+            read, _ = part_of(read, clock, request.part)
+        unasked, unread = ((), ()) if chosen is None else (chosen.unasked, chosen.unread)
+        sources, duplicates = gather_sources(read, clock, unasked)
+        sources = replace(sources, prefixes=one.prefixes, unread=unread)
+        findings += [*clock.findings, *pairs, *duplicates]
+        base = None
+        unknown = problem or one.problem
+        try:
+            given = tuple(imu for imu in read.imus.values() if len(imu))
+            left, sources, told = with_base_imu((given, ()), sources, clock, one.robot, request)
+            base = next((imu.name for imu in given if imu not in left), None)
+            findings += told
+        except ImucalibError as error:
+            unknown = unknown or error
+        for imu in read.imus.values():
+            found, problems = _imu(imu, clock, sources, one.robot, request=request, problem=unknown)
+            found = replace(found, base_imu=base)
+            imus.append(found)
+            findings += problems
+    return _Seen(clock=clock, imus=tuple(imus), findings=tuple(findings))
 
 
 def _chosen(
@@ -157,6 +234,8 @@ def _imu(
     samples = samples_of(imu, clock)
     units = guess_units(samples)
     found = ImuFinding(topic=imu.name, frame_id=imu.frame_id, units=units)
+    if sources.base is not None and sources.base.track.name == imu.name:
+        return replace(found, parent=sources.base.link), units.findings
     try:
         if problem is not None:
             raise problem
@@ -167,8 +246,10 @@ def _imu(
         found = replace(found, needs_choice=asks, solved_by=error.option)
         if error.option == "--parent":
             carriers = find_parents(imu, clock, sources, robot, request)
-            found = replace(found, moves_like=tuple(each.frame for each in carriers))
-            error = with_answer(error, carriers)
+            found = replace(
+                found, moves_like=tuple(each.frame for each in carriers.links), still=carriers.still
+            )
+            error = with_answer(error, carriers, sources.unread)
         found = replace(found, problem=str(error))
         return found, (*units.findings, *check_alone(samples))
     unnamed = any(
@@ -202,10 +283,13 @@ def _command(
 
     If none can be without a choice that nothing tells, one for all that says what is missing.
     """
-    if not findings or not any((*data.joints.values(), *data.poses.values())):
-        return (), ""
     words = ["imucalib", "run", *_inputs(request)]
+    several = len(findings) > 1
+    if not any((*data.joints.values(), *data.poses.values())):
+        command = " ".join([*words, "--base-imu IMU"])
+        return ((command,), _BASE) if several else ((), "")
     words += [f"--pose-topic {shlex.quote(topic)}" for topic in request.pose_topics]
+    findings = [each for each in findings if not each.still and each.base_imu != each.topic]
     ready = [each for each in findings if each.problem is None or each.solved_by == "--parent"]
     if request.urdf is not None:
         words.append(f"--urdf {shlex.quote(str(request.urdf))}")
@@ -218,22 +302,33 @@ def _command(
         return ((command,), _FRAME) if asks else ((), "")
     commands, placeholders = [], dict[str, None]()
     for each in ready:
-        own = []
-        if len(findings) > 1:
-            own.append(f"--imu-topic {shlex.quote(each.topic)}")
-        if each.moves_like:
-            own.append(f"--parent {shlex.quote(each.moves_like[0])}")
-        elif each.problem is not None:
-            own.append("--parent FRAME")
-            placeholders[_FRAME] = None
-        elif each.parent_unnamed:
-            own.append("--parent BODY")
-            placeholders["BODY by a name for what the poses are of"] = None
+        own, placeholder = _own_options(each, several=several)
+        placeholders |= {placeholder: None} if placeholder else {}
         commands.append(" ".join([*words, *own, *_options([each])]))
     return tuple(commands), ", ".join(placeholders)
 
 
 _FRAME = "FRAME by the link or frame that carries the IMU"
+_BODY = "BODY by a name for what the poses are of"
+_BASE = "IMU by the topic of the one on the body that the others are calibrated against"
+
+
+def _own_options(imu: ImuFinding, *, several: bool) -> tuple[list[str], str]:
+    """Options for one IMU, and what the user must put in."""
+    own, placeholder = [], ""
+    if several:
+        own.append(f"--imu-topic {shlex.quote(imu.topic)}")
+    if imu.base_imu is not None:
+        own.append(f"--base-imu {shlex.quote(imu.base_imu)}")
+    if imu.moves_like:
+        own.append(f"--parent {shlex.quote(imu.moves_like[0])}")
+    elif imu.problem is not None:
+        own.append("--parent FRAME")
+        placeholder = _FRAME
+    elif imu.parent_unnamed:
+        own.append("--parent BODY")
+        placeholder = _BODY
+    return own, placeholder
 
 
 def _options(findings: Sequence[ImuFinding]) -> list[str]:
@@ -242,6 +337,8 @@ def _options(findings: Sequence[ImuFinding]) -> list[str]:
 
 def _inputs(request: CalibrationRequest) -> list[str]:
     words = [shlex.quote(str(path)) for path in request.logs]
+    if request.part is not None:
+        words.append(str(request.part))
     if request.csv_columns:
         words.append(f"--csv-columns {shlex.quote(','.join(request.csv_columns))}")
     words += [f"--joints {shlex.quote(str(each))}" for each in request.joint_columns]

@@ -58,6 +58,10 @@ class ImuFinding:
     """That option, if there is only one, such as ``--parent``."""
     moves_like: tuple[str, ...] = ()
     """Where it is the parent that nothing tells: links that move as the IMU does."""
+    still: bool = False
+    """Likewise: whether it stands still while the robot moves."""
+    base_imu: str | None = None
+    """The IMU that tells how the base moves; perhaps this one."""
     parent_unnamed: bool = False
     """Whether the parent's poses name no frame, so that their topic names it."""
 
@@ -169,6 +173,8 @@ class Inspection:
             )
             if imu.problem is not None:
                 yield f"          {imu.problem}"
+            elif imu.base_imu == imu.topic:
+                yield f"          carried by {imu.parent}, tells how it moves"
             else:
                 yield (
                     f"          carried by {imu.parent}, moved in {imu.world} by "

@@ -9,9 +9,17 @@ import numpy as np
 
 from imucalib_cli.errors import ChoiceError, ImucalibError, InputError, UntrustedError
 from imucalib_cli.findings import note, untrusted, warning
-from imucalib_cli.robot.build import find_base, is_still, joint_path, moving_base_path
+from imucalib_cli.robot.build import (
+    BaseImu,
+    base_imu_path,
+    find_base,
+    is_still,
+    joint_path,
+    moving_base_path,
+)
 from imucalib_cli.robot.frames import Edge, frame_path, with_static_frames
 from imucalib_cli.robot.mount import Mount, Nominal, find_mount, require_nominal
+from imucalib_cli.robot.names import known_name
 from imucalib_cli.robot.path import FixedStep
 from imucalib_cli.robot.rotations import matrix_from_quaternion
 from imucalib_cli.robot.urdf import near_matches
@@ -35,10 +43,14 @@ class Sources:
     """One for each parent and child; the child is empty if the message names none."""
     topics: dict[str, str]
     """Topic of each track, by the track's name."""
+    base: BaseImu | None = None
+    """The IMU that tells how the base moves, if one does."""
     unused: tuple[str, ...] = ()
     """One sentence for each topic without usable messages: the reason."""
     unasked: frozenset[str] = frozenset()
     """Odometry topics that the user did not name."""
+    unread: tuple[str, ...] = ()
+    """Topics of poses that are not taken for the base's unless the user says so."""
     prefixes: tuple[str, ...] = ()
     """Of the joints' names, where several fit those of the URDF."""
     undescribed: tuple[str, ...] = ()
@@ -91,7 +103,7 @@ def find_motion(
             raise error from None
         make = note if request.urdf is None else warning
         unused = make("robot.unused", urdf=str(robot.source), reason=error.reason or str(error))
-        return replace(motion, findings=(unused,))
+        return replace(motion, findings=(unused, *motion.findings))
 
 
 def _moving(motion: Motion, sources: Sources, request: CalibrationRequest) -> Motion:
@@ -117,10 +129,28 @@ def _from_robot(
     if request.needs_nominal:
         require_nominal(robot, frame_id, request.parent, request.imu_link)
     robot = with_static_frames(robot, sources.edges)
+    request = _named_as_in(robot, sources, frame_id, request)
     mount = find_mount(robot, frame_id, request.parent, request.imu_link)
     path = _robot_path(sources, robot, mount.parent, request)
     _require_poses_used(path, sources, request)
     return Motion(path=path, mount=mount, topics=_topics(path, sources), robot=robot)
+
+
+def _named_as_in(
+    robot: Robot, sources: Sources, frame_id: str, request: CalibrationRequest
+) -> CalibrationRequest:
+    """A request whose frames are called as in a URDF, where they have a prefix of the log."""
+    hints = " ".join((frame_id, *sources.topics.values()))
+
+    def known(frame: str | None) -> str | None:
+        return None if frame is None else known_name(frame, robot.links, hints)
+
+    return replace(
+        request,
+        parent=known(request.parent),
+        imu_link=known(request.imu_link),
+        world=known(request.world),
+    )
 
 
 def _nothing_moves(path: KinematicPath, sources: Sources) -> bool:
@@ -131,7 +161,8 @@ def _nothing_moves(path: KinematicPath, sources: Sources) -> bool:
     if all(isinstance(step, FixedStep) for step in path.steps):
         return False
     moving = (edge.track for edge in sources.edges if not edge.is_static)
-    return not any(track_moves(track) for track in (*sources.joints, *moving))
+    reckoned = () if sources.base is None else (sources.base.track,)
+    return not any(track_moves(track) for track in (*reckoned, *sources.joints, *moving))
 
 
 def other_frames(
@@ -142,8 +173,10 @@ def other_frames(
     The function raises ImucalibError for frames whose motion is not in the log.
     """
     if robot is None:
-        edges = _labelled(sources.edges, request.parent)
+        edges, base = _labelled(sources.edges, request.parent), sources.base
         frames = tuple(dict.fromkeys(edge.child for edge in edges))
+        if base is not None:
+            return frames, lambda frame: base_imu_path(base, frame, robot=None, edges=edges)
         return frames, lambda frame: frame_path(edges, frame, world=request.world)
 
     def path_to(link: str) -> KinematicPath:
@@ -168,6 +201,8 @@ def _robot_path(
     sources: Sources, robot: Robot, parent: str, request: CalibrationRequest
 ) -> KinematicPath:
     """Joints through the URDF, below a moving base if the log has one; else frames alone."""
+    if sources.base is not None:
+        return base_imu_path(sources.base, parent, robot=robot, tracks=sources.joints)
     # joints first: with them a pose without a child can only be the base's
     label = robot.root if sources.joints else request.parent
     edges, base = _base(_labelled(sources.edges, label), sources, robot)
@@ -218,6 +253,8 @@ def _base(
 
 def _from_frames(sources: Sources, frame_id: str, request: CalibrationRequest) -> Motion:
     """Motion of the log's frames, without a URDF."""
+    if sources.base is not None:
+        return _from_base(sources, sources.base, frame_id, request)
     if not sources.edges:
         if sources.joints:
             listed = ", ".join(dict.fromkeys(sources.topics[t.name] for t in sources.joints))
@@ -230,11 +267,42 @@ def _from_frames(sources: Sources, frame_id: str, request: CalibrationRequest) -
         raise InputError("no poses of any frame could be read from the log: see `imucalib inspect`")
     edges = _labelled(sources.edges, request.parent)
     parent, nominal = request.parent, None
+    findings: tuple[Finding, ...] = ()
     if parent is None:
         parent, nominal = _guess_parent(edges, frame_id)
+        if nominal is None and any(map(track_moves, sources.joints)):
+            # A joint may lie between that frame and the IMU.
+            topics = tuple(dict.fromkeys(sources.topics[each.name] for each in sources.joints))
+            values = {"parent": parent, "frame": frame_id, "topics": topics}
+            findings = (warning("robot.chain_missing", **values),)
     path = frame_path(edges, parent, world=request.world)
+    if not path.tracks and not all(edge.is_static for edge in edges):
+        apart = f"no transform of the log leads from '{parent}' to a frame that moves"
+        moving = ", ".join(dict.fromkeys(edge.child for edge in edges if not edge.is_static))
+        raise ChoiceError(
+            f"{apart}: was /tf_static recorded from the start? Give --urdf, or name with --parent "
+            f"what carries the IMU, one of: {moving}",
+            option="--parent",
+            reason=apart,
+        )
     child = request.imu_link or frame_id or "imu"
     mount = Mount(parent=parent, child=child, nominal=nominal)
+    return Motion(
+        path=path, mount=mount, topics=_topics(path, sources), robot=None, findings=findings
+    )
+
+
+def _from_base(
+    sources: Sources, base: BaseImu, frame_id: str, request: CalibrationRequest
+) -> Motion:
+    """Motion of a frame behind an IMU that tells its own; by default both are on one body."""
+    edges = _labelled(sources.edges, request.parent)
+    parent, nominal = request.parent, None
+    if parent is None and any(edge.child == frame_id for edge in edges):
+        parent, nominal = _guess_parent(edges, frame_id)
+    path = base_imu_path(base, parent or base.link, robot=None, edges=edges)
+    child = request.imu_link or frame_id or "imu"
+    mount = Mount(parent=path.parent, child=child, nominal=nominal)
     return Motion(path=path, mount=mount, topics=_topics(path, sources), robot=None)
 
 

@@ -13,8 +13,10 @@ import numpy as np
 from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.findings import Finding, note, warnings
 from imucalib_cli.jobs.halves import half_topics, joined
+from imucalib_cli.jobs.known.base import with_base_imu
 from imucalib_cli.jobs.known.description import described_robot
 from imucalib_cli.jobs.known.naming import named_as_in
+from imucalib_cli.jobs.known.parents import check_parents
 from imucalib_cli.jobs.motion import Sources
 from imucalib_cli.logs.clock import choose_clock, first_plausible
 from imucalib_cli.logs.log import open_log
@@ -26,7 +28,6 @@ from imucalib_cli.robot.frames import Edge
 from imucalib_cli.robot.path import Track
 from imucalib_cli.robot.urdf import load_robot, parse_robot
 from imucalib_cli.robot.urdf_xml import SIZE_LIMIT
-from imucalib_cli.signals.samples import ImuSamples
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable
@@ -89,16 +90,20 @@ def read_recording(request: CalibrationRequest, progress: Progress | None = None
         request.pose_topics,
         request.description_topics,
         half_topics=half_topics(request),
+        base_imu=request.base_imu,
     )
     if request.urdf is not None:
         chosen = replace(chosen, descriptions=())
     files = Fingerprints(log.paths)
+    # An IMU that nobody asked for may be the one that tells how the base moves.
     data = log.read(
-        chosen.all, None if progress is None else lambda share: progress("reading", share)
+        (*chosen.all, *chosen.other_imus),
+        None if progress is None else lambda share: progress("reading", share),
     )
     data = chosen.of(data)
     _require_imus(data, chosen.imus, request)
-    return recording_of(data, request, unasked=chosen.unasked, paths=log.paths, files=files)
+    recording = recording_of(data, request, unasked=chosen.unasked, paths=log.paths, files=files)
+    return replace(recording, sources=replace(recording.sources, unread=chosen.unread))
 
 
 def open_requested(request: CalibrationRequest, progress: Progress | None = None) -> Log:
@@ -148,35 +153,41 @@ def recording_of(
 
     Raises:
         InputError: The stamps of an IMU stand still, or the URDF cannot be used.
-        ChoiceError: The part of the log has no IMU, or the robot's description, or a prefix of
-            its joints, must be chosen.
+        ChoiceError: The part of the log has no IMU, or the robot's description, a prefix of its
+            joints, or the IMU that tells how its base moves, must be chosen.
     """
     robot, data, findings, prefixes = robot_and_names(data, request)
     clock = choose_clock(moving_streams(data), request.clock)
     data, pairs = joined(data, clock, request)
-    data = _wanted_imus(data, request)
     part = None
     if request.part is not None:
         data, part = part_of(data, clock, request.part)
-    imus = tuple(imu for imu in data.imus.values() if len(imu))
+    asked = _asked_for(data, request)
+    filled = [(name in asked, imu) for name, imu in data.imus.items() if len(imu)]
+    imus, others = (tuple(imu for one, imu in filled if one == wanted) for wanted in (True, False))
     _require_advancing_stamps(imus, clock)
     sources, duplicates = gather_sources(data, clock, unasked)
+    sources = replace(
+        sources,
+        prefixes=prefixes,
+        undescribed=warnings(
+            each for each in findings if each.code == "robot.description_unusable"
+        ),
+    )
+    check_parents((*imus, *others), request)
+    imus, sources, reckoned = with_base_imu((imus, others), sources, clock, robot, request)
+    of_others = {imu.topic for imu in others} - {imu.topic for imu in imus}
+    of_data = [each for each in data.findings if each.values.get("topic") not in of_others]
     return Recording(
         imus=imus,
         joints=data.joints,
-        sources=replace(
-            sources,
-            prefixes=prefixes,
-            undescribed=warnings(
-                each for each in findings if each.code == "robot.description_unusable"
-            ),
-        ),
+        sources=sources,
         clock=clock,
         robot=robot,
         part=part,
         paths=paths,
         files=files or Fingerprints(()),
-        findings=(*data.findings, *findings, *clock.findings, *pairs, *duplicates),
+        findings=(*of_data, *findings, *clock.findings, *pairs, *duplicates, *reckoned),
         epoch_ns=epoch_ns,
     )
 
@@ -203,26 +214,20 @@ def robot_and_names(
     return robot, data, (*findings, *renamed), prefixes
 
 
-def samples_of(imu: ImuStream, clock: Clock) -> ImuSamples:
-    """One IMU on the log's clock."""
-    return ImuSamples(t=clock.seconds(imu), gyro=imu.gyro, accel=imu.accel, topic=imu.name)
-
-
-def _wanted_imus(data: LogData, request: CalibrationRequest) -> LogData:
-    """Leave out what was read beside the IMUs that the user named.
+def _asked_for(data: LogData, request: CalibrationRequest) -> set[str]:
+    """Names of the IMUs to calibrate.
 
     Raises:
-        ChoiceError: The topic has no IMU of the frame that the user named.
+        ChoiceError: A topic has no IMU of the frame that the user named.
     """
     asked = request.imu_topics
     if not asked:
-        return data
-    topics = {imu.topic for imu in data.imus.values()}
+        return set(data.imus)
+    topics = {topic for imu in data.imus.values() for topic in imu.topics}
     for name in asked:
         if name not in data.imus and name not in topics and name.partition(":")[0] in topics:
             raise ChoiceError(f"--imu-topic {name}: no such IMU, but {', '.join(data.imus)}")
-    kept = {name: imu for name, imu in data.imus.items() if {name, imu.topic} & set(asked)}
-    return replace(data, imus=kept)
+    return {name for name, imu in data.imus.items() if {name, *imu.topics} & set(asked)}
 
 
 def recorded_at(recording: Recording, imu: ImuStream, seconds: float) -> datetime | None:

@@ -25,6 +25,7 @@ _UNTOLD: dict[str, str] = {
     "R_initial": "the URDF's joint, or the identity",
     "t_initial": "the URDF's joint, or the identity",
     "pose": "none",
+    "base_std": "learnt",
     "sensor_scale_most": "any",
     "sensor_axes_most": "any",
 }

@@ -71,6 +71,8 @@ class CalibrationRequest:
     """Link or frame that carries the IMU; None: found automatically."""
     parents: tuple[tuple[str, str], ...] = ()
     """Of single IMUs, each by its topic or frame: these go before ``parent``."""
+    base_imu: str | None = None
+    """The IMU that tells how the base moves; None: found where nothing else tells it."""
     imu_link: str | None = None
     """The IMU's frame in the URDF, if it is not the messages' frame_id."""
     world: str | None = None
@@ -80,6 +82,8 @@ class CalibrationRequest:
     estimator: MatchedOptions | PaperOptions = field(default_factory=MatchedOptions)
     imu: ExpectedImu | None = None
     """The IMU's data sheet."""
+    planar: bool = False
+    """Whether to hold the height of the pose, which driving on a plane does not tell."""
     require: Tolerance | None = None
     needs_nominal: bool = False
     """Whether the URDF or the log's frames must contain the pose of every IMU, to be verified."""

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 
 from imucalib_cli.errors import ChoiceError, ImucalibError
 from imucalib_cli.jobs.calibrate import calibrate
+from imucalib_cli.jobs.known.upright import upright_component
 from imucalib_cli.jobs.motion import no_nominal
 from imucalib_cli.jobs.reading import robot_of
 from imucalib_cli.jobs.result_files import display_name, read_result_file
@@ -55,11 +56,14 @@ def verify_recording(
     """
     outcome = calibrate(replace(request, needs_nominal=True, unverified=ignored), progress)
     answers = []
-    for result in outcome.results:
+    for each in outcome.calibrated:
+        result, left = each.result, ignored
+        if request.planar:
+            left |= {upright_component(each.motion.path)}
         nominal = result.nominal
         if nominal is None:  # needs_nominal excludes this
             raise ChoiceError(no_nominal(result.parent, result.child))
-        answers.append(verify(result, nominal, within, result.provenance.urdf, ignored=ignored))
+        answers.append(verify(result, nominal, within, result.provenance.urdf, ignored=left))
     return Answers(answers=tuple(answers), failures=outcome.failures)
 
 

@@ -29,6 +29,11 @@ class Part:
     start: float | None = None
     end: float | None = None
 
+    def __str__(self) -> str:
+        """The options that ask for it."""
+        bounds = {"--from": self.start, "--to": self.end}
+        return " ".join(f"{name} {at:.15g}" for name, at in bounds.items() if at is not None)
+
     def bounds(self, clock: Clock) -> tuple[float, float]:
         """From and to in seconds of the log, infinite where it has no bound."""
         start = -math.inf if self.start is None else _seconds(self.start, clock)
@@ -46,7 +51,7 @@ def part_of(data: LogData, clock: Clock, part: Part) -> tuple[LogData, tuple[flo
     """
     start, end = part.bounds(clock)
     if start >= end:
-        raise ChoiceError(f"{_words(part)}: the part ends before it begins")
+        raise ChoiceError(f"{part}: the part ends before it begins")
 
     def within(stream: OneStream) -> OneStream:
         if isinstance(stream, PoseStream) and stream.is_static:
@@ -67,7 +72,7 @@ def part_of(data: LogData, clock: Clock, part: Part) -> tuple[LogData, tuple[flo
         whole, left = ([clock.seconds(s) for s in streams(each) if len(s)] for each in (data, cut))
         if whole and not left:
             raise ChoiceError(
-                f"{_words(part)}: the log's {what} are stamped from {min(map(np.min, whole)):.3f} "
+                f"{part}: the log's {what} are stamped from {min(map(np.min, whole)):.3f} "
                 f"to {max(map(np.max, whole)):.3f} s, so that nothing is left of them: choose a "
                 "part in between"
             )
@@ -84,11 +89,6 @@ def _robot(data: LogData) -> list[Stream]:
     joints = (joint for some in data.joints.values() for joint in some)
     poses = (pose for some in data.poses.values() for pose in some)
     return [*joints, *(pose for pose in poses if not pose.is_static)]
-
-
-def _words(part: Part) -> str:
-    bounds = {"--from": part.start, "--to": part.end}
-    return " ".join(f"{name} {value:.15g}" for name, value in bounds.items() if value is not None)
 
 
 def _seconds(value: float, clock: Clock) -> float:

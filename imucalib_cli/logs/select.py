@@ -42,21 +42,22 @@ class Selection:
     """Odometry, PoseStamped and the like."""
     tf: tuple[str, ...]
     """/tf and /tf_static."""
+    other_imus: tuple[str, ...] = ()
+    """IMUs that are not asked for, one of which may tell how the base moves where there are
+    joints."""
     unasked: tuple[str, ...] = ()
     """Those of ``poses`` that the user did not name: odometry beside joint states, perhaps of the
     base."""
+    unread: tuple[str, ...] = ()
+    """Other poses beside joint states: of the base, of a tool, or of anything."""
     descriptions: tuple[str, ...] = ()
     """Topics of a URDF."""
-
-    halves: tuple[str, ...] = ()
-    """Those of ``imus`` that may be the other half of one that the user named."""
 
     @property
     def all(self) -> tuple[str, ...]:
         """Everything to read, in one pass."""
         return (
             *self.imus,
-            *self.halves,
             *self.joints,
             *self.poses,
             *self.tf,
@@ -65,7 +66,7 @@ class Selection:
 
     def of(self, data: LogData) -> LogData:
         """What is chosen of what was read: a topic may tell more than is wanted of it."""
-        imus, poses = {*self.imus, *self.halves}, {*self.poses, *self.tf}
+        imus, poses = {*self.imus, *self.other_imus}, {*self.poses, *self.tf}
         return replace(
             data,
             imus={name: imu for name, imu in data.imus.items() if imu.topic in imus},
@@ -100,6 +101,7 @@ def select_topics(
     description_topics: Sequence[str] = (),
     *,
     half_topics: Sequence[str] = (),
+    base_imu: str | None = None,
 ) -> Selection:
     """Choose topics.
 
@@ -108,8 +110,8 @@ def select_topics(
     may be the motion of the base; a pose topic of another type only where there are no joint
     states and it is the only one. A kind that is named is limited to
     what is named; static transforms always stay. ``topic:frame`` names one of several IMUs on a
-    topic. Beside a named IMU all topics of sensor_msgs/Imu and the like are read that may be its
-    other half, and ``half_topics``.
+    topic. ``base_imu`` is one that tells a motion itself; ``half_topics`` are those of sensors that
+    are an IMU together, as may be those that are called as a named one.
 
     Raises:
         ChoiceError: A named topic is not there or of another kind, or several pose topics could
@@ -119,14 +121,19 @@ def select_topics(
     names = {each.name for each in topics}
     imu_topics = [each if each in names else each.partition(":")[0] for each in imu_topics]
     imus = _of_kind(topics, "imu", imu_topics)
+    others = [each for each in foremost(topics, "imu") if each not in imus]
+    named = _of_kind(topics, "imu", half_topics) if half_topics else []
+    halves = [each for each in (*named, *_called_as(topics, imus)) if each not in imus]
     joints = _of_kind(topics, "joints", joint_topics)
     found = _of_kind(topics, "pose", pose_topics)
     tf = [each for each in foremost(topics, "pose") if is_tf(each)]
     poses = [each for each in found if not is_tf(each)]
     unasked: list[Topic] = []
+    unread: list[Topic] = []
     if pose_topics:
         tf = [each for each in tf if each.name in pose_topics or each.name.endswith("tf_static")]
     elif joints:
+        unread = [each for each in poses if each.type != _ODOMETRY]
         poses = unasked = [each for each in poses if each.type == _ODOMETRY]
     elif len(poses) > 1:
         raise ChoiceError(
@@ -135,25 +142,28 @@ def select_topics(
     described = (
         _of_kind(topics, "text", description_topics) if description_topics else descriptions(topics)
     )
+    if base_imu is not None:
+        others = [each for each in others if each.name in (base_imu, base_imu.partition(":")[0])]
     if not imus:
         raise InputError(
             f"the log has no IMU (sensor_msgs/Imu); it has: {_listed(topics) or 'no topics'}"
             f"{_remedy(topics)}"
         )
-    if not (joints or poses or tf):
+    if not (joints or poses or tf or base_imu):
+        several = "; of several IMUs one may tell it: --base-imu TOPIC" if len(imus) > 1 else ""
         raise InputError(
             "the log has no source of the robot's motion (sensor_msgs/JointState, tf, "
-            f"odometry or poses); it has: {_listed(topics)}{_remedy(topics)}"
+            f"odometry or poses); it has: {_listed(topics)}{several}{_remedy(topics)}"
         )
     return Selection(
         imus=_names(imus),
+        other_imus=_names([*(others if joints or base_imu else ()), *halves]),
         joints=_names(joints),
         poses=_names(poses),
         tf=_names(tf),
         unasked=_names(unasked),
+        unread=_names(unread),
         descriptions=_names(described),
-        halves=_names(_of_kind(topics, "imu", half_topics) if half_topics else ())
-        or (_names(halves_of(topics, imus)) if imu_topics else ()),
     )
 
 
@@ -162,14 +172,10 @@ def is_tf(topic: Topic) -> bool:
     return topic.reading is not None and topic.reading.is_tf
 
 
-def halves_of(topics: Sequence[Topic], named: Sequence[Topic]) -> list[Topic]:
-    """IMU topics called as one of those named, but for the name of the sensor."""
-    keys = {without_sensor(each.name) for each in named}
-    return [
-        each
-        for each in candidates(topics, "imu")
-        if each not in named and without_sensor(each.name) in keys
-    ]
+def _called_as(topics: Sequence[Topic], imus: Sequence[Topic]) -> list[Topic]:
+    """IMU topics called as one of these, but for the name of the sensor."""
+    keys = {without_sensor(each.name) for each in imus}
+    return [each for each in candidates(topics, "imu") if without_sensor(each.name) in keys]
 
 
 def without_sensor(topic: str) -> str:

@@ -45,6 +45,13 @@ class ImuStream(Stream):
     """``topic:frame`` where several IMUs share the topic."""
     frames: tuple[str, ...] = ()
     """Frames that may be meant where the messages have none."""
+    accel_topic: str = ""
+    """Topic of the accelerometer, if that is not the gyroscope's."""
+
+    @property
+    def topics(self) -> tuple[str, ...]:
+        """Of both sensors."""
+        return (self.topic, self.accel_topic) if self.accel_topic else (self.topic,)
 
     @property
     def name(self) -> str:

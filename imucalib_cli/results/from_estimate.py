@@ -136,7 +136,12 @@ def _diagnostics(estimate: Estimate, nominal: Nominal | None) -> tree.Diagnostic
             each.name: _copied(tree.CorrectionEntry, each) for each in estimate.corrections
         },
         parameters=[
-            _copied(tree.ParameterEntry, each, prior_learnt=each.learnt)
+            _copied(
+                tree.ParameterEntry,
+                each,
+                prior_learnt=each.learnt,
+                axis=UNSET if each.axis is None else plain(each.axis),
+            )
             for each in estimate.parameters
         ],
         nominal=None if nominal is None else _nominal(estimate, nominal),

@@ -160,6 +160,8 @@ class ParameterEntry(Tree, frozen=True):
     that share it."""
     prior_learnt: bool
     """Whether the size of the prior is learnt from the log."""
+    axis: Vector3 | UnsetType = UNSET
+    """Only of an origin: unit vector in the frame of the joint that the label names."""
 
 
 class CorrectionEntry(Tree, frozen=True):

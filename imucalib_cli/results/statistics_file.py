@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 SUFFIX: Final = ".statistics.npz"
 _WHAT: Final = "statistics of an imucalib result"
-_SCHEMA: Final = 1
+_SCHEMA: Final = 2
 _ROOM: Final = 1_000_000
 """Bytes of all matrices together; parts are joined until they fit."""
 _LARGEST: Final = 64 << 20
@@ -108,6 +108,9 @@ def statistics_bytes(result: Result, statistics: LogStatistics) -> bytes:
         **{name: _packed(getattr(equations, name)) for name in _SYMMETRIC},
         "directions": np.concatenate(
             [np.zeros((0, 3)), *(each.directions for each, _ in layout.of(Origin))]
+        ),
+        "turns": np.concatenate(
+            [np.zeros((0, 3, 3)), *(each.R_joint[None] for each, _ in layout.of(Origin))]
         ),
         "widened": statistics.widened,
         "window_seconds": np.array([each.seconds for each in statistics.windows]),
@@ -185,8 +188,8 @@ def _statistics(header: dict[str, Any], arrays: dict[str, Floats]) -> LogStatist
     if not all(np.isfinite(each).all() for each in arrays.values()):
         raise ValueError("numbers that are not finite")
     options = _options(header["options"])
-    origins = iter(arrays["directions"])
-    placed = [_placed(each, origins) for each in header["unknowns"]]
+    origins, turns = iter(arrays["directions"]), iter(arrays["turns"])
+    placed = [_placed(each, origins, turns) for each in header["unknowns"]]
     layout = with_priors(placed, options, tuple(header["still"]))
     n = layout.size
     at = State(
@@ -221,7 +224,7 @@ def _statistics(header: dict[str, Any], arrays: dict[str, Floats]) -> LogStatist
     )
 
 
-def _placed(entry: dict[str, Any], origins: Any) -> Placed:
+def _placed(entry: dict[str, Any], origins: Any, turns: Any) -> Placed:
     unknown, labels = _KINDS[entry["name"]], tuple(map(str, entry["labels"]))
     joint = None
     if isinstance(unknown.effect, JointCurve):
@@ -236,6 +239,7 @@ def _placed(entry: dict[str, Any], origins: Any) -> Placed:
         labels,
         joint=joint,
         directions=np.array([next(origins) for _ in labels]) if is_origin else np.eye(3),
+        R_joint=next(turns).reshape(3, 3) if is_origin else np.eye(3),
         hidden=bool(entry["hidden"]),
     )
 

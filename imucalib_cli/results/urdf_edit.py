@@ -103,11 +103,16 @@ def joint_for(
             f"--parent {joint.parent}"
         )
     R_joint_parent, p_joint_parent = between
-    return JointOrigin(
-        joint=joint.name,
-        xyz=_triple(p_joint_parent + R_joint_parent @ t_parent_imu),
-        rpy=_triple(rpy_from_matrix(R_joint_parent @ R_parent_imu)),
+    return joint_origin(
+        joint.name,
+        R_joint_parent @ R_parent_imu,
+        p_joint_parent + R_joint_parent @ t_parent_imu,
     )
+
+
+def joint_origin(joint: str, R: Floats, p: Floats) -> JointOrigin:
+    """The origin of a joint: R (3, 3) and p (3,), m, in its parent link."""
+    return JointOrigin(joint=joint, xyz=_triple(p), rpy=_triple(rpy_from_matrix(R)))
 
 
 def replace_origin(urdf: bytes, joint: str, xyz: Sequence[float], rpy: Sequence[float]) -> bytes:

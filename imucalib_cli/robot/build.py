@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,6 +23,8 @@ from imucalib_cli.robot.urdf import Joint, Robot, near_matches
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+
+    from imucalib_cli.arrays import Floats
 
 
 def joint_path(
@@ -139,17 +141,73 @@ def moving_base_path(
     """
     to_base = frame_path(_outside(edges, set(robot.links)), base, world=world)
     arm = joint_path(robot, parent, tracks, world=base)
-    first = len(to_base.tracks)
-    steps = [
-        step if isinstance(step, FixedStep) else replace(step, track=step.track + first)
-        for step in arm.steps
-    ]
+    steps = _moved_on(arm.steps, len(to_base.tracks))
     return KinematicPath(
         world=to_base.world,
         parent=parent,
         steps=merge_fixed([*to_base.steps, *steps]),
         tracks=(*to_base.tracks, *arm.tracks),
     )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class BaseImu:
+    """An IMU that tells how the link that carries it moves."""
+
+    track: Track
+    """Its readings."""
+    frame: str
+    link: str
+    """That carries it; its own frame where no robot is known."""
+    R_link_imu: Floats
+    """(3, 3)."""
+    t_link_imu: Floats
+    """(3,), m."""
+
+
+def base_imu_path(
+    base: BaseImu,
+    parent: str,
+    *,
+    robot: Robot | None,
+    tracks: Sequence[Track] = (),
+    edges: Sequence[Edge] = (),
+) -> KinematicPath:
+    """Build the path freely falling frame -> base IMU -> its link -> ``parent``.
+
+    Args:
+        base: The IMU.
+        parent: Link that carries the other IMU.
+        robot: The tree that both links belong to; None: frames of the log.
+        tracks: Joint positions, as for :func:`joint_path`.
+        edges: Poses of the log's frames, where there is no robot.
+
+    Raises:
+        ChoiceError, InputError: As :func:`joint_path` and
+            :func:`imucalib_cli.robot.frames.frame_path`.
+    """
+    if parent == base.link:
+        behind = KinematicPath(world=parent, parent=parent, steps=(), tracks=())
+    elif robot is not None:
+        behind = joint_path(robot, parent, tracks, world=base.link)
+    else:
+        behind = frame_path(edges, parent, world=base.link)
+    mount = FixedStep(R=base.R_link_imu, p=base.t_link_imu)
+    steps = [PoseStep(track=0), fixed_inverse(mount), *_moved_on(behind.steps, 1)]
+    return KinematicPath(
+        world=f"free fall of {base.frame}",
+        parent=parent,
+        steps=tuple(steps),
+        tracks=(base.track, *behind.tracks),
+    )
+
+
+def _moved_on(steps: Sequence[Step], tracks: int) -> list[Step]:
+    """Steps of a path that comes behind another, which has so many tracks."""
+    return [
+        step if isinstance(step, FixedStep) else replace(step, track=step.track + tracks)
+        for step in steps
+    ]
 
 
 def _outside(edges: Sequence[Edge], links: set[str]) -> list[Edge]:

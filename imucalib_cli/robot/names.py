@@ -55,5 +55,33 @@ def prefixes(names: Collection[str], known: Collection[str], hints: str = "") ->
     return tuple(hinted if len(hinted) == 1 else best)
 
 
+def known_name(name: str, known: Collection[str], hints: str = "") -> str:
+    """The known name that a name is with a prefix; the name itself where it is none.
+
+    Args:
+        name: As the user types it, perhaps as the log has it.
+        known: As the URDF has them.
+        hints: Text that names the robot: what is no namespace is a prefix only where it has it.
+    """
+    if name in known:
+        return name
+    for place, letter in enumerate(name, 1):
+        prefix, bare = name[:place], name[place:]
+        is_prefix = letter == "/" or (letter in _SEPARATORS and _words(prefix) & _words(hints))
+        if is_prefix and bare in known:
+            return bare
+    return name
+
+
+def in_namespace(topics: Collection[str], of: Collection[str]) -> list[str]:
+    """Topics in whose namespace all of some others are; the root is none."""
+    spaces = {topic: topic.rpartition("/")[0] for topic in topics}
+    return [
+        topic
+        for topic, space in spaces.items()
+        if space and all(other.startswith(f"{space}/") for other in of)
+    ]
+
+
 def _words(text: str) -> set[str]:
     return set(filter(None, re.split(r"[^A-Za-z0-9]+", text.lower())))

@@ -29,11 +29,12 @@ class Track:
 
     name: str
     """Name in messages: the topic, and joints or frames."""
-    kind: Literal["joints", "pose"]
+    kind: Literal["joints", "pose", "imu"]
     t: Floats
     """(N,), s since the log's start, as stamped: may jitter, repeat or have gaps."""
     values: Floats
-    """(N, J) joint positions, rad or m; or (N, 7) position xyz, m, and quaternion xyzw."""
+    """(N, J) joint positions, rad or m; or (N, 7) position xyz, m, and quaternion xyzw; or (N, 6)
+    readings of an IMU whose motion they tell, rad/s and m/s²."""
     names: tuple[str, ...] = ()
     """The joint of each column; empty for a pose."""
 
@@ -66,7 +67,10 @@ class JointStep:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PoseStep:
-    """A pose track T_parent_child, or its inverse where the path runs from child to parent."""
+    """A pose track T_parent_child, or its inverse where the path runs from child to parent.
+
+    Of an IMU it is the pose in a freely falling frame.
+    """
 
     track: int
     inverse: bool = False
@@ -84,12 +88,30 @@ class KinematicPath:
     steps: tuple[Step, ...]
     tracks: tuple[Track, ...]
 
+    @property
+    def base_imu(self) -> int | None:
+        """Index of the track of an IMU that tells how the base moves."""
+        return next((i for i, track in enumerate(self.tracks) if track.kind == "imu"), None)
+
+    @property
+    def base_step(self) -> int:
+        """Index of the step of that IMU; the next one leads from it to its link.
+
+        Raises:
+            StopIteration: There is none.
+        """
+        return next(
+            index
+            for index, step in enumerate(self.steps)
+            if isinstance(step, PoseStep) and self.tracks[step.track].kind == "imu"
+        )
+
     def poses(self, values: tuple[Floats, ...]) -> tuple[Floats, Floats]:
         """Pose of the parent link in the world for M instants.
 
         Args:
-            values: For each track its values at the M instants, (M, J) or (M, 7). Quaternions
-                need not be normalised.
+            values: For each track its values at the M instants, (M, J), or (M, 7) of a pose or
+                of an IMU. Quaternions need not be normalised.
 
         Returns:
             R_world_parent (M, 3, 3) and p_world_parent (M, 3), m, both C-contiguous.

@@ -34,6 +34,8 @@ def track_moves(track: Track, *, large: bool = False) -> bool:
     if track.kind == "joints":
         # A track may hold revolute or prismatic joints: 0.005 is 0.3 deg or 5 mm.
         columns = [(column, 1) for column in track.values.T]
+    elif track.kind == "imu":  # it would not be one that tells a motion if it stood still
+        return True
     else:
         quaternion = track.values[:, 3:]
         rows = np.isfinite(quaternion).all(axis=1)

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Bools, Floats, Indices
+    from imucalib_cli.logs.clock import Clock
+    from imucalib_cli.logs.streams import ImuStream
 
 STANDARD_GRAVITY = 9.80665
 """m/s², CGPM 1901."""
@@ -38,3 +40,8 @@ class ImuSamples:
     def at(self, rows: Bools | Indices) -> ImuSamples:
         """Some of the samples."""
         return replace(self, t=self.t[rows], gyro=self.gyro[rows], accel=self.accel[rows])
+
+
+def samples_of(imu: ImuStream, clock: Clock) -> ImuSamples:
+    """One IMU of a log on the log's clock."""
+    return ImuSamples(t=clock.seconds(imu), gyro=imu.gyro, accel=imu.accel, topic=imu.name)

@@ -10,8 +10,11 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from imucalib_cli.errors import InputError
+from imucalib_cli.signals.dead_reckoning import dead_reckon
 from imucalib_cli.signals.interpolate import lagrange
 from imucalib_cli.signals.noise import white_noise
+from imucalib_cli.signals.prepare import clean_imu
+from imucalib_cli.signals.samples import ImuSamples
 from imucalib_cli.signals.stamps import (
     Ticks,
     constant_rate_ticks,
@@ -23,6 +26,7 @@ from imucalib_cli.signals.stamps import (
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Bools, Floats, Indices
     from imucalib_cli.robot.path import KinematicPath, Track
+    from imucalib_cli.signals.grid import ImuGrid
 
 MIN_TRACK_SAMPLES = 6
 _BLOCK = 1 << 15
@@ -50,6 +54,8 @@ class CleanTrack:
     """The constant-rate clock behind jittered stamps, if there is one."""
     held: bool = False
     """Values were repeated until the next change; only the changes are kept."""
+    readings: ImuGrid | None = None
+    """Of an IMU by which the values are reckoned."""
 
     @cached_property
     def interval(self) -> float:
@@ -63,6 +69,8 @@ class CleanTrack:
         A quantised encoder at rest shows no noise.
         """
         variance = np.zeros(self.values.shape[1])
+        if self.readings is not None:  # a reckoned pose wanders, and no sample stands off
+            return variance
         for channel, values in enumerate(self.values.T):
             speed = np.abs(np.gradient(values))
             # Not the largest speed: with one jump of a tracker nothing else would count as motion.
@@ -101,6 +109,8 @@ def clean_track(track: Track) -> CleanTrack:
 
 
 def _cleaned(track: Track) -> CleanTrack:
+    if track.kind == "imu":
+        return _reckoned(track)
     tidy = tidy_rows(track.t, track.values)
     if len(tidy.rows) < MIN_TRACK_SAMPLES:
         raise InputError(
@@ -115,7 +125,19 @@ def _cleaned(track: Track) -> CleanTrack:
     return CleanTrack(track.name, t, values, gap_breaks(t), constant_rate_ticks(t), held)
 
 
-def continuous(kind: Literal["joints", "pose"], values: Floats) -> Floats:
+def _reckoned(track: Track) -> CleanTrack:
+    """The motion that an IMU tells by itself: one frame for the whole log, but for its gaps."""
+    imu = ImuSamples(
+        t=track.t, gyro=track.values[:, :3], accel=track.values[:, 3:], topic=track.name
+    )
+    clean = clean_imu(imu)
+    grid = clean.grid(0.0, use_ticks=clean.ticks is not None)
+    values = np.hstack(dead_reckon(grid.gyro, grid.accel, grid.dt)[::-1])
+    t = grid.t[grid.usable]
+    return CleanTrack(track.name, t, values[grid.usable], gap_breaks(t), ticks=None, readings=grid)
+
+
+def continuous(kind: Literal["joints", "pose", "imu"], values: Floats) -> Floats:
     """Values of a track in order of time, without sign changes and wraps.
 
     Quaternions get one sign. Joint positions are unwrapped, if the channel stays within one turn.
@@ -128,6 +150,8 @@ def continuous(kind: Literal["joints", "pose"], values: Floats) -> Floats:
     Returns:
         As the values, with the same first row; the same array if no joint jumps.
     """
+    if kind == "imu":
+        return values
     if kind == "pose":
         values = values.copy()
         q = values[:, 3:]
@@ -204,6 +228,11 @@ class Trajectory:
             return 0.0
         found = [track.ticks.mean_variance for track in self.tracks if track.ticks is not None]
         return max(found, default=0.0)
+
+    @property
+    def base_readings(self) -> ImuGrid | None:
+        """Of the IMU that tells how the base moves, if one does."""
+        return next((track.readings for track in self.tracks if track.readings is not None), None)
 
     @property
     def interval(self) -> float:

@@ -35,6 +35,15 @@ class ImuMount:
 
 
 @dataclass(frozen=True, kw_only=True)
+class PlacedImu(ImuMount):
+    """An IMU with its link and its topic."""
+
+    parent: str
+    """The link that carries it."""
+    topic: str
+
+
+@dataclass(frozen=True, kw_only=True)
 class FixedFrame:
     """Another frame fixed to a link."""
 
@@ -79,6 +88,24 @@ class ArmJoint:
     """Limit, degrees/s."""
     effort: float
     """Limit, N m."""
+
+    @property
+    def direction(self) -> Vector:
+        """The axis in the joint's frame."""
+        return (0.0, 0.0, 1.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LegJoint(ArmJoint):
+    """A revolute joint about one of its axes."""
+
+    axis: Literal["x", "y", "z"]
+
+    @property
+    def direction(self) -> Vector:
+        """The axis in the joint's frame."""
+        x, y, z = (float(axis == self.axis) for axis in "xyz")
+        return x, y, z
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,12 +155,18 @@ class Move:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Arm:
-    """A serial arm under position control."""
+class Jointed:
+    """Links under position control; a joint stands after the one that carries it."""
 
     joints: tuple[ArmJoint, ...]
     links: tuple[ArmLink, ...]
     drives: Drives
+
+
+@dataclass(frozen=True, kw_only=True)
+class Arm(Jointed):
+    """A serial arm, its first joint on the world."""
+
     start_deg: tuple[float, ...]
     start_rest: float
     moves: tuple[Move, ...]
@@ -167,8 +200,161 @@ class FreeBody:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Trunk:
+    """The body that carries the legs; its link is the system's parent."""
+
+    size: Vector
+    """m, edge lengths along x, y, z."""
+    mass: float
+    com: Vector
+    """m, centre of mass."""
+    inertia: Vector
+    """kg m², about the centre of mass, along x, y, z."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Foot:
+    """A ball at the end of a leg of three joints: about x, about y, about y."""
+
+    link: str
+    """The last link of the leg."""
+    xyz: Vector
+    """m, the ball's centre in that link."""
+    radius: float
+    phase: float
+    """Share of the gait's period by which its stance begins after that of phase zero."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ground:
+    """What feet strike: a level plane."""
+
+    friction: float
+    time_constant: float
+    """s, of the contact as a critically damped spring; shorter is harder."""
+    depth: float
+    """m, in which the contact becomes so hard: forces begin at zero, and nothing jumps."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Walk:
+    """What the gait does for a while."""
+
+    seconds: float
+    forward: float
+    """m/s."""
+    left: float
+    turn_deg: float
+    """Degrees/s, to the left."""
+    lift: float
+    """m, height of a step; zero stands."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sway:
+    """A sinusoidal motion of the trunk over its feet."""
+
+    of: Literal["x", "y", "z", "roll", "pitch", "yaw"]
+    amplitude: float
+    """m, or degrees of a turn."""
+    period: float
+    """s."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Swing:
+    """A sinusoidal motion of a joint that belongs to no leg."""
+
+    joint: str
+    amplitude_deg: float
+    period: float
+    """s."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gait:
+    """Joint references without feedback of the trunk's pose."""
+
+    height: float
+    """m, of the trunk's origin over the balls' centres."""
+    wider: float
+    """m by which a foot stands further out than its hip."""
+    period: float
+    """s, of a stride."""
+    stance: float
+    """Share of it in which a foot stands."""
+    start_rest: float
+    """s."""
+    blend: float
+    """s, from one walk to the next."""
+    walks: tuple[Walk, ...]
+    sways: tuple[Sway, ...]
+    swings: tuple[Swing, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Legged(Jointed):
+    """A robot that walks: a floating trunk, joints of one axis each, feet on the ground."""
+
+    joints: tuple[LegJoint, ...]
+    trunk: Trunk
+    feet: tuple[Foot, ...]
+    ground: Ground
+    gait: Gait
+
+    def leg(self, foot: Foot) -> tuple[int, int, int]:
+        """Numbers of the joints that carry a foot, from the trunk on.
+
+        Raises:
+            ValueError: They are not as a :class:`Foot` is carried.
+        """
+        carried = {joint.child: number for number, joint in enumerate(self.joints)}
+        numbers: list[int] = []
+        link = foot.link
+        while link in carried:
+            numbers.insert(0, carried[link])
+            link = self.joints[numbers[0]].parent
+        axes = "".join(self.joints[number].axis for number in numbers)
+        origins = [self.joints[number].xyz for number in numbers[1:]] + [foot.xyz]
+        along = [tuple(value != 0 for value in origin) for origin in origins]
+        turned = any(any(self.joints[number].rpy) for number in numbers)
+        straight = [(False, True, False), (False, False, True), (False, False, True)]
+        if axes != "xyy" or along != straight or turned:
+            raise ValueError(
+                f"the foot of {foot.link} needs a leg of three joints without rpy, about x, y, y; "
+                "the second is beside the first along y, the third below it, the foot below that"
+            )
+        first, second, third = numbers
+        return first, second, third
+
+    def __post_init__(self) -> None:
+        """Refuse legs that the gait cannot move."""
+        legs = {number for foot in self.feet for number in self.leg(foot)}
+        others = {j.name for number, j in enumerate(self.joints) if number not in legs}
+        for swing in self.gait.swings:
+            if swing.joint not in others:
+                raise ValueError(
+                    f"swings: {swing.joint} is no joint beside the legs; "
+                    f"there are {', '.join(sorted(others)) or 'none'}"
+                )
+        if not self.feet or not self.gait.walks:
+            raise ValueError("legged: state at least one foot and one walk")
+        times = [self.gait.period, self.gait.blend, self.ground.time_constant, self.ground.depth]
+        times += [walk.seconds for walk in self.gait.walks]
+        times += [sway.period for sway in self.gait.sways]
+        times += [swing.period for swing in self.gait.swings]
+        if min(times) <= 0 or not 0 < self.gait.stance < 1:
+            raise ValueError(
+                "legged: times and depth must be positive, stance a share between 0 and 1"
+            )
+
+
+_ONE_MOVER = "state one of arm, free_body and legged"
+
+
+@dataclass(frozen=True, kw_only=True)
 class SystemConfig:
-    """A system: one YAML file. Exactly one of ``arm`` and ``free_body`` is given."""
+    """A system: one YAML file. Exactly one of arm, free_body and legged is given."""
 
     name: str
     description: str
@@ -184,24 +370,52 @@ class SystemConfig:
     topics: Topics
     arm: Arm | None = None
     free_body: FreeBody | None = None
+    legged: Legged | None = None
+    imus: tuple[PlacedImu, ...] = ()
+    """Further IMUs, beside ``imu`` on ``parent``."""
+    bandwidth: float | None = None
+    """Hz, of the low-pass in every IMU; None: it measures the instant."""
 
     @property
-    def mover(self) -> Arm | FreeBody:
-        """The arm or the free body, whichever is given."""
-        mover = self.arm or self.free_body
+    def mover(self) -> Arm | FreeBody | Legged:
+        """What moves, whichever is given."""
+        mover = self.arm or self.free_body or self.legged
         if mover is None:
-            raise ValueError("state either arm or free_body")
+            raise ValueError(_ONE_MOVER)
         return mover
+
+    @property
+    def every_imu(self) -> tuple[PlacedImu, ...]:
+        """The IMUs, that on ``parent`` first."""
+        first = PlacedImu(
+            link=self.imu.link,
+            xyz=self.imu.xyz,
+            rpy=self.imu.rpy,
+            nominal=self.imu.nominal,
+            parent=self.parent,
+            topic=self.topics.imu,
+        )
+        return first, *self.imus
+
+    @property
+    def joints(self) -> tuple[ArmJoint, ...]:
+        """The joints that are published; none of a free body."""
+        return self.mover.joints if isinstance(self.mover, Jointed) else ()
 
     def __post_init__(self) -> None:
         """Refuse values that the types allow but that make no sense."""
-        if (self.arm is None) == (self.free_body is None):
-            raise ValueError("state either arm or free_body")
+        if sum(mover is not None for mover in (self.arm, self.free_body, self.legged)) != 1:
+            raise ValueError(_ONE_MOVER)
         if min(self.rates.step, self.rates.imu, self.rates.robot, self.duration) <= 0:
             raise ValueError("rates and duration must be positive")
-        if self.arm is not None:
-            n, drives = len(self.arm.joints), self.arm.drives
-            lists = [drives.stiffness, drives.damping, drives.rotor_inertia, self.arm.start_deg]
-            lists += [move.to_deg for move in self.arm.moves]
+        if isinstance(self.mover, Jointed):
+            n, drives = len(self.mover.joints), self.mover.drives
+            lists = [drives.stiffness, drives.damping, drives.rotor_inertia]
+            if self.arm is not None:
+                lists += [self.arm.start_deg, *(move.to_deg for move in self.arm.moves)]
             if any(len(values) != n for values in lists):
                 raise ValueError(f"drives, start_deg and to_deg need {n} numbers, one a joint")
+        for what in ("link", "topic"):
+            names = [getattr(imu, what) for imu in self.every_imu]
+            if len(set(names)) < len(names):
+                raise ValueError(f"imus: each needs a {what} of its own")

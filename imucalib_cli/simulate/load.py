@@ -20,7 +20,7 @@ _GRADES = "imu_grades"
 
 
 def load_system(name_or_file: str | Path) -> SystemConfig:
-    """Read a system by its name (rihibot, barbot) or from the user's own YAML file.
+    """Read a system by its name (rihibot, barbot, walker) or from the user's own YAML file.
 
     Raises:
         ChoiceError: There is no such system.

@@ -9,14 +9,14 @@ import numpy as np
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.robot.rotations import matrix_from_rpy, quaternion_from_matrix
-from imucalib_cli.simulate.config import Arm
+from imucalib_cli.simulate.config import FreeBody, Legged
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
-    from imucalib_cli.simulate.config import FreeBody, SystemConfig
+    from imucalib_cli.simulate.config import Jointed, SystemConfig
 
     Floats = NDArray[np.float64]
 
@@ -26,44 +26,50 @@ Mount = tuple[str, "Floats", "Floats"]
 
 def model_xml(
     system: SystemConfig,
-    R_parent_imu: Floats,
-    t_parent_imu: Floats,
+    imus: Sequence[Mount],
     gravity_world: Floats,
     camera: Mount | None = None,
 ) -> str:
-    """Write the model with an accelerometer and a gyroscope at the IMU's mount.
+    """Write the model with a gyroscope and an accelerometer at the mount of each IMU.
 
     With a camera, sensors of its pose in the world (position, quaternion wxyz) follow.
 
     Args:
         system: What to model.
-        R_parent_imu: (3, 3), true orientation of the IMU in its parent link.
-        t_parent_imu: (3,), m.
+        imus: The link that carries each IMU, its true orientation R_parent_imu (3, 3) and
+            position t_parent_imu (3,), m.
         gravity_world: (3,), m/s².
         camera: The link that carries the camera, R_link_camera (3, 3), p_link_camera (3,), m.
 
     Raises:
-        InputError: The parent link is not in the configuration.
+        InputError: A link of an IMU is not in the configuration.
     """
     root = ET.Element("mujoco", model=system.name)
     ET.SubElement(root, "compiler", angle="radian", autolimits="false")
     option = ET.SubElement(root, "option", integrator="RK4", gravity=_numbers(gravity_world))
-    ET.SubElement(option, "flag", contact="disable", constraint="disable")
     world = ET.SubElement(root, "worldbody")
     mover = system.mover
-    if isinstance(mover, Arm):
-        bodies = _arm(world, mover)
-        _drives(ET.SubElement(root, "actuator"), mover)
+    bodies: dict[str, ET.Element] = {}
+    if isinstance(mover, Legged):
+        bodies = _trunk(world, system.parent, mover)
     else:
+        ET.SubElement(option, "flag", contact="disable", constraint="disable")
+    if isinstance(mover, FreeBody):
         bodies = _free_body(world, system.parent, mover)
-    if system.parent not in bodies:
-        raise InputError(f"{system.name}: no link {system.parent}; it has {', '.join(bodies)}")
-    imu = bodies[system.parent]
-    position, orientation = _numbers(t_parent_imu), _numbers(_wxyz(R_parent_imu))
-    ET.SubElement(imu, "site", name=SITE, pos=position, quat=orientation)
+    else:
+        bodies = _jointed(world, bodies, mover)
+        _drives(ET.SubElement(root, "actuator"), mover)
+    if isinstance(mover, Legged):
+        _contacts(world, bodies, mover)
     sensors = ET.SubElement(root, "sensor")
-    ET.SubElement(sensors, "gyro", site=SITE)
-    ET.SubElement(sensors, "accelerometer", site=SITE)
+    for number, (link, R_parent_imu, t_parent_imu) in enumerate(imus):
+        if link not in bodies:
+            raise InputError(f"{system.name}: no link {link}; it has {', '.join(bodies)}")
+        site = f"{SITE}{number or ''}"
+        position, orientation = _numbers(t_parent_imu), _numbers(_wxyz(R_parent_imu))
+        ET.SubElement(bodies[link], "site", name=site, pos=position, quat=orientation)
+        ET.SubElement(sensors, "gyro", site=site)
+        ET.SubElement(sensors, "accelerometer", site=site)
     if camera is not None:
         link, R_link_camera, p_link_camera = camera
         position, orientation = _numbers(p_link_camera), _numbers(_wxyz(R_link_camera))
@@ -73,8 +79,11 @@ def model_xml(
     return ET.tostring(root, encoding="unicode")
 
 
-def _arm(world: ET.Element, arm: Arm) -> dict[str, ET.Element]:
-    bodies: dict[str, ET.Element] = {}
+def _jointed(
+    world: ET.Element, bodies: dict[str, ET.Element], arm: Jointed
+) -> dict[str, ET.Element]:
+    """Bodies by their link's name: those given and one a joint."""
+    bodies = dict(bodies)
     links = {link.name: link for link in arm.links}
     for joint, rotor in zip(arm.joints, arm.drives.rotor_inertia, strict=True):
         link = links.get(joint.child)
@@ -88,7 +97,9 @@ def _arm(world: ET.Element, arm: Arm) -> dict[str, ET.Element]:
             quat=_numbers(_wxyz(matrix_from_rpy(joint.rpy))),
             gravcomp=repr(arm.drives.gravity_compensation),
         )
-        ET.SubElement(body, "joint", name=joint.name, axis="0 0 1", armature=repr(rotor))
+        ET.SubElement(
+            body, "joint", name=joint.name, axis=_numbers(joint.direction), armature=repr(rotor)
+        )
         inertia = _numbers(link.inertia())
         ET.SubElement(
             body, "inertial", pos=_numbers(link.com), mass=repr(link.mass), diaginertia=inertia
@@ -97,7 +108,37 @@ def _arm(world: ET.Element, arm: Arm) -> dict[str, ET.Element]:
     return bodies
 
 
-def _drives(actuators: ET.Element, arm: Arm) -> None:
+def _trunk(world: ET.Element, name: str, legged: Legged) -> dict[str, ET.Element]:
+    trunk, gait = legged.trunk, legged.gait
+    height = gait.height + legged.feet[0].radius
+    body = ET.SubElement(world, "body", name=name, pos=_numbers((0.0, 0.0, height)))
+    ET.SubElement(body, "freejoint")
+    inertia = _numbers(trunk.inertia)
+    ET.SubElement(
+        body, "inertial", pos=_numbers(trunk.com), mass=repr(trunk.mass), diaginertia=inertia
+    )
+    return {name: body}
+
+
+def _contacts(world: ET.Element, bodies: dict[str, ET.Element], legged: Legged) -> None:
+    """Feet touch the ground, and nothing else touches anything."""
+    ground = legged.ground
+    contact = {
+        "friction": _numbers((ground.friction, 0.005, 0.0001)),  # MuJoCo's own but sliding
+        "solref": _numbers((ground.time_constant, 1.0)),
+        # From MuJoCo's least to its own hardness: a reading jumps nowhere, so that the readings at
+        # the instants of the log have the sum that the velocity has.
+        "solimp": _numbers((0.0001, 0.95, ground.depth, 0.5, 2.0)),
+    }
+    plane = {"type": "plane", "size": "0 0 1", "contype": "1", "conaffinity": "0"}
+    ET.SubElement(world, "geom", plane | contact)
+    for foot in legged.feet:
+        ball = {"type": "sphere", "size": repr(foot.radius), "contype": "0", "conaffinity": "1"}
+        place = {"pos": _numbers(foot.xyz), "mass": "0"}
+        ET.SubElement(bodies[foot.link], "geom", ball | place | contact)
+
+
+def _drives(actuators: ET.Element, arm: Jointed) -> None:
     drives = zip(arm.joints, arm.drives.stiffness, arm.drives.damping, strict=True)
     for joint, stiffness, damping in drives:
         ET.SubElement(actuators, "position", joint=joint.name, kp=repr(stiffness), kv=repr(damping))

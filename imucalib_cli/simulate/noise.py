@@ -21,6 +21,7 @@ from imucalib_cli.robot.rotations import (
 from imucalib_cli.simulate.recording import (
     CameraRecord,
     Corruption,
+    ImuErrors,
     ImuRecord,
     JointRecord,
     Messages,
@@ -30,7 +31,7 @@ from imucalib_cli.simulate.recording import (
 )
 
 if TYPE_CHECKING:
-    from imucalib_cli.simulate.options import NoiseOptions
+    from imucalib_cli.simulate.options import NoiseOptions, Vector
 
 Floats = NDArray[np.float64]
 Kept = NDArray[np.bool_]
@@ -57,15 +58,46 @@ def corrupt(recording: Recording, noise: NoiseOptions, seed: int) -> Recording:
     if recording.corruption is not None:
         raise InputError("this recording has noise already; corrupt the clean one")
     _check(noise)
-    imu_seed, robot_seed, camera_seed = np.random.SeedSequence(seed).spawn(3)
-    imu, corruption = _corrupt_imu(recording.imu, noise, imu_seed, seed)
+    imu_seed, robot_seed, camera_seed, *other_seeds = np.random.SeedSequence(seed).spawn(
+        3 + len(recording.others)
+    )
+    imu, errors = _corrupt_imu(recording.imu, noise, imu_seed)
+    others = [
+        _corrupt_imu(other, _other_bias(noise, number), other_seed)
+        for number, (other, other_seed) in enumerate(
+            zip(recording.others, other_seeds, strict=True), start=1
+        )
+    ]
     seeds = robot_seed.spawn(len(recording.robot))
     parts = zip(recording.robot, seeds, strict=True)
     robot = tuple(_corrupt_robot(record, noise, part_seed) for record, part_seed in parts)
     dropped = sum(len(r.t) for r in recording.robot) - sum(len(r.t) for r in robot)
-    corruption = replace(corruption, robot_dropped=dropped)
+    corruption = Corruption(
+        **{field.name: getattr(errors, field.name) for field in fields(errors)},
+        noise=noise,
+        seed=seed,
+        robot_dropped=dropped,
+        others=tuple(errors for _, errors in others),
+    )
     camera = recording.camera and _corrupt_camera(recording.camera, noise, camera_seed)
-    return replace(recording, imu=imu, robot=robot, camera=camera, corruption=corruption)
+    return replace(
+        recording,
+        imu=imu,
+        others=tuple(other for other, _ in others),
+        robot=robot,
+        camera=camera,
+        corruption=corruption,
+    )
+
+
+def _other_bias(noise: NoiseOptions, number: int) -> NoiseOptions:
+    """The biases of a further IMU: of the same size as the first one's, on other axes."""
+
+    def turned(bias: Vector) -> Vector:
+        x, y, z = np.roll(bias, number) * (-1) ** number
+        return float(x), float(y), float(z)
+
+    return replace(noise, accel_bias=turned(noise.accel_bias), gyro_bias=turned(noise.gyro_bias))
 
 
 def _corrupt_camera(
@@ -88,8 +120,8 @@ def _corrupt_robot(record: Robot, noise: NoiseOptions, seed: np.random.SeedSeque
 
 
 def _corrupt_imu(
-    imu: ImuRecord, noise: NoiseOptions, imu_seed: np.random.SeedSequence, seed: int
-) -> tuple[ImuRecord, Corruption]:
+    imu: ImuRecord, noise: NoiseOptions, imu_seed: np.random.SeedSequence
+) -> tuple[ImuRecord, ImuErrors]:
     s = _streams(imu_seed, 11)
     interval = _interval(imu)
     shape = imu.accel.shape
@@ -108,17 +140,14 @@ def _corrupt_imu(
     imu = replace(imu, accel=accel, gyro=gyro)
     imu = _publish(imu, noise, noise.time_offset, noise.stamp_jitter, s[8:10])
     imu, kept = _lose(imu, noise.dropouts, s[10])
-    corruption = Corruption(
-        noise=noise,
-        seed=seed,
+    errors = ImuErrors(
         spiked=spiked[kept],
         saturated=cut[kept],
         imu_dropped=int((~kept).sum()),
-        robot_dropped=0,
         accel_bias=accel_bias[kept],
         gyro_bias=gyro_bias[kept],
     )
-    return imu, corruption
+    return imu, errors
 
 
 def white_std(noise: NoiseOptions, imu: ImuRecord) -> tuple[float, float]:

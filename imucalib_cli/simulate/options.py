@@ -40,6 +40,8 @@ class PhysicsOptions:
     """Number of joint publishers, each with part of the joints and its own instants."""
     robot_phase: float = 0.0
     """Share of a robot's period by which its instants come after those of the IMU."""
+    bandwidth: float | None = None
+    """Hz, of the low-pass in every IMU; zero measures the instant."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -18,7 +18,9 @@ from imucalib_cli.errors import InputError
 from imucalib_cli.optional import optional
 from imucalib_cli.robot.rotations import matrix_from_rotvec, matrix_from_rpy
 from imucalib_cli.simulate.camera.view import camera_mount, see
-from imucalib_cli.simulate.config import Arm
+from imucalib_cli.simulate.config import Arm, FreeBody
+from imucalib_cli.simulate.gait import GaitReference
+from imucalib_cli.simulate.low_pass import LowPass
 from imucalib_cli.simulate.mjcf import model_xml
 from imucalib_cli.simulate.motion import ArmReference, PushPlan, instants
 from imucalib_cli.simulate.options import PhysicsOptions
@@ -34,7 +36,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from imucalib_cli.simulate.camera.config import CameraConfig
-    from imucalib_cli.simulate.config import FreeBody, SystemConfig
+    from imucalib_cli.simulate.config import Jointed, SystemConfig
+    from imucalib_cli.simulate.motion import Reference
 
 Floats = NDArray[np.float64]
 
@@ -76,26 +79,29 @@ def record(
     )
     t_parent_imu = np.array(system.imu.xyz if options.mount_xyz is None else options.mount_xyz)
     gravity_world = _gravity(system, options)
+    bandwidth = system.bandwidth if options.bandwidth is None else options.bandwidth
+    low_pass = LowPass.of(bandwidth, imu_rate, step) if bandwidth else None
+    imus = [(system.parent, R_parent_imu, t_parent_imu)]
+    imus += [(imu.parent, matrix_from_rpy(imu.rpy), np.array(imu.xyz)) for imu in system.imus]
     model = engine.MjModel.from_xml_string(
         model_xml(
             system,
-            R_parent_imu,
-            t_parent_imu,
+            imus,
             gravity_world,
             None if camera is None else camera_mount(system, camera.frame.link),
         )
     )
     data = engine.MjData(model)
-    control = _control(system, options, duration)
-    if system.arm is not None:
-        data.qpos[:] = np.radians(system.arm.start_deg)
+    control = _control(system, options, duration, data)
 
-    imu_t = instants(imu_rate, duration)
+    every = low_pass.every if low_pass else 1
+    inner_t = instants(imu_rate * every, duration)
+    imu_t = inner_t[::every]
     phases = [k / len(groups) + options.robot_phase for k in range(len(groups))]
     robot_t = [instants(robot_rate, duration, phase) for phase in phases]
     camera_t = np.zeros(0) if camera is None else instants(camera.rate, duration)
     # Instants of several clocks that differ only by rounding are one instant.
-    events = np.unique(np.round(np.concatenate([imu_t, *robot_t, camera_t]), 12))
+    events = np.unique(np.round(np.concatenate([inner_t, *robot_t, camera_t]), 12))
     with _callback:
         previous = engine.get_mjcb_control()
         engine.set_mjcb_control(control)
@@ -108,12 +114,21 @@ def record(
         raise InputError(f"{system.name}: the motion blew up; use a shorter step or softer drives")
 
     at = np.searchsorted(events, np.round(imu_t, 12))
-    imu = ImuRecord(
-        t=imu_t, stamp=imu_t, received=imu_t, gyro=sensors[at, :3], accel=sensors[at, 3:6]
+    inner = sensors[np.searchsorted(events, np.round(inner_t, 12)), : 6 * len(imus)]
+    read = inner if low_pass is None else low_pass(inner)
+    imu, *others = (
+        ImuRecord(
+            t=imu_t,
+            stamp=imu_t,
+            received=imu_t,
+            gyro=read[:, first : first + 3].copy(),
+            accel=read[:, first + 3 : first + 6].copy(),
+        )
+        for first in range(0, 6 * len(imus), 6)
     )
     state = State(t=imu_t, position=q[at], velocity=qd[at], acceleration=qdd[at])
     rows = [np.searchsorted(events, np.round(t, 12)) for t in robot_t]
-    seen = sensors[np.searchsorted(events, np.round(camera_t, 12)), 6:]
+    seen = sensors[np.searchsorted(events, np.round(camera_t, 12)), 6 * len(imus) :]
     return Recording(
         system=system,
         physics=options,
@@ -121,6 +136,8 @@ def record(
         t_parent_imu=t_parent_imu,
         gravity_world=gravity_world,
         imu=imu,
+        others=tuple(others),
+        imu_delay=low_pass.delay if low_pass else 0.0,
         robot=_robot(system, groups, robot_t, [q[row] for row in rows]),
         state=state,
         engine=f"MuJoCo {engine.__version__}",
@@ -141,15 +158,22 @@ def _gravity(system: SystemConfig, options: PhysicsOptions) -> Floats:
     return np.asarray(R_level_world @ [0.0, 0.0, -norm], dtype=np.float64)
 
 
-def _control(system: SystemConfig, options: PhysicsOptions, duration: float) -> Any:
-    """Callback of MuJoCo, at every stage of every step, so that inputs are smooth in time."""
+def _control(system: SystemConfig, options: PhysicsOptions, duration: float, data: Any) -> Any:
+    """Set where joints begin; callback of MuJoCo.
+
+    It is called at every stage of every step, so that inputs are smooth in time.
+    """
     mover = system.mover
-    if isinstance(mover, Arm):
-        return _arm_control(mover, ArmReference(mover, duration))
-    return _body_control(mover, PushPlan(mover, options.profile))
+    if isinstance(mover, FreeBody):
+        return _body_control(mover, PushPlan(mover, options.profile))
+    reference = (
+        ArmReference(mover, duration) if isinstance(mover, Arm) else GaitReference(mover, duration)
+    )
+    data.qpos[len(data.qpos) - len(mover.joints) :] = reference(0.0)[0]
+    return _joint_control(mover, reference)
 
 
-def _arm_control(arm: Arm, reference: ArmReference) -> Any:
+def _joint_control(arm: Jointed, reference: Reference) -> Any:
     lead = np.array(arm.drives.damping) / np.array(arm.drives.stiffness)
 
     def control(_model: Any, data: Any) -> None:
@@ -202,11 +226,11 @@ def _run(
 
 def _publishers(system: SystemConfig, number: int) -> list[list[int]]:
     """Columns of each publisher's joints."""
-    if system.arm is None:
+    joints = len(system.joints)
+    if joints == 0:
         if number != 1:
             raise InputError(f"{system.name} has no joints to split over {number} publishers")
         return [[]]
-    joints = len(system.arm.joints)
     if not 1 <= number <= joints:
         raise InputError(f"{number} publishers: {system.name} has {joints} joints to split")
     return [part.tolist() for part in np.array_split(np.arange(joints), number)]
@@ -215,7 +239,8 @@ def _publishers(system: SystemConfig, number: int) -> list[list[int]]:
 def _robot(
     system: SystemConfig, groups: list[list[int]], times: list[Floats], positions: list[Floats]
 ) -> tuple[JointRecord | PoseRecord, ...]:
-    if system.arm is None:
+    names = [joint.name for joint in system.joints]
+    if not names:
         (t,), (q,) = times, positions
         pose = PoseRecord(
             t=t,
@@ -227,10 +252,13 @@ def _robot(
             quaternion_xyzw=q[:, [4, 5, 6, 3]],
         )
         return (pose,)
-    names = [joint.name for joint in system.arm.joints]
     return tuple(
         JointRecord(
-            t=t, stamp=t, received=t, names=tuple(names[c] for c in columns), position=q[:, columns]
+            t=t,
+            stamp=t,
+            received=t,
+            names=tuple(names[c] for c in columns),
+            position=q[:, q.shape[1] - len(names) :][:, columns],
         )
         for columns, t, q in zip(groups, times, positions, strict=True)
     )

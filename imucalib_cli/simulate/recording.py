@@ -100,7 +100,8 @@ class State:
     """The engine's state at the IMU's instants, without noise.
 
     An arm: joint positions, rates, accelerations in the order of the configuration. A free body:
-    (x y z qw qx qy qz), then linear (world) and angular (body) velocity and acceleration.
+    (x y z qw qx qy qz), then linear (world) and angular (body) velocity and acceleration. A legged
+    robot: its trunk's as of a free body, then its joints'.
     """
 
     t: Floats
@@ -110,21 +111,29 @@ class State:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Corruption:
-    """Truth about the errors added to a recording."""
+class ImuErrors:
+    """Truth about the errors added to an IMU's readings."""
 
-    noise: NoiseOptions
-    seed: int
     spiked: NDArray[np.bool_]
     """(N,), over the remaining IMU samples."""
     saturated: NDArray[np.bool_]
     """(N,), samples clipped to the sensor's range."""
     imu_dropped: int
-    robot_dropped: int
     accel_bias: Floats
     """(N, 3), m/s², bias of each remaining sample."""
     gyro_bias: Floats
     """(N, 3), rad/s."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Corruption(ImuErrors):
+    """Truth about the errors added to a recording, and to the first of its IMUs."""
+
+    noise: NoiseOptions
+    seed: int
+    robot_dropped: int
+    others: tuple[ImuErrors, ...] = ()
+    """Of the further IMUs."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -145,6 +154,10 @@ class Recording:
     state: State
     engine: str
     """Physics engine and its version."""
+    others: tuple[ImuRecord, ...] = ()
+    """The system's further IMUs."""
+    imu_delay: float = 0.0
+    """s, by which a low-pass delays the readings of every IMU."""
     camera: CameraRecord | None = None
     corruption: Corruption | None = None
 
@@ -152,3 +165,8 @@ class Recording:
     def noise(self) -> NoiseOptions:
         """Errors of sensors and drivers; none in a clean recording."""
         return NoiseOptions() if self.corruption is None else self.corruption.noise
+
+    @property
+    def time_offset(self) -> float:
+        """IMU stamp - robot stamp of the same instant, s: the clocks' and the low-pass's."""
+        return self.noise.time_offset + self.imu_delay

@@ -12,14 +12,14 @@ from imucalib_cli import __version__
 from imucalib_cli.results.atomic import write_whole
 from imucalib_cli.results.codec import PlainDumper
 from imucalib_cli.results.places import see_places
-from imucalib_cli.robot.rotations import quaternion_from_matrix
+from imucalib_cli.robot.rotations import matrix_from_rpy, quaternion_from_matrix
 from imucalib_cli.simulate.camera.aprilgrid import opencv
 from imucalib_cli.simulate.camera.kalibr import camera_truth, kalibr_paths, write_kalibr
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import LogOptions, NoiseOptions
 from imucalib_cli.simulate.physics import record
 from imucalib_cli.simulate.urdf import MADE_BY, urdf_text
-from imucalib_cli.simulate.write_log import see_log_place, write_log
+from imucalib_cli.simulate.write_log import named_imus, see_log_place, write_log
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -28,9 +28,10 @@ if TYPE_CHECKING:
     from imucalib_cli.simulate.camera.config import CameraConfig
     from imucalib_cli.simulate.config import SystemConfig
     from imucalib_cli.simulate.options import PhysicsOptions
-    from imucalib_cli.simulate.recording import Recording
+    from imucalib_cli.simulate.recording import ImuErrors, Recording
 
 _HEAD = 512
+_LATER = {"legged", "imus", "bandwidth"}
 
 
 def simulate(
@@ -123,8 +124,9 @@ def truth_of(recording: Recording, log: LogOptions) -> dict[str, Any]:
     messages, ``camera`` is the result Kalibr should find, ``settings`` are all inputs of the
     simulation.
     """
-    corruption, camera, system = recording.corruption, recording.camera, recording.system
-    zero = np.zeros(3)
+    camera, system = recording.camera, recording.system
+    corruption, imu = recording.corruption, recording.system.imu
+    imus = _imus_truth(recording, log)
     chosen = recording.physics
     # The system's own values instead of None, so that the file alone describes the log.
     physics = replace(
@@ -134,33 +136,27 @@ def truth_of(recording: Recording, log: LogOptions) -> dict[str, Any]:
         robot_rate=chosen.robot_rate or system.rates.robot,
         step=chosen.step or system.rates.step,
         gravity=system.gravity if chosen.gravity is None else chosen.gravity,
-        mount_xyz=chosen.mount_xyz or system.imu.xyz,
-        mount_rpy=chosen.mount_rpy or system.imu.rpy,
+        mount_xyz=chosen.mount_xyz or imu.xyz,
+        mount_rpy=chosen.mount_rpy or imu.rpy,
+        bandwidth=system.bandwidth if chosen.bandwidth is None else chosen.bandwidth,
     )
     document = {
-        "transform": {
-            "parent": system.parent,
-            "child": log.imu_frame or system.imu.link,
-            "translation": recording.t_parent_imu,
-            "rotation_xyzw": quaternion_from_matrix(recording.R_parent_imu),
-        },
-        "time_offset": recording.noise.time_offset,
-        "accel_bias": corruption.accel_bias.mean(axis=0) if corruption else zero,
-        "gyro_bias": corruption.gyro_bias.mean(axis=0) if corruption else zero,
+        "transform": imus[0]["transform"],
+        "time_offset": recording.time_offset,
+        "accel_bias": imus[0]["accel_bias"],
+        "gyro_bias": imus[0]["gyro_bias"],
         "gravity_world": recording.gravity_world,
         "log": {
             "duration": float(recording.state.t[-1]),
-            "imu_messages": len(recording.imu.t),
-            "imu_dropped": corruption.imu_dropped if corruption else 0,
-            "imu_spikes": int(corruption.spiked.sum()) if corruption else 0,
-            "imu_saturated": int(corruption.saturated.sum()) if corruption else 0,
+            **imus[0]["log"],
             "robot_messages": sum(len(record.t) for record in recording.robot),
             "robot_dropped": corruption.robot_dropped if corruption else 0,
         },
+        **({"imus": imus} if len(imus) > 1 else {}),
         **({"camera": camera_truth(recording, camera)} if camera else {}),
         "settings": {
             "seed": corruption.seed if corruption else None,
-            "physics": asdict(physics),
+            "physics": stated(physics),
             "noise": asdict(corruption.noise) if corruption else None,
             "log": asdict(log),
             "versions": {
@@ -168,12 +164,50 @@ def truth_of(recording: Recording, log: LogOptions) -> dict[str, Any]:
                 "engine": recording.engine,
                 "numpy": np.__version__,
             },
-            "system": asdict(system),
+            "system": stated(system),
             **({"camera": asdict(camera.config)} if camera else {}),
         },
     }
     plain: dict[str, Any] = _plain(document)
     return plain
+
+
+def _imus_truth(recording: Recording, log: LogOptions) -> list[dict[str, Any]]:
+    """What is true about each IMU, the first one first."""
+    system, corruption = recording.system, recording.corruption
+    records = (recording.imu, *recording.others)
+    errors: Sequence[ImuErrors | None] = [None] * len(records)
+    if corruption is not None:
+        errors = [corruption, *corruption.others]
+    mounts = [(recording.R_parent_imu, recording.t_parent_imu)]
+    mounts += [(matrix_from_rpy(imu.rpy), np.array(imu.xyz)) for imu in system.imus]
+    return [
+        {
+            "topic": imu.topic,
+            "transform": {
+                "parent": imu.parent,
+                "child": imu.link,
+                "translation": t_parent_imu,
+                "rotation_xyzw": quaternion_from_matrix(R_parent_imu),
+            },
+            "accel_bias": error.accel_bias.mean(axis=0) if error else np.zeros(3),
+            "gyro_bias": error.gyro_bias.mean(axis=0) if error else np.zeros(3),
+            "log": {
+                "imu_messages": len(record.t),
+                "imu_dropped": error.imu_dropped if error else 0,
+                "imu_spikes": int(error.spiked.sum()) if error else 0,
+                "imu_saturated": int(error.saturated.sum()) if error else 0,
+            },
+        }
+        for imu, (R_parent_imu, t_parent_imu), record, error in zip(
+            named_imus(system, log), mounts, records, errors, strict=True
+        )
+    ]
+
+
+def stated(settings: SystemConfig | PhysicsOptions) -> dict[str, Any]:
+    """Keys and values; what came later is left out where it says nothing, as in older truths."""
+    return {key: v for key, v in asdict(settings).items() if v or key not in _LATER}
 
 
 def _plain(value: Any) -> Any:

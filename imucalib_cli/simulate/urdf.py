@@ -8,12 +8,12 @@ from xml.sax.saxutils import escape
 
 import numpy as np
 
-from imucalib_cli.simulate.config import Arm
+from imucalib_cli.simulate.config import Jointed, Legged
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from imucalib_cli.simulate.config import FreeBody, SystemConfig
+    from imucalib_cli.simulate.config import FreeBody, SystemConfig, Trunk
 
 _TO_AXIS = {"x": (0.0, np.pi / 2, 0.0), "y": (-np.pi / 2, 0.0, 0.0), "z": (0.0, 0.0, 0.0)}
 """rpy that turns a cylinder from z, its axis in URDF, to another axis."""
@@ -26,12 +26,16 @@ def urdf_text(system: SystemConfig) -> str:
     """Write the robot's description, with the IMU at its nominal pose and not the true one."""
     robot = ET.Element("robot", name=system.name)
     mover = system.mover
-    if isinstance(mover, Arm):
-        _arm(robot, system.world, mover)
+    if isinstance(mover, Jointed):
+        if isinstance(mover, Legged):
+            _box(robot, system.parent, mover.trunk, mover.trunk.com)
+        else:
+            ET.SubElement(robot, "link", name=system.world)
+        _jointed(robot, mover)
     else:
-        _free_body(robot, system.parent, mover)
-    nominal = system.imu.nominal
-    _fixed(robot, system.imu.link, system.parent, nominal.xyz, nominal.rpy)
+        _box(robot, system.parent, mover, (0.0, 0.0, 0.0))
+    for imu in system.every_imu:
+        _fixed(robot, imu.link, imu.parent, imu.nominal.xyz, imu.nominal.rpy)
     for frame in system.frames:
         _fixed(robot, frame.link, frame.parent, frame.xyz, frame.rpy)
     ET.indent(robot)
@@ -40,8 +44,7 @@ def urdf_text(system: SystemConfig) -> str:
     return f'<?xml version="1.0"?>\n<!-- {comment} -->\n{body}\n'
 
 
-def _arm(robot: ET.Element, world: str, arm: Arm) -> None:
-    ET.SubElement(robot, "link", name=world)
+def _jointed(robot: ET.Element, arm: Jointed) -> None:
     for link in arm.links:
         element = ET.SubElement(robot, "link", name=link.name)
         turn = _TO_AXIS[link.axis]
@@ -55,7 +58,7 @@ def _arm(robot: ET.Element, world: str, arm: Arm) -> None:
         _origin(element, joint.xyz, joint.rpy)
         ET.SubElement(element, "parent", link=joint.parent)
         ET.SubElement(element, "child", link=joint.child)
-        ET.SubElement(element, "axis", xyz="0 0 1")
+        ET.SubElement(element, "axis", xyz=_numbers(joint.direction))
         limit = np.radians(joint.range_deg)
         ET.SubElement(
             element,
@@ -67,11 +70,11 @@ def _arm(robot: ET.Element, world: str, arm: Arm) -> None:
         )
 
 
-def _free_body(robot: ET.Element, name: str, body: FreeBody) -> None:
+def _box(robot: ET.Element, name: str, body: FreeBody | Trunk, com: Sequence[float]) -> None:
     element = ET.SubElement(robot, "link", name=name)
     visual = ET.SubElement(element, "visual")
     ET.SubElement(ET.SubElement(visual, "geometry"), "box", size=_numbers(body.size))
-    _inertial(element, body.mass, (0.0, 0.0, 0.0), body.inertia)
+    _inertial(element, body.mass, com, body.inertia)
 
 
 def _inertial(

@@ -10,7 +10,7 @@ import sqlite3
 import tempfile
 from collections.abc import Callable
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -27,6 +27,7 @@ from imucalib_cli.simulate.recording import CameraRecord, ImuRecord, JointRecord
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from imucalib_cli.simulate.config import PlacedImu, SystemConfig
     from imucalib_cli.simulate.recording import Messages, Recording
 
 Nanoseconds = NDArray[np.int64]
@@ -225,6 +226,15 @@ _WRITERS: dict[str, Callable[[Path, str], _Log]] = {
 }
 
 
+def named_imus(system: SystemConfig, options: LogOptions) -> tuple[PlacedImu, ...]:
+    """The system's IMUs with their topics and frames in the log; options name the first."""
+    first, *others = system.every_imu
+    first = replace(
+        first, topic=options.imu_topic or first.topic, link=options.imu_frame or first.link
+    )
+    return first, *others
+
+
 class _Factory:
     """Makes message objects from the rows of a recording."""
 
@@ -238,8 +248,10 @@ class _Factory:
         """Each publisher's record with its topic, message type and messages."""
         recording, options = self._recording, self._options
         topics, camera = recording.system.topics, recording.camera
-        imu, robot = options.imu_topic or topics.imu, options.robot_topic or topics.robot
-        yield recording.imu, imu, "sensor_msgs/msg/Imu", self._imu(recording.imu)
+        robot = options.robot_topic or topics.robot
+        records = (recording.imu, *recording.others)
+        for read, imu in zip(records, named_imus(recording.system, options), strict=True):
+            yield read, imu.topic, "sensor_msgs/msg/Imu", self._imu(read, imu.link)
         for number, record in enumerate(recording.robot):
             if isinstance(record, PoseRecord):
                 yield record, robot, "tf2_msgs/msg/TFMessage", self._pose(record)
@@ -251,7 +263,7 @@ class _Factory:
 
     def latched(self) -> Iterator[tuple[str, str, Make]]:
         """Topics with one message, sent as the log begins: topic, message type and message."""
-        system, mount = self._recording.system, self._recording.system.imu
+        system = self._recording.system
         if self._options.robot_description:
             from imucalib_cli.simulate.urdf import urdf_text
 
@@ -259,14 +271,11 @@ class _Factory:
             string = self._types["std_msgs/msg/String"]
             yield "/robot_description", "std_msgs/msg/String", lambda _: string(data=text)
         if self._options.tf_static:
-            turn = quaternion_from_matrix(matrix_from_rpy(mount.nominal.rpy))
-            make = self._transforms(
-                np.zeros(1),
-                (system.parent, self._options.imu_frame or mount.link),
-                np.array([mount.nominal.xyz]),
-                turn[None],
-            )
-            yield "/tf_static", "tf2_msgs/msg/TFMessage", make
+            for imu in named_imus(system, self._options):
+                turn = quaternion_from_matrix(matrix_from_rpy(imu.nominal.rpy))
+                position = np.array([imu.nominal.xyz])
+                make = self._transforms(np.zeros(1), (imu.parent, imu.link), position, turn[None])
+                yield "/tf_static", "tf2_msgs/msg/TFMessage", make
 
     def _headers(self, stamp: NDArray[np.float64], frame: str) -> Make:
         time, header = (
@@ -281,13 +290,12 @@ class _Factory:
 
         return make
 
-    def _imu(self, record: ImuRecord) -> Make:
+    def _imu(self, record: ImuRecord, frame: str) -> Make:
         vector, imu = self._types["geometry_msgs/msg/Vector3"], self._types["sensor_msgs/msg/Imu"]
         unknown = np.zeros(9)
         # REP 145: a first element of -1 means that there is no orientation.
         no_orientation = np.array([-1.0, *np.zeros(8)])
         no_turn = self._types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
-        frame = self._options.imu_frame or self._recording.system.imu.link
         header = self._headers(record.stamp, frame)
         gyro, accel = record.gyro.tolist(), record.accel.tolist()
         return lambda i: imu(

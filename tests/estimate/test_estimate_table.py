@@ -23,11 +23,19 @@ from imucalib_cli.estimate.model.unknowns import LEAN, TABLE, JointCurve, Origin
 from imucalib_cli.estimate.model.windows import Windowing, plan_windows
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.estimate.solution.fit import lean_fit
-from imucalib_cli.robot.path import FixedStep, JointStep, KinematicPath, PoseStep, Track
+from imucalib_cli.robot.path import (
+    FixedStep,
+    JointStep,
+    KinematicPath,
+    PoseStep,
+    Track,
+    fixed_inverse,
+)
 from imucalib_cli.signals.prepare import clean_imu
 from imucalib_cli.signals.samples import ImuSamples
 from imucalib_cli.signals.trajectory import Trajectory
 from tests.estimate.estimate_arm import GRAVITY, MOUNT, Log, Moves, make_log
+from tests.estimate.estimate_walk import readings_of
 from tests.slow import slow_after
 
 if TYPE_CHECKING:
@@ -37,11 +45,10 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 RATE, SECONDS = 200.0, 16.0
-H = 1e-4
-"""s: of the differences that the mixed robot's readings are made by."""
 MIXED_OFFSET = 0.003
 COARSE = "ur10e, several samples to a node"
-ROBOTS = pytest.mark.parametrize("robot", slow_after(1, ["mixed", "ur10e", COARSE]))
+RECKONED = "mixed, its base's motion by an IMU"
+ROBOTS = pytest.mark.parametrize("robot", slow_after(2, ["mixed", RECKONED, "ur10e", COARSE]))
 
 
 def _mixed_values(t: Floats) -> tuple[Floats, Floats]:
@@ -93,17 +100,23 @@ def _mixed_path(t: Floats) -> KinematicPath:
 def _mixed_log() -> Log:
     t = np.arange(0.0, SECONDS, 1 / RATE)
     path = _mixed_path(t)
-
-    def place(t: Floats) -> tuple[Floats, Floats]:
-        R, p = path.poses(_mixed_values(t))
-        return R @ MOUNT.R, p + R @ MOUNT.t
-
-    (R, p), (R_later, p_later), (R_sooner, p_sooner) = place(t), place(t + H), place(t - H)
-    force = (p_later - 2 * p + p_sooner) / H**2 + [0, 0, GRAVITY]
-    turned = Rotation.from_matrix(np.swapaxes(R_sooner, 1, 2) @ R_later).as_rotvec()
-    accel = np.einsum("nji,nj->ni", R, force)
-    imu = ImuSamples(t=t + MIXED_OFFSET, gyro=turned / (2 * H), accel=accel)
+    mount = FixedStep(R=MOUNT.R, p=MOUNT.t)
+    gyro, accel = readings_of(lambda t: path.poses(_mixed_values(t)), mount, t)
+    imu = ImuSamples(t=t + MIXED_OFFSET, gyro=gyro, accel=accel)
     return Log(imu=imu, path=path, mount=MOUNT, time_offset=MIXED_OFFSET)
+
+
+def _reckoned_log() -> Log:
+    """The same, but for the tracker: an IMU on the base."""
+    log, path = _mixed_log(), _mixed_path(np.arange(0.0, SECONDS, 1 / RATE))
+    tracker, joints = path.tracks
+    R = Rotation.from_rotvec([0.3, -0.5, 0.9]).as_matrix()
+    mount = FixedStep(R=R, p=np.array([0.05, -0.03, 0.08]))
+    base = replace(path, steps=path.steps[:1], tracks=(tracker,))
+    read = readings_of(lambda t: base.poses(_mixed_values(t)[:1]), mount, tracker.t)
+    steps = (path.steps[0], fixed_inverse(mount), *path.steps[1:])
+    imu = replace(tracker, kind="imu", values=np.hstack(read))
+    return replace(log, path=replace(path, steps=steps, tracks=(imu, joints)))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -128,12 +141,14 @@ def windowing_of(log: Log, seconds: float = 0.3) -> Windowing:
 @cache
 def case(robot: str) -> Case:
     plain = make_log(Moves(seconds=SECONDS), time_offset=0.004)
-    log = _mixed_log() if robot == "mixed" else plain
+    log = {"mixed": _mixed_log, RECKONED: _reckoned_log}.get(robot, lambda: plain)()
     windowing = windowing_of(log, 0.7 if robot == COARSE else 0.3)
-    layout = lay_out(windowing.trajectory, MatchedOptions())
+    floats = robot == RECKONED
+    layout = lay_out(windowing.trajectory, MatchedOptions(gravity="none" if floats else "tilt"))
     x = np.zeros(layout.size)
     x[layout.part("time_offset")] = log.time_offset
-    state = State(log.mount.R, log.mount.t, np.array([0.0, 0.0, -GRAVITY]), x)
+    gravity = np.array([0.0, 0.0, 0.0 if floats else -GRAVITY])
+    state = State(log.mount.R, log.mount.t, gravity, x)
     return Case(model=Model(windowing, layout), state=state)
 
 
@@ -154,13 +169,14 @@ def test_columns_are_differences_of_the_exact_residuals(robot: str, name: str) -
     model, state = case(robot).model, case(robot).state
     layout = model.layout
     placed = [each for each in layout.placed if each.unknown.name == name]
-    assert placed or name == "pose_scale", "the robot has no such unknown"
+    assert bool(placed) == _has(robot, name)
     centres = model.centres(state)[5:-5:4]
     J = np.concatenate([J for _, J in columns(model, state, centres)])
     step = 1e-5
     for each in placed:
         # Play steps faster than from node to node.
-        coarse = name in {"joint_play", "accel_filter", "gyro_filter", "mount_give"}
+        steps_fast = {"joint_play", "accel_filter", "gyro_filter", "mount_give"}
+        coarse = name.removeprefix("base_") in steps_fast
         for place in range(each.part.start, each.part.stop):
             d = np.zeros(layout.size)
             d[place] = step
@@ -172,6 +188,15 @@ def test_columns_are_differences_of_the_exact_residuals(robot: str, name: str) -
                 off = np.sqrt(np.mean((J[:, sensor, place] - expected[:, sensor]) ** 2))
                 # Below a thousandth of a unit it is rounding of the differences.
                 assert off < (0.15 if coarse else 0.04) * size + 1e-4, each.labels
+
+
+def _has(robot: str, name: str) -> bool:
+    """Whether a robot has an unknown."""
+    if name.startswith("base_"):
+        return robot == RECKONED
+    if name.startswith("gravity_"):
+        return robot != RECKONED
+    return robot == "mixed" or name != "pose_scale"
 
 
 def owners(layout: Layout, kind: type) -> dict[str, list[Placed]]:
@@ -233,7 +258,7 @@ def test_options_take_entries_out() -> None:
     trajectory = case("ur10e").model.windowing.trajectory
     exact = MatchedOptions(robot="exact", sensor_model="ideal", gravity_std=0.0)
     names = {each.unknown.name for each in lay_out(trajectory, exact).placed}
-    assert names == {unknown.name for unknown in LEAN}
+    assert names == {each.name for each in LEAN if not each.name.startswith("base_")}
     told = lay_out(trajectory, replace(exact, robot=(1e-3, 2e-4)))
     np.testing.assert_array_equal(told.std[told.part("joint_zero")], 1e-3)
     np.testing.assert_array_equal(told.std[told.part("origin")], 2e-4)

@@ -92,5 +92,24 @@ def drive(
     return log, urdf
 
 
+def with_a_camera_frame(folder: Path, rpy: str) -> Path:
+    """The IMU's joint in the axes of a camera that the base carries."""
+    R = Rotation.from_euler("xyz", [float(each) for each in rpy.split()])
+    xyz = R.inv().apply([0.29, -0.09, 0.08])
+    turn = (R.inv() * TRUE_R).as_euler("xyz")
+    urdf = folder / "camera.urdf"
+    urdf.write_text(f"""<robot name="cart">
+  <link name="base_link"/> <link name="camera"/> <link name="imu_link"/>
+  <joint name="camera_joint" type="fixed">
+    <parent link="base_link"/> <child link="camera"/> <origin rpy="{rpy}"/>
+  </joint>
+  <joint name="imu_joint" type="fixed">
+    <parent link="camera"/> <child link="imu_link"/>
+    <origin xyz="{" ".join(map(repr, xyz.tolist()))}" rpy="{" ".join(map(repr, turn.tolist()))}"/>
+  </joint>
+</robot>""")
+    return urdf
+
+
 def _ns(t: NDArray[np.float64]) -> list[int]:
     return [START_NS + round(each * 1e9) for each in t.tolist()]

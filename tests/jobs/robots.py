@@ -13,6 +13,7 @@ from tests.conftest import START_NS
 from tests.logs.logs_samples import Said, T, header, quaternion, vector, write_log
 
 if TYPE_CHECKING:
+    from collections.abc import Collection
     from pathlib import Path
 
 
@@ -62,6 +63,8 @@ class Shape:
     """Link whose pose is published, if the base moves."""
     fingers: tuple[str, ...] = field(default=())
     """Joints that follow the first of them."""
+    stroke: float = 1.0
+    """How far they move, relative."""
 
     def urdf(self, prefix: str = "") -> str:
         links = dict.fromkeys(link for row in self.joints for link in row[2:4])
@@ -125,26 +128,41 @@ SHAPES = {
 }
 
 
-def record(
-    shape: Shape,
-    path: Path,
-    *,
-    mount: pin.SE3,
-    imu_frame: str = "imu",
-    storage: str = "mcap2",
-    joint_prefix: str = "",
-    seconds: float = 30.0,
-    seed: int = 0,
-) -> Path:
+def record(shape: Shape, path: Path, *, storage: str = "mcap2", **options: Any) -> Path:
     """A log in which all joints move, and the base if it does; noise of a good IMU.
 
     Args:
         shape: The robot.
         path: Of the log.
+        storage: As tests.logs has them.
+        options: Of :func:`messages`.
+    """
+    write_log(path, messages(shape, **options), storage)
+    return path
+
+
+def messages(
+    shape: Shape,
+    *,
+    mount: pin.SE3,
+    imu_frame: str = "imu",
+    joint_prefix: str = "",
+    namespace: str = "",
+    base_topic: str = "/tf",
+    still: Collection[str] = (),
+    seconds: float = 30.0,
+    seed: int = 0,
+) -> list[Said]:
+    """The messages of such a log.
+
+    Args:
+        shape: The robot.
         mount: T_carrier_imu.
         imu_frame: frame_id of the IMU's messages.
-        storage: As tests.logs has them.
         joint_prefix: Before the names of joints in messages.
+        namespace: Before the topics of IMU and joints.
+        base_topic: Of the base's pose; other than /tf a PoseStamped.
+        still: Joints that do not move.
         seconds: Of the log.
         seed: Of motion and noise.
     """
@@ -158,6 +176,8 @@ def record(
     names = [row[0] for row in shape.joints if row[1] != "fixed"]
     size = np.array([0.1 if row[1] == "prismatic" else 0.7 for row in shape.joints])
     size = size[[row[1] != "fixed" for row in shape.joints]]
+    size *= [name not in still for name in names]
+    size *= [shape.stroke if name in shape.fingers else 1.0 for name in names]
     waves = rng.uniform(0.8, 3.0, (2, len(names) + 6)), rng.uniform(0, 6, (2, len(names) + 6))
 
     def sway(t: float) -> Floats:
@@ -202,21 +222,27 @@ def record(
             header(ns, imu_frame),
             quaternion((0, 0, 0, 1)), unknown, vector(w), unknown, vector(a), unknown,
         )  # fmt: skip
-        said.append(Said("/imu", "sensor_msgs/msg/Imu", message, ns))
+        said.append(Said(f"{namespace}/imu", "sensor_msgs/msg/Imu", message, ns))
         # a mimic joint is not published
         told = [k for k, name in enumerate(names) if name not in shape.fingers[1:]]
         none, q = np.zeros(0), joints(float(t)) + rng.normal(0.0, 2e-5, len(names))
         state = T["JointState"](
             header(ns, ""), [joint_prefix + names[k] for k in told], q[told], none, none
         )
-        said.append(Said("/joint_states", "sensor_msgs/msg/JointState", state, ns + 1))
+        said.append(Said(f"{namespace}/joint_states", "sensor_msgs/msg/JointState", state, ns + 1))
         if shape.base:
-            xyz_quat = pin.SE3ToXYZQUAT(base(float(t)))
-            pose = T["Transform"](vector(xyz_quat[:3]), quaternion(xyz_quat[3:]))
-            tf = T["TFMessage"]([T["TransformStamped"](header(ns, "odom"), shape.base, pose)])
-            said.append(Said("/tf", "tf2_msgs/msg/TFMessage", tf, ns + 2))
-    write_log(path, said, storage)
-    return path
+            said.append(_pose_said(base_topic, shape.base, base(float(t)), ns))
+    return said
+
+
+def _pose_said(topic: str, child: str, pose: pin.SE3, ns: int) -> Said:
+    xyz_quat, head = pin.SE3ToXYZQUAT(pose), header(ns, "odom")
+    if topic != "/tf":
+        stamped = T["Pose"](T["Point"](*xyz_quat[:3]), quaternion(xyz_quat[3:]))
+        return Said(topic, "geometry_msgs/msg/PoseStamped", T["PoseStamped"](head, stamped), ns + 2)
+    transform = T["Transform"](vector(xyz_quat[:3]), quaternion(xyz_quat[3:]))
+    tf = T["TFMessage"]([T["TransformStamped"](head, child, transform)])
+    return Said("/tf", "tf2_msgs/msg/TFMessage", tf, ns + 2)
 
 
 def described(said: str) -> Said:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from imucalib_cli.cli.main import main
 from imucalib_cli.estimate.options import MatchedOptions, PosePrior
@@ -16,7 +17,7 @@ from imucalib_cli.jobs.verify import verify_recording
 from imucalib_cli.results.codec import read_results
 from imucalib_cli.results.formats import FORMATS
 from imucalib_cli.results.requirement import Tolerance
-from tests.jobs.driving import TRUE_T, drive
+from tests.jobs.driving import TRUE_T, drive, with_a_camera_frame
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -105,3 +106,29 @@ def test_planar_is_a_name_for_it(
     near = ["--within", "20mm,1deg"]
     assert main(["verify", str(log), "--urdf", str(urdf), "--planar", *near]) == 0
     assert main(["verify", str(log), "--urdf", str(urdf), "--fix", "tz", *near]) == 2
+
+
+def test_planar_holds_the_height_whatever_axis_is_upright(
+    log_and_urdf: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rpy = f"{-np.pi / 2} 0 {-np.pi / 2}"  # of optical frames: y points down
+    urdf = with_a_camera_frame(tmp_path, rpy)
+    command = [str(log_and_urdf[0]), "--urdf", str(urdf), "--planar"]
+    assert main(["run", *command]) == 0
+    (result,) = read_results(capsys.readouterr().out, "stdout")
+    assert result.parent == "camera"
+    R = Rotation.from_euler("xyz", [float(each) for each in rpy.split()])
+    assert result.pose.translation[1] == pytest.approx(-0.08, abs=1e-12)
+    np.testing.assert_allclose(R.apply(result.pose.t), TRUE_T, atol=1e-3)
+    assert main(["verify", *command, "--within", "20mm,1deg"]) == 0
+    assert "not checked: ty" in capsys.readouterr().out
+
+
+def test_planar_says_where_no_axis_is_upright(
+    log_and_urdf: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    urdf = with_a_camera_frame(tmp_path, "0 0.6 0")
+    log = str(log_and_urdf[0])
+    assert main(["run", log, "--urdf", str(urdf), "--planar"]) == 2
+    assert "no axis of camera is upright" in capsys.readouterr().err
+    assert main(["run", log, "--urdf", str(urdf), "--planar", "--parent", "base_link"]) == 0

@@ -155,6 +155,13 @@ def test_several_moving_frames_are_a_choice(log_writer: LogWriter) -> None:
     assert motion_of(log, parent="arm", world="body").path.world == "body"
 
 
+def test_frames_that_fall_apart_are_named(log_writer: LogWriter) -> None:
+    """As where the latched /tf_static was not recorded whole."""
+    log = log_writer.imu().tf("map", "body").tf("hand", "imu_link", moving=False).write()
+    with pytest.raises(ChoiceError, match=r"leads from 'hand' to .* one of: body$"):
+        motion_of(log)
+
+
 def test_a_tracked_imu_frame_is_its_own_parent(log_writer: LogWriter) -> None:
     motion = motion_of(log_writer.imu().tf("map", "imu_link").write())
     assert (motion.mount.parent, motion.mount.child) == ("imu_link", "imu_link")

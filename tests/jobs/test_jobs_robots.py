@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 
 from imucalib_cli.errors import ChoiceError
 from imucalib_cli.jobs.calibrate import calibrate
+from imucalib_cli.jobs.inspect import inspect
 from imucalib_cli.jobs.request import CalibrationRequest
-from tests.jobs.robots import SHAPES, random_mount, record
+from tests.jobs.robots import SHAPES, messages, random_mount, record
+from tests.logs.logs_samples import write_log
 from tests.slow import slow_after
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from imucalib_cli.jobs.calibrate import Outcome
+    from tests.jobs.robots import Shape
 
 
 @pytest.mark.parametrize("storage", slow_after(1, ["mcap2", "bag-lz4"]))
@@ -41,3 +47,71 @@ def test_the_link_is_named_and_the_pose_found(name: str, storage: str, tmp_path:
     sigma = np.array(result.std.translation_mm, dtype=np.float64) / 1e3
     assert np.all(np.abs(result.pose.t - mount.translation) < 4.0 * sigma)
     assert sigma.max() < 5e-3
+
+
+def run(log: Path, shape: Shape, folder: Path, **wishes: Any) -> Outcome:
+    urdf = folder / "robot.urdf"
+    urdf.write_text(shape.urdf())
+    return calibrate(CalibrationRequest(logs=(log,), urdf=urdf, **wishes))
+
+
+def test_links_behind_joints_that_stand_still_are_one(tmp_path: Path) -> None:
+    """A gripper that is not used, and a wrist that is locked."""
+    shape, mount = SHAPES["arm with a gripper"], random_mount(1)
+    still = ("j4", "left_finger", "right_finger")
+    log = record(shape, tmp_path / "log", mount=mount, still=still, seconds=15.0)
+    (error,) = run(log, shape, tmp_path).failures
+    assert str(error).endswith(
+        "moves like l3 (at rest to it in this log: l4, flange, finger_l, finger_r): --parent l3"
+    )
+
+
+@pytest.mark.parametrize("gripper", [0.02, 1.0])
+def test_an_imu_on_a_finger(tmp_path: Path, gripper: float) -> None:
+    """Fingers slide 2 mm and 10 cm; what tells them from the hand is how they push."""
+    shape, mount = SHAPES["arm with a gripper"], random_mount(2)
+    shape = replace(shape, carrier="finger_r", stroke=gripper)
+    log = record(shape, tmp_path / "log", mount=mount, seconds=20.0)
+    (error,) = run(log, shape, tmp_path).failures
+    named = str(error).rpartition("--parent ")[2]
+    assert named == ("finger_r" if gripper == 1.0 else "l4")
+
+
+def test_a_pose_that_was_not_read_may_be_the_base(tmp_path: Path) -> None:
+    shape, mount = SHAPES["arm on a moving base"], random_mount(3)
+    log = record(shape, tmp_path / "log", mount=mount, base_topic="/mocap", seconds=15.0)
+    (error,) = run(log, shape, tmp_path).failures
+    assert str(error).endswith("read it too: --pose-topic /mocap")
+    found = inspect((log,), tmp_path / "robot.urdf")
+    assert found.command is not None
+    assert "--pose-topic /mocap" in found.command
+    assert found.command.endswith("--parent upper")
+    (result,) = run(log, shape, tmp_path, parent="upper", pose_topics=("/mocap",)).results
+    assert result.status == "ok"
+
+
+def test_robots_in_one_log_are_told_apart_by_their_namespaces(tmp_path: Path) -> None:
+    shape = SHAPES["pan and tilt on a lift"]
+    mounts = {"/left": random_mount(4), "/right": random_mount(5)}
+    said = [
+        each
+        for seed, (space, mount) in enumerate(mounts.items())
+        for each in messages(
+            shape,
+            mount=mount,
+            namespace=space,
+            imu_frame=f"{space[1:]}/tool",
+            seed=seed,
+            seconds=15,
+        )
+    ]
+    log = write_log(tmp_path / "log", sorted(said, key=lambda each: each.log_ns), "mcap2")
+    for space, mount in mounts.items():
+        # the parent as the robot's frames have it
+        wishes = {"imu_topics": (f"{space}/imu",), "parent": f"{space[1:]}/tilt_link"}
+        (result,) = run(log, shape, tmp_path, **wishes).results
+        assert result.status == "ok"
+        assert result.parent == "tilt_link"
+        assert np.linalg.norm(result.pose.t - mount.translation) < 2e-3
+        codes = [each.code for each in result.diagnostics.findings]
+        assert "joints.other_robot" in codes

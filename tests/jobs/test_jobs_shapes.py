@@ -33,8 +33,12 @@ def assert_as_plain(found: Calibration) -> None:
     assert found.ok
     np.testing.assert_allclose(found.t, expected.t, atol=1e-9)
     np.testing.assert_allclose(found.R, expected.R, atol=1e-8)
-    sigmas = [np.sqrt(np.diag(each.covariance)) for each in (found, expected)]
-    np.testing.assert_allclose(*sigmas, rtol=1e-6)
+    np.testing.assert_allclose(sigmas(found), sigmas(expected), rtol=1e-6)
+
+
+def sigmas(found: Calibration) -> np.ndarray[Any, np.dtype[np.float64]]:
+    assert found.covariance is not None
+    return np.sqrt(np.diag(np.asarray(found.covariance)))
 
 
 def entries(found: Calibration, code: str) -> list[Any]:
@@ -159,10 +163,9 @@ def test_separate_topics_of_the_sensors_are_one_imu(every: int, nan: bool, tmp_p
     if every == 1:
         assert_as_plain(found)
     else:  # a third of the samples tells less, and sigma says so
-        ratio = np.sqrt(np.diag(found.covariance) / np.diag(plain().covariance))
+        ratio = sigmas(found) / sigmas(plain())
         assert np.all((ratio > 1.1) & (ratio < 2.0))
-        sigmas = np.sqrt(np.diag(found.covariance)[:3])
-        assert np.all(np.abs(found.t - plain().t) < 3.0 * sigmas)
+        assert np.all(np.abs(found.t - plain().t) < 3.0 * sigmas(found)[:3])
     (told,) = entries(found, "imu.joined")
     assert told.values["accel"] == "/camera/accel/sample"
     asked = ic.calibrate(
@@ -187,9 +190,7 @@ def test_float_arrays_by_columns(tmp_path: Path) -> None:
         np.testing.assert_allclose(found.t, expected.t, atol=1e-9)
     with pytest.raises(ic.InputError, match="/arm/state: no message could be used: 3000 messages"):
         ic.calibrate(log, urdf=shapes.URDF, joints=[f"/arm/state:data={names}"])
-    with pytest.raises(
-        ic.ChoiceError, match=r"no numbers position; fields .*data"
-    ):
+    with pytest.raises(ic.ChoiceError, match=r"no numbers position; fields .*data"):
         ic.calibrate(log, urdf=shapes.URDF, joints=[f"/arm/state:position={names}"])
     with pytest.raises(ic.InputError, match=r"no source .* by --joints TOPIC:data=name"):
         ic.calibrate(log, urdf=shapes.URDF)
@@ -296,6 +297,7 @@ def test_imu_and_joints_in_json_and_protobuf(encoding: str, tmp_path: Path) -> N
     if encoding == "protobuf":
         imu, joints = "foxglove.Imu", "foxglove.JointState"
     said: list[shapes.Message] = []
+    message: dict[str, Any]
     for ns, log_ns, gyro, accel in zip(it.imu_ns, it.imu_log_ns, it.gyro, it.accel, strict=True):
         message = {
             "header": shapes.plain_header(int(ns), parts, it.frame),

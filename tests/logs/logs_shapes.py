@@ -130,7 +130,7 @@ def _zero(store: Any, node: Any, told: Any) -> Any:
             return np.zeros(count, dtype=_NUMPY.get(kind[0], kind[0]))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Motion:
     """What the sample holds, as arrays."""
 
@@ -163,11 +163,15 @@ def motion() -> Motion:
                 joints.append((ns, log_ns, message.position))
                 names = tuple(message.name)
     return Motion(
-        *(np.array([each[k] for each in imus]) for k in range(4)),
-        *(np.array([each[k] for each in joints]) for k in (0, 1)),
-        names,
-        np.array([each[2] for each in joints]),
-        frame,
+        imu_ns=np.array([each[0] for each in imus]),
+        imu_log_ns=np.array([each[1] for each in imus]),
+        gyro=np.array([each[2] for each in imus]),
+        accel=np.array([each[3] for each in imus]),
+        joint_ns=np.array([each[0] for each in joints]),
+        joint_log_ns=np.array([each[1] for each in joints]),
+        names=names,
+        position=np.array([each[2] for each in joints]),
+        frame=frame,
     )
 
 

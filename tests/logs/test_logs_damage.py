@@ -130,10 +130,10 @@ def test_other_encodings_beside_do_no_harm(messages: list[Said], tmp_path: Path)
                 writer.add_message(naked, each.log_ns, b"\x08\x01", each.log_ns)
         writer.finish()  # type: ignore[no-untyped-call]
     log = open_log([path])
-    assert [(each.name, each.encoding, each.kinds) for each in log.topics] == [
-        ("/imu", "cdr", "imu"),
-        ("/naked", "protobuf", None),
-        ("/plot", "json", None),
+    assert [(each.name, each.encoding, [*each.kinds]) for each in log.topics] == [
+        ("/imu", "cdr", ["imu"]),
+        ("/naked", "protobuf", []),
+        ("/plot", "json", []),
     ]
     data = log.read(["/imu"])
     assert len(data.imus["/imu"]) == 300

@@ -38,6 +38,16 @@ def test_words_go_to_stderr_and_stdout_stays_empty(
     assert urdf.read_text().startswith("<?xml")
 
 
+def test_messages_of_all_imus_are_counted(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    truth = settings(tmp_path, "walker", "--accel-range", "9.5")
+    err = capsys.readouterr().err
+    assert "log.mcap: 0.2 s, 126 Imu messages of 6 IMUs, 11 of the robot" in err
+    saturated = sum(imu["log"]["imu_saturated"] for imu in truth["imus"])
+    assert f"warning: {saturated} of 126 Imu messages are cut off" in err
+
+
 def test_units_of_options_become_si(tmp_path: Path) -> None:
     document = settings(
         tmp_path,
@@ -98,7 +108,7 @@ def test_a_system_of_ones_own(tmp_path: Path) -> None:
     [
         ([], 2, "name one system"),
         (["barbot", "--config", "x.yaml"], 2, "name one system"),
-        (["robbot"], 2, "choose barbot, rihibot"),
+        (["robbot"], 2, "choose barbot, rihibot, walker"),
         (["--config", "none.yaml"], 1, "none.yaml"),
         (["barbot", "--grade", "cheap"], 2, "choose ideal, industrial, mems"),
         (["barbot", "--imu-model", "bmi088", "--grade", "mems"], 2, "give one of them"),

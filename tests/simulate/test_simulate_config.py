@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +15,7 @@ from rosbags.highlevel import AnyReader
 from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.simulate.config import SystemConfig
 from imucalib_cli.simulate.load import load_grade, load_system, system_names
-from imucalib_cli.simulate.simulate import _plain
+from imucalib_cli.simulate.simulate import _plain, stated
 from imucalib_cli.simulate.urdf import urdf_text
 
 if TYPE_CHECKING:
@@ -67,8 +66,8 @@ def test_the_papers_mounts_are_the_truth() -> None:
 
 
 def test_builtin_systems_are_found_and_nothing_else() -> None:
-    assert system_names() == ["barbot", "rihibot"]
-    with pytest.raises(ChoiceError, match="choose barbot, rihibot"):
+    assert system_names() == ["barbot", "rihibot", "walker"]
+    with pytest.raises(ChoiceError, match="choose barbot, rihibot, walker"):
         load_system("imu_grades")
     with pytest.raises(ChoiceError, match="choose ideal, industrial, mems"):
         load_grade("tactical")
@@ -109,7 +108,7 @@ def test_a_user_may_give_a_system_of_their_own(tmp_path: Path) -> None:
         ({"duration": -1}, "must be positive"),
         ({"imu": [1, 2]}, "imu: expected keys and values"),
         ({"frames": [{"link": "a"}]}, "frames: key parent is missing"),
-        ({"free_body": "gone"}, "state either arm or free_body"),
+        ({"free_body": "gone"}, "state one of arm, free_body and legged"),
     ],
 )
 def test_faults_are_named_with_their_key(
@@ -146,7 +145,7 @@ def test_files_that_are_no_system_say_so(tmp_path: Path, content: str | None, wo
 def test_samples_are_of_the_systems_as_they_are_configured_now(log: str, name: str) -> None:
     folder, system = ROOT / "sample_data", load_system(name)
     truth = yaml.safe_load((folder / f"{name}.truth.yaml").read_text())
-    assert truth["settings"]["system"] == yaml.safe_load(yaml.safe_dump(_plain(asdict(system))))
+    assert truth["settings"]["system"] == yaml.safe_load(yaml.safe_dump(_plain(stated(system))))
     assert truth["transform"]["translation"] == list(system.imu.xyz)
     assert (folder / f"{name}.urdf").read_text() == urdf_text(system)
     assert (folder / log).stat().st_size <= 5_000_000

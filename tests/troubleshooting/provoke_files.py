@@ -18,6 +18,11 @@ import yaml
 from imucalib_cli.simulate.load import load_system
 from imucalib_cli.simulate.recording import rows_kept
 from imucalib_cli.simulate.urdf import urdf_text
+from tests.jobs.driving import drive, with_a_camera_frame
+from tests.jobs.robots import SHAPES, random_mount, record
+from tests.jobs.robots import messages as robot_messages
+from tests.logs.logs_samples import write_log as write_messages
+from tests.troubleshooting.provoke_recordings import on_the_base
 from tests.troubleshooting.scene import (
     ARM,
     BODY,
@@ -46,6 +51,41 @@ NAMES = (
     "wrist_2_joint",
     "wrist_3_joint",
 )
+
+
+def on_a_moving_base(*options: str, urdf: bool = True, **log: Any) -> Provocation:
+    """An arm on a base that moves, without the IMU in its URDF."""
+
+    def provocation(scene: Scene) -> Seen:
+        shape, file = SHAPES["arm on a moving base"], scene.path("robot.urdf")
+        file.write_text(shape.urdf())
+        made = record(shape, scene.path("log"), mount=random_mount(3), seconds=12.0, **log)
+        return scene.cli("run", made, *(("--urdf", file) if urdf else ()), *options)
+
+    return provocation
+
+
+def two_robots(scene: Scene) -> Seen:
+    """Two alike, in namespaces."""
+    shape, file = SHAPES["pan and tilt on a lift"], scene.path("robot.urdf")
+    file.write_text(shape.urdf())
+    said = [
+        each
+        for seed, space in enumerate(("/left", "/right"))
+        for each in robot_messages(
+            shape, mount=random_mount(4), namespace=space, seed=seed, seconds=12.0
+        )
+    ]
+    said.sort(key=lambda each: each.log_ns)
+    log = write_messages(scene.path("log"), said, "mcap2")
+    options = ("--imu-topic", "/left/imu", "--parent", "tilt_link")
+    return scene.cli("run", log, "--urdf", file, *options)
+
+
+def planar_askew(scene: Scene) -> Seen:
+    log, _ = drive(scene.folder, seconds=15.0)
+    urdf = with_a_camera_frame(scene.folder, "0 0.6 0")
+    return scene.cli("run", log, "--urdf", urdf, "--planar")
 
 
 def cut(name: str) -> Provocation:
@@ -308,6 +348,16 @@ CHOICES: dict[str, Provocation] = {
     "urdf-unused": urdf_unused,
     "frame-not-in-urdf": arm_messages(frame="imu"),
     "moves-like": lambda scene: scene.run(scene.log(noisy(), imu_frame="imu")),
+    "still-unnamed": lambda scene: scene.run(scene.log(on_the_base(), imu_frame="imu")),
+    "base-unread": on_a_moving_base(base_topic="/mocap"),
+    "base-unread-poor": on_a_moving_base("--parent", "upper", base_topic="/mocap"),
+    "planar-arm": on_arm(noisy, "--planar"),
+    "planar-askew": planar_askew,
+    "frames-apart": lambda scene: scene.cli(
+        "run", scene.writer().imu().tf("map", "body").tf("hand", "imu_link", moving=False).write()
+    ),
+    "chain-missing": on_a_moving_base(urdf=False),
+    "robots-two": two_robots,
     "parent-twice": arm_messages("--parent", "wrist_3_link", "--parent", "wrist_2_link"),
     "parent-of-no-imu": arm_messages("--parent", "/imu/other=wrist_3_link"),
     "imu-of-no-frame": two_imus_on_a_topic("--imu-topic", "/imu/data:tool1"),
@@ -408,6 +458,18 @@ def apply_no_joint(scene: Scene) -> Seen:
     return scene.cli("apply", result, "--urdf", scene.urdf())
 
 
+def kinematics_of_another_urdf(scene: Scene) -> Seen:
+    scene.urdf(joint("elbow_joint", 'xyz="-0.6127', 'xyz="-0.6087'))
+    result = scene.result()
+    return scene.cli("apply", result, "--urdf", scene.urdf(), "--kinematics")
+
+
+def kinematics_of_two(scene: Scene) -> Seen:
+    both = scene.path("both.yaml")
+    both.write_text("---\n".join(scene.result(f"{s}.yaml", seed=s).read_text() for s in (3, 4)))
+    return scene.cli("apply", both, "--urdf", scene.path("robot.urdf"), "--kinematics")
+
+
 def written(name: str) -> Provocation:
     """`imucalib run -o` to that name in the folder."""
     return lambda scene: scene.run(scene.log(noisy()), "-o", scene.path(name))
@@ -475,6 +537,11 @@ RESULTS: dict[str, Provocation] = {
     "not-a-result": applied("arm: rihibot\n"),
     "apply-two-results": apply_two_results,
     "apply-no-joint": apply_no_joint,
+    "kinematics-other-urdf": kinematics_of_another_urdf,
+    "kinematics-two": kinematics_of_two,
+    "kinematics-in-place": lambda scene: scene.cli(
+        "apply", scene.result(), "--urdf", scene.urdf(), "--kinematics", "--in-place"
+    ),
     "untrusted-format": on_arm(noisy, "--format", "urdf", "--require", "0.001mm"),
     "output-is-input": written("log.mcap"),
     "output-folder": written("missing/result.yaml"),

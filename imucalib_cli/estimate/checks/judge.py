@@ -18,7 +18,12 @@ from imucalib_cli.estimate.model.state import tilt_from_down
 from imucalib_cli.estimate.model.unknowns import Clock, JointCurve, Mount, Origin, PoseScale
 from imucalib_cli.estimate.solution.fit import COMMON_IMU
 from imucalib_cli.estimate.solution.spectrum import inverse_of
-from imucalib_cli.estimate.window_choice import kinematic_noise, second_derivative_gain
+from imucalib_cli.estimate.window_choice import (
+    ARM,
+    kinematic_noise,
+    second_derivative_gain,
+    turning_noise,
+)
 from imucalib_cli.findings import Finding, Severity, note, untrusted, warning
 
 if TYPE_CHECKING:
@@ -113,7 +118,7 @@ class Evidence:
 
 def own_noise(windowing: Windowing) -> tuple[float, float]:
     """What the sensor's own white noise leaves in a window, m/s² and rad/s; at least any IMU's."""
-    noise, gains = windowing.grid.noise, windowing.white_gains
+    noise, gains = windowing.noise, windowing.white_gains
     accel, gyro = (
         max(own * gain, floor) for own, gain, floor in zip(noise, gains, COMMON_IMU, strict=True)
     )
@@ -127,13 +132,14 @@ def over_known_noise(fit: Fit) -> tuple[float, float]:
     plan, grid = windowing.plan, windowing.grid
     seconds = plan.length * grid.dt
     kinematic = (
-        second_derivative_gain(seconds) * position,
+        second_derivative_gain(seconds) * position
+        + ARM**2 * turning_noise(seconds, windowing.trajectory),
         # The first derivative's gain, 12 / T³, of the three angles in the nine elements of R.
         12.0 / seconds**3 * rotation / 6.0,
     )
     ratios = []
     for sensor, gain in enumerate(windowing.white_gains):
-        known = float(np.hypot(grid.noise[sensor] * gain, np.sqrt(kinematic[sensor])))
+        known = float(np.hypot(windowing.noise[sensor] * gain, np.sqrt(kinematic[sensor])))
         ratios.append(fit.residual_scales[sensor] / max(known, COMMON_IMU[sensor]))
     return ratios[0], ratios[1]
 

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from imucalib_cli.estimate.model.base_imu import less_errors
 from imucalib_cli.estimate.model.state import Chain
 from imucalib_cli.estimate.model.unknowns import SENSORS, Clock, Reading, Samples
 from imucalib_cli.estimate.model.windows import average, blocks, derive, window_centres
@@ -90,12 +91,8 @@ class Model:
 
     def less_errors(self, state: State, samples: Samples, sensor: Sensor) -> Floats:
         """(M, 3), readings of a sensor with its errors taken off."""
-        reading = np.array(samples.accel if sensor == "accel" else samples.gyro)
-        for each, effect in self.layout.of(Reading):
-            value = state.x[each.part]
-            if effect.sensor == sensor and value.any():
-                reading -= np.tensordot(value, effect.basis(samples), axes=1)
-        return reading
+        errors = ((effect, state.x[each.part]) for each, effect in self.layout.of(Reading))
+        return less_errors(errors, samples, sensor)
 
     def samples(self, accel: Floats, gyro: Floats, first: int, every: int) -> Samples:
         """Readings at grid samples from ``first``, every so many."""

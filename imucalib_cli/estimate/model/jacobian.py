@@ -12,10 +12,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from imucalib_cli.estimate.model.base_imu import base_nodes, box_over
 from imucalib_cli.estimate.model.design import BLOCK
 from imucalib_cli.estimate.model.layout import places_of
 from imucalib_cli.estimate.model.state import Chain, gravity_axes
 from imucalib_cli.estimate.model.unknowns import (
+    BaseClock,
+    BaseMount,
+    BaseReading,
     Clock,
     Gravity,
     JointCurve,
@@ -34,6 +38,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from imucalib_cli.arrays import Floats, Indices
+    from imucalib_cli.estimate.model.base_imu import BaseNodes
     from imucalib_cli.estimate.model.design import Model
     from imucalib_cli.estimate.model.layout import Joint, Placed
     from imucalib_cli.estimate.model.state import State
@@ -81,16 +86,12 @@ class NodePlan:
 def plan_nodes(plan: WindowPlan, dt: float) -> NodePlan:
     """Nodes for a plan of windows whose hop is a multiple of theirs."""
     every, length, degree = plan.node, plan.node_length, plan.degree
-    half = every // 2
-    box = np.full(2 * half + 1, 1.0 / every)
-    if every % 2 == 0:
-        box[[0, -1]] /= 2.0
     return NodePlan(
         every=every,
         dt=every * dt,
         first=matched_filter(length, degree, 1, every * dt),
         second=matched_filter(length, degree, 2, every * dt),
-        box=box,
+        box=box_over(every),
     )
 
 
@@ -119,6 +120,7 @@ class _Nodes:
     path: KinematicPath
     gravity: Floats
     """(3,), m/s², world axes."""
+    base: BaseNodes | None = None
     _twists: dict[Joint, tuple[Floats, Floats, Floats]] = field(default_factory=dict)
 
     def twist(self, joint: Joint) -> tuple[Floats, Floats, Floats]:
@@ -167,6 +169,18 @@ class _Channels:
     """(n, 3), of gravity."""
     clock: list[tuple[slice, Clock]] = field(default_factory=list)
     """Unknowns of the clock: the pose is that of another instant."""
+    base_turn: list[tuple[slice, Floats]] = field(default_factory=list)
+    """What turns with the base as it is reckoned, itself, the place and the force: only the turn
+    since the middle of a window matters."""
+
+    @classmethod
+    def of(cls, placed: tuple[Placed, ...], nodes: _Nodes) -> _Channels:
+        """What the entries of a layout do, but for those that the mount hides."""
+        channels = cls()
+        for each in placed:
+            if not each.hidden:
+                _add(each, nodes, channels)
+        return channels
 
 
 def _block_columns(
@@ -174,11 +188,7 @@ def _block_columns(
 ) -> Floats:
     """Columns (W, 6, n) of a few hundred windows."""
     nodes = _nodes(model, plan, chain, state, centres)
-    channels = _Channels()
-    hidden = [each for each in model.layout.placed if each.hidden]
-    for each in model.layout.placed:
-        if not each.hidden:
-            _add(each, nodes, channels)
+    channels = _Channels.of(model.layout.placed, nodes)
     at = centres // plan.every - nodes.first
     R_centre = nodes.R[at]
 
@@ -199,6 +209,14 @@ def _block_columns(
             index = places_of(part for part, _ in found)
             changes = in_parent(np.concatenate([each for _, each in found], 1), weights)
             J[:, index, rows] += sign * changes
+    if nodes.base is not None and channels.base_turn:
+        index = places_of(part for part, _ in channels.base_turn)
+        turn = np.concatenate([each for _, each in channels.base_turn], 1)
+        arm, force = nodes.base.arm[:, None], (nodes.force - nodes.base.force)[:, None]
+        changes = in_parent(cross(turn, arm), plan.second.derivative)
+        changes -= in_parent(cross(turn, force), plan.second.average)
+        still = in_parent(arm, plan.second.derivative) - in_parent(force, plan.second.average)
+        J[:, index, accel] += changes - cross(turn[at] @ R_centre, still)
     for part, change in channels.gravity:
         J[:, part, accel] -= change @ R_centre
     if channels.clock:
@@ -212,7 +230,9 @@ def _block_columns(
         for part, clock in channels.clock:
             J[:, part.start, accel] += by_time[:, 0] * clock.accel(age)[:, None]
             J[:, part.start, gyro] += turned[:, 0] * clock.gyro(age)[:, None]
-    for each in hidden:  # exactly, for a log that is sharp enough would tell a difference
+    for each in (
+        each for each in model.layout.placed if each.hidden
+    ):  # exactly, for a log that is sharp enough would tell a difference
         J[:, each.part] = nodes.as_mount(each) @ J[:, model.layout.pose]
     return np.swapaxes(J, 1, 2)
 
@@ -227,6 +247,8 @@ def _add(placed: Placed, nodes: _Nodes, channels: _Channels) -> None:  # noqa: C
             seen = -(basis @ np.swapaxes(nodes.R_world_imu, 1, 2))
             read = channels.force if effect.sensor == "accel" else channels.rate
             read.append((part, seen))
+        case BaseReading() | BaseMount() | BaseClock() if nodes.base is not None:
+            _add_of_base(placed, nodes, nodes.base, channels)
         case Clock():
             channels.clock.append((part, effect))
         case Gravity():
@@ -257,6 +279,39 @@ def _add(placed: Placed, nodes: _Nodes, channels: _Channels) -> None:  # noqa: C
                 channel.append((part, curve * along[:, None]))
 
 
+def _add_of_base(placed: Placed, nodes: _Nodes, base: BaseNodes, channels: _Channels) -> None:
+    """Add what an error of the IMU does that tells how the base moves."""
+    part = placed.part
+    match placed.unknown.effect:
+        case BaseReading(reading):
+            seen = np.swapaxes(reading.basis(base.samples), 0, 1) @ np.swapaxes(base.R, 1, 2)
+            if reading.sensor == "accel":  # what is taken off moves the base less
+                channels.force.append((part, seen))
+            else:
+                channels.rate.append((part, seen))
+                channels.base_turn.append((part, _integral(-seen, base.samples.dt)))
+            return
+        case BaseMount(what="translation"):
+            # Farther from the link's origin, and the link begins so much farther back.
+            axes = np.swapaxes(nodes.frames[placed.index + 1][0], 1, 2)
+            channels.shift.append((part, -axes))
+            return
+        case BaseMount():
+            turn = -np.swapaxes(nodes.frames[placed.index + 1][0], 1, 2)
+            shift = np.zeros_like(turn)
+        case _:  # a later stamp means a later pose
+            turn, shift = base.turning[:, None], base.moving[:, None]
+    channels.turn.append((part, turn))
+    channels.shift.append((part, shift + cross(turn, base.arm[:, None])))
+    channels.force.append((part, cross(turn, nodes.force[:, None])))
+
+
+def _integral(values: Floats, dt: float) -> Floats:
+    """Sum of trapezia from the first on, as the values."""
+    steps = 0.5 * dt * (values[1:] + values[:-1])
+    return np.concatenate([np.zeros_like(values[:1]), np.cumsum(steps, axis=0)])
+
+
 def _nodes(model: Model, plan: NodePlan, chain: Chain, state: State, centres: Indices) -> _Nodes:
     """Everything along the nodes that windows touch."""
     grid = model.windowing.grid
@@ -285,6 +340,10 @@ def _nodes(model: Model, plan: NodePlan, chain: Chain, state: State, centres: In
     moving = (place[2:] - place[:-2]) / (2 * dt)
     accel = model.less_errors(state, samples, "accel")
     R_world_imu = R @ state.R
+    base = None
+    if chain.base is not None:
+        step = chain.path.base_step
+        base = base_nodes(chain.base, t, dt, frames[step + 1], place)
     return _Nodes(
         first=first,
         samples=samples,
@@ -300,4 +359,5 @@ def _nodes(model: Model, plan: NodePlan, chain: Chain, state: State, centres: In
         rates=rates,
         path=chain.path,
         gravity=state.gravity,
+        base=base,
     )

@@ -10,6 +10,9 @@ import numpy as np
 from imucalib_cli.estimate.model.unknowns import (
     SCALES,
     TABLE,
+    BaseClock,
+    BaseMount,
+    BaseReading,
     JointCurve,
     Mount,
     Origin,
@@ -61,10 +64,17 @@ class Placed:
     index: int = -1
     """The step of an origin, or the track of a pose stream."""
     directions: Floats = field(default_factory=lambda: np.eye(3))
-    """(k, 3), of an origin: those that are no part of the mount."""
+    """(k, 3), of an origin: those that are no part of the mount, in the frame before it."""
+    R_joint: Floats = field(default_factory=lambda: np.eye(3))
+    """(3, 3), of an origin: the frame behind it, which is that of its joint, in the one before."""
     hidden: bool = False
     """Whether no log tells it from the mount: of joints that do not move behind the last that does,
     and the zero of that one."""
+
+    @property
+    def axes(self) -> Floats:
+        """(k, 3), the directions of an origin in the frame of its joint."""
+        return self.directions @ self.R_joint
 
     @property
     def unit(self) -> str:
@@ -208,6 +218,7 @@ class _Chain:
         values = trajectory.values(np.linspace(start, end, _INSTANTS))
         self._path = path
         self._joints = _joints_of(path)
+        self._base = path.base_imu
         moving = [i for i, step in enumerate(path.steps) if isinstance(step, PoseStep)]
         self._moving = set()
         for joint in self._joints:
@@ -233,18 +244,21 @@ class _Chain:
                 hidden = max(joint.steps) >= self._last and not effect.every
                 yield Placed(unknown, nowhere, labels, joint=joint, hidden=hidden)
         elif isinstance(effect, Origin):
-            for index, directions in self._origins():
+            for index, directions, R in self._origins():
                 axes = unknown.labels if len(directions) == 3 else _axis_names(directions)
                 labels = _named(self._name_after(index), axes)
                 hidden = index > self._last
-                yield Placed(unknown, nowhere, labels, None, index, directions, hidden)
+                yield Placed(unknown, nowhere, labels, None, index, directions, R, hidden)
         elif isinstance(effect, PoseScale):
             used = (step.track for step in self._path.steps if isinstance(step, PoseStep))
-            for track in dict.fromkeys(used):
+            for track in (each for each in dict.fromkeys(used) if each != self._base):
                 labels = (self._path.tracks[track].name,)
                 yield Placed(unknown, nowhere, labels, index=track)
-        else:
+        elif not isinstance(effect, (BaseReading, BaseMount, BaseClock)):
             yield Placed(unknown, nowhere, unknown.labels)
+        # Of two IMUs on one body the mounts are one, and no joint has other stamps.
+        elif self._base is not None and (self._moving or isinstance(effect, BaseReading)):
+            yield Placed(unknown, nowhere, unknown.labels, index=self._path.base_step + 1)
 
     def _joints_of(self, curve: JointCurve) -> Iterator[Joint]:
         """Joints that have an error of this kind, as far as a log tells it."""
@@ -257,14 +271,17 @@ class _Chain:
             if told and (curve.sliding or not joint.sliding) and curve.only in {None, joint.name}:
                 yield joint
 
-    def _origins(self) -> Iterator[tuple[int, Floats]]:
-        """Constant steps behind the first that moves, with what of them is not the mount."""
+    def _origins(self) -> Iterator[tuple[int, Floats, Floats]]:
+        """Constant steps behind the first that moves: index, what is not the mount's, and R."""
+        # What follows the base IMU is the place of its mount.
+        base = self._path.base_step if self._base is not None else len(self._path.steps)
         for index, step in enumerate(self._path.steps):
-            if isinstance(step, FixedStep) and self._inside(index):
+            of_base = base < index <= base + 2
+            if isinstance(step, FixedStep) and self._inside(index) and not of_base:
                 # Behind the last that moves nothing turns, and all of it looks like the mount.
                 directions = self._turning(index) if index < self._last else np.eye(3)
                 if len(directions):
-                    yield index, directions
+                    yield index, directions, step.R
 
     def _name_after(self, index: int) -> str:
         """Name of the joint whose origin a constant step is."""

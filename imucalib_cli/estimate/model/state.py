@@ -7,7 +7,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from imucalib_cli.estimate.model.unknowns import Gravity, JointCurve, Mount, Origin, PoseScale
+from imucalib_cli.estimate.model.base_imu import BaseImu
+from imucalib_cli.estimate.model.unknowns import (
+    BaseClock,
+    BaseMount,
+    BaseReading,
+    Gravity,
+    JointCurve,
+    Mount,
+    Origin,
+    PoseScale,
+)
 from imucalib_cli.robot.path import FixedStep
 from imucalib_cli.robot.rotations import cross, matrix_from_rotvec, rotvec_from_matrix
 
@@ -64,6 +74,7 @@ class Chain:
     """Errors of joint positions."""
     scales: tuple[tuple[int, float], ...] = ()
     """Errors of pose streams: track, relative."""
+    base: BaseImu | None = None
 
     @classmethod
     def of(cls, trajectory: Trajectory, layout: Layout, x: Floats) -> Chain:
@@ -73,8 +84,13 @@ class Chain:
             step = steps[each.index]
             if isinstance(step, FixedStep) and x[each.part].any():
                 steps[each.index] = replace(step, p=step.p + x[each.part] @ each.directions)
+        for each, mount in layout.of(BaseMount):
+            step, size = steps[each.index], x[each.part]
+            if isinstance(step, FixedStep) and size.any():
+                steps[each.index] = _remounted(step, mount, size)
         return cls(
             trajectory=trajectory,
+            base=_base_imu(trajectory, layout, x),
             path=replace(trajectory.path, steps=tuple(steps)),
             curves=tuple(
                 (each.joint, curve, x[each.part])
@@ -91,7 +107,7 @@ class Chain:
     def values(self, t: Floats) -> tuple[Floats, ...]:
         """Values of every track, errors taken off."""
         if not self.curves:
-            return self._scaled(self.trajectory.values(t))
+            return self._corrected(self.trajectory.values(t), t)
         return self.values_and_rates(t)[0]
 
     def values_and_rates(self, t: Floats) -> tuple[tuple[Floats, ...], tuple[Floats, ...]]:
@@ -101,16 +117,39 @@ class Chain:
         for joint, curve, size in self.curves:
             q, rate = (each[joint.track][:, joint.column] for each in (reported, rates))
             values[joint.track][:, joint.column] += size @ curve.basis(q, rate)
-        return self._scaled(values), rates
+        return self._corrected(values, t), rates
 
-    def _scaled(self, values: tuple[Floats, ...]) -> tuple[Floats, ...]:
+    def _corrected(self, values: tuple[Floats, ...], t: Floats) -> tuple[Floats, ...]:
+        """With errors of the pose streams taken off."""
         for track, scale in self.scales:
             values[track][:, :3] *= 1.0 + scale
+        if self.base is not None:
+            values[self.base.track][:] = self.base.poses(t)
         return values
 
     def poses(self, t: Floats) -> tuple[Floats, Floats]:
         """R_world_parent (M, 3, 3) and p_world_parent (M, 3), m."""
         return self.path.poses(self.values(t))
+
+
+def _remounted(step: FixedStep, mount: BaseMount, size: Floats) -> FixedStep:
+    """From an IMU to its link, where its pose in the link is another by so much, link's axes."""
+    if mount.what == "translation":
+        return replace(step, p=step.p - step.R @ size)
+    R = step.R @ matrix_from_rotvec(-size)
+    return FixedStep(R=R, p=R @ step.R.T @ step.p)
+
+
+def _base_imu(trajectory: Trajectory, layout: Layout, x: Floats) -> BaseImu | None:
+    track, grid = trajectory.path.base_imu, trajectory.base_readings
+    if track is None or grid is None:
+        return None
+    return BaseImu(
+        track=track,
+        grid=grid,
+        shift=sum(float(x[each.part][0]) for each, _ in layout.of(BaseClock)),
+        errors=tuple((effect.reading, x[each.part]) for each, effect in layout.of(BaseReading)),
+    )
 
 
 def turned_about(R: Floats, R_prior: Floats, turns: Bools) -> Floats:

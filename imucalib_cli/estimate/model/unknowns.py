@@ -13,6 +13,8 @@ To add an unknown, add one entry to TABLE. What an entry does is one of a few ki
 - ``PoseScale``: positions of a pose stream, relative.
 - ``Clock``: stamps of a sensor are later by value times basis(age).
 - ``Gravity``, ``Mount``: gravity in the world, and the pose that is wanted.
+- ``BaseReading``, ``BaseMount``, ``BaseClock``: of the IMU that tells how the base moves, if one
+  does: its readings, its pose in its link, its stamps against those of the joints.
 
 Never in the table, because no log can tell them: the zero of the first joint (it turns the base),
 the zero of the last joint and all that follows it (they are part of the mount), and where the base
@@ -21,7 +23,7 @@ stands. A URDF whose last link is wrong gives the pose that this URDF needs.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
@@ -126,7 +128,37 @@ class Mount:
     what: Literal["translation", "rotation"]
 
 
-Effect = Reading | JointCurve | Origin | PoseScale | Clock | Gravity | Mount
+@dataclass(frozen=True, eq=False)
+class BaseReading:
+    """Error of a reading of the IMU that tells how the base moves."""
+
+    reading: Reading
+
+
+@dataclass(frozen=True)
+class BaseMount:
+    """Pose of that IMU in its link: its translation or its rotation, in the link's frame."""
+
+    what: Literal["translation", "rotation"]
+
+
+@dataclass(frozen=True)
+class BaseClock:
+    """Stamps of that IMU: later than those of the joints by the value."""
+
+
+Effect = (
+    Reading
+    | JointCurve
+    | Origin
+    | PoseScale
+    | Clock
+    | Gravity
+    | Mount
+    | BaseReading
+    | BaseMount
+    | BaseClock
+)
 
 
 _GROUPS: Final[dict[type, Group]] = {
@@ -137,6 +169,9 @@ _GROUPS: Final[dict[type, Group]] = {
     PoseScale: "robot",
     Gravity: "gravity",
     Mount: "mount",
+    BaseReading: "sensor",
+    BaseMount: "robot",
+    BaseClock: "offset",
 }
 
 
@@ -149,7 +184,8 @@ class Unknown:
     """Of its components; joints and origins are named by the robot instead."""
     unit: str
     std: float = np.inf
-    """Prior, 1 sigma; inf where nothing is known beforehand. With a scale: not used."""
+    """Prior, 1 sigma; inf where nothing is known beforehand. With a scale: of components that the
+    user leaves open where they tell others."""
     scale: str | None = None
     """Which learnt standard deviation its components share."""
     effect: Effect
@@ -238,6 +274,8 @@ SCALES: Final[dict[str, Scale]] = {
     "g_sensitivity": Scale(low=1e-7, high=3e-4),
     "driver_filter": Scale(low=3e-7, high=3e-4),
     "mount_give": Scale(low=3e-7, high=3e-3),
+    "base_place": Scale(low=3e-4, high=1e-2),
+    "base_turn": Scale(low=1e-3, high=5e-2),
     "joint_zero": Scale(low=2e-5, high=5e-3),
     "length": Scale(low=5e-5, high=3e-3),
     "joint_harmonic": Scale(low=1e-5, high=2e-3, like="joint_play"),
@@ -246,11 +284,12 @@ SCALES: Final[dict[str, Scale]] = {
 }
 """From the best that is made to the worst that is sold, in the unit of their entries: sensors
 factory-calibrated over temperature to consumer parts; arms calibrated one by one to hobby arms;
-encoders on the output to those behind a worn gear; delays of a field bus cycle or less. A gear's
+encoders on the output to those behind a worn gear; an IMU placed by measured holes to one placed by
+eye; delays of a field bus cycle or less. A gear's
 error once a turn and its play are made by the same teeth: catalogues of strain wave gears give one
 arc minute for either, within a factor of two."""
 
-TABLE: Final[tuple[Unknown, ...]] = (
+_OWN: Final[tuple[Unknown, ...]] = (
     Unknown(
         name="translation",
         labels=_XYZ,
@@ -474,12 +513,63 @@ TABLE: Final[tuple[Unknown, ...]] = (
         effect=PoseScale(),
         words="scale of a pose stream's positions",
     ),
+    Unknown(
+        name="base_translation",
+        labels=_XYZ,
+        unit="m",
+        std=3e-3,
+        scale="base_place",
+        healthy=0.02,
+        effect=BaseMount("translation"),
+        words="place of the base IMU in its link: true less URDF",
+    ),
+    Unknown(
+        name="base_rotation",
+        labels=_XYZ,
+        unit="rad",
+        std=5e-3,
+        scale="base_turn",
+        healthy=0.1,
+        effect=BaseMount("rotation"),
+        words="rotation of the base IMU in its link: true less URDF",
+    ),
+    Unknown(
+        name="base_time_offset",
+        unit="s",
+        std=0.02,
+        effect=BaseClock(),
+        of_log=True,
+        words="stamp of the base IMU less joint stamp",
+    ),
 )
+
+
+def _of_the_base(unknown: Unknown, reading: Reading) -> Unknown:
+    """The same error of the IMU that tells how the base moves."""
+    return replace(
+        unknown,
+        name=f"base_{unknown.name}",
+        among=unknown.among,
+        effect=BaseReading(reading),
+        words=f"{unknown.words}, base IMU",
+    )
+
+
+TABLE: Final[tuple[Unknown, ...]] = (
+    *_OWN,
+    *(
+        _of_the_base(each, each.effect)
+        for each in _OWN
+        if isinstance(each.effect, Reading) and each.name != "mount_give"
+    ),
+)
+"""Whatever is wrong with one IMU may be wrong with the other, by the same priors."""
 
 LEAN: Final = tuple(
     each
     for each in TABLE
-    if each.name
+    if each.name.removeprefix("base_")
     in {"translation", "rotation", "accel_bias", "gyro_bias", "gravity_direction", "time_offset"}
+    and not isinstance(each.effect, BaseMount)
 )
 """What is found first, before the rest of the table is linearised about it."""

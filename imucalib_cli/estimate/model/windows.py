@@ -11,6 +11,7 @@ R_c' as well, so that all residuals read in the parent frame.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -163,6 +164,24 @@ class Windowing:
             for pair in self.plan.filters
         )
         return accel, gyro
+
+    @property
+    def base_noise(self) -> tuple[float, float]:
+        """White noise of the IMU that tells the base's motion, m/s² and rad/s; zero without one.
+
+        As samples at the other IMU's rate would have it.
+        """
+        base = self.trajectory.base_readings
+        if base is None:
+            return 0.0, 0.0
+        share = math.sqrt(base.dt / (self.grid.dt * self.grid.refine))
+        return base.noise[0] * share, base.noise[1] * share
+
+    @property
+    def noise(self) -> tuple[float, float]:
+        """White noise of a sample of both IMUs together: a window sees either in the same way."""
+        (accel, gyro), (base_accel, base_gyro) = self.grid.noise, self.base_noise
+        return math.hypot(accel, base_accel), math.hypot(gyro, base_gyro)
 
     def overlap(self, time_offset: float) -> float:
         """Share of the shorter stream that overlaps the other, for an offset, s."""

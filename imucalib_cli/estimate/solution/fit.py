@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Final
@@ -14,7 +15,7 @@ from imucalib_cli.estimate.model.design import Model, Residuals
 from imucalib_cli.estimate.model.jacobian import columns, plan_nodes
 from imucalib_cli.estimate.model.layout import lay_out, places_of
 from imucalib_cli.estimate.model.state import State
-from imucalib_cli.estimate.model.unknowns import LEAN, SENSORS, Reading, Unknown
+from imucalib_cli.estimate.model.unknowns import LEAN, SENSORS, BaseReading, Reading, Unknown
 from imucalib_cli.estimate.model.windows import thinned
 from imucalib_cli.estimate.solution.normal_equations import (
     Answer,
@@ -467,22 +468,27 @@ def _noise_of_columns(
     model: Model, x: Floats, scales: tuple[float, float], windows: float
 ) -> tuple[Floats, Floats]:
     """What noise adds to information (n, n) and score (n,) where columns hold the own reading."""
-    plan, grid = model.windowing.plan, model.windowing.grid
+    windowing, layout = model.windowing, model.layout
+    plan, grid = windowing.plan, windowing.grid
     nodes = plan_nodes(plan, grid.dt)
-    on_information = np.zeros((model.layout.size, model.layout.size))
-    on_score = np.zeros(model.layout.size)
-    for sensor, name in enumerate(SENSORS):
+    on_information = np.zeros((layout.size, layout.size))
+    on_score = np.zeros(layout.size)
+    own_errors = list(layout.of(Reading))
+    of_base = [(each, effect.reading) for each, effect in layout.of(BaseReading)]
+    for (sensor, name), (errors, noise) in itertools.product(
+        enumerate(SENSORS), ((own_errors, grid.noise), (of_base, windowing.base_noise))
+    ):
+        found = [pairs for pairs in errors if pairs[1].sensor == name]
+        if not found:
+            continue
         plain = plan.filters[sensor].average
         # Of the residual, what is this sensor's own white noise; whitened as the columns are.
         own = min(
-            grid.noise[sensor] * float(np.sqrt(grid.refine)),
+            noise[sensor] * float(np.sqrt(grid.refine)),
             scales[sensor] / float(np.linalg.norm(plain)),
         )
         power = windows * (own * plan.noise_gains[sensor] / scales[sensor]) ** 2
         pair = (nodes.second, nodes.first)[sensor]
-        found = [pairs for pairs in model.layout.of(Reading) if pairs[1].sensor == name]
-        if not found:
-            continue
         places = places_of(each.part for each, _ in found)
         answers = np.concatenate([effect.own_response(nodes.dt) for _, effect in found])
         kernels = np.array([[nodes.kernel(pair, axis) for axis in each] for each in answers])

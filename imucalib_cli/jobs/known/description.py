@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.findings import Finding, note, warning
-from imucalib_cli.robot.names import prefixes, renamed
+from imucalib_cli.robot.names import in_namespace, prefixes, renamed
 from imucalib_cli.robot.urdf import parse_robot
 
 if TYPE_CHECKING:
@@ -59,6 +59,10 @@ def described_robot(
         return None, tuple(findings)
     most = max(each.score for each in candidates.values())
     best = [each for each in candidates.values() if each.score == most]
+    topics = [each.topic for each in best]
+    near = in_namespace(topics, [imu.topic for imu in data.imus.values()])
+    if len(near) == 1 and topics.count(near[0]) == 1:
+        best = [best[topics.index(near[0])]]
     if len(best) > 1:
         raise ChoiceError(_several(best), option="--description-topic")
     chosen = best[0].robot
@@ -83,7 +87,10 @@ def _several(best: list[_Candidate]) -> str:
     topics = list(dict.fromkeys(each.topic for each in best))
     if len(topics) > 1:
         listed = ", ".join(f"{each.topic} (robot '{each.robot.name}')" for each in best)
-        return f"several robot descriptions fit the log: {listed}: choose one --description-topic"
+        return (
+            f"several robot descriptions fit the log: {listed}: choose one --description-topic, "
+            "or the IMU of one robot with --imu-topic"
+        )
     return (
         f"{topics[0]} has {len(best)} different robot descriptions that fit the log: save the "
         "right one as a file and give --urdf"

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from imucalib_cli.errors import ChoiceError
 from imucalib_cli.findings import note
-from imucalib_cli.robot.names import prefixes, renamed
+from imucalib_cli.robot.names import in_namespace, prefixes, renamed
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -68,8 +68,29 @@ def named_as_in(
             f"{robot.source}; the log has: {', '.join(logged[:_SHOWN]) or 'none'}",
             option="--joint-prefix",
         )
-    data = replace(data, joints=joints)
+    data = replace(data, joints=_of_one_robot(robot, joints, data, findings))
     return *_with_frames(robot, data, used, findings), tuple(unsure)
+
+
+def _of_one_robot(
+    robot: Robot,
+    joints: dict[str, tuple[JointStream, ...]],
+    data: LogData,
+    findings: dict[Finding, None],
+) -> dict[str, tuple[JointStream, ...]]:
+    """Joints without topics of another robot, which have the same names and another namespace."""
+    topics: dict[str, set[str]] = {name: set() for name in robot.moving_joints}
+    for topic, streams in joints.items():
+        for name in (name for stream in streams for name in stream.names if name in topics):
+            topics[name].add(topic)
+    rivals = sorted(set().union(*(each for each in topics.values() if len(each) > 1)))
+    own = in_namespace(rivals, [imu.topic for imu in data.imus.values()])
+    if len(own) != 1:
+        return joints
+    dropped = tuple(topic for topic in rivals if topic not in own)
+    values = {"dropped": dropped, "robot": str(robot.source), "used": tuple(own)}
+    findings[note("joints.other_robot", **values)] = None
+    return {topic: streams for topic, streams in joints.items() if topic not in dropped}
 
 
 def _spelled(robot: Robot, data: LogData) -> tuple[LogData, tuple[Finding, ...]]:

@@ -5,18 +5,17 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from imucalib_cli.diagnose.carrier import find_carriers
+from imucalib_cli.diagnose.carrier import Carriers, find_carriers
 from imucalib_cli.errors import ChoiceError, ImucalibError
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.jobs.motion import other_frames
-from imucalib_cli.jobs.reading import samples_of
 from imucalib_cli.robot.frames import with_static_frames
 from imucalib_cli.signals.imu.repair import repair
+from imucalib_cli.signals.samples import samples_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from imucalib_cli.diagnose.rigid import Carrier
     from imucalib_cli.jobs.motion import Sources
     from imucalib_cli.jobs.request import CalibrationRequest
     from imucalib_cli.logs.clock import Clock
@@ -52,8 +51,8 @@ def find_parents(
     sources: Sources,
     robot: Robot | None,
     request: CalibrationRequest,
-) -> tuple[Carrier, ...]:
-    """Links that move as an IMU does, best first; several where the log cannot tell them apart."""
+) -> Carriers:
+    """Links that move as an IMU does."""
     if robot is not None:
         robot = with_static_frames(robot, sources.edges)
     frames, path_to = other_frames(sources, robot, request)
@@ -77,15 +76,37 @@ def find_parents(
     return find_carriers(repaired, options, frames, path_to)
 
 
-def with_answer(error: ImucalibError, carriers: tuple[Carrier, ...]) -> ImucalibError:
-    """An error that asks for the parent, with the links that move as the IMU does."""
-    if not carriers or error.reason is None:
+def with_answer(
+    error: ImucalibError, carriers: Carriers, unread: tuple[str, ...] = ()
+) -> ImucalibError:
+    """An error that asks for the parent, with what the IMU's own motion tells of it.
+
+    Args:
+        error: That asks.
+        carriers: Links that move as the IMU does.
+        unread: Topics of poses that were not read.
+    """
+    if error.reason is None:
         return error
-    moves = " or ".join(map(str, carriers))
-    several = ", the log cannot tell which" if len(carriers) > 1 else ""
-    parents = " or ".join(f"--parent {each.frame}" for each in carriers)
-    return ChoiceError(
-        f"{error.reason}; it moves like {moves}{several}: {parents}",
-        topic=error.topic,
-        option=error.option,
-    )
+    if carriers.links:
+        told = f"{error.reason}; {_moves_like(carriers)}"
+    elif carriers.still:
+        told = (
+            f"{error.reason}; it stands still while the robot moves, so that this log does not "
+            "tell where it is: choose another --imu-topic, or record while what carries it moves"
+        )
+    elif unread:
+        told = (
+            f"{error.reason}, and no link moves as it does: if {' or '.join(unread)} has the pose "
+            f"of the robot's base, read it too: --pose-topic {unread[0]}"
+        )
+    else:
+        return error
+    return ChoiceError(told, topic=error.topic, option=error.option)
+
+
+def _moves_like(carriers: Carriers) -> str:
+    moves = " or ".join(map(str, carriers.links))
+    several = ", the log cannot tell which" if len(carriers.links) > 1 else ""
+    parents = " or ".join(f"--parent {each.frame}" for each in carriers.links)
+    return f"it moves like {moves}{several}: {parents}"

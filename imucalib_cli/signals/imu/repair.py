@@ -208,7 +208,7 @@ def check_alone(imu: ImuSamples) -> tuple[Finding, ...]:
             if error.finding is None:
                 raise
             return (error.finding,)
-    tidy, findings = _mended_imu(imu, ())
+    tidy, findings = mended_imu(imu, ())
     faults = sensor_faults(tidy, None) if len(tidy) >= MIN_IMU_SAMPLES else []
     return (*findings, *(fault.finding(tidy) for fault in faults))
 
@@ -235,7 +235,7 @@ def _evened(
     imu: ImuSamples, path: KinematicPath, max_offset: float, as_recorded: tuple[str, ...]
 ) -> Repaired:
     """The streams without bursts, except those named."""
-    imu, findings = _mended_imu(imu, as_recorded)
+    imu, findings = mended_imu(imu, as_recorded)
     tracks = []
     for raw in path.tracks:
         track, found = _mended_track(raw, as_recorded)
@@ -287,7 +287,7 @@ def _even(
     ]
 
 
-def _mended_imu(imu: ImuSamples, as_recorded: tuple[str, ...]) -> tuple[ImuSamples, list[Finding]]:
+def mended_imu(imu: ImuSamples, as_recorded: tuple[str, ...]) -> tuple[ImuSamples, list[Finding]]:
     """An IMU on even stamps, in order."""
     t, findings = _even(imu.topic, imu.t, imu.gyro, imu.accel, as_recorded=as_recorded)
     tidy = tidy_rows(t, imu.gyro, imu.accel)
@@ -309,6 +309,8 @@ def _mended_track(track: Track, as_recorded: tuple[str, ...]) -> tuple[Track, li
         whole[tidy.rows] = values
         track = replace(track, values=whole)
     track = replace(track, t=t)
+    if track.kind == "imu":  # repaired before, and its readings may leap
+        return track, findings
     leaps = find_glitches(tidy.of(t), values, _LEAP)
     if not leaps.any() or np.mean(leaps) > _MOST_LEAPS:
         return track, findings

@@ -141,7 +141,7 @@ def camera_truth(recording: Recording, camera: CameraRecord) -> dict[str, Any]:
         "T_cam_imu": T_camera_imu.tolist(),
         "T_imu_cam": np.linalg.inv(T_camera_imu).tolist(),
         "time_offset": offset,
-        "timeshift_cam_imu": recording.noise.time_offset - offset,
+        "timeshift_cam_imu": recording.time_offset - offset,
         "images": len(camera.t),
         "tags_seen": float(tags.mean() / (target.tag_rows * target.tag_cols)),
         "fewest_tags": int(tags.min()),

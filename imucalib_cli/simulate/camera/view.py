@@ -35,7 +35,7 @@ def camera_mount(system: SystemConfig, link: str) -> tuple[str, Floats, Floats]:
         R_parent_frame = matrix_from_rpy(step.rpy)
         R, p = R_parent_frame @ R, R_parent_frame @ p + step.xyz
         frame, passed = step.parent, passed + 1
-    moving = {system.parent} if system.arm is None else {joint.child for joint in system.arm.joints}
+    moving = {system.parent, *(joint.child for joint in system.joints)}
     if frame not in moving:
         raise InputError(f"{system.name}: {link} hangs on {frame}, which is no link that moves")
     return frame, R, p

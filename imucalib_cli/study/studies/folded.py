@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from imucalib_cli.simulate.config import Arm
+from imucalib_cli.errors import InputError
+from imucalib_cli.simulate.config import Arm, FreeBody
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.recording import rows_kept
 from imucalib_cli.study.conditions import Recorded, paper_settings, wrong_guess
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from imucalib_cli.simulate.config import FreeBody, SystemConfig
+    from imucalib_cli.simulate.config import SystemConfig
     from imucalib_cli.simulate.options import NoiseOptions
     from imucalib_cli.simulate.recording import Messages, Recording
     from imucalib_cli.study.study import Cell, Row
@@ -165,8 +166,10 @@ def moves_of(system: SystemConfig, duration: float) -> list[Stretch]:
     mover = system.mover
     if isinstance(mover, Arm):
         moves, again = _arm_moves(mover), 1
-    else:
+    elif isinstance(mover, FreeBody):
         moves, again = _pushes(mover), 0
+    else:
+        raise InputError(f"{system.name} walks: only an arm or a free body moves and rests in turn")
     t = mover.start_rest
     stretches, number = [], 0
     while t < duration - _ROUNDING:

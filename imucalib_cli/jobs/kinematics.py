@@ -1,0 +1,94 @@
+"""What a log told of the robot itself: joint zeros and origins, and what no log can tell."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Final
+
+from imucalib_cli.diagnose.edits import travels
+from imucalib_cli.digits import figures, sigma, with_std
+from imucalib_cli.layout import Table
+from imucalib_cli.results.kinematics import CLEAR, ORIGIN, ZERO, joint_of, sigmas
+from imucalib_cli.robot.path import JointStep, PoseStep
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from imucalib_cli.jobs.calibrate import Calibrated
+    from imucalib_cli.layout import Block
+    from imucalib_cli.results.result import ParameterEntry
+    from imucalib_cli.robot.path import KinematicPath
+
+_HEADS: Final = ("joint", "what", "true less URDF", "beforehand", "")
+_UNITS: Final = {"rad": ("deg", math.degrees(1.0)), "m": ("mm", 1e3)}
+_TAUGHT: Final = 0.9
+"""Of the sigma beforehand: what is left with more of it was taught nothing by the log."""
+_BASE: Final = "gauge: where the robot's base stands, which gravity and the fit follow"
+_MOUNT: Final = "gauge: part of the IMU's mount"
+
+
+def kinematics_report(each: Calibrated) -> Iterator[Block]:
+    """Joint zeros and origins of one IMU's chain, in its order, as lines and a table."""
+    result, path = each.result, each.motion.path
+    joints = [step for step in path.steps if isinstance(step, JointStep)]
+    if not joints:
+        yield f"{result.child}: poses alone move {path.parent}, there are no joints to judge"
+        return
+    if each.result.provenance.options.get("robot") == "exact":
+        yield f"{result.child}: the robot was taken to be exact (--robot)"
+        return
+    yield (
+        f"the robot's joints between {path.world} and {path.parent}, as {result.child} saw them "
+        f"(apply --kinematics writes what stands {CLEAR:g} sigma off):"
+    )
+    found: dict[tuple[str, str], list[ParameterEntry]] = {}
+    for entry in result.diagnostics.parameters:
+        if entry.name in {ZERO, ORIGIN}:
+            found.setdefault((joint_of(entry), entry.name), []).append(entry)
+    rows: list[tuple[str, ...]] = []
+    for name, kind, why in _places(path):
+        entries = found.get((name, kind), [])
+        rows += (_row(entry, kind) for entry in entries)
+        if len(entries) < (1 if kind == ZERO else len("xyz")):
+            some = "zero" if kind == ZERO else "origin" if not entries else "origin, the rest"
+            rows.append((name, some, "", "", why))
+    yield Table(_HEADS, tuple(rows), frozenset(_HEADS[2:4]))
+
+
+def _places(path: KinematicPath) -> Iterator[tuple[str, str, str]]:
+    """Joint, zero or origin, and why no log could tell it, in the order of the chain."""
+    moving = [
+        place
+        for place, step in enumerate(path.steps)
+        if isinstance(step, PoseStep) or (isinstance(step, JointStep) and travels(path, step))
+    ]
+    first = min(moving, default=0)
+    for place, step in enumerate(path.steps):
+        if isinstance(step, JointStep):
+            name = path.tracks[step.track].names[step.column]
+            yield name, ORIGIN, _BASE if place <= first else _MOUNT
+            slides = step.kind == "prismatic"
+            zero = _BASE if place <= first else "part of its origin" if slides else _MOUNT
+            yield name, ZERO, zero
+
+
+def _row(entry: ParameterEntry, kind: str) -> tuple[str, ...]:
+    unit, scale = _UNITS[entry.unit]
+    value, std, before = (
+        0.0 if number is None else number * scale
+        for number in (entry.value, entry.std, entry.prior_std)
+    )
+    off, learnt = sigmas(entry), " learnt" if entry.prior_learnt else ""
+    remark = f"{figures(off, 2)} sigma" if off >= 1.0 else ""
+    if off >= CLEAR:
+        remark = f"{figures(off, 3)} sigma: clear"
+    elif std > _TAUGHT * before > 0.0:
+        remark = "the log says nothing of it"
+    axis = "" if kind == ZERO else f" {entry.label.rpartition(' ')[2]}"
+    return (
+        joint_of(entry),
+        f"{'zero' if kind == ZERO else 'origin'}{axis}, {unit}",
+        with_std(value, std),
+        f"± {sigma(before)}{learnt}",
+        remark,
+    )

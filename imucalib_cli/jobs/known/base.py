@@ -1,0 +1,157 @@
+"""The IMU that tells how a robot without a fixed base moves: as the user says, or found."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from imucalib_cli.errors import ChoiceError, InputError
+from imucalib_cli.estimate.options import MatchedOptions
+from imucalib_cli.findings import note
+from imucalib_cli.robot.build import BaseImu, find_base
+from imucalib_cli.robot.frames import with_static_frames
+from imucalib_cli.robot.mount import Mount, Nominal, find_mount, rigid_transform
+from imucalib_cli.signals.imu.base import base_track, is_same_sensor, turns
+from imucalib_cli.signals.moves import track_moves
+from imucalib_cli.signals.samples import samples_of
+
+if TYPE_CHECKING:
+    from imucalib_cli.findings import Finding
+    from imucalib_cli.jobs.motion import Sources
+    from imucalib_cli.jobs.request import CalibrationRequest
+    from imucalib_cli.logs.clock import Clock
+    from imucalib_cli.logs.streams import ImuStream
+    from imucalib_cli.robot.path import Track
+    from imucalib_cli.robot.urdf import Robot
+
+    Imus = tuple[ImuStream, ...]
+
+_REMEDY = "add it to the URDF (`imucalib apply --add`), or record /tf_static"
+
+
+def with_base_imu(
+    imus: tuple[Imus, Imus],
+    sources: Sources,
+    clock: Clock,
+    robot: Robot | None,
+    request: CalibrationRequest,
+) -> tuple[Imus, Sources, tuple[Finding, ...]]:
+    """Take one of a log's IMUs as what tells the base's motion, if one is named or must be.
+
+    One must be where the root of the URDF carries an IMU that turns, joint states are there, and
+    nothing else in the log moves the base.
+
+    Args:
+        imus: To be calibrated, and others in the log.
+        sources: What else tells a motion.
+        clock: Of the log.
+        robot: Of the URDF.
+        request: Its base_imu, parents and units.
+
+    Returns:
+        The IMUs to be calibrated, the sources with it, and findings that say so; as given where
+        none is.
+
+    Raises:
+        ChoiceError: The named IMU is not there, or where it is on the robot is not known.
+        InputError: It stands still, or its data cannot be used.
+    """
+    if robot is not None:
+        robot = with_static_frames(robot, sources.edges)
+    wanted, known = imus[0], (*imus[0], *imus[1])
+    base: ImuStream | None = None
+    if request.base_imu is not None:
+        base = _named(known, request.base_imu)
+    elif robot is not None:
+        base = _on_the_root(known, sources, clock, robot)
+    if base is None or (request.base_imu is None and wanted == (base,)):
+        return wanted, sources, ()
+    if not isinstance(request.estimator, MatchedOptions):
+        raise ChoiceError(
+            f"{base.name} would tell how the base moves, which only --method matched can use: "
+            "leave --method out, or give the base's pose by --pose-topic"
+        )
+    samples = samples_of(base, clock)
+    if not turns(samples):
+        raise InputError(
+            f"{base.name} hardly turns, so it tells no motion: leave --base-imu out if the base "
+            "stands still, or record while it moves",
+            topic=base.name,
+        )
+    others = tuple(each for each in wanted if each is not base)
+    if not others:
+        raise ChoiceError(
+            f"--base-imu {base.name} is the only IMU that is asked for: it tells how others move"
+        )
+    for other in others:
+        if is_same_sensor(samples_of(other, clock), samples):
+            raise ChoiceError(
+                f"{base.name} and {other.name} have the readings of one sensor: choose the others "
+                "with --imu-topic, or another --base-imu"
+            )
+    track, findings = base_track(samples, request.units, request.estimator.gravity_norm)
+    placed = _placed(base, track, robot, request)
+    told = note("base.imu", topic=base.name, link=placed.link)
+    topics = {**sources.topics, track.name: base.name}
+    return others, replace(sources, base=placed, topics=topics), (told, *findings)
+
+
+def _named(imus: Imus, name: str) -> ImuStream:
+    found = [imu for imu in imus if name in (imu.name, imu.topic)]
+    if len(found) != 1:
+        listed = ", ".join(imu.name for imu in imus)
+        raise ChoiceError(f"--base-imu {name}: no such IMU, but {listed}")
+    return found[0]
+
+
+def _on_the_root(imus: Imus, sources: Sources, clock: Clock, robot: Robot) -> ImuStream | None:
+    """The IMU on the URDF's root that tells how it moves, if nothing else does."""
+    if len(imus) == 1 or not sources.joints:
+        return None
+    moving = [edge for edge in sources.edges if not edge.is_static and track_moves(edge.track)]
+    if find_base(moving, robot) is not None:
+        return None
+    floating = [each.child for each in robot.joints if each.kind == "floating"]
+    on_root = [
+        imu
+        for imu in imus
+        if imu.frame_id in robot.links
+        and any(rigid_transform(robot, root, imu.frame_id) for root in (robot.root, *floating))
+        and turns(samples_of(imu, clock))
+    ]
+    return max(on_root, key=len, default=None)
+
+
+def _placed(
+    imu: ImuStream, track: Track, robot: Robot | None, request: CalibrationRequest
+) -> BaseImu:
+    """Where an IMU is on the robot; without one its own frame is all there is."""
+    frame = imu.frame_id or imu.topic.strip("/").replace("/", "_")
+    if robot is None:
+        nominal = Nominal(joint="", R_parent_imu=np.eye(3), t_parent_imu=np.zeros(3))
+        mount = Mount(parent=frame, child=frame, nominal=nominal)
+    else:
+        parents = dict(request.parents)
+        keys = (imu.name, imu.topic, frame)
+        named = next((parents[key] for key in keys if key in parents), None)
+        try:
+            mount = find_mount(robot, frame, named)
+        except ChoiceError as error:
+            raise ChoiceError(
+                f"where the base IMU {imu.name} is on the robot is not known: "
+                f"{error.reason or error}; {_REMEDY}"
+            ) from error
+    if mount.nominal is None:
+        raise ChoiceError(
+            f"where the base IMU {imu.name} is on {mount.parent} is not known: no frame '{frame}' "
+            f"is rigidly joined to it; {_REMEDY}"
+        )
+    return BaseImu(
+        track=track,
+        frame=frame,
+        link=mount.parent,
+        R_link_imu=mount.nominal.R_parent_imu,
+        t_link_imu=mount.nominal.t_parent_imu,
+    )

@@ -1,0 +1,106 @@
+"""Errors of the robot's own geometry that a result found, as origins of the joints of a URDF."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from msgspec import UNSET
+
+from imucalib_cli.errors import ChoiceError, InputError
+from imucalib_cli.results.urdf_edit import joint_origin
+from imucalib_cli.robot.rotations import matrix_from_rotvec
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from imucalib_cli.results.result import ParameterEntry, Result
+    from imucalib_cli.results.urdf_edit import JointOrigin
+    from imucalib_cli.robot.urdf import Joint, Robot
+
+CLEAR: Final = 5.0
+"""Sigmas from which an error is taken to be there: by chance one of a million is."""
+ZERO: Final = "joint_zero"
+ORIGIN: Final = "origin"
+
+
+def joint_of(entry: ParameterEntry) -> str:
+    """The joint of which an entry is the zero or a component of the origin."""
+    return entry.label if entry.name == ZERO else entry.label.rpartition(" ")[0]
+
+
+def sigmas(entry: ParameterEntry) -> float:
+    """How far an entry stands from its nominal value of zero, in sigmas."""
+    if entry.value is None or not entry.std:
+        return 0.0
+    return abs(entry.value) / entry.std
+
+
+def clear_entries(result: Result) -> list[ParameterEntry]:
+    """Joint zeros and components of origins that stand clear of zero."""
+    return [
+        entry
+        for entry in result.diagnostics.parameters
+        if entry.name in {ZERO, ORIGIN} and sigmas(entry) >= CLEAR
+    ]
+
+
+def corrected_origins(robot: Robot, result: Result) -> tuple[JointOrigin, ...]:
+    """New origins of the joints whose errors stand clear of zero.
+
+    The zero of a joint becomes a rotation of its origin about its axis, so that the values that
+    the robot reports stay as they are.
+
+    Args:
+        robot: Of the URDF that the result is of.
+        result: With what it found of the robot.
+
+    Raises:
+        ChoiceError: The result is of another URDF, to whose origins the errors belong.
+        InputError: An error cannot be written into this URDF.
+    """
+    entries = clear_entries(result)
+    if not entries:
+        return ()
+    source = result.provenance.urdf
+    if source is None or source.sha256 != robot.sha256:
+        of = "of none" if source is None else f"of {source.path} as it was then"
+        raise ChoiceError(
+            f"{robot.source} is not the URDF of the result, which is {of}: the errors that were "
+            "found belong to its origins; run again with this one"
+        )
+    chain = {joint.name: joint for joint, _ in robot.route(robot.root, result.parent)}
+    followed = {joint.mimic.joint for joint in robot.joints if joint.mimic is not None}
+    by_joint: dict[str, list[ParameterEntry]] = {}
+    for entry in entries:
+        by_joint.setdefault(joint_of(entry), []).append(entry)
+    found = []
+    for name, errors in by_joint.items():
+        if name not in chain or any(not _is_written(each) for each in errors):
+            raise InputError(
+                f"{robot.source}: an error of '{errors[0].label}' was found, which is no joint "
+                f"between '{robot.root}' and '{result.parent}': write it by hand"
+            )
+        if name in followed and any(each.name == ZERO for each in errors):
+            raise InputError(
+                f"{robot.source}: the zero of joint '{name}' is off, and other joints follow it "
+                "(mimic): write it by hand, into the joint or into those that follow"
+            )
+        found.append(_corrected(chain[name], errors))
+    return tuple(found)
+
+
+def _is_written(entry: ParameterEntry) -> bool:
+    """Whether a result says which way an error goes; results of earlier versions do not."""
+    return entry.name == ZERO or entry.axis is not UNSET
+
+
+def _corrected(joint: Joint, errors: Sequence[ParameterEntry]) -> JointOrigin:
+    R, p = joint.R_origin, joint.p_origin
+    for entry in errors:
+        value = entry.value or 0.0
+        if entry.name == ZERO:
+            R = R @ matrix_from_rotvec(value * joint.axis)
+        elif entry.axis is not UNSET:
+            p = p + joint.R_origin @ (value * np.array(entry.axis))
+    return joint_origin(joint.name, R, p)

@@ -1,0 +1,95 @@
+"""Motion of an IMU by its own readings alone, with gravity left in.
+
+The gyroscope integrated once gives the attitude, the force in these axes integrated twice the
+place: the pose in a frame that falls freely. Where it starts, how it is turned and how fast it
+moves at first is arbitrary, and derivative filters do not see any of it.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from imucalib_cli.robot.rotations import cross, matrix_from_quaternion
+
+if TYPE_CHECKING:
+    from imucalib_cli.arrays import Floats
+
+_PLACES: Final = np.arange(-1, 3)
+"""Samples about the interval from 0 to 1 whose cubic stands for the signal in it: that of the
+filters' quadrature (kernels.py), so that noise is the same in what is compared."""
+_GAUSS: Final = np.sqrt(3.0) / 6.0
+
+
+def _weights(moments: Floats) -> Floats:
+    """(4,), of the samples at the places, from what powers 0 to 3 of the time become."""
+    return np.asarray(np.linalg.solve(np.vander(_PLACES, increasing=True).T, moments))
+
+
+_POWERS: Final = np.arange(len(_PLACES))
+_EARLY, _LATE = (_weights(at**_POWERS) for at in (0.5 - _GAUSS, 0.5 + _GAUSS))
+"""Values at the nodes of Gauss's quadrature."""
+_SUM: Final = _weights(1.0 / (_POWERS + 1))
+"""Integral over the interval."""
+_SUM_OF_SUM: Final = _weights(1.0 / ((_POWERS + 1) * (_POWERS + 2)))
+"""Integral of the integral."""
+
+
+def dead_reckon(gyro: Floats, accel: Floats, dt: float) -> tuple[Floats, Floats]:
+    """Pose of an IMU in the freely falling frame in which it is at rest at the first sample.
+
+    Args:
+        gyro: (N, 3), rad/s, IMU axes.
+        accel: (N, 3), specific force, m/s², IMU axes.
+        dt: s, between samples.
+
+    Returns:
+        Quaternions (N, 4), x y z w, and positions (N, 3), m: R_fall_imu and p_fall_imu. At the
+        first and the last two samples the signal's continuation is a guess.
+
+    Source:
+        Attitude: the Magnus expansion of fourth order, Iserles and Nørsett, Phil. Trans. R. Soc. A
+        357, 1999. Position: quadrature of the cubic through four samples.
+    """
+    early, late = (_between(gyro, each) for each in (_EARLY, _LATE))
+    turns = 0.5 * dt * (early + late) + _GAUSS * dt**2 / 2.0 * cross(early, late)
+    attitude = np.concatenate([[[0.0, 0.0, 0.0, 1.0]], _quaternions(turns)])
+    reach = 1
+    while reach < len(attitude):  # products of ever longer stretches: log2(N) passes over all
+        attitude[reach:] = _product(attitude[:-reach], attitude[reach:])
+        reach *= 2
+    attitude /= np.linalg.norm(attitude, axis=1, keepdims=True)
+    force = np.einsum("nij,nj->ni", matrix_from_quaternion(attitude), accel)
+    velocity = _summed(dt * _between(force, _SUM))
+    steps = dt * velocity[:-1] + dt**2 * _between(force, _SUM_OF_SUM)
+    return attitude, _summed(steps)
+
+
+def _between(values: Floats, weights: Floats) -> Floats:
+    """(N - 1, C), weighted sums of the samples about each interval."""
+    before, behind = -int(_PLACES[0]), int(_PLACES[-1]) - 1
+    padded = np.pad(values, ((before, behind), (0, 0)), mode="reflect", reflect_type="odd")
+    count = len(values) - 1
+    total = np.zeros((count, values.shape[1]))
+    for first, weight in enumerate(weights.tolist()):
+        total += weight * padded[first : first + count]
+    return total
+
+
+def _summed(steps: Floats) -> Floats:
+    return np.concatenate([np.zeros((1, steps.shape[1])), np.cumsum(steps, axis=0)])
+
+
+def _quaternions(turns: Floats) -> Floats:
+    """(N, 4), x y z w, of rotation vectors (N, 3)."""
+    half = 0.5 * np.linalg.norm(turns, axis=1, keepdims=True)
+    return np.hstack([0.5 * turns * np.sinc(half / np.pi), np.cos(half)])
+
+
+def _product(a: Floats, b: Floats) -> Floats:
+    """(N, 4), quaternions of the rotations by b, then by a."""
+    u, s = a[:, :3], a[:, 3:]
+    v, t = b[:, :3], b[:, 3:]
+    real = s * t - (u * v).sum(axis=1, keepdims=True)
+    return np.hstack([s * v + t * u + cross(u, v), real])

@@ -1,0 +1,184 @@
+"""A robot without a fixed base: an IMU on its trunk, three joints, and an IMU behind them.
+
+Its motion is analytic; what the IMUs read is made by differences of it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from imucalib_cli.robot.path import (
+    FixedStep,
+    JointStep,
+    KinematicPath,
+    PoseStep,
+    Track,
+    fixed_inverse,
+)
+from imucalib_cli.signals.samples import ImuSamples
+from tests.estimate.estimate_arm import GRAVITY, MEMS, Mount
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+Floats = NDArray[np.float64]
+Place = tuple[Floats, Floats]
+
+H = 1e-4
+"""s: of the differences that readings are made by."""
+AXES = ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
+ORIGINS = ((0.0, 0.08, -0.05), (0.0, 0.02, -0.05), (0.0, 0.0, -0.35))
+BASE = FixedStep(
+    R=Rotation.from_euler("xyz", [0.1, -0.05, 0.7]).as_matrix(), p=np.array([0.03, -0.02, 0.08])
+)
+"""Of the trunk's IMU in the trunk."""
+FOOT = Mount(R=Rotation.from_rotvec([0.4, -1.1, 0.7]).as_matrix(), t=np.array([0.05, 0.02, -0.12]))
+"""Of the other IMU in the last link."""
+
+
+def readings_of(place: Callable[[Floats], Place], mount: FixedStep, t: Floats) -> Place:
+    """What an IMU reads, rad/s and m/s², that is mounted in a frame with this pose."""
+
+    def of_imu(t: Floats) -> Place:
+        R, p = place(t)
+        return R @ mount.R, p + R @ mount.p
+
+    (R, p), (R_later, p_later), (R_sooner, p_sooner) = of_imu(t), of_imu(t + H), of_imu(t - H)
+    force = (p_later - 2 * p + p_sooner) / H**2 + [0, 0, GRAVITY]
+    turned = Rotation.from_matrix(np.swapaxes(R_sooner, 1, 2) @ R_later).as_rotvec()
+    return turned / (2 * H), np.einsum("nji,nj->ni", R, force)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Walk:
+    """A gait that repeats nothing, and what is wrong with robot and sensors."""
+
+    seed: int = 0
+    seconds: float = 30.0
+    rates: tuple[float, float] = (200.0, 200.0)
+    """Hz, of the trunk's IMU and of the other one; joints come with the former."""
+    axes: tuple[tuple[float, float, float], ...] = AXES
+    offsets: tuple[float, float] = (0.0, 0.0)
+    """s: stamps of the trunk's IMU and of the other one less those of the joints."""
+    base_off: tuple[float, float] = (0.0, 0.0)
+    """m and rad: by which the trunk's IMU is elsewhere than the URDF says, standard deviations."""
+    scale: float = 0.0
+    """Scale errors of both IMUs, standard deviation."""
+    zero: float = 0.0
+    """rad: of all joints but the last, standard deviation."""
+    noisy: bool = False
+    """MEMS noise and biases of both IMUs, and an encoder's noise."""
+
+    def _sines(self, name: int, count: int, size: float, hertz: tuple[float, ...]) -> Floats:
+        """Amplitudes, rates and phases, (3, tones, count)."""
+        rng = np.random.default_rng([self.seed, name])
+        tones = np.array(hertz)[:, None] * np.ones(count)
+        amplitude = size * rng.uniform(0.3, 1.0, tones.shape)
+        rate = 2 * np.pi * tones * rng.uniform(0.85, 1.15, tones.shape)
+        return np.stack([amplitude, rate, rng.uniform(0, 2 * np.pi, tones.shape)])
+
+    @cached_property
+    def _motion(self) -> tuple[Floats, Floats, Floats]:
+        return (
+            self._sines(1, 3, 0.10, (0.3, 0.7, 1.3)),
+            self._sines(2, 3, 0.04, (0.5, 1.1, 1.9)),
+            self._sines(3, len(self.axes), 0.35, (0.4, 0.9, 1.4)),
+        )
+
+    def trunk(self, t: Floats) -> Place:
+        """R_world_trunk and p_world_trunk."""
+        turn, sway, _ = self._motion
+        p = _sum(sway, t)
+        p[:, 0] += 0.5 * t
+        return Rotation.from_euler("ZYX", _sum(turn, t)).as_matrix(), p
+
+    def joints(self, t: Floats) -> Floats:
+        """(N, J), rad."""
+        return _sum(self._motion[2], t)
+
+    def leg(self, t: Floats) -> Place:
+        """R_world_foot and p_world_foot."""
+        R, p = self.trunk(t)
+        q = self.joints(t) + self._zeros
+        for axis, origin, angle in zip(self.axes, ORIGINS, q.T, strict=False):
+            p = p + R @ np.array(origin)
+            R = R @ Rotation.from_rotvec(np.outer(angle, axis)).as_matrix()
+        return R, p
+
+    @cached_property
+    def _zeros(self) -> Floats:
+        zeros = self.zero * np.random.default_rng([self.seed, 4]).normal(size=len(self.axes))
+        zeros[-1:] = 0.0
+        return np.asarray(zeros)
+
+    def log(self) -> tuple[ImuSamples, KinematicPath]:
+        """The IMU behind the joints, and the path that carries it."""
+        rng = np.random.default_rng([self.seed, 5])
+        t, t_foot = (np.arange(0.0, self.seconds, 1 / rate) for rate in self.rates)
+        off, turn = (rng.normal(size=3) * each for each in self.base_off)
+        base = FixedStep(R=Rotation.from_rotvec(turn).as_matrix() @ BASE.R, p=BASE.p + off)
+        trunk = self._worn(rng, self.rates[0], *readings_of(self.trunk, base, t))
+        mount = FixedStep(R=FOOT.R, p=FOOT.t)
+        foot = self._worn(rng, self.rates[1], *readings_of(self.leg, mount, t_foot))
+        q = self.joints(t)
+        q = q + (3e-5 * rng.normal(size=q.shape) if self.noisy else 0.0)
+        tracks = (
+            Track(name="/imu/trunk", kind="imu", t=t + self.offsets[0], values=np.hstack(trunk)),
+            Track(name="/joint_states", kind="joints", t=t, values=q, names=("j0", "j1", "j2")),
+        )
+        steps: list[PoseStep | FixedStep | JointStep] = [PoseStep(track=0), fixed_inverse(BASE)]
+        for column, (axis, origin) in enumerate(zip(self.axes, ORIGINS, strict=False)):
+            steps.append(FixedStep(R=np.eye(3), p=np.array(origin)))
+            along = np.array(axis)
+            name = f"j{column}"
+            steps.append(JointStep(name=name, kind="revolute", axis=along, track=1, column=column))
+        path = KinematicPath(
+            world="free fall",
+            parent="foot" if self.axes else "trunk",
+            steps=tuple(steps),
+            tracks=tracks if self.axes else tracks[:1],
+        )
+        imu = ImuSamples(t=t_foot + self.offsets[1], gyro=foot[0], accel=foot[1])
+        return imu, path
+
+    def _worn(
+        self, rng: np.random.Generator, rate: float, gyro: Floats, accel: Floats
+    ) -> tuple[Floats, Floats]:
+        """Readings with the errors of a sensor."""
+        gyro, accel = (each * (1.0 + self.scale * rng.normal(size=3)) for each in (gyro, accel))
+        if not self.noisy:
+            return gyro, accel
+        noise_a, noise_g = (density * np.sqrt(rate / 2) for density in MEMS)
+        gyro = gyro + 0.003 * rng.normal(size=3) + noise_g * rng.normal(size=gyro.shape)
+        accel = accel + 0.03 * rng.normal(size=3) + noise_a * rng.normal(size=accel.shape)
+        return gyro, accel
+
+
+def _sum(tones: Floats, t: Floats) -> Floats:
+    amplitude, rate, phase = tones
+    return np.asarray((amplitude * np.sin(t[:, None, None] * rate + phase)).sum(axis=1))
+
+
+@lru_cache(maxsize=8)
+def logged(walk: Walk) -> tuple[ImuSamples, KinematicPath]:
+    """The log of a walk, made once."""
+    return walk.log()
+
+
+def without(imu: ImuSamples, start: float, end: float) -> ImuSamples:
+    """An IMU that says nothing for a while."""
+    return imu.at((imu.t < start) | (imu.t > end))
+
+
+def gap_in_base(path: KinematicPath, start: float, end: float) -> KinematicPath:
+    """A path whose base IMU says nothing for a while."""
+    base = path.tracks[0]
+    kept = (base.t < start) | (base.t > end)
+    short = replace(base, t=base.t[kept], values=base.values[kept])
+    return replace(path, tracks=(short, *path.tracks[1:]))

@@ -1,0 +1,137 @@
+"""IMUs of robots without a fixed base, against the analytic motion they were made from."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
+
+from imucalib_cli.estimate.matched import calibrate_matched
+from imucalib_cli.estimate.options import MatchedOptions, WindowChoice
+from imucalib_cli.signals.dead_reckoning import dead_reckon
+from tests.estimate.estimate_arm import GRAVITY
+from tests.estimate.estimate_walk import BASE, FOOT, Walk, gap_in_base, logged, readings_of
+
+if TYPE_CHECKING:
+    from imucalib_cli.estimate.estimate import Estimate
+
+Floats = NDArray[np.float64]
+FLOATING = MatchedOptions(gravity="none")
+RIGID = Walk(axes=(), noisy=True)
+
+
+def off(found: Estimate, R: Floats = FOOT.R, t: Floats = FOOT.t) -> Floats:
+    """(6,), m and rad: found less true."""
+    turn = Rotation.from_matrix(found.R_parent_imu @ R.T).as_rotvec()
+    return np.concatenate([found.t_parent_imu - t, turn])
+
+
+def squared(found: Estimate, R: Floats = FOOT.R, t: Floats = FOOT.t) -> float:
+    """Of the error in stated sigmas."""
+    error = off(found, R, t)
+    assert found.covariance is not None
+    return float(error @ np.linalg.solve(found.covariance, error))
+
+
+def test_dead_reckoning_is_the_motion_less_free_fall() -> None:
+    walk = Walk()
+    t = np.arange(0.0, 20.0, 0.005)
+    gyro, accel = readings_of(walk.trunk, BASE, t)
+    quaternion, p = dead_reckon(gyro, accel, 0.005)
+    R_body, p_body = walk.trunk(t)
+    R, place = R_body @ BASE.R, p_body + R_body @ BASE.p
+    turned = Rotation.from_matrix(R[0].T @ R).inv() * Rotation.from_quat(quaternion)
+    assert turned.magnitude().max() < 2e-6
+    falling = place + 0.5 * GRAVITY * t[:, None] ** 2 * np.array([0, 0, 1.0])
+    left = p - falling @ R[0]
+    # What is left over a tenth of a second, as a filter sees it.
+    assert np.abs(np.diff(left[5:-5:20], 2, axis=0)).max() / 0.1**2 < 2e-4
+
+
+@pytest.mark.parametrize("seconds", [0.1, 0.2, 0.4])
+def test_without_noise_the_pose_is_exact_at_any_window(seconds: float) -> None:
+    imu, path = logged(Walk())
+    options = replace(FLOATING, window=WindowChoice(seconds=seconds))
+    error = off(calibrate_matched(imu, path, options))
+    assert np.linalg.norm(error[:3]) < 2e-6
+    assert np.linalg.norm(error[3:]) < 2e-6
+
+
+def test_sigma_is_true_with_noise_and_errors_of_both_imus_and_of_the_robot() -> None:
+    """Eight walks: the sum of squares is chi-squared of 48 degrees."""
+    total = 0.0
+    for seed in range(8):
+        walk = Walk(seed=seed, noisy=True, scale=3e-3, zero=1e-3, base_off=(1e-3, 3e-3))
+        found = calibrate_matched(*walk.log(), FLOATING)
+        assert found.trusted
+        error = off(found)
+        assert np.linalg.norm(error[:3]) < 1e-3
+        assert np.linalg.norm(error[3:]) < np.radians(0.1)
+        total += squared(found)
+    assert chi2.ppf(0.001, 48) < total < chi2.ppf(0.999, 48)
+
+
+def test_stamps_of_three_clocks() -> None:
+    walk = Walk(noisy=True, rates=(200.0, 333.0), offsets=(0.006, -0.011))
+    found = calibrate_matched(*walk.log(), FLOATING)
+    base = next(each for each in found.parameters if each.name == "base_time_offset")
+    assert base.value == pytest.approx(0.006, abs=5 * base.std)
+    assert found.time_offset == pytest.approx(-0.011, abs=5 * (found.time_offset_std or 0.0))
+    assert base.std < 1e-3
+    assert squared(found) < chi2.ppf(0.999, 6)
+
+
+def test_a_gap_in_the_base_imu_is_a_gap() -> None:
+    imu, path = logged(Walk(noisy=True))
+    found = calibrate_matched(imu, gap_in_base(path, 9.0, 12.0), FLOATING)
+    whole = calibrate_matched(imu, path, FLOATING)
+    assert found.residuals.gaps == 1
+    assert found.residuals.windows_used < 0.95 * whole.residuals.windows_used
+    assert squared(found) < chi2.ppf(0.999, 6)
+
+
+def test_two_imus_on_one_body_are_calibrated_against_each_other() -> None:
+    found = calibrate_matched(*RIGID.log(), FLOATING)
+    assert found.trusted
+    assert squared(found) < chi2.ppf(0.999, 6)
+    assert np.linalg.norm(off(found)[:3]) < 1e-3
+    assert np.linalg.norm(off(found)[3:]) < np.radians(0.05)
+
+
+def test_a_base_imu_that_is_elsewhere_is_found_as_far_as_the_motion_tells() -> None:
+    """A centimetre and three degrees: larger than any drawing is wrong."""
+    imu, path = Walk(noisy=True, base_off=(5e-3, 0.03)).log()
+    found = calibrate_matched(imu, path, FLOATING)
+    assert "unknown.found" in {each.code for each in found.findings}
+    assert squared(found) < chi2.ppf(0.999, 6)
+    held = calibrate_matched(imu, path, replace(FLOATING, base_std=(0.0,) * 6))
+    assert squared(held) > 100.0
+
+
+def test_what_is_told_of_the_base_imu_is_in_sigma_where_the_motion_does_not_tell() -> None:
+    """One joint: how far both are along its axis together nobody sees."""
+    imu, path = Walk(noisy=True, axes=((0.0, 1.0, 0.0),)).log()
+    found = {}
+    for std in (0.0, 2e-3):
+        told = replace(FLOATING, base_std=(std,) * 3 + (0.0,) * 3)
+        covariance = calibrate_matched(imu, path, told).covariance
+        assert covariance is not None
+        found[std] = np.sqrt(covariance[1, 1])
+    assert found[2e-3] == pytest.approx(np.hypot(found[0.0], 2e-3), rel=0.05)
+
+
+@pytest.mark.slow
+def test_an_hour_keeps_its_digits() -> None:
+    """The last minute of an hour says what the first one does, though it fell 60 000 km."""
+    walk = Walk(seconds=3600.0)
+    imu, path = walk.log()
+    early, late = ((imu.t >= start) & (imu.t < start + 60.0) for start in (0.0, 3540.0))
+    for part in (early, late):
+        error = off(calibrate_matched(imu.at(part), path, FLOATING))
+        assert np.linalg.norm(error[:3]) < 2e-6
+        assert np.linalg.norm(error[3:]) < 2e-6

@@ -1,0 +1,136 @@
+"""Errors of the robot itself, by the arm's simulated log and a URDF spoilt by known sizes."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from imucalib_cli.cli.main import main
+from imucalib_cli.robot.urdf import load_robot
+from imucalib_cli.simulate.load import load_system
+from imucalib_cli.simulate.options import LogOptions
+from imucalib_cli.simulate.urdf import urdf_text
+from imucalib_cli.simulate.write_log import write_log
+from tests.troubleshooting.scene import ARM, clean
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+_LONGER, _TURNED = 4e-3, 0.01
+"""m and rad: how far the URDF is off."""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A log of the arm, its URDF, one that is off in an origin and a zero, and the result."""
+    folder = tmp_path_factory.mktemp("kinematics")
+    write_log(clean(ARM), folder / "log.mcap", LogOptions())
+    (folder / "true.urdf").write_text(urdf_text(load_system(ARM)))
+    true = load_robot(folder / "true.urdf").joint_by_name
+    text = _with_origin(
+        folder, "elbow_joint", true["elbow_joint"].p_origin + np.array([_LONGER, 0.0, 0.0])
+    )
+    wrist = true["wrist_2_joint"]
+    turned = wrist.R_origin @ Rotation.from_rotvec(-_TURNED * wrist.axis).as_matrix()
+    (folder / "off.urdf").write_text(text)
+    rpy = Rotation.from_matrix(turned).as_euler("xyz")
+    (folder / "off.urdf").write_text(
+        _with_origin(folder, "wrist_2_joint", wrist.p_origin, rpy, "off.urdf")
+    )
+    command = ["run", str(folder / "log.mcap"), "--urdf", str(folder / "off.urdf")]
+    assert main([*command, "-o", str(folder / "result.yaml"), "-q"]) == 0
+    return folder
+
+
+def _with_origin(
+    folder: Path,
+    joint: str,
+    xyz: np.ndarray,
+    rpy: np.ndarray | None = None,
+    name: str = "true.urdf",
+) -> str:
+    text = (folder / name).read_text()
+    start = text.index(f'<joint name="{joint}"')
+    head, tail = text[:start], text[start:]
+    words = " ".join(map(repr, np.asarray(xyz, float).tolist()))
+    tail = re.sub(r'xyz="[^"]*"', f'xyz="{words}"', tail, count=1)
+    if rpy is not None:
+        words = " ".join(map(repr, rpy.tolist()))
+        tail = re.sub(r'rpy="[^"]*"', f'rpy="{words}"', tail, count=1)
+    return head + tail
+
+
+def apply(folder: Path, *options: str, urdf: str = "off.urdf") -> int:
+    result = str(folder / "result.yaml")
+    return main(["apply", result, "--urdf", str(folder / urdf), "--kinematics", *options])
+
+
+def test_what_stands_clear_is_written_beside(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = (folder / "off.urdf").read_bytes()
+    assert apply(folder) == 0
+    assert (folder / "off.urdf").read_bytes() == before
+    written = load_robot(folder / "off.kinematics.urdf")
+    true = load_robot(folder / "true.urdf")
+    for joint in written.joints:
+        same = true.joint_by_name[joint.name]
+        if joint.name == "imu_joint":  # whose true pose is not the URDF's
+            continue
+        np.testing.assert_allclose(joint.p_origin, same.p_origin, atol=1e-4)
+        np.testing.assert_allclose(joint.R_origin, same.R_origin, atol=1e-4)
+    said = capsys.readouterr().err
+    assert "applied: joint 'elbow_joint'" in said
+    assert "applied: joint 'wrist_2_joint'" in said
+    assert said.count("applied: ") == 3
+    # again: what an earlier run wrote may be replaced
+    assert apply(folder, "-q") == 0
+
+
+def test_the_result_must_be_of_this_urdf(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Applied twice, every error would be corrected twice."""
+    assert apply(folder, urdf="true.urdf") == 2
+    assert "is not the URDF of the result" in capsys.readouterr().err
+
+
+def test_the_urdf_is_never_written_over(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert apply(folder, "--in-place") == 2
+    assert apply(folder, "-o", str(folder / "off.urdf"), "--force") == 2
+    assert "would be overwritten" in capsys.readouterr().err
+
+
+def test_the_report_lists_what_no_log_can_tell(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = ["run", str(folder / "log.mcap"), "--urdf", str(folder / "off.urdf")]
+    assert main([*command, "--kinematics-report", "--format", "summary", "-q"]) == 0
+    rows = capsys.readouterr().out.splitlines()
+
+    def row(joint: str, what: str) -> str:
+        (found,) = (each for each in rows if re.match(rf" *{joint} +{what}", each))
+        return found
+
+    for joint, what, true in (
+        ("elbow_joint", "origin x, mm", -_LONGER * 1e3),
+        ("wrist_2_joint", "zero, deg", np.degrees(_TURNED)),
+    ):
+        found = re.search(r"(\S+) ± (\S+) .* sigma: clear$", row(joint, what))
+        assert found is not None
+        assert abs(float(found[1]) - true) < 3.0 * float(found[2])
+    assert "gauge: where the robot's base stands" in row("shoulder_pan_joint", "zero")
+    assert "gauge: part of the IMU's mount" in row("wrist_3_joint", "zero")
+    assert "clear" not in row("elbow_joint", "zero")
+
+
+def test_the_report_leaves_stdout_to_the_result(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = ["run", str(folder / "log.mcap"), "--urdf", str(folder / "off.urdf")]
+    assert main([*command, "--kinematics-report", "--format", "tf"]) == 0
+    out, err = capsys.readouterr()
+    assert len(out.splitlines()) == 1
+    assert "wrist_2_joint" in err
