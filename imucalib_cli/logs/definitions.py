@@ -125,9 +125,11 @@ def _msg_struct(type_name: str, prefix: str, spelling: _Spelling, depth: int) ->
         elif isinstance(one, Text) and count is None:
             fields.append(Texts(path, name=""))
         else:
-            inner = (replace(one, path="") if one else None,)
-            structs = inner if one else _msg_struct(full, "", spelling, depth + 1)
-            fields.append(Structs(path, tuple(each for each in structs if each), count))
+            structs = _msg_struct(full, "", spelling, depth + 1) if one is None else ()
+            inner = structs if one is None else (replace(one, path=""),)
+            if not inner or count == 0:  # nothing would end a sequence of nothing
+                raise DefinitionError(f"{path} has elements without bytes")
+            fields.append(Structs(path, inner, count))
         spelling.counted((), depth)
     if not fields and spelling.is_cdr:  # a struct without fields has one byte on the wire
         fields.append(Numbers(f"{prefix}structure_needs_at_least_one_member", 1, type="u1"))

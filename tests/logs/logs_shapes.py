@@ -241,7 +241,13 @@ def joint_messages(
     return [(topic, kind, make(kind, store, **says(int(ns), q)), int(log)) for ns, log, q in told]
 
 
-def write_mcap(path: Path, messages: Iterable[Message], store: Any = STORE) -> Path:
+def write_mcap(
+    path: Path,
+    messages: Iterable[Message],
+    *,
+    little_endian: bool = True,
+    definitions: bool = True,
+) -> Path:
     """In CDR, by mcap and rosbags."""
     with path.open("wb") as file:
         writer = McapWriter(file)
@@ -249,10 +255,10 @@ def write_mcap(path: Path, messages: Iterable[Message], store: Any = STORE) -> P
         channels: dict[tuple[str, str], int] = {}
         for topic, kind, message, log_ns in sorted(messages, key=lambda each: each[3]):
             if (topic, kind) not in channels:
-                text, _ = store.generate_msgdef(kind, ros_version=2)
+                text = STORE.generate_msgdef(kind, ros_version=2)[0] if definitions else ""
                 schema = writer.register_schema(kind, "ros2msg", text.encode())
                 channels[topic, kind] = writer.register_channel(topic, "cdr", schema)
-            raw = bytes(store.serialize_cdr(message, kind))
+            raw = bytes(STORE.serialize_cdr(message, kind, little_endian=little_endian))
             writer.add_message(channels[topic, kind], log_ns, raw, log_ns)
         writer.finish()  # type: ignore[no-untyped-call]
     return path
