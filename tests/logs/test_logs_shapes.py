@@ -118,12 +118,7 @@ def test_second_imu_of_unitree(package: str, tmp_path: Path) -> None:
 
 def test_orders_of_motors() -> None:
     """Some of each robot, as the examples of unitree_sdk2_python number them."""
-    assert JOINTS_GO["Go2"][:3] == (
-        "FR_hip_joint",
-        "FR_thigh_joint",
-        "FR_calf_joint",
-        "FL_hip_joint",
-    )
+    assert JOINTS_GO["Go2"][:3] == ("FR_hip_joint", "FR_thigh_joint", "FR_calf_joint")
     assert JOINTS_GO["Go2W"][15] == "RL_foot_joint"
     h1 = JOINTS_GO["H1"]
     assert (h1[8], h1[0], h1[9], h1[19]) == (
@@ -270,11 +265,11 @@ def test_foxglove_transforms_and_poses(encoding: str, tmp_path: Path) -> None:
     path = shapes.write_plain(tmp_path / "log.mcap", said, encoding)
     data = read(path)
     assert data.losses == ()
-    edges = {(each.parent, each.child): each for each in data.poses["/tf"]}
-    assert edges.keys() == {("world", "base"), ("base", "arm")}
-    (pose,) = data.poses["/pose"]
-    assert (pose.parent, pose.child) == ("map", "")
-    for stream in (*edges.values(), pose):
+    found = {(each.parent, each.child): each for each in data.poses["/tf"]}
+    assert found.keys() == {("world", "base"), ("base", "arm")}
+    (of_map,) = data.poses["/pose"]
+    assert (of_map.parent, of_map.child) == ("map", "")
+    for stream in (*found.values(), of_map):
         np.testing.assert_array_equal(stream.position, positions)
         np.testing.assert_allclose(stream.quaternion_xyzw, quaternions, atol=1e-15)
         np.testing.assert_array_equal(stream.header_ns, np.array(TIMES) - 7)
