@@ -21,6 +21,7 @@ from imucalib_cli.simulate.urdf import urdf_text
 from tests.jobs.driving import drive, with_a_camera_frame
 from tests.jobs.robots import SHAPES, random_mount, record
 from tests.jobs.robots import messages as robot_messages
+from tests.jobs.walking import LEG, ROBOT, TRUNK, log_of, walk
 from tests.logs.logs_samples import write_log as write_messages
 from tests.troubleshooting.provoke_recordings import on_the_base
 from tests.troubleshooting.scene import (
@@ -321,7 +322,32 @@ def frames_mixed(scene: Scene) -> Seen:
     return scene.run(scene.log(first, "a.mcap"), scene.log(last, "b.mcap", imu_frame="imu"))
 
 
+def walking(*arguments: str, topics: tuple[str, ...] = (LEG,), frame: str = "") -> Provocation:
+    """A log of a robot on legs, its trunk's IMU, joints and these topics."""
+
+    def provocation(scene: Scene) -> Seen:
+        text = ROBOT.urdf()
+        urdf = scene.path("robot.urdf")
+        urdf.write_text(text.replace("trunk_imu", frame) if frame else text)
+        raw = [replace(each, topic="/imu/raw") for each in walk() if each.topic == TRUNK]
+        said = tuple(sorted([*walk(), *raw], key=lambda each: each.log_ns))
+        log = log_of(scene.folder, TRUNK, "/joint_states", *topics, said=said)
+        return scene.run(log, *arguments)
+
+    return provocation
+
+
 CHOICES: dict[str, Provocation] = {
+    "base-imu": walking(),
+    "base-imu-not-there": walking("--base-imu", "/imu/arm"),
+    "base-imu-alone": walking("--base-imu", TRUNK, "--imu-topic", TRUNK),
+    "base-imu-published": walking("--method", "paper"),
+    "base-imu-twice": walking(topics=("/imu/raw",)),
+    "base-imu-unplaced": walking("--base-imu", TRUNK, frame="other"),
+    "base-imu-still": lambda scene: scene.run(
+        scene.writer().imu(gyro=0.0).imu("/imu/2").joints(names=NAMES).write(),
+        *("--base-imu", "/imu/data"),
+    ),
     "no-imu": lambda scene: scene.run(scene.writer().joints().text().write()),
     "no-motion-topic": lambda scene: scene.run(scene.writer().imu().text().write()),
     "topic-not-there": arm_messages("--imu-topic", "/imu"),

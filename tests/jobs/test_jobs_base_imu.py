@@ -1,0 +1,187 @@
+"""An IMU that tells how the base moves: chosen, said, refused; truth by pinocchio."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from scipy.spatial.transform import Rotation
+
+from imucalib_cli.errors import ChoiceError, InputError
+from imucalib_cli.estimate.options import PaperOptions
+from imucalib_cli.jobs.calibrate import calibrate
+from imucalib_cli.jobs.inspect import inspect
+from imucalib_cli.jobs.reading import read_recording
+from imucalib_cli.jobs.request import CalibrationRequest
+from tests.jobs.walking import LEG, ON_LEG, ON_TRUNK, ROBOT, TRUNK, log_of, of_imu, walk
+from tests.logs.logs_samples import Said, T
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from imucalib_cli.results.result import Result
+
+
+def request(folder: Path, *topics: str, **wishes: Any) -> CalibrationRequest:
+    """A log of these topics, and the robot's URDF."""
+    urdf = folder / "robot.urdf"
+    urdf.write_text(ROBOT.urdf())
+    log = log_of(folder, *(topics or (TRUNK, LEG, "/joint_states")))
+    return CalibrationRequest(**{"logs": (log,), "urdf": urdf, **wishes})
+
+
+def is_true(result: Result, mount: pin.SE3) -> bool:
+    """Whether a result is within four sigmas of the truth, which are small."""
+    assert result.status == "ok"
+    assert result.std is not None
+    turn = Rotation.from_matrix(result.pose.R @ mount.rotation.T).as_rotvec(degrees=True)
+    off = np.concatenate([1e3 * (result.pose.t - mount.translation), turn])
+    sigma = np.array([*result.std.translation_mm, *result.std.rotation_deg], dtype=np.float64)
+    return bool((np.abs(off) < 4.0 * sigma).all() and sigma[:3].max() < 5.0)
+
+
+def test_the_imu_on_the_root_tells_how_a_walking_robot_moves(tmp_path: Path) -> None:
+    (result,) = calibrate(request(tmp_path)).results
+    assert (result.parent, result.child) == ("FL_calf_link", "leg_imu")
+    assert is_true(result, ON_LEG)
+    assert result.provenance.topics.motion == [TRUNK, "/joint_states"]
+    (note,) = [each for each in result.diagnostics.findings if each.code == "base.imu"]
+    assert note.values == {"topic": TRUNK, "link": "trunk"}
+
+
+def test_any_imu_may_be_the_base_of_another(tmp_path: Path) -> None:
+    """The trunk's against the leg's, whose frame in the URDF is then what it is about."""
+    robot = re.sub(
+        r'(<child link="leg_imu"/><origin) xyz="[^"]*" rpy="[^"]*"',
+        rf'\1 xyz="{_text(ON_LEG.translation)}" rpy="{_text(_rpy(ON_LEG))}"',
+        ROBOT.urdf(),
+    )
+    urdf = tmp_path / "true.urdf"
+    urdf.write_text(robot)
+    asked = request(tmp_path, base_imu=LEG, imu_topics=(TRUNK,))
+    (result,) = calibrate(replace(asked, urdf=urdf)).results
+    assert is_true(result, ON_TRUNK)
+
+
+def _text(values: Any) -> str:
+    return " ".join(f"{value:.12g}" for value in values)
+
+
+def _rpy(place: pin.SE3) -> Any:
+    return pin.rpy.matrixToRpy(place.rotation)
+
+
+def test_two_imus_on_one_body_need_no_urdf(tmp_path: Path) -> None:
+    other = pin.SE3(ON_LEG.rotation, np.array([-0.1, 0.05, 0.02]))
+    second = [each for each in of_imu(ROBOT, LEG, "other", other) if each.topic == LEG]
+    # Their noise is of one seed, which two sensors never share.
+    rng = np.random.default_rng(5)
+    for each in second:
+        each.message.angular_velocity.x += rng.normal(0.0, 1e-3)
+        each.message.linear_acceleration.z += rng.normal(0.0, 1e-2)
+    log = log_of(tmp_path, TRUNK, LEG, said=(*_walk_of(TRUNK), *second))
+    (result,) = calibrate(CalibrationRequest(logs=(log,), base_imu=TRUNK)).results
+    assert result.parent == "trunk_imu"
+    assert is_true(result, ON_TRUNK.inverse() * other)
+
+
+def _walk_of(topic: str) -> list[Said]:
+    return [each for each in walk() if each.topic == topic]
+
+
+def test_an_imu_that_nobody_asked_for_may_be_the_base(tmp_path: Path) -> None:
+    recording = read_recording(request(tmp_path, imu_topics=(LEG,)))
+    assert [imu.topic for imu in recording.imus] == [LEG]
+    assert recording.sources.base is not None
+    assert recording.sources.base.link == "trunk"
+
+
+def test_where_something_tells_the_bases_motion_no_imu_is_taken(tmp_path: Path) -> None:
+    asked = request(tmp_path, TRUNK, LEG, "/joint_states", "/tf")
+    assert read_recording(asked).sources.base is None
+    assert read_recording(replace(asked, base_imu=TRUNK)).sources.base is not None
+
+
+def test_inspect_shows_the_choice_and_the_command(tmp_path: Path) -> None:
+    asked = request(tmp_path)
+    found = inspect(asked.logs, asked.urdf)
+    command = f"--imu-topic {LEG} --base-imu {TRUNK}"
+    assert found.command is not None
+    assert found.command.endswith(command)
+    assert found.more_commands == ()
+    assert "carried by trunk, tells how it moves" in found.as_text()
+    alone = inspect((log_of(tmp_path / "alone", TRUNK, LEG),))
+    assert alone.command is not None
+    assert alone.command.endswith("--base-imu IMU")
+
+
+@pytest.mark.parametrize(
+    ("wishes", "kind", "said"),
+    [
+        ({"base_imu": "/imu/head"}, ChoiceError, f"no such IMU, but {LEG}, {TRUNK}"),
+        ({"base_imu": TRUNK, "imu_topics": (TRUNK,)}, ChoiceError, "the only IMU that is asked"),
+        ({"base_imu": TRUNK, "estimator": PaperOptions()}, ChoiceError, "only --method matched"),
+    ],
+)
+def test_what_cannot_be_is_said(
+    wishes: dict[str, Any], kind: type[Exception], said: str, tmp_path: Path
+) -> None:
+    with pytest.raises(kind, match=re.escape(said)):
+        read_recording(request(tmp_path, **wishes))
+
+
+def _changed(topic: str, change: Any) -> tuple[Said, ...]:
+    """The walk with another message in place of each on a topic."""
+    return tuple(
+        replace(each, message=change(each.message)) if each.topic == topic else each
+        for each in walk()
+    )
+
+
+def test_an_imu_that_stands_still_tells_nothing(tmp_path: Path) -> None:
+    rng = np.random.default_rng(1)
+
+    def at_rest(imu: Any) -> Any:
+        w, a = rng.normal(0.0, 1e-3, 3), rng.normal([0.0, 0.0, 9.81], 0.01)
+        vector = T["Vector3"]
+        return replace(imu, angular_velocity=vector(*w), linear_acceleration=vector(*a))
+
+    asked = request(tmp_path)
+    still = _changed(TRUNK, at_rest)
+    log = log_of(tmp_path / "still", TRUNK, LEG, "/joint_states", said=still)
+    assert read_recording(replace(asked, logs=(log,))).sources.base is None
+    with pytest.raises(InputError, match="hardly turns, so it tells no motion"):
+        read_recording(replace(asked, logs=(log,), base_imu=TRUNK))
+
+
+def test_one_sensor_on_two_topics_is_not_two(tmp_path: Path) -> None:
+    raw = [replace(each, topic="/imu/raw") for each in _walk_of(TRUNK)]
+    log = log_of(tmp_path, TRUNK, "/imu/raw", said=(*_walk_of(TRUNK), *raw))
+    with pytest.raises(ChoiceError, match="have the readings of one sensor"):
+        read_recording(CalibrationRequest(logs=(log,), base_imu=TRUNK))
+
+
+def test_a_base_imu_without_a_place_on_the_robot_is_asked_for(tmp_path: Path) -> None:
+    asked = request(tmp_path, base_imu=TRUNK)
+    urdf = tmp_path / "bare.urdf"
+    urdf.write_text(ROBOT.urdf().replace("trunk_imu", "other_imu"))
+    with pytest.raises(ChoiceError, match=r"where the base IMU /imu/trunk is on the robot.*apply"):
+        read_recording(replace(asked, urdf=urdf))
+
+
+def test_in_g_and_degrees_the_base_is_the_same(tmp_path: Path) -> None:
+    """Units of the accelerometer are told by gravity at rest."""
+
+    def in_g(imu: Any) -> Any:
+        a = imu.linear_acceleration
+        scaled = T["Vector3"](a.x / 9.80665, a.y / 9.80665, a.z / 9.80665)
+        return replace(imu, linear_acceleration=scaled)
+
+    asked = request(tmp_path)
+    log = log_of(tmp_path / "g", TRUNK, LEG, "/joint_states", said=_changed(TRUNK, in_g))
+    (result,) = calibrate(replace(asked, logs=(log,))).results
+    assert is_true(result, ON_LEG)

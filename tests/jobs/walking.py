@@ -1,0 +1,49 @@
+"""A robot on legs with an IMU on its trunk and one on a shank, and no pose of its base."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pinocchio as pin
+
+from tests.jobs.robots import SHAPES, Shape, messages, random_mount
+from tests.logs.logs_samples import Said, write_log
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+TRUNK, LEG = "/imu/trunk", "/imu/leg"
+ON_TRUNK = pin.SE3(np.eye(3), np.array([0.04, -0.02, 0.06]))
+ON_LEG = random_mount(4)
+ROBOT = replace(
+    SHAPES["quadruped"],
+    joints=(
+        *SHAPES["quadruped"].joints,
+        ("trunk_imu_joint", "fixed", "trunk", "trunk_imu", "0.04 -0.02 0.06", ""),
+        ("leg_imu_joint", "fixed", "FL_calf_link", "leg_imu", "0 0 -0.1", ""),
+    ),
+)
+
+
+def of_imu(shape: Shape, topic: str, frame: str, mount: pin.SE3) -> list[Said]:
+    """The messages of the robot's log with an IMU there, and no pose of the base."""
+    said = messages(shape, mount=mount, imu_frame=frame, seconds=20.0, seed=2)
+    named = {"/imu": topic}
+    return [replace(each, topic=named.get(each.topic, each.topic)) for each in said]
+
+
+@cache
+def walk() -> tuple[Said, ...]:
+    trunk = of_imu(ROBOT, TRUNK, "trunk_imu", ON_TRUNK)
+    leg = of_imu(replace(ROBOT, carrier="FL_calf_link"), LEG, "leg_imu", ON_LEG)
+    only = [each for each in leg if each.topic == LEG]
+    return tuple(sorted([*trunk, *only], key=lambda each: each.log_ns))
+
+
+def log_of(folder: Path, *topics: str, said: tuple[Said, ...] | None = None) -> Path:
+    kept = (each for each in said or walk() if each.topic in topics)
+    write_log(folder / "log", kept, "mcap2")
+    return folder / "log"
