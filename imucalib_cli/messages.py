@@ -80,6 +80,8 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "joints.named_twice": "{topic}: {count} messages that name a joint twice are left out",
     "joints.incomplete": "{topic}: {count} messages without one position for each joint are left "
     "out",
+    "joints.columns": "{topic}: {count} messages are left out, as {field} has {numbers} "
+    "numbers and --joints names {named}: name a part, or - for what is no joint",
     "joints.not_finite": "{topic}: {count} messages whose positions are not finite or beyond "
     "{limit:g} are left out",
     "pose.unusable": "{topic}: {count} poses that are not finite or whose quaternion is not of "

@@ -304,8 +304,11 @@ def joint_streams(data: TopicData) -> tuple[tuple[JointStream, ...], list[Findin
     losses = []
     if repeated:
         losses.append(warning("joints.named_twice", topic=data.topic, count=repeated))
-    if short:
+    columns = data.reading.columns
+    if short and columns is None:
         losses.append(warning("joints.incomplete", topic=data.topic, count=short))
+    elif short and columns is not None:
+        losses.append(_other_numbers(data, columns, short))
     streams = []
     unsound = 0
     for names, pieces in sets.values():
@@ -335,6 +338,17 @@ def joint_streams(data: TopicData) -> tuple[tuple[JointStream, ...], list[Findin
     if unsound:
         losses.append(warning("joints.not_finite", topic=data.topic, count=unsound, limit=_ABSURD))
     return tuple(streams), losses
+
+
+def _other_numbers(data: TopicData, columns: JointColumns, count: int) -> Finding:
+    """Messages with more or fewer numbers than the user names."""
+    numbers = Counter({0: 0})
+    for piece in data.pieces:
+        if "position" in piece.numbers:
+            numbers[piece.numbers["position"].shape[1]] += len(piece.log_ns)
+    told = {"topic": data.topic, "count": count, "field": columns.path}
+    most, _ = numbers.most_common(1)[0]
+    return warning("joints.columns", **told, numbers=most, named=len(columns.names))
 
 
 def _with_columns(data: TopicData) -> Iterator[Piece]:
