@@ -26,6 +26,7 @@ _CALLED: dict[Kind, tuple[str, str]] = {
 }
 """Name of each kind, and the option that chooses it."""
 _SENSOR = re.compile(r"(?<![a-z])(accel(erometer)?|acc|gyro(scope)?|gyr)(?![a-z])", re.IGNORECASE)
+_HALVES = "--gyro-topic and --accel-topic"
 _ODOMETRY = "nav_msgs/Odometry"
 _MOST_LISTED = 20
 _LONGEST = 100
@@ -122,7 +123,7 @@ def select_topics(
     imu_topics = [each if each in names else each.partition(":")[0] for each in imu_topics]
     imus = _of_kind(topics, "imu", imu_topics)
     others = [each for each in foremost(topics, "imu") if each not in imus]
-    named = _of_kind(topics, "imu", half_topics) if half_topics else []
+    named = _of_kind(topics, "imu", half_topics, _HALVES) if half_topics else []
     halves = [each for each in (*named, *_called_as(topics, imus)) if each not in imus]
     joints = _of_kind(topics, "joints", joint_topics)
     found = _of_kind(topics, "pose", pose_topics)
@@ -207,7 +208,9 @@ def check_joint_topics(
                 )
 
 
-def _of_kind(topics: Sequence[Topic], kind: Kind, named: Sequence[str]) -> list[Topic]:
+def _of_kind(
+    topics: Sequence[Topic], kind: Kind, named: Sequence[str], options: str = ""
+) -> list[Topic]:
     possible = candidates(topics, kind)
     if not named:
         return list(foremost(topics, kind))
@@ -222,7 +225,9 @@ def _of_kind(topics: Sequence[Topic], kind: Kind, named: Sequence[str]) -> list[
                 what = f"{name} has no messages"
             called, option = _CALLED[kind]
             listed = _listed(possible) or "none"
-            raise ChoiceError(f"{what}: {called} topics for {option} are {listed}{_remedy(topics)}")
+            raise ChoiceError(
+                f"{what}: {called} topics for {options or option} are {listed}{_remedy(topics)}"
+            )
     return [by_name[name] for name in dict.fromkeys(named)]
 
 

@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 import imucalib_cli as ic
-from tests.logs import logs_shapes as shapes
-from tests.logs.logs_shapes import STORE_1, header, imu_messages, joint_messages, make
+from tools import republish as shapes
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -45,55 +44,7 @@ def entries(found: Calibration, code: str) -> list[Any]:
     return [each for each in found.result.diagnostics.findings if each.code == code]
 
 
-def dynamic() -> list[shapes.Message]:
-    names = shapes.motion().names
-
-    def says(ns: int, q: Any) -> dict[str, Any]:
-        values = [
-            make(
-                "control_msgs/msg/InterfaceValue",
-                interface_names=["velocity", "position"] if k % 2 else ["position"],
-                values=np.array([0.5, each] if k % 2 else [each]),
-            )
-            for k, each in enumerate(q)
-        ]
-        # one that has an effort alone
-        values.insert(2, make("control_msgs/msg/InterfaceValue", interface_names=["effort"]))
-        values[2].values = np.array([3.0])
-        joints = [*names[:2], "gripper", *names[2:]]
-        return {"header": header(ns), "joint_names": joints, "interface_values": values}
-
-    return joint_messages("/dynamic_joint_states", "control_msgs/msg/DynamicJointState", says)
-
-
-def controller() -> list[shapes.Message]:
-    def says(ns: int, q: Any) -> dict[str, Any]:
-        point = "trajectory_msgs/msg/JointTrajectoryPoint"
-        return {
-            "header": header(ns),
-            "joint_names": list(shapes.motion().names),
-            "reference": make(point, positions=q + 0.1),
-            "feedback": make(point, positions=q, velocities=q),
-        }
-
-    kind = "control_msgs/msg/JointTrajectoryControllerState"
-    return joint_messages("/arm_controller/controller_state", kind, says)
-
-
-def franka_2() -> list[shapes.Message]:
-    def says(ns: int, q: Any) -> dict[str, Any]:
-        state = "sensor_msgs/msg/JointState"
-        names = list(shapes.motion().names)
-        return {
-            "header": header(ns),
-            "measured_joint_state": make(state, name=names, position=q),
-            "desired_joint_state": make(state, name=names, position=q + 0.1),
-        }
-
-    return joint_messages("/franka_robot_state", "franka_msgs/msg/FrankaRobotState", says)
-
-
-@pytest.mark.parametrize("joints", [dynamic, controller, franka_2])
+@pytest.mark.parametrize("joints", [shapes.dynamic, shapes.controller, shapes.franka_2])
 def test_other_joint_messages_give_the_same_pose(
     joints: Callable[[], list[shapes.Message]], tmp_path: Path
 ) -> None:
@@ -102,7 +53,7 @@ def test_other_joint_messages_give_the_same_pose(
 
 
 def test_a_joint_state_goes_before_a_controllers(tmp_path: Path) -> None:
-    said = [*shapes.plain_messages(), *controller()]
+    said = [*shapes.plain_messages(), *shapes.controller()]
     log = shapes.write_mcap(tmp_path / "log.mcap", said)
     found = ic.calibrate(log, urdf=shapes.URDF)
     assert found.result.provenance.topics.motion == ["/joint_states"]
@@ -111,52 +62,26 @@ def test_a_joint_state_goes_before_a_controllers(tmp_path: Path) -> None:
     assert_as_plain(ic.calibrate(log, urdf=shapes.URDF, joint_topics=[topic]))
 
 
-def renamed(tmp_path: Path, names: Sequence[str]) -> Path:
-    """The URDF with other names of its joints."""
-    text = shapes.URDF.read_text()
-    for old, new in zip(shapes.motion().names, names, strict=True):
-        text = text.replace(f'"{old}"', f'"{new}"')
-    urdf = tmp_path / "robot.urdf"
-    urdf.write_text(text)
-    return urdf
-
-
 @pytest.mark.parametrize("robot", ["panda", "fr3"])
 def test_franka_state_of_ros_1(robot: str, tmp_path: Path) -> None:
-    def says(ns: int, q: Any) -> dict[str, Any]:
-        return {"header": header(ns, "", STORE_1), "q": np.append(q, 0.0), "q_d": np.ones(7)}
-
-    joints = joint_messages("/franka_state", "franka_msgs/msg/FrankaState", says)
-    log = shapes.write_bag(tmp_path / "log.bag", [*imu_messages(store=STORE_1), *joints])
-    urdf = renamed(tmp_path, [f"{robot}_joint{k}" for k in range(1, 7)])
+    log = shapes.write_bag(tmp_path / "log.bag", shapes.franka_1())
+    urdf = shapes.renamed(tmp_path / "robot.urdf", [f"{robot}_joint{k}" for k in range(1, 7)])
     assert_as_plain(ic.calibrate(log, urdf=urdf))
 
 
 def test_messages_without_stamps_take_the_receive_times_with_one_note(tmp_path: Path) -> None:
-    def says(_: int, q: Any) -> dict[str, Any]:
-        names = list(shapes.motion().names)
-        return {"joint_names": names, "positions": q.astype("f4"), "label": "abc"}
-
-    said = [*imu_messages(stamped=False), *joint_messages("/arm", "acme_msgs/msg/Arm", says)]
-    found = ic.calibrate(shapes.write_mcap(tmp_path / "log.mcap", said), urdf=shapes.URDF)
+    log = shapes.write_mcap(tmp_path / "log.mcap", shapes.stampless())
+    found = ic.calibrate(log, urdf=shapes.URDF)
     expected = plain("log")
     np.testing.assert_allclose(found.t, expected.t, atol=1e-6)
     notes = entries(found, "stamps.none")
     assert [each.values["topics"] for each in notes] == [["/imu/data", "/arm"]]
 
 
-def halves(every: int, *, nan: bool = False) -> list[shapes.Message]:
-    """The accelerometer at one of so many samples of the gyroscope, each on a topic of its own."""
-    none = shapes.vector([np.nan] * 3 if nan else [0.0] * 3)
-    gyro = imu_messages("/camera/gyro/sample", linear_acceleration=none)
-    accel = imu_messages("/camera/accel/sample", angular_velocity=none)
-    return [*gyro, *accel[::every]]
-
-
 @pytest.mark.parametrize("every", [1, 3])
 @pytest.mark.parametrize("nan", [False, True])
 def test_separate_topics_of_the_sensors_are_one_imu(every: int, nan: bool, tmp_path: Path) -> None:
-    said = [*halves(every, nan=nan), *controller()]
+    said = [*shapes.halves(every, nan=nan), *shapes.controller()]
     log = shapes.write_mcap(tmp_path / "log.mcap", said)
     found = ic.calibrate(log, urdf=shapes.URDF)
     assert found.result.imu_topic == "/camera/gyro/sample"
@@ -178,11 +103,7 @@ def test_separate_topics_of_the_sensors_are_one_imu(every: int, nan: bool, tmp_p
 
 
 def test_float_arrays_by_columns(tmp_path: Path) -> None:
-    def says(_: int, q: Any) -> dict[str, Any]:
-        return {"data": np.concatenate([[7.0], q, [8.0, 9.0]])}
-
-    arrays = joint_messages("/arm/state", "std_msgs/msg/Float64MultiArray", says)
-    log = shapes.write_mcap(tmp_path / "log.mcap", [*shapes.plain_imu(), *arrays])
+    log = shapes.write_mcap(tmp_path / "log.mcap", shapes.array())
     names = ",".join(shapes.motion().names)
     expected = plain("log")
     for part in (f"data[1:7]={names}", f"data[0:8]=-,{names},-"):
@@ -196,7 +117,6 @@ def test_float_arrays_by_columns(tmp_path: Path) -> None:
         ic.calibrate(log, urdf=shapes.URDF)
 
 
-GO2 = [f"{leg}_{part}_joint" for leg in ("FR", "FL") for part in ("hip", "thigh", "calf")]
 H1 = [
     "right_hip_roll_joint",
     "right_hip_pitch_joint",
@@ -227,47 +147,10 @@ def with_joints(text: str, names: Sequence[str]) -> str:
     return text.replace("</robot>", f"{more}</robot>")
 
 
-def low_state(package: str) -> tuple[list[shapes.Message], list[shapes.Message]]:
-    """LowState with both, and the same rounded numbers as messages with stamps."""
-    it = shapes.motion()
-    at = it.joint_ns
-    rows = np.searchsorted(it.imu_ns, at)
-    keep = rows < len(it.imu_ns)
-    kind = f"{package}/msg/LowState"
-    one, two = [], []
-    motors = 20 if package == "unitree_go" else 35
-    for k in np.flatnonzero(keep):
-        row, ns = rows[k], int(at[k])
-        gyro, accel = it.gyro[row].astype("f4"), it.accel[row].astype("f4")
-        q = it.position[k].astype("f4")
-        imu = make(f"{package}/msg/IMUState", gyroscope=gyro, accelerometer=accel)
-        values = np.append(q, np.zeros(motors - len(q)))
-        state = [make(f"{package}/msg/MotorState", q=each) for each in values]
-        tick = (ns // 10**6 - shapes.START_NS // 10**6 + 2**32 - 20_000) % 2**32
-        message = make(kind, imu_state=imu, motor_state=state, tick=tick)
-        log_ns = int(it.joint_log_ns[k])
-        one.append(("/lowstate", kind, message, log_ns))
-        plain_imu = make(
-            "sensor_msgs/msg/Imu",
-            header=header(ns, it.frame),
-            angular_velocity=shapes.vector(gyro),
-            linear_acceleration=shapes.vector(accel),
-        )
-        joints = make(
-            "sensor_msgs/msg/JointState",
-            header=header(ns),
-            name=list(it.names),
-            position=q.astype("f8"),
-        )
-        two.append(("/imu/data", "sensor_msgs/msg/Imu", plain_imu, log_ns))
-        two.append(("/joint_states", "sensor_msgs/msg/JointState", joints, log_ns))
-    return one, two
-
-
 @pytest.mark.parametrize(
     ("package", "names", "link"),
     [
-        ("unitree_go", GO2, "imu"),
+        ("unitree_go", shapes.GO2, "imu"),
         ("unitree_go", H1, "imu_link"),
         ("unitree_hg", G1, "imu_in_pelvis"),
     ],
@@ -275,8 +158,8 @@ def low_state(package: str) -> tuple[list[shapes.Message], list[shapes.Message]]
 def test_unitree_low_state_has_imu_and_joints(
     package: str, names: list[str], link: str, tmp_path: Path
 ) -> None:
-    unitree, plain_said = low_state(package)
-    urdf = renamed(tmp_path, names)
+    unitree, plain_said = shapes.low_state(package)
+    urdf = shapes.renamed(tmp_path / "robot.urdf", names)
     text = urdf.read_text().replace('"imu_link"', f'"{link}"')
     urdf.write_text(with_joints(text, G1_MORE) if names is G1 else text)
     log = shapes.write_mcap(tmp_path / "log.mcap", unitree)
@@ -291,26 +174,5 @@ def test_unitree_low_state_has_imu_and_joints(
 
 @pytest.mark.parametrize("encoding", ["json", "protobuf"])
 def test_imu_and_joints_in_json_and_protobuf(encoding: str, tmp_path: Path) -> None:
-    it = shapes.motion()
-    parts = ("sec", "nsec") if encoding == "json" else ("seconds", "nanos")
-    imu, joints = "sensor_msgs/Imu", "sensor_msgs/JointState"
-    if encoding == "protobuf":
-        imu, joints = "foxglove.Imu", "foxglove.JointState"
-    said: list[shapes.Message] = []
-    message: dict[str, Any]
-    for ns, log_ns, gyro, accel in zip(it.imu_ns, it.imu_log_ns, it.gyro, it.accel, strict=True):
-        message = {
-            "header": shapes.plain_header(int(ns), parts, it.frame),
-            "angular_velocity": shapes.plain_xyz(gyro),
-            "linear_acceleration": shapes.plain_xyz(accel),
-        }
-        said.append(("/imu", imu, message, int(log_ns)))
-    for ns, log_ns, q in zip(it.joint_ns, it.joint_log_ns, it.position, strict=True):
-        message = {
-            "header": shapes.plain_header(int(ns), parts),
-            "name": list(it.names),
-            "position": q.tolist(),
-        }
-        said.append(("/joints", joints, message, int(log_ns)))
-    log = shapes.write_plain(tmp_path / "log.mcap", said, encoding)
+    log = shapes.write_plain(tmp_path / "log.mcap", shapes.dictionaries(encoding), encoding)
     assert_as_plain(ic.calibrate(log, urdf=shapes.URDF))

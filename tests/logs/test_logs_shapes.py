@@ -17,8 +17,8 @@ from imucalib_cli.logs.log import open_log
 from imucalib_cli.logs.reader import Topic
 from imucalib_cli.logs.select import select_topics
 from imucalib_cli.logs.unitree import JOINTS_GO, JOINTS_HG
-from tests.logs import logs_shapes as shapes
-from tests.logs.logs_shapes import STORE, header, make
+from tools import republish as shapes
+from tools.republish import STORE, header, make
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -8,14 +8,14 @@ from unittest.mock import patch
 from rosbags.highlevel import AnyReader
 
 from imucalib_cli.errors import ChoiceError
-from tests.logs.logs_shapes import make, vector, write_mcap, write_plain
 from tests.troubleshooting.scene import Provocation, Scene, Seen, noisy
+from tools.republish import make, vector, write_mcap, write_plain
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
 
-    from tests.logs.logs_shapes import Message
+    from tools.republish import Message
 
     Rewrite = Callable[[Message], Iterator[Message]]
 _NAMES = tuple(f"{leg}_{part}_joint" for leg in ("FR", "FL") for part in ("hip", "thigh", "calf"))

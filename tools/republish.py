@@ -1,7 +1,12 @@
-"""The same motion as robots publish it: other messages, other encodings, written by libraries."""
+"""The begin of sample_data/rihibot.mcap as robots publish such data, for tests and documents.
+
+``python -m tools.republish FORM FILE`` writes it in one of :data:`FORMS`, by rosbags, mcap and
+protobuf; where the joints have other names, with a URDF beside that has them.
+"""
 
 from __future__ import annotations
 
+import argparse
 import json
 from dataclasses import dataclass
 from functools import cache
@@ -20,7 +25,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-SAMPLE = Path(__file__).parents[2] / "sample_data/rihibot.mcap"
+SAMPLE = Path(__file__).parents[1] / "sample_data/rihibot.mcap"
 URDF = SAMPLE.with_suffix(".urdf")
 START_NS = 1_700_000_000_000_000_000
 SECONDS = 24
@@ -180,11 +185,13 @@ Message = tuple[str, str, Any, int]
 
 
 def header(ns: int, frame: str = "", store: Any = STORE) -> Any:
+    """std_msgs/Header."""
     stamp = make("builtin_interfaces/msg/Time", store, sec=ns // 10**9, nanosec=ns % 10**9)
     return make("std_msgs/msg/Header", store, stamp=stamp, frame_id=frame)
 
 
 def vector(values: Sequence[float], store: Any = STORE) -> Any:
+    """geometry_msgs/Vector3."""
     x, y, z = (float(each) for each in values)
     return make("geometry_msgs/msg/Vector3", store, x=x, y=y, z=z)
 
@@ -394,4 +401,215 @@ def plain_header(ns: int, parts: tuple[str, str], frame: str = "") -> dict[str, 
 
 
 def plain_xyz(values: Iterable[float]) -> dict[str, float]:
+    """A vector as a dictionary."""
     return dict(zip("xyz", map(float, values), strict=True))
+
+
+def dynamic() -> list[Message]:
+    """control_msgs/DynamicJointState, with a joint that has an effort alone."""
+    names = motion().names
+
+    def says(ns: int, q: Any) -> dict[str, Any]:
+        values = [
+            make(
+                "control_msgs/msg/InterfaceValue",
+                interface_names=["velocity", "position"] if k % 2 else ["position"],
+                values=np.array([0.5, each] if k % 2 else [each]),
+            )
+            for k, each in enumerate(q)
+        ]
+        # one that has an effort alone
+        values.insert(2, make("control_msgs/msg/InterfaceValue", interface_names=["effort"]))
+        values[2].values = np.array([3.0])
+        joints = [*names[:2], "gripper", *names[2:]]
+        return {"header": header(ns), "joint_names": joints, "interface_values": values}
+
+    return joint_messages("/dynamic_joint_states", "control_msgs/msg/DynamicJointState", says)
+
+
+def controller() -> list[Message]:
+    """control_msgs/JointTrajectoryControllerState of ROS 2 Iron and later."""
+
+    def says(ns: int, q: Any) -> dict[str, Any]:
+        point = "trajectory_msgs/msg/JointTrajectoryPoint"
+        return {
+            "header": header(ns),
+            "joint_names": list(motion().names),
+            "reference": make(point, positions=q + 0.1),
+            "feedback": make(point, positions=q, velocities=q),
+        }
+
+    kind = "control_msgs/msg/JointTrajectoryControllerState"
+    return joint_messages("/arm_controller/controller_state", kind, says)
+
+
+def franka_2() -> list[Message]:
+    """franka_msgs/FrankaRobotState of ROS 2."""
+
+    def says(ns: int, q: Any) -> dict[str, Any]:
+        state = "sensor_msgs/msg/JointState"
+        names = list(motion().names)
+        return {
+            "header": header(ns),
+            "measured_joint_state": make(state, name=names, position=q),
+            "desired_joint_state": make(state, name=names, position=q + 0.1),
+        }
+
+    return joint_messages("/franka_robot_state", "franka_msgs/msg/FrankaRobotState", says)
+
+
+def franka_1() -> list[Message]:
+    """franka_msgs/FrankaState of ROS 1, beside the IMU."""
+
+    def says(ns: int, q: Any) -> dict[str, Any]:
+        return {"header": header(ns, "", STORE_1), "q": np.append(q, 0.0), "q_d": np.ones(7)}
+
+    joints = joint_messages("/franka_state", "franka_msgs/msg/FrankaState", says)
+    return [*imu_messages(store=STORE_1), *joints]
+
+
+def stampless() -> list[Message]:
+    """A type of one's own without a header, beside an IMU whose driver does not stamp."""
+
+    def says(_: int, q: Any) -> dict[str, Any]:
+        return {
+            "joint_names": list(motion().names),
+            "positions": q.astype("f4"),
+            "label": "abc",
+        }
+
+    return [*imu_messages(stamped=False), *joint_messages("/arm", "acme_msgs/msg/Arm", says)]
+
+
+def array() -> list[Message]:
+    """Six positions between other numbers."""
+
+    def says(_: int, q: Any) -> dict[str, Any]:
+        return {"data": np.concatenate([[7.0], q, [8.0, 9.0]])}
+
+    return [*plain_imu(), *joint_messages("/arm/state", "std_msgs/msg/Float64MultiArray", says)]
+
+
+def halves(every: int, *, nan: bool = False) -> list[Message]:
+    """The accelerometer at one of so many samples of the gyroscope, each on a topic of its own."""
+    none = vector([np.nan] * 3 if nan else [0.0] * 3)
+    gyro = imu_messages("/camera/gyro/sample", linear_acceleration=none)
+    accel = imu_messages("/camera/accel/sample", angular_velocity=none)
+    return [*gyro, *accel[::every]]
+
+
+GO2 = [f"{leg}_{part}_joint" for leg in ("FR", "FL") for part in ("hip", "thigh", "calf")]
+"""Names of the first motors of a Go2 in its URDF."""
+
+
+def low_state(package: str) -> tuple[list[Message], list[Message]]:
+    """LowState with both, and the same rounded numbers as messages with stamps."""
+    it = motion()
+    at = it.joint_ns
+    rows = np.searchsorted(it.imu_ns, at)
+    keep = rows < len(it.imu_ns)
+    kind = f"{package}/msg/LowState"
+    one, two = [], []
+    motors = 20 if package == "unitree_go" else 35
+    for k in np.flatnonzero(keep):
+        row, ns = rows[k], int(at[k])
+        gyro, accel = it.gyro[row].astype("f4"), it.accel[row].astype("f4")
+        q = it.position[k].astype("f4")
+        imu = make(f"{package}/msg/IMUState", gyroscope=gyro, accelerometer=accel)
+        values = np.append(q, np.zeros(motors - len(q)))
+        state = [make(f"{package}/msg/MotorState", q=each) for each in values]
+        tick = (ns // 10**6 - START_NS // 10**6 + 2**32 - 20_000) % 2**32
+        message = make(kind, imu_state=imu, motor_state=state, tick=tick)
+        log_ns = int(it.joint_log_ns[k])
+        one.append(("/lowstate", kind, message, log_ns))
+        plain_imu = make(
+            "sensor_msgs/msg/Imu",
+            header=header(ns, it.frame),
+            angular_velocity=vector(gyro),
+            linear_acceleration=vector(accel),
+        )
+        joints = make(
+            "sensor_msgs/msg/JointState",
+            header=header(ns),
+            name=list(it.names),
+            position=q.astype("f8"),
+        )
+        two.append(("/imu/data", "sensor_msgs/msg/Imu", plain_imu, log_ns))
+        two.append(("/joint_states", "sensor_msgs/msg/JointState", joints, log_ns))
+    return one, two
+
+
+def dictionaries(encoding: str) -> list[Message]:
+    """The plain messages as JSON or protobuf has them."""
+    it = motion()
+    parts = ("sec", "nsec") if encoding == "json" else ("seconds", "nanos")
+    imu, joints = "sensor_msgs/Imu", "sensor_msgs/JointState"
+    if encoding == "protobuf":
+        imu, joints = "foxglove.Imu", "foxglove.JointState"
+    said: list[Message] = []
+    message: dict[str, Any]
+    for ns, log_ns, gyro, accel in zip(it.imu_ns, it.imu_log_ns, it.gyro, it.accel, strict=True):
+        message = {
+            "header": plain_header(int(ns), parts, it.frame),
+            "angular_velocity": plain_xyz(gyro),
+            "linear_acceleration": plain_xyz(accel),
+        }
+        said.append(("/imu", imu, message, int(log_ns)))
+    for ns, log_ns, q in zip(it.joint_ns, it.joint_log_ns, it.position, strict=True):
+        message = {
+            "header": plain_header(int(ns), parts),
+            "name": list(it.names),
+            "position": q.tolist(),
+        }
+        said.append(("/joints", joints, message, int(log_ns)))
+    return said
+
+
+def renamed(urdf: Path, names: Sequence[str]) -> Path:
+    """The URDF with other names of its joints."""
+    text = URDF.read_text()
+    for old, new in zip(motion().names, names, strict=True):
+        text = text.replace(f'"{old}"', f'"{new}"')
+    urdf.write_text(text)
+    return urdf
+
+
+@dataclass(frozen=True)
+class Form:
+    """One way to publish it."""
+
+    write: Callable[[Path], Path]
+    names: tuple[str, ...] = ()
+    """Of the joints, if they are others than in the sample."""
+
+
+FORMS = {
+    "dynamic": Form(lambda path: write_mcap(path, [*plain_imu(), *dynamic()])),
+    "controller": Form(lambda path: write_mcap(path, [*plain_imu(), *controller()])),
+    "franka-ros1": Form(
+        lambda path: write_bag(path, franka_1()), tuple(f"panda_joint{k}" for k in range(1, 7))
+    ),
+    "franka-ros2": Form(lambda path: write_mcap(path, [*plain_imu(), *franka_2()])),
+    "stampless": Form(lambda path: write_mcap(path, stampless())),
+    "realsense": Form(lambda path: write_mcap(path, [*halves(2), *controller()])),
+    "array": Form(lambda path: write_mcap(path, array())),
+    "unitree": Form(lambda path: write_mcap(path, low_state("unitree_go")[0]), tuple(GO2)),
+    "json": Form(lambda path: write_plain(path, dictionaries("json"), "json")),
+    "protobuf": Form(lambda path: write_plain(path, dictionaries("protobuf"), "protobuf")),
+}
+
+
+def main() -> None:
+    """Write one form, and a URDF beside where it needs one."""
+    parser = argparse.ArgumentParser(prog="python -m tools.republish", description=__doc__)
+    parser.add_argument("form", choices=FORMS)
+    parser.add_argument("file", type=Path)
+    asked = parser.parse_args()
+    form = FORMS[asked.form]
+    form.write(asked.file)
+    if form.names:
+        renamed(asked.file.with_suffix(".urdf"), form.names)
+
+
+if __name__ == "__main__":
+    main()
