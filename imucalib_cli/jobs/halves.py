@@ -60,7 +60,8 @@ def joined(
         fast, slow = gyro, accel
         if _rate(accel, clock) > _rate(gyro, clock):
             fast, slow = accel, gyro
-        rows, values = _at_stamps_of(fast, slow, clock)
+        values = gyro.gyro if slow is gyro else accel.accel
+        rows, values = _at_stamps_of(fast, (slow, values), clock)
         del imus[accel.name]
         imus[gyro.name] = replace(
             gyro,
@@ -82,13 +83,13 @@ def _asked(
     given = {"--gyro-topic": request.gyro_topics, "--accel-topic": request.accel_topics}
     for option, names in given.items():
         for name in names:
-            if name not in imus:
+            if name not in imus or not len(imus[name]):
                 listed = ", ".join(imus) or "none"
                 raise ChoiceError(
                     f"{option} {name}: no such IMU; there are {listed}", option=option
                 )
     pairs = zip(request.gyro_topics, request.accel_topics, strict=True)
-    return [(imus[gyro], imus[accel]) for gyro, accel in pairs if gyro != accel]
+    return [(imus[gyro], imus[accel]) for gyro, accel in pairs]
 
 
 def _found(imus: dict[str, ImuStream]) -> list[tuple[ImuStream, ImuStream]]:
@@ -117,9 +118,11 @@ def _is_alone(imu: ImuStream, sensor: Sensor) -> bool:
     return bool((imu.gyro if sensor == "gyro" else imu.accel).any()) and not bool(other.any())
 
 
-def _at_stamps_of(fast: ImuStream, slow: ImuStream, clock: Clock) -> tuple[ImuStream, Floats]:
+def _at_stamps_of(
+    fast: ImuStream, half: tuple[ImuStream, Floats], clock: Clock
+) -> tuple[ImuStream, Floats]:
     """Rows of the faster half that have the slower around them, and its values there."""
-    values = slow.gyro if slow.gyro.any() else slow.accel
+    slow, values = half
     t, first = np.unique(clock.seconds(slow), return_index=True)
     at, steps = clock.seconds(fast), np.diff(t)
     longest = _GAP * float(np.median(steps)) if len(steps) else 0.0
@@ -149,10 +152,14 @@ def half_topics(request: CalibrationRequest) -> Sequence[str]:
     """Topics of halves that the user names.
 
     Raises:
-        ChoiceError: A half lacks its other.
+        ChoiceError: A half lacks its other, or is one of two IMUs.
     """
     if len(request.gyro_topics) != len(request.accel_topics):
         raise ChoiceError(
             "--gyro-topic and --accel-topic belong together: give the same number of each"
         )
-    return (*request.gyro_topics, *request.accel_topics)
+    named = (*request.gyro_topics, *request.accel_topics)
+    twice = next((name for name in named if named.count(name) > 1), None)
+    if twice is not None:
+        raise ChoiceError(f"{twice} is named twice: --gyro-topic and --accel-topic take it once")
+    return named
