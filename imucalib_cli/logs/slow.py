@@ -180,6 +180,8 @@ def _get(message: Any, path: str) -> Any:
 
 
 def _flatten(value: Any) -> list[float]:
+    if isinstance(value, (float, int)):
+        return [float(value)]
     if is_dataclass(value):
         names = [each.name for each in dataclass_fields(value) if not each.name.startswith("_")]
         return [x for name in names for x in _flatten(getattr(value, name))]
