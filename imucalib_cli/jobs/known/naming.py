@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 _SURELY = 2
 """Frames that one prefix must fit, where it does not end with a slash, as tf_prefix does."""
+_WHOLE = 0.75
+"""A URDF with this share of a robot's motors is of the whole robot."""
 _SHOWN = 12
 """Joints listed in an error."""
 
@@ -40,8 +42,9 @@ def named_as_in(
     Raises:
         ChoiceError: No joint differs by the prefix that the user says.
     """
+    data, numbered = _spelled(robot, data)
     joints: dict[str, tuple[JointStream, ...]] = {}
-    findings: dict[Finding, None] = {}
+    findings: dict[Finding, None] = dict.fromkeys(numbered)
     unsure: dict[str, None] = {}
     used: set[str] = set()
     frames = " ".join(imu.frame_id for imu in imus.values())
@@ -91,6 +94,60 @@ def _of_one_robot(
     values = {"dropped": dropped, "robot": str(robot.source), "used": tuple(own)}
     findings[note("joints.other_robot", **values)] = None
     return {topic: streams for topic, streams in joints.items() if topic not in dropped}
+
+
+def _spelled(robot: Robot, data: LogData) -> tuple[LogData, tuple[Finding, ...]]:
+    """Name the joints that messages only number, and the frames of IMUs that have none."""
+    findings = []
+    joints: dict[str, tuple[JointStream, ...]] = {}
+    for topic, streams in data.joints.items():
+        named = []
+        for stream in streams:
+            called, names = _motors_of(stream, set(robot.moving_joints))
+            used = [k for k, name in enumerate(names) if name and k < len(stream.names)]
+            if used:
+                told = {"topic": topic, "called": called, "robot": str(robot.source)}
+                findings.append(note("joints.numbered", count=len(used), **told))
+            named.append(
+                replace(
+                    stream,
+                    names=tuple(names[k] for k in used),
+                    position=stream.position[:, used],
+                )
+                if used
+                else stream
+            )
+        joints[topic] = tuple(named)
+
+    def framed(imu: ImuStream) -> ImuStream:
+        frame = next((each for each in imu.frames if each in robot.links), imu.frame_id)
+        return imu if imu.frame_id else replace(imu, frame_id=frame)
+
+    imus = {name: framed(imu) for name, imu in data.imus.items()}
+    return replace(data, imus=imus, joints=joints), tuple(findings)
+
+
+def _motors_of(stream: JointStream, moving: set[str]) -> tuple[str, tuple[str, ...]]:
+    """Robot whose names of the motors the URDF has, and these names; none where it is not clear.
+
+    Robots share names of joints and number them differently. Of those with the most names in the
+    URDF it is the one that lacks fewest, unless the URDF is of a part of a robot alone.
+    """
+    scores = {
+        called: (len(moving & set(names)), -len(set(names) - moving - {""}))
+        for called, names in stream.spellings.items()
+    }
+    if not scores or not max(scores.values())[0]:
+        return "", ()
+    best = max(scores, key=scores.__getitem__)
+    most, lacking = scores[best]
+    order = {name: k for k, name in enumerate(stream.spellings[best]) if name in moving}
+    for called, names in stream.spellings.items():
+        same = scores[called][0] == most
+        other = same and any(names[k : k + 1] != (name,) for name, k in order.items())
+        if other and (scores[called] == scores[best] or most < _WHOLE * (most - lacking)):
+            return "", ()
+    return best, tuple(name if name in moving else "" for name in stream.spellings[best])
 
 
 def _with_frames(
