@@ -561,6 +561,7 @@ RESULTS: dict[str, Provocation] = {
     "diff-parents": compared(("parent: wrist_3_link", "parent: flange")),
     "trend-moved": followed(*((k, *_MOVED) for k in (2, 3))),
     "trend-odd-last": followed((3, *_MOVED)),
+    "trend-at-once": followed(),
     "trend-unknown-time": followed((1, "start: .*", "start: null"), count=2),
     "covariance-edited": compared((r"(covariance:[^,]*,) [^,]*", r"\1 1.0")),
     "not-a-result": applied("arm: rihibot\n"),
