@@ -73,11 +73,15 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     # What messages hold.
     "imu.frames_mixed": "{topic}: {count} messages in other frames ({others:quoted}) than "
     "{frame:quoted} are left out",
+    "imu.joined": "{gyro}: one IMU with the accelerometer of {accel}; {slow} is interpolated onto "
+    "the stamps of {fast}, {rate:.4g} Hz",
     "imu.not_finite": "{topic}: {count} messages whose values are not finite or beyond {limit:g} "
     "are left out",
     "joints.named_twice": "{topic}: {count} messages that name a joint twice are left out",
     "joints.incomplete": "{topic}: {count} messages without one position for each joint are left "
     "out",
+    "joints.columns": "{topic}: {count} messages are left out, as {field} has {numbers} "
+    "numbers and --joints names {named}: name a part, or - for what is no joint",
     "joints.not_finite": "{topic}: {count} messages whose positions are not finite or beyond "
     "{limit:g} are left out",
     "pose.unusable": "{topic}: {count} poses that are not finite or whose quaternion is not of "
@@ -98,6 +102,10 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "stream.missing": "{stream} is missing for {missing:.3g} of the {whole:.3g} s of the log, the "
     "longest time from {start:.1f} to {end:.1f} s: what is there is used, and sigma is that of it",
     # Stamps and clocks.
+    "joints.numbered": "{topic}: the motors are numbered; {count} have the names of {called} in "
+    "{robot}",
+    "stamps.none": "{topics:list}: no stamps in the messages; receive times are used for all "
+    "topics",
     "stamps.all_zero": stamps("are all zero"),
     "stamps.some_zero": stamps("are zero in {count} of {total} messages"),
     "stamps.all_same": stamps("are all the same"),

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
     from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.options import WindowChoice
+    from imucalib_cli.logs.columns import JointColumns
     from imucalib_cli.logs.reader import LogPath
     from imucalib_cli.results.requirement import Tolerance
 
@@ -290,6 +291,16 @@ def imu_name(text: str) -> str:
 def names(text: str) -> tuple[str, ...]:
     """Names by commas."""
     return tuple(each.strip() for each in text.split(",")) if text else ()
+
+
+def joint_columns(text: str) -> JointColumns:
+    """Which numbers of a message are joints: ``TOPIC:FIELD[first:end]=name,...``."""
+    from imucalib_cli.logs.columns import joint_columns
+
+    try:
+        return joint_columns(text)
+    except ValueError as error:
+        raise WrongValue(str(error)) from error
 
 
 def path_or_url(text: str) -> LogPath:

@@ -55,7 +55,7 @@ def images(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def read(path: Path | RemoteFile, *, scan: bool = False, progress: Any = None) -> LogData:
     log = open_log([path], scan_remote=scan)
-    return log.read([topic.name for topic in log.topics if topic.kind], progress)
+    return log.read([topic.name for topic in log.topics if topic.kinds], progress)
 
 
 def assert_same(data: LogData, expected: LogData) -> None:

@@ -379,6 +379,9 @@ CHOICES: dict[str, Provocation] = {
     "base-unread-poor": on_a_moving_base("--parent", "upper", base_topic="/mocap"),
     "planar-arm": on_arm(noisy, "--planar"),
     "planar-askew": planar_askew,
+    "planar-no-height": lambda scene: scene.cli(
+        "run", drive(scene.folder, seconds=15.0)[0], "--planar"
+    ),
     "frames-apart": lambda scene: scene.cli(
         "run", scene.writer().imu().tf("map", "body").tf("hand", "imu_link", moving=False).write()
     ),
