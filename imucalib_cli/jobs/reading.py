@@ -159,10 +159,11 @@ def recording_of(
     robot, data, findings, prefixes = robot_and_names(data, request)
     clock = choose_clock(moving_streams(data), request.clock)
     data, pairs = joined(data, clock, request)
-    part = None
+    asked, part = _asked_for(data, request), None
     if request.part is not None:
-        data, part = part_of(data, clock, request.part)
-    asked = _asked_for(data, request)
+        whole, (data, part) = data, part_of(data, clock, request.part)
+        if request.imu_topics:
+            _see_samples(asked, whole, data)
     filled = [(name in asked, imu) for name, imu in data.imus.items() if len(imu)]
     imus, others = (tuple(imu for one, imu in filled if one == wanted) for wanted in (True, False))
     _require_advancing_stamps(imus, clock)
@@ -205,12 +206,14 @@ def robot_and_names(
         InputError: The URDF cannot be used.
         ChoiceError: The description must be chosen, or no joint has the prefix that is asked for.
     """
+    asked = _asked_for(data, request)
+    wanted = replace(data, imus={name: data.imus[name] for name in data.imus if name in asked})
     robot, findings = (
-        described_robot(data, request) if request.urdf is None else (robot_of(request.urdf), ())
+        described_robot(wanted, request) if request.urdf is None else (robot_of(request.urdf), ())
     )
     if robot is None:
         return None, data, findings, ()
-    data, renamed, prefixes = named_as_in(robot, data, request.joint_prefix)
+    data, renamed, prefixes = named_as_in(robot, data, request.joint_prefix, wanted.imus)
     return robot, data, (*findings, *renamed), prefixes
 
 
@@ -256,6 +259,17 @@ def _require_imus(data: LogData, topics: Iterable[str], request: CalibrationRequ
     unused = [topic for topic in topics if topic not in used]
     if unused and (request.imu_topics or not used):
         raise InputError("; ".join(_why_unused(topic, data) for topic in unused))
+
+
+def _see_samples(named: Iterable[str], whole: LogData, part: LogData) -> None:
+    """Refuse a part of the log in which an IMU that the user named has no samples."""
+    for name in sorted(named):
+        if len(whole.imus[name]) and not len(part.imus[name]):
+            raise ChoiceError(
+                f"{name}: has no samples between --from and --to: choose another part, or leave "
+                "this IMU out",
+                topic=name,
+            )
 
 
 def _require_advancing_stamps(imus: tuple[ImuStream, ...], clock: Clock) -> None:

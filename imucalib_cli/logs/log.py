@@ -310,7 +310,8 @@ def _see_after(file: LogFile, channel: Channel, other: LogFile, before: Channel)
     if overlap > max(_MAX_OVERLAP_S, _MAX_OVERLAP_SHARE * shorter):
         raise ChoiceError(
             f"{other.path} and {file.path} both hold {channel.name} over the same "
-            f"{overlap:.3g} s: they are two recordings, run on each alone"
+            f"{overlap:.3g} s: they are two recordings, and not the parts of one as their names or "
+            "their folder say: name each alone (imucalib batch takes many)"
         )
 
 

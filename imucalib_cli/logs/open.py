@@ -17,6 +17,7 @@ from imucalib_cli.logs.mcap.file import McapFile
 from imucalib_cli.logs.remote.file import RemoteFile, in_bytes
 from imucalib_cli.logs.remote.store import NoRangesError
 from imucalib_cli.logs.tum_euroc import TABLES, EurocTable, TumFile
+from imucalib_cli.shown import natural
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -263,11 +264,4 @@ def _guessed(folder: Path, readers: Readers) -> list[Path]:
     if len(recordings) > 1:
         names = ", ".join(each.name for each in logs)
         raise ChoiceError(f"{folder} holds several recordings, name one of them: {names}")
-    return sorted(logs, key=_natural)
-
-
-def _natural(path: Path) -> list[tuple[int, str]]:
-    return [
-        (int(part or 0), "") if part.isdigit() else (0, part)
-        for part in re.split(r"(\d+)", path.name)
-    ]
+    return sorted(logs, key=lambda each: natural(each.name))

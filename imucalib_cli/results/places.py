@@ -18,6 +18,11 @@ if TYPE_CHECKING:
 _COMPANIONS = ("-wal", "-journal", "-shm")
 """What SQLite keeps beside a database, and reads with it."""
 _HEAD = 1 << 16
+_MARKS = (b"imucalib run --debug-mcap", b"time_s,stamp_ns,accel_x_measured_m_s2")
+"""What files beside a result that read as logs begin with: the MCAP's library, the table's columns.
+"""
+_MARKED = 128
+"""Bytes in which that is."""
 _ROBOT = re.compile(rb"<robot[\s>/]")
 
 
@@ -69,6 +74,19 @@ def files_read(path: Path) -> Iterator[Path]:
             yield from folder.glob(TABLES)
     else:
         yield from (path.with_name(path.name + end) for end in _COMPANIONS if path.name)
+
+
+def is_made_here(path: Path) -> bool:
+    """Whether a file that reads as a log is one beside a result: it can be made again.
+
+    False if it cannot be read.
+    """
+    try:
+        with path.open("rb") as file:
+            head = file.read(_MARKED)
+    except OSError:
+        return False
+    return any(mark in head for mark in _MARKS)
 
 
 def _precious(path: Path) -> str:

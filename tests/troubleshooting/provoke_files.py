@@ -379,6 +379,9 @@ CHOICES: dict[str, Provocation] = {
     "base-unread-poor": on_a_moving_base("--parent", "upper", base_topic="/mocap"),
     "planar-arm": on_arm(noisy, "--planar"),
     "planar-askew": planar_askew,
+    "planar-no-height": lambda scene: scene.cli(
+        "run", drive(scene.folder, seconds=15.0)[0], "--planar"
+    ),
     "frames-apart": lambda scene: scene.cli(
         "run", scene.writer().imu().tf("map", "body").tf("hand", "imu_link", moving=False).write()
     ),
@@ -558,6 +561,7 @@ RESULTS: dict[str, Provocation] = {
     "diff-parents": compared(("parent: wrist_3_link", "parent: flange")),
     "trend-moved": followed(*((k, *_MOVED) for k in (2, 3))),
     "trend-odd-last": followed((3, *_MOVED)),
+    "trend-at-once": followed(),
     "trend-unknown-time": followed((1, "start: .*", "start: null"), count=2),
     "covariance-edited": compared((r"(covariance:[^,]*,) [^,]*", r"\1 1.0")),
     "not-a-result": applied("arm: rihibot\n"),

@@ -31,7 +31,7 @@ LISTED = (
     provoke_together.TOGETHER,
 )
 """By the keys of docs/troubleshooting.md."""
-TABLES = (*LISTED, provoke_recordings.UNLISTED)
+TABLES = (*LISTED, provoke_recordings.UNLISTED, provoke_together.UNLISTED)
 PROVOCATIONS = {key: provocation for table in TABLES for key, provocation in table.items()}
 
 FILE = Path(__file__).with_name("messages.txt")

@@ -10,7 +10,7 @@ from imucalib_cli.findings import note
 from imucalib_cli.robot.names import in_namespace, prefixes, renamed
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Mapping
 
     from imucalib_cli.findings import Finding
     from imucalib_cli.logs.log import LogData
@@ -26,7 +26,7 @@ _SHOWN = 12
 
 
 def named_as_in(
-    robot: Robot, data: LogData, joint_prefix: str | None
+    robot: Robot, data: LogData, joint_prefix: str | None, imus: Mapping[str, ImuStream]
 ) -> tuple[LogData, tuple[Finding, ...], tuple[str, ...]]:
     """A log whose joints and frames have the names of a URDF, where they differ by a prefix.
 
@@ -34,6 +34,7 @@ def named_as_in(
         robot: Of the URDF.
         data: As read.
         joint_prefix: Of the joints, as the user says; None: found where one fits best.
+        imus: Those to be calibrated.
 
     Returns:
         The log, findings that say so, and prefixes of which several fit the joints.
@@ -46,7 +47,7 @@ def named_as_in(
     findings: dict[Finding, None] = dict.fromkeys(numbered)
     unsure: dict[str, None] = {}
     used: set[str] = set()
-    frames = " ".join(imu.frame_id for imu in data.imus.values())
+    frames = " ".join(imu.frame_id for imu in imus.values())
     for topic, streams in data.joints.items():
         named = []
         for stream in streams:
@@ -68,14 +69,14 @@ def named_as_in(
             f"{robot.source}; the log has: {', '.join(logged[:_SHOWN]) or 'none'}",
             option="--joint-prefix",
         )
-    data = replace(data, joints=_of_one_robot(robot, joints, data, findings))
-    return *_with_frames(robot, data, used, findings), tuple(unsure)
+    data = replace(data, joints=_of_one_robot(robot, joints, imus, findings))
+    return *_with_frames(robot, data, used, findings, imus), tuple(unsure)
 
 
 def _of_one_robot(
     robot: Robot,
     joints: dict[str, tuple[JointStream, ...]],
-    data: LogData,
+    imus: Mapping[str, ImuStream],
     findings: dict[Finding, None],
 ) -> dict[str, tuple[JointStream, ...]]:
     """Joints without topics of another robot, which have the same names and another namespace."""
@@ -84,10 +85,12 @@ def _of_one_robot(
         for name in (name for stream in streams for name in stream.names if name in topics):
             topics[name].add(topic)
     rivals = sorted(set().union(*(each for each in topics.values() if len(each) > 1)))
-    own = in_namespace(rivals, [imu.topic for imu in data.imus.values()])
+    own = in_namespace(rivals, [imu.topic for imu in imus.values()])
     if len(own) != 1:
         return joints
     dropped = tuple(topic for topic in rivals if topic not in own)
+    for said in [each for each in findings if each.values["topic"] in dropped]:
+        del findings[said]
     values = {"dropped": dropped, "robot": str(robot.source), "used": tuple(own)}
     findings[note("joints.other_robot", **values)] = None
     return {topic: streams for topic, streams in joints.items() if topic not in dropped}
@@ -148,13 +151,17 @@ def _motors_of(stream: JointStream, moving: set[str]) -> tuple[str, tuple[str, .
 
 
 def _with_frames(
-    robot: Robot, data: LogData, used: Iterable[str], findings: dict[Finding, None]
+    robot: Robot,
+    data: LogData,
+    used: Iterable[str],
+    findings: dict[Finding, None],
+    topics: Iterable[str],
 ) -> tuple[LogData, tuple[Finding, ...]]:
     """Frames likewise: of an IMU, or of poses."""
     imus = {imu.frame_id for imu in data.imus.values()}
     poses = [pose for some in data.poses.values() for pose in some]
     frames = {*imus, *(pose.parent for pose in poses), *(pose.child for pose in poses)} - {""}
-    hints = " ".join((*data.imus, *used))
+    hints = " ".join((*topics, *used))
     found = prefixes(frames, robot.links, hints)
     names = renamed(frames, robot.links, found[0]) if len(found) == 1 else {}
     if not names or not (found[0].endswith("/") or found[0] in used or len(names) >= _SURELY):
