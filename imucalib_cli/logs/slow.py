@@ -114,7 +114,10 @@ def _element(
             case messages.Texts(path) if each.key:
                 texts[each.key] = tuple(map(_sound, _get(message, path)))
             case messages.Numbers(path, _, name) | messages.NumberList(path, name) if name:
-                numbers.setdefault(name, []).extend(_flatten(_get(message, path)))
+                values = _flatten(_get(message, path))
+                if isinstance(each, messages.Numbers) and len(values) != each.count:
+                    raise WireError(f"{path} has {len(values)} numbers")
+                numbers.setdefault(name, []).extend(values)
             case _:
                 _add_structs(each, message, texts, numbers)
     return Element(

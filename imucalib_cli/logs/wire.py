@@ -340,4 +340,5 @@ def _values(rows: Rows, runs: list[_Run], mark: str) -> Floats:
     gapless = runs[-1].start + size * runs[-1].length - runs[0].start == size * count
     where = slice(runs[0].start, runs[0].start + size * count) if gapless else np.concatenate(spans)
     raw = np.ascontiguousarray(rows[:, where])
-    return raw.view(mark + kind).astype(np.float64, copy=False).reshape(len(rows), count)
+    with np.errstate(invalid="ignore"):  # damage makes NaN of any kind
+        return raw.view(mark + kind).astype(np.float64, copy=False).reshape(len(rows), count)

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import imucalib_cli as ic
+from tests.slow import slow_after
 from tools import republish as shapes
 
 if TYPE_CHECKING:
@@ -44,7 +45,9 @@ def entries(found: Calibration, code: str) -> list[Any]:
     return [each for each in found.result.diagnostics.findings if each.code == code]
 
 
-@pytest.mark.parametrize("joints", [shapes.dynamic, shapes.controller, shapes.franka_2])
+@pytest.mark.parametrize(
+    "joints", slow_after(1, [shapes.dynamic, shapes.controller, shapes.franka_2])
+)
 def test_other_joint_messages_give_the_same_pose(
     joints: Callable[[], list[shapes.Message]], tmp_path: Path
 ) -> None:
@@ -62,7 +65,7 @@ def test_a_joint_state_goes_before_a_controllers(tmp_path: Path) -> None:
     assert_as_plain(ic.calibrate(log, urdf=shapes.URDF, joint_topics=[topic]))
 
 
-@pytest.mark.parametrize("robot", ["panda", "fr3"])
+@pytest.mark.parametrize("robot", slow_after(1, ["panda", "fr3"]))
 def test_franka_state_of_ros_1(robot: str, tmp_path: Path) -> None:
     log = shapes.write_bag(tmp_path / "log.bag", shapes.franka_1())
     urdf = shapes.renamed(tmp_path / "robot.urdf", [f"{robot}_joint{k}" for k in range(1, 7)])
@@ -78,8 +81,7 @@ def test_messages_without_stamps_take_the_receive_times_with_one_note(tmp_path: 
     assert [each.values["topics"] for each in notes] == [["/imu/data", "/arm"]]
 
 
-@pytest.mark.parametrize("every", [1, 3])
-@pytest.mark.parametrize("nan", [False, True])
+@pytest.mark.parametrize(("every", "nan"), slow_after(2, [(3, False), (1, True), (1, False)]))
 def test_separate_topics_of_the_sensors_are_one_imu(every: int, nan: bool, tmp_path: Path) -> None:
     said = [*shapes.halves(every, nan=nan), *shapes.controller()]
     log = shapes.write_mcap(tmp_path / "log.mcap", said)
