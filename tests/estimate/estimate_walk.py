@@ -74,6 +74,8 @@ class Walk:
     """By which both accelerometers read more than there is, relative."""
     zero: float = 0.0
     """rad: of all joints but the last, standard deviation."""
+    length: float = 0.0
+    """m: of all origins, but the last one along the last axis, which is the mount's."""
     noisy: bool = False
     """MEMS noise and biases of both IMUs, and an encoder's noise."""
 
@@ -108,8 +110,8 @@ class Walk:
         """R_world_foot and p_world_foot."""
         R, p = self.trunk(t)
         q = self.joints(t) + self._zeros
-        for axis, origin, angle in zip(self.axes, ORIGINS, q.T, strict=False):
-            p = p + R @ np.array(origin)
+        for axis, origin, angle in zip(self.axes, self._origins, q.T, strict=False):
+            p = p + R @ origin
             R = R @ Rotation.from_rotvec(np.outer(angle, axis)).as_matrix()
         return R, p
 
@@ -118,6 +120,13 @@ class Walk:
         zeros = self.zero * np.random.default_rng([self.seed, 4]).normal(size=len(self.axes))
         zeros[-1:] = 0.0
         return np.asarray(zeros)
+
+    @cached_property
+    def _origins(self) -> Floats:
+        off = self.length * np.random.default_rng([self.seed, 6]).normal(size=(len(ORIGINS), 3))
+        for last in self.axes[-1:]:
+            off[len(self.axes) - 1] *= np.asarray(last) == 0.0
+        return np.asarray(ORIGINS + off)
 
     def log(self) -> tuple[ImuSamples, KinematicPath]:
         """The IMU behind the joints, and the path that carries it."""
