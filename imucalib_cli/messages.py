@@ -214,7 +214,13 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "compare.frames_far": "the poses are farther apart than two calibrations of one mount are: is "
     "{camera_link} the camera's optical frame (z forward, x right, y down)?[ --camera-link takes "
     "another: {others:list}]",
-    # Several logs together.
+    # Several IMUs and several logs together.
+    "imus.together": "solved together with {others:list}: the errors of the robot that they share "
+    "are one for all of them",
+    "imus.disagree": "{imu} does not agree with {others:list} on the errors of the robot that they "
+    "share: with them its pose would be {translation:mm.2g} and {rotation:deg.2g} elsewhere, "
+    "{sigmas:.2g} sigma, so it is solved by itself: see that its axes are right, that its mount "
+    "sits fast, and that the URDF is right where their chains part",
     "logs.disagree": "{log} disagrees with the other logs: its pose is {translation:mm.2g} and "
     "{rotation:deg.2g} from theirs, {sigmas:.2g} sigma with the scatter between them: the mount "
     "moved, or the log is of another set-up; leave it out, or see when it moved by imucalib trend",

@@ -199,6 +199,7 @@ def _statistics(header: dict[str, Any], arrays: dict[str, Floats]) -> LogStatist
         x=arrays["x"].reshape(n),
         held_offset=float(header["held_offset"]),
     )
+    blocks = _unpacked(arrays["blocks"], n + 1)
     return LogStatistics(
         equations=NormalEquations(
             layout=layout,
@@ -208,8 +209,9 @@ def _statistics(header: dict[str, Any], arrays: dict[str, Floats]) -> LogStatist
             **{name: _unpacked(arrays[name], n) for name in _SYMMETRIC},
         ),
         options=options,
-        blocks=_unpacked(arrays["blocks"], n + 1),
+        blocks=blocks,
         edges=arrays["edges"],
+        scores=blocks[:, 1:, 0],
         spectra=(_spectrum("accel", arrays), _spectrum("gyro", arrays)),
         windows=tuple(
             OtherWindow(seconds=float(seconds), changes=changes.reshape(n))
