@@ -17,7 +17,7 @@ from imucalib_cli.estimate.checks.segments import log_parts
 from imucalib_cli.estimate.checks.stated import contradicted
 from imucalib_cli.estimate.model.layout import places_of, with_priors
 from imucalib_cli.estimate.model.state import turned_about
-from imucalib_cli.estimate.model.unknowns import LEAN, TABLE, Origin
+from imucalib_cli.estimate.model.unknowns import LEAN, TABLE
 from imucalib_cli.estimate.solution.between import combine, disagreeing, together
 from imucalib_cli.estimate.solution.normal_equations import (
     Answer,

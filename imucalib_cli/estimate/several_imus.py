@@ -8,7 +8,6 @@ the learnt standard deviations learnt once.
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
@@ -24,7 +23,7 @@ from imucalib_cli.robot.rotations import rotvec_from_matrix
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from imucalib_cli.arrays import Floats, Indices
+    from imucalib_cli.arrays import Bools, Floats, Indices
     from imucalib_cli.estimate.model.layout import Layout
     from imucalib_cli.estimate.solution.scales import Posterior
     from imucalib_cli.estimate.statistics import LogStatistics
@@ -34,6 +33,9 @@ if TYPE_CHECKING:
     Limits = tuple[str, float, float]
     """Of a learnt standard deviation: its name, and bounds that a data sheet may narrow."""
 
+SOLVED_TOGETHER: Final = "imus.together"
+"""Code of the finding that other IMUs of the log have a part in a result; its statistics are those
+of its own fit."""
 _FAR: Final = 5.75
 """Sigmas, of six components: one sound set of IMUs in a hundred thousand."""
 _LEAST_BETTER: Final = 0.3
@@ -120,7 +122,8 @@ def solve_agreeing(logs: Sequence[LogStatistics], own: Sequence[Answer]) -> Toge
         logs: Of the IMUs of one log.
         own: The answer of each by itself.
     """
-    kept, strangers = tuple(range(len(logs))), {}
+    kept = tuple(range(len(logs)))
+    strangers: dict[int, Change] = {}
     answers = solve_together(logs)
     changes = [_change(*each) for each in zip(own, answers, strict=True)]
     while max(each.sigmas for each in changes) > _FAR:
@@ -145,7 +148,7 @@ def solve_together(logs: Sequence[LogStatistics]) -> list[Answer]:
     Args:
         logs: Of the IMUs of one log.
     """
-    system = _System.of(logs)
+    system = System.of(logs)
     posterior = integrate(system.problem, most_likely(system.problem))
     common = system.common_noise(posterior.u)
     return [each.answer(posterior, common, system.scales) for each in system.parts]
@@ -171,14 +174,12 @@ def _change(own: Answer, joint: Answer) -> Change:
 def _of_robot(layout: Layout) -> set[Key]:
     """Entries that may be shared: those that are free."""
     return {
-        each.key
-        for each in layout.placed
-        if each.unknown.of_robot and layout.free[each.part].any()
+        each.key for each in layout.placed if each.unknown.of_robot and layout.free[each.part].any()
     }
 
 
 @dataclass(frozen=True, eq=False)
-class _Part:
+class Part:
     """The equations of one IMU, n components, among those of all, N that are free."""
 
     log: LogStatistics
@@ -198,7 +199,7 @@ class _Part:
     """(p, N), of parts of the log, in units of the noise."""
 
     @classmethod
-    def of(cls, log: LogStatistics, to_own: Floats) -> _Part:
+    def of(cls, log: LogStatistics, to_own: Floats) -> Part:
         """The equations of an IMU about the common point."""
         equations, layout = log.equations, log.equations.layout
         offset = prior_offset(layout, log.options, equations.at)
@@ -248,10 +249,10 @@ class _Part:
 
 
 @dataclass(frozen=True, eq=False)
-class _System:
+class System:
     """The equations of several IMUs, what is the robot's in them once."""
 
-    parts: tuple[_Part, ...]
+    parts: tuple[Part, ...]
     problem: Problem
     """Of the components that are free."""
     scales: tuple[Limits, ...]
@@ -268,46 +269,72 @@ class _System:
         return np.asarray(inverse @ across @ inverse)
 
     @classmethod
-    def of(cls, logs: Sequence[LogStatistics]) -> _System:
+    def of(cls, logs: Sequence[LogStatistics]) -> System:
         """Lay the entries of all IMUs out, and put their equations about one point."""
         several_ways = len({_first_joint(log.equations.layout) for log in logs}) > 1
         wholes = [_whole(log, several_ways=several_ways) for log in logs]
-        parts_of: dict[Key, slice] = {}
-        stds: list[Floats] = [np.zeros(0)]
-        scale: list[int] = []
-        scales = tuple(dict.fromkeys(itertools.chain.from_iterable(map(_limits, wholes))))
-        for place, whole in enumerate(wholes):
-            limits = _limits(whole)
-            for each in whole.placed:
-                key = key_of(each, place)
-                if key not in parts_of:
-                    parts_of[key] = slice(len(scale), len(scale) + len(each.labels))
-                    stds.append(whole.std[each.part])
-                    learnt = whole.scale[each.part].tolist()
-                    scale += [scales.index(limits[i]) if i >= 0 else -1 for i in learnt]
-        std, scale_of = np.concatenate(stds), np.array(scale, dtype=np.intp)
-        free = np.flatnonzero((std != 0.0) | (scale_of >= 0))
-        parts = []
-        for place, (log, whole) in enumerate(zip(logs, wholes, strict=True)):
-            to_own = np.zeros((log.equations.layout.size, len(std)))
-            for each in log.equations.layout.placed:
-                to_own[each.part, parts_of[key_of(each, place)]] = each.of_whole
-            for each in whole.placed[len(log.equations.layout.placed) :]:
-                # A first joint that is elsewhere looks like a base IMU that is elsewhere.
-                base = log.equations.layout.part("base_translation")
-                to_own[base, parts_of[each.key]] = -np.eye(3)
-            parts.append(_Part.of(log, to_own[:, free]))
+        vector = _Vector.of(wholes)
+        parts = tuple(
+            Part.of(log, vector.to_own(place, log.equations.layout, whole))
+            for place, (log, whole) in enumerate(zip(logs, wholes, strict=True))
+        )
         problem = Problem(
             information=np.sum([each.information for each in parts], axis=0),
             score=np.sum([each.score for each in parts], axis=0),
             offset=np.sum([each.offset for each in parts], axis=0),
-            std=std[free],
-            scale=scale_of[free],
-            bounds=np.array([each[1:] for each in scales]).reshape(-1, 2),
-            alike=alike([each[0] for each in scales]),
+            std=vector.std[vector.free],
+            scale=vector.scale[vector.free],
+            bounds=np.array([each[1:] for each in vector.scales]).reshape(-1, 2),
+            alike=alike([each[0] for each in vector.scales]),
             noise=np.sum([each.noise for each in parts], axis=0),
         )
-        return cls(parts=tuple(parts), problem=problem, scales=scales)
+        return cls(parts=parts, problem=problem, scales=vector.scales)
+
+
+@dataclass(frozen=True, eq=False)
+class _Vector:
+    """All components of several IMUs one after the other, what is the robot's once."""
+
+    parts: Mapping[Key, slice]
+    std: Floats
+    """(M,), prior, 1 sigma; 0 holds a component; nan where a learnt scale tells."""
+    scale: Indices
+    """(M,), index into ``scales``; -1 where the prior is given."""
+    scales: tuple[Limits, ...]
+
+    @classmethod
+    def of(cls, wholes: Sequence[Layout]) -> _Vector:
+        """Place each entry once, with the prior of the first IMU that has it."""
+        scales = tuple(dict.fromkeys(each for whole in wholes for each in _limits(whole)))
+        parts: dict[Key, slice] = {}
+        stds, scale = [np.zeros(0)], [np.zeros(0, np.intp)]
+        size = 0
+        for place, whole in enumerate(wholes):
+            # The last one is for -1, which stays what it is.
+            numbers = np.array([*map(scales.index, _limits(whole)), -1])
+            for each in whole.placed:
+                key = _key(each, place)
+                if key not in parts:
+                    parts[key] = slice(size, size + len(each.labels))
+                    size += len(each.labels)
+                    stds.append(whole.std[each.part])
+                    scale.append(numbers[whole.scale[each.part]])
+        return cls(parts, np.concatenate(stds), np.concatenate(scale), scales)
+
+    @property
+    def free(self) -> Bools:
+        """(M,), which components may move."""
+        return np.asarray((self.std != 0.0) | (self.scale >= 0))
+
+    def to_own(self, place: int, layout: Layout, whole: Layout) -> Floats:
+        """(n, N), the components of one IMU by those of all that are free."""
+        found = np.zeros((layout.size, len(self.std)))
+        for each in layout.placed:
+            found[each.part, self.parts[_key(each, place)]] = each.of_whole
+        for each in whole.placed[len(layout.placed) :]:
+            # A first joint that is elsewhere looks like a base IMU that is elsewhere.
+            found[layout.part("base_translation"), self.parts[each.key]] = -np.eye(3)
+        return found[:, self.free]
 
 
 def _widened(covariance: Floats, added: Floats, layout: Layout) -> Floats:
@@ -324,7 +351,7 @@ def _widened(covariance: Floats, added: Floats, layout: Layout) -> Floats:
     return np.asarray(covariance + larger)
 
 
-def key_of(placed: Placed, place: int) -> Key:
+def _key(placed: Placed, place: int) -> Key:
     """By which an entry is found again: of the robot in any of its IMUs, else in this one."""
     return placed.key if placed.unknown.of_robot else (place, *placed.key)
 

@@ -26,8 +26,8 @@ class LogStatistics:
     edges: Floats
     """(b + 1,), s of the log."""
     scores: Floats
-    """(p, n), J'e of parts of equal duration, shorter ones than the blocks where the log is at hand:
-    how they vary together tells the noise that several IMUs share."""
+    """(p, n), J'e of parts of equal duration, those of the blocks or shorter ones: how they vary
+    together tells the noise that several IMUs share."""
     spectra: tuple[Spectrum, Spectrum]
     """Accelerometer, gyroscope."""
     windows: tuple[OtherWindow, ...]

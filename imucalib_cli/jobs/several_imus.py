@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
-
-import numpy as np
+from typing import TYPE_CHECKING, Final
 
 from imucalib_cli.estimate.answer import estimate_of
 from imucalib_cli.estimate.checks import judge
+from imucalib_cli.estimate.several_imus import (
+    SOLVED_TOGETHER,
+    OnRobot,
+    groups,
+    solve_agreeing,
+)
 from imucalib_cli.findings import Severity, note, warning
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
 
     from imucalib_cli.estimate.estimate import Estimate
     from imucalib_cli.estimate.solution.normal_equations import Answer
@@ -20,8 +24,16 @@ if TYPE_CHECKING:
     from imucalib_cli.findings import Finding
     from imucalib_cli.robot.path import KinematicPath
 
-SOLVED_TOGETHER = "imus.together"
-"""Code of the finding that other IMUs of the log had a part in a result."""
+_KEPT: Final = (
+    "window",
+    "residuals",
+    "consistency",
+    "sigma_source",
+    "imu_check",
+    "details",
+    "notes",
+)
+"""What an estimate says of the data, which other IMUs do not change."""
 
 
 def together(imus: Sequence[tuple[str, Estimate, KinematicPath]]) -> list[Estimate]:
@@ -34,37 +46,37 @@ def together(imus: Sequence[tuple[str, Estimate, KinematicPath]]) -> list[Estima
         imus: Name, what it says by itself, and what carries it.
     """
     found = [estimate for _, estimate, _ in imus]
-    sound = {
-        name: (place, estimate.statistics, path)
-        for place, (name, estimate, path) in enumerate(imus)
-        if estimate.statistics is not None
-        and estimate.trusted
-        and not estimate.statistics.widened.any()
-    }
-    if len(sound) < 2:
-        return found
-    from imucalib_cli.estimate.several_imus import OnRobot, groups, solve_agreeing
-
     # In an order of their own, whatever that of the log.
-    names = sorted(sound)
-    places, logs, paths = zip(*(sound[name] for name in names), strict=True)
-    for group in groups([OnRobot.of(*each) for each in zip(logs, paths, strict=True)]):
-        own = [logs[each].equations.solve(logs[each].options) for each in group]
-        solved = solve_agreeing([logs[each] for each in group], own)
-        agreeing = [names[group[each]] for each in solved.answers]
+    places = sorted(range(len(imus)), key=lambda place: imus[place][0])
+    names, logs, on_robot = [], [], []
+    for place in places:
+        name, estimate, path = imus[place]
+        if estimate.statistics is not None and _is_sound(estimate, estimate.statistics):
+            names.append((place, name))
+            logs.append(estimate.statistics)
+            on_robot.append(OnRobot.of(estimate.statistics, path))
+    for group in groups(on_robot):
+        those, several = [names[each] for each in group], [logs[each] for each in group]
+        solved = solve_agreeing(several, [log.equations.solve(log.options) for log in several])
         for each, answer in solved.answers.items():
-            index = group[each]
-            others = tuple(name for name in agreeing if name != names[index])
-            found[places[index]] = _again(
-                found[places[index]], logs[index], answer, note(SOLVED_TOGETHER, others=others)
-            )
+            place, others = those[each][0], _others(those, solved.answers, each)
+            told = note(SOLVED_TOGETHER, others=others)
+            found[place] = _again(found[place], several[each], answer, told)
         for each, change in solved.strangers.items():
-            index = group[each]
-            others = tuple(names[other] for other in group if other != index)
-            told = warning("imus.disagree", imu=names[index], others=others, **vars(change))
-            place = places[index]
+            place, name = those[each]
+            others = _others(those, range(len(those)), each)
+            told = warning("imus.disagree", imu=name, others=others, **vars(change))
             found[place] = replace(found[place], findings=(*found[place].findings, told))
     return found
+
+
+def _is_sound(estimate: Estimate, log: LogStatistics) -> bool:
+    """Whether what an IMU says is wrong by no more than its own covariance."""
+    return estimate.trusted and not log.widened.any()
+
+
+def _others(those: Sequence[tuple[int, str]], which: Iterable[int], one: int) -> tuple[str, ...]:
+    return tuple(those[each][1] for each in which if each != one)
 
 
 def _again(estimate: Estimate, log: LogStatistics, answer: Answer, told: Finding) -> Estimate:
@@ -78,9 +90,8 @@ def _again(estimate: Estimate, log: LogStatistics, answer: Answer, told: Finding
         contradicted=False,
         unknown=bool(judge.unobservable(answer)),
     )
-    findings = sorted((*of_data, told, *anew), key=lambda each: each.severity is not Severity.UNTRUSTED)
-    kept = {
-        name: getattr(estimate, name)
-        for name in ("window", "residuals", "consistency", "sigma_source", "imu_check", "details", "notes")
-    }
+    findings = sorted(
+        (*of_data, told, *anew), key=lambda each: each.severity is not Severity.UNTRUSTED
+    )
+    kept = {name: getattr(estimate, name) for name in _KEPT}
     return replace(estimate_of(answer, log, findings=tuple(findings), **kept), statistics=log)
