@@ -40,6 +40,8 @@ BASE = FixedStep(
 """Of the trunk's IMU in the trunk."""
 FOOT = Mount(R=Rotation.from_rotvec([0.4, -1.1, 0.7]).as_matrix(), t=np.array([0.05, 0.02, -0.12]))
 """Of the other IMU in the last link."""
+SHANK = Mount(R=Rotation.from_rotvec([-0.3, 0.8, 1.2]).as_matrix(), t=np.array([-0.03, 0.04, -0.1]))
+"""Of a third one, in the link before."""
 
 
 def readings_of(place: Callable[[Floats], Place], mount: FixedStep, t: Floats) -> Place:
@@ -72,6 +74,8 @@ class Walk:
     """Scale errors of both IMUs, standard deviation."""
     zero: float = 0.0
     """rad: of all joints but the last, standard deviation."""
+    length: float = 0.0
+    """m: of the origins of all joints, standard deviation."""
     noisy: bool = False
     """MEMS noise and biases of both IMUs, and an encoder's noise."""
 
@@ -104,15 +108,27 @@ class Walk:
 
     def leg(self, t: Floats) -> Place:
         """R_world_foot and p_world_foot."""
+        return self.link(t, len(self.axes))
+
+    def link(self, t: Floats, count: int) -> Place:
+        """R_world_link and p_world_link of the link behind so many joints."""
         R, p = self.trunk(t)
-        q = self.joints(t) + self._zeros
-        for axis, origin, angle in zip(self.axes, ORIGINS, q.T, strict=False):
-            p = p + R @ np.array(origin)
+        q = self.joints(t) + self.zeros
+        for axis, origin, off, angle in zip(
+            self.axes[:count], ORIGINS, self.lengths, q.T, strict=False
+        ):
+            p = p + R @ (np.array(origin) + off)
             R = R @ Rotation.from_rotvec(np.outer(angle, axis)).as_matrix()
         return R, p
 
     @cached_property
-    def _zeros(self) -> Floats:
+    def lengths(self) -> Floats:
+        """(3, 3), m: by which the origins of the joints are elsewhere."""
+        return self.length * np.random.default_rng([self.seed, 7]).normal(size=(3, 3))
+
+    @cached_property
+    def zeros(self) -> Floats:
+        """(J,), rad: true less reported positions."""
         zeros = self.zero * np.random.default_rng([self.seed, 4]).normal(size=len(self.axes))
         zeros[-1:] = 0.0
         return np.asarray(zeros)
@@ -146,6 +162,28 @@ class Walk:
         )
         imu = ImuSamples(t=t_foot + self.offsets[1], gyro=foot[0], accel=foot[1])
         return imu, path
+
+    def shank(self) -> tuple[ImuSamples, KinematicPath]:
+        """An IMU behind all joints but the last, in the same log, and the path that carries it."""
+        _, path = logged(self)
+        rng, count = np.random.default_rng([self.seed, 6]), len(self.axes) - 1
+        t = np.arange(0.0, self.seconds, 1 / self.rates[1])
+        mount = FixedStep(R=SHANK.R, p=SHANK.t)
+        read = readings_of(lambda t: self.link(t, count), mount, t)
+        gyro, accel = self._worn(rng, self.rates[1], *read)
+        imu = ImuSamples(t=t + self.offsets[1], gyro=gyro, accel=accel)
+        return imu, replace(path, parent="shank", steps=path.steps[: 2 + 2 * count])
+
+    def seen(self, mount: Mount, count: int) -> Mount:
+        """A mount behind so many joints, as a URDF needs it that knows no errors.
+
+        The zero of the last joint is a part of it, and so is what the last joint's origin is off
+        along its axis.
+        """
+        axis = np.array(self.axes[count - 1])
+        Z = Rotation.from_rotvec(self.zeros[count - 1] * axis).as_matrix()
+        along = axis * (self.lengths[count - 1] @ axis)
+        return Mount(R=Z @ mount.R, t=Z @ mount.t + along)
 
     def _worn(
         self, rng: np.random.Generator, rate: float, gyro: Floats, accel: Floats
