@@ -18,12 +18,13 @@ from imucalib_cli.batch.tables import COLUMNS
 from imucalib_cli.cli.exit_codes import EXIT_CODES
 from imucalib_cli.cli.main import COMMANDS, app
 from imucalib_cli.cli.options import with_groups
+from imucalib_cli.logs.unitree import JOINTS_GO, JOINTS_HG
 from imucalib_cli.messages import MESSAGES
 from imucalib_cli.report.words import WORDS
 from imucalib_cli.sentences import CAUSES, cause
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable, Iterable, Iterator, Sequence
 
 PACKAGE = Path(__file__).parents[1] / "imucalib_cli"
 _VALUE = re.compile(r"\{[^{}]*\}")
@@ -73,6 +74,20 @@ def batch_columns() -> str:
     for name, column in COLUMNS.items():
         told.setdefault(column.meaning, []).append(f"`{name}`")
     return _table(("column", "what it holds"), ((", ".join(n), what) for what, n in told.items()))
+
+
+def motors() -> str:
+    """Names of Unitree's motors, in their order."""
+    rows = [
+        (package, robot, ", ".join(_numbered(names)))
+        for package, robots in (("unitree_go", JOINTS_GO), ("unitree_hg", JOINTS_HG))
+        for robot, names in robots.items()
+    ]
+    return _table(("package", "robot", "motors"), rows)
+
+
+def _numbered(names: Sequence[str]) -> Iterator[str]:
+    return (f"{number} `{name}`" for number, name in enumerate(names) if name)
 
 
 def messages() -> str:

@@ -20,6 +20,7 @@ from imucalib_cli.jobs.calibrate import calibrate_recording
 from imucalib_cli.jobs.from_arrays import streams_of
 from imucalib_cli.jobs.reading import read_recording, recording_of
 from imucalib_cli.jobs.request import CalibrationRequest, ExpectedImu
+from imucalib_cli.logs.columns import joint_columns
 from imucalib_cli.logs.part import Part
 from imucalib_cli.logs.remote.file import path_or_url, without_copies
 from imucalib_cli.results.fields import sections, verdict
@@ -41,6 +42,7 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.estimate import Estimate
     from imucalib_cli.jobs.reading import Recording
     from imucalib_cli.jobs.request import ClockChoice, Progress
+    from imucalib_cli.logs.columns import JointColumns
     from imucalib_cli.logs.reader import LogPath
     from imucalib_cli.signals.samples import Sensor
 
@@ -181,6 +183,9 @@ def calibrate(
     clock: ClockChoice = "auto",
     units: Units | None = None,
     csv_columns: Sequence[str] = (),
+    joints: Sequence[str] = (),
+    gyro_topic: str | None = None,
+    accel_topic: str | None = None,
     start: float | None = None,
     end: float | None = None,
     description_topic: str | None = None,
@@ -208,6 +213,10 @@ def calibrate(
         clock: Stamps of the headers, or times of receipt.
         units: What the IMU's numbers mean; told from the log.
         csv_columns: Columns of tables without a header.
+        joints: Which numbers of messages without names are joints, such as
+            ``"/arm:data[0:2]=pan,lift"``.
+        gyro_topic: Gyroscope that is apart from its accelerometer; found.
+        accel_topic: Its accelerometer; found.
         start: Use the log from here (--from): s of the log, or a stamp, s since 1970.
         end: Use the log up to here (--to).
         description_topic: Topic of the URDF in the log, where several fit.
@@ -230,7 +239,7 @@ def calibrate(
     request = _request(
         logs=tuple(_path_or_url("logs", path) for path in paths),
         urdf=urdf,
-        imu_topics=() if imu_topic is None else _texts("imu_topic", [imu_topic]),
+        imu_topics=_one("imu_topic", imu_topic),
         joint_topics=_texts("joint_topics", joint_topics),
         pose_topics=_texts("pose_topics", pose_topics),
         parent=parent,
@@ -240,10 +249,11 @@ def calibrate(
         clock=clock,
         units=units,
         csv_columns=_texts("csv_columns", csv_columns),
+        joint_columns=tuple(map(_joint_columns, _texts("joints", joints))),
+        gyro_topics=_one("gyro_topic", gyro_topic),
+        accel_topics=_one("accel_topic", accel_topic),
         part=_part(start, end),
-        description_topics=()
-        if description_topic is None
-        else _texts("description_topic", [description_topic]),
+        description_topics=_one("description_topic", description_topic),
         joint_prefix=joint_prefix,
         estimator=estimator,
         imu_model=imu_model,
@@ -417,6 +427,27 @@ def _see_kind(name: str, value: object, kinds: tuple[type, ...]) -> None:
     if value is not None and not isinstance(value, kinds):
         wanted = " or ".join(kind.__name__ for kind in kinds)
         raise ChoiceError(f"{name} is of the type {type(value).__name__}: give {wanted}")
+
+
+def _joint_columns(text: str) -> JointColumns:
+    """Which numbers are joints.
+
+    Raises:
+        ChoiceError: The text is not understood.
+    """
+    try:
+        return joint_columns(text)
+    except ValueError as error:
+        raise ChoiceError(f"joints {error}") from error
+
+
+def _one(name: str, value: str | None) -> tuple[str, ...]:
+    """A text, or none.
+
+    Raises:
+        ChoiceError: It is none.
+    """
+    return () if value is None else _texts(name, [value])
 
 
 def _texts(name: str, values: Any, kinds: tuple[type, ...] = (str,)) -> tuple[Any, ...]:

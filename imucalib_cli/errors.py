@@ -6,7 +6,7 @@ from copy import copy
 from typing import TYPE_CHECKING
 
 from imucalib_cli.findings import Finding
-from imucalib_cli.shown import shown
+from imucalib_cli.shown import shown, without_secrets
 
 if TYPE_CHECKING:
     from typing_extensions import Self
@@ -35,7 +35,7 @@ class ImucalibError(Exception):
             named = message.values.get("topic")
             topic = topic or (named if isinstance(named, str) else None)
             message = message.message
-        super().__init__(shown(message))
+        super().__init__(shown(without_secrets(message)))
         self.topic, self.option, self.reason = topic, option, reason
 
     def about(self, name: str) -> Self:

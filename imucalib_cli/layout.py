@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -12,6 +13,8 @@ from imucalib_cli.shown import shown
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
+_FORMULA = ("=", "+", "-", "@")
+_NUMBER = re.compile(r"[-+]?[\d.]+(?:e[-+]?\d+)?")
 GUTTER = 2
 """Spaces before a table, and between its columns."""
 
@@ -33,12 +36,22 @@ Block: TypeAlias = "str | Table"
 
 
 def csv_text(head: Iterable[str], rows: Iterable[Iterable[object]]) -> str:
-    """A header and rows by commas, a newline after each; None is empty."""
+    """A header and rows by commas, a newline after each; None is empty.
+
+    Names in cells command neither a terminal nor a spreadsheet, which takes some for formulas.
+    """
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(head)
-    writer.writerows(rows)
+    writer.writerows(map(_cell, row) for row in rows)
     return text.getvalue()
+
+
+def _cell(value: object) -> object:
+    if not isinstance(value, str):
+        return value
+    is_formula = value.startswith(_FORMULA) and not _NUMBER.fullmatch(value)
+    return f"'{shown(value)}" if is_formula else shown(value)
 
 
 def plain(blocks: Iterable[Block]) -> str:

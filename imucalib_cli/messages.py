@@ -69,15 +69,19 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "log.messages_undecoded": "{topic}: {undecoded} of {messages} messages do not fit {type} and "
     "are left out",
     "log.files_overlap": "{first} and {second} overlap by {seconds:.3g} s: if they are two "
-    "recordings, run on each alone",
+    "recordings, name each alone",
     # What messages hold.
     "imu.frames_mixed": "{topic}: {count} messages in other frames ({others:quoted}) than "
     "{frame:quoted} are left out",
+    "imu.joined": "{gyro}: one IMU with the accelerometer of {accel}; {slow} is interpolated onto "
+    "the stamps of {fast}, {rate:.4g} Hz",
     "imu.not_finite": "{topic}: {count} messages whose values are not finite or beyond {limit:g} "
     "are left out",
     "joints.named_twice": "{topic}: {count} messages that name a joint twice are left out",
     "joints.incomplete": "{topic}: {count} messages without one position for each joint are left "
     "out",
+    "joints.columns": "{topic}: {count} messages are left out, as {field} has {numbers} "
+    "numbers and --joints names {named}: name a part, or - for what is no joint",
     "joints.not_finite": "{topic}: {count} messages whose positions are not finite or beyond "
     "{limit:g} are left out",
     "pose.unusable": "{topic}: {count} poses that are not finite or whose quaternion is not of "
@@ -98,6 +102,10 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "stream.missing": "{stream} is missing for {missing:.3g} of the {whole:.3g} s of the log, the "
     "longest time from {start:.1f} to {end:.1f} s: what is there is used, and sigma is that of it",
     # Stamps and clocks.
+    "joints.numbered": "{topic}: the motors are numbered; {count} have the names of {called} in "
+    "{robot}",
+    "stamps.none": "{topics:list}: no stamps in the messages; receive times are used for all "
+    "topics",
     "stamps.all_zero": stamps("are all zero"),
     "stamps.some_zero": stamps("are zero in {count} of {total} messages"),
     "stamps.all_same": stamps("are all the same"),
@@ -209,18 +217,29 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "trend.unknown_time": "{file}[ and {others:some} more]: when it was recorded is not known (a "
     "result of an earlier version, or a log without dates), so the results are taken in the order "
     "given, those of a folder by name",
+    "trend.at_once": "{second}[ and {others:some} more] began before {first} ended, and one mount "
+    "makes no two recordings at once: they are of several robots (give the results of each alone), "
+    "or simulated (imucalib simulate --start dates them); those that begin together are in the "
+    "order of their names",
     "diff.same_log": "{first} and {second} were computed from the same log: their errors are not "
     "independent, so the sigma of their difference is not true",
     "compare.frames_far": "the poses are farther apart than two calibrations of one mount are: is "
     "{camera_link} the camera's optical frame (z forward, x right, y down)?[ --camera-link takes "
     "another: {others:list}]",
-    # Several IMUs and several logs together.
+    # Several IMUs together.
     "imus.together": "solved together with {others:list}: the errors of the robot that they share "
     "are one for all of them",
     "imus.disagree": "{imu} does not agree with {others:list} on the errors of the robot that they "
     "share: with them its pose would be {translation:mm.2g} and {rotation:deg.2g} elsewhere, "
     "{sigmas:.2g} sigma, so it is solved by itself: see that its axes are right, that its mount "
     "sits fast, and that the URDF is right where their chains part",
+    # Many logs, each on its own.
+    "batch.log_twice": "{log} is the same as {first}, and is done once",
+    "batch.log_replaced": "{log} is another recording than when it was calibrated last: the "
+    "results of that one are replaced; to keep both, give each recording a name of its own",
+    "batch.parts_joined": "{first}[ and {others:some} more]: taken for the parts of one recording, "
+    "as their names say; if each is a recording, name them one by one: {pattern:quoted}",
+    # Several logs together.
     "logs.disagree": "{log} disagrees with the other logs: its pose is {translation:mm.2g} and "
     "{rotation:deg.2g} from theirs, {sigmas:.2g} sigma with the scatter between them: the mount "
     "moved, or the log is of another set-up; leave it out, or see when it moved by imucalib trend",
@@ -230,6 +249,8 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "logs.far": "{log} was solved {rotation:deg.2g} from the common pose, too far for its "
     "statistics to hold there: run it again with --initial and --prior-std near the common pose",
     "logs.left_out": "{log} is not to be trusted by itself and was left out: {reason}",
+    "logs.missing": "{missing} of the {logs} logs give nothing on this IMU: the result is that of "
+    "the other {used}; run on each alone to see why",
     "logs.twice": "{count} of the logs are other copies of the same recording: each counts once",
     "logs.few": "{logs} logs hardly tell how far the mount scatters between recordings (up to "
     "{translation:mm.2g} and {rotation:deg.2g}): sigma includes that, and more logs lessen it",

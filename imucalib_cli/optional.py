@@ -13,6 +13,7 @@ PACKAGES = {
     "fsspec": "fsspec",
     "aiohttp": "aiohttp",
     "distributed": "Dask",
+    "google": "protobuf",
 }
 """Common name of each module."""
 

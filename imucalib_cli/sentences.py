@@ -414,6 +414,18 @@ CAUSES: dict[str, tuple[str, str]] = {
         "the IMU's stamps are {size:later} than the robot's, not the {given:g} s that were given",
         "rerun without --time-offset, or give this one",
     ),
+    "base_clock": (
+        "the stamps of the base IMU {first} are {size:later} than those of the joints",
+        "let one clock stamp both, or rerun with --clock log",
+    ),
+    "base_sign": (
+        "the accelerometer of the base IMU {first} points down at rest (should point up)",
+        "negate its data",
+    ),
+    "base_frame": (
+        "the base IMU {first} is turned by {size:deg.0f} from its frame in the URDF",
+        "correct the frame's rpy there, or its driver's axis mapping",
+    ),
     "axes.left-handed": (
         (
             "the IMU's axes are left-handed (both sensors fit a mirrored frame and no rotation): "

@@ -39,6 +39,7 @@ def run(script: str, folder: Path) -> subprocess.CompletedProcess[str]:
             **os.environ,
             "PATH": f"{tools}{os.pathsep}{os.environ['PATH']}",
             "OPENBLAS_NUM_THREADS": "1",
+            "PYTHONPATH": str(ROOT),  # for python -m tools
         },
         timeout=300,
     )

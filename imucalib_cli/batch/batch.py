@@ -11,6 +11,7 @@ import msgspec
 from imucalib_cli.batch.content_key import key_of, sizes_of, stamps_of
 from imucalib_cli.batch.folder import ResultFolder
 from imucalib_cli.batch.tables import csv_table
+from imucalib_cli.findings import note
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from imucalib_cli.batch.logs import BatchLog
     from imucalib_cli.batch.record import Record
     from imucalib_cli.batch.task import Task
+    from imucalib_cli.findings import Finding
 
     Report = Callable[[int, int], None]
 
@@ -42,6 +44,8 @@ class Batch:
     """Do finished logs again."""
     rehash: bool = False
     """Read every log to see whether it has changed, whatever its size and time say."""
+    tell: Callable[[Finding], None] = lambda _: None
+    """Called with what became of earlier results."""
 
     def run(self, report: Report = lambda _done, _all: None) -> Generator[tuple[BatchLog, Record]]:
         """Each log with its record, those first that were finished before.
@@ -86,16 +90,20 @@ class Batch:
             folder: Where results are kept.
             report: As for :meth:`run`.
         """
-        before = len(self.logs) - len(logs)
-        report(before, len(self.logs))
+        already = len(self.logs) - len(logs)
+        report(already, len(self.logs))
         if not logs:
             return
         with closing(self.engine(self.task, list(logs))) as finished:
-            for count, (log, done) in enumerate(finished, before + 1):
+            for count, (log, done) in enumerate(finished, already + 1):
+                record = done.record
                 if folder is not None:
-                    folder.keep(log.name, done)
+                    before = folder.records.get(log.name)
+                    record = folder.keep(log.name, done)
+                    if before is not None and before.written and _is_another(record, before):
+                        self.tell(note("batch.log_replaced", log=record.log))
                 report(count, len(self.logs))
-                yield logs[log], done.record
+                yield logs[log], record
 
     def _finished(
         self,
@@ -129,6 +137,12 @@ class Batch:
         if now != record:
             folder.keep_record(name, now)
         return now
+
+
+def _is_another(record: Record, before: Record) -> bool:
+    """Whether a log holds something else than before, as far as both could be read."""
+    now, then = ([stamp.identity for stamp in each.files] for each in (record, before))
+    return bool(now) and bool(then) and now != then
 
 
 def _sizes(record: Record) -> tuple[int, ...]:

@@ -6,6 +6,7 @@ import hashlib
 import json
 import os
 import time
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,6 +19,8 @@ from imucalib_cli.batch.logs import absolute
 from imucalib_cli.batch.record import FileStamp
 from imucalib_cli.errors import InputError
 from imucalib_cli.jobs.reading import printable, sha256_of
+from imucalib_cli.logs.remote.file import RemoteFile
+from imucalib_cli.logs.remote.store import NoRangesError
 from imucalib_cli.results.places import files_read
 
 if TYPE_CHECKING:
@@ -25,8 +28,9 @@ if TYPE_CHECKING:
 
     from imucalib_cli.batch.logs import BatchLog
     from imucalib_cli.jobs.request import CalibrationRequest
+    from imucalib_cli.logs.reader import LogPath
 
-    Sizes = dict[Path, tuple[int, int]]
+    Sizes = dict[LogPath, tuple[int, int | str]]
 
 _SETTLED_NS = 2_000_000_000
 """ns: times of files are as coarse as 2 s (FAT); a younger file may change without a new time."""
@@ -71,12 +75,20 @@ def urdf_hash(request: CalibrationRequest) -> str | None:
 
 
 def sizes_of(log: BatchLog) -> Sizes:
-    """Size and time of last change, ns, of every file that is read of a log.
+    """Size and time of last change, ns, of every file that is read of a log; its version of a URL.
 
-    None of a log that is not there, or is no file or folder.
+    None of a log that is not there, is no file or folder, or is behind a URL whose server tells no
+    version.
     """
-    sizes = {}
-    for path in (each for named in log.paths for each in files_read(named)):
+    sizes: Sizes = {}
+    for remote in (each for each in log.paths if isinstance(each, RemoteFile)):
+        now = RemoteFile(remote.address)  # which has not been asked yet
+        with suppress(InputError, NoRangesError):  # told by who is to read it
+            now.head(1)
+            if now.size is not None and now.version:
+                sizes[remote] = now.size, now.version
+    local = (each for each in log.paths if not isinstance(each, RemoteFile))
+    for path in (each for named in local for each in files_read(named)):
         if os.path.isfile(path):  # noqa: PTH113 - never raises; a pipe would be waited for
             found = path.stat()
             sizes[path] = found.st_size, found.st_mtime_ns
@@ -101,14 +113,20 @@ def stamps_of(
     """
     now = time.time_ns()
     stamps = []
-    for path, (size, mtime) in sorted(sizes.items()):
+    for path, (size, mtime) in sorted(sizes.items(), key=lambda each: str(each[0])):
+        if isinstance(path, RemoteFile):
+            version = str(mtime)
+            stamps.append(
+                FileStamp(path=str(path), size=size, mtime_ns=0, sha256=None, version=version)
+            )
+            continue
         place = absolute(path)
         earlier = (known or {}).get(place)
         if earlier is not None and (earlier.size, earlier.mtime_ns) == (size, mtime):
             stamps.append(earlier)
             continue
         digest = (hashes or {}).get(printable(path)) or sha256_of(path)
-        settled = mtime if now - mtime > _SETTLED_NS else 0
+        settled = int(mtime) if now - int(mtime) > _SETTLED_NS else 0
         stamps.append(FileStamp(path=place, size=size, mtime_ns=settled, sha256=digest))
     return stamps
 
@@ -116,9 +134,10 @@ def stamps_of(
 def key_of(context: str, stamps: Sequence[FileStamp]) -> str | None:
     """The hash of all that a log's result depends on; None where nothing of the log can be read.
 
-    Where its files lie, and what they are called but for the suffix, does not count.
+    Where its files lie, and what they are called but for the suffix, does not count; of what is
+    behind a URL only the URL, the size and the version are known.
     """
-    contents = [[os.path.splitext(stamp.path)[1], stamp.sha256] for stamp in stamps]  # noqa: PTH122
+    contents = [[os.path.splitext(stamp.path)[1], stamp.identity] for stamp in stamps]  # noqa: PTH122
     return _digest([context, contents]) if contents else None
 
 

@@ -18,12 +18,17 @@ MEMORY = 2 << 30
 class Engine(Protocol):
     """Runs a task on each log and hands over what came of it, in the order of completion.
 
-    A worker that is lost costs its log another try, then an error record. Closing the generator
-    ends what still runs.
+    A worker that is lost costs its log another try, then an error record; a log that takes longer
+    than it may an error record at once. Closing the generator ends what still runs.
     """
 
     def __call__(self, task: Task, logs: Sequence[BatchLog]) -> Generator[tuple[BatchLog, Done]]:
         """Run the task."""
+
+
+def over_time(seconds: float) -> str:
+    """What is told of a log that took longer than it may."""
+    return f"not finished within --timeout {seconds:g} s: run the same command again with more"
 
 
 def default_workers(memory: int) -> int:

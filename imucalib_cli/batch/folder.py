@@ -8,7 +8,9 @@ log is written over by the next one, and by no other log.
 from __future__ import annotations
 
 import contextlib
-from itertools import count
+import hashlib
+from collections import defaultdict
+from itertools import accumulate, count
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
@@ -18,13 +20,13 @@ from imucalib_cli.batch.logs import BatchLog
 from imucalib_cli.batch.record import FileStamp, Record
 from imucalib_cli.batch.task import file_name
 from imucalib_cli.errors import ChoiceError, ImucalibError, InputError
-from imucalib_cli.jobs.reading import printable
+from imucalib_cli.jobs.reading import printable, sha256_of
 from imucalib_cli.jobs.result_files import read_result_file
 from imucalib_cli.results.atomic import clear_partial, lock, write_whole
 from imucalib_cli.results.names import log_name, sameness
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterable, Iterator
+    from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 
     from imucalib_cli.batch.task import Done
 
@@ -86,7 +88,7 @@ class ResultFolder:
         for name in self._by_key.get(key, ()):
             record = self.records[name]
             is_its = record.place == log.place or record.place not in places
-            if is_its and all((self._folder / file).is_file() for file in record.written):
+            if is_its and self._is_whole(record):
                 return name
         return None
 
@@ -101,17 +103,25 @@ class ResultFolder:
             InputError: The folder cannot be written to.
         """
         theirs = {place: name for name, place in self._owners.items()}
-        there = [path for path in self._folder.iterdir() if path.name.endswith(tuple(suffixes))]
+        files = _by_beginning(
+            path for path in self._folder.iterdir() if path.name.endswith(tuple(suffixes))
+        )
+        taken = {sameness(name) for name in self._owners}
+        counts: dict[str, Iterator[int]] = defaultdict(lambda: count(1))
         named = []
         for log in logs:
-            name = theirs.get(log.place) or self._free_name(log, there)
+            name = theirs.get(log.place) or _free_name(log, taken, files, counts)
+            taken.add(sameness(name))
             self._owners[name] = log.place
             named.append(BatchLog(log.paths, name))
         self._keep_names()
         return named
 
-    def keep(self, name: str, done: Done) -> None:
+    def keep(self, name: str, done: Done) -> Record:
         """Write the files of a log, take away those of an earlier time, then write its record.
+
+        Returns:
+            The record, with the hashes of the files.
 
         Raises:
             InputError: They cannot be written.
@@ -125,7 +135,10 @@ class ResultFolder:
         for old in () if before is None else set(before.written) - set(done.record.written):
             with contextlib.suppress(OSError):
                 (self._folder / Path(old).name).unlink()
-        self.keep_record(name, done.record)
+        hashes = tuple(_sha256(content) for _, content in done.contents)
+        record = msgspec.structs.replace(done.record, written_sha256=hashes)
+        self.keep_record(name, record)
+        return record
 
     def keep_record(self, name: str, record: Record) -> None:
         """Write a record.
@@ -159,16 +172,13 @@ class ResultFolder:
                 self.stamps |= {stamp.path: stamp for stamp in record.files}
         self._by_key.pop(None, None)
 
-    def _free_name(self, log: BatchLog, there: Iterable[Path]) -> str:
-        """A name that no other log has, and no file of others; results of the log itself stay."""
-        taken = {sameness(name) for name in self._owners}
-        stem = file_name(log_name(log.paths[0]))
-        for number in count(1):
-            name = stem if number == 1 else f"{stem}.{number}"
-            others = (path for path in there if path.name.startswith(f"{name}."))
-            if sameness(name) not in taken and all(_is_of(path, log) for path in others):
-                break
-        return name
+    def _is_whole(self, record: Record) -> bool:
+        """Whether the files of a log are as they were written."""
+        try:
+            hashes = tuple(sha256_of(self._folder / Path(file).name) for file in record.written)
+        except OSError:
+            return False
+        return hashes == record.written_sha256
 
     def _keep_names(self) -> None:
         write_whole(self._records / _NAMES, msgspec.json.encode(self._owners) + b"\n")
@@ -180,6 +190,44 @@ def _decoded(path: Path, kind: type[T]) -> T | None:
         return msgspec.json.decode(path.read_bytes(), type=kind)
     except (OSError, msgspec.DecodeError):
         return None
+
+
+def _by_beginning(paths: Iterable[Path]) -> dict[str, list[Path]]:
+    """Files by all that their names begin with before a dot."""
+    found: dict[str, list[Path]] = defaultdict(list)
+    for path in paths:
+        parts = path.name.split(".")[:-1]
+        for beginning in accumulate(parts, "{}.{}".format):
+            found[beginning].append(path)
+    return found
+
+
+def _free_name(
+    log: BatchLog,
+    taken: Collection[str],
+    files: Mapping[str, Iterable[Path]],
+    counts: Mapping[str, Iterator[int]],
+) -> str:
+    """A name that no other log has, and no file of others; results of the log itself stay.
+
+    Args:
+        log: To be named.
+        taken: Names, as sameness has them.
+        files: By what their names begin with.
+        counts: Numbers that logs of one name have not had yet.
+    """
+    stem = file_name(log_name(log.paths[0]))
+    for number in counts[sameness(stem)]:
+        name = stem if number == 1 else f"{stem}.{number}"
+        others = files.get(name, ())
+        if sameness(name) not in taken and all(_is_of(path, log) for path in others):
+            break
+    return name
+
+
+def _sha256(content: str | bytes) -> str:
+    data = content.encode() if isinstance(content, str) else content
+    return hashlib.sha256(data).hexdigest()
 
 
 def _is_of(path: Path, log: BatchLog) -> bool:

@@ -10,15 +10,17 @@ import contextlib
 import os
 import signal
 import threading
+import time
 from collections import deque
 from dataclasses import dataclass
 from multiprocessing import connection
 from typing import TYPE_CHECKING, Any
 
+from imucalib_cli.batch.engine import over_time
 from imucalib_cli.process import fresh_processes, prepare_worker
 
 if TYPE_CHECKING:
-    from collections.abc import Generator, Sequence
+    from collections.abc import Generator, Iterable, Sequence
     from multiprocessing.connection import Connection
     from multiprocessing.context import BaseContext
     from multiprocessing.process import BaseProcess
@@ -54,32 +56,59 @@ class LocalProcesses:
     workers: int
     memory: int
     """Bytes; enforced by Linux alone (RLIMIT_DATA)."""
+    timeout: float | None = None
+    """s that a log may take; None is any time."""
 
     def __call__(self, task: Task, logs: Sequence[BatchLog]) -> Generator[tuple[BatchLog, Done]]:
         """Run the task, as the interface has it."""
         context = fresh_processes(preloaded(task))
         waiting = deque((log, 1) for log in logs)
-        running: dict[Connection, tuple[BaseProcess, BatchLog, int]] = {}
+        running: dict[Connection, _Running] = {}
         try:
             while waiting or running:
                 while waiting and len(running) < self.workers:
                     log, tries = waiting.popleft()
                     process, ours = _started(context, task, log, self.memory)
-                    running[ours] = process, log, tries
-                ready: list[Any] = connection.wait(list(running))
+                    running[ours] = _Running(process, log, tries, time.monotonic())
+                ready: list[Any] = connection.wait(list(running), self._left(running.values()))
                 for ours in ready:
-                    process, log, tries = running.pop(ours)
+                    each = running.pop(ours)
                     done = _received(ours)
-                    process.join()
-                    if done is None and tries < _TRIES:
-                        waiting.append((log, tries + 1))
+                    each.process.join()
+                    if done is None and each.tries < _TRIES:
+                        waiting.append((each.log, each.tries + 1))
                     else:
-                        yield log, done or task.lost(log, _why(process.exitcode))
+                        yield each.log, done or task.lost(each.log, _why(each.process.exitcode))
+                for ours, each in list(running.items()):
+                    if self.timeout is not None and self._left([each]) == 0.0:
+                        del running[ours]
+                        ours.close()
+                        each.process.kill()
+                        each.process.join()
+                        yield each.log, task.lost(each.log, over_time(self.timeout))
         finally:
-            for process, _, _ in running.values():
-                process.terminate()
-            for process, _, _ in running.values():
-                process.join()
+            for each in running.values():
+                each.process.terminate()
+            for each in running.values():
+                each.process.join()
+
+    def _left(self, running: Iterable[_Running]) -> float | None:
+        """S until the first of some processes has had its time; None where any time will do."""
+        if self.timeout is None:
+            return None
+        now = time.monotonic()
+        return max(0.0, min(each.begun + self.timeout - now for each in running))
+
+
+@dataclass(frozen=True)
+class _Running:
+    """A process at work."""
+
+    process: BaseProcess
+    log: BatchLog
+    tries: int
+    begun: float
+    """s of the monotonic clock."""
 
 
 def preloaded(task: Task) -> list[str]:

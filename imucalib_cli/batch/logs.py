@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import re
 from dataclasses import dataclass
@@ -9,12 +10,16 @@ from glob import glob, has_magic
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from imucalib_cli.findings import Finding, note
 from imucalib_cli.jobs.reading import printable
-from imucalib_cli.logs.open import holds_log
+from imucalib_cli.logs.open import holds_log, is_made_here
+from imucalib_cli.logs.remote.file import RemoteFile, path_or_url
 from imucalib_cli.logs.tum_euroc import TABLES
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
+
+    from imucalib_cli.logs.reader import LogPath
 
 _SUFFIXES = (".bag", ".db3", ".mcap")
 """Of files that are taken for logs in a folder whatever they hold: a damaged one shall be told."""
@@ -26,8 +31,8 @@ _PART = re.compile(r"(.+)_(\d+)((?:\.\w+)+)")
 class BatchLog:
     """One recording of a batch."""
 
-    paths: tuple[Path, ...]
-    """A path, or the parts of a split recording."""
+    paths: tuple[LogPath, ...]
+    """A path or a URL, or the parts of a split recording."""
     name: str = ""
     """What its files in the folder of results are named after; no other log there has it."""
 
@@ -42,8 +47,12 @@ class BatchLog:
         return absolute(self.paths[0])
 
 
-def absolute(path: Path) -> str:
-    """An absolute path as text, links as they are; different for all paths."""
+def absolute(path: LogPath) -> str:
+    """An absolute path as text, links as they are; different for all paths and URLs."""
+    if isinstance(path, RemoteFile):
+        # of a query, in which secrets are, no more than tells it from others
+        _, _, query = path.address.partition("?")
+        return f"{path}{hashlib.sha256(query.encode()).hexdigest()[:16]}" if query else str(path)
     place = os.path.abspath(path)  # noqa: PTH100 - keeps links
     return place.encode("utf-8", "backslashreplace").decode()  # bytes that are no UTF-8
 
@@ -53,14 +62,8 @@ class Found:
     """What the arguments of a batch lead to."""
 
     logs: tuple[BatchLog, ...]
-    repeated: tuple[tuple[str, str], ...]
-    """Labels of what leads to a log that is there already, and of that log."""
-
-
-def listed(data: bytes) -> list[str]:
-    """Paths of a list: one a line, or separated by NUL as ``find -print0`` writes them."""
-    parts = data.split(b"\0") if b"\0" in data else data.splitlines()
-    return [os.fsdecode(part) for part in parts if part]
+    findings: tuple[Finding, ...]
+    """What leads to a log that is there already, and what was taken for parts of one."""
 
 
 def find_logs(names: Iterable[str], *, left_out: Path | None = None) -> Found:
@@ -71,29 +74,38 @@ def find_logs(names: Iterable[str], *, left_out: Path | None = None) -> Found:
     name. What leads nowhere stays, to be told as a log that cannot be read.
 
     Args:
-        names: Paths and patterns.
+        names: Paths, patterns and URLs.
         left_out: A folder that is not searched: that of the results.
     """
     logs: dict[object, BatchLog] = {}
-    repeated = []
+    findings = []
     for name in names:
         for paths in _recordings(name, left_out):
             log = BatchLog(paths)
             known = logs.setdefault(_identity(paths[0]), log)
             if known is not log:
-                repeated.append((log.label, known.label))
-    return Found(tuple(logs.values()), tuple(repeated))
+                findings.append(note("batch.log_twice", log=log.label, first=known.label))
+    findings += [_parts(log.paths) for log in logs.values() if len(log.paths) > 1]
+    return Found(tuple(logs.values()), tuple(findings))
 
 
-def _recordings(name: str, left_out: Path | None) -> Iterator[tuple[Path, ...]]:
+def _parts(paths: tuple[LogPath, ...]) -> Finding:
+    first = printable(paths[0])
+    pattern = first.replace("_0.", "_*.") if first.count("_0.") == 1 else "NAME_*"
+    return note("batch.parts_joined", first=first, others=len(paths) - 1, pattern=pattern)
+
+
+def _recordings(name: str, left_out: Path | None) -> Iterator[tuple[LogPath, ...]]:
     if has_magic(name) and not os.path.lexists(name):
         matches = sorted(glob(name, recursive=True))  # noqa: PTH207 - of Path it wants a folder
         for match in matches:
             yield from _recordings(match, left_out)
         if matches:
             return
-    path = Path(name)
-    if os.path.isdir(path) and not _is_recording(path):  # noqa: PTH112 - never raises
+    path = path_or_url(name)
+    if isinstance(path, RemoteFile):
+        yield (path,)
+    elif os.path.isdir(path) and not _is_recording(path):  # noqa: PTH112 - never raises
         found = list(_inside(path, left_out))
         yield from found or [(path,)]
     else:
@@ -126,7 +138,10 @@ def _is_searched(folder: Path, left_out: Path | None) -> bool:
 
 
 def _is_log(path: Path) -> bool:
-    return path.suffix.lower() in _SUFFIXES or holds_log(path)
+    """Whether a file is one of the logs of its folder; what imucalib wrote of another is none."""
+    if holds_log(path):
+        return not is_made_here(path)
+    return path.suffix.lower() in _SUFFIXES
 
 
 def _joined(paths: Iterable[Path]) -> Iterator[tuple[Path, ...]]:
@@ -143,8 +158,10 @@ def _joined(paths: Iterable[Path]) -> Iterator[tuple[Path, ...]]:
             yield from ((path,) for path in numbered.values())
 
 
-def _identity(path: Path) -> object:
+def _identity(path: LogPath) -> object:
     """The same for all names and links that lead to one file or folder."""
+    if isinstance(path, RemoteFile):
+        return path.address
     target = path.parent if path.name == "metadata.yaml" else path
     try:
         found = target.stat()

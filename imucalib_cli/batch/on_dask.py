@@ -5,7 +5,11 @@ Workers read the logs and the URDF themselves; results come back to this process
 
 from __future__ import annotations
 
+import asyncio
+import ctypes
 import logging
+import threading
+import time
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from itertools import islice
@@ -13,9 +17,11 @@ from pathlib import Path
 from secrets import token_hex
 from typing import TYPE_CHECKING, Any
 
+from imucalib_cli.batch.engine import over_time
 from imucalib_cli.errors import InputError
 from imucalib_cli.optional import optional
 from imucalib_cli.process import children_ignore_interruptions
+from imucalib_cli.shown import without_secrets
 
 if TYPE_CHECKING:
     from collections.abc import Generator, Iterator, Sequence
@@ -23,10 +29,12 @@ if TYPE_CHECKING:
     from imucalib_cli.batch.logs import BatchLog
     from imucalib_cli.batch.task import Done, Task
 
-_CONNECTING = "20s"
-"""A scheduler that does not answer by then is not there."""
+_CONNECTING, _GREETING = "5s", "20s"
+"""A scheduler that does not answer by then is not there; one that does may be busy."""
 _RETRIES = 1
 """Of what fails on a worker for a reason of the worker's."""
+_SOON = 0.01
+"""s."""
 _LOST = 1
 """Workers that a log may lose before it is given up, in a cluster of our own; that of others has
 its own limit, distributed.scheduler.allowed-failures."""
@@ -41,6 +49,8 @@ class DaskWorkers:
     workers: int
     memory: int
     """Bytes for each; of a local cluster, these two."""
+    timeout: float | None = None
+    """s that a log may take; None is any time."""
 
     def __post_init__(self) -> None:
         """See that Dask is installed.
@@ -66,7 +76,14 @@ class DaskWorkers:
             def give(count: int) -> list[Any]:
                 # a key of its own: the same log may have been done before, by another version
                 new = {
-                    client.submit(task, log, retries=_RETRIES, key=f"imucalib-{token_hex(8)}"): log
+                    client.submit(
+                        within,
+                        self.timeout,
+                        task,
+                        log,
+                        retries=_RETRIES,
+                        key=f"imucalib-{token_hex(8)}",
+                    ): log
                     for log in islice(waiting, count)
                 }
                 given.update(new)
@@ -79,7 +96,7 @@ class DaskWorkers:
                 log = given.pop(future)
                 if future.cancelled():
                     raise InputError(
-                        f"--dask {self.scheduler}: the scheduler went away: run the same command "
+                        f"--dask {self._name}: the scheduler went away: run the same command "
                         "again when it is back; what is finished is kept"
                     )
                 error = future.exception()
@@ -109,13 +126,68 @@ class DaskWorkers:
             else:
                 address = self.scheduler
             try:
-                client = distributed.Client(address, timeout=_CONNECTING, set_as_default=False)
-            except (OSError, ValueError, TypeError) as error:
+                if address == self.scheduler:
+                    asyncio.run(_see_answer(distributed, address))
+                client = distributed.Client(address, timeout=_GREETING, set_as_default=False)
+            except Exception as error:  # of whatever kind; its words may hold a password
                 raise InputError(
-                    f"--dask {self.scheduler}: no scheduler answers there ({error}): give an "
-                    "address such as tcp://host:8786, or local"
+                    f"--dask {self._name}: no scheduler answers there: give an address such as "
+                    "tcp://host:8786, with the certificates that Dask is configured to use, or "
+                    "local"
                 ) from error
             yield stack.enter_context(client)
+
+    @property
+    def _name(self) -> str:
+        """The scheduler for messages."""
+        has_protocol = "://" in self.scheduler or self.scheduler == "local"
+        return without_secrets(self.scheduler if has_protocol else f"tcp://{self.scheduler}")
+
+
+async def _see_answer(distributed: Any, address: str) -> None:
+    """Connect once: a client that fails to, and is left, waits and complains when all ends."""
+    security = distributed.Security().get_connection_args("client")
+    comm = await distributed.comm.connect(address, timeout=_CONNECTING, **security)
+    await comm.close()
+
+
+class _OverTimeError(BaseException):
+    """Raised in a thread whose time is up; nothing on its way takes it for an error of its own."""
+
+
+def within(seconds: float | None, task: Task, log: BatchLog) -> Done:
+    """Do a task in the thread of a worker, which cannot be killed as a process can.
+
+    Between two steps of the interpreter the time is seen to be up, so not within a call of a
+    compiled library.
+
+    Args:
+        seconds: That it may take; None is any time.
+        task: To be done.
+        log: With which.
+    """
+    if seconds is None:
+        return task(log)
+    thread = ctypes.c_ulong(threading.get_ident())
+    raise_in, ended = ctypes.pythonapi.PyThreadState_SetAsyncExc, threading.Lock()
+
+    def end() -> None:
+        if ended.acquire(blocking=False):
+            raise_in(thread, ctypes.py_object(_OverTimeError))
+
+    timer = threading.Timer(seconds, end)
+    timer.daemon = True
+    timer.start()
+    try:
+        done = task(log)
+        if ended.acquire(blocking=False):
+            return done
+        while True:  # it is on its way, and must not come later
+            time.sleep(_SOON)
+    except _OverTimeError:
+        return task.lost(log, over_time(seconds))
+    finally:
+        timer.cancel()
 
 
 def _be_quiet() -> None:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
+from msgspec import Meta
+
+from imucalib_cli.results.codec import json_schema
 from imucalib_cli.results.result import Result, Tree
 
 if TYPE_CHECKING:
@@ -17,14 +20,21 @@ class FileStamp(Tree, frozen=True):
     """A file of a log as it was read."""
 
     path: str
-    """Absolute."""
+    """Absolute; a URL without user, password and query."""
     size: int
     """Bytes."""
     mtime_ns: int
     """Time of its last change; 0 where that was so short before that another change could have
     the same time."""
-    sha256: str
-    """Hexadecimal, of its bytes."""
+    sha256: str | None
+    """Hexadecimal, of its bytes; null of a URL."""
+    version: str | None = None
+    """Of a URL: entity tag, or time of the last change, as its server tells it."""
+
+    @property
+    def identity(self) -> str:
+        """What files of the same content have in common, as far as that is known."""
+        return self.sha256 or f"{self.path} {self.size} bytes, version {self.version}"
 
 
 class Record(Tree, frozen=True, kw_only=True):
@@ -37,7 +47,7 @@ class Record(Tree, frozen=True, kw_only=True):
     """Its absolute path."""
     status: Literal["ok", "untrusted", "failed"]
     """failed: it, or one of its IMUs, has no result; untrusted: a result should not be used."""
-    exit_code: int
+    exit_code: Annotated[int, Meta(ge=0, le=3)]
     """Of `imucalib run` on it."""
     seconds: float
     """It took, in a worker."""
@@ -48,6 +58,8 @@ class Record(Tree, frozen=True, kw_only=True):
     """Why it, or one of its IMUs, has no result, or a file of it could not be made."""
     written: list[str]
     """Files in the folder of results."""
+    written_sha256: tuple[str, ...] = ()
+    """Of each of these, hexadecimal; what is something else now is done again."""
     results: list[Result]
     """One for each IMU, as its YAML file has it."""
     files: list[FileStamp]
@@ -58,3 +70,12 @@ def by_imu(record: Record) -> Iterator[Result | str]:
     """Its results, then why others are not there."""
     yield from record.results
     yield from record.errors
+
+
+def schema_of_record() -> str:
+    """JSON Schema of a line of ``imucalib batch --format jsonl``, and of a file in ``records/``."""
+    return json_schema(
+        f"imucalib batch, schema {SCHEMA}",
+        "What became of one log. Adding a key keeps the schema number, changing one raises it.",
+        Record,
+    )

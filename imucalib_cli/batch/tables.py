@@ -116,17 +116,11 @@ def csv_table(records: Iterable[Record]) -> str:
     return csv_text(
         COLUMNS,
         (
-            [_cell(column, record, entry) for column in COLUMNS.values()]
+            [_value(column, record, entry) for column in COLUMNS.values()]
             for record in records
             for entry in by_imu(record)
         ),
     )
-
-
-def _cell(column: Column, record: Record, entry: Entry) -> Cell:
-    cell = _value(column, record, entry)
-    # many readers end at a zero byte
-    return cell.replace("\0", "\\x00") if isinstance(cell, str) else cell
 
 
 def _value(column: Column, record: Record, entry: Entry) -> Cell:

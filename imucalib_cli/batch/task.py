@@ -16,8 +16,9 @@ from imucalib_cli.batch.content_key import key_of, sizes_of, stamps_of, urdf_has
 from imucalib_cli.batch.record import Record
 from imucalib_cli.errors import ImucalibError, InputError
 from imucalib_cli.jobs.calibrate import calibrate
+from imucalib_cli.logs.remote.file import without_copies
 from imucalib_cli.results.formats import FORMATS
-from imucalib_cli.results.names import names_of, short
+from imucalib_cli.results.names import PART, names_of, short
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -134,7 +135,7 @@ class Task:
     def _outcome(self, log: BatchLog) -> Outcome:
         request = replace(self.request, logs=log.paths, details=bool(self.extras))
         # small matrices: threads cost more than they give, and another order of sums other digits
-        with threadpool_limits(limits=1, user_api="blas"):
+        with threadpool_limits(limits=1, user_api="blas"), without_copies(log.paths):
             return calibrate(request)
 
     def _has_its_urdf(self) -> bool:
@@ -149,7 +150,8 @@ class Task:
     ) -> Iterator[tuple[str, Content]]:
         """The YAML of each IMU, then what is asked for besides; what cannot be made is an error."""
         yaml = FORMATS["yaml"]
-        for label, result in zip(names_of(outcome.results), outcome.results, strict=True):
+        labels = names_of(outcome.results, PART)
+        for label, result in zip(labels, outcome.results, strict=True):
             yield f"{log.name}.{short(label, _LABEL)}{yaml.suffix}", yaml.render([result])
         for suffix, make in self.extras if outcome.results else ():
             try:

@@ -3,6 +3,7 @@
 import os
 import sys
 from contextlib import closing, contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -11,7 +12,7 @@ import typer
 from imucalib_cli.cli import parsers
 from imucalib_cli.cli.entry import last_words
 from imucalib_cli.cli.exit_codes import exit_code_of, worst
-from imucalib_cli.cli.files import files_of
+from imucalib_cli.cli.files import files_of, listed
 from imucalib_cli.cli.options import (
     OUTPUT,
     EstimatorOptions,
@@ -33,11 +34,11 @@ if TYPE_CHECKING:
     from imucalib_cli.batch.engine import Engine
     from imucalib_cli.batch.logs import BatchLog
     from imucalib_cli.batch.record import Record
+    from imucalib_cli.findings import Finding
+    from imucalib_cli.logs.reader import LogPath
 
 WORK = "Work"
 """Panel of the help."""
-_LONGEST_LIST = 1 << 26
-"""Bytes of a list of logs on stdin: a million paths."""
 
 
 def batch_command(
@@ -46,7 +47,8 @@ def batch_command(
         list[str],
         typer.Argument(
             metavar="LOG...",
-            help="Logs, patterns and folders to be searched; - reads a list from stdin.",
+            help="Logs, also behind URLs, patterns and folders to be searched; - reads a list from "
+            "stdin.",
         ),
     ],
     *,
@@ -116,6 +118,17 @@ def batch_command(
             rich_help_panel=WORK,
         ),
     ] = None,
+    timeout: Annotated[
+        float | None,
+        typer.Option(
+            metavar="SECONDS",
+            parser=parsers.duration,
+            help="What each log may take; one that needs longer fails, and is done again next "
+            "time.",
+            show_default="any time",
+            rich_help_panel=WORK,
+        ),
+    ] = None,
     dask: Annotated[
         str | None,
         typer.Option(
@@ -157,13 +170,14 @@ def batch_command(
     if request.urdf is not None:
         load_robot(request.urdf)  # once, rather than in an error of every log
     makers = for_each_log(name for name, wanted in vars(extras).items() if wanted)
-    found = find_logs(_names(logs), left_out=output)
+    found = find_logs(listed(logs, "logs"), left_out=output)
     if not found.logs:
         raise InputError("the list of logs on stdin is empty: write one path a line")
     read = files_of(*_paths(found.logs), recording.urdf, estimator.imu_model)
     _see_places(read, output, (markdown, junit))
-    for again, first in () if quiet else found.repeated:
-        say("note", f"{again} is the same as {first}, and is done once")
+    tell = partial(_tell_finding, quiet=quiet)
+    for finding in found.findings:
+        tell(finding)
     chosen = fmt or ("" if output else "summary" if is_terminal(sys.stdout) else "jsonl")
     bytes_each = memory or MEMORY
     jobs = workers or default_workers(bytes_each)
@@ -177,10 +191,11 @@ def batch_command(
             extras=makers,
             keeps_files=output is not None,
         ),
-        engine=_engine(dask, jobs, bytes_each),
+        engine=_engine(dask, jobs, bytes_each, timeout),
         folder=output,
         fresh=fresh,
         rehash=rehash,
+        tell=tell,
     )
     records: dict[BatchLog, Record] = {}
     progress = CountProgress("batch", "logs", jobs=jobs, quiet=quiet)
@@ -227,37 +242,7 @@ def _show(records: "Sequence[Record]", form: str) -> None:
         deliver(TABLES[form](records))
 
 
-def _names(arguments: "Sequence[str]") -> "Iterator[str]":
-    """What is named, with that of the list on stdin; all on disk."""
-    from imucalib_cli.logs.remote.url import is_url, without_secrets
-
-    for name in _listed(arguments):
-        if is_url(name):
-            raise ChoiceError(
-                f"{without_secrets(name)}: imucalib batch takes logs on disk: download it, or use "
-                "imucalib run"
-            )
-        yield name
-
-
-def _listed(arguments: "Sequence[str]") -> "Iterator[str]":
-    from imucalib_cli.batch.logs import listed
-
-    for argument in arguments:
-        if not argument:
-            raise ChoiceError("the name of a log is empty, as of a variable that is not set")
-        if argument != "-":
-            yield argument
-            continue
-        if sys.stdin is None:
-            raise InputError("standard input is closed: name the logs")
-        data = sys.stdin.buffer.read(_LONGEST_LIST + 1)
-        if len(data) > _LONGEST_LIST:
-            raise InputError("standard input is no list of logs: it is too long")
-        yield from listed(data)
-
-
-def _paths(logs: "Sequence[BatchLog]") -> "Iterator[Path]":
+def _paths(logs: "Sequence[BatchLog]") -> "Iterator[LogPath]":
     for log in logs:
         yield from log.paths
 
@@ -277,14 +262,14 @@ def _see_places(
     see_places(read=read, written=written)
 
 
-def _engine(dask: str | None, workers: int, memory: int) -> "Engine":
+def _engine(dask: str | None, workers: int, memory: int, timeout: float | None) -> "Engine":
     if dask is None:
         from imucalib_cli.batch.local import LocalProcesses
 
-        return LocalProcesses(workers, memory)
+        return LocalProcesses(workers, memory, timeout)
     from imucalib_cli.batch.on_dask import DaskWorkers
 
-    return DaskWorkers(dask, workers, memory)
+    return DaskWorkers(dask, workers, memory, timeout)
 
 
 @contextmanager
@@ -303,6 +288,11 @@ def _telling_what_is_kept(
     except KeyboardInterrupt:
         tell()
         raise
+
+
+def _tell_finding(finding: "Finding", *, quiet: bool) -> None:
+    if not quiet:
+        say("note", finding.message)
 
 
 def _tell(record: "Record", *, quiet: bool) -> None:

@@ -1,12 +1,11 @@
 """``imucalib combine``: one answer from the statistics of several logs, or of one again."""
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from imucalib_cli.cli.exit_codes import exit_code_of
-from imucalib_cli.cli.files import files_of, writing
+from imucalib_cli.cli.files import files_of, listed, writing
 from imucalib_cli.cli.options import (
     FormatOption,
     KnownOptions,
@@ -15,19 +14,18 @@ from imucalib_cli.cli.options import (
     Require,
     changed_options,
 )
-from imucalib_cli.cli.output import chosen_format, say_error
+from imucalib_cli.cli.output import chosen_format, say, say_error
 from imucalib_cli.cli.parsers import local_file
 from imucalib_cli.cli.run import deliverable, give, tell
 
 
 def combine_command(
     results: Annotated[
-        list[Path],
+        list[str],
         typer.Argument(
             metavar="RESULT",
-            parser=local_file,
             help="Results of `imucalib run` with their statistics beside them, files of "
-            "statistics, or folders of these.",
+            "statistics, or folders of these; - reads a list of them from stdin.",
         ),
     ],
     *,
@@ -44,13 +42,17 @@ def combine_command(
     from imucalib_cli.jobs.combine import combine
     from imucalib_cli.jobs.statistics_files import read_all
 
-    logs = read_all(results)
-    with writing(output, read=files_of(*results, *(log.name for log in logs))):
+    paths = [local_file(each) for each in listed(results, "results")]
+    there = read_all(paths)
+    logs = there.logs
+    for each in () if quiet else there.foreign:
+        say("note", f"{each}: holds no statistics of imucalib and is left out")
+    with writing(output, read=files_of(*paths, *(log.name for log in logs))):
         found, failures = combine(logs, changed_options(known), require)
         chosen = chosen_format(fmt, output)
         give(deliverable(found, chosen, force=False), chosen, output, quiet=quiet)
         if not quiet:
             tell(found, chosen, output, hint=fmt is None)
-        for failure in failures:
+        for failure in (unused := [*there.failures, *failures]):
             say_error(failure)
-        raise typer.Exit(exit_code_of(failures, found))
+        raise typer.Exit(exit_code_of(unused, found))

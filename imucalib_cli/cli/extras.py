@@ -24,12 +24,6 @@ if TYPE_CHECKING:
     Maker = Callable[[Path, Outcome], Files]
 
 
-_HEAD = 128
-"""Bytes of a file that hold who wrote it."""
-_MARKS = (b"imucalib run --debug-mcap", b"time_s,stamp_ns,accel_x_measured_m_s2")
-"""What such a file begins with: the MCAP's library, the table's columns."""
-
-
 def see_extras(files: ExtraFiles) -> list[Path]:
     """The files that are asked for, as far as they are known before the log is read.
 
@@ -65,6 +59,7 @@ def write_extras(
     Returns:
         Why some could not be written; the others are.
     """
+    from imucalib_cli.logs.open import is_made_here
     from imucalib_cli.results.places import see_places
 
     before, failures = list(written), []
@@ -106,13 +101,6 @@ def _see_installed(name: str, suffix: str) -> None:
     if needed := _NEEDED.get(suffix.lower()):
         module, extra = needed
         optional(module, f"--{name.replace('_', '-')} needs", extra)
-
-
-def is_made_here(path: Path) -> bool:
-    """Whether a file that reads as a log is one of these: who runs a command again replaces it."""
-    with path.open("rb") as file:
-        head = file.read(_HEAD)
-    return any(mark in head for mark in _MARKS)
 
 
 def _asked(files: ExtraFiles) -> dict[str, Path]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from contextlib import contextmanager
 from glob import escape
 from itertools import count
@@ -11,7 +13,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from imucalib_cli.cli.output import deliver, say
-from imucalib_cli.errors import ImucalibError, InputError
+from imucalib_cli.errors import ChoiceError, ImucalibError, InputError
 from imucalib_cli.logs.remote.file import RemoteFile, without_copies
 
 if TYPE_CHECKING:
@@ -21,6 +23,8 @@ if TYPE_CHECKING:
     from imucalib_cli.results.result import Result
 
 _STDIN = Path("/dev/stdin")
+_LONGEST_LIST = 1 << 26
+"""Bytes of a list of names on stdin: a million paths."""
 
 
 def files_of(*named: LogPath | str | None) -> list[Path]:
@@ -28,6 +32,37 @@ def files_of(*named: LogPath | str | None) -> list[Path]:
     local = [each for each in named if each is not None and not isinstance(each, RemoteFile)]
     paths = [_STDIN if str(each) == "-" else Path(each) for each in local]
     return [path for path in paths if path != _STDIN or path.exists()]
+
+
+def listed(arguments: Iterable[str], of: str) -> Iterator[str]:
+    """What is named, with that of the list on stdin, which ``-`` names.
+
+    Args:
+        arguments: Names.
+        of: What they are names of.
+
+    Raises:
+        ChoiceError: A name is empty.
+        InputError: Standard input is closed, or no list.
+    """
+    for argument in arguments:
+        if not argument:
+            raise ChoiceError(f"a name among the {of} is empty, as of a variable that is not set")
+        if argument != "-":
+            yield argument
+            continue
+        if sys.stdin is None:
+            raise InputError(f"standard input is closed: name the {of}")
+        data = sys.stdin.buffer.read(_LONGEST_LIST + 1)
+        if len(data) > _LONGEST_LIST:
+            raise InputError(f"standard input is no list of {of}: it is too long")
+        yield from names_in(data)
+
+
+def names_in(data: bytes) -> list[str]:
+    """Paths of a list: one a line, or separated by NUL as ``find -print0`` writes them."""
+    parts = data.split(b"\0") if b"\0" in data else data.splitlines()
+    return [os.fsdecode(part) for part in parts if part]
 
 
 @contextmanager
@@ -159,4 +194,4 @@ def _is_free(path: Path, text: str, result: Result) -> bool:
 def _origin(result: Result) -> tuple[object, ...]:
     """What a result is about, wherever its log lies now."""
     source = result.provenance
-    return source.topics.imu, sorted(file.identity for file in source.files)
+    return source.topics.imu, source.log_identity

@@ -9,6 +9,7 @@ from imucalib_cli.cli.options import (
     OUTPUT,
     AllowRemoteScan,
     CsvColumns,
+    JointColumnsOption,
     Logs,
     OutputFile,
     PartFrom,
@@ -32,6 +33,7 @@ def inspect_command(
     logs: Logs,
     *,
     csv_columns: CsvColumns = None,
+    joints: JointColumnsOption = [],  # noqa: B006 - typer makes a new one
     allow_remote_scan: AllowRemoteScan = False,
     part_from: PartFrom = None,
     part_to: PartTo = None,
@@ -64,6 +66,7 @@ def inspect_command(
                 urdf,
                 bar.report,
                 csv_columns or (),
+                joint_columns=tuple(joints),
                 allow_remote_scan=allow_remote_scan,
                 part=part_asked(part_from, part_to),
             )

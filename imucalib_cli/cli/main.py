@@ -48,14 +48,21 @@ _REPLACED = {"--imu": "--imu-model says which kind of IMU it is, --imu-topic cho
 
 def schema_command(
     which: Annotated[
-        Literal["result", "comparison"],
-        typer.Argument(help="Of `run`, or of `verify`, `diff`, `trend`, `compare`."),
+        Literal["result", "comparison", "record"],
+        typer.Argument(
+            help="Of `run`; of `verify`, `diff`, `trend`, `compare`; of a log of `batch`."
+        ),
     ] = "result",
 ) -> None:
-    """Print the JSON Schema (2020-12) of the result, or of the answers that compare."""
-    from imucalib_cli.results.answers import schema_of
+    """Print the JSON Schema (2020-12) of the result, of the answers that compare, or of records."""
+    if which == "record":
+        from imucalib_cli.batch.record import schema_of_record
 
-    deliver(schema_of(which))
+        deliver(schema_of_record())
+    else:
+        from imucalib_cli.results.answers import schema_of
+
+        deliver(schema_of(which))
 
 
 COMMANDS: dict[str, Callable[..., None]] = {

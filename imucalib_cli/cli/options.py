@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from imucalib_cli.cli.parsers import Pose
     from imucalib_cli.estimate.options import MatchedOptions, PaperOptions, PosePrior, WindowChoice
     from imucalib_cli.jobs.request import CalibrationRequest, ExpectedImu
+    from imucalib_cli.logs.columns import JointColumns
     from imucalib_cli.logs.part import Part
     from imucalib_cli.logs.reader import LogPath
     from imucalib_cli.results.requirement import Tolerance
@@ -41,9 +42,9 @@ if TYPE_CHECKING:
     Names = tuple[str, ...]
     FormatName = str
 else:  # typer evaluates these too; to it each is what the parser makes
-    Components = Gravity = LogPath = Names = Pose = PoseStd = Robot = Tolerance = WindowChoice = (
-        object
-    )
+    Components = Gravity = JointColumns = LogPath = Names = Pose = PoseStd = Robot = Tolerance = (
+        WindowChoice
+    ) = object
     FormatName = Literal[tuple(FORMATS)]
 
 # Panels of the help, in the order in which a user needs them.
@@ -68,6 +69,17 @@ CsvColumns = Annotated[
         metavar="NAME,NAME,...",
         parser=parsers.names,
         help="Columns of a CSV table without a header: t,gx,gy,gz,ax,ay,az; - for none.",
+    ),
+]
+JointColumnsOption = Annotated[
+    list[JointColumns],
+    _log(
+        "--joints",
+        metavar="TOPIC:FIELD=NAME,...",
+        parser=parsers.joint_columns,
+        help="Which numbers of messages without names are joints: /arm:data[0:6]=pan,lift,...; - "
+        "for none; repeatable.",
+        show_default="none",
     ),
 ]
 PartFrom = Annotated[
@@ -182,6 +194,25 @@ class RecordingOptions:
             show_default="every one in the log",
         ),
     ] = field(default_factory=list)
+    gyro_topics: Annotated[
+        list[str],
+        _topic(
+            "--gyro-topic",
+            autocompletion=complete.topics("imu"),
+            help="Gyroscope that is apart from its accelerometer, by which the two are called; "
+            "repeatable.",
+            show_default="found",
+        ),
+    ] = field(default_factory=list)
+    accel_topics: Annotated[
+        list[str],
+        _topic(
+            "--accel-topic",
+            autocompletion=complete.topics("imu"),
+            help="Its accelerometer; repeatable, in the same order.",
+            show_default="found",
+        ),
+    ] = field(default_factory=list)
     joint_topics: Annotated[
         list[str],
         _topic(
@@ -220,6 +251,7 @@ class RecordingOptions:
         ),
     ] = "auto"
     csv_columns: CsvColumns = None
+    joint_columns: JointColumnsOption = field(default_factory=list)
     part_from: PartFrom = None
     part_to: PartTo = None
     allow_remote_scan: AllowRemoteScan = False

@@ -7,16 +7,20 @@ from __future__ import annotations
 
 import math
 import re
+from datetime import datetime, timezone
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import typer
+
+from imucalib_cli.shown import without_secrets
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.options import WindowChoice
+    from imucalib_cli.logs.columns import JointColumns
     from imucalib_cli.logs.reader import LogPath
     from imucalib_cli.results.requirement import Tolerance
 
@@ -28,12 +32,17 @@ _BYTES = {"MB": 10**6, "GB": 10**9, "MiB": 1 << 20, "GiB": 1 << 30}
 _NUMBER = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\D*)")
 _NANOSECONDS = 1e12
 """A stamp beyond this is in ns: in s it would be of the year 33658."""
+_LAST_START = 7_258_118_400
+"""s since 1970: stamps in ns end in 2262."""
 _LONGEST_OFFSET = 600.0
 """s: clocks further apart than this share no log; a search needs memory by its width."""
 
 
 class WrongValue(typer.BadParameter):
     """A value that is not understood; its text begins with the value, for the option's name."""
+
+    def __init__(self, message: str) -> None:
+        super().__init__(without_secrets(message))
 
     def format_message(self) -> str:
         """The option, the value, and what is expected."""
@@ -55,6 +64,33 @@ def seconds(text: str, expected: str = "seconds, such as 0.5 or 500ms") -> float
     if unit and unit not in _SECONDS:
         raise WrongValue(f"{text}: no unit of time; expected {expected}")
     return value * _SECONDS.get(unit, 1.0)
+
+
+def moment(text: str) -> datetime:
+    """A date, or a date and time, as ISO 8601 has it; UTC where it names no zone."""
+    try:
+        found = datetime.fromisoformat(re.sub(r"[zZ]$", "+00:00", text))
+    except ValueError:
+        raise WrongValue(
+            f"{text}: expected a date or a time, such as 2026-11-23 or 2026-11-23T14:30"
+        ) from None
+    return found if found.tzinfo is not None else found.replace(tzinfo=timezone.utc)
+
+
+def unix_time(text: str) -> int:
+    """A moment from 1970 on, as whole seconds since then."""
+    found = round(moment(text).timestamp())
+    if not 0 <= found <= _LAST_START:
+        raise WrongValue(f"{text}: expected a time from 1970 to 2200")
+    return found
+
+
+def duration(text: str) -> float:
+    """Seconds, more than none."""
+    value = seconds(text, expected := "seconds, such as 600 or 500ms")
+    if value <= 0.0:
+        raise WrongValue(f"{text}: must be positive; expected {expected}")
+    return value
 
 
 def time_offset(text: str) -> float | None:
@@ -257,6 +293,16 @@ def names(text: str) -> tuple[str, ...]:
     return tuple(each.strip() for each in text.split(",")) if text else ()
 
 
+def joint_columns(text: str) -> JointColumns:
+    """Which numbers of a message are joints: ``TOPIC:FIELD[first:end]=name,...``."""
+    from imucalib_cli.logs.columns import joint_columns
+
+    try:
+        return joint_columns(text)
+    except ValueError as error:
+        raise WrongValue(str(error)) from error
+
+
 def path_or_url(text: str) -> LogPath:
     """A path, or a file behind a URL: a path would lose one of the slashes."""
     from imucalib_cli.logs.remote.file import path_or_url
@@ -266,10 +312,10 @@ def path_or_url(text: str) -> LogPath:
 
 def local_file(text: str) -> Path:
     """A path, where a URL is not taken."""
-    from imucalib_cli.logs.remote.url import is_url, without_secrets
+    from imucalib_cli.logs.remote.url import is_url
 
     if is_url(text):
-        raise WrongValue(f"{without_secrets(text)}: is a URL; name a file on disk")
+        raise WrongValue(f"{text}: is a URL; name a file on disk")
     return Path(text)
 
 
@@ -299,7 +345,7 @@ def log_file(text: str) -> Path:
     """The log that ``-o`` names, which may be a folder."""
     if text in {"", "-"}:
         raise WrongValue(f"{text or 'is empty'}: a log goes to a file or a folder: name one")
-    return Path(text)
+    return local_file(text)
 
 
 def file_or_folder(text: str) -> str | None:

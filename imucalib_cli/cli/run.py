@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from imucalib_cli.cli.exit_codes import exit_code_of
-from imucalib_cli.cli.extras import is_made_here, see_extras, write_extras
+from imucalib_cli.cli.extras import see_extras, write_extras
 from imucalib_cli.cli.files import deliver_into, files_of, of_log, reading, telling_what_is_left
 from imucalib_cli.cli.options import (
     LOG,
@@ -104,6 +104,7 @@ def run_command(
     """Find where every IMU of a recording sits on the robot."""
     from imucalib_cli.jobs.calibrate import calibrate
     from imucalib_cli.jobs.combine import calibrate_together
+    from imucalib_cli.logs.open import is_made_here
     from imucalib_cli.results.atomic import see_folder_writable
     from imucalib_cli.results.places import see_places
 

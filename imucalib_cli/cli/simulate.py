@@ -15,8 +15,9 @@ import typer
 
 from imucalib_cli.cli import complete
 from imucalib_cli.cli.files import files_of
+from imucalib_cli.cli.options import Quiet  # noqa: TC001 - typer evaluates the annotations
 from imucalib_cli.cli.output import say
-from imucalib_cli.cli.parsers import imu_name, log_file, names, seconds, tilt, vector
+from imucalib_cli.cli.parsers import imu_name, log_file, names, seconds, tilt, unix_time, vector
 from imucalib_cli.cli.progress import ProgressBar
 from imucalib_cli.errors import ChoiceError
 from imucalib_cli.simulate.options import (
@@ -142,6 +143,15 @@ class SimulateOptions:
         float | None, _stamps(help="Share of joint states or poses lost.")
     ] = None
 
+    start: Annotated[
+        float | None,
+        _log(
+            parser=unix_time,
+            metavar="TIME",
+            help="Of the first stamp: 2026-11-23T14:30; UTC, or with its zone.",
+            show_default="2023-11-14T22:13:20",
+        ),
+    ] = None
     compression: Annotated[
         str | None,
         _log(help=".mcap: zstd, lz4, none; .bag: lz4, bz2, none.", show_default="the first"),
@@ -223,6 +233,7 @@ def simulate_command(
         ),
     ] = False,
     seed: Annotated[int, typer.Option(min=0, help="Of all noise.")] = 0,
+    quiet: Quiet = False,
     options: SimulateOptions,
 ) -> None:
     """Simulate a robot with IMUs and write a log, with its truth beside it.
@@ -240,7 +251,7 @@ def simulate_command(
 
         chosen, camera = load_camera(options.camera_config or chosen.name, chosen)
     order = _joint_order(options.joint_order, chosen)
-    with ProgressBar() as bar:
+    with ProgressBar(quiet=quiet) as bar:
         truth = simulate(
             chosen,
             output,
@@ -255,7 +266,8 @@ def simulate_command(
             progress=lambda share: bar.report(f"simulating {chosen.name}", share),
             writing=lambda share: bar.report(f"writing {output}", share),
         )
-    _say_what_was_written(truth, output, urdf)
+    if not quiet:
+        _say_what_was_written(truth, output, urdf)
 
 
 def _with_options(defaults: Options, options: SimulateOptions) -> Options:

@@ -1,5 +1,6 @@
 """``imucalib trend``: has the mount moved over many recordings?"""
 
+from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -9,7 +10,7 @@ from imucalib_cli.cli.exit_codes import exit_code, verdict_code, worst
 from imucalib_cli.cli.files import files_of, telling_what_is_left
 from imucalib_cli.cli.options import OUTPUT, OutputFile, Quiet, Within
 from imucalib_cli.cli.output import deliver, say, say_error
-from imucalib_cli.cli.parsers import file_ending
+from imucalib_cli.cli.parsers import file_ending, moment
 from imucalib_cli.cli.tables import deliver_blocks
 
 
@@ -23,6 +24,16 @@ def trend_command(
     ],
     *,
     within: Within = None,
+    since: Annotated[
+        datetime | None,
+        typer.Option(
+            metavar="TIME",
+            parser=moment,
+            help="Leave out what was recorded before, as before a mount was moved on purpose: "
+            "2026-11-23, or 2026-11-23T14:30; UTC, or with its zone.",
+            show_default="all recordings",
+        ),
+    ] = None,
     fmt: Annotated[
         Literal["text", "csv", "jsonl"],
         typer.Option(
@@ -56,7 +67,7 @@ def trend_command(
     if plot is not None:
         optional("matplotlib", "--plot needs", "plot")
     with telling_what_is_left(*written):
-        found = trend_of(names, within)
+        found = trend_of(names, within, since)
         answers = found.answers
         if fmt == "text":
             from imucalib_cli.results.trend.table import blocks

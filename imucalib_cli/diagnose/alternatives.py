@@ -59,9 +59,15 @@ _FAR: Final = 60.0
 _STRETCH: Final = 5.0
 """s: half of what is searched at once: moves look alike, and the best correlation of all may be
 that of the wrong move."""
-_KEPT: Final[dict[Kind | None, int]] = {"zero": 4, "offset": 5, None: 8}
+_KEPT: Final[dict[Kind | None, int]] = {
+    "zero": 4,
+    "offset": 5,
+    "base_frame": 4,
+    "base_clock": 3,
+    None: 8,
+}
 """Hypotheses fitted of those that turn most as the IMU does: the right one turns exactly so."""
-_SAME_RATES: Final = frozenset({"offset", "inverse", "conjugate", "unit"})
+_SAME_RATES: Final = frozenset({"offset", "inverse", "conjugate", "unit", "base_sign"})
 """Kinds whose rates may be those of the path as given, so that screening by rates is blind."""
 _GIVEN_WITHIN: Final = 1e-3
 """s: a time offset that was given is as good as this."""
@@ -186,6 +192,9 @@ class Fitter:
         if hypothesis.joint is not None:
             zero = hypothesis.sizes[0] + lean.state.x[lean.model.layout.part("joint_zero")].sum()
             hypothesis = replace(hypothesis, sizes=(float(np.angle(np.exp(1j * zero))),))
+        if hypothesis.kind == "base_clock":
+            later = hypothesis.sizes[0] + float(lean.of("base_time_offset")[0].sum())
+            hypothesis = replace(hypothesis, sizes=(later,))
         return trial_of(hypothesis, lean)
 
 

@@ -150,6 +150,31 @@ def with_positions_in_millimetres(path: KinematicPath) -> KinematicPath:
     return _map_poses(path, lambda v: v * np.array([MILLI, MILLI, MILLI, 1, 1, 1, 1]))
 
 
+def with_base_stamps(path: KinematicPath, later: float) -> KinematicPath:
+    """The same path, stamps of the base IMU less what they are later, s."""
+    return _map_base(path, lambda track: replace(track, t=track.t - later))
+
+
+def with_base_reversed(path: KinematicPath) -> KinematicPath:
+    """The same path, the sign of the base IMU's accelerometer reversed."""
+    signs = np.array([1, 1, 1, -1, -1, -1.0])
+    return _map_base(path, lambda track: replace(track, values=track.values * signs))
+
+
+def with_base_turned(path: KinematicPath, turn: Floats) -> KinematicPath:
+    """The same path, the base IMU turned (3, 3) on its link, where it is."""
+    steps = list(path.steps)
+    step = steps[path.base_step + 1]
+    if isinstance(step, FixedStep):
+        steps[path.base_step + 1] = FixedStep(R=turn @ step.R, p=turn @ step.p)
+    return replace(path, steps=tuple(steps))
+
+
+def _map_base(path: KinematicPath, change: Callable[[Track], Track]) -> KinematicPath:
+    tracks = (change(track) if track.kind == "imu" else track for track in path.tracks)
+    return replace(path, tracks=tuple(tracks))
+
+
 def _map_steps(
     path: KinematicPath, kind: type[StepKind], change: Callable[[StepKind], Step]
 ) -> KinematicPath:

@@ -7,8 +7,12 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Literal
 
+import numpy as np
+
 from imucalib_cli.diagnose import edits
 from imucalib_cli.diagnose.rigid import rigid_groups
+from imucalib_cli.estimate.solution.solve import cube_rotations
+from imucalib_cli.robot.rotations import rotation_angle
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -20,7 +24,19 @@ if TYPE_CHECKING:
     from imucalib_cli.signals.samples import ImuSamples
 
 Kind = Literal[
-    "offset", "link", "order", "unit", "inverse", "quaternion", "conjugate", "axes", "sign", "zero"
+    "offset",
+    "link",
+    "order",
+    "unit",
+    "inverse",
+    "quaternion",
+    "conjugate",
+    "axes",
+    "sign",
+    "zero",
+    "base_sign",
+    "base_clock",
+    "base_frame",
 ]
 """Faults that another path, another time offset or other readings would explain; the commoner
 first: those that explain equally are named in this order."""
@@ -29,6 +45,9 @@ GROSS_ZEROS: Final = tuple(math.radians(deg) for deg in (45, -45, 90, -90, 135, 
 """rad: no angle is farther than 22.5 deg from one of these, from where a fit finds it."""
 _MOST_PAIRED, _MOST_TRIPLED = 12, 7
 """Joints of a chain up to which two and three at once are tried: fewer than a hundred pairs."""
+_FARTHEST_STAMPS, _STAMP_STEP = 1.0, 0.05
+"""s: how far stamps of the base IMU and of the joints may be apart, and the steps in which it is
+tried: from half of one the fit finds the rest."""
 _LONGEST_ORIGIN: Final = 10.0
 """m, between two joints, from which millimetres are thought of: no arm has such links."""
 
@@ -76,6 +95,7 @@ def single_faults(poor: PoorFit) -> Iterator[Hypothesis]:
     yield from _orders(path)
     yield from _units(path)
     yield from _poses(path)
+    yield from _base(path)
     yield from _zeros(path)
 
 
@@ -173,6 +193,22 @@ def _poses(path: KinematicPath) -> Iterator[Hypothesis]:
         yield Hypothesis(kind="quaternion", names=(topics,), detail=(order,), path=rolled)
     conjugate = edits.with_conjugate_quaternions(path)
     yield Hypothesis(kind="conjugate", names=(topics,), path=conjugate)
+
+
+def _base(path: KinematicPath) -> Iterator[Hypothesis]:
+    """What may be wrong with the IMU that tells how the base moves."""
+    if path.base_imu is None:
+        return
+    names = (path.tracks[path.base_imu].name,)
+    yield Hypothesis(kind="base_sign", names=names, path=edits.with_base_reversed(path))
+    for turn in cube_rotations():
+        angle = rotation_angle(turn)
+        if angle > 0.0:
+            turned = edits.with_base_turned(path, turn)
+            yield Hypothesis(kind="base_frame", names=names, sizes=(float(angle),), path=turned)
+    for later in np.arange(-_FARTHEST_STAMPS, _FARTHEST_STAMPS + 0.5 * _STAMP_STEP, _STAMP_STEP):
+        moved = edits.with_base_stamps(path, float(later))
+        yield Hypothesis(kind="base_clock", names=names, sizes=(float(later),), path=moved)
 
 
 def _zeros(path: KinematicPath) -> Iterator[Hypothesis]:

@@ -157,7 +157,8 @@ def _estimate_one(recording: Recording, imu: ImuStream, request: CalibrationRequ
     options = with_priors(request.estimator, request.imu)
     if recording.sources.base is not None and isinstance(options, MatchedOptions):
         # Both IMUs fall freely: what each feels of gravity is the same.
-        options = replace(options, gravity="none")
+        norm = options.gravity_norm if options.has_gravity else 0.0
+        options = replace(options, gravity="none", gravity_norm=norm)
     options = _with_initial(options, motion, request)
     if isinstance(options, MatchedOptions):
         options = replace(options, either_sign=request.units.sign == "auto")
@@ -277,6 +278,12 @@ def _with_initial(
         raise ChoiceError(
             "--fix and --prior-std take the pose from the URDF, which is what verify is to check: "
             'give the pose you know by --initial "X Y Z R P Y"'
+        )
+    if nominal is None and request.planar and len(held) == 1:
+        words = " ".join("HEIGHT" if place in held else "0" for place in range(6))
+        raise ChoiceError(
+            f"--planar needs the height of {motion.mount.child} in {motion.mount.parent}, and no "
+            f'joint has it: give it in m by --initial "{words}", of which the rest is not used'
         )
     if nominal is None:
         raise ChoiceError(

@@ -48,7 +48,11 @@ _FEW: Final = 3
 
 
 def combine(
-    logs: Sequence[StoredLog], change: Change, tolerance: Tolerance | None = None
+    logs: Sequence[StoredLog],
+    change: Change,
+    tolerance: Tolerance | None = None,
+    *,
+    asked: int = 0,
 ) -> tuple[list[tree.Result], list[ImucalibError]]:
     """Solve the logs of each IMU together; those of one log again.
 
@@ -56,6 +60,7 @@ def combine(
         logs: In any order, of one IMU or of several; the same log twice counts once.
         change: From the options of a run to those that are asked for.
         tolerance: Largest sigma to trust.
+        asked: How many logs there were, with those that could not be used.
 
     Returns:
         A result for each IMU, and why others have none: their logs are of different robots, none
@@ -68,7 +73,7 @@ def combine(
     failures: list[ImucalibError] = []
     for each in imus.values():
         try:
-            results.append(_of_imu(each, change, tolerance))
+            results.append(_of_imu(each, change, tolerance, asked))
         except ImucalibError as error:
             failures.append(error)
     return results, failures
@@ -95,11 +100,15 @@ def calibrate_together(
             if each.estimate.statistics is not None:
                 found = each.estimate.statistics
                 logs.append(StoredLog(name=str(path), result=each.result, statistics=found))
-    results, unsolved = combine(logs, lambda options: options, request.require)
+    results, unsolved = combine(
+        logs, lambda options: options, request.require, asked=len(request.logs)
+    )
     return results, [*failures, *unsolved]
 
 
-def _of_imu(logs: Sequence[StoredLog], change: Change, tolerance: Tolerance | None) -> tree.Result:
+def _of_imu(
+    logs: Sequence[StoredLog], change: Change, tolerance: Tolerance | None, asked: int
+) -> tree.Result:
     given = len(logs)
     logs, left_out = _usable(_once(logs))
     twice = given - len(logs) - len(left_out)
@@ -111,6 +120,8 @@ def _of_imu(logs: Sequence[StoredLog], change: Change, tolerance: Tolerance | No
     )
     first = logs[0].result
     told = [warning("logs.twice", count=twice)] if twice else []
+    if asked > given:
+        told.append(warning("logs.missing", missing=asked - given, logs=asked, used=len(logs)))
     told += [warning("logs.left_out", log=each.name, reason=each.reason) for each in left_out]
     estimate = replace(estimate, findings=(*estimate.findings, *told))
     if tolerance is not None:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from imucalib_cli.errors import ChoiceError, ImucalibError
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.jobs.calibrate import check_overlap, repair_streams
+from imucalib_cli.jobs.halves import joined
 from imucalib_cli.jobs.inspection import (
     Health,
     ImuFinding,
@@ -27,10 +28,8 @@ from imucalib_cli.jobs.reading import (
 )
 from imucalib_cli.jobs.request import CalibrationRequest
 from imucalib_cli.logs.clock import choose_clock
-from imucalib_cli.logs.log import LogData
-from imucalib_cli.logs.messages import TF_TYPES
 from imucalib_cli.logs.part import part_of
-from imucalib_cli.logs.select import Selection, candidates, descriptions, select_topics
+from imucalib_cli.logs.select import candidates, descriptions, is_tf, select_topics
 from imucalib_cli.signals.imu.repair import check_alone
 from imucalib_cli.signals.imu.stream_health import stamp_health
 from imucalib_cli.signals.imu.units import guess_units
@@ -43,9 +42,11 @@ if TYPE_CHECKING:
     from imucalib_cli.jobs.motion import Sources
     from imucalib_cli.jobs.request import Progress
     from imucalib_cli.logs.clock import Clock
-    from imucalib_cli.logs.log import Log
+    from imucalib_cli.logs.columns import JointColumns
+    from imucalib_cli.logs.log import Log, LogData
     from imucalib_cli.logs.part import Part
     from imucalib_cli.logs.reader import LogPath
+    from imucalib_cli.logs.select import Selection
     from imucalib_cli.logs.streams import ImuStream, JointStream, PoseStream
     from imucalib_cli.robot.urdf import Robot
 
@@ -56,6 +57,7 @@ def inspect(
     progress: Progress | None = None,
     csv_columns: tuple[str, ...] = (),
     *,
+    joint_columns: tuple[JointColumns, ...] = (),
     allow_remote_scan: bool = False,
     part: Part | None = None,
 ) -> Inspection:
@@ -66,6 +68,7 @@ def inspect(
         urdf: Of the robot, to be checked against the log.
         progress: As for calibrate.
         csv_columns: Likewise.
+        joint_columns: Likewise.
         allow_remote_scan: Likewise.
         part: Of the log; None: all.
 
@@ -76,6 +79,7 @@ def inspect(
     request = CalibrationRequest(
         logs=logs,
         csv_columns=csv_columns,
+        joint_columns=joint_columns,
         urdf=urdf,
         allow_remote_scan=allow_remote_scan,
         part=part,
@@ -171,14 +175,15 @@ def _seen(
     imus: list[ImuFinding] = []
     findings: list[Finding] = []
     for one in robots:
-        read = one.data if chosen is None else _chosen_of(one.data, chosen)
+        read = one.data if chosen is None else chosen.of(one.data)
         clock = choose_clock(moving_streams(read), "auto")
+        read, pairs = joined(read, clock, request)
         if request.part is not None:
             read, _ = part_of(read, clock, request.part)
         unasked, unread = ((), ()) if chosen is None else (chosen.unasked, chosen.unread)
         sources, duplicates = gather_sources(read, clock, unasked)
         sources = replace(sources, prefixes=one.prefixes, unread=unread)
-        findings += [*clock.findings, *duplicates]
+        findings += [*clock.findings, *pairs, *duplicates]
         base = None
         unknown = problem or one.problem
         try:
@@ -206,7 +211,7 @@ def _chosen(
     try:
         return select_topics(log.topics), request, None
     except ChoiceError:
-        poses = [t for t in candidates(log.topics, "pose") if t.type not in TF_TYPES]
+        poses = [t for t in candidates(log.topics, "pose") if not is_tf(t)]
         if not poses:
             raise
         longest = (max(poses, key=lambda topic: topic.count).name,)
@@ -214,15 +219,6 @@ def _chosen(
         return select_topics(log.topics, pose_topics=longest), request, None
     except ImucalibError as error:
         return None, request, error
-
-
-def _chosen_of(data: LogData, chosen: Selection) -> LogData:
-    return LogData(
-        imus=data.imus,
-        joints={topic: data.joints[topic] for topic in data.joints if topic in chosen.all},
-        poses={topic: data.poses[topic] for topic in data.poses if topic in chosen.all},
-        findings=data.findings,
-    )
 
 
 def _imu(
@@ -345,6 +341,7 @@ def _inputs(request: CalibrationRequest) -> list[str]:
         words.append(str(request.part))
     if request.csv_columns:
         words.append(f"--csv-columns {shlex.quote(','.join(request.csv_columns))}")
+    words += [f"--joints {shlex.quote(str(each))}" for each in request.joint_columns]
     return words
 
 

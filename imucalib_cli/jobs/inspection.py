@@ -15,12 +15,14 @@ if TYPE_CHECKING:
 
     from imucalib_cli.findings import Finding
     from imucalib_cli.layout import Block
+    from imucalib_cli.logs.messages import Kind
     from imucalib_cli.logs.reader import Topic
     from imucalib_cli.signals.imu.stream_health import StampHealth
     from imucalib_cli.signals.imu.units import UnitGuess
 
 _MS = 1e3
-_TOPIC = ("topic", "type", "messages", "seconds", "Hz")
+_TOPIC = ("topic", "type", "read as", "messages", "seconds", "Hz")
+_READ_AS: dict[Kind, str] = {"imu": "IMU", "joints": "joints", "pose": "poses", "text": "text"}
 _HEALTH = (
     *("stream", "Hz", "jitter ms", "gaps", "longest s"),
     *("same", "bunched", "back", "zero"),
@@ -120,6 +122,12 @@ class Inspection:
         """Everything, as JSON-ready data."""
         imus = tuple(replace(imu, units=replace(imu.units, findings=())) for imu in self.imus)
         content = asdict(replace(self, findings=(), imus=imus))
+        for topic, entry in zip(self.topics, content["topics"], strict=True):
+            del entry["definition"]
+            entry |= {
+                "columns": topic.columns and str(topic.columns),
+                "read_as": tuple(topic.kinds),
+            }
         content |= {
             "findings": [to_document(finding_entry(finding)) for finding in self.findings],
             "warnings": self.warnings,
@@ -141,7 +149,7 @@ class Inspection:
         if self.urdf is not None:
             yield f"urdf      {self.urdf}"
         yield ""
-        yield Table(_TOPIC, tuple(map(_topic_row, self.topics)), frozenset(_TOPIC[2:]))
+        yield Table(_TOPIC, tuple(map(_topic_row, self.topics)), frozenset(_TOPIC[3:]))
         if self.health:
             yield ""
             yield f"stamps    {self.clock} stamps would be used"
@@ -195,7 +203,9 @@ class Inspection:
 def _topic_row(topic: Topic) -> tuple[str, ...]:
     seconds = (topic.end_ns - topic.start_ns) * 1e-9
     rate = f"{(topic.count - 1) / seconds:.1f}" if topic.count > 1 and seconds > 0 else "-"
-    return topic.name, topic.type or topic.encoding, str(topic.count), f"{seconds:.1f}", rate
+    read_as = ", ".join(_READ_AS[kind] for kind in topic.kinds) or "-"
+    kind = topic.type or topic.encoding
+    return topic.name, kind, read_as, str(topic.count), f"{seconds:.1f}", rate
 
 
 def _health_row(each: Health, kind: str) -> tuple[str, ...]:

@@ -12,6 +12,7 @@ import numpy as np
 
 from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.findings import Finding, note, warnings
+from imucalib_cli.jobs.halves import half_topics, joined
 from imucalib_cli.jobs.known.base import with_base_imu
 from imucalib_cli.jobs.known.description import described_robot
 from imucalib_cli.jobs.known.naming import named_as_in
@@ -88,6 +89,7 @@ def read_recording(request: CalibrationRequest, progress: Progress | None = None
         request.joint_topics,
         request.pose_topics,
         request.description_topics,
+        half_topics=half_topics(request),
         base_imu=request.base_imu,
     )
     if request.urdf is not None:
@@ -98,6 +100,7 @@ def read_recording(request: CalibrationRequest, progress: Progress | None = None
         (*chosen.all, *chosen.other_imus),
         None if progress is None else lambda share: progress("reading", share),
     )
+    data = chosen.of(data)
     _require_imus(data, chosen.imus, request)
     recording = recording_of(data, request, unasked=chosen.unasked, paths=log.paths, files=files)
     return replace(recording, sources=replace(recording.sources, unread=chosen.unread))
@@ -112,6 +115,7 @@ def open_requested(request: CalibrationRequest, progress: Progress | None = None
     return open_log(
         request.logs,
         request.csv_columns,
+        columns=request.joint_columns,
         scan_remote=request.allow_remote_scan,
         progress=lambda share: None if progress is None else progress("downloading", share),
     )
@@ -154,10 +158,12 @@ def recording_of(
     """
     robot, data, findings, prefixes = robot_and_names(data, request)
     clock = choose_clock(moving_streams(data), request.clock)
-    part = None
+    data, pairs = joined(data, clock, request)
+    asked, part = _asked_for(data, request), None
     if request.part is not None:
-        data, part = part_of(data, clock, request.part)
-    asked = _asked_for(data, request)
+        whole, (data, part) = data, part_of(data, clock, request.part)
+        if request.imu_topics:
+            _see_samples(asked, whole, data)
     filled = [(name in asked, imu) for name, imu in data.imus.items() if len(imu)]
     imus, others = (tuple(imu for one, imu in filled if one == wanted) for wanted in (True, False))
     _require_advancing_stamps(imus, clock)
@@ -182,7 +188,7 @@ def recording_of(
         part=part,
         paths=paths,
         files=files or Fingerprints(()),
-        findings=(*of_data, *findings, *clock.findings, *duplicates, *reckoned),
+        findings=(*of_data, *findings, *clock.findings, *pairs, *duplicates, *reckoned),
         epoch_ns=epoch_ns,
     )
 
@@ -200,12 +206,14 @@ def robot_and_names(
         InputError: The URDF cannot be used.
         ChoiceError: The description must be chosen, or no joint has the prefix that is asked for.
     """
+    asked = _asked_for(data, request)
+    wanted = replace(data, imus={name: data.imus[name] for name in data.imus if name in asked})
     robot, findings = (
-        described_robot(data, request) if request.urdf is None else (robot_of(request.urdf), ())
+        described_robot(wanted, request) if request.urdf is None else (robot_of(request.urdf), ())
     )
     if robot is None:
         return None, data, findings, ()
-    data, renamed, prefixes = named_as_in(robot, data, request.joint_prefix)
+    data, renamed, prefixes = named_as_in(robot, data, request.joint_prefix, wanted.imus)
     return robot, data, (*findings, *renamed), prefixes
 
 
@@ -218,11 +226,11 @@ def _asked_for(data: LogData, request: CalibrationRequest) -> set[str]:
     asked = request.imu_topics
     if not asked:
         return set(data.imus)
-    topics = {imu.topic for imu in data.imus.values()}
+    topics = {topic for imu in data.imus.values() for topic in imu.topics}
     for name in asked:
         if name not in data.imus and name not in topics and name.partition(":")[0] in topics:
             raise ChoiceError(f"--imu-topic {name}: no such IMU, but {', '.join(data.imus)}")
-    return {name for name, imu in data.imus.items() if {name, imu.topic} & set(asked)}
+    return {name for name, imu in data.imus.items() if {name, *imu.topics} & set(asked)}
 
 
 def recorded_at(recording: Recording, imu: ImuStream, seconds: float) -> datetime | None:
@@ -251,6 +259,17 @@ def _require_imus(data: LogData, topics: Iterable[str], request: CalibrationRequ
     unused = [topic for topic in topics if topic not in used]
     if unused and (request.imu_topics or not used):
         raise InputError("; ".join(_why_unused(topic, data) for topic in unused))
+
+
+def _see_samples(named: Iterable[str], whole: LogData, part: LogData) -> None:
+    """Refuse a part of the log in which an IMU that the user named has no samples."""
+    for name in sorted(named):
+        if len(whole.imus[name]) and not len(part.imus[name]):
+            raise ChoiceError(
+                f"{name}: has no samples between --from and --to: choose another part, or leave "
+                "this IMU out",
+                topic=name,
+            )
 
 
 def _require_advancing_stamps(imus: tuple[ImuStream, ...], clock: Clock) -> None:

@@ -38,6 +38,7 @@ def recorded_options(request: CalibrationRequest) -> dict[str, Scalar]:
     return {
         "method": "matched" if isinstance(options, MatchedOptions) else "paper",
         **({"csv_columns": ",".join(request.csv_columns)} if request.csv_columns else {}),
+        **({"joints": " ".join(map(str, request.joint_columns))} if request.joint_columns else {}),
         **recorded_estimator(options),
         "accel_unit": units.accel,
         "gyro_unit": units.gyro,

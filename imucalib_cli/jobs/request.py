@@ -11,6 +11,7 @@ from imucalib_cli.signals.imu.units import Units
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from imucalib_cli.logs.columns import JointColumns
     from imucalib_cli.logs.part import Part
     from imucalib_cli.logs.reader import LogPath
     from imucalib_cli.results.requirement import Tolerance
@@ -50,8 +51,14 @@ class CalibrationRequest:
     csv_columns: tuple[str, ...] = ()
     """Names of the columns of tables without a header."""
     urdf: LogPath | None = None
+    joint_columns: tuple[JointColumns, ...] = ()
+    """Which numbers of messages without names are joints."""
     imu_topics: tuple[str, ...] = ()
     """Empty: every IMU in the log."""
+    gyro_topics: tuple[str, ...] = ()
+    """Of gyroscopes apart from their accelerometers; empty: found."""
+    accel_topics: tuple[str, ...] = ()
+    """Of their accelerometers, in the same order."""
     joint_topics: tuple[str, ...] = ()
     pose_topics: tuple[str, ...] = ()
     description_topics: tuple[str, ...] = ()

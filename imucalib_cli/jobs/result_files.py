@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 
 from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.guarded_yaml import YamlError, read_bounded
-from imucalib_cli.logs.remote.url import is_url, without_secrets
+from imucalib_cli.logs.remote.url import is_url
 from imucalib_cli.results.codec import read_results
+from imucalib_cli.shown import natural, without_secrets
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -43,13 +44,14 @@ def is_result(name: str) -> bool:
 
 
 def results_in(folder: Path) -> list[str]:
-    """Result files of a folder by name; what else lies there is passed over.
+    """Result files of a folder by name, numbers as numbers; what else lies there is passed over.
 
     Raises:
         InputError: The folder cannot be read.
     """
     try:
-        files = sorted(each for each in folder.iterdir() if each.suffix.lower() in _SUFFIXES)
+        there = (each for each in folder.iterdir() if each.suffix.lower() in _SUFFIXES)
+        files = sorted(there, key=lambda each: natural(each.name))
         return [str(each) for each in files if each.is_file() and _opens_as_result(each)]
     except OSError as error:
         raise InputError(f"{folder}: cannot be read ({error.strerror}): check the path") from error
@@ -104,6 +106,8 @@ def read_text(name: str, expected: str = "a result of imucalib run") -> str:
         InputError: It cannot be read, is not text, or is too large.
     """
     shown = display_name(name)
+    if is_url(name):
+        raise InputError(f"{shown}: is a URL; results are read from disk: download it")
     try:
         if name == "-":
             if sys.stdin is None:

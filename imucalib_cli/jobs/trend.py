@@ -12,13 +12,16 @@ from imucalib_cli.results.trend.trend import trend
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from datetime import datetime
 
     from imucalib_cli.results.requirement import Tolerance
     from imucalib_cli.results.result import Result
     from imucalib_cli.results.trend.answer import TrendAnswer
 
 
-def trend_of(names: Sequence[str], within: Tolerance | None = None) -> Answers[TrendAnswer]:
+def trend_of(
+    names: Sequence[str], within: Tolerance | None = None, since: datetime | None = None
+) -> Answers[TrendAnswer]:
     """Decide for every IMU of some results whether its mount has moved.
 
     Results are of one mount if parent, child and topic are the same.
@@ -27,6 +30,7 @@ def trend_of(names: Sequence[str], within: Tolerance | None = None) -> Answers[T
         names: Result files; folders of them, of which other files are passed over; ``-`` reads
             standard input.
         within: How far a mount may move; None makes an alarm of every decisive change.
+        since: Recordings from before that count no more.
 
     Raises:
         InputError: There is no result.
@@ -41,7 +45,7 @@ def trend_of(names: Sequence[str], within: Tolerance | None = None) -> Answers[T
             failures.append(error)
     if not mounts and not failures:
         raise InputError(f"{', '.join(names)}: no result of imucalib run in it")
-    answers = tuple(trend(results, within) for results in mounts.values())
+    answers = tuple(trend(results, within, since) for results in mounts.values())
     return Answers(answers=answers, failures=tuple(failures))
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from imucalib_cli.findings import Finding, warning, warnings
+from imucalib_cli.findings import Finding, note, warning, warnings
 from imucalib_cli.logs.streams import Nanoseconds, PoseStream, Stream
 
 if TYPE_CHECKING:
@@ -96,7 +96,11 @@ def choose_clock(
     if wanted != "auto":  # no advice to try what is broken too
         findings = [_told(fault, "asked", faults[other], clock=kind) for fault in faults[kind]]
     elif kind == "log":
-        findings = [_told(fault, "receive times") for fault in header_faults]
+        missing = [fault for fault in header_faults if fault.code == "stamps.all_zero"]
+        others = [fault for fault in header_faults if fault not in missing]
+        findings = [_told(fault, "receive times") for fault in others]
+        if missing:
+            findings.append(note("stamps.none", topics=[each.values["topic"] for each in missing]))
     else:
         findings = [_told(fault, "no better", log_faults) for fault in header_faults]
     origin = min((first_plausible(_stamps(each, kind)) for each in moving), default=0)

@@ -17,14 +17,14 @@ import numpy as np
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.logs.damage import Tally
-from imucalib_cli.logs.reader import Catalogue, Labels, Piece
+from imucalib_cli.logs.reader import Catalogue, Piece
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Sequence
     from pathlib import Path
 
     from imucalib_cli.findings import Finding
-    from imucalib_cli.logs.messages import Kind
+    from imucalib_cli.logs.messages import Kind, Labels
     from imucalib_cli.logs.reader import Channel, LogPath, Progress, Sink
 
 _SPELLINGS = {

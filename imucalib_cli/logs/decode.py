@@ -10,21 +10,24 @@ import sys
 from collections import Counter
 from dataclasses import dataclass, field, replace
 from functools import partial
+from types import MappingProxyType
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
 from imucalib_cli.findings import Finding, warning
-from imucalib_cli.logs.messages import TF_TYPES
-from imucalib_cli.logs.reader import Piece
+from imucalib_cli.logs.columns import NO_JOINT
+from imucalib_cli.logs.reader import Piece, with_columns
 from imucalib_cli.logs.slow import decode_one
 from imucalib_cli.logs.streams import ImuStream, JointStream, PoseStream
 from imucalib_cli.logs.wire import decode
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterable, Iterator, Mapping
 
     from imucalib_cli.arrays import Bools, Bytes, Floats, Indices, Integers
+    from imucalib_cli.logs.columns import JointColumns
+    from imucalib_cli.logs.messages import Labels, MessageType
     from imucalib_cli.logs.reader import Channel
     from imucalib_cli.logs.streams import Nanoseconds
 
@@ -47,6 +50,11 @@ _LEAST_POSITIONS = 0.5
 """A joint with an encoder has a position in at least this share of messages."""
 
 
+_TICK_RANGE_NS = (1 << 32) * 1_000_000
+_TICK_TOLERANCE = 0.02
+"""A counter of ms agrees with the receive times this well, as header stamps do."""
+
+
 class TooMuchError(Exception):
     """A file unpacks to more than any log."""
 
@@ -57,6 +65,7 @@ class TopicData:
 
     topic: str
     type: str
+    reading: MessageType
     pieces: list[Piece] = field(default_factory=list)
     messages: int = 0
     undecoded: int = 0
@@ -73,9 +82,14 @@ class _Block:
 
 
 class Collector:
-    """A :class:`~imucalib_cli.logs.reader.Sink` that decodes."""
+    """A :class:`~imucalib_cli.logs.reader.Sink` that decodes.
 
-    def __init__(self) -> None:
+    Args:
+        columns: What the user says of the numbers of a topic, by its name.
+    """
+
+    def __init__(self, columns: Mapping[str, JointColumns] = MappingProxyType({})) -> None:
+        self._columns = columns
         self._messages_left = self._bytes_left = 0
         self.topics: dict[tuple[str, str], TopicData] = {}
         self._blocks: dict[tuple[str, str, str, str, int], _Block] = {}
@@ -96,6 +110,7 @@ class Collector:
         key = (channel.name, channel.type, channel.encoding, channel.definition, length)
         block = self._blocks.get(key)
         if block is None:
+            channel = with_columns(channel, self._columns)
             block = self._blocks[key] = _Block(channel, self._topic(channel))
         block.arrival.append(arrival + self._file_base)
         block.log_ns.append(log_ns)
@@ -107,7 +122,7 @@ class Collector:
 
     def add_decoded(self, channel: Channel, piece: Piece, bad: int = 0) -> None:
         """Add decoded rows; see :class:`~imucalib_cli.logs.reader.Sink`."""
-        into = self._topic(channel)
+        into = self._topic(with_columns(channel, self._columns))
         into.messages += len(piece.log_ns) + bad
         into.undecoded += bad
         if len(piece.log_ns):
@@ -132,7 +147,9 @@ class Collector:
             yield data
 
     def _topic(self, channel: Channel) -> TopicData:
-        into = TopicData(channel.name, channel.type)
+        reading = channel.reading
+        assert reading is not None, "only topics that can be read are wanted"  # noqa: S101
+        into = TopicData(channel.name, channel.type, reading)
         return self.topics.setdefault((channel.name, channel.type), into)
 
     def _add_packed(
@@ -213,7 +230,7 @@ def imu_streams(data: TopicData) -> tuple[tuple[ImuStream, ...], list[Finding]]:
         count = sum(counts[frame] for frame in others)
         values = {"topic": data.topic, "frame": main, "others": others}
         losses.append(warning("imu.frames_mixed", count=count, **values))
-    streams = [_imu_stream(data.topic, frame, pieces[frame], losses) for frame in used]
+    streams = [_imu_stream(data, frame, pieces[frame], losses) for frame in used]
     if len(streams) > 1:
         streams = [replace(each, shared=f"{each.topic}:{each.frame_id}") for each in streams]
     return tuple(streams), losses
@@ -232,9 +249,12 @@ def _accompanies(pieces: list[Piece], main: list[Piece]) -> bool:
     return 2 * (min(last, end) - max(first, start)) > end - start
 
 
-def _imu_stream(topic: str, frame: str, pieces: list[Piece], losses: list[Finding]) -> ImuStream:
-    joined = _Joined(pieces)
-    gyro, accel = joined.numbers("gyro"), joined.numbers("accel")
+def _imu_stream(
+    data: TopicData, frame: str, pieces: list[Piece], losses: list[Finding]
+) -> ImuStream:
+    topic = data.topic
+    joined = _Joined(pieces, ticks=data.reading.has_ticks)
+    gyro, accel = (_or_zero(joined.numbers(name)) for name in ("gyro", "accel"))
     numbers = _is_number(gyro) & _is_number(accel)
     sound: Bools | slice = slice(None)  # a slice copies nothing
     if not numbers.all():
@@ -247,7 +267,13 @@ def _imu_stream(topic: str, frame: str, pieces: list[Piece], losses: list[Findin
         frame_id=frame,
         gyro=gyro[sound],
         accel=accel[sound],
+        frames=data.reading.frames,
     )
+
+
+def _or_zero(values: Floats) -> Floats:
+    """Values, or zeros in place of a sensor that is absent and says so by NaN throughout."""
+    return np.zeros_like(values) if len(values) and np.isnan(values).all() else values
 
 
 def texts_of(data: TopicData) -> tuple[str, ...]:
@@ -265,25 +291,28 @@ def joint_streams(data: TopicData) -> tuple[tuple[JointStream, ...], list[Findin
     """One stream per set of joint names; rows in another order are reordered as the first."""
     sets: dict[tuple[str, ...], tuple[tuple[str, ...], list[Piece]]] = {}
     repeated = short = 0
-    for piece in data.pieces:
+    for piece in _with_columns(data):
         names = cast("tuple[str, ...]", piece.texts["name"])
         if not names:
             continue
         if len(set(names)) != len(names):
             repeated += len(piece.stamp_ns)
-        elif piece.numbers["position"].shape[1] != len(names):
+        elif "position" not in piece.numbers or piece.numbers["position"].shape[1] != len(names):
             short += len(piece.stamp_ns)
         else:
             sets.setdefault(tuple(sorted(names)), (names, []))[1].append(piece)
     losses = []
     if repeated:
         losses.append(warning("joints.named_twice", topic=data.topic, count=repeated))
-    if short:
+    columns = data.reading.columns
+    if short and columns is None:
         losses.append(warning("joints.incomplete", topic=data.topic, count=short))
+    elif short and columns is not None:
+        losses.append(_other_numbers(data, columns, short))
     streams = []
     unsound = 0
     for names, pieces in sets.values():
-        joined = _Joined(pieces)
+        joined = _Joined(pieces, ticks=data.reading.has_ticks)
         position = joined.ordered(
             [
                 piece.numbers["position"]
@@ -303,11 +332,41 @@ def joint_streams(data: TopicData) -> tuple[tuple[JointStream, ...], list[Findin
                 log_ns=joined.log_ns[sound],
                 names=names,
                 position=position[sound],
+                spellings=data.reading.spellings,
             )
         )
     if unsound:
         losses.append(warning("joints.not_finite", topic=data.topic, count=unsound, limit=_ABSURD))
     return tuple(streams), losses
+
+
+def _other_numbers(data: TopicData, columns: JointColumns, count: int) -> Finding:
+    """Messages with more or fewer numbers than the user names."""
+    numbers = Counter({0: 0})
+    for piece in data.pieces:
+        if "position" in piece.numbers:
+            numbers[piece.numbers["position"].shape[1]] += len(piece.log_ns)
+    told = {"topic": data.topic, "count": count, "field": columns.path}
+    most, _ = numbers.most_common(1)[0]
+    return warning("joints.columns", **told, numbers=most, named=len(columns.names))
+
+
+def _with_columns(data: TopicData) -> Iterator[Piece]:
+    """Pieces with the joints that the user says, where they do."""
+    columns = data.reading.columns
+    for piece in data.pieces:
+        if columns is None or "position" not in piece.numbers:
+            yield piece
+            continue
+        position = piece.numbers["position"][:, columns.start : columns.stop]
+        if position.shape[1] == len(columns.names):
+            joints = [k for k, name in enumerate(columns.names) if name != NO_JOINT]
+            names = tuple(columns.names[k] for k in joints)
+            position = position[:, joints]
+            texts: Labels = {**piece.texts, "name": names}
+        else:
+            texts = piece.texts
+        yield replace(piece, texts=texts, numbers={"position": position})
 
 
 def _sound_rows(position: Floats) -> tuple[Bools | slice, Floats]:
@@ -329,7 +388,7 @@ def pose_streams(data: TopicData) -> tuple[tuple[PoseStream, ...], list[Finding]
     for piece in data.pieces:
         child = str(piece.texts.get("child_frame_id", "")).removeprefix("/")
         edges.setdefault((_frame(piece), child), []).append(piece)
-    is_static = data.type in TF_TYPES and data.topic.rsplit("/", 1)[-1] == "tf_static"
+    is_static = data.reading.is_tf and data.topic.rsplit("/", 1)[-1] == "tf_static"
     streams = []
     unusable = 0
     for (parent, child), pieces in edges.items():
@@ -358,6 +417,16 @@ def pose_streams(data: TopicData) -> tuple[tuple[PoseStream, ...], list[Finding]
     return tuple(streams), losses
 
 
+def _stamps_of_ticks(ticks_ns: Nanoseconds, log_ns: Nanoseconds) -> Nanoseconds:
+    """Stamps of a counter of ms that begins anew; zeros if it does not count ms."""
+    anew = np.diff(ticks_ns) < -_TICK_RANGE_NS // 2
+    stamps: Nanoseconds = ticks_ns + _TICK_RANGE_NS * np.concatenate([[0], np.cumsum(anew)])
+    if len(stamps) < 2:
+        return stamps
+    span, received = int(stamps[-1] - stamps[0]), int(log_ns[-1] - log_ns[0])
+    return stamps if abs(span - received) <= _TICK_TOLERANCE * received else np.zeros_like(stamps)
+
+
 def _frame(piece: Piece) -> str:
     return str(piece.texts["frame_id"]).removeprefix("/")
 
@@ -365,7 +434,7 @@ def _frame(piece: Piece) -> str:
 class _Joined:
     """Concatenate pieces in the order of receive time; ties keep the file's order."""
 
-    def __init__(self, pieces: Iterable[Piece]) -> None:
+    def __init__(self, pieces: Iterable[Piece], *, ticks: bool = False) -> None:
         self._pieces = list(pieces)
         log_ns = np.concatenate([each.log_ns for each in self._pieces])
         arrival = np.concatenate([each.arrival for each in self._pieces])
@@ -377,6 +446,8 @@ class _Joined:
         self.stamp_ns: Nanoseconds = np.concatenate([each.stamp_ns for each in self._pieces])[
             self._order
         ]
+        if ticks:
+            self.stamp_ns = _stamps_of_ticks(self.stamp_ns, self.log_ns)
 
     def ordered(self, values: list[Floats]) -> Floats:
         joined: Floats = np.concatenate(values)[self._order]

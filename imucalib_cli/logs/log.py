@@ -11,18 +11,23 @@ from imucalib_cli.findings import Finding, warning, warnings
 from imucalib_cli.logs.csv_file import CsvFile
 from imucalib_cli.logs.messages import MESSAGE_TYPES
 from imucalib_cli.logs.open import READERS, open_files
-from imucalib_cli.logs.reader import Topic
+from imucalib_cli.logs.protobuf import EXTRA, is_installed
+from imucalib_cli.logs.reader import Topic, with_columns
 from imucalib_cli.logs.remote.file import RemoteFile
+from imucalib_cli.logs.shapes import numbers_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
+    from imucalib_cli.logs.columns import JointColumns
     from imucalib_cli.logs.decode import TopicData
     from imucalib_cli.logs.reader import Channel, LogFile, LogPath, Progress
     from imucalib_cli.logs.streams import ImuStream, JointStream, PoseStream
 
 _MOST_TOLD = 8
 """Most findings about losses of one file; a damaged disk causes thousands."""
+_MOST_FIELDS = 20
+"""Most fields listed in an error."""
 _MAX_OVERLAP_S = 0.5
 """s: recorders split files between messages; a cache written late causes a small overlap."""
 _MAX_OVERLAP_SHARE = 0.1
@@ -53,15 +58,25 @@ class LogData:
 class Log:
     """An opened recording; holds no open files.
 
+    Args:
+        files: Of one recording.
+        columns: Which numbers of some topics are joints.
+
+    Raises:
+        ChoiceError: A topic has no such numbers.
+
     Attributes:
         paths: The files it is made of.
         topics: Its topics, by name.
     """
 
-    def __init__(self, files: Sequence[LogFile]) -> None:
+    def __init__(self, files: Sequence[LogFile], columns: Sequence[JointColumns] = ()) -> None:
         self._files = sorted(files, key=lambda file: _span_ns(file.channels)[0])
         self.paths = tuple(each.path for each in self._files)
-        self.topics = _topics(self._files)
+        self._columns = {each.topic: each for each in columns}
+        self.topics = _topics([each for file in self._files for each in self._channels(file)])
+        for each in columns:
+            self._see_columns(each)
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -90,22 +105,16 @@ class Log:
                 same time: they are two recordings.
             InputError: A topic's type or encoding cannot be read, or the file has disappeared.
         """
-        from imucalib_cli.logs.decode import (
-            MOST_RATIO,
-            Collector,
-            TooMuchError,
-            imu_streams,
-            joint_streams,
-            pose_streams,
-            texts_of,
-        )
+        from imucalib_cli.logs.decode import MOST_RATIO, Collector, TooMuchError
 
         wanted = set(topics)
         self._check(wanted)
         _see_one_recording(self._files, wanted)
-        collector = Collector()
+        collector = Collector(self._columns)
         for number, file in enumerate(self._files):
-            channels = [each.number for each in file.channels if each.name in wanted and each.kind]
+            channels = [
+                each.number for each in self._channels(file) if each.name in wanted and each.kinds
+            ]
             if channels:
                 share = _share(progress, number, len(self._files))
                 try:
@@ -120,22 +129,8 @@ class Log:
         data = self._nothing_of(wanted)
         losses = [*self.findings, *_overlaps(self._files)]
         for found in collector.finish():
-            name = found.topic
             losses += self._shortfall(found)
-            match MESSAGE_TYPES[found.type].kind:
-                case "imu":
-                    imus, lost = imu_streams(found)
-                    data.imus |= {imu.name: imu for imu in imus}
-                case "joints":
-                    joints, lost = joint_streams(found)
-                    data.joints[name] = joints
-                case "pose":
-                    poses, lost = pose_streams(found)
-                    # A topic may have poses of two types.
-                    data.poses[name] = data.poses.get(name, ()) + poses
-                case "text":
-                    data.texts[name], lost = texts_of(found), []
-            losses += lost
+            losses += _add_streams(data, found)
         data.findings = tuple(losses)
         return data
 
@@ -145,7 +140,7 @@ class Log:
         listed = sum(
             each.count
             for each in self.topics
-            if (each.name, each.type) == (found.topic, found.type) and each.kind
+            if (each.name, each.type) == (found.topic, found.type) and each.kinds
         )
         if found.messages < listed:
             losses.append(
@@ -169,8 +164,8 @@ class Log:
         """Topics that lost all messages to damage are kept, without streams."""
         filled = [each for each in self.topics if each.name in wanted and each.count]
         return LogData(
-            joints={each.name: () for each in filled if each.kind == "joints"},
-            poses={each.name: () for each in filled if each.kind == "pose"},
+            joints={each.name: () for each in filled if "joints" in each.kinds},
+            poses={each.name: () for each in filled if "pose" in each.kinds},
         )
 
     def _check(self, wanted: set[str]) -> None:
@@ -178,14 +173,43 @@ class Log:
         for name in sorted(wanted - known):
             listed = ", ".join(sorted(known)) or "none"
             raise ChoiceError(f"there is no topic {name} in {self._label()}; it has: {listed}")
-        readable = {each.name for each in self.topics if each.kind}
+        readable = {each.name for each in self.topics if each.kinds}
         for topic in self.topics:
             if topic.name in wanted and topic.name not in readable:
                 raise InputError(
                     f"topic {topic.name} in {self._label()} holds {topic.type or 'untyped data'} "
-                    f"({topic.encoding or 'no encoding'}), which cannot be read: choose a topic of "
-                    + ", ".join(sorted(MESSAGE_TYPES))
+                    f"({topic.encoding or 'no encoding'}), which cannot be read: "
+                    + why_unread(topic)
                 )
+
+    def _channels(self, file: LogFile) -> tuple[Channel, ...]:
+        """What a file holds, with what the user says of its numbers."""
+        return tuple(with_columns(each, self._columns) for each in file.channels)
+
+    def _see_columns(self, columns: JointColumns) -> None:
+        """See that a topic has the numbers that the user means.
+
+        Raises:
+            ChoiceError: It has not.
+        """
+        asked = f"--joints {columns}"
+        there = [each for each in self.topics if each.name == columns.topic and each.count]
+        if not there:
+            listed = ", ".join(sorted(each.name for each in self.topics)) or "none"
+            raise ChoiceError(
+                f"{asked}: there is no topic {columns.topic} with messages; topics are {listed}",
+                option="--joints",
+            )
+        if "joints" not in there[0].kinds:
+            topic = there[0]
+            numbers = numbers_of(topic.type, topic.encoding, topic.definition)
+            listed = ", ".join(numbers[:_MOST_FIELDS]) or "none that can be read"
+            more = f" and {len(numbers) - _MOST_FIELDS} more" if numbers[_MOST_FIELDS:] else ""
+            raise ChoiceError(
+                f"{asked}: {topic.type or 'untyped data'} ({topic.encoding}) has no numbers "
+                f"{columns.path}; fields with numbers are {listed}{more}",
+                option="--joints",
+            )
 
     def _label(self) -> str:
         return str(self.paths[0]) if self.paths else "the log"
@@ -195,6 +219,7 @@ def open_log(
     paths: Sequence[LogPath],
     csv_columns: Sequence[str] = (),
     *,
+    columns: Sequence[JointColumns] = (),
     scan_remote: bool = False,
     progress: Progress = lambda _: None,
 ) -> Log:
@@ -204,6 +229,7 @@ def open_log(
         paths: A file or folder, or the files of one recording, of any format that
             :data:`~imucalib_cli.logs.open.READERS` has, recognised by content.
         csv_columns: Names of the columns of tables without a header.
+        columns: Which numbers of some topics are joints.
         scan_remote: Download remote files that cannot be read in parts.
         progress: Called with the share of one that is downloaded, 0 to 1.
 
@@ -224,7 +250,31 @@ def open_log(
     files = (
         open_files(path, readers, scan_remote=scan_remote, progress=progress) for path in paths
     )
-    return Log([file for opened in files for file in opened])
+    return Log([file for opened in files for file in opened], columns)
+
+
+def _add_streams(data: LogData, found: TopicData) -> list[Finding]:
+    """Add the streams that a topic becomes; findings about rows left out."""
+    from imucalib_cli.logs.decode import imu_streams, joint_streams, pose_streams, texts_of
+
+    name, losses = found.topic, list[Finding]()
+    for kind in found.reading.kinds:
+        lost: list[Finding] = []
+        match kind:
+            case "imu":
+                imus, lost = imu_streams(found)
+                data.imus |= {imu.name: imu for imu in imus}
+            case "joints":
+                joints, lost = joint_streams(found)
+                data.joints[name] = joints
+            case "pose":
+                poses, lost = pose_streams(found)
+                # A topic may have poses of two types.
+                data.poses[name] = data.poses.get(name, ()) + poses
+            case "text":
+                data.texts[name] = texts_of(found)
+        losses += lost
+    return losses
 
 
 def _bytes_of(path: LogPath) -> int:
@@ -247,7 +297,7 @@ def _see_one_recording(files: Sequence[LogFile], wanted: set[str]) -> None:
     heard: dict[str, tuple[LogFile, Channel]] = {}
     for file in files:
         for channel in file.channels:
-            if channel.kind == "imu" and channel.name in wanted and channel.count:
+            if "imu" in channel.kinds and channel.name in wanted and channel.count:
                 other, before = heard.get(channel.name, (file, channel))
                 if other is not file:
                     _see_after(file, channel, other, before)
@@ -260,7 +310,8 @@ def _see_after(file: LogFile, channel: Channel, other: LogFile, before: Channel)
     if overlap > max(_MAX_OVERLAP_S, _MAX_OVERLAP_SHARE * shorter):
         raise ChoiceError(
             f"{other.path} and {file.path} both hold {channel.name} over the same "
-            f"{overlap:.3g} s: they are two recordings, run on each alone"
+            f"{overlap:.3g} s: they are two recordings, and not the parts of one as their names or "
+            "their folder say: name each alone (imucalib batch takes many)"
         )
 
 
@@ -283,17 +334,33 @@ def _overlaps(files: Sequence[LogFile]) -> tuple[Finding, ...]:
     return tuple(found)
 
 
-def _topics(files: Sequence[LogFile]) -> tuple[Topic, ...]:
+def why_unread(topic: Topic) -> str:
+    """What a user can do about a topic that cannot be read."""
+    if topic.encoding == "protobuf" and not is_installed():
+        return f"protobuf is not installed: {EXTRA}"
+    return f"choose a topic of {', '.join(sorted(MESSAGE_TYPES))}, or of the same fields"
+
+
+def _topics(found: Sequence[Channel]) -> tuple[Topic, ...]:
     groups: dict[tuple[str, str, str], list[Channel]] = {}
-    for file in files:
-        for channel in file.channels:
-            groups.setdefault((channel.name, channel.type, channel.encoding), []).append(channel)
+    for channel in found:
+        groups.setdefault((channel.name, channel.type, channel.encoding), []).append(channel)
     topics = []
     for (name, type_name, encoding), channels in sorted(groups.items()):
         count = sum(each.count for each in channels)
         start_ns, end_ns = _span_ns(channels)
-        described = {"name": name, "type": type_name, "encoding": encoding}
-        topics.append(Topic(**described, count=count, start_ns=start_ns, end_ns=end_ns))
+        topics.append(
+            Topic(
+                name=name,
+                type=type_name,
+                encoding=encoding,
+                definition=channels[0].definition,
+                columns=channels[0].columns,
+                count=count,
+                start_ns=start_ns,
+                end_ns=end_ns,
+            )
+        )
     return tuple(topics)
 
 

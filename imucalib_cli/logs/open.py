@@ -17,6 +17,7 @@ from imucalib_cli.logs.mcap.file import McapFile
 from imucalib_cli.logs.remote.file import RemoteFile, in_bytes
 from imucalib_cli.logs.remote.store import NoRangesError
 from imucalib_cli.logs.tum_euroc import TABLES, EurocTable, TumFile
+from imucalib_cli.shown import natural
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -33,6 +34,11 @@ _ZSTD = b"\x28\xb5\x2f\xfd"
 _HEAD = 4096
 """First bytes of a file, by which formats are recognised."""
 _METADATA = b"rosbag2_bagfile_information"
+_MARKS = (b"imucalib run --debug-mcap", b"time_s,stamp_ns,accel_x_measured_m_s2")
+"""What files beside a result that read as logs begin with: the MCAP's library, the table's columns.
+"""
+_MARKED = 128
+"""Bytes in which that is."""
 
 
 def open_files(
@@ -116,6 +122,19 @@ def holds_log(path: Path) -> bool:
         return False
     packed = head.startswith(_ZSTD)
     return packed or _METADATA in head or _reader(path, head, READERS) is not None
+
+
+def is_made_here(path: Path) -> bool:
+    """Whether a file that reads as a log is one beside a result: it can be made again.
+
+    False if it cannot be read.
+    """
+    try:
+        with path.open("rb") as file:
+            head = file.read(_MARKED)
+    except OSError:
+        return False
+    return any(mark in head for mark in _MARKS)
 
 
 def _open_file(path: Path, head: bytes, readers: Readers) -> LogFile:
@@ -252,7 +271,7 @@ def _guessed(folder: Path, readers: Readers) -> list[Path]:
     tables = [each for each in sorted(folder.glob(TABLES)) if EurocTable.matches(_head(each), each)]
     for path in sorted(each for each in folder.iterdir() if each.is_file()):
         head = _head(path)
-        reader = _reader(path, head, readers)
+        reader = None if is_made_here(path) else _reader(path, head, readers)
         if head.startswith(_ZSTD) or (reader is not None and not reader.IS_TEXT):
             logs.append(path)
         elif reader is not None:
@@ -263,11 +282,4 @@ def _guessed(folder: Path, readers: Readers) -> list[Path]:
     if len(recordings) > 1:
         names = ", ".join(each.name for each in logs)
         raise ChoiceError(f"{folder} holds several recordings, name one of them: {names}")
-    return sorted(logs, key=_natural)
-
-
-def _natural(path: Path) -> list[tuple[int, str]]:
-    return [
-        (int(part or 0), "") if part.isdigit() else (0, part)
-        for part in re.split(r"(\d+)", path.name)
-    ]
+    return sorted(logs, key=lambda each: natural(each.name))

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, ClassVar, Protocol
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, ClassVar, Protocol, TypeVar
 
 import numpy as np
 
 from imucalib_cli.logs.damage import Tally
-from imucalib_cli.logs.messages import MESSAGE_TYPES, normalise_type
+from imucalib_cli.logs.messages import normalise_type
+from imucalib_cli.logs.shapes import reading_of
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -17,17 +18,14 @@ if TYPE_CHECKING:
 
     from imucalib_cli.arrays import Bytes, Floats, Integers
     from imucalib_cli.findings import Finding
-    from imucalib_cli.logs.messages import Kind
+    from imucalib_cli.logs.columns import JointColumns
+    from imucalib_cli.logs.messages import Kind, Labels, MessageType
     from imucalib_cli.logs.remote.file import RemoteFile
     from imucalib_cli.logs.streams import Nanoseconds
 
     LogPath: TypeAlias = Path | RemoteFile
     """A file on disk, or behind a URL."""
 
-ENCODINGS = frozenset({"cdr", "ros1", "text"})
-"""Encodings that can be decoded; ``text``: the format's reader provides numbers itself."""
-
-Labels = dict[str, str | tuple[str, ...]]
 Progress = Callable[[float], None]
 
 
@@ -39,7 +37,12 @@ class Topic:
     type: str
     """Without ``/msg/``: sensor_msgs/Imu."""
     encoding: str
-    """``cdr``, ``ros1``, ``text`` or another name from the file."""
+    """``cdr``, ``ros1``, ``json``, ``protobuf``, ``text`` or another name from the file."""
+    definition: str = field(default="", repr=False)
+    """The type's definition, if the file embeds it: .msg, a JSON schema, or descriptors of protobuf
+    (a character a byte)."""
+    columns: JointColumns | None = None
+    """What the user says of its numbers."""
     count: int = 0
     """Messages."""
     start_ns: int = 0
@@ -47,10 +50,14 @@ class Topic:
     end_ns: int = 0
 
     @property
-    def kind(self) -> Kind | None:
-        """Kind of the streams it becomes; None if its type cannot be read."""
-        is_readable = self.type in MESSAGE_TYPES and self.encoding in ENCODINGS
-        return MESSAGE_TYPES[self.type].kind if is_readable else None
+    def reading(self) -> MessageType | None:
+        """How its messages are read; None if they cannot be."""
+        return reading_of(self.type, self.encoding, self.definition, self.columns)
+
+    @property
+    def kinds(self) -> Mapping[Kind, int]:
+        """Kinds of the streams it becomes, and the rank of each; none if it cannot be read."""
+        return {} if self.reading is None else self.reading.kinds
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,8 +65,15 @@ class Channel(Topic):
     """One publisher's messages on a topic, by the file's channel number."""
 
     number: int
-    definition: str = ""
-    """The type's definition in .msg form, if the file embeds it."""
+
+
+OneTopic = TypeVar("OneTopic", bound=Topic)
+
+
+def with_columns(topic: OneTopic, columns: Mapping[str, JointColumns]) -> OneTopic:
+    """A topic with what the user says of its numbers."""
+    asked = columns.get(topic.name)
+    return topic if asked is None else replace(topic, columns=asked)
 
 
 @dataclass

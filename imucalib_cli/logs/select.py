@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import re
+from dataclasses import dataclass, replace
 from textwrap import shorten
 from typing import TYPE_CHECKING
 
 from imucalib_cli.errors import ChoiceError, InputError
-from imucalib_cli.logs.messages import TF_TYPES, Kind
+from imucalib_cli.logs.protobuf import EXTRA, is_installed
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence
 
+    from imucalib_cli.logs.log import LogData
+    from imucalib_cli.logs.messages import Kind
     from imucalib_cli.logs.reader import Topic
     from imucalib_cli.logs.streams import JointStream
 
@@ -22,6 +25,8 @@ _CALLED: dict[Kind, tuple[str, str]] = {
     "text": ("robot description", "--description-topic"),
 }
 """Name of each kind, and the option that chooses it."""
+_SENSOR = re.compile(r"(?<![a-z])(accel(erometer)?|acc|gyro(scope)?|gyr)(?![a-z])", re.IGNORECASE)
+_HALVES = "--gyro-topic and --accel-topic"
 _ODOMETRY = "nav_msgs/Odometry"
 _MOST_LISTED = 20
 _LONGEST = 100
@@ -52,12 +57,35 @@ class Selection:
     @property
     def all(self) -> tuple[str, ...]:
         """Everything to read, in one pass."""
-        return (*self.imus, *self.joints, *self.poses, *self.tf, *self.descriptions)
+        return (
+            *self.imus,
+            *self.joints,
+            *self.poses,
+            *self.tf,
+            *self.descriptions,
+        )
+
+    def of(self, data: LogData) -> LogData:
+        """What is chosen of what was read: a topic may tell more than is wanted of it."""
+        imus, poses = {*self.imus, *self.other_imus}, {*self.poses, *self.tf}
+        return replace(
+            data,
+            imus={name: imu for name, imu in data.imus.items() if imu.topic in imus},
+            joints={topic: some for topic, some in data.joints.items() if topic in self.joints},
+            poses={topic: some for topic, some in data.poses.items() if topic in poses},
+        )
 
 
 def candidates(topics: Sequence[Topic], kind: Kind) -> tuple[Topic, ...]:
     """Topics with messages of this kind."""
-    return tuple(each for each in topics if each.count and each.kind == kind)
+    return tuple(each for each in topics if each.count and kind in each.kinds)
+
+
+def foremost(topics: Sequence[Topic], kind: Kind) -> tuple[Topic, ...]:
+    """Those of the lowest rank among the topics of a kind."""
+    possible = candidates(topics, kind)
+    least = min((each.kinds[kind] for each in possible), default=0)
+    return tuple(each for each in possible if each.kinds[kind] == least)
 
 
 def descriptions(topics: Sequence[Topic]) -> tuple[Topic, ...]:
@@ -73,15 +101,18 @@ def select_topics(
     pose_topics: Sequence[str] = (),
     description_topics: Sequence[str] = (),
     *,
+    half_topics: Sequence[str] = (),
     base_imu: str | None = None,
 ) -> Selection:
     """Choose topics.
 
-    Without names: every IMU, every JointState topic and tf; odometry beside joint states, since it
+    Without names: every IMU, every topic of joint states and tf, each of the lowest rank (a
+    JointState goes before a controller's state); odometry beside joint states, since it
     may be the motion of the base; a pose topic of another type only where there are no joint
     states and it is the only one. A kind that is named is limited to
     what is named; static transforms always stay. ``topic:frame`` names one of several IMUs on a
-    topic. ``base_imu`` is one that tells a motion itself.
+    topic. ``base_imu`` is one that tells a motion itself; ``half_topics`` are those of sensors that
+    are an IMU together, as may be those that are called as a named one.
 
     Raises:
         ChoiceError: A named topic is not there or of another kind, or several pose topics could
@@ -91,11 +122,13 @@ def select_topics(
     names = {each.name for each in topics}
     imu_topics = [each if each in names else each.partition(":")[0] for each in imu_topics]
     imus = _of_kind(topics, "imu", imu_topics)
-    others = [each for each in candidates(topics, "imu") if each not in imus]
+    others = [each for each in foremost(topics, "imu") if each not in imus]
+    named = _of_kind(topics, "imu", half_topics, _HALVES) if half_topics else []
+    halves = [each for each in (*named, *_called_as(topics, imus)) if each not in imus]
     joints = _of_kind(topics, "joints", joint_topics)
     found = _of_kind(topics, "pose", pose_topics)
-    tf = [each for each in candidates(topics, "pose") if each.type in TF_TYPES]
-    poses = [each for each in found if each.type not in TF_TYPES]
+    tf = [each for each in foremost(topics, "pose") if is_tf(each)]
+    poses = [each for each in found if not is_tf(each)]
     unasked: list[Topic] = []
     unread: list[Topic] = []
     if pose_topics:
@@ -115,16 +148,17 @@ def select_topics(
     if not imus:
         raise InputError(
             f"the log has no IMU (sensor_msgs/Imu); it has: {_listed(topics) or 'no topics'}"
+            f"{_remedy(topics)}"
         )
     if not (joints or poses or tf or base_imu):
         several = "; of several IMUs one may tell it: --base-imu TOPIC" if len(imus) > 1 else ""
         raise InputError(
             "the log has no source of the robot's motion (sensor_msgs/JointState, tf, "
-            f"odometry or poses); it has: {_listed(topics)}{several}"
+            f"odometry or poses); it has: {_listed(topics)}{several}{_remedy(topics)}"
         )
     return Selection(
         imus=_names(imus),
-        other_imus=_names(others) if joints or base_imu else (),
+        other_imus=_names([*(others if joints or base_imu else ()), *halves]),
         joints=_names(joints),
         poses=_names(poses),
         tf=_names(tf),
@@ -132,6 +166,22 @@ def select_topics(
         unread=_names(unread),
         descriptions=_names(described),
     )
+
+
+def is_tf(topic: Topic) -> bool:
+    """Whether its messages are edges of one tree of frames."""
+    return topic.reading is not None and topic.reading.is_tf
+
+
+def _called_as(topics: Sequence[Topic], imus: Sequence[Topic]) -> list[Topic]:
+    """IMU topics called as one of these, but for the name of the sensor."""
+    keys = {without_sensor(each.name) for each in imus}
+    return [each for each in candidates(topics, "imu") if without_sensor(each.name) in keys]
+
+
+def without_sensor(topic: str) -> str:
+    """A topic's name without that of a sensor: those of the two halves of an IMU are the same."""
+    return _SENSOR.sub("", topic)
 
 
 def check_joint_topics(
@@ -158,10 +208,12 @@ def check_joint_topics(
                 )
 
 
-def _of_kind(topics: Sequence[Topic], kind: Kind, named: Sequence[str]) -> list[Topic]:
+def _of_kind(
+    topics: Sequence[Topic], kind: Kind, named: Sequence[str], options: str = ""
+) -> list[Topic]:
     possible = candidates(topics, kind)
     if not named:
-        return list(possible)
+        return list(foremost(topics, kind))
     by_name = {each.name: each for each in possible}
     for name in named:
         if name not in by_name:
@@ -173,8 +225,20 @@ def _of_kind(topics: Sequence[Topic], kind: Kind, named: Sequence[str]) -> list[
                 what = f"{name} has no messages"
             called, option = _CALLED[kind]
             listed = _listed(possible) or "none"
-            raise ChoiceError(f"{what}: {called} topics for {option} are {listed}")
+            raise ChoiceError(
+                f"{what}: {called} topics for {options or option} are {listed}{_remedy(topics)}"
+            )
     return [by_name[name] for name in dict.fromkeys(named)]
+
+
+def _remedy(topics: Sequence[Topic]) -> str:
+    """What opens topics that are not read."""
+    unread = [each for each in topics if each.count and not each.kinds]
+    if any(each.encoding == "protobuf" for each in unread) and not is_installed():
+        return f"; what is in protobuf needs {EXTRA}"
+    if any(each.type.endswith("MultiArray") for each in unread):
+        return "; for numbers without names say which are joints by --joints TOPIC:data=name,..."
+    return ""
 
 
 def _names(topics: Sequence[Topic]) -> tuple[str, ...]:

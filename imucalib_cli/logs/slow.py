@@ -8,18 +8,26 @@ from dataclasses import is_dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
+import msgspec
 import numpy as np
 
 from imucalib_cli.logs import messages
+from imucalib_cli.logs.protobuf import message_class
 from imucalib_cli.logs.wire import Element, WireError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Mapping
 
     from rosbags.typesys.store import Typestore
 
-    from imucalib_cli.logs.reader import Channel, Labels
+    from imucalib_cli.logs.messages import Labels
+    from imucalib_cli.logs.reader import Channel
 
+_NS_PER_S = 1_000_000_000
+_TIME_PARTS = (
+    (("sec", "secs", "seconds"), _NS_PER_S),
+    (("nanosec", "nsec", "nsecs", "nanos"), 1),
+)
 _TF_MESSAGE = "geometry_msgs/TransformStamped[] transforms"
 
 
@@ -32,15 +40,27 @@ def decode_one(channel: Channel, payload: bytes) -> list[Element]:
     Raises:
         WireError: The payload does not fit its definition.
     """
+    if channel.reading is None:
+        raise WireError("a type that is not known")
+    try:
+        message = _message(channel, payload)
+        parts = _parts(message, channel.reading.fields)
+        return [_element(part, fields, channel.reading.texts) for part, fields in parts]
+    # rosbags' generated code, and damaged JSON and protobuf, may raise anything.
+    except Exception as error:
+        raise WireError(str(error)) from error
+
+
+def _message(channel: Channel, payload: bytes) -> Any:
+    match channel.encoding:
+        case "json":
+            return msgspec.json.decode(payload)
+        case "protobuf":
+            return message_class(channel.type, channel.definition).FromString(payload)
     full_name = channel.type.replace("/", "/msg/")
     store = _typestore(channel.encoding, full_name, channel.definition)
     read = store.deserialize_ros1 if channel.encoding == "ros1" else store.deserialize_cdr
-    try:
-        parts = _parts(read(payload, full_name), messages.MESSAGE_TYPES[channel.type].fields)
-        return [_element(part, fields) for part, fields in parts]
-    # rosbags' generated code may raise anything for damaged bytes.
-    except Exception as error:
-        raise WireError(str(error)) from error
+    return read(payload, full_name)
 
 
 @cache
@@ -73,27 +93,70 @@ def _parts(
             yield message, fields
 
 
-def _element(message: Any, fields: tuple[messages.Field, ...]) -> Element:
+def _element(
+    message: Any, fields: tuple[messages.Field, ...], constant: Mapping[str, str | tuple[str, ...]]
+) -> Element:
     stamp = 0
-    texts: Labels = {}
-    numbers = {}
+    texts: Labels = {**constant}
+    numbers: dict[str, list[float]] = {}
     for each in fields:
         match each:
-            case messages.Header():
-                stamp = message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
-                texts["frame_id"] = _sound(message.header.frame_id)
-            case messages.Text(path, is_name):
+            case messages.Header(path, True):
+                stamp = _stamp(_get(message, f"{path}.stamp"))
+                texts["frame_id"] = _sound(_get(message, f"{path}.frame_id"))
+            case messages.Stamp(path, True):
+                stamp = _stamp(_get(message, path))
+            case messages.Tick(path):
+                stamp = int(_get(message, path)) * 1_000_000
+            case messages.Text(path, is_name) if each.key:
                 text = _get(message, path)
-                texts[path] = _sound(text) if is_name else text
-            case messages.Texts(path):
-                texts[path] = tuple(map(_sound, _get(message, path)))
-            case messages.Numbers(path, _, name) | messages.NumberList(path, name):
-                if name:
-                    values = np.array([_flatten(_get(message, path))], dtype=np.float64)
-                    numbers[name] = values.reshape(1, -1)
-            case messages.Repeat():
-                raise WireError("a sequence beside other fields")
-    return Element(np.zeros(1, dtype=np.intp), np.array([stamp], dtype=np.int64), texts, numbers)
+                texts[each.key] = _sound(text) if is_name else text
+            case messages.Texts(path) if each.key:
+                texts[each.key] = tuple(map(_sound, _get(message, path)))
+            case messages.Numbers(path, _, name) | messages.NumberList(path, name) if name:
+                values = _flatten(_get(message, path))
+                if isinstance(each, messages.Numbers) and len(values) != each.count:
+                    raise WireError(f"{path} has {len(values)} numbers")
+                numbers.setdefault(name, []).extend(values)
+            case _:
+                _add_structs(each, message, texts, numbers)
+    return Element(
+        np.zeros(1, dtype=np.intp),
+        np.array([stamp], dtype=np.int64),
+        texts,
+        {name: np.array([values], dtype=np.float64) for name, values in numbers.items()},
+    )
+
+
+def _add_structs(
+    each: messages.Field, message: Any, texts: Labels, numbers: dict[str, list[float]]
+) -> None:
+    """Take what a sequence of structs tells."""
+    match each:
+        case messages.Structs(path, inner):
+            for part in _get(message, path):
+                for name, values in _element(part, inner, {}).numbers.items():
+                    numbers.setdefault(name, []).extend(values[0])
+        case messages.Interfaces(path, names, values):
+            told = [
+                dict(zip(_get(one, names), _get(one, values), strict=True)).get("position")
+                for one in _get(message, path)
+            ]
+            named = zip(texts["name"], told, strict=True)
+            texts["name"] = tuple(name for name, value in named if value is not None)
+            numbers["position"] = [float(value) for value in told if value is not None]
+        case messages.Repeat():
+            raise WireError("a sequence beside other fields")
+
+
+def _stamp(value: Any) -> int:
+    """Nanoseconds of a time: of ROS, of JSON, of protobuf."""
+    if isinstance(value, (int, float)):
+        return round(value * _NS_PER_S)
+    return sum(
+        next((int(_get(value, name)) * unit for name in names if _has(value, name)), 0)
+        for names, unit in _TIME_PARTS
+    )
 
 
 def _sound(text: str) -> str:
@@ -102,16 +165,32 @@ def _sound(text: str) -> str:
     return text
 
 
+def _has(message: Any, name: str) -> bool:
+    return name in message if isinstance(message, dict) else hasattr(message, name)
+
+
 def _get(message: Any, path: str) -> Any:
-    for name in path.split("."):
-        message = getattr(message, name)
+    """A field by its path; of a sequence of structs a list."""
+    for number, name in enumerate(parts := path.split(".")):
+        if isinstance(message, dict):
+            message = message[name]
+        elif hasattr(message, name):
+            message = getattr(message, name)
+        else:
+            rest = ".".join(parts[number:])
+            return [_get(each, rest) for each in message]
     return message
 
 
 def _flatten(value: Any) -> list[float]:
+    if isinstance(value, (float, int)):
+        return [float(value)]
     if is_dataclass(value):
         names = [each.name for each in dataclass_fields(value) if not each.name.startswith("_")]
         return [x for name in names for x in _flatten(getattr(value, name))]
+    if isinstance(value, dict):
+        axes = [name for name in "xyzw" if name in value] or list(value)
+        return [x for name in axes for x in _flatten(value[name])]
     if np.ndim(value):
-        return [float(x) for x in value]
+        return [x for each in value for x in _flatten(each)]
     return [float(value)]

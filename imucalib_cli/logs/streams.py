@@ -6,9 +6,13 @@ Stamps are int64 nanoseconds here; they become float64 seconds when a clock is c
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 from imucalib_cli.arrays import Floats, Integers
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
 
 Nanoseconds = Integers
 
@@ -29,7 +33,7 @@ class Stream:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ImuStream(Stream):
-    """sensor_msgs/Imu of one topic."""
+    """Readings of one IMU."""
 
     frame_id: str
     """Frame the values are expressed in, without a leading slash."""
@@ -39,6 +43,15 @@ class ImuStream(Stream):
     """(N, 3), specific force in the IMU frame, m/s²; at rest it points up."""
     shared: str = ""
     """``topic:frame`` where several IMUs share the topic."""
+    frames: tuple[str, ...] = ()
+    """Frames that may be meant where the messages have none."""
+    accel_topic: str = ""
+    """Topic of the accelerometer, if that is not the gyroscope's."""
+
+    @property
+    def topics(self) -> tuple[str, ...]:
+        """Of both sensors."""
+        return (self.topic, self.accel_topic) if self.accel_topic else (self.topic,)
 
     @property
     def name(self) -> str:
@@ -48,11 +61,14 @@ class ImuStream(Stream):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class JointStream(Stream):
-    """sensor_msgs/JointState rows that carry the same set of joints (one publisher, usually)."""
+    """Rows that carry the same set of joints (one publisher, usually)."""
 
     names: tuple[str, ...]
     position: Floats
     """(N, len(names)), rad or m."""
+    spellings: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    """Names that the joints may have where the messages only number them: by robot, empty for one
+    that is not there."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

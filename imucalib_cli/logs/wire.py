@@ -13,17 +13,19 @@ counted from after it; ROS 1 neither aligns nor ends strings with NUL.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 
 from imucalib_cli.arrays import Bools, Bytes, Floats, Indices
 from imucalib_cli.logs import messages
+from imucalib_cli.logs.shapes import BINARY
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from imucalib_cli.logs.reader import Channel, Labels
+    from imucalib_cli.logs.messages import Labels, MessageType
+    from imucalib_cli.logs.reader import Channel
     from imucalib_cli.logs.streams import Nanoseconds
 
 Rows = Bytes
@@ -32,6 +34,11 @@ Rows = Bytes
 _MAX_SHAPES = 64
 """After this many structures in one block the remaining messages are decoded one by one."""
 _NS_PER_S = 1_000_000_000
+_NS_PER_TICK = 1_000_000
+_MAX_STEPS = 100_000
+"""Fields walked in one payload; hostile definitions nest arrays of nothing."""
+_LEAST_ELEMENT = 44
+"""Bytes of the smallest element of a sequence: a transform of float32 without any text."""
 _TRAILING_PAD = 3
 """Bytes a CDR writer may leave after the last field (rosbags allows as many)."""
 
@@ -60,10 +67,20 @@ _NOTHING = Element(np.empty(0, dtype=np.intp), np.empty(0, dtype=np.int64), {}, 
 class _Place:
     """Positions of one element's values in the payload."""
 
+    texts: Labels
     stamp: int = -1
     """-1 where it has none."""
-    texts: Labels = field(default_factory=dict)
-    numbers: dict[str, tuple[int, int]] = field(default_factory=dict)
+    tick: int = -1
+    """Likewise."""
+    numbers: dict[str, list[_Run]] = field(default_factory=dict)
+
+
+class _Run(NamedTuple):
+    """Numbers that lie side by side."""
+
+    start: int
+    length: int
+    type: str
 
 
 class _Shape:
@@ -73,20 +90,23 @@ class _Shape:
         WireError: The payload does not fit its type.
     """
 
-    def __init__(self, payload: bytes, fields: tuple[messages.Field, ...], *, ros1: bool) -> None:
+    def __init__(self, payload: bytes, reading: MessageType, *, ros1: bool) -> None:
+        fields = reading.fields
         self.ros1 = ros1
         self.big_endian = False
         self.places: list[_Place] = []
         self.deciding: list[tuple[int, int]] = []
         self._payload = payload
         self._at = 0
+        self._steps = 0
         if not ros1:
             if len(payload) < 4 or payload[0] != 0 or payload[1] > 1:
                 raise WireError("not plain CDR")
             self.big_endian = payload[1] == 0
             self._decides(0, 2)
             self._at = 4
-        place = _Place()
+        self._texts = reading.texts
+        place = _Place({**self._texts})
         if not (len(fields) == 1 and isinstance(fields[0], messages.Repeat)):
             self.places.append(place)
         self._fields(fields, place)
@@ -95,26 +115,79 @@ class _Shape:
             raise WireError(f"{left} bytes beyond the last field")
 
     def _fields(self, fields: tuple[messages.Field, ...], place: _Place) -> None:
+        self._steps += len(fields)
+        if self._steps > _MAX_STEPS:
+            raise WireError("the definition repeats itself endlessly")
         for each in fields:
             match each:
-                case messages.Header():
-                    self._at = self._aligned(4) + (4 if self.ros1 else 0)
-                    place.stamp = self._at
-                    self._move(8)
-                    place.texts["frame_id"] = self._text()
-                case messages.Text(path, is_name):
-                    place.texts[path] = self._text(is_name=is_name)
-                case messages.Texts(path):
-                    # A string takes at least its length field, which bounds the count.
-                    place.texts[path] = tuple(self._text() for _ in range(self._count(4)))
-                case messages.Numbers(_, count, name):
-                    self._numbers(place, name, count)
-                case messages.NumberList(_, name):
-                    self._numbers(place, name, self._count(8))
-                case messages.Repeat(_, inner):
-                    for _ in range(self._count(64)):
-                        self.places.append(_Place())
-                        self._fields(inner, self.places[-1])
+                case messages.Numbers(_, count, name, kind):
+                    self._numbers(place, name, count, kind)
+                case messages.NumberList(_, name, kind):
+                    self._numbers(place, name, self._count(int(kind[1])), kind)
+                case messages.Structs() | messages.Interfaces() | messages.Repeat():
+                    self._structs(each, place)
+                case _:
+                    self._labels(each, place)
+
+    def _labels(self, each: messages.Field, place: _Place) -> None:
+        """Stamps and texts."""
+        match each:
+            case messages.Header(_, is_stamp):
+                self._at = self._aligned(4) + (4 if self.ros1 else 0)
+                self._stamp(place, is_stamp=is_stamp)
+                frame = self._text("frame_id" if is_stamp else "")
+                if is_stamp:
+                    place.texts["frame_id"] = frame
+            case messages.Stamp(_, is_stamp):
+                self._stamp(place, is_stamp=is_stamp)
+            case messages.Tick():
+                place.tick = self._at = self._aligned(4)
+                self._move(4)
+            case messages.Text(_, is_name):
+                text = self._text(each.key, is_name=is_name)
+                if each.key:
+                    place.texts[each.key] = text
+            case messages.Texts():
+                # A string takes at least its length field, which bounds the count.
+                texts = tuple(self._text(each.key) for _ in range(self._count(4)))
+                if each.key:
+                    place.texts[each.key] = texts
+
+    def _structs(self, each: messages.Field, place: _Place) -> None:
+        match each:
+            case messages.Structs(_, inner, count):
+                for _ in range(self._count(1) if count is None else self._bounded(count, 1)):
+                    self._fields(inner, place)
+            case messages.Interfaces():
+                self._interfaces(place)
+            case messages.Repeat(_, inner):
+                for _ in range(self._count(_LEAST_ELEMENT)):
+                    self.places.append(_Place({**self._texts}))
+                    self._fields(inner, self.places[-1])
+
+    def _stamp(self, place: _Place, *, is_stamp: bool) -> None:
+        self._at = self._aligned(4)
+        if is_stamp:
+            place.stamp = self._at
+        self._move(8)
+
+    def _interfaces(self, place: _Place) -> None:
+        measured = []
+        for _ in range(self._count(8)):
+            names = [self._text("name") for _ in range(self._count(4))]
+            values = _Place({})
+            self._numbers(values, "all", self._count(8), "f8")
+            measured.append("position" in names)
+            (run,) = values.numbers["all"]
+            if measured[-1]:
+                at = names.index("position")
+                if at >= run.length:
+                    raise WireError("fewer values than names")
+                place.numbers.setdefault("position", []).append(_Run(run.start + 8 * at, 1, "f8"))
+        if len(measured) != len(place.texts["name"]):
+            raise WireError("as many joints as values were expected")
+        named = zip(place.texts["name"], measured, strict=True)
+        place.texts["name"] = tuple(name for name, is_measured in named if is_measured)
 
     def _aligned(self, size: int) -> int:
         return self._at if self.ros1 else 4 + -(-(self._at - 4) // size) * size
@@ -136,15 +209,22 @@ class _Shape:
         self._move(4)
         order: Literal["big", "little"] = "big" if self.big_endian else "little"
         count = int.from_bytes(self._payload[start : self._at], order)
-        if count * least_size > len(self._payload) - self._at:
-            raise WireError(f"a count of {count} does not fit into the payload")
+        self._bounded(count, least_size)
         self._decides(start, self._at)
         return count
 
-    def _text(self, *, is_name: bool = True) -> str:
+    def _bounded(self, count: int, least_size: int) -> int:
+        if count * least_size > len(self._payload) - self._at:
+            raise WireError(f"a count of {count} does not fit into the payload")
+        return count
+
+    def _text(self, key: str, *, is_name: bool = True) -> str:
+        """One string; of one that is skipped the length decides, and what it says does not."""
         size = self._count(1)
         start = self._at
         self._move(size)
+        if not key:
+            return ""
         self._decides(start, self._at)
         raw = self._payload[start : self._at]
         if not self.ros1:
@@ -154,13 +234,14 @@ class _Shape:
             raise WireError("a text is no text")
         return text
 
-    def _numbers(self, place: _Place, name: str, count: int) -> None:
+    def _numbers(self, place: _Place, name: str, count: int, kind: str) -> None:
+        size = int(kind[1])
         if count:  # an empty sequence has no padding after its count
-            self._at = self._aligned(8)
+            self._at = self._aligned(size)
         start = self._at
-        self._move(8 * count)
+        self._move(size * count)
         if name:
-            place.numbers[name] = (start, count)
+            place.numbers.setdefault(name, []).append(_Run(start, count, kind))
 
 
 def decode(
@@ -178,13 +259,15 @@ def decode(
         Elements. A message that cannot be decoded is in the ``rows`` of none of them; one with an
         empty sequence is in those of an element without texts.
     """
-    fields = messages.MESSAGE_TYPES[channel.type].fields
+    reading = channel.reading
     left = np.arange(len(rows))
-    for _ in range(_MAX_SHAPES):
+    if reading is None:
+        return
+    for _ in range(_MAX_SHAPES if channel.encoding in BINARY else 0):
         if not len(left):
             return
         try:
-            shape = _Shape(rows[left[0]].tobytes(), fields, ros1=channel.encoding == "ros1")
+            shape = _Shape(rows[left[0]].tobytes(), reading, ros1=channel.encoding == "ros1")
         except WireError:
             yield from _decode_slowly(rows, left[:1], slow)
             left = left[1:]
@@ -199,13 +282,24 @@ def decode(
 def _decode_slowly(
     rows: Rows, which: Indices, slow: Callable[[bytes], list[Element]]
 ) -> Iterator[Element]:
+    alike: dict[tuple[object, ...], list[tuple[int, Element]]] = {}
     for row in which:
         try:
             elements = slow(rows[row].tobytes())
         except WireError:
             continue
         for each in elements or [_NOTHING]:
-            yield Element(np.array([row]), each.stamp_ns, each.texts, each.numbers)
+            sizes = ((name, values.shape[1]) for name, values in each.numbers.items())
+            key = (*each.texts.items(), *sizes)
+            alike.setdefault(key, []).append((int(row), each))
+    for found in alike.values():
+        texts, numbers = found[0][1].texts, found[0][1].numbers
+        yield Element(
+            np.array([row for row, _ in found]),
+            np.concatenate([each.stamp_ns for _, each in found]),
+            texts,
+            {name: np.concatenate([each.numbers[name] for _, each in found]) for name in numbers},
+        )
 
 
 def _same_structure(rows: Rows, shape: _Shape) -> Bools:
@@ -228,11 +322,23 @@ def _cut(rows: Rows, shape: _Shape, which: Indices) -> Iterator[Element]:
             stamp = np.ascontiguousarray(rows[:, place.stamp : place.stamp + 8])
             stamp_ns += stamp[:, :4].view(mark + seconds_type)[:, 0].astype(np.int64) * _NS_PER_S
             stamp_ns += stamp[:, 4:].view(mark + "u4")[:, 0]
-        numbers = {
-            name: np.ascontiguousarray(rows[:, start : start + 8 * count])
-            .view(mark + "f8")
-            .astype(np.float64, copy=False)
-            .reshape(len(rows), count)
-            for name, (start, count) in place.numbers.items()
-        }
+        elif place.tick >= 0:
+            ticks = np.ascontiguousarray(rows[:, place.tick : place.tick + 4])
+            stamp_ns += ticks.view(mark + "u4")[:, 0].astype(np.int64) * _NS_PER_TICK
+        numbers = {name: _values(rows, runs, mark) for name, runs in place.numbers.items()}
         yield Element(which, stamp_ns, place.texts, numbers)
+
+
+def _values(rows: Rows, runs: list[_Run], mark: str) -> Floats:
+    """Numbers of one name, in the order of the wire, (n, k)."""
+    (kind, *others) = dict.fromkeys(run.type for run in runs)
+    if others:
+        return np.concatenate([_values(rows, [run], mark) for run in runs], axis=1)
+    size = int(kind[1])
+    count = sum(run.length for run in runs)
+    spans = [np.arange(run.start, run.start + size * run.length) for run in runs]
+    gapless = runs[-1].start + size * runs[-1].length - runs[0].start == size * count
+    where = slice(runs[0].start, runs[0].start + size * count) if gapless else np.concatenate(spans)
+    raw = np.ascontiguousarray(rows[:, where])
+    with np.errstate(invalid="ignore"):  # damage makes NaN of any kind
+        return raw.view(mark + kind).astype(np.float64, copy=False).reshape(len(rows), count)

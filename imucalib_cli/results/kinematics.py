@@ -76,7 +76,12 @@ def corrected_origins(robot: Robot, result: Result) -> tuple[JointOrigin, ...]:
         by_joint.setdefault(joint_of(entry), []).append(entry)
     found = []
     for name, errors in by_joint.items():
-        if name not in chain or any(not _is_written(each) for each in errors):
+        if not all(map(_has_axis, errors)):
+            raise InputError(
+                f"the result does not say which way '{errors[0].label}' goes, being of an earlier "
+                "version: run again"
+            )
+        if name not in chain:
             raise InputError(
                 f"{robot.source}: an error of '{errors[0].label}' was found, which is no joint "
                 f"between '{robot.root}' and '{result.parent}': write it by hand"
@@ -90,7 +95,7 @@ def corrected_origins(robot: Robot, result: Result) -> tuple[JointOrigin, ...]:
     return tuple(found)
 
 
-def _is_written(entry: ParameterEntry) -> bool:
+def _has_axis(entry: ParameterEntry) -> bool:
     """Whether a result says which way an error goes; results of earlier versions do not."""
     return entry.name == ZERO or entry.axis is not UNSET
 

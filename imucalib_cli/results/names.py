@@ -20,6 +20,8 @@ _LONGEST = 200
 
 FILE = r"[^\w.-]+"
 """Letters that no name of a file should have."""
+PART = r"[^\w-]+"
+"""Letters that no part of such a name between two dots should have."""
 TOPIC = r"[^A-Za-z0-9]+"
 """Letters that no part of a ROS topic may have, underscores among them where they are repeated."""
 

@@ -448,6 +448,14 @@ class Provenance(Tree, frozen=True):
     recording: RecordingEntry | None = None
     """null in results of earlier versions."""
 
+    def shares_data_with(self, other: Provenance) -> bool:
+        """Whether two results rest on the same samples, as parts of a log that overlap do."""
+        if {file.identity for file in self.files}.isdisjoint(file.identity for file in other.files):
+            return False
+        if self.part is UNSET or other.part is UNSET:
+            return True
+        return self.part[0] < other.part[1] and other.part[0] < self.part[1]
+
 
 class Result(Tree, frozen=True, kw_only=True):
     """Pose of one IMU in its parent link.

@@ -236,6 +236,11 @@ def _elements(urdf: bytes, joint: str) -> list[tuple[str, int]]:
     parser.EndElementHandler = lambda _: path.pop()
     parser.StartDoctypeDeclHandler = doctype
     _parse(parser, urdf)
+    if not joints and b"xacro:" in urdf:
+        raise InputError(
+            f"joint '{joint}' is made by a macro of xacro: apply to the expanded URDF, or give the "
+            "macro its numbers (`imucalib run --format xacro`)"
+        )
     if len(joints) != 1:
         raise InputError(f"the URDF has {len(joints)} joints '{joint}', it must have one")
     origins = sum(tag == "origin" for tag, _ in joints[0])

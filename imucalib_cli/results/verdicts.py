@@ -265,8 +265,7 @@ def _too_wide(apart: PoseComparison, within: Tolerance | None) -> str:
 
 def _warnings(first: tuple[str, Result], second: tuple[str, Result]) -> list[str]:
     """What sigma cannot know of two results."""
-    one, other = ({file.identity for file in r.provenance.files} for _, r in (first, second))
-    if not one & other:
+    if not first[1].provenance.shares_data_with(second[1].provenance):
         return []
     return [warning("diff.same_log", first=first[0], second=second[0]).message]
 

@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, Any, Literal, cast
 import numpy as np
 
 from imucalib_cli.errors import InputError
+from imucalib_cli.robot.packages import packages_near
 from imucalib_cli.robot.urdf_check import check_urdf
 from imucalib_cli.robot.urdf_xml import SIZE_LIMIT
 
@@ -173,12 +174,16 @@ def _expanded(path: Path) -> bytes:
             f"{path}: is xacro: expand it with {command}, or have it expanded here: "
             "pip install 'imucalib[xacro]'"
         ) from error
+    missing: list[str] = []
     try:
-        with redirect_stdout(sys.stderr):  # for which xacro has words of its own
+        # xacro has words of its own for stdout
+        with redirect_stdout(sys.stderr), packages_near(path) as missing:
             text: str = xacro.process_file(str(path)).toxml()
     # xacro evaluates Python of the file, which may raise anything
     except Exception as error:
         reason = " ".join(str(error).split()) or type(error).__name__
+        if missing:
+            reason = f"package '{missing[0]}' is neither installed nor a folder near the file"
         raise InputError(
             f"{path}: xacro cannot expand it ({reason}): if it needs arguments or other packages, "
             f"expand it with {command}"

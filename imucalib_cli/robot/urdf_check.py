@@ -201,12 +201,10 @@ def _check_mimics(joints: dict[str, Element], faults: _Faults) -> None:
     followed = {}
     for name, joint in joints.items():
         mimic = joint.find("mimic")
-        if mimic is None:
+        target = "" if mimic is None else mimic.attributes.get("joint", "")
+        if mimic is None or target not in joints:
             continue
-        target = mimic.attributes.get("joint", "")
-        if target not in joints:
-            faults.add(mimic, f"joint '{name}' mimics '{target}', which is not there")
-        elif joints[target].attributes["type"] not in _MOVING:
+        if joints[target].attributes["type"] not in _MOVING:
             faults.add(mimic, f"joint '{name}' mimics '{target}', which has no position")
         followed[name] = target
     for name in _on_loop(followed):
@@ -221,7 +219,8 @@ def _kinematics_only(root: Element, links: dict[str, Element], joints: dict[str,
         kept = ET.SubElement(robot, "joint", name=name, type=joint.attributes["type"])
         for tag, attributes in _KEPT.items():
             element = joint.find(tag)
-            if element is not None:
+            # who mimics a joint that is not there has its own position, or none
+            if element is not None and element.attributes.get("joint", name) in joints:
                 ET.SubElement(
                     kept,
                     tag,

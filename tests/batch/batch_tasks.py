@@ -59,14 +59,15 @@ class Copying(Task):
     pause: float = 0.0
 
     def __call__(self, log: BatchLog) -> Done:
-        text = log.paths[0].read_text()
+        text = Path(str(log.paths[0])).read_text()
         trace = self.traces / f"{log.name or log.paths[0].stem}.{time.monotonic_ns()}"
         trace.write_text(str(os.getpid()))
         tries = len(list(self.traces.glob(f"{log.name or log.paths[0].stem}.*")))
         if text == "die" or (text == "die once" and tries == 1):
             os.kill(os.getpid(), signal.SIGKILL)
         if text == "sleep":
-            time.sleep(60.0)
+            for _ in range(600):
+                time.sleep(0.1)
         if text == "eat":
             return super().__call__(log)
         time.sleep(self.pause)

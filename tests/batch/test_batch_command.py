@@ -24,6 +24,7 @@ from tests.batch.batch_tasks import here
 from tests.batch.test_batch_tables import rows_of
 from tests.cli.test_cli_run import Estimator
 from tests.conftest import LogWriter
+from tests.web_server import serving
 from tools.fuzz import seeds
 from tools.fuzz.cases import make, sound_case
 
@@ -213,7 +214,7 @@ def test_a_report_for_each_log(
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["", "-o", "r"], "the name of a log is empty"),
+        (["", "-o", "r"], "a name among the logs is empty"),
         (["a.mcap", "-o", "-"], "results go to a folder"),
         (["a.mcap", "-o", "a.mcap"], "a.mcap"),
         (["a.mcap", "--junit", "a.mcap"], "a.mcap is an input and would be overwritten"),
@@ -223,7 +224,7 @@ def test_a_report_for_each_log(
         (["a.mcap", "--dask", "tcp://x:1", "--workers", "2"], "leave them out"),
         (["a.mcap", "--urdf", "a.mcap"], "a.mcap"),
         (["a.mcap", "--urdf", "-"], "--urdf -: imucalib batch takes a URDF on disk"),
-        (["a.mcap", "https://me:secret@there/b.mcap"], "there/b.mcap: imucalib batch takes logs"),
+        (["a.mcap", "--timeout", "0"], "--timeout 0: must be positive"),
     ],
 )
 def test_what_is_wrong_for_all_is_one_line(
@@ -239,6 +240,34 @@ def test_what_is_wrong_for_all_is_one_line(
     assert "secret" not in err
     assert err.startswith("error: ")
     assert len(err.splitlines()) == 1
+
+
+def test_logs_behind_urls_are_finished_as_those_on_disk_are(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """By size and version, whatever their signatures are; no secret is written anywhere."""
+    monkeypatch.setattr("imucalib_cli.cli.batch._engine", lambda *_: here)
+    monkeypatch.setenv("no_proxy", "*")
+    served, kept = tmp_path / "served", tmp_path / "results"
+    served.mkdir()
+    shutil.copy(SAMPLES / "rihibot.mcap", served / "log.mcap")
+    with serving(served) as web:
+
+        def run(signature: str) -> dict[str, Any]:
+            url = web.url(f"log.mcap?signature={signature}", user="me:hidden")
+            assert batch(url, *ROBOT, "-o", kept, "--format", "jsonl") == 0
+            (line,) = lines_of(capsys)
+            return dict(line)
+
+        first = run("hidden1")
+        assert first["files"][0]["version"] == '"first"'
+        assert run("hidden2")["seconds"] == first["seconds"]  # its record was read
+        web.behaviour.changes_after = 0
+        again = run("hidden2")
+        assert again["key"] != first["key"]
+    written = [path for path in kept.rglob("*") if path.is_file()]
+    assert written
+    assert not any(b"hidden" in path.read_bytes() for path in written)
 
 
 def test_an_empty_list_is_told(

@@ -99,6 +99,27 @@ print(*sorted(set(sys.modules) - before))
 """
 
 
+@pytest.mark.parametrize("engine", [LocalProcesses, DaskWorkers])
+def test_a_log_that_takes_too_long_fails_alone(engine: Any, tmp_path: Path) -> None:
+    """The others are done, and it is done again the next time."""
+    logs = texts(tmp_path / "logs", slow="sleep", good="1", fine="2")
+    where = ("local",) if engine is DaskWorkers else ()
+    limit = 3.0  # of a worker that has yet to import what a task needs
+    task = copying(tmp_path / "traces")
+    kept = tmp_path / "results"
+    found = records(batch(kept, logs, task=task, engine=engine(*where, 1, GIB, limit)))
+    assert {name: record.status for name, record in found.items()} == {
+        "slow": "failed",
+        "good": "ok",
+        "fine": "ok",
+    }
+    assert "--timeout 3 s" in found["slow"].errors[0]
+    assert found["slow"].key is None
+    (logs / "slow.mcap").write_text("3")
+    again = records(batch(kept, logs, task=task))
+    assert again["slow"].status == "ok"
+
+
 def test_a_worker_has_imported_what_a_log_needs() -> None:
     files = [str(SAMPLES / f"rihibot.{suffix}") for suffix in ("mcap", "urdf")]
     script = [sys.executable, "-c", IMPORTED, *files]
@@ -171,9 +192,14 @@ def test_a_scheduler_that_is_not_there_is_one_line(
     monkeypatch.setattr("imucalib_cli.batch.on_dask._CONNECTING", "0.2s")
     logs = texts(tmp_path / "logs", a="1")
     task = copying(tmp_path / "traces")
-    for address in ("tcp://127.0.0.1:9", "nonsense://x"):
+    for address, shown in {
+        "tcp://127.0.0.1:9": "tcp://127.0.0.1:9",
+        "nonsense://x": "nonsense://x",
+        "tls://me:secret@127.0.0.1:9": "tls://127.0.0.1:9",
+        "me:secret@127.0.0.1:9": "tcp://127.0.0.1:9",
+    }.items():
         engine = DaskWorkers(address, workers=1, memory=GIB)
-        with pytest.raises(InputError, match=f"--dask {address}: no scheduler answers"):
+        with pytest.raises(InputError, match=f"--dask {shown}: no scheduler answers"):
             records(batch(tmp_path / "results", logs, task=task, engine=engine))
 
 

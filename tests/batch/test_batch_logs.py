@@ -8,7 +8,10 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from imucalib_cli.batch.logs import find_logs, listed
+from imucalib_cli.batch.logs import find_logs
+from imucalib_cli.cli.files import names_in
+from imucalib_cli.logs.mcap.write import McapWriter
+from imucalib_cli.logs.open import open_files
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -25,7 +28,7 @@ def made(root: Path, *files: str) -> None:
 
 def found(root: Path, *names: object, left_out: Path | None = None) -> list[list[str]]:
     logs = find_logs(map(str, names), left_out=left_out).logs
-    return [[os.path.relpath(path, root) for path in log.paths] for log in logs]
+    return [[os.path.relpath(str(path), root) for path in log.paths] for log in logs]
 
 
 def test_a_folder_is_searched_and_recordings_in_it_are_one_each(tmp_path: Path) -> None:
@@ -63,6 +66,37 @@ def test_numbered_parts_in_a_folder_are_one_recording(tmp_path: Path) -> None:
     assert found(tmp_path, tmp_path / "r_?.mcap") == [["r_0.mcap"], ["r_1.mcap"]]
 
 
+def test_what_is_joined_by_name_is_told(tmp_path: Path) -> None:
+    made(tmp_path, *(f"run_{number}.mcap" for number in range(20)), "other.mcap")
+    (finding,) = find_logs([str(tmp_path)]).findings
+    assert finding.values["others"] == 19
+    pattern = finding.values["pattern"]
+    assert isinstance(pattern, str)
+    assert len(find_logs([pattern]).logs) == 20
+
+
+def test_files_beside_results_are_no_logs(tmp_path: Path) -> None:
+    for name in ("log.mcap", "log.debug-mcap.mcap"):
+        library = "imucalib run --debug-mcap" if "debug" in name else "a recorder"
+        with (tmp_path / name).open("wb") as file:
+            McapWriter(file, library=library).close()
+    head = "time_s,stamp_ns,accel_x_measured_m_s2,accel_y_measured_m_s2,accel_z_measured_m_s2\n"
+    (tmp_path / "log.residuals.csv").write_text(head)
+    assert found(tmp_path, tmp_path) == [["log.mcap"]]
+    (log,) = open_files(tmp_path)
+    assert str(log.path) == str(tmp_path / "log.mcap")
+    named = tmp_path / "log.debug-mcap.mcap"
+    assert found(tmp_path, named) == [["log.debug-mcap.mcap"]]  # who names it means it
+
+
+def test_urls_are_logs_of_their_own() -> None:
+    one, other = "https://host/get.mcap?id=1", "https://host/get.mcap?id=2"
+    logs = find_logs([one, other, one]).logs
+    assert len({log.place for log in logs}) == 2
+    assert {log.label for log in logs} == {"https://host/get.mcap?…"}
+    assert not any("id=" in log.place for log in logs)
+
+
 def test_ten_parts_come_in_the_order_of_their_numbers(tmp_path: Path) -> None:
     made(tmp_path, *(f"r_{number}.mcap" for number in range(11)))
     assert found(tmp_path, tmp_path) == [[f"r_{number}.mcap" for number in range(11)]]
@@ -87,7 +121,7 @@ def test_one_log_by_many_names_is_one(tmp_path: Path) -> None:
     names = ["a.mcap", "./a.mcap", "link.mcap", "hard.mcap", "drive", "drive/metadata.yaml"]
     search = find_logs(str(tmp_path / name) for name in names)
     assert [Path(log.label).name for log in search.logs] == ["a.mcap", "drive"]
-    assert len(search.repeated) == 4
+    assert [each.code for each in search.findings] == ["batch.log_twice"] * 4
 
 
 def test_links_that_lead_nowhere_or_round_stay(tmp_path: Path) -> None:
@@ -115,7 +149,7 @@ def test_pipes_are_not_opened(tmp_path: Path) -> None:
     ],
 )
 def test_lists(data: bytes, names: Iterable[str]) -> None:
-    assert listed(data) == names
+    assert names_in(data) == names
 
 
 def test_names_that_are_no_utf8_can_be_told() -> None:

@@ -8,18 +8,20 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
 from imucalib_cli.batch import folder as folder_module
 from imucalib_cli.batch.folder import ResultFolder
+from imucalib_cli.batch.logs import BatchLog
 from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.results.atomic import write_whole
 from tests.batch.batch_tasks import Copying, batch, copying, with_context
 
 if TYPE_CHECKING:
     from imucalib_cli.batch.batch import Batch
+    from imucalib_cli.findings import Finding
 
 ROOT = Path(__file__).parents[2]
 OLD = time.time() - 1000.0
@@ -40,10 +42,10 @@ class Scene:
         os.utime(path, (OLD, OLD))  # long settled
         return path
 
-    def batch(self, *names: object, task: Copying | None = None, **changes: bool) -> Batch:
+    def batch(self, *names: object, task: Copying | None = None, **changes: Any) -> Batch:
         return batch(self.results, *(names or [self.logs]), task=task or self.task, **changes)
 
-    def run(self, *names: object, task: Copying | None = None, **changes: bool) -> list[str]:
+    def run(self, *names: object, task: Copying | None = None, **changes: Any) -> list[str]:
         """Names of the logs that were worked on."""
         before = set(self.task.traces.iterdir())
         told = list(self.batch(*names, task=task, **changes).run())
@@ -159,6 +161,49 @@ def test_a_result_that_was_removed_is_made_again(scene: Scene) -> None:
     (scene.results / "a.b.yaml").unlink()
     assert scene.run() == ["a"]
     assert len(scene.results_of()) == 2
+
+
+@pytest.mark.parametrize("content", ["", "2", "1 and more"])
+def test_a_result_that_is_not_as_it_was_written_is_made_again(scene: Scene, content: str) -> None:
+    scene.log("a", "1")
+    scene.run()
+    (scene.results / "a.b.yaml").write_text(content)
+    assert scene.run() == ["a"]
+    assert scene.results_of()["a.b.yaml"] == "1"
+    assert scene.run() == []
+
+
+def test_a_log_that_takes_the_place_of_another_is_told(scene: Scene) -> None:
+    told: list[Finding] = []
+    scene.log("a", "1")
+    scene.log("b", "2")
+    scene.run(tell=told.append)
+    scene.log("a", "another")
+    scene.log("c", "3")
+    scene.run(tell=told.append)
+    assert [(each.code, each.values["log"]) for each in told] == [
+        ("batch.log_replaced", str(scene.logs / "a.mcap"))
+    ]
+    scene.run(tell=told.append, fresh=True)
+    assert len(told) == 1
+
+
+def test_a_record_with_an_unknown_exit_code_is_done_again(scene: Scene) -> None:
+    scene.log("a", "1")
+    scene.run()
+    record = scene.results / "records" / "a.json"
+    record.write_text(record.read_text().replace('"exit_code":0', '"exit_code":77'))
+    assert scene.run() == ["a"]
+
+
+def test_many_logs_of_one_name_are_named_in_no_time(scene: Scene, tmp_path: Path) -> None:
+    """Each name is looked at once: two thousand times the steps of all of them would take hours."""
+    logs = [BatchLog((tmp_path / str(number) / "log.mcap",)) for number in range(20_000)]
+    folder = ResultFolder(scene.results)
+    with folder.opened():
+        names = [log.name for log in folder.named(logs, (".yaml",))]
+    assert names[:2] == ["log", "log.2"]
+    assert len(set(names)) == len(names)
 
 
 def test_damaged_records_are_done_again(scene: Scene) -> None:

@@ -10,9 +10,10 @@ import re
 from typing import get_args
 from xml.etree import ElementTree as ET
 
+import jsonschema
 import pytest
 
-from imucalib_cli.batch.record import Record
+from imucalib_cli.batch.record import Record, schema_of_record
 from imucalib_cli.batch.tables import (
     COLUMNS,
     TABLES,
@@ -26,12 +27,13 @@ from imucalib_cli.batch.tables import (
 )
 from imucalib_cli.cli.batch import batch_command
 from imucalib_cli.findings import Severity, texts
-from imucalib_cli.layout import plain
+from imucalib_cli.layout import csv_text, plain
 from imucalib_cli.results.codec import to_document
+from imucalib_cli.shown import shown
 from tests.results.test_results_documents import UP, make_result
 
 HOSTILE = 'a,"b"\nc|d <i>*&amp;*</i> %0A::error::x\x1b[2J\u202e\u0000é'
-NAMED = HOSTILE.replace("\0", "\\x00")
+NAMED = shown(HOSTILE)
 """As it stands in tables whose readers take no zero byte."""
 
 
@@ -90,6 +92,15 @@ def test_csv_has_a_row_for_each_imu_and_each_failure() -> None:
     assert rows[2]["exit_code"] == "1"
 
 
+def test_csv_holds_no_formulas() -> None:
+    """A spreadsheet takes what begins so for one; a number stays a number."""
+    for name in ("=1+1", "+1+1", "-1+1", "@SUM(1)"):
+        (row,) = rows_of(csv_table([bad(name)]))
+        assert row["log"] == f"'{name}"
+    (row,) = rows_of(csv_text(["value"], [["-1.5e-3"]]).replace("\n", "\r\n"))
+    assert float(row["value"]) == -1.5e-3
+
+
 def test_csv_says_why_not_and_leaves_out_what_is_not_known() -> None:
     result = make_result(unobservable=(UP,))
     (row,) = rows_of(csv_table([record(status="untrusted", exit_code=3, results=[result])]))
@@ -108,6 +119,11 @@ def test_a_json_line_is_the_record() -> None:
     assert document["log"] == "c.mcap"
     assert document["results"] == [to_document(doubtful().results[0])]
     assert document["schema"] == 1
+    schema = json.loads(schema_of_record())
+    jsonschema.Draft202012Validator.check_schema(schema)
+    jsonschema.validate(document, schema)
+    with pytest.raises(jsonschema.ValidationError):
+        jsonschema.validate({**document, "exit_code": 77}, schema)
 
 
 @pytest.mark.parametrize("form", [*TABLES])

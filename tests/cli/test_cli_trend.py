@@ -81,6 +81,27 @@ def test_csv_and_json_lines_go_to_stdout_and_words_to_stderr(
     assert rows[0]["start"] == "2026-05-04T09:15:02.250000Z"
 
 
+def test_what_was_before_a_move_is_left_out(
+    moved: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert trend(moved, "--since", "2026-05-12") == 0
+    assert "before --since: 2026-05-04" in capsys.readouterr().out
+    assert trend(moved, "--since", "2026-05-04T00:00Z") == 4
+    assert trend(moved, "--since", "yesterday") == 2
+    assert "--since yesterday: expected a date" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", ["trend", "diff"])
+def test_results_are_read_from_disk(
+    command: str, moved: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    url = "https://me:secret@there/result.yaml?token=secret"
+    assert main([command, str(next(moved.iterdir())), url]) in {1, 2}
+    err = capsys.readouterr().err
+    assert "secret" not in err
+    assert "https://there/result.yaml?…" in err
+
+
 def test_a_folder_holds_other_files_too(still: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Among them the answers and tables that were written there before."""
     first = next(still.iterdir())

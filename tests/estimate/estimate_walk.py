@@ -72,10 +72,12 @@ class Walk:
     """m and rad: by which the trunk's IMU is elsewhere than the URDF says, standard deviations."""
     scale: float = 0.0
     """Scale errors of both IMUs, standard deviation."""
+    longer: float = 0.0
+    """By which both accelerometers read more than there is, relative."""
     zero: float = 0.0
     """rad: of all joints but the last, standard deviation."""
     length: float = 0.0
-    """m: of the origins of all joints, standard deviation."""
+    """m: of all origins, but the last one along the last axis, which is the mount's."""
     noisy: bool = False
     """MEMS noise and biases of both IMUs, and an encoder's noise."""
 
@@ -114,17 +116,10 @@ class Walk:
         """R_world_link and p_world_link of the link behind so many joints."""
         R, p = self.trunk(t)
         q = self.joints(t) + self.zeros
-        for axis, origin, off, angle in zip(
-            self.axes[:count], ORIGINS, self.lengths, q.T, strict=False
-        ):
-            p = p + R @ (np.array(origin) + off)
+        for axis, origin, angle in zip(self.axes[:count], self._origins, q.T, strict=False):
+            p = p + R @ origin
             R = R @ Rotation.from_rotvec(np.outer(angle, axis)).as_matrix()
         return R, p
-
-    @cached_property
-    def lengths(self) -> Floats:
-        """(3, 3), m: by which the origins of the joints are elsewhere."""
-        return self.length * np.random.default_rng([self.seed, 7]).normal(size=(3, 3))
 
     @cached_property
     def zeros(self) -> Floats:
@@ -132,6 +127,13 @@ class Walk:
         zeros = self.zero * np.random.default_rng([self.seed, 4]).normal(size=len(self.axes))
         zeros[-1:] = 0.0
         return np.asarray(zeros)
+
+    @cached_property
+    def _origins(self) -> Floats:
+        off = self.length * np.random.default_rng([self.seed, 6]).normal(size=(len(ORIGINS), 3))
+        for last in self.axes[-1:]:
+            off[len(self.axes) - 1] *= np.asarray(last) == 0.0
+        return np.asarray(ORIGINS + off)
 
     def log(self) -> tuple[ImuSamples, KinematicPath]:
         """The IMU behind the joints, and the path that carries it."""
@@ -166,7 +168,7 @@ class Walk:
     def shank(self) -> tuple[ImuSamples, KinematicPath]:
         """An IMU behind all joints but the last, in the same log, and the path that carries it."""
         _, path = logged(self)
-        rng, count = np.random.default_rng([self.seed, 6]), len(self.axes) - 1
+        rng, count = np.random.default_rng([self.seed, 7]), len(self.axes) - 1
         t = np.arange(0.0, self.seconds, 1 / self.rates[1])
         mount = FixedStep(R=SHANK.R, p=SHANK.t)
         read = readings_of(lambda t: self.link(t, count), mount, t)
@@ -182,14 +184,15 @@ class Walk:
         """
         axis = np.array(self.axes[count - 1])
         Z = Rotation.from_rotvec(self.zeros[count - 1] * axis).as_matrix()
-        along = axis * (self.lengths[count - 1] @ axis)
-        return Mount(R=Z @ mount.R, t=Z @ mount.t + along)
+        off = self._origins[count - 1] - ORIGINS[count - 1]
+        return Mount(R=Z @ mount.R, t=Z @ mount.t + axis * (off @ axis))
 
     def _worn(
         self, rng: np.random.Generator, rate: float, gyro: Floats, accel: Floats
     ) -> tuple[Floats, Floats]:
         """Readings with the errors of a sensor."""
         gyro, accel = (each * (1.0 + self.scale * rng.normal(size=3)) for each in (gyro, accel))
+        accel = accel * (1.0 + self.longer)
         if not self.noisy:
             return gyro, accel
         noise_a, noise_g = (density * np.sqrt(rate / 2) for density in MEMS)

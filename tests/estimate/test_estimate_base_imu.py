@@ -125,6 +125,17 @@ def test_what_is_told_of_the_base_imu_is_in_sigma_where_the_motion_does_not_tell
     assert found[2e-3] == pytest.approx(np.hypot(found[0.0], 2e-3), rel=0.05)
 
 
+def test_gravity_tells_the_scale_that_both_accelerometers_share() -> None:
+    """It cancels between the two, and the lengths that are found would follow the scale."""
+    log = Walk(seconds=61.0, noisy=True, scale=5e-3, longer=0.015).log()
+    told, not_told = (
+        calibrate_matched(*log, replace(FLOATING, gravity_norm=norm)) for norm in (GRAVITY, 0.0)
+    )
+    assert squared(told) < chi2.ppf(0.999, 6)
+    assert np.linalg.norm(off(told)[:3]) < 2e-4
+    assert np.linalg.norm(off(not_told)[:3]) > 1e-3
+
+
 @pytest.mark.slow
 def test_an_hour_keeps_its_digits() -> None:
     """The last minute of an hour says what the first one does, though it fell 60 000 km."""

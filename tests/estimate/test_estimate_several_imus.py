@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from scipy.linalg import block_diag
+from scipy.linalg import inv, solve
 from scipy.stats import chi2
 
 from imucalib_cli.estimate.matched import calibrate_matched
@@ -27,6 +27,7 @@ from tests.estimate.estimate_walk import FOOT, SHANK, Walk
 
 if TYPE_CHECKING:
     from imucalib_cli.estimate.estimate import Estimate
+    from imucalib_cli.estimate.model.layout import Placed
     from imucalib_cli.estimate.solution.normal_equations import Answer
     from imucalib_cli.estimate.statistics import LogStatistics
     from imucalib_cli.robot.path import KinematicPath
@@ -103,66 +104,52 @@ def test_one_imu_is_solved_as_by_itself() -> None:
     assert together([each]) == [each[1]]
 
 
-def test_it_is_the_least_squares_answer_of_all_rows_under_each_other() -> None:
-    """Columns by their names, rows by Cholesky factors, solved by LAPACK's least squares."""
+def named(place: int, placed: Placed, index: int) -> dict[tuple[object, ...], float]:
+    """A component as a sum of unknowns of the robot or of one IMU."""
+    label = placed.labels[index]
+    if placed.unknown.name == "origin":
+        axes = enumerate(placed.directions[index])
+        return {("origin", label.split(" ")[0], axis): float(each) for axis, each in axes}
+    shared = placed.unknown.name.startswith(("joint_", "base_"))
+    return {("all" if shared else place, placed.unknown.name, label): 1.0}
+
+
+def test_it_is_the_answer_of_one_dense_system() -> None:
+    """Put together by names, in values instead of steps."""
     logs = [statistics(each) for each in imus(0)]
     system = System.of(logs)
     u = system.problem.bounds.mean(axis=1)
-    names: dict[tuple[object, ...], float] = {}
-    maps = []
+    std: dict[tuple[object, ...], float] = {}
+    expected: dict[tuple[object, ...], float] = {}
+    sums = []
     for place, log in enumerate(logs):
-        layout, columns = log.equations.layout, []
-        std = layout.std_at(np.array([layout.bounds[i].mean() for i in range(len(layout.bounds))]))
+        layout, sums_of_one = log.equations.layout, []
+        known = layout.std_at(layout.bounds.mean(axis=1))
         for placed in layout.placed:
-            name, shared = placed.unknown.name, placed.unknown.name.startswith(("joint_", "base_"))
-            for index, label in enumerate(placed.labels):
-                known = std[placed.part.start + index]
-                if name == "origin":
-                    axes = {
-                        ("origin", label.split(" ")[0], axis): weight
-                        for axis, weight in enumerate(placed.directions[index])
-                    }
-                else:
-                    axes = {(name, label) if shared else (place, name, label): 1.0}
-                names |= dict.fromkeys(
-                    (
-                        *axes,
-                        *((("origin", label.split(" ")[0], i) for i in range(3)) if name == "origin" else ()),
-                    ),
-                    float(known),
-                )
-                columns.append(axes)
-        maps.append(columns)
-    order = {name: index for index, name in enumerate(names)}
-    rows, right = [np.diag(1.0 / np.array(list(names.values())))], [np.zeros(len(names))]
-    for log, columns in zip(logs, maps, strict=True):
+            for index, at in enumerate(range(placed.part.start, placed.part.stop)):
+                parts = named(place, placed, index)
+                std |= dict.fromkeys(parts, float(known[at]))
+                if placed.unknown.name == "time_offset":
+                    expected |= dict.fromkeys(parts, float(log.equations.at.x[at]))
+                sums_of_one.append(parts)
+        sums.append(sums_of_one)
+    P = np.diag([each**-2 for each in std.values()])
+    H, right = P.copy(), P @ [expected.get(name, 0.0) for name in std]
+    maps = [np.array([[each.get(name, 0.0) for name in std] for each in one]) for one in sums]
+    for log, T in zip(logs, maps, strict=True):
         equations = log.equations
-        T = np.zeros((len(columns), len(names)))
-        for row, axes in enumerate(columns):
-            for name, weight in axes.items():
-                T[row, order[name]] = weight
-        # About the point of linearisation: mounts and unit values from it, all else from zero.
-        A = equations.information / equations.level
-        values, vectors = np.linalg.eigh(A)
-        root = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T
-        target = equations.at.x - np.linalg.lstsq(A, equations.score / equations.level, rcond=1e-13)[0]
-        rows.append(root @ T)
-        right.append(root @ target)
-        # What is stated is about zero; of the offset it is about the point itself.
-        offset = T[log.equations.layout.part("time_offset").start].argmax()
-        right[0][offset] = equations.at.x[log.equations.layout.part("time_offset")][0] / list(
-            names.values()
-        )[offset]
-    answer, *_ = np.linalg.lstsq(np.vstack(rows), np.concatenate(right), rcond=None)
-    step, inverse = system.problem.solve(u)
-    for log, part, columns in zip(logs, system.parts, maps, strict=True):
-        moved = part.to_own @ step + part.held
-        sigma = np.sqrt(np.diag(part.to_own @ inverse @ part.to_own.T))
-        expected = np.array(
-            [sum(answer[order[name]] * weight for name, weight in axes.items()) for axes in columns]
-        )
-        difference = (log.equations.at.x + moved - expected) / sigma
-        assert np.abs(difference).max() < 1e-4
+        A, b = equations.information / equations.level, equations.score / equations.level
+        H += T.T @ A @ T
+        right += T.T @ (A @ equations.at.x - b)
+    values = solve(H, right, assume_a="pos")
+    step, covariance = system.problem.solve(u)
+    for log, part, T in zip(logs, system.parts, maps, strict=True):
+        found = log.equations.at.x + part.held + part.to_own @ step
+        C = T @ inv(H) @ T.T
+        sigma = np.sqrt(np.diag(C))
+        assert np.abs((found - T @ values) / sigma).max() < 1e-5
+        difference = part.to_own @ covariance @ part.to_own.T - C
+        assert np.abs(difference / np.outer(sigma, sigma)).max() < 1e-5
 
 
 @pytest.mark.parametrize("seeds", [range(4), pytest.param(range(4, 24), marks=pytest.mark.slow)])
@@ -188,10 +175,14 @@ def test_what_is_shared_is_one_and_better_known() -> None:
         [{(p.name, p.label): p for p in each.parameters} for each in some]
         for some in ([each for _, each, _ in mine], found)
     )
-    for name in own[0].keys() & own[1].keys():
-        if name[0].startswith(("joint_zero", "base_rotation", "base_time_offset")):
-            assert both[0][name].value == pytest.approx(both[1][name].value, abs=1e-12)
-            assert both[0][name].std < 1.02 * min(each[name].std for each in own)
+    shared = [
+        name for name in own[0].keys() & own[1].keys() if name[0].startswith(("joint_", "base_"))
+    ]
+    for name in shared:
+        assert both[0][name].value == pytest.approx(both[1][name].value, abs=1e-12)
+    ratios = [both[0][name].std / min(each[name].std for each in own) for name in shared]
+    # Sizes of errors are learnt anew, so that a single one may be less sure than it seemed.
+    assert np.median(ratios) < 0.9
 
 
 def test_the_order_of_imus_does_not_matter() -> None:
@@ -266,4 +257,3 @@ def test_where_chains_part_at_the_base_their_first_joints_may_be_elsewhere() -> 
     part = logs[0].equations.layout.part("base_translation")
     one, parted = solve_together(logs)[0], solve_together([logs[0], other])[0]
     assert np.diag(parted.covariance)[part].sum() > np.diag(one.covariance)[part].sum()
-    assert block_diag(1.0).size == 1

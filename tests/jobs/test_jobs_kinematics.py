@@ -134,3 +134,14 @@ def test_the_report_leaves_stdout_to_the_result(
     out, err = capsys.readouterr()
     assert len(out.splitlines()) == 1
     assert "wrist_2_joint" in err
+
+
+def test_a_result_that_does_not_say_which_way_is_refused(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lines = (folder / "result.yaml").read_text().splitlines()
+    older = tmp_path / "older.yaml"
+    older.write_text("\n".join(line for line in lines if not line.startswith("    axis:")))
+    urdf = str(folder / "off.urdf")
+    assert main(["apply", str(older), "--urdf", urdf, "--kinematics"]) == 1
+    assert "does not say which way 'elbow_joint" in capsys.readouterr().err

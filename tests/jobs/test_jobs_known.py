@@ -174,3 +174,24 @@ def test_seconds_are_those_of_the_whole_log(tmp_path: Path, urdf: Path) -> None:
     before = only(run(log, urdf=urdf, part=Part(end=16.0)))
     see_truth(before)
     assert not before.diagnostics.findings
+
+
+def test_inspect_looks_at_a_part(tmp_path: Path, maker_urdf: Path) -> None:
+    """The IMU is dead from 12 s on."""
+    imu = noisy().imu
+    late = imu.t >= 12.0
+    gyro = np.where(late[:, None], imu.gyro[late][0], imu.gyro)
+    accel = np.where(late[:, None], imu.accel[late][0], imu.accel)
+    log = tmp_path / "log.mcap"
+    write_log(replace(noisy(), imu=replace(imu, gyro=gyro, accel=accel)), log, LogOptions())
+
+    def codes(part: Part | None) -> set[str]:
+        return {each.code for each in inspect((log,), maker_urdf, part=part).findings}
+
+    assert codes(None) - codes(Part(end=12.0)) == {"imu.frozen"}
+    found = inspect((log,), maker_urdf, part=Part(end=12.0))
+    assert found.command is not None
+    assert found.command.startswith(f"imucalib run {log} --to 12 --urdf")
+    assert max(each.header.rate_hz for each in found.health) == pytest.approx(100.0, rel=0.01)
+    with pytest.raises(ChoiceError, match="nothing is left of them"):
+        inspect((log,), maker_urdf, part=Part(start=300.0))

@@ -181,6 +181,17 @@ def test_a_part_of_two_tells_its_own_seconds(log_writer: LogWriter, arm_urdf: Pa
     assert recording.clock.seconds(imu)[0] == 1.0
 
 
+def test_an_imu_that_was_named_has_samples_in_the_part(
+    log_writer: LogWriter, arm_urdf: Path
+) -> None:
+    log = log_writer.imu("/early", seconds=2.0).imu("/whole").joints().write()
+    request = CalibrationRequest(logs=(log,), urdf=arm_urdf, part=Part(start=2.5, end=4.0))
+    assert [imu.topic for imu in read_recording(request).imus] == ["/whole"]
+    named = replace(request, imu_topics=("/early", "/whole"))
+    with pytest.raises(ChoiceError, match="/early: has no samples between --from and --to"):
+        read_recording(named)
+
+
 def test_the_date_is_that_of_the_stamps_or_of_receipt_or_unknown(log_writer: LogWriter) -> None:
     """Of headers that count from the start of a computer the recorder's clock tells the date."""
     recording = read_recording(CalibrationRequest(logs=(log_writer.imu().joints().write(),)))

@@ -29,7 +29,7 @@ SINGLE = ("bag-none", "bag-bz2", "bag-lz4", "mcap-none", "mcap-lz4", "mcap-zstd"
 
 def read_all(path: Path) -> LogData:
     log = open_log([path])
-    return log.read(topic.name for topic in log.topics if topic.kind and topic.count)
+    return log.read(topic.name for topic in log.topics if topic.kinds and topic.count)
 
 
 def one_file(path: Path) -> Path:
@@ -130,10 +130,10 @@ def test_other_encodings_beside_do_no_harm(messages: list[Said], tmp_path: Path)
                 writer.add_message(naked, each.log_ns, b"\x08\x01", each.log_ns)
         writer.finish()  # type: ignore[no-untyped-call]
     log = open_log([path])
-    assert [(each.name, each.encoding, each.kind) for each in log.topics] == [
-        ("/imu", "cdr", "imu"),
-        ("/naked", "protobuf", None),
-        ("/plot", "json", None),
+    assert [(each.name, each.encoding, [*each.kinds]) for each in log.topics] == [
+        ("/imu", "cdr", ["imu"]),
+        ("/naked", "protobuf", []),
+        ("/plot", "json", []),
     ]
     data = log.read(["/imu"])
     assert len(data.imus["/imu"]) == 300

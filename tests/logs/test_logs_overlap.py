@@ -36,7 +36,7 @@ def test_files_that_overlap_are_told(tmp_path: Path) -> None:
     first, second = _part(tmp_path / "a.mcap", 0.0), _part(tmp_path / "b.mcap", 0.5)
     (told,) = open_log([second, first]).read(["/joint_states"]).losses
     assert told == (
-        f"{first} and {second} overlap by 0.995 s: if they are two recordings, run on each alone"
+        f"{first} and {second} overlap by 0.995 s: if they are two recordings, name each alone"
     )
     again = _part(tmp_path / "c.mcap", 0.0)
     assert len(open_log([first, second, again]).read(["/joint_states"]).losses) == 2

@@ -164,7 +164,7 @@ def test_lengths_a_file_merely_claims_are_not_allocated(tmp_path: Path) -> None:
                 path.write_bytes(content[:at] + claim + content[at + 4 :])
                 try:
                     log = open_log([path])
-                    log.read([each.name for each in log.topics if each.kind and each.count])
+                    log.read([each.name for each in log.topics if each.kinds and each.count])
                 except ImucalibError:
                     pass
     finally:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import errno
 import gc
+import os
 import pickle
 import re
 import shutil
 import subprocess
+import tempfile
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
@@ -20,7 +23,9 @@ from imucalib_cli.errors import ChoiceError, ImucalibError, InputError
 from imucalib_cli.logs.log import LogData, open_log
 from imucalib_cli.logs.remote import http
 from imucalib_cli.logs.remote.file import RemoteFile, in_bytes, path_or_url
-from imucalib_cli.logs.remote.url import file_name, is_url, without_secrets
+from imucalib_cli.logs.remote.store import NoRangesError
+from imucalib_cli.logs.remote.url import file_name, is_url
+from imucalib_cli.shown import without_secrets
 from tests.logs.logs_remote import wanted_bytes, with_images
 from tests.logs.logs_samples import BAGS, MCAPS, Said, Write, mixed_messages, write_log
 from tests.web_server import WebServer, serving
@@ -50,7 +55,7 @@ def images(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def read(path: Path | RemoteFile, *, scan: bool = False, progress: Any = None) -> LogData:
     log = open_log([path], scan_remote=scan)
-    return log.read([topic.name for topic in log.topics if topic.kind], progress)
+    return log.read([topic.name for topic in log.topics if topic.kinds], progress)
 
 
 def assert_same(data: LogData, expected: LogData) -> None:
@@ -421,6 +426,28 @@ def test_urls_are_told_from_paths(text: str, *, is_one: bool, name: str) -> None
 
 def test_a_file_url_is_a_path() -> None:
     assert path_or_url("file:///a%20b/log.mcap") == Path("/a b/log.mcap")
+    assert path_or_url("file://host/[a/log.mcap") == Path("/[a/log.mcap")
+    with pytest.raises(InputError, match="names no file"):
+        path_or_url("file://[x")
+
+
+def test_no_room_for_a_temporary_copy_is_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "log.mcap").write_bytes(bytes(1000))
+
+    def full(*_: object, **__: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    for name in ("mkdtemp", "TemporaryFile"):
+        monkeypatch.setattr(tempfile, name, full)
+    with serving(tmp_path, ranges=False) as web:
+        file = RemoteFile(web.url("log.mcap"))
+        with pytest.raises(NoRangesError):
+            file.head(100)
+        for read in (lambda: file.download(lambda _: None), lambda: file.read_bytes(1 << 30)):
+            with pytest.raises(InputError, match="No space left on device; free some space"):
+                read()
 
 
 def test_another_process_opens_a_file_of_its_own() -> None:
@@ -478,3 +505,29 @@ def test_without_fsspec_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setattr(optional, "import_module", missing)
     said = refused("https://host/log.mcap")
     assert said == "needs fsspec, which is not installed: pip install 'imucalib[remote]'"
+
+
+@pytest.mark.parametrize(
+    "password", ["pw", "p/w", "p#w", "p?w", "p@w", "p/w@#w", "p@w/w", "p::w", "/"]
+)
+@pytest.mark.parametrize("chain", ["", "zip://a.mcap::", "simplecache::zip://me:pw@x::"])
+def test_no_letter_of_a_password_is_shown(password: str, chain: str) -> None:
+    url = f"{chain}https://bob:{password}@host/a.mcap?sig=pw@w"
+    for text in (without_secrets(f"at {url} it fails"), str(RemoteFile(url)), str(InputError(url))):
+        assert "bob" not in text
+        assert "p" not in re.sub("https|zip|simplecache|mcap", "", text)
+        assert "w" not in text
+        assert without_secrets(text) == text
+    assert "here" in str(RemoteFile("https://bob:a b@here"))
+    assert "bob" not in str(RemoteFile("https://bob:a b@here"))
+
+
+def test_what_is_no_secret_is_shown() -> None:
+    for url in (
+        "s3://bucket/user@example/log.mcap",
+        "https://host:8080/a/log.mcap",
+        "zip://a.mcap::https://host/x.zip",
+    ):
+        assert without_secrets(f"{url}: gone") == f"{url}: gone"
+    hidden = without_secrets("https://host/log.mcap?sig=1")
+    assert str(InputError(f"{hidden}: gone")) == "https://host/log.mcap?…: gone"

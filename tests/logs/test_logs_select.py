@@ -25,11 +25,11 @@ ODOM = topic("/odom", "nav_msgs/Odometry")
 MOCAP = topic("/mocap", "geometry_msgs/PoseStamped")
 IMAGE = topic("/camera", "sensor_msgs/Image")
 EMPTY = topic("/imu_empty", "sensor_msgs/Imu", count=0)
-JSON = topic("/imu_json", "sensor_msgs/Imu", encoding="json")
+OTHER = topic("/imu_flat", "sensor_msgs/Imu", encoding="flatbuffer")
 
 
 def test_all_imus_joints_and_tf_are_taken() -> None:
-    topics = [IMU, IMU2, JOINTS, JOINTS2, TF, TF_STATIC, ODOM, MOCAP, IMAGE, EMPTY, JSON]
+    topics = [IMU, IMU2, JOINTS, JOINTS2, TF, TF_STATIC, ODOM, MOCAP, IMAGE, EMPTY, OTHER]
     found = select_topics(topics)
     assert found.imus == ("/imu", "/imu2")
     assert found.joints == ("/joint_states", "/gripper")
@@ -65,13 +65,13 @@ def test_named_topics_limit_their_kind() -> None:
     [
         ("/nope", r"^/nope is not in the log: IMU topics for --imu-topic are /imu \("),
         ("/camera", r"^/camera is sensor_msgs/Image \(cdr\)"),
-        ("/imu_json", r"^/imu_json is sensor_msgs/Imu \(json\)"),
+        ("/imu_flat", r"^/imu_flat is sensor_msgs/Imu \(flatbuffer\)"),
         ("/imu_empty", r"^/imu_empty has no messages"),
     ],
 )
 def test_wrong_name_lists_the_candidates(name: str, says: str) -> None:
     with pytest.raises(ChoiceError, match=says):
-        select_topics([IMU, JOINTS, IMAGE, EMPTY, JSON], imu_topics=[name])
+        select_topics([IMU, JOINTS, IMAGE, EMPTY, OTHER], imu_topics=[name])
 
 
 def test_log_without_what_is_needed_is_refused() -> None:

@@ -111,7 +111,7 @@ def assert_same(data: LogData, rows: Rows) -> None:
 
 
 def read_all(log: Log) -> LogData:
-    return log.read(topic.name for topic in log.topics if topic.kind)
+    return log.read(topic.name for topic in log.topics if topic.kinds)
 
 
 def said_rows(messages: list[Said]) -> Rows:
@@ -180,7 +180,7 @@ def test_topics_say_what_is_there(messages: list[Said], storage: str, written: W
         assert topic.type == of_topic[0].type.replace("/msg/", "/")
         assert topic.start_ns == of_topic[0].log_ns
         assert topic.end_ns == of_topic[-1].log_ns
-    assert topics["/chatter"].kind == "text"
+    assert [*topics["/chatter"].kinds] == ["text"]
     assert len(topics) == 9
 
 

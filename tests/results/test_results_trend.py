@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from datetime import timedelta
 from typing import Any
 
 import msgspec
@@ -196,7 +197,7 @@ def test_results_that_tell_nothing_are_left_out_and_named() -> None:
     reasons = {each.file: each.reason for each in answer.left_out}
     assert reasons["a.yaml"] == "untrusted: do not use as it stands: loose"
     assert reasons["b.yaml"] == "all of its pose is held by --fix, not found"
-    assert reasons["c.yaml"] == f"--fix holds others of its axes than {given[0][0]}"
+    assert reasons["c.yaml"] == "--fix holds tx, unlike most of the others"
     assert reasons["e.yaml"] == "its covariance is singular"
     assert reasons["d.yaml"] == f"it is of the same log as {given[2][0]}"
 
@@ -226,6 +227,56 @@ def test_results_without_a_time_are_taken_as_given() -> None:
     assert [each.start for each in trend(shuffled).recordings] == sorted(
         each.recorded_at or RECORDED for _, each in shuffled
     )
+
+
+def test_the_first_file_does_not_decide_what_is_held() -> None:
+    values, C = drawn(9, 8)
+    fixed = C[0].copy()
+    fixed[0], fixed[:, 0] = 0.0, 0.0
+    answer = trend([("0.yaml", result(30, values[0], fixed)), *named(values, C)])
+    assert [each.file for each in answer.left_out] == ["0.yaml"]
+    assert len(answer.recordings) == 8
+
+
+def test_recordings_at_once_are_told_and_in_the_order_of_their_names() -> None:
+    """Numbers in names count as numbers, as of day1 to day12."""
+    values, C = drawn(12, 12)
+    given = [
+        (f"day{k + 1}.yaml", result(k, *each, recorded=RECORDED))
+        for k, each in enumerate(zip(values, C, strict=True))
+    ]
+    answer = trend(sorted(given))
+    assert [each.file for each in answer.recordings] == [name for name, _ in given]
+    (said,) = answer.warnings
+    assert said.startswith("day2.yaml and 10 more began before day1.yaml ended")
+    apart = [
+        (f"{k}.yaml", result(k, *each, recorded=RECORDED + timedelta(seconds=59.9 * k)))
+        for k, each in enumerate(zip(values, C, strict=True))
+    ]
+    assert not trend(apart).warnings  # as parts of a log that share their ends
+
+
+def test_what_was_before_a_day_is_left_out() -> None:
+    values, C = drawn(10, 12, moves=[(6, MOVE)])
+    given = named(values, C)
+    assert trend(given).verdict == "moved"
+    answer = trend(given, since=RECORDED + timedelta(days=6))
+    assert answer.verdict == "not moved"
+    assert [each.file for each in answer.left_out] == [name for name, _ in given[:6]]
+    given[0] = (given[0][0], result(0, values[0], C[0], recorded=None))
+    answer = trend(given, since=RECORDED + timedelta(days=6))
+    assert answer.left_out[0].reason == "before --since: when it was recorded is not known"
+    assert answer.order == "recording time"
+
+
+def test_a_line_through_a_recording_that_alone_tells_its_slope_leaves_nothing_of_it() -> None:
+    """All but one of one time: that one has no residual, and nothing is gained without it."""
+    values, _ = drawn(14, 9, moves=[(8, MOVE)])
+    exact = np.tile(np.eye(6) * 2.0**-24, (9, 1, 1))  # so that nothing is lost by rounding
+    found = find_line(replace(series(values, exact), times=np.array([0.0] * 8 + [1.0])))
+    assert found is not None
+    assert 8 not in found.model.odd
+    assert np.isfinite(found.score)
 
 
 def test_another_urdf_at_a_move_is_told() -> None:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from msgspec import UNSET, structs
 from scipy.spatial.transform import Rotation
 from scipy.stats import ortho_group
 
@@ -274,6 +275,27 @@ def test_a_rotation_by_half_a_turn_is_plainly_wrong() -> None:
 
 def test_one_log_behind_both_results_is_said() -> None:
     assert "computed from the same log" in moved(found_at(), found_at()).warnings[0]
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "is_said"),
+    [
+        ([0.0, 10.0], [10.0, 20.0], False),
+        ([0.0, 11.0], [10.0, 20.0], True),
+        ([0.0, 5.0], None, True),
+    ],
+)
+def test_parts_of_one_log_that_share_nothing_are_two_recordings(
+    first: Any, second: Any, *, is_said: bool
+) -> None:
+    def of_part(part: Any) -> Result:
+        result = found_at()
+        source = structs.replace(result.provenance, part=UNSET if part is None else part)
+        return structs.replace(result, provenance=source)
+
+    for sides in ((first, second), (second, first)):
+        one, other = map(of_part, sides)
+        assert bool(moved(one, other).warnings) == is_said
 
 
 def test_what_was_told_to_the_estimator_is_no_finding() -> None:

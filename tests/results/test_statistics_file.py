@@ -137,6 +137,35 @@ def test_an_imu_that_cannot_be_solved_stops_no_other(
     assert "different URDFs" in seen.err
 
 
+def test_what_cannot_be_used_of_a_folder_stops_no_other(
+    file: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """An archive of something else is passed over, a damaged one is an error beside the result."""
+    np.savez(file.with_name("weights.npz"), layer=np.eye(3))
+    assert main(["combine", str(file.parent), "--format", "yaml"]) == 0
+    seen = capsys.readouterr()
+    assert len(list(yaml.safe_load_all(seen.out))) == 1
+    assert "weights.npz: holds no statistics of imucalib and is left out" in seen.err
+    file.with_name("damaged.npz").write_bytes(file.read_bytes()[:-1000])
+    assert main(["combine", str(file.parent), "--format", "yaml"]) == 1
+    seen = capsys.readouterr()
+    assert len(list(yaml.safe_load_all(seen.out))) == 1
+    assert "damaged.npz: is damaged" in seen.err
+    file.unlink()
+    file.with_name("damaged.npz").unlink()
+    assert main(["combine", str(file.parent)]) == 1
+    assert "no statistics in it" in capsys.readouterr().err
+
+
+def test_a_list_comes_from_stdin(
+    file: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    listed = io.TextIOWrapper(io.BytesIO(f"{file}\n".encode()))
+    monkeypatch.setattr("sys.stdin", listed)
+    assert main(["combine", "-", "--format", "yaml"]) == 0
+    assert yaml.safe_load(capsys.readouterr().out)["status"] == "ok"
+
+
 def test_other_priors_need_no_log(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
     known = "-0.0225 0.1 0 3.14159265 0 1.57079633"
     argv = ["combine", str(file), "--initial", known, "--prior-std", "tz=1mm", "--robot", "exact"]

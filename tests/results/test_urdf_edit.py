@@ -283,3 +283,9 @@ def test_names_in_the_snippet_are_escaped() -> None:
         load_meshes=False,
     )
     assert [(joint.parent, joint.child) for joint in model.robot.joints] == [("a&b", 'i"<')]
+
+
+def test_a_joint_that_a_macro_makes_is_named() -> None:
+    text = b'<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:imu/></robot>'
+    with pytest.raises(InputError, match="'imu_joint' is made by a macro of xacro"):
+        replace_origin(text, "imu_joint", XYZ, RPY)

@@ -95,7 +95,6 @@ def bc(rest: str, kind: str = "revolute") -> str:
         (bc('<mimic joint="ab" offset="-1e300"/>'), "no joint follows another by that"),
         (bc("<origin/><origin/>"), "more than one <origin>"),
         (bc('<axis xyz="0 0 0"/>'), "joint 'bc': its <axis> is zero"),
-        (bc('<mimic joint="no"/>'), "joint 'bc' mimics 'no', which is not there"),
         (bc('<mimic joint="bc"/>'), "joint 'bc' mimics itself"),
         (bc('<mimic joint="ab" multiplier="two"/>'), "is not one finite number"),
         (
@@ -264,3 +263,31 @@ def test_a_urdf_may_come_from_stdin(monkeypatch: pytest.MonkeyPatch) -> None:
     text = b"<robot name='r'><link name='a'/></robot>"
     monkeypatch.setattr("sys.stdin", SimpleNamespace(buffer=BytesIO(text)))
     assert load_robot(Path("-")).links == ("a",)
+
+
+def test_who_mimics_a_joint_that_is_not_there_moves_by_itself(tmp_path: Path) -> None:
+    """As in published URDFs of hands; only a path through such a joint needs its position."""
+    path = tmp_path / "robot.urdf"
+    path.write_text(bc('<mimic joint="no"/>'))
+    assert load_robot(path).joint_by_name["bc"].mimic is None
+
+
+def test_xacro_finds_packages_in_the_folders_about_it(tmp_path: Path) -> None:
+    """As in the sources of a workspace, where nothing is installed."""
+    pytest.importorskip("xacro")
+    parts, arm = tmp_path / "src" / "parts", tmp_path / "src" / "arm" / "urdf"
+    parts.mkdir(parents=True)
+    arm.mkdir(parents=True)
+    (parts / "links.xacro").write_text(f'<robot name="r">{LINKS}{AB}{BC}</robot>')
+    top = arm / "arm.urdf.xacro"
+    text = (
+        '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">'
+        '<xacro:include filename="$(find {})/links.xacro"/></robot>'
+    )
+    top.write_text(text.format("parts"))
+    before = dict(sys.modules)
+    assert load_robot(top).links == ("a", "b", "c")
+    assert {name for name in sys.modules if "ament" in name} <= set(before)
+    top.write_text(text.format("missing_parts"))
+    with pytest.raises(InputError, match="package 'missing_parts' is neither installed nor"):
+        load_robot(top)

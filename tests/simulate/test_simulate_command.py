@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
+from mcap.reader import make_reader
 
 from imucalib_cli.cli.main import main
 from imucalib_cli.errors import ChoiceError
@@ -46,6 +48,18 @@ def test_messages_of_all_imus_are_counted(
     assert "log.mcap: 0.2 s, 126 Imu messages of 6 IMUs, 11 of the robot" in err
     saturated = sum(imu["log"]["imu_saturated"] for imu in truth["imus"])
     assert f"warning: {saturated} of 126 Imu messages are cut off" in err
+
+
+def test_the_first_stamp_has_a_date(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    settings(tmp_path, "rihibot", "--start", "2026-11-23T14:30", "-q")
+    assert capsys.readouterr() == ("", "")
+    with (tmp_path / "log.mcap").open("rb") as file:
+        first = next(make_reader(file).iter_messages())[2]
+    assert datetime.fromtimestamp(first.log_time * 1e-9, timezone.utc) == datetime(
+        2026, 11, 23, 14, 30, tzinfo=timezone.utc
+    )
+    assert main(["simulate", "rihibot", "--start", "1969", "-o", str(tmp_path / "a.mcap")]) == 2
+    assert "--start 1969: expected a " in capsys.readouterr().err
 
 
 def test_units_of_options_become_si(tmp_path: Path) -> None:

@@ -22,6 +22,7 @@ from tests.jobs.driving import drive, with_a_camera_frame
 from tests.jobs.robots import SHAPES, random_mount, record
 from tests.jobs.robots import messages as robot_messages
 from tests.jobs.walking import LEG, ROBOT, TRUNK, log_of, walk
+from tests.logs.logs_samples import vector
 from tests.logs.logs_samples import write_log as write_messages
 from tests.troubleshooting.provoke_recordings import on_the_base
 from tests.troubleshooting.scene import (
@@ -322,15 +323,42 @@ def frames_mixed(scene: Scene) -> Seen:
     return scene.run(scene.log(first, "a.mcap"), scene.log(last, "b.mcap", imu_frame="imu"))
 
 
-def walking(*arguments: str, topics: tuple[str, ...] = (LEG,), frame: str = "") -> Provocation:
-    """A log of a robot on legs, its trunk's IMU, joints and these topics."""
+def force_reversed(imu: Any) -> Any:
+    """An accelerometer that points down at rest."""
+    f = imu.linear_acceleration
+    return replace(imu, linear_acceleration=vector((-f.x, -f.y, -f.z)))
+
+
+def about_z(imu: Any) -> Any:
+    """An IMU that is mounted a quarter turn from where its frame is."""
+    both = imu.angular_velocity, imu.linear_acceleration
+    w, f = (vector((-each.y, each.x, each.z)) for each in both)
+    return replace(imu, angular_velocity=w, linear_acceleration=f)
+
+
+def later(imu: Any) -> Any:
+    """Stamps of another clock."""
+    stamp = replace(imu.header.stamp, sec=imu.header.stamp.sec + 1)
+    return replace(imu, header=replace(imu.header, stamp=stamp))
+
+
+def walking(
+    *arguments: str,
+    topics: tuple[str, ...] = (LEG,),
+    frame: str = "",
+    change: Callable[[Any], Any] = lambda message: message,
+) -> Provocation:
+    """A log of a robot on legs, its trunk's IMU, perhaps changed, joints and these topics."""
 
     def provocation(scene: Scene) -> Seen:
         text = ROBOT.urdf()
         urdf = scene.path("robot.urdf")
         urdf.write_text(text.replace("trunk_imu", frame) if frame else text)
         raw = [replace(each, topic="/imu/raw") for each in walk() if each.topic == TRUNK]
-        said = tuple(sorted([*walk(), *raw], key=lambda each: each.log_ns))
+        said = tuple(
+            replace(each, message=change(each.message)) if each.topic == TRUNK else each
+            for each in sorted([*walk(), *raw], key=lambda each: each.log_ns)
+        )
         log = log_of(scene.folder, TRUNK, "/joint_states", *topics, said=said)
         return scene.run(log, *arguments)
 
@@ -344,6 +372,9 @@ CHOICES: dict[str, Provocation] = {
     "base-imu-published": walking("--method", "paper"),
     "base-imu-twice": walking(topics=("/imu/raw",)),
     "base-imu-unplaced": walking("--base-imu", TRUNK, frame="other"),
+    "base-imu-down": walking(change=force_reversed),
+    "base-imu-turned": walking(change=about_z),
+    "base-imu-late": walking(change=later),
     "base-imu-still": lambda scene: scene.run(
         scene.writer().imu(gyro=0.0).imu("/imu/2").joints(names=NAMES).write(),
         *("--base-imu", "/imu/data"),
@@ -379,6 +410,9 @@ CHOICES: dict[str, Provocation] = {
     "base-unread-poor": on_a_moving_base("--parent", "upper", base_topic="/mocap"),
     "planar-arm": on_arm(noisy, "--planar"),
     "planar-askew": planar_askew,
+    "planar-no-height": lambda scene: scene.cli(
+        "run", drive(scene.folder, seconds=15.0)[0], "--planar"
+    ),
     "frames-apart": lambda scene: scene.cli(
         "run", scene.writer().imu().tf("map", "body").tf("hand", "imu_link", moving=False).write()
     ),
@@ -558,6 +592,7 @@ RESULTS: dict[str, Provocation] = {
     "diff-parents": compared(("parent: wrist_3_link", "parent: flange")),
     "trend-moved": followed(*((k, *_MOVED) for k in (2, 3))),
     "trend-odd-last": followed((3, *_MOVED)),
+    "trend-at-once": followed(),
     "trend-unknown-time": followed((1, "start: .*", "start: null"), count=2),
     "covariance-edited": compared((r"(covariance:[^,]*,) [^,]*", r"\1 1.0")),
     "not-a-result": applied("arm: rihibot\n"),

@@ -68,6 +68,24 @@ def twice(scene: Scene) -> Seen:
     return together(*(noisy(seed=seed) for seed in (3, 4, 5, 5)))(scene)
 
 
+def missing(scene: Scene) -> Seen:
+    other = scene.log(noisy(seed=5), "other.mcap", imu_topic="/imu/other")
+    return _joint(scene, [*(scene.log(noisy(seed=seed), f"{seed}.mcap") for seed in (3, 4)), other])
+
+
+def batch_notes(scene: Scene) -> Seen:
+    """A log by two names, parts by their names, and another recording in the place of one."""
+    scene.path("logs").mkdir()
+    log = scene.log(noisy(), "logs/monday.mcap")
+    for part in (0, 1):
+        scene.path(f"logs/run_{part}.mcap").write_bytes(b"")
+    command = ["batch", scene.path("logs"), log, "-o", scene.path("results"), "--workers", "1"]
+    command += ["--urdf", scene.urdf()]
+    scene.cli(*command)
+    scene.log(noisy(seed=4), "logs/monday.mcap")
+    return scene.cli(*command)
+
+
 def far(scene: Scene) -> Seen:
     return together(*(noisy(seed=seed) for seed in (3, 4, 5)), moving_only(5)())(scene)
 
@@ -108,9 +126,12 @@ TOGETHER: dict[str, Provocation] = {
     "together-far": far,
     "together-few": few,
     "together-twice": twice,
+    "together-missing": missing,
     "combine-robots": other_robot,
     "combine-priors": other_priors,
     "combine-held": held,
     "combine-no-statistics": without_statistics,
     "combine-damaged": damaged,
 }
+UNLISTED: dict[str, Provocation] = {"batch-notes": batch_notes}
+"""Notes, which nobody has to look up."""

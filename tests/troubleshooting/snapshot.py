@@ -8,7 +8,12 @@ from typing import NamedTuple
 from unittest.mock import patch
 
 from imucalib_cli.findings import Finding
-from tests.troubleshooting import provoke_files, provoke_recordings, provoke_together
+from tests.troubleshooting import (
+    provoke_files,
+    provoke_messages,
+    provoke_recordings,
+    provoke_together,
+)
 from tests.troubleshooting.scene import Scene
 
 LISTED = (
@@ -17,6 +22,7 @@ LISTED = (
     provoke_files.CHOICES,
     provoke_files.RESULTS,
     provoke_files.STUDIES,
+    provoke_messages.SAID,
     provoke_recordings.STAMPS,
     provoke_recordings.SENSORS,
     provoke_recordings.SHEETS,
@@ -25,7 +31,7 @@ LISTED = (
     provoke_together.TOGETHER,
 )
 """By the keys of docs/troubleshooting.md."""
-TABLES = (*LISTED, provoke_recordings.UNLISTED)
+TABLES = (*LISTED, provoke_recordings.UNLISTED, provoke_together.UNLISTED)
 PROVOCATIONS = {key: provocation for table in TABLES for key, provocation in table.items()}
 
 FILE = Path(__file__).with_name("messages.txt")

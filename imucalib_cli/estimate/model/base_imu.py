@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from imucalib_cli.estimate.model.unknowns import Samples, with_ends
+from imucalib_cli.robot.rotations import matrix_from_quaternion
 from imucalib_cli.signals.dead_reckoning import dead_reckon
 from imucalib_cli.signals.interpolate import lagrange
 
@@ -31,6 +33,9 @@ def less_errors(
     return reading
 
 
+_MINUTE = 60.0
+"""s: over which a gyroscope whose bias is known to a milliradian in ten seconds keeps level, and a
+change of speed is little beside gravity."""
 _AROUND = 5
 """Samples of an IMU on either side of a stretch: polynomials reach so far, and ends are guesses."""
 
@@ -60,17 +65,68 @@ class BaseImu:
         samples = Samples(
             accel=grid.accel[first:last],
             gyro=grid.gyro[first:last],
-            age=np.asarray(index / max(count - 1, 1) - 0.5),
+            age=self.age(np.asarray(grid.t0 + grid.dt * index)),
             dt=grid.dt,
         )
         gyro, accel = (less_errors(self.errors, samples, each) for each in ("gyro", "accel"))
         return np.asarray(grid.t0 + grid.dt * index), gyro, accel
+
+    def age(self, stamps: Floats) -> Floats:
+        """(M,), time since the middle of its readings over their duration."""
+        grid = self.grid
+        return np.asarray((stamps - grid.t0) / (grid.dt * max(len(grid.usable) - 1, 1)) - 0.5)
 
     def poses(self, t: Floats) -> Floats:
         """(M, 7), of the IMU in a freely falling frame at robot stamps (M,), s."""
         stamps, gyro, accel = self.readings(t)
         quaternion, position = dead_reckon(gyro, accel, self.grid.dt)
         return lagrange(stamps, np.hstack([position, quaternion]), t + self.shift)
+
+
+def felt_gravity(
+    base: BaseImu, placed: Iterable[tuple[slice, Reading]], size: int, norm: float
+) -> tuple[float, Floats, float]:
+    """What the base IMU tells of the scale that all accelerometers share.
+
+    Over a minute its mean force is gravity's, but for a change of speed. Beside it only lengths
+    tell that scale, for gravity cancels between two IMUs.
+
+    Args:
+        base: The IMU, its errors taken off.
+        placed: Its errors and their components.
+        size: Of the layout.
+        norm: Of gravity, m/s².
+
+    Returns:
+        Mean size of the force less gravity's, m/s²; how it changes with each component, (size,);
+        and 1 sigma by changes of speed, inf where no whole stretch is there.
+    """
+    grid, errors = base.grid, list(placed)
+    length = min(round(_MINUTE / grid.dt), len(grid.usable))
+    starts = [
+        first
+        for first in range(0, len(grid.usable) - length + 1, length)
+        if grid.usable[first : first + length].all()
+    ]
+    off, change, speed = 0.0, np.zeros(size), 0.0
+    for first in starts:
+        t = np.asarray(grid.t0 - base.shift + grid.dt * (first + np.arange(length)))
+        stamps, gyro, accel = base.readings(t)
+        R = matrix_from_quaternion(dead_reckon(gyro, accel, grid.dt)[0])
+        force = np.einsum("nij,nj->ni", R, accel)
+        mean = force.mean(axis=0)
+        down = mean / np.linalg.norm(mean)
+        # As fast as it is within the stretch, less a steady climb, it may be at its ends.
+        speed += float(np.var(np.cumsum((force - mean) @ down) * grid.dt)) / len(starts)
+        off += (float(np.linalg.norm(mean)) - norm) / len(starts)
+        seen = np.einsum("nij,i->nj", R, down) / (len(accel) * len(starts))
+        samples = Samples(accel=accel, gyro=gyro, age=base.age(stamps), dt=grid.dt)
+        for part, reading in errors:
+            if reading.sensor == "accel":
+                change[part] -= np.einsum("kni,ni->k", reading.basis(samples), seen)
+    seconds = length * grid.dt
+    std = math.sqrt(2.0 * speed / len(starts)) / seconds if starts else math.inf
+    return off, change, std
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,8 +171,8 @@ def base_nodes(
         ],
         axis=1,
     )
-    age = (t + base.shift - base.grid.t0) / (base.grid.dt * max(len(base.grid.usable) - 1, 1))
-    samples = Samples(accel=mean[:, :3], gyro=mean[:, 3:], age=np.asarray(age - 0.5), dt=dt)
+    age = base.age(np.asarray(t + base.shift))
+    samples = Samples(accel=mean[:, :3], gyro=mean[:, 3:], age=age, dt=dt)
     R, p = frame
     return BaseNodes(
         samples=samples,

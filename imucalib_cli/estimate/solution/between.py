@@ -5,6 +5,8 @@ taken off and put back: more than the noise within a log tells. So the pose of e
 common one plus a difference of its own, normal about zero, whose two standard deviations (of the
 translation, of the rotation) are learnt from all logs and integrated over as any other scale is.
 
+results/trend/search.py has the same two, by their most likely values, to compare many partitions.
+
 The differences are eliminated log by log, so that hundreds of logs cost no more than their sum.
 
 Source: random effects, DerSimonian and Laird, Controlled Clinical Trials 7(3), 1986; the prior of
@@ -19,7 +21,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from imucalib_cli.estimate.solution.scales import Problem, integrate, most_likely
-from imucalib_cli.estimate.solution.spectrum import chance_of_six, inverse_of, squared_distance
+from imucalib_cli.estimate.solution.spectrum import inverse_of, squared_distance
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats, Indices
@@ -250,6 +252,8 @@ def disagreeing(logs: Together, u: Floats) -> dict[int, float]:
         logs: All of them.
         u: (k + 2,), where to begin.
     """
+    from scipy.special import fdtrc  # slow to import
+
     found: dict[int, float] = {}
     kept = np.arange(len(logs.score))
     while len(kept) > 2:
@@ -258,8 +262,9 @@ def disagreeing(logs: Together, u: Floats) -> dict[int, float]:
         others = np.delete(np.arange(len(kept)), worst)
         _, u = most_likely_together(logs.only(kept[others]))
         square = float(those.distances(u)[1][worst])
-        # The scatter of the others is known from six differences for each but one of them.
-        if chance_of_six(square, 6 * (len(others) - 1)) > _RARE / len(logs.score):
+        # The scatter of the others is known from the differences of each but one of them.
+        size = len(logs.scattered)
+        if fdtrc(size, size * (len(others) - 1), square / size) > _RARE / len(logs.score):
             break
         found[int(kept[worst])] = square
         kept = kept[others]

@@ -11,10 +11,11 @@ import numpy as np
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.estimate.model import columns as lean_columns
+from imucalib_cli.estimate.model.base_imu import felt_gravity
 from imucalib_cli.estimate.model.design import Model, Residuals
 from imucalib_cli.estimate.model.jacobian import columns, plan_nodes
 from imucalib_cli.estimate.model.layout import lay_out, places_of
-from imucalib_cli.estimate.model.state import State
+from imucalib_cli.estimate.model.state import Chain, State
 from imucalib_cli.estimate.model.unknowns import LEAN, SENSORS, BaseReading, Reading, Unknown
 from imucalib_cli.estimate.model.windows import thinned
 from imucalib_cli.estimate.solution.normal_equations import (
@@ -96,6 +97,8 @@ class Fit(Answer):
     residual_scales: tuple[float, float]
     runner_up_rise: float
     """How much worse the best other rotation fits, in chi-squared; inf where there is none."""
+    beside: tuple[Floats, Floats]
+    """Information (n, n) and score (n,) of what is known beside the windows."""
 
     def problem(self, total: Floats, noise_score: Floats) -> Problem:
         """Normal equations about the point of linearisation, in units of the noise.
@@ -104,8 +107,11 @@ class Fit(Answer):
             total: (n + 1, n + 1), normal matrix of [e J].
             noise_score: (n,), of J'e, that is noise.
         """
+        information, score = (self.equations.level * each for each in self.beside)
         equations = replace(
-            self.equations, information=total[1:, 1:], score=total[1:, 0] - noise_score
+            self.equations,
+            information=total[1:, 1:] + information,
+            score=total[1:, 0] - noise_score + score,
         )
         return equations.problem(self.layout, self.options)
 
@@ -317,8 +323,9 @@ def _fitted(model: Model, options: MatchedOptions, state: State, rise: float, mo
         total = stats.normal.sum(axis=(0, 1))
         stats = stats.calibrated(*_calibration_of(total, model, state.x, scales, stats.windows))
         offset, level = prior_offset(layout, options, state), 1.0
+        beside = _beside(model, state, options)
         for _ in range(_LEVEL_PASSES):
-            A, b = stats.information / level, stats.score / level
+            A, b = stats.information / level + beside[0], stats.score / level + beside[1]
             problem = problem_of(layout, A, b, offset)
             u = most_likely(problem, u)
             step, inverse = problem.solve(u)
@@ -339,9 +346,9 @@ def _fitted(model: Model, options: MatchedOptions, state: State, rise: float, mo
     equations = NormalEquations(
         layout=layout,
         at=state,
-        information=_symmetric(stats.information),
-        score=stats.score,
-        noise=_symmetric(stats.score_covariance(levels)),
+        information=_symmetric(stats.information + level * beside[0]),
+        score=stats.score + level * beside[1],
+        noise=_symmetric(stats.score_covariance(levels) + level**2 * beside[0]),
         level=level,
         motion=_symmetric(_motion(model, stats, scales)),
     )
@@ -356,7 +363,20 @@ def _fitted(model: Model, options: MatchedOptions, state: State, rise: float, mo
         weights=weights,
         residual_scales=scales,
         runner_up_rise=rise,
+        beside=beside,
     )
+
+
+def _beside(model: Model, state: State, options: MatchedOptions) -> tuple[Floats, Floats]:
+    """Information (n, n) and score (n,) of gravity as the base IMU feels it."""
+    layout = model.layout
+    base = Chain.of(model.windowing.trajectory, layout, state.x).base
+    if base is None or options.gravity_norm <= 0.0:
+        return np.zeros((layout.size, layout.size)), np.zeros(layout.size)
+    placed = ((each.part, effect.reading) for each, effect in layout.of(BaseReading))
+    off, change, std = felt_gravity(base, placed, layout.size, options.gravity_norm)
+    weight = 1.0 / (std**2 + options.gravity_std**2)
+    return weight * np.outer(change, change), weight * off * change
 
 
 def _symmetric(matrix: Floats) -> Floats:

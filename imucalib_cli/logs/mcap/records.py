@@ -57,6 +57,13 @@ LENGTHS = {
 """Opcodes, and the smallest and largest plausible length of each."""
 PRIVATE = 0x80
 """Opcodes from here on are private."""
+_DEFINITIONS = {
+    "ros1msg": "utf-8",
+    "ros2msg": "utf-8",
+    "jsonschema": "utf-8",
+    "protobuf": "latin-1",  # bytes, a character each
+}
+"""Encodings of schemas that are read, and how they become text."""
 _SEARCHED = 1 << 22
 _CHAIN = 3
 """Plausible records in a row that prove a record: random bytes do not pass, as lengths have 8
@@ -78,7 +85,8 @@ def describe(catalogue: Catalogue, opcode: int, body: bytes | memoryview) -> Non
         number = cursor.number(2)
         name, encoding = cursor.text(), cursor.text()
         data = cursor.take(cursor.number(4))
-        text = str(data, "utf-8", "replace") if encoding in {"ros1msg", "ros2msg"} else ""
+        spelled = _DEFINITIONS.get(encoding)
+        text = "" if spelled is None else str(data, spelled, "replace")
         catalogue.schemas[number] = (name, text)
     elif opcode == CHANNEL:
         number, schema = cursor.number(2), cursor.number(2)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 import shutil
 import tempfile
 import weakref
@@ -11,12 +12,13 @@ from contextlib import contextmanager, suppress
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, TypeVar, cast
-from urllib.parse import unquote, urlsplit
+from urllib.parse import unquote
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.logs.remote.store import AnyStore, NoRangesError, RemoteError, Traffic
-from imucalib_cli.logs.remote.url import file_name, is_url, protocol_of, without_secrets
+from imucalib_cli.logs.remote.url import file_name, is_url, protocol_of
 from imucalib_cli.optional import optional
+from imucalib_cli.shown import without_secrets
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -65,7 +67,7 @@ class RemoteFile:
         self._has_ranges = True
 
     def __str__(self) -> str:
-        return without_secrets(self.address)
+        return without_secrets(re.sub(r"\s", "%20", self.address))
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} {self}>"
@@ -132,7 +134,7 @@ class RemoteFile:
             return self.head(most)
         if (self.size or 0) > most:
             raise InputError(f"{self} is too large, {in_bytes(self.size or 0)}: check the URL")
-        with tempfile.TemporaryFile() as file:
+        with self._on_disk(), tempfile.TemporaryFile() as file:
             self._copy_to(cast("BinaryIO", file), lambda _: None)
             file.seek(0)
             return file.read(most)
@@ -146,7 +148,8 @@ class RemoteFile:
         Raises:
             InputError: The file cannot be read, or the disk is full.
         """
-        folder = Path(tempfile.mkdtemp(prefix="imucalib-"))
+        with self._on_disk():
+            folder = Path(tempfile.mkdtemp(prefix="imucalib-"))
         self._discard = weakref.finalize(self, shutil.rmtree, folder, ignore_errors=True)
         self.copy = folder / self.name
         done = 0
@@ -158,17 +161,24 @@ class RemoteFile:
                 progress(min(done / self.size, 1.0))
 
         try:
-            with self.copy.open("wb") as file:
+            with self._on_disk(), self.copy.open("wb") as file:
                 self._copy_to(file, received)
-        except BaseException as error:
+        except BaseException:
             self.discard()
-            if isinstance(error, OSError):
-                raise InputError(
-                    f"{self} cannot be copied into {tempfile.gettempdir()}: {error.strerror}; free "
-                    "some space there or set TMPDIR"
-                ) from error
             raise
         return self.copy
+
+    @contextmanager
+    def _on_disk(self) -> Iterator[None]:
+        """What the disk has against a temporary file, as an InputError."""
+        try:
+            yield
+        except OSError as error:
+            # without a folder for temporary files there is no name of one
+            raise InputError(
+                f"{self} cannot be copied into the folder of temporary files: {error.strerror}; "
+                "free some space there or set TMPDIR"
+            ) from error
 
     def discard(self) -> None:
         """Remove the temporary copy."""
@@ -353,7 +363,10 @@ def path_or_url(text: str) -> Path | RemoteFile:
     if not is_url(text):
         return Path(text)
     if protocol_of(text) == "file":
-        return Path(unquote(urlsplit(text).path))
+        _, slash, path = re.split(r"[?#]", text.partition("://")[2])[0].partition("/")
+        if not slash:
+            raise InputError(f"{text} names no file: write file:///folder/log.mcap")
+        return Path(unquote(slash + path))
     return RemoteFile(text)
 
 

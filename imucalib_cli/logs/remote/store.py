@@ -6,7 +6,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, BinaryIO, Protocol
 
-from imucalib_cli.logs.remote.url import protocol_of, without_secrets
+from imucalib_cli.logs.remote.url import protocol_of
+from imucalib_cli.shown import without_secrets
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""URLs among the paths that users name, and what of them may be shown."""
+"""URLs among the paths that users name."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from urllib.parse import unquote
 _PROTOCOL = r"[A-Za-z][A-Za-z0-9+.-]+"
 _URL = re.compile(rf"(?:{_PROTOCOL}::)*{_PROTOCOL}://")
 """A letter alone is a drive of Windows; ``a::b://`` is a chain of fsspec."""
-_IN_TEXT = re.compile(r"://(?:[^/\s?#]*@)?([^\s?#]*)([?#]\S*)?")
 _LONGEST_NAME = 200
 """Bytes of a file's name: file systems allow 255."""
 
@@ -22,11 +21,6 @@ def is_url(text: str) -> bool:
 def protocol_of(url: str) -> str:
     """Of the first file system of a chain, in small letters."""
     return re.split(r"::|://", url, maxsplit=1)[0].lower()
-
-
-def without_secrets(text: str) -> str:
-    """A text whose URLs show neither user and password nor a query, where signatures are."""
-    return _IN_TEXT.sub(lambda found: f"://{found[1]}{'?…' if found[2] else ''}", text)
 
 
 def file_name(url: str) -> str:

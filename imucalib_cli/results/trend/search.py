@@ -34,6 +34,8 @@ _ROUNDS = 10
 _SAME = 0.01
 """Relative difference of two variances that part the recordings alike."""
 _STEPS = 50
+_TOLD = 1e-9
+"""Share of a recording's own variance, of what the fit leaves of it: less is rounding."""
 _SETTLED = 1e-3
 """Relative change of a variance that ends its iteration."""
 
@@ -191,6 +193,9 @@ def explained(series: Series, model: AnyModel) -> Explained[AnyModel]:
 
     Fisher's scoring in the variances of the two parts, each the same in all directions: a step
     along one direction does not pass for such a scatter, and a few recordings tell two numbers.
+    estimate/solution/between.py integrates over these two with a prior, for sigma has to be true of
+    two logs too; here partitions are compared, thousands of them, and the most likely value is
+    enough.
     """
     parts = np.eye(2)[series.parts]
     variances = np.zeros(2)
@@ -382,10 +387,17 @@ def _farthest_off(series: Series, weights: Floats, numbers: Indices, price: floa
 
 
 def _gain(series: Series, weights: Floats, mean: Floats, spread: Floats) -> Floats:
-    """(k,), by how much chi-squared falls without each recording."""
-    left = series.values - mean
-    information = np.linalg.inv(np.linalg.inv(weights) - spread)
-    return np.asarray(np.einsum("ki,kij,kj->k", left, information, left))
+    """(k,), by how much chi-squared falls without each recording.
+
+    Nothing along directions that no other recording tells: there the fit goes through it.
+    """
+    root = np.linalg.cholesky(weights)
+    left = np.einsum("kji,kj->ki", root, series.values - mean)
+    own = np.eye(series.values.shape[1]) - np.swapaxes(root, 1, 2) @ spread @ root
+    shares, axes = np.linalg.eigh(own)
+    along = np.einsum("kji,kj->ki", axes, left) ** 2
+    told = shares > _TOLD
+    return np.asarray((np.where(told, along, 0.0) / np.where(told, shares, 1.0)).sum(axis=1))
 
 
 def _cheapest_cuts(series: Series, weights: Floats, price: float) -> Indices:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections import Counter
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING
@@ -10,6 +12,7 @@ import numpy as np
 
 from imucalib_cli.digits import figures, sigma
 from imucalib_cli.estimate.checks.segments import DECISIVE
+from imucalib_cli.estimate.checks.stated import POSE_NAMES
 from imucalib_cli.findings import warning
 from imucalib_cli.results.bounds import chance_of_more
 from imucalib_cli.results.fields import instant, judgement
@@ -44,11 +47,14 @@ from imucalib_cli.results.trend.search import (
 )
 from imucalib_cli.results.trend.vectors import vectors_of
 from imucalib_cli.results.verdicts import tolerance_words, within_entry
+from imucalib_cli.shown import natural
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
+    from datetime import datetime
 
     from imucalib_cli.arrays import Floats, Indices
+    from imucalib_cli.findings import Finding
     from imucalib_cli.results.pose import UncertainPose
     from imucalib_cli.results.requirement import Tolerance
     from imucalib_cli.results.result import Result
@@ -61,6 +67,8 @@ _DAY = 86400.0
 """s."""
 _ROUNDING = 1e-9
 """Of a correlation: less is none, for what a file keeps of the digits."""
+_SHARED = 0.5
+"""s that parts of one log may share."""
 _SURE = 0.99
 """Probability from which the place of a change is told without a doubt."""
 
@@ -117,15 +125,18 @@ class _Seen:
     """That sigma alone makes the recordings as different as they are."""
 
 
-def trend(given: Sequence[Named], within: Tolerance | None = None) -> TrendAnswer:
+def trend(
+    given: Sequence[Named], within: Tolerance | None = None, since: datetime | None = None
+) -> TrendAnswer:
     """Decide whether the mount of one IMU moved over its recordings, and between which.
 
     Args:
         given: Results of the same parent, child and topic after the names of their files, at
             least one.
         within: How far a mount may move; None makes an alarm of every decisive change.
+        since: Recordings from before that count no more.
     """
-    used, left_out = _usable(given)
+    used, left_out = _usable(given, since)
     order: Order = "recording time"
     warnings = []
     times = np.arange(len(used), dtype=np.float64)
@@ -137,6 +148,7 @@ def trend(given: Sequence[Named], within: Tolerance | None = None) -> TrendAnswe
     else:
         used.sort(key=_key)
         times = np.array([_key(each)[0] / _DAY for each in used])
+        warnings += [each.message for each in _at_once(used)]
     _, first = given[0]
     place = f"{first.child} in {first.parent}"
     if len(used) > 1:
@@ -169,15 +181,41 @@ def trend(given: Sequence[Named], within: Tolerance | None = None) -> TrendAnswe
     )
 
 
-def _usable(given: Sequence[Named]) -> tuple[list[Named], list[UnusedResult]]:
+def _at_once(used: Sequence[Named]) -> Iterator[Finding]:
+    """Recordings in order that begin before an earlier one ends, as one mount has none."""
+    found = []
+    last, ends, begun = "", -math.inf, -math.inf
+    for name, result in used:
+        start = _key((name, result))[0]
+        if start < ends - _SHARED or start == begun:
+            found.append((last, name))
+        begun = start
+        recording = result.provenance.recording
+        end = start + (0.0 if recording is None else recording.duration)
+        if end > ends:
+            last, ends = name, end
+    if found:
+        first, second = found[0]
+        yield warning("trend.at_once", first=first, second=second, others=len(found) - 1)
+
+
+def _usable(
+    given: Sequence[Named], since: datetime | None
+) -> tuple[list[Named], list[UnusedResult]]:
     """Results that tell where the mount was, each log once; and why the others do not."""
     used: list[Named] = []
     left_out = []
+    usual = Counter(map(_held, (result for _, result in given if result.covariance is not None)))
+    held = usual.most_common(1)[0][0] if usual else ()
     logs: dict[tuple[str, ...], str] = {}
     for name, result in given:
         log = result.provenance.log_identity
         covariance = result.uncertain_pose.covariance
-        if result.diagnostics.combined is not None:
+        when = result.recorded_at
+        if since is not None and (when is None or when < since):
+            told = "when it was recorded is not known" if when is None else instant(when)
+            left_out.append(UnusedResult(name, f"before --since: {told}"))
+        elif result.diagnostics.combined is not None:
             left_out.append(UnusedResult(name, "it is of several recordings together"))
         elif result.status != "ok":
             left_out.append(UnusedResult(name, f"untrusted: {judgement(result)[1]}"))
@@ -188,8 +226,8 @@ def _usable(given: Sequence[Named]) -> tuple[list[Named], list[UnusedResult]]:
             left_out.append(UnusedResult(name, "all of its pose is held by --fix, not found"))
         elif not _is_regular(covariance):
             left_out.append(UnusedResult(name, "its covariance is singular"))
-        elif used and _held(result) != _held(used[0][1]):
-            left_out.append(UnusedResult(name, f"--fix holds others of its axes than {used[0][0]}"))
+        elif _held(result) != held:
+            left_out.append(UnusedResult(name, f"{_held_words(result)}, unlike most of the others"))
         elif log and log in logs:
             left_out.append(UnusedResult(name, f"it is of the same log as {logs[log]}"))
         else:
@@ -205,17 +243,22 @@ def _is_regular(covariance: Floats) -> bool:
     return bool(np.linalg.eigvalsh(scaled)[0] > _ROUNDING)
 
 
-def _held(result: Result) -> list[bool]:
+def _held(result: Result) -> tuple[bool, ...]:
     """Which components of the pose --fix holds."""
     covariance = np.array(result.covariance, dtype=np.float64)
-    return [bool(each) for each in np.diag(covariance) == 0.0]
+    return tuple(bool(each) for each in np.diag(covariance) == 0.0)
 
 
-def _key(named: Named) -> tuple[float, str]:
-    """When it was recorded, s; of two at once the name decides."""
+def _held_words(result: Result) -> str:
+    names = [name for name, held in zip(POSE_NAMES, _held(result), strict=True) if held]
+    return f"--fix holds {', '.join(names)}" if names else "--fix holds nothing of it"
+
+
+def _key(named: Named) -> tuple[float, list[tuple[int, str]]]:
+    """When it was recorded, s; of two at once the name decides, numbers in it as numbers."""
     name, result = named
     start = result.recorded_at
-    return (0.0 if start is None else start.timestamp()), name
+    return (0.0 if start is None else start.timestamp()), natural(name)
 
 
 def _seen(used: Sequence[Named], times: Floats) -> _Seen:

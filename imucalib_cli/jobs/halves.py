@@ -1,0 +1,165 @@
+"""Join the two halves of an IMU: accelerometer and gyroscope on topics of their own.
+
+Drivers such as realsense-ros publish each sensor as a sensor_msgs/Imu of its own rate, in which the
+other sensor is zero or NaN. The slower half is interpolated onto the stamps of the faster one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import product
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from imucalib_cli.errors import ChoiceError
+from imucalib_cli.findings import note
+from imucalib_cli.logs.select import without_sensor
+from imucalib_cli.signals.interpolate import lagrange
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from imucalib_cli.arrays import Floats
+    from imucalib_cli.findings import Finding
+    from imucalib_cli.jobs.request import CalibrationRequest
+    from imucalib_cli.logs.clock import Clock
+    from imucalib_cli.logs.log import LogData
+    from imucalib_cli.logs.streams import ImuStream
+    from imucalib_cli.signals.samples import Sensor
+
+_POINTS = 4
+"""Of the polynomial: what a line loses of a motion of 2 Hz, sampled at 60 Hz, is 0.3 %."""
+_GAP = 3.5
+"""Intervals of the slower half over which nothing is interpolated."""
+
+
+def joined(
+    data: LogData, clock: Clock, request: CalibrationRequest
+) -> tuple[LogData, tuple[Finding, ...]]:
+    """A log in which the halves of an IMU are one, called by the gyroscope's topic.
+
+    Two are halves of one IMU if the user says so; if their topics are called alike but for the name
+    of the sensor; or if no others are left.
+
+    Args:
+        data: As read.
+        clock: Of all streams.
+        request: The topics that the user names.
+
+    Returns:
+        The log, and a note on each pair.
+
+    Raises:
+        ChoiceError: A topic that the user names has no IMU.
+    """
+    imus = dict(data.imus)
+    pairs = _asked(imus, request) or _found(imus)
+    findings = []
+    for gyro, accel in pairs:
+        fast, slow = gyro, accel
+        if _rate(accel, clock) > _rate(gyro, clock):
+            fast, slow = accel, gyro
+        values = gyro.gyro if slow is gyro else accel.accel
+        rows, values = _at_stamps_of(fast, (slow, values), clock)
+        del imus[accel.name]
+        imus[gyro.name] = replace(
+            gyro,
+            header_ns=rows.header_ns,
+            log_ns=rows.log_ns,
+            accel_topic=accel.topic,
+            frame_id=gyro.frame_id or accel.frame_id,
+            gyro=rows.gyro if fast is gyro else values,
+            accel=rows.accel if fast is accel else values,
+        )
+        topics = {"gyro": gyro.name, "accel": accel.name, "fast": fast.name, "slow": slow.name}
+        findings.append(note("imu.joined", **topics, rate=_rate(fast, clock)))
+    return replace(data, imus=imus), tuple(findings)
+
+
+def _asked(
+    imus: dict[str, ImuStream], request: CalibrationRequest
+) -> list[tuple[ImuStream, ImuStream]]:
+    given = {"--gyro-topic": request.gyro_topics, "--accel-topic": request.accel_topics}
+    for option, names in given.items():
+        for name in names:
+            if name not in imus or not len(imus[name]):
+                listed = ", ".join(imus) or "none"
+                raise ChoiceError(
+                    f"{option} {name}: no such IMU; there are {listed}", option=option
+                )
+    pairs = zip(request.gyro_topics, request.accel_topics, strict=True)
+    return [(imus[gyro], imus[accel]) for gyro, accel in pairs]
+
+
+def _found(imus: dict[str, ImuStream]) -> list[tuple[ImuStream, ImuStream]]:
+    gyros, accels = (
+        [imu for imu in imus.values() if len(imu) and _is_alone(imu, sensor)]
+        for sensor in ("gyro", "accel")
+    )
+    pairs = [
+        (gyro, accel)
+        for gyro, accel in product(gyros, accels)
+        if without_sensor(gyro.topic) == without_sensor(accel.topic)
+    ]
+    if not pairs and len(gyros) == len(accels) == 1:
+        return [(gyros[0], accels[0])]
+    # a third of the same name makes it unclear
+    return [
+        pair
+        for pair in pairs
+        if sum(each[0] is pair[0] or each[1] is pair[1] for each in pairs) == 1
+    ]
+
+
+def _is_alone(imu: ImuStream, sensor: Sensor) -> bool:
+    """Whether this sensor has values and the other has none."""
+    other = imu.accel if sensor == "gyro" else imu.gyro
+    return bool((imu.gyro if sensor == "gyro" else imu.accel).any()) and not bool(other.any())
+
+
+def _at_stamps_of(
+    fast: ImuStream, half: tuple[ImuStream, Floats], clock: Clock
+) -> tuple[ImuStream, Floats]:
+    """Rows of the faster half that have the slower around them, and its values there."""
+    slow, values = half
+    t, first = np.unique(clock.seconds(slow), return_index=True)
+    at, steps = clock.seconds(fast), np.diff(t)
+    longest = _GAP * float(np.median(steps)) if len(steps) else 0.0
+    near = (at >= t[0]) & (at <= t[-1])
+    if len(steps):
+        near &= steps[np.clip(np.searchsorted(t, at), 1, len(steps)) - 1] <= longest
+    at = at[near]
+    breaks = 1 + np.flatnonzero(steps > longest)
+    kept = replace(
+        fast,
+        header_ns=fast.header_ns[near],
+        log_ns=fast.log_ns[near],
+        gyro=fast.gyro[near],
+        accel=fast.accel[near],
+    )
+    return kept, lagrange(t, values[first], at, points=_POINTS, breaks=breaks)
+
+
+def _rate(imu: ImuStream, clock: Clock) -> float:
+    """Samples a second."""
+    t = clock.seconds(imu)
+    span = float(t.max() - t.min()) if len(t) else 0.0
+    return (len(t) - 1) / span if span > 0.0 else 0.0
+
+
+def half_topics(request: CalibrationRequest) -> Sequence[str]:
+    """Topics of halves that the user names.
+
+    Raises:
+        ChoiceError: A half lacks its other, or is one of two IMUs.
+    """
+    if len(request.gyro_topics) != len(request.accel_topics):
+        raise ChoiceError(
+            "--gyro-topic and --accel-topic belong together: give the same number of each"
+        )
+    named = (*request.gyro_topics, *request.accel_topics)
+    twice = next((name for name in named if named.count(name) > 1), None)
+    if twice is not None:
+        raise ChoiceError(f"{twice} is named twice: --gyro-topic and --accel-topic take it once")
+    return named

@@ -1,0 +1,238 @@
+"""The fields of a message type by its definition: .msg, a JSON schema, descriptors of protobuf.
+
+Structs within structs are spelled out, with paths by dots. Nothing is named yet: see
+:mod:`.shapes`.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+from imucalib_cli.logs.messages import (
+    NUMBER_TYPES,
+    Header,
+    NumberList,
+    Numbers,
+    Stamp,
+    Structs,
+    Text,
+    Texts,
+    normalise_type,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from imucalib_cli.logs.messages import Field, NumberType
+
+_DEEPEST = 12
+_MOST_FIELDS = 5000
+"""Limits of what a definition, which may be damaged, spells out to."""
+_PRIMITIVES: dict[str, NumberType] = {
+    "float64": "f8",
+    "float32": "f4",
+    **{f"int{8 * int(each[1])}": each for each in NUMBER_TYPES if each[0] == "i"},
+    **{f"uint{8 * int(each[1])}": each for each in NUMBER_TYPES if each[0] == "u"},
+    "bool": "u1",
+    "byte": "u1",
+    "char": "u1",
+}
+_TIMES = frozenset({"time", "duration", "builtin_interfaces/Time", "builtin_interfaces/Duration"})
+_HEADERS = frozenset({"Header", "std_msgs/Header"})
+_TIME_PARTS = (
+    frozenset({"sec", "secs", "seconds"}),
+    frozenset({"nsec", "nanosec", "nsecs", "nanos"}),
+)
+"""Names of the parts of a time in JSON."""
+_FIELD = re.compile(
+    r"(?P<type>[A-Za-z][\w/]*)(?:<=\d+)?(?P<array>\[(?:<=)?\d*\])?\s+(?P<name>[A-Za-z]\w*)(?P<more>.*)"
+)
+
+
+class DefinitionError(Exception):
+    """A definition that cannot be read."""
+
+
+def fields_of(type_name: str, encoding: str, definition: str) -> tuple[Field, ...]:
+    """The fields of a type, unnamed.
+
+    Args:
+        type_name: Such as sensor_msgs/Imu.
+        encoding: Of its messages: ``cdr``, ``ros1``, ``json`` or ``protobuf``.
+        definition: As a log embeds it.
+
+    Raises:
+        DefinitionError: It cannot be read, or the package that reads it is not installed.
+    """
+    spell = {"json": _of_json, "protobuf": _of_protobuf}.get(encoding, _of_msg)
+    return spell(type_name, definition, _Spelling(is_cdr=encoding == "cdr"))
+
+
+@dataclass
+class _Spelling:
+    """What has been spelled out, to end a definition without end."""
+
+    is_cdr: bool
+    count: int = 0
+    structs: dict[str, list[tuple[str, str, str]]] = field(default_factory=dict)
+    """Type, array and name of the fields of each type."""
+
+    def counted(self, fields: tuple[Field, ...], depth: int) -> tuple[Field, ...]:
+        """The same fields, unless they are too many."""
+        self.count += len(fields)
+        if depth > _DEEPEST or self.count > _MOST_FIELDS:
+            raise DefinitionError("the definition is too large")
+        return fields
+
+
+def _of_msg(type_name: str, definition: str, spelling: _Spelling) -> tuple[Field, ...]:
+    first, *others = re.split(r"^=+[ \t\r]*\n", definition, flags=re.MULTILINE)
+    spelling.structs[type_name] = list(_lines(first))
+    for other in others:
+        head, _, rest = other.partition("\n")
+        spelling.structs[normalise_type(head.removeprefix("MSG:").strip())] = list(_lines(rest))
+    return _msg_struct(type_name, "", spelling, 0)
+
+
+def _lines(text: str) -> Iterator[tuple[str, str, str]]:
+    for line in text.splitlines():
+        told = line.partition("#")[0].strip()
+        known = _FIELD.fullmatch(told)
+        if known is None:
+            if told and "=" not in told:
+                raise DefinitionError(f"'{told}' is no field")
+        elif not known["more"].lstrip().startswith("="):  # else a constant
+            yield normalise_type(known["type"]), known["array"] or "", known["name"]
+
+
+def _msg_struct(type_name: str, prefix: str, spelling: _Spelling, depth: int) -> tuple[Field, ...]:
+    if type_name not in spelling.structs:
+        raise DefinitionError(f"{type_name} is not defined")
+    package = type_name.rpartition("/")[0]
+    fields: list[Field] = []
+    for kind, array, name in spelling.structs[type_name]:
+        path = f"{prefix}{name}"
+        full = kind if "/" in kind or kind in _PRIMITIVES else f"{package}/{kind}"
+        count = int(array[1:-1]) if array[1:-1].isdigit() else None
+        one = _msg_leaf(kind, path, count or 1)
+        if not array or (one is not None and isinstance(one, Numbers) and count is not None):
+            fields += [one] if one else _msg_struct(full, f"{path}.", spelling, depth + 1)
+        elif isinstance(one, Numbers):
+            fields.append(NumberList(path, type=one.type))
+        elif isinstance(one, Text) and count is None:
+            fields.append(Texts(path, name=""))
+        else:
+            structs = _msg_struct(full, "", spelling, depth + 1) if one is None else ()
+            inner = structs if one is None else (replace(one, path=""),)
+            if not inner or count == 0:  # nothing would end a sequence of nothing
+                raise DefinitionError(f"{path} has elements without bytes")
+            fields.append(Structs(path, inner, count))
+        spelling.counted((), depth)
+    if not fields and spelling.is_cdr:  # a struct without fields has one byte on the wire
+        fields.append(Numbers(f"{prefix}structure_needs_at_least_one_member", 1, type="u1"))
+    return spelling.counted(tuple(fields), depth)
+
+
+def _msg_leaf(kind: str, path: str, count: int) -> Header | Stamp | Text | Numbers | None:
+    """A field that is no struct to be spelled out."""
+    if kind in _PRIMITIVES:
+        return Numbers(path, count, type=_PRIMITIVES[kind])
+    if kind in _HEADERS:
+        return Header(path, is_stamp=False)
+    if kind in _TIMES:
+        return Stamp(path, is_stamp=False)
+    if kind == "string":
+        return Text(path, name="", is_name=False)
+    if kind == "wstring":
+        raise DefinitionError("wstring cannot be read")
+    return None
+
+
+def _of_json(_: str, definition: str, spelling: _Spelling) -> tuple[Field, ...]:
+    try:
+        schema = json.loads(definition or "{}")
+    except (ValueError, RecursionError) as error:
+        raise DefinitionError("no JSON schema") from error
+    return _json_struct(schema, schema, "", spelling, 0)
+
+
+def _json_struct(
+    schema: Any, whole: Any, prefix: str, spelling: _Spelling, depth: int
+) -> tuple[Field, ...]:
+    properties = schema.get("properties") if isinstance(schema, dict) else None
+    if not isinstance(properties, dict):
+        return ()
+    fields: list[Field] = []
+    for name, told in properties.items():
+        path, described = f"{prefix}{name}", _referred(told, whole)
+        kind = described.get("type")
+        if kind == "object":
+            parts = described.get("properties") or {}
+            if all(set(parts) & each for each in _TIME_PARTS):
+                fields.append(Stamp(path, is_stamp=False))
+            else:
+                fields += _json_struct(described, whole, f"{path}.", spelling, depth + 1)
+        elif kind == "array":
+            items = _referred(described.get("items"), whole)
+            if items.get("type") == "object":
+                inner = _json_struct(items, whole, "", spelling, depth + 1)
+                fields.append(Structs(path, inner))
+            elif items.get("type") == "string":
+                fields.append(Texts(path, name=""))
+            else:
+                fields.append(NumberList(path))
+        elif kind == "string":
+            fields.append(Text(path, name=""))
+        elif kind in {"number", "integer"}:
+            fields.append(Numbers(path, 1))
+    return spelling.counted(tuple(fields), depth)
+
+
+def _referred(told: Any, whole: Any) -> dict[str, Any]:
+    """A schema, or the one within the whole that it refers to."""
+    if not isinstance(told, dict):
+        return {}
+    reference = told.get("$ref")
+    if not isinstance(reference, str):
+        return told
+    found = whole
+    for name in reference.removeprefix("#").strip("/").split("/"):
+        found = found.get(name) if isinstance(found, dict) else None
+    return found if isinstance(found, dict) else {}
+
+
+def _of_protobuf(type_name: str, definition: str, spelling: _Spelling) -> tuple[Field, ...]:
+    from imucalib_cli.logs.protobuf import message_class
+
+    return _protobuf_struct(message_class(type_name, definition).DESCRIPTOR, "", spelling, 0)
+
+
+def _protobuf_struct(
+    descriptor: Any, prefix: str, spelling: _Spelling, depth: int
+) -> tuple[Field, ...]:
+    fields: list[Field] = []
+    for each in descriptor.fields:
+        path, inner = f"{prefix}{each.name}", each.message_type
+        if each.is_repeated if hasattr(each, "is_repeated") else each.label == each.LABEL_REPEATED:
+            if inner is not None:
+                structs = _protobuf_struct(inner, "", spelling, depth + 1)
+                fields.append(Structs(path, structs))
+            else:
+                is_text = each.cpp_type == each.CPPTYPE_STRING
+                fields.append(Texts(path, name="") if is_text else NumberList(path))
+        elif inner is not None and inner.full_name.startswith("google.protobuf."):
+            fields.append(Stamp(path, is_stamp=False))
+        elif inner is not None:
+            parts = {part.name for part in inner.fields}
+            if len(parts) == 2 and all(parts & names for names in _TIME_PARTS):
+                fields.append(Stamp(path, is_stamp=False))
+            else:
+                fields += _protobuf_struct(inner, f"{path}.", spelling, depth + 1)
+        elif each.cpp_type == each.CPPTYPE_STRING:
+            fields.append(Text(path, name=""))
+        else:
+            fields.append(Numbers(path, 1))
+    return spelling.counted(tuple(fields), depth)

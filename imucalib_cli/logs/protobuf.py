@@ -1,0 +1,55 @@
+"""Classes of protobuf messages by the descriptors that a log embeds."""
+
+from __future__ import annotations
+
+from functools import cache
+from importlib.util import find_spec
+from typing import Any
+
+from imucalib_cli.optional import optional
+
+EXTRA = "pip install 'imucalib[protobuf]'"
+
+
+def is_installed() -> bool:
+    """Whether messages in protobuf can be read."""
+    try:
+        return find_spec("google.protobuf") is not None
+    except ModuleNotFoundError:
+        return False
+
+
+@cache
+def message_class(type_name: str, definition: str) -> Any:
+    """The class of a type.
+
+    Args:
+        type_name: Such as foxglove.FrameTransform.
+        definition: A FileDescriptorSet, a character a byte.
+
+    Raises:
+        InputError: protobuf is not installed.
+        Exception: Of many kinds: the descriptors are damaged.
+    """
+    descriptors = optional(
+        "google.protobuf.descriptor_pb2", "messages in protobuf need", "protobuf"
+    )
+    pools = optional("google.protobuf.descriptor_pool", "messages in protobuf need", "protobuf")
+    classes = optional("google.protobuf.message_factory", "messages in protobuf need", "protobuf")
+    files = {
+        each.name: each
+        for each in descriptors.FileDescriptorSet.FromString(definition.encode("latin-1")).file
+    }
+    pool = pools.DescriptorPool()
+
+    def add(name: str) -> None:
+        """Add a file after those that it builds on."""
+        file = files.pop(name, None)
+        if file is not None:
+            for needed in file.dependency:
+                add(needed)
+            pool.AddSerializedFile(file.SerializeToString())
+
+    while files:
+        add(next(iter(files)))
+    return classes.GetMessageClass(pool.FindMessageTypeByName(type_name))

@@ -1,0 +1,399 @@
+"""What a message type is, by the shape of its fields, where it is not in the table of types.
+
+A message with names and as many positions tells joints, whatever its type is called; one with an
+angular velocity and a linear acceleration tells an IMU. :data:`_SHAPES` has the paths that are
+looked for. The same goes for messages in JSON and protobuf.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+from imucalib_cli.logs import definitions
+from imucalib_cli.logs.messages import (
+    MESSAGE_TYPES,
+    Header,
+    Interfaces,
+    MessageType,
+    NumberList,
+    Numbers,
+    Repeat,
+    Stamp,
+    Structs,
+    Text,
+    Texts,
+    Tick,
+    motors,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from imucalib_cli.logs.columns import JointColumns
+    from imucalib_cli.logs.messages import Field, Kind
+
+Fields = tuple["Field", ...]
+BINARY = frozenset({"cdr", "ros1"})
+"""Encodings whose fields have places; of the others the fields have names."""
+_ENCODINGS = BINARY | {"json", "protobuf"}
+"""Encodings that can be decoded, beside ``text``: the format's reader provides numbers itself."""
+
+
+@dataclass(frozen=True)
+class _Shape:
+    """Fields that make a message one of a kind."""
+
+    kind: Kind
+    rank: int
+    takes: Mapping[str, str]
+    """Path of each text and numbers that are taken."""
+    needs: tuple[str, ...] = ()
+    """Further fields that it is known by."""
+    texts: Mapping[str, str | tuple[str, ...]] = field(default_factory=dict)
+    is_tf: bool = False
+
+
+def _pose(parent: str, child: str, position: str, orientation: str) -> dict[str, str]:
+    took = {"frame_id": parent, "child_frame_id": child}
+    took |= {"position": position, "quaternion": orientation}
+    return {name: path for name, path in took.items() if path}
+
+
+_SHAPES = (
+    *(
+        _Shape("imu", 1, {"gyro": gyro, "accel": accel})
+        for gyro, accel in (
+            ("angular_velocity", "linear_acceleration"),
+            ("imu_state.gyroscope", "imu_state.accelerometer"),
+            ("gyroscope", "accelerometer"),
+            ("gyro", "accel"),
+        )
+    ),
+    *(
+        _Shape("joints", rank, {"name": f"{part}{names}", "position": f"{part}{positions}"})
+        for rank, part, positions in (
+            (1, "", "position"),
+            (1, "", "positions"),
+            (1, "joint_state.", "position"),
+            (1, "measured_joint_state.", "position"),
+            (2, "", "feedback.positions"),
+            (2, "", "actual.positions"),
+        )
+        for names in ("name", "names", "joint_names")
+    ),
+    # franka_msgs/FrankaState; robots differ in what they put before these names
+    _Shape(
+        "joints",
+        1,
+        {"position": "q"},
+        needs=("q_d", "tau_J", "O_T_EE"),
+        texts={"name": tuple(f"joint{number}" for number in range(1, 8))},
+    ),
+    # foxglove.FrameTransform and PoseInFrame
+    _Shape(
+        "pose",
+        1,
+        _pose("parent_frame_id", "child_frame_id", "translation", "rotation"),
+        is_tf=True,
+    ),
+    _Shape("pose", 1, _pose("frame_id", "", "pose.position", "pose.orientation")),
+    # the twins of geometry_msgs and nav_msgs
+    *(
+        _Shape("pose", 1, _pose(f"header{frame}", child, position, orientation))
+        for frame in (".frame_id", "")
+        for child, position, orientation in (
+            ("child_frame_id", "transform.translation", "transform.rotation"),
+            ("child_frame_id", "pose.pose.position", "pose.pose.orientation"),
+            ("", "pose.pose.position", "pose.pose.orientation"),
+            ("", "pose.position", "pose.orientation"),
+        )
+    ),
+)
+"""In the order in which they are tried; of a kind the first that fits counts."""
+_STAMPS = ("header", "header.stamp", "timestamp", "stamp", "time")
+_FRAMES = ("header.frame_id", "frame_id")
+_STAMPED = (Header, Stamp)
+_MOTORS = "motor_state"
+_AXES = {"gyro": "xyz", "accel": "xyz", "position": "xyz", "quaternion": "xyzw"}
+_FOXGLOVE_POSE = (Stamp("timestamp", is_stamp=False), Text("frame_id", name=""))
+_FOXGLOVE_TRANSFORM: Fields = (
+    Stamp("timestamp", is_stamp=False),
+    Text("parent_frame_id", name=""),
+    Text("child_frame_id", name=""),
+    *(Numbers(f"translation.{axis}", 1) for axis in "xyz"),
+    *(Numbers(f"rotation.{axis}", 1) for axis in "xyzw"),
+)
+_FOXGLOVE: dict[str, Fields] = {
+    "foxglove.FrameTransform": _FOXGLOVE_TRANSFORM,
+    "foxglove.FrameTransforms": (Structs("transforms", _FOXGLOVE_TRANSFORM),),
+    "foxglove.PoseInFrame": (
+        *_FOXGLOVE_POSE,
+        *(Numbers(f"pose.position.{axis}", 1) for axis in "xyz"),
+        *(Numbers(f"pose.orientation.{axis}", 1) for axis in "xyzw"),
+    ),
+}
+"""Fields of types in JSON whose schema a log may lack."""
+
+
+@lru_cache(maxsize=1024)
+def reading_of(
+    type_name: str, encoding: str, definition: str, columns: JointColumns | None = None
+) -> MessageType | None:
+    """How messages of a type are read; None if they cannot be.
+
+    Args:
+        type_name: Without ``/msg/``.
+        encoding: Of the messages.
+        definition: As the log embeds it; empty if it does not.
+        columns: Which of its numbers are joints, if the user says so.
+    """
+    known = MESSAGE_TYPES.get(type_name)
+    if encoding == "text":
+        return known
+    if encoding not in _ENCODINGS:
+        return None
+    if known is None or encoding not in BINARY:
+        fields = _fields(type_name, encoding, definition)
+        known = _recognised(fields, is_binary=encoding in BINARY) or (
+            None if encoding == "protobuf" else known
+        )
+    if columns is None:
+        return known
+    fields = _all_fields(type_name, encoding, definition)
+    return _with_columns(known, fields, columns, is_binary=encoding in BINARY)
+
+
+def numbers_of(type_name: str, encoding: str, definition: str) -> tuple[str, ...]:
+    """Paths of all numbers in messages of a type, at most some."""
+    leaves = _leaves(_all_fields(type_name, encoding, definition))
+    return tuple(path for path, each in leaves if isinstance(each, (Numbers, NumberList)))
+
+
+def _all_fields(type_name: str, encoding: str, definition: str) -> Fields:
+    known = MESSAGE_TYPES.get(type_name) if encoding in BINARY else None
+    if known is not None:
+        return known.fields
+    return _fields(type_name, encoding, definition or _standard(type_name, encoding))
+
+
+def _fields(type_name: str, encoding: str, definition: str) -> Fields:
+    if not definition:
+        return _FOXGLOVE.get(type_name, ()) if encoding == "json" else ()
+    try:
+        fields = definitions.fields_of(type_name, encoding, definition)
+    # descriptors of protobuf, which may be damaged or need a package, raise anything
+    except Exception:  # noqa: BLE001
+        return ()
+    return fields or (_FOXGLOVE.get(type_name, ()) if encoding == "json" else ())
+
+
+def _standard(type_name: str, encoding: str) -> str:
+    """The definition of a type that comes with ROS; empty for others."""
+    if encoding not in BINARY:
+        return ""
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS1_NOETIC if encoding == "ros1" else Stores.ROS2_HUMBLE)
+    full_name = type_name.replace("/", "/msg/")
+    if full_name not in store.fielddefs:
+        return ""
+    return store.generate_msgdef(full_name, ros_version=1 if encoding == "ros1" else 2)[0]
+
+
+@dataclass
+class _Found:
+    """What the fields of a message tell."""
+
+    kinds: dict[Kind, int]
+    names: dict[str, str]
+    """Of the fields that are taken, by path."""
+    texts: dict[str, str | tuple[str, ...]]
+    is_tf: bool = False
+
+
+def _recognised(fields: Fields, *, is_binary: bool) -> MessageType | None:
+    match fields:
+        case (Structs(path, inner, None),):
+            one = _recognised(inner, is_binary=is_binary)
+            if one is None or "pose" not in one.kinds or one.texts.get("frame_id") == "":
+                return None
+            return MessageType(one.kinds, (Repeat(path, one.fields),), is_tf=True)
+    at = {each.path: each for each in fields}
+    found = _found(at)
+    if "joints" not in found.kinds:
+        at = _with_joints_of_structs(at, found)
+    if not found.kinds:
+        return None
+    stamp = _stamp_of(at)
+    if "frame_id" not in found.names.values() and not isinstance(at.get(stamp), Header):
+        frames = (path for path in _FRAMES if isinstance(at.get(path), Text))
+        frame = next(frames, "")
+        found.names |= {frame: "frame_id"} if frame else {}
+        found.texts |= {} if frame else {"frame_id": ""}
+    named = tuple(_named(each, found.names, stamp, "") for each in at.values())
+    named = named if stamp else _with_other_stamp(named)
+    named = named if is_binary else _in_order(named, found.names)
+    return MessageType(found.kinds, named, found.texts, is_tf=found.is_tf)
+
+
+def _found(at: Mapping[str, Field]) -> _Found:
+    """The first shape of each kind that fits."""
+    told = _Found({}, {}, {})
+    for shape in _SHAPES:
+        names = None if shape.kind in told.kinds else _fit(shape, at)
+        if names is not None:
+            told.names |= names
+            told.kinds[shape.kind] = shape.rank
+            told.texts |= shape.texts
+            told.is_tf |= shape.is_tf
+    return told
+
+
+def _stamp_of(at: Mapping[str, Field]) -> str:
+    """Path of the stamp; empty if there is none."""
+    return next((path for path in _STAMPS if isinstance(at.get(path), _STAMPED)), "")
+
+
+def _fit(shape: _Shape, at: Mapping[str, Field]) -> dict[str, str] | None:
+    """Names of the fields that a shape takes, by path; None if it does not fit."""
+    if not all(path in at for path in shape.needs):
+        return None
+    found: dict[str, str] = {}
+    for name, path in shape.takes.items():
+        taken = _places(name, path, at, vectors=shape.kind != "joints")
+        if taken is None:
+            return None
+        found |= dict.fromkeys(taken, name)
+    return found
+
+
+def _places(
+    name: str, path: str, at: Mapping[str, Field], *, vectors: bool
+) -> Sequence[str] | None:
+    """Paths of the fields that hold something; None if they are not there."""
+    axes = [f"{path}.{axis}" for axis in _AXES.get(name, "")] if vectors else []
+    match at.get(path):
+        case Header() if name == "frame_id":
+            return ()
+        case None if axes and all(isinstance(at.get(each), Numbers) for each in axes):
+            return axes
+        case Text() if name in {"frame_id", "child_frame_id"}:
+            pass
+        case Texts() if name == "name":
+            pass
+        case Numbers(_, count) if not vectors or count == len(axes):
+            pass
+        case NumberList() if not vectors:
+            pass
+        case _:
+            return None
+    return (path,)
+
+
+def _with_joints_of_structs(at: dict[str, Field], found: _Found) -> dict[str, Field]:
+    """Find joints of control_msgs/DynamicJointState, or of motors that have numbers alone."""
+    match at.get("joint_names"), at.get("interface_values"):
+        case Texts(), Structs(path, (Texts(names), NumberList(values, _, "f8")), None):
+            found.names["joint_names"] = "name"
+            found.kinds["joints"] = 1
+            return {**at, path: Interfaces(path, names, values)}
+    match at.get(_MOTORS):
+        case Structs(path, inner, int(count)) if any(
+            isinstance(each, Numbers) and (each.path, each.count) == ("q", 1) for each in inner
+        ):
+            found.names[f"{path}.q"] = "position"
+            found.texts |= motors(count)
+            found.kinds["joints"] = 1
+    return at
+
+
+def _named(each: Field, names: Mapping[str, str], stamp: str, prefix: str) -> Field:
+    """A field with the name under which it is taken, if it is."""
+    path = f"{prefix}{each.path}"
+    match each:
+        case Header() | Stamp():
+            return replace(each, is_stamp=path == stamp)
+        case Text() | Texts() | Numbers() | NumberList():
+            return replace(each, name=names.get(path, ""))
+        case Structs(_, inner):
+            return replace(
+                each, fields=tuple(_named(part, names, stamp, f"{path}.") for part in inner)
+            )
+    return each
+
+
+def _with_other_stamp(fields: Fields) -> Fields:
+    """A stamp of a struct of one's own, or a counter of ms, where there is no other."""
+    for number, (one, two) in enumerate(pairwise(fields)):
+        match one, two:
+            case Numbers(first, 1, "", "i4" | "u4"), Numbers(second, 1, "", "u4"):
+                path = first.rpartition(".")[0]
+                if path in _STAMPS and {first, second} == {f"{path}.sec", f"{path}.nanosec"}:
+                    return (*fields[:number], Stamp(path), *fields[number + 2 :])
+    return tuple(
+        Tick(each.path)
+        if isinstance(each, Numbers) and (each.path, each.count, each.type) == ("tick", 1, "u4")
+        else each
+        for each in fields
+    )
+
+
+def _in_order(fields: Fields, names: Mapping[str, str]) -> Fields:
+    """Fields that are taken, axes in their order: a schema may have them in any other."""
+    order = {path: number for number, path in enumerate(names)}
+    taken = [each for each in fields if each.path in order or isinstance(each, (Stamp, Tick))]
+    return tuple(sorted(taken, key=lambda each: order.get(each.path, -1)))
+
+
+def _leaves(fields: Sequence[Field], prefix: str = "") -> Iterator[tuple[str, Field]]:
+    for each in fields:
+        path = f"{prefix}{each.path}"
+        if isinstance(each, Structs):
+            yield from _leaves(each.fields, f"{path}.")
+        else:
+            yield path, each
+
+
+def _with_columns(
+    known: MessageType | None, fields: Fields, columns: JointColumns, *, is_binary: bool
+) -> MessageType | None:
+    """Take the joints from where the user says; None if the message has no such numbers.
+
+    Args:
+        known: How the message is read else; what it tells of an IMU stays.
+        fields: All of its fields.
+        columns: What the user says.
+        is_binary: Whether fields have places.
+    """
+    leaves = dict(_leaves(fields))
+    if not isinstance(leaves.get(columns.path), (Numbers, NumberList)):
+        return None
+    if known is None or "imu" not in known.kinds:
+        stamp = _stamp_of(leaves)
+        plain = tuple(_named(each, {}, stamp, "") for each in fields)
+        plain = plain if stamp else _with_other_stamp(plain)
+        known = MessageType({}, plain if is_binary else _in_order(plain, {}), {})
+    kept = tuple(_without_joints(each, columns.path, "") for each in known.fields)
+    if not is_binary:
+        kept = (*kept, NumberList(columns.path, "position"))
+    kinds: dict[Kind, int] = {"joints": 0}
+    kinds |= {"imu": known.kinds["imu"]} if "imu" in known.kinds else {}
+    texts = {"frame_id": "", **known.texts, "name": columns.names}
+    return MessageType(kinds, kept, texts, frames=known.frames, columns=columns)
+
+
+def _without_joints(each: Field, taken: str, prefix: str) -> Field:
+    """A field that is no joints, unless it is the one that is taken."""
+    path = f"{prefix}{each.path}"
+    match each:
+        case Structs(_, inner):
+            fields = tuple(_without_joints(part, taken, f"{path}.") for part in inner)
+            return replace(each, fields=fields)
+        case Numbers() | NumberList() if path == taken:
+            return replace(each, name="position")
+        case Numbers() | NumberList() | Texts() if each.name in {None, "name", "position"}:
+            return replace(each, name="")
+    return each

@@ -1,0 +1,54 @@
+"""Packages that a xacro names by $(find PACKAGE), with and without ROS."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from contextlib import contextmanager, suppress
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+_ASKED = ("ament_index_python", "ament_index_python.packages")
+"""Modules of ROS that xacro imports to find a package."""
+
+
+@contextmanager
+def packages_near(path: Path) -> Iterator[list[str]]:
+    """Let xacro find packages that are not installed in the folders above a file, or beside those.
+
+    So lies a package in the sources of a workspace.
+
+    Yields:
+        Names of packages that are not found either way; empty at first.
+    """
+    missing: list[str] = []
+    with suppress(ImportError):
+        importlib.import_module(_ASKED[1])
+    before = {name: sys.modules.pop(name, None) for name in _ASKED}
+    installed: Any = before[_ASKED[1]]
+
+    def get_package_share_directory(package: str) -> str:
+        with suppress(LookupError):  # of ROS, for a package that it does not know
+            if installed is not None:
+                return str(installed.get_package_share_directory(package))
+        for folder in path.resolve().parents:
+            for place in (folder, folder / package):
+                if place.name == package and place.is_dir():
+                    return str(place)
+        missing.append(package)
+        raise LookupError(package)
+
+    modules: dict[str, Any] = {name: ModuleType(name) for name in _ASKED}
+    modules[_ASKED[1]].get_package_share_directory = get_package_share_directory
+    sys.modules.update(modules)
+    try:
+        yield missing
+    finally:
+        for name, module in before.items():
+            del sys.modules[name]
+            if module is not None:
+                sys.modules[name] = module

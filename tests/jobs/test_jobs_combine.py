@@ -1,0 +1,121 @@
+"""Several logs of one mount, solved together: what they tell, and which of them are missing."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from msgspec import structs
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
+
+from imucalib_cli.errors import UntrustedError
+from imucalib_cli.jobs.calibrate import calibrate
+from imucalib_cli.jobs.combine import calibrate_together, combine
+from imucalib_cli.jobs.request import CalibrationRequest
+from imucalib_cli.results.result import FindingEntry
+from imucalib_cli.results.statistics_file import StoredLog
+from imucalib_cli.simulate.load import load_grade, load_system
+from imucalib_cli.simulate.noise import corrupt
+from imucalib_cli.simulate.options import PhysicsOptions
+from imucalib_cli.simulate.physics import record
+from imucalib_cli.simulate.urdf import urdf_text
+from imucalib_cli.simulate.write_log import write_log
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from imucalib_cli.estimate.options import MatchedOptions
+
+ARM = "rihibot"
+TRUE_T, TRUE_RPY = np.array([-0.0225, 0.1, 0.0]), (np.pi, 0.0, np.pi / 2.0)
+"""Of the IMU in its link, as the simulation mounts it."""
+
+
+def as_it_was(options: MatchedOptions) -> MatchedOptions:
+    return options
+
+
+@pytest.fixture(scope="module")
+def request_of_three(tmp_path_factory: pytest.TempPathFactory) -> CalibrationRequest:
+    """Recordings of one arm that differ by their noise."""
+    folder: Path = tmp_path_factory.mktemp("together")
+    physics = PhysicsOptions(
+        duration=15.0, imu_rate=100, robot_rate=100, mount_xyz=tuple(TRUE_T), mount_rpy=TRUE_RPY
+    )
+    clean = record(load_system(ARM), physics)
+    urdf = folder / "robot.urdf"
+    urdf.write_text(urdf_text(load_system(ARM)))
+    logs = [folder / f"log{seed}.mcap" for seed in (1, 2, 3)]
+    for seed, log in enumerate(logs, 1):
+        write_log(corrupt(clean, load_grade("industrial"), seed=seed), log)
+    return CalibrationRequest(logs=tuple(logs), urdf=urdf)
+
+
+@pytest.fixture(scope="module")
+def logs(request_of_three: CalibrationRequest) -> list[StoredLog]:
+    found = []
+    for path in request_of_three.logs:
+        (each,) = calibrate(replace(request_of_three, logs=(path,))).calibrated
+        assert each.estimate.statistics is not None
+        found.append(
+            StoredLog(name=path.name, result=each.result, statistics=each.estimate.statistics)
+        )
+    return found
+
+
+def codes(result: object) -> set[str]:
+    return {each.code for each in result.diagnostics.findings}  # type: ignore[attr-defined]
+
+
+def test_the_common_pose_is_true_within_its_sigma(logs: list[StoredLog]) -> None:
+    (result,), failures = combine(logs, as_it_was)
+    assert not failures
+    assert result.status == "ok"
+    pose = result.uncertain_pose
+    turn = Rotation.from_matrix(pose.R) * Rotation.from_euler("xyz", TRUE_RPY).inv()
+    off = np.concatenate([pose.t - TRUE_T, turn.as_rotvec()])
+    assert off @ np.linalg.solve(np.asarray(pose.covariance), off) < chi2.isf(1e-4, 6)
+    assert result.diagnostics.combined is not None
+    assert [each.name for each in result.diagnostics.combined.logs] == [log.name for log in logs]
+    assert len(result.provenance.files) == 3
+
+
+def test_the_order_of_the_logs_does_not_matter(logs: list[StoredLog]) -> None:
+    (result,), _ = combine(logs, as_it_was)
+    (other,), _ = combine(logs[::-1], as_it_was)
+    a, b = result.uncertain_pose, other.uncertain_pose
+    np.testing.assert_allclose(a.t, b.t, atol=1e-7)
+    one, same = np.asarray(a.covariance), np.asarray(b.covariance)
+    np.testing.assert_allclose(one, same, rtol=1e-3, atol=1e-14)
+
+
+def test_a_copy_counts_once_and_an_untrusted_log_is_left_out(logs: list[StoredLog]) -> None:
+    copy = replace(logs[0], name="copy")
+    wrong = _untrusted(logs[2])
+    (result,), _ = combine([logs[0], copy, logs[1], wrong], as_it_was)
+    assert {"logs.twice", "logs.left_out", "logs.few"} <= codes(result)
+    assert result.diagnostics.combined is not None
+    assert [each.name for each in result.diagnostics.combined.left_out] == [wrong.name]
+    _, (failure,) = combine([_untrusted(log) for log in logs], as_it_was)
+    assert isinstance(failure, UntrustedError)
+
+
+def test_logs_that_give_nothing_are_told_in_the_result(
+    request_of_three: CalibrationRequest, tmp_path: Path
+) -> None:
+    empty = tmp_path / "empty.mcap"
+    empty.write_bytes(b"")
+    first = request_of_three.logs[0]
+    (result,), (failure,) = calibrate_together(replace(request_of_three, logs=(first, empty)))
+    assert "empty.mcap is empty" in str(failure)
+    (found,) = (each for each in result.diagnostics.findings if each.code == "logs.missing")
+    assert (found.values["missing"], found.values["logs"], found.values["used"]) == (1, 2, 1)
+
+
+def _untrusted(log: StoredLog) -> StoredLog:
+    said = FindingEntry("text", "untrusted", {"text": "loose"}, "loose")
+    diagnostics = structs.replace(log.result.diagnostics, findings=[said], distrust=["loose"])
+    return replace(log, result=structs.replace(log.result, diagnostics=diagnostics))

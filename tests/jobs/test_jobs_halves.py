@@ -1,0 +1,99 @@
+"""Which halves are one IMU, and what is interpolated."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from imucalib_cli.errors import ChoiceError
+from imucalib_cli.jobs.halves import half_topics, joined
+from imucalib_cli.jobs.request import CalibrationRequest
+from imucalib_cli.logs.clock import choose_clock
+from imucalib_cli.logs.log import LogData
+from imucalib_cli.logs.streams import ImuStream
+
+START_NS = 1_700_000_000_000_000_000
+ASKED = CalibrationRequest(logs=())
+
+
+def wave(t: Any) -> Any:
+    """Three sines of a hertz, 2 of amplitude."""
+    return 2.0 * np.sin(2.0 * np.pi * np.asarray(t)[:, None] + np.arange(3.0))
+
+
+def imu(topic: str, rate: float, sensors: str, *, shift: float = 0.0, frame: str = "") -> ImuStream:
+    t = np.arange(shift, 10.0, 1.0 / rate)
+    ns = START_NS + np.round(t * 1e9).astype(np.int64)
+    none = np.zeros((len(t), 3))
+    return ImuStream(
+        topic=topic,
+        header_ns=ns,
+        log_ns=ns + 1000,
+        frame_id=frame,
+        gyro=wave(t) if "g" in sensors else none,
+        accel=wave(t) + 9.0 if "a" in sensors else none,
+    )
+
+
+def join(*imus: ImuStream, request: CalibrationRequest = ASKED) -> dict[str, ImuStream]:
+    data = LogData(imus={each.name: each for each in imus})
+    return joined(data, choose_clock(list(imus)), request)[0].imus
+
+
+def test_the_slower_half_is_interpolated_onto_the_faster() -> None:
+    gyro = imu("/camera/gyro/sample", 200.0, "g", frame="gyro_frame")
+    for rate, limit in ((63.0, 2e-5), (250.0, 1e-7)):
+        accel = imu("/camera/accel/sample", rate, "a", shift=0.003, frame="accel_frame")
+        one = join(gyro, accel)["/camera/gyro/sample"]
+        t = (one.header_ns - START_NS) * 1e-9
+        np.testing.assert_allclose(one.gyro, wave(t), atol=limit)
+        np.testing.assert_allclose(one.accel, wave(t) + 9.0, atol=limit)
+        assert (one.frame_id, one.accel_topic) == ("gyro_frame", "/camera/accel/sample")
+        assert set(one.header_ns) <= set(max(gyro, accel, key=len).header_ns)
+
+
+def test_nothing_is_interpolated_across_a_gap() -> None:
+    gyro, accel = imu("/gyro", 200.0, "g"), imu("/accel", 100.0, "a")
+    kept = np.abs((accel.header_ns - START_NS) * 1e-9 - 5.0) > 0.5
+    names = ("header_ns", "log_ns", "gyro", "accel")
+    accel = replace(accel, **{name: getattr(accel, name)[kept] for name in names})
+    one = join(gyro, accel)["/gyro"]
+    t = (one.header_ns - START_NS) * 1e-9
+    assert np.diff(t).max() > 0.99
+    np.testing.assert_allclose(one.accel, wave(t) + 9.0, atol=2e-4)
+
+
+@pytest.mark.parametrize(
+    ("halves", "expected"),
+    [
+        # of one name
+        ({"/a/gyro": "g", "/a/accel": "a", "/b/gyr": "g", "/b/acc": "a"}, {"/a/gyro", "/b/gyr"}),
+        ({"/imu/gyr": "g", "/imu/acc": "a", "/other": "ga"}, {"/imu/gyr", "/other"}),
+        # the only ones
+        ({"/left": "g", "/right": "a"}, {"/left"}),
+        # not clear
+        ({"/a": "g", "/b": "g", "/c": "a"}, {"/a", "/b", "/c"}),
+        ({"/gyro": "ga", "/accel": "a"}, {"/gyro", "/accel"}),
+        ({"/gyro": "g", "/accel": "g"}, {"/gyro", "/accel"}),
+    ],
+)
+def test_which_are_one(halves: dict[str, str], expected: set[str]) -> None:
+    assert set(join(*(imu(topic, 100.0, which) for topic, which in halves.items()))) == expected
+
+
+def test_the_user_overrules() -> None:
+    three = [imu("/a", 100.0, "g"), imu("/b", 100.0, "ga"), imu("/c", 50.0, "ga")]
+    request = replace(ASKED, gyro_topics=("/a",), accel_topics=("/c",))
+    found = join(*three, request=request)
+    assert set(found) == {"/a", "/b"}
+    t = (found["/a"].header_ns - START_NS) * 1e-9
+    np.testing.assert_allclose(found["/a"].accel, wave(t) + 9.0, atol=1e-4)
+    with pytest.raises(ChoiceError, match="--gyro-topic /none: no such IMU; there are /a, /b, /c"):
+        join(*three, request=replace(request, gyro_topics=("/none",)))
+    with pytest.raises(ChoiceError, match="belong together"):
+        half_topics(replace(request, accel_topics=()))
+    with pytest.raises(ChoiceError, match="/c is named twice"):
+        half_topics(replace(request, gyro_topics=("/c",)))

@@ -1,0 +1,180 @@
+"""One recording as other robots publish it: the pose is the same as by the plain messages."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+import imucalib_cli as ic
+from tests.slow import slow_after
+from tools import republish as shapes
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from imucalib_cli.api import Calibration
+
+
+@cache
+def plain(clock: Any = "header") -> Calibration:
+    with TemporaryDirectory() as folder:
+        log = shapes.write_mcap(Path(folder) / "log.mcap", shapes.plain_messages())
+        return ic.calibrate(log, urdf=shapes.URDF, clock=clock)
+
+
+def assert_as_plain(found: Calibration) -> None:
+    """The pose, and its sigma, of the plain log."""
+    expected = plain()
+    assert found.ok
+    np.testing.assert_allclose(found.t, expected.t, atol=1e-9)
+    np.testing.assert_allclose(found.R, expected.R, atol=1e-8)
+    np.testing.assert_allclose(sigmas(found), sigmas(expected), rtol=1e-6)
+
+
+def sigmas(found: Calibration) -> np.ndarray[Any, np.dtype[np.float64]]:
+    assert found.covariance is not None
+    return np.sqrt(np.diag(np.asarray(found.covariance)))
+
+
+def entries(found: Calibration, code: str) -> list[Any]:
+    return [each for each in found.result.diagnostics.findings if each.code == code]
+
+
+@pytest.mark.parametrize(
+    "joints", slow_after(1, [shapes.dynamic, shapes.controller, shapes.franka_2])
+)
+def test_other_joint_messages_give_the_same_pose(
+    joints: Callable[[], list[shapes.Message]], tmp_path: Path
+) -> None:
+    log = shapes.write_mcap(tmp_path / "log.mcap", [*shapes.plain_imu(), *joints()])
+    assert_as_plain(ic.calibrate(log, urdf=shapes.URDF))
+
+
+def test_a_joint_state_goes_before_a_controllers(tmp_path: Path) -> None:
+    said = [*shapes.plain_messages(), *shapes.controller()]
+    log = shapes.write_mcap(tmp_path / "log.mcap", said)
+    found = ic.calibrate(log, urdf=shapes.URDF)
+    assert found.result.provenance.topics.motion == ["/joint_states"]
+    assert_as_plain(found)
+    topic = "/arm_controller/controller_state"
+    assert_as_plain(ic.calibrate(log, urdf=shapes.URDF, joint_topics=[topic]))
+
+
+@pytest.mark.parametrize("robot", slow_after(1, ["panda", "fr3"]))
+def test_franka_state_of_ros_1(robot: str, tmp_path: Path) -> None:
+    log = shapes.write_bag(tmp_path / "log.bag", shapes.franka_1())
+    urdf = shapes.renamed(tmp_path / "robot.urdf", [f"{robot}_joint{k}" for k in range(1, 7)])
+    assert_as_plain(ic.calibrate(log, urdf=urdf))
+
+
+def test_messages_without_stamps_take_the_receive_times_with_one_note(tmp_path: Path) -> None:
+    log = shapes.write_mcap(tmp_path / "log.mcap", shapes.stampless())
+    found = ic.calibrate(log, urdf=shapes.URDF)
+    expected = plain("log")
+    np.testing.assert_allclose(found.t, expected.t, atol=1e-6)
+    notes = entries(found, "stamps.none")
+    assert [each.values["topics"] for each in notes] == [["/imu/data", "/arm"]]
+
+
+@pytest.mark.parametrize(("every", "nan"), slow_after(2, [(3, False), (1, True), (1, False)]))
+def test_separate_topics_of_the_sensors_are_one_imu(every: int, nan: bool, tmp_path: Path) -> None:
+    said = [*shapes.halves(every, nan=nan), *shapes.controller()]
+    log = shapes.write_mcap(tmp_path / "log.mcap", said)
+    found = ic.calibrate(log, urdf=shapes.URDF)
+    assert found.result.imu_topic == "/camera/gyro/sample"
+    if every == 1:
+        assert_as_plain(found)
+    else:  # a third of the samples tells less, and sigma says so
+        ratio = sigmas(found) / sigmas(plain())
+        assert np.all((ratio > 1.1) & (ratio < 2.0))
+        assert np.all(np.abs(found.t - plain().t) < 3.0 * sigmas(found)[:3])
+    (told,) = entries(found, "imu.joined")
+    assert told.values["accel"] == "/camera/accel/sample"
+    asked = ic.calibrate(
+        log,
+        urdf=shapes.URDF,
+        gyro_topic="/camera/gyro/sample",
+        accel_topic="/camera/accel/sample",
+    )
+    np.testing.assert_array_equal(asked.t, found.t)
+
+
+def test_float_arrays_by_columns(tmp_path: Path) -> None:
+    log = shapes.write_mcap(tmp_path / "log.mcap", shapes.array())
+    names = ",".join(shapes.motion().names)
+    expected = plain("log")
+    for part in (f"data[1:7]={names}", f"data[0:8]=-,{names},-"):
+        found = ic.calibrate(log, urdf=shapes.URDF, joints=[f"/arm/state:{part}"])
+        np.testing.assert_allclose(found.t, expected.t, atol=1e-9)
+    with pytest.raises(ic.InputError, match=r"3000 messages .* data has 9 numbers and --joints"):
+        ic.calibrate(log, urdf=shapes.URDF, joints=[f"/arm/state:data={names}"])
+    with pytest.raises(ic.ChoiceError, match=r"no numbers position; fields .*data"):
+        ic.calibrate(log, urdf=shapes.URDF, joints=[f"/arm/state:position={names}"])
+    with pytest.raises(ic.InputError, match=r"no source .* by --joints TOPIC:data=name"):
+        ic.calibrate(log, urdf=shapes.URDF)
+
+
+H1 = [
+    "right_hip_roll_joint",
+    "right_hip_pitch_joint",
+    "right_knee_joint",
+    "left_hip_roll_joint",
+    "left_hip_pitch_joint",
+    "left_knee_joint",
+]
+G1 = [f"left_{part}_joint" for part in ("hip_pitch", "hip_roll", "hip_yaw", "knee")]
+G1 += ["left_ankle_pitch_joint", "left_ankle_roll_joint"]
+G1_MORE = [each.replace("left", "right") for each in G1]
+G1_MORE += [f"waist_{axis}_joint" for axis in ("yaw", "roll", "pitch")]
+G1_MORE += [
+    f"{side}_{part}_joint"
+    for side in ("left", "right")
+    for part in ("shoulder_pitch", "shoulder_roll", "shoulder_yaw", "elbow", "wrist_roll")
+]
+"""23 of the 29 joints of a G1: what the robot with 23 has."""
+
+
+def with_joints(text: str, names: Sequence[str]) -> str:
+    """A URDF with further joints, which nothing hangs on."""
+    more = "".join(
+        f'<link name="of_{name}"/><joint name="{name}" type="continuous">'
+        f'<parent link="base_link"/><child link="of_{name}"/><axis xyz="0 0 1"/></joint>'
+        for name in names
+    )
+    return text.replace("</robot>", f"{more}</robot>")
+
+
+@pytest.mark.parametrize(
+    ("package", "names", "link"),
+    [
+        ("unitree_go", shapes.GO2, "imu"),
+        ("unitree_go", H1, "imu_link"),
+        ("unitree_hg", G1, "imu_in_pelvis"),
+    ],
+)
+def test_unitree_low_state_has_imu_and_joints(
+    package: str, names: list[str], link: str, tmp_path: Path
+) -> None:
+    unitree, plain_said = shapes.low_state(package)
+    urdf = shapes.renamed(tmp_path / "robot.urdf", names)
+    text = urdf.read_text().replace('"imu_link"', f'"{link}"')
+    urdf.write_text(with_joints(text, G1_MORE) if names is G1 else text)
+    log = shapes.write_mcap(tmp_path / "log.mcap", unitree)
+    found = ic.calibrate(log, urdf=urdf)
+    assert found.result.child == link
+    expected = ic.calibrate(
+        shapes.write_mcap(tmp_path / "plain.mcap", plain_said), urdf=shapes.URDF
+    )
+    np.testing.assert_allclose(found.t, expected.t, atol=1e-9)
+    np.testing.assert_allclose(found.time_offset, expected.time_offset, atol=1e-9)
+
+
+@pytest.mark.parametrize("encoding", ["json", "protobuf"])
+def test_imu_and_joints_in_json_and_protobuf(encoding: str, tmp_path: Path) -> None:
+    log = shapes.write_plain(tmp_path / "log.mcap", shapes.dictionaries(encoding), encoding)
+    assert_as_plain(ic.calibrate(log, urdf=shapes.URDF))

@@ -1,0 +1,431 @@
+"""Message types by the shape of their fields, against rosbags, protobuf and what was written."""
+
+from __future__ import annotations
+
+import json
+import sys
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from mcap.writer import Writer as McapWriter
+
+from imucalib_cli.errors import ChoiceError, InputError
+from imucalib_cli.logs import wire
+from imucalib_cli.logs.columns import joint_columns
+from imucalib_cli.logs.log import open_log
+from imucalib_cli.logs.reader import Topic
+from imucalib_cli.logs.select import select_topics
+from imucalib_cli.logs.unitree import JOINTS_GO, JOINTS_HG
+from tools import republish as shapes
+from tools.republish import STORE, header, make
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from imucalib_cli.logs.log import LogData
+
+START_NS = shapes.START_NS
+TIMES = [START_NS + k * 2_000_000 for k in range(60)]
+
+
+def read(path: Path, *topics: str, columns: str = "") -> LogData:
+    told = [joint_columns(columns)] if columns else []
+    log = open_log([path], columns=told)
+    return log.read(topics or [each.name for each in log.topics])
+
+
+def low_states(package: str, first_tick: int = 0) -> tuple[list[shapes.Message], Any]:
+    """Messages of random numbers, and the numbers."""
+    rng = np.random.default_rng(5)
+    motors = 20 if package == "unitree_go" else 35
+    numbers = rng.normal(size=(len(TIMES), 6 + motors)).astype("f4")
+    said = []
+    for k, ns in enumerate(TIMES):
+        imu = make(
+            f"{package}/msg/IMUState",
+            quaternion=rng.normal(size=4).astype("f4"),
+            gyroscope=numbers[k, :3],
+            accelerometer=numbers[k, 3:6],
+            temperature=40 + k,
+        )
+        state = [
+            make(f"{package}/msg/MotorState", mode=1, q=q, dq=-q, temperature=_warm(package, k))
+            for q in numbers[k, 6:]
+        ]
+        message = make(
+            f"{package}/msg/LowState",
+            imu_state=imu,
+            motor_state=state,
+            tick=(first_tick + 2 * k) % 2**32,
+        )
+        said.append(("/lowstate", f"{package}/msg/LowState", message, ns))
+    return said, numbers
+
+
+def _warm(package: str, k: int) -> Any:
+    return 30 + k if package == "unitree_go" else np.array([30, 31 + k], dtype="i2")
+
+
+@pytest.mark.parametrize("package", ["unitree_go", "unitree_hg"])
+@pytest.mark.parametrize("slow", [False, True])
+@pytest.mark.parametrize("big_endian", [False, True])
+def test_low_state_is_an_imu_and_joints(
+    package: str, slow: bool, big_endian: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    said, numbers = low_states(package, 2**32 - 50)
+    if slow:
+        monkeypatch.setattr(wire, "_MAX_SHAPES", 0)
+    log = shapes.write_mcap(tmp_path / "log.mcap", said, little_endian=not big_endian)
+    data = read(log)
+    assert data.losses == ()
+    imu, (joints,) = data.imus["/lowstate"], data.joints["/lowstate"]
+    np.testing.assert_array_equal(np.hstack([imu.gyro, imu.accel]), numbers[:, :6])
+    np.testing.assert_array_equal(joints.position, numbers[:, 6:])
+    # 50 ms before the counter begins anew, and on
+    ticks = (2**32 - 50 + 2 * np.arange(len(TIMES))) * 1_000_000
+    np.testing.assert_array_equal(imu.header_ns, ticks)
+    np.testing.assert_array_equal(joints.header_ns, ticks)
+
+
+def test_a_counter_that_does_not_count_ms_is_no_stamp(tmp_path: Path) -> None:
+    said, _ = low_states("unitree_hg")
+    for k, (_, _, message, _) in enumerate(said):
+        message.tick = k
+    data = read(shapes.write_mcap(tmp_path / "log.mcap", said))
+    assert not data.imus["/lowstate"].header_ns.any()
+
+
+@pytest.mark.parametrize("package", ["unitree_go", "unitree_hg"])
+def test_unitree_without_definitions_as_old_databases_are(package: str, tmp_path: Path) -> None:
+    said, numbers = low_states(package)
+    log = shapes.write_mcap(tmp_path / "log.mcap", said, definitions=False)
+    np.testing.assert_array_equal(read(log).joints["/lowstate"][0].position, numbers[:, 6:])
+
+
+@pytest.mark.parametrize("package", ["unitree_go", "unitree_hg"])
+def test_second_imu_of_unitree(package: str, tmp_path: Path) -> None:
+    gyro = np.random.default_rng(1).normal(size=(len(TIMES), 3)).astype("f4")
+    kind = f"{package}/msg/IMUState"
+    said = [
+        ("/secondary_imu", kind, make(kind, gyroscope=w, accelerometer=w + 1), ns)
+        for w, ns in zip(gyro, TIMES, strict=True)
+    ]
+    imu = read(shapes.write_mcap(tmp_path / "log.mcap", said)).imus["/secondary_imu"]
+    np.testing.assert_array_equal(imu.gyro, gyro)
+    assert not imu.header_ns.any()
+
+
+def test_orders_of_motors() -> None:
+    """Some of each robot, as the examples of unitree_sdk2_python number them."""
+    assert JOINTS_GO["Go2"][:3] == ("FR_hip_joint", "FR_thigh_joint", "FR_calf_joint")
+    assert JOINTS_GO["Go2W"][15] == "RL_foot_joint"
+    h1 = JOINTS_GO["H1"]
+    assert (h1[8], h1[0], h1[9], h1[19]) == (
+        "right_hip_yaw_joint",
+        "right_hip_roll_joint",
+        "",
+        "left_elbow_joint",
+    )
+    g1, h1_2, h2 = (JOINTS_HG[name] for name in ("G1", "H1_2", "H2"))
+    assert (g1[5], g1[12], g1[28]) == (
+        "left_ankle_roll_joint",
+        "waist_yaw_joint",
+        "right_wrist_yaw_joint",
+    )
+    assert (h1_2[0], h1_2[12], h1_2[26]) == (
+        "left_hip_yaw_joint",
+        "torso_joint",
+        "right_wrist_yaw_joint",
+    )
+    assert (h2[4], h2[30]) == ("left_ankle_roll_joint", "head_yaw_joint")
+    assert [len(each) for each in (*JOINTS_GO.values(), *JOINTS_HG.values())] == [
+        *(12, 16, 20),
+        *(29, 27, 31),
+    ]
+
+
+def arms(names: list[str], *, dtype: str = "f4") -> tuple[list[shapes.Message], Any]:
+    position = np.random.default_rng(2).normal(size=(len(TIMES), len(names))).astype(dtype)
+    said = [
+        (
+            "/arm",
+            "acme_msgs/msg/Arm",
+            # what is skipped may have any length
+            make("acme_msgs/msg/Arm", joint_names=names, positions=q, label="x" * (k % 5)),
+            ns,
+        )
+        for k, (q, ns) in enumerate(zip(position, TIMES, strict=True))
+    ]
+    return said, position
+
+
+@pytest.mark.parametrize("slow", [False, True])
+def test_a_type_of_ones_own_is_known_by_its_fields(
+    slow: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if slow:
+        monkeypatch.setattr(wire, "_MAX_SHAPES", 0)
+    said, position = arms(["pan", "lift"])
+    data = read(shapes.write_mcap(tmp_path / "log.mcap", said))
+    (joints,) = data.joints["/arm"]
+    assert joints.names == ("pan", "lift")
+    np.testing.assert_array_equal(joints.position, position)
+    np.testing.assert_array_equal(joints.log_ns, TIMES)
+    assert not joints.header_ns.any()
+
+
+@pytest.mark.parametrize(
+    ("columns", "kept"),
+    [
+        ("/arm:positions=a,b,c", [0, 1, 2]),
+        ("/arm:positions[1:3]=a,b", [1, 2]),
+        ("/arm:positions=a,-,c", [0, 2]),
+        ("/arm:positions[2:]=a", [2]),
+    ],
+)
+def test_columns_go_before_names(columns: str, kept: list[int], tmp_path: Path) -> None:
+    said, position = arms(["pan", "lift", "grip"])
+    data = read(shapes.write_mcap(tmp_path / "log.mcap", said), columns=columns)
+    (joints,) = data.joints["/arm"]
+    assert joints.names == tuple("abc"[k] for k in range(3) if f"{'abc'[k]}" in columns[15:])
+    np.testing.assert_array_equal(joints.position, position[:, kept])
+
+
+def test_columns_of_numbered_motors_leave_the_imu(tmp_path: Path) -> None:
+    said, numbers = low_states("unitree_hg")
+    log = shapes.write_mcap(tmp_path / "log.mcap", said)
+    data = read(log, columns="/lowstate:motor_state.q[12:14]=yaw,roll")
+    np.testing.assert_array_equal(data.joints["/lowstate"][0].position, numbers[:, 18:20])
+    np.testing.assert_array_equal(data.imus["/lowstate"].gyro, numbers[:, :3])
+    assert data.imus["/lowstate"].header_ns.any()
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("nonsense", "nonsense: expected TOPIC:FIELD=NAME"),
+        ("/arm:positions=a,,c", "a joint has no name"),
+        ("/arm:positions=-,-", "a joint has no name"),
+        ("/arm:positions=a,a", "a joint is named twice"),
+        ("/arm:positions[1:3]=a,b,c", r"\[1:3\] are 2 numbers, but 3 are named"),
+        ("/arm:positions[3:1]=a", r"\[3:1\] are 0 numbers"),
+    ],
+)
+def test_columns_that_are_not_understood(text: str, says: str) -> None:
+    with pytest.raises(ValueError, match=says):
+        joint_columns(text)
+
+
+@pytest.mark.parametrize(
+    ("columns", "says"),
+    [
+        ("/leg:positions=a", "there is no topic /leg with messages; topics are /arm"),
+        ("/arm:efforts=a", "acme_msgs/Arm .cdr. has no numbers efforts; fields with numbers are "),
+        ("/arm:label=a", "mode, positions, temperature"),
+    ],
+)
+def test_columns_that_are_not_there(columns: str, says: str, tmp_path: Path) -> None:
+    said, _ = arms(["pan"])
+    log = shapes.write_mcap(tmp_path / "log.mcap", said)
+    with pytest.raises(ChoiceError, match=says) as caught:
+        open_log([log], columns=[joint_columns(columns)])
+    assert caught.value.option == "--joints"
+
+
+def foxglove_rows() -> tuple[Any, Any]:
+    rng = np.random.default_rng(3)
+    quaternions = rng.normal(size=(len(TIMES), 4))
+    quaternions /= np.linalg.norm(quaternions, axis=1, keepdims=True)
+    return rng.normal(size=(len(TIMES), 3)), quaternions
+
+
+@pytest.mark.parametrize("encoding", ["json", "protobuf"])
+def test_foxglove_transforms_and_poses(encoding: str, tmp_path: Path) -> None:
+    positions, quaternions = foxglove_rows()
+    parts = ("sec", "nsec") if encoding == "json" else ("seconds", "nanos")
+    said: list[shapes.Message] = []
+    for p, q, ns in zip(positions, quaternions, TIMES, strict=True):
+        stamp = shapes.plain_header(ns - 7, parts)["stamp"]
+        turn = dict(zip("xyzw", map(float, q), strict=True))
+        edges = [
+            {
+                "timestamp": stamp,
+                "parent_frame_id": parent,
+                "child_frame_id": child,
+                "translation": shapes.plain_xyz(p),
+                "rotation": turn,
+            }
+            for parent, child in (("world", "base"), ("base", "arm"))
+        ]
+        pose = {"position": shapes.plain_xyz(p), "orientation": turn}
+        said.append(("/tf", "foxglove.FrameTransforms", {"transforms": edges}, ns))
+        message = {"timestamp": stamp, "frame_id": "map", "pose": pose}
+        said.append(("/pose", "foxglove.PoseInFrame", message, ns))
+    path = shapes.write_plain(tmp_path / "log.mcap", said, encoding)
+    data = read(path)
+    assert data.losses == ()
+    found = {(each.parent, each.child): each for each in data.poses["/tf"]}
+    assert found.keys() == {("world", "base"), ("base", "arm")}
+    (of_map,) = data.poses["/pose"]
+    assert (of_map.parent, of_map.child) == ("map", "")
+    for stream in (*found.values(), of_map):
+        np.testing.assert_array_equal(stream.position, positions)
+        np.testing.assert_allclose(stream.quaternion_xyzw, quaternions, atol=1e-15)
+        np.testing.assert_array_equal(stream.header_ns, np.array(TIMES) - 7)
+    topics = {each.name: each for each in open_log([path]).topics}
+    chosen = select_topics([*topics.values(), Topic(**IMU)])
+    assert (chosen.tf, chosen.poses) == (("/tf",), ("/pose",))
+
+
+IMU: dict[str, Any] = {"name": "/imu", "type": "sensor_msgs/Imu", "encoding": "cdr", "count": 9}
+
+
+def test_protobuf_that_is_not_installed_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    message = {"name": ["pan"], "position": [1.0]}
+    said = [("/joints", "foxglove.JointState", message, ns) for ns in TIMES]
+    log = open_log([shapes.write_plain(tmp_path / "log.mcap", said, "protobuf")])
+    monkeypatch.setitem(sys.modules, "google.protobuf", None)
+    monkeypatch.setattr("imucalib_cli.logs.select.is_installed", lambda: False)
+    unread = Topic(name="/joints", type="no", encoding="protobuf", count=9)
+    with pytest.raises(InputError, match=r"needs pip install 'imucalib\[protobuf\]'"):
+        select_topics([Topic(**IMU), unread])
+    assert [each.name for each in log.topics] == ["/joints"]
+
+
+@pytest.mark.parametrize(
+    "schema",
+    [
+        b"",
+        b"{",
+        b"[" * 5000,
+        b'{"type": "object"}',
+        json.dumps({"$defs": {"a": {"$ref": "#/$defs/a"}}, "properties": {"a": 3}}).encode(),
+        json.dumps(
+            {
+                "$defs": {"a": {"type": "object", "properties": {"b": {"$ref": "#/$defs/a"}}}},
+                "properties": {"a": {"$ref": "#/$defs/a"}},
+            }
+        ).encode(),
+    ],
+)
+def test_json_schemas_that_tell_nothing_leave_known_types(schema: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "log.mcap"
+    imu = {
+        "header": shapes.plain_header(START_NS, ("sec", "nanosec"), "imu"),
+        "angular_velocity": {"z": 3, "y": 2, "x": 1},
+        "linear_acceleration": shapes.plain_xyz((4, 5, 6)),
+    }
+    with path.open("wb") as file:
+        writer = McapWriter(file)
+        writer.start(profile="")
+        number = writer.register_schema("sensor_msgs/Imu", "jsonschema", schema)
+        channel = writer.register_channel("/imu", "json", number)
+        for raw in (json.dumps(imu).encode(), b"{", b"7", b'{"header": 3}'):
+            writer.add_message(channel, START_NS, raw, START_NS)
+        writer.finish()  # type: ignore[no-untyped-call]
+    data = read(path)
+    np.testing.assert_array_equal(data.imus["/imu"].gyro, [[1, 2, 3]])
+    np.testing.assert_array_equal(data.imus["/imu"].header_ns, [START_NS])
+    (lost,) = data.findings
+    assert (lost.code, lost.values["undecoded"]) == ("log.messages_undecoded", 3)
+
+
+_SEPARATOR = "=" * 80 + "\n"
+
+
+def _two(name: str, inner: str) -> str:
+    joints = "string[] name\nfloat64[] position\n"
+    return f"{joints}{name}[] a\n{_SEPARATOR}MSG: acme_msgs/{name}\n{inner}"
+
+
+@pytest.mark.parametrize(
+    "definition",
+    [
+        "string[] name\nfloat64[] position\nacme_msgs/Own more\n",
+        "string[] name\nfloat64[] position\nacme_msgs/Deep a\n"
+        + "".join(
+            f"{_SEPARATOR}MSG: acme_msgs/{name}\n" + "".join(f"{inner} f{k}\n" for k in range(40))
+            for name, inner in (("Deep", "Deeper"), ("Deeper", "Deepest"), ("Deepest", "bool"))
+        ),
+        _two("Nothing", "uint8 ONE=1\n"),
+        f"string[] name\nfloat64[] position\nOwn a\n{_SEPARATOR}MSG: acme_msgs/Own\nOwn a\n",
+        "string[] name\nfloat64[] position\nwstring a\n",
+        "no definition at all",
+    ],
+)
+def test_hostile_definitions_do_no_harm(definition: str, tmp_path: Path) -> None:
+    path = tmp_path / "log.mcap"
+    with path.open("wb") as file:
+        writer = McapWriter(file)
+        writer.start(profile="ros2")
+        number = writer.register_schema("acme_msgs/msg/Odd", "ros2msg", definition.encode())
+        channel = writer.register_channel("/odd", "cdr", number)
+        writer.add_message(channel, START_NS, b"\0\1\0\0" + b"\x01\0\0\0" * 30, START_NS)
+        writer.finish()  # type: ignore[no-untyped-call]
+    log = open_log([path])
+    if log.topics[0].kinds:
+        assert not any(len(each) for each in log.read(["/odd"]).joints["/odd"])
+
+
+def test_arrays_of_nothing_end(tmp_path: Path) -> None:
+    """ROS 1 structs without fields take no bytes, so that a payload bounds no loop."""
+    kind = "acme_msgs/Odd"
+    text = "string[] name\nfloat64[] position\nA[100] a\n" + "".join(
+        f"{_SEPARATOR}MSG: acme_msgs/{name}\n{inner}"
+        for name, inner in (
+            ("A", "B[100] b\n"),
+            ("B", "C[100] c\n"),
+            ("C", "D[100] d\n"),
+            ("D", ""),
+        )
+    )
+    path = tmp_path / "log.mcap"
+    with path.open("wb") as file:
+        writer = McapWriter(file)
+        writer.start(profile="ros1")
+        number = writer.register_schema(kind, "ros1msg", text.encode())
+        channel = writer.register_channel("/odd", "ros1", number)
+        writer.add_message(channel, START_NS, b"\0" * 500, START_NS)
+        writer.finish()  # type: ignore[no-untyped-call]
+    assert open_log([path]).topics[0].kinds == {}
+
+
+def test_dynamic_joint_state_whose_joints_change(tmp_path: Path) -> None:
+    kind, value = "control_msgs/msg/DynamicJointState", "control_msgs/msg/InterfaceValue"
+
+    def message(ns: int, told: dict[str, dict[str, float]]) -> Any:
+        values = [
+            make(value, interface_names=list(each), values=np.array(list(each.values())))
+            for each in told.values()
+        ]
+        return make(kind, header=header(ns), joint_names=list(told), interface_values=values)
+
+    said = []
+    for k, ns in enumerate(TIMES):
+        pan, lift = {"position": float(k)}, {"effort": 1.0, "position": -float(k)}
+        told = {"pan": pan, "lift": lift} if k % 2 else {"lift": lift, "io": {"x": 1.0}, "pan": pan}
+        said.append(("/dynamic", kind, message(ns, told), ns))
+    (joints,) = read(shapes.write_mcap(tmp_path / "log.mcap", said)).joints["/dynamic"]
+    both = dict(zip(joints.names, joints.position.T, strict=True))
+    np.testing.assert_array_equal(both["pan"], np.arange(len(TIMES)))
+    np.testing.assert_array_equal(both["lift"], -np.arange(len(TIMES)))
+    np.testing.assert_array_equal(joints.header_ns, TIMES)
+
+
+def test_every_definition_here_reads_as_rosbags_serialises() -> None:
+    """The fields of a definition take as many bytes as rosbags writes, whatever they mean."""
+    from imucalib_cli.logs.definitions import fields_of
+    from imucalib_cli.logs.messages import MessageType
+
+    kinds = [*shapes.DEFINITIONS, "std_msgs/msg/Float64MultiArray", "nav_msgs/msg/Odometry"]
+    kinds += ["sensor_msgs/msg/CameraInfo", "diagnostic_msgs/msg/DiagnosticArray"]
+    for kind in kinds:
+        text, _ = STORE.generate_msgdef(kind, ros_version=2)
+        fields = fields_of(kind.replace("/msg/", "/"), "cdr", text)
+        payload = bytes(STORE.serialize_cdr(make(kind), kind))
+        wire._Shape(payload, MessageType({}, fields), ros1=False)
+        with pytest.raises(wire.WireError):
+            wire._Shape(payload + b"\0" * 8, MessageType({}, fields), ros1=False)
