@@ -34,6 +34,8 @@ _KEPT: Final = (
     "notes",
 )
 """What an estimate says of the data, which other IMUs do not change."""
+_UNEXPLAINED: Final = {"window.dependent", "residual.beyond_noise"}
+"""Codes of findings on what no unknown explains: it may look like an error of the robot."""
 
 
 def together(imus: Sequence[tuple[str, Estimate, KinematicPath]]) -> list[Estimate]:
@@ -71,8 +73,9 @@ def together(imus: Sequence[tuple[str, Estimate, KinematicPath]]) -> list[Estima
 
 
 def _is_sound(estimate: Estimate, log: LogStatistics) -> bool:
-    """Whether what an IMU says is wrong by no more than its own covariance."""
-    return estimate.trusted and not log.widened.any()
+    """Whether what an IMU says is wrong by no more than its own covariance, as far as it shows."""
+    codes = {each.code for each in estimate.findings}
+    return estimate.trusted and not log.widened.any() and not codes & _UNEXPLAINED
 
 
 def _others(those: Sequence[tuple[int, str]], which: Iterable[int], one: int) -> tuple[str, ...]:

@@ -165,6 +165,11 @@ class Walk:
         imu = ImuSamples(t=t_foot + self.offsets[1], gyro=foot[0], accel=foot[1])
         return imu, path
 
+    @property
+    def first_off(self) -> Floats:
+        """(3,), m: by which the first joint is elsewhere in the trunk."""
+        return np.asarray(self._origins[0] - ORIGINS[0])
+
     def shank(self) -> tuple[ImuSamples, KinematicPath]:
         """An IMU behind all joints but the last, in the same log, and the path that carries it."""
         _, path = logged(self)
