@@ -343,7 +343,8 @@ def _widened(covariance: Floats, added: Floats, layout: Layout) -> Floats:
     It is known from some dozens of parts of the log, enough for the pose and for each component.
     """
     pose = np.ix_(layout.pose, layout.pose)
-    unit = np.sqrt(np.diag(covariance[pose])) + 1e-300
+    variances = np.diag(covariance[pose])
+    unit = np.sqrt(np.where(variances > 0.0, variances, 1.0))
     values, vectors = np.linalg.eigh(added[pose] / np.outer(unit, unit))
     scaled = vectors * unit[:, None]
     larger = np.diag(np.maximum(np.diag(added), 0.0))

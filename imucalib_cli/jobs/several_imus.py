@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Final
 from imucalib_cli.estimate.answer import estimate_of
 from imucalib_cli.estimate.checks import judge
 from imucalib_cli.estimate.several_imus import (
-    SOLVED_TOGETHER,
     OnRobot,
     groups,
     solve_agreeing,
@@ -62,7 +61,7 @@ def together(imus: Sequence[tuple[str, Estimate, KinematicPath]]) -> list[Estima
         solved = solve_agreeing(several, [log.equations.solve(log.options) for log in several])
         for each, answer in solved.answers.items():
             place, others = those[each][0], _others(those, solved.answers, each)
-            told = note(SOLVED_TOGETHER, others=others)
+            told = note("imus.together", others=others)
             found[place] = _again(found[place], several[each], answer, told)
         for each, change in solved.strangers.items():
             place, name = those[each]

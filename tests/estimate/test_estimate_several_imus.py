@@ -12,7 +12,7 @@ from scipy.linalg import inv, solve
 from scipy.stats import chi2
 
 from imucalib_cli.estimate.matched import calibrate_matched
-from imucalib_cli.estimate.options import MatchedOptions
+from imucalib_cli.estimate.options import MatchedOptions, PosePrior
 from imucalib_cli.estimate.several_imus import (
     OnRobot,
     System,
@@ -226,6 +226,24 @@ def test_of_three_the_one_that_disagrees_is_left_out() -> None:
     assert list(solved.strangers) == [1]
     for place, answer in zip((0, 2), solve_together([logs[0], logs[2]]), strict=True):
         np.testing.assert_array_equal(solved.answers[place].state.t, answer.state.t)
+
+
+@pytest.mark.parametrize("std", [(0.0,) * 6, (0.0,) * 3 + (np.inf,) * 3])
+def test_what_is_held_of_the_mounts_stays_held(std: tuple[float, ...]) -> None:
+    log, found = walk(0), []
+    for name, (samples, path), mount in (
+        ("/imu/shank", log.shank(), log.seen(SHANK, 2)),
+        ("/imu/foot", log.log(), FOOT),
+    ):
+        known = PosePrior(std=std, R_parent_imu=mount.R, t_parent_imu=mount.t)
+        estimate = calibrate_matched(samples, path, replace(FLOATING, pose=known))
+        found.append((name, estimate, path))
+    for each, mount in zip(together(found), (log.seen(SHANK, 2), FOOT), strict=True):
+        assert "imus.together" in {finding.code for finding in each.findings}
+        np.testing.assert_allclose(each.t_parent_imu, mount.t, rtol=0, atol=1e-12)
+        assert each.covariance is not None
+        assert (np.diag(each.covariance)[:3] == 0.0).all()
+        assert ((np.diag(each.covariance)[3:] > 0.0) == (np.array(std[3:]) > 0.0)).all()
 
 
 def test_an_imu_that_is_not_to_be_trusted_takes_nobody_along() -> None:
