@@ -273,6 +273,8 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "windows.left_out": "{count} of {total} windows do not fit the rest and were left out[, "
     "nearly all between {start:.0f} and {end:.0f} s of the log: look what changed there, the "
     "result is that of the rest]",
+    "imu.strikes": "{topic}: {count:many} strikes of up to {largest:.3g} m/s²: {windows} of "
+    "{total} windows have one, of which {left_out} do not fit the rest and were left out",
     "windows.between_gaps": "only {share:.0%} of the time of both streams lies in filter windows, "
     "the rest is lost to gaps ({imu} in the IMU's stamps, {robot} in the robot's): record without "
     "losses, or choose a shorter --window",

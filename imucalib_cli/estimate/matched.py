@@ -67,6 +67,7 @@ def calibrate_matched(
     over_noise = judge.over_known_noise(fit)
     segments = Segments(fit, loud=max(over_noise) > judge.LOUD)
     evidence = judge.Evidence(
+        topic=imu.topic,
         fit=fit,
         attempt=attempt,
         dependence=dependence,

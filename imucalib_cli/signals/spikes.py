@@ -11,6 +11,7 @@ from imucalib_cli.signals.stretches import stretches_of
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Bools, Floats
+    from imucalib_cli.signals.stretches import Stretches
 
 _THRESHOLD = 6.0
 """Robust standard deviations; white noise exceeds it once in 10^9 samples."""
@@ -18,6 +19,16 @@ _MAX_RUN = 3
 """Longest run of wrong samples; longer ones are motion."""
 _BLOCK = 256
 """Samples over which noise is taken as constant: vibration varies with motion."""
+_AROUND = 8
+"""Samples on either side of a spike that tell how far the signal steps by itself."""
+_OTHERS = 3
+"""Rank of the step there that counts: a single spike close by makes the two largest."""
+_FURTHER = 4.0
+"""A spike is off by so many of these steps. A strike takes several samples to come and to go, as
+every sensor's filter does: its samples are as far from each other as from their neighbours' cubic.
+"""
+_SUDDEN = 0.5
+"""Least step into and out of a spike, relative to what it is off by."""
 _SIDES = (-2, -1, 1, 2)
 _MOST_SPREAD = 2.5
 """Longest span of a sample's neighbours, relative to the median span."""
@@ -62,7 +73,30 @@ def _channel_spikes(channel: Floats, floor: float) -> Bools:
         found |= new
         _bridge(work, found)
     # Samples between two spikes may be marked too: those close to the interpolation are fine.
-    return np.asarray(found & (np.abs(channel - work) > limit))
+    size = np.abs(channel - work)
+    runs = stretches_of(found & (size > limit))
+    if not len(runs):
+        return np.zeros(len(channel), dtype=bool)
+    largest = np.maximum.reduceat(np.append(size, 0.0), np.stack([runs.first, runs.end], 1).ravel())
+    largest, steps = largest[::2], np.pad(np.abs(np.diff(channel)), _AROUND)
+    # There and back at once.
+    sudden = np.minimum(*(steps[each + _AROUND - 1] for each in (runs.first, runs.end)))
+    alone = (sudden > _SUDDEN * largest) & (largest > _FURTHER * _steps_around(steps, runs))
+    return runs.where(alone).mask(len(channel))
+
+
+def _steps_around(steps: Floats, runs: Stretches) -> Floats:
+    """(R,), how far samples around each run step, without the steps into it and out of it.
+
+    Args:
+        steps: (N + 2 _AROUND - 1,), sizes of all steps between zeros.
+        runs: Of samples.
+    """
+    places = np.arange(_AROUND)
+    before = runs.first[:, None] - 1 + places
+    after = np.minimum(runs.end[:, None] + _AROUND + places, len(steps) - 1)
+    around = steps[np.hstack([before, after])]
+    return np.partition(around, -_OTHERS, axis=1)[:, -_OTHERS]
 
 
 def find_glitches(t: Floats, values: Floats, floor: float) -> Bools:

@@ -14,6 +14,7 @@ from imucalib_cli.signals.imu.repeats import dead_axes
 from imucalib_cli.signals.imu.saturation import flat_tops
 from imucalib_cli.signals.samples import ImuSamples
 from imucalib_cli.signals.stamps import gap_breaks
+from imucalib_cli.signals.stretches import stretches_of
 from imucalib_cli.signals.trajectory import Trajectory
 from imucalib_cli.signals.turning import Turning, compare_turning
 from tests.estimate.estimate_arm import INDUSTRIAL, MEMS, Log, make_log
@@ -131,6 +132,51 @@ def test_an_accelerometer_at_its_limit_is_found(clean: Log) -> None:
     (fault,) = sensor_faults(replace(imu, accel=accel), _turning(clean))
     assert (fault.sensor, fault.kind, fault.axes) == ("accel", "saturated", "x")
     assert fault.rows.sum() == (np.abs(accel[:, 0]) == limit).sum()
+
+
+def _struck(quantum: float = 0.0, seed: int = 4) -> Floats:
+    """Strikes of 6 to 14 ms, some m/s² of noise-free motion, and a MEMS sensor's noise, 500 Hz."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(30_000) / 500.0
+    accel = 3.0 * np.sin(np.outer(t, (3.0, 5.0, 7.0))) + (0.0, 0.0, 9.8)
+    for start in range(100, len(t) - 100, 125):
+        length = int(rng.integers(3, 7))
+        size = rng.exponential(60.0) * rng.normal(size=3)
+        accel[start : start + length] += np.outer(np.hanning(length + 2)[1:-1], size)
+    accel += rng.normal(scale=0.05, size=accel.shape)
+    return np.asarray(np.round(accel / quantum) * quantum if quantum else accel)
+
+
+@pytest.mark.parametrize("quantum", [0.0, 8 * 9.80665 / 32768])
+def test_peaks_that_are_cut_off_in_one_or_two_samples_are_found(quantum: float) -> None:
+    accel = _struck(quantum)
+    limit = 8 * 9.80665
+    cut = np.clip(accel, -limit, limit)
+    lengths = stretches_of((np.abs(cut) == limit).any(axis=1)).lengths
+    assert len(lengths) > 20
+    assert np.median(lengths) <= 2
+    imu = ImuSamples(t=np.arange(len(cut)) / 500.0, gyro=0.1 * _struck(seed=5), accel=cut)
+    (fault,) = sensor_faults(imu, None)
+    assert (fault.sensor, fault.kind) == ("accel", "saturated")
+    assert set(np.abs(fault.value)) == {limit}
+    assert fault.rows.sum() >= 0.9 * (np.abs(cut) == limit).any(axis=1).sum()
+
+
+@pytest.mark.parametrize("quantum", [0.0, 0.3, 0.9, 1.0, 1.5, 4.0])
+@pytest.mark.parametrize("motion", ["rest", "swing", "postures", "strikes", "turns"])
+def test_the_largest_value_of_a_sound_sensor_is_no_limit(motion: str, quantum: float) -> None:
+    """Quanta of so many standard deviations of the noise."""
+    rng = np.random.default_rng(6)
+    t = np.arange(20_000) / 200.0
+    values = {
+        "rest": np.zeros((len(t), 3)),
+        "swing": 20.0 * np.sin(np.outer(t, (3.1, 1.6, 6.3))),
+        "postures": np.repeat(rng.choice([0.0, 5.0, -5.0, 9.8], size=(200, 3)), 100, axis=0),
+        "strikes": 20.0 * _struck()[: len(t)],
+        "turns": 9.8 * np.cos(np.cumsum(0.01 * rng.normal(size=(len(t), 3)), axis=0)),
+    }[motion] + rng.normal(size=(len(t), 3))
+    values = np.round(values / quantum) * quantum if quantum else values
+    assert not [top for top in flat_tops(values) if top.shape == "certain"]
 
 
 def test_a_steady_rotation_is_not_saturation() -> None:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
+from scipy.signal import butter, lfilter
 
 from imucalib_cli.signals.noise import deviation_from_neighbours
 from imucalib_cli.signals.spikes import find_spikes
@@ -76,6 +77,36 @@ def test_vibration_while_moving_is_no_spike() -> None:
     values = rng.normal(scale=0.01, size=(12000, 3))
     values[3000:9000] *= 40.0
     assert find_spikes(values, 0.02).sum() <= 6
+
+
+def _strikes(n: int = 30000, rate: float = 500.0) -> Floats:
+    """Feet that strike twice a second, through a sensor's low-pass of 100 Hz, by scipy."""
+    rng = np.random.default_rng(10)
+    inner = 8  # steps of the motion to a sample
+    force = np.zeros((inner * n, 3))
+    for first in range(1000, len(force) - 1000, int(inner * rate / 2)):
+        start = first + int(rng.integers(0, 400))
+        length = int(rng.uniform(0.004, 0.02) * inner * rate)
+        force[start : start + length] += np.outer(
+            np.hanning(length), rng.uniform(20, 150) * rng.normal(size=3)
+        )
+    low = lfilter(*butter(2, 100.0, fs=inner * rate), force, axis=0)[::inner]
+    return np.asarray(low + _smooth(n, rate) + rng.normal(scale=0.03, size=(n, 3)))
+
+
+def test_a_strike_that_the_sensor_itself_smooths_is_no_spike() -> None:
+    strikes = _strikes()
+    assert np.abs(strikes).max() > 50.0
+    assert find_spikes(strikes, 0.2).sum() <= 12  # of a hundred strikes, some thousand samples
+
+
+def test_spikes_between_strikes_are_found() -> None:
+    values, rng = _strikes(), np.random.default_rng(11)
+    spiked = rng.random(len(values)) < 0.002
+    rows = np.flatnonzero(spiked)
+    values[rows, rng.integers(0, 3, len(rows))] += rng.choice([-1, 1], len(rows)) * 10.0
+    found = find_spikes(values, 0.2)
+    assert (found & spiked).sum() >= 0.9 * spiked.sum()
 
 
 def test_deviation_is_blind_to_cubics_and_as_large_as_said_for_noise() -> None:

@@ -205,6 +205,16 @@ def dead_axis_without_noise() -> Recording:
     return with_imu(clean(ARM), gyro=clean(ARM).imu.gyro * (1, 0, 1))
 
 
+def struck(scene: Scene) -> Seen:
+    """Feet that strike with every step."""
+    log, urdf = scene.path("walk.mcap"), scene.path("walk.urdf")
+    made = scene.cli(
+        *("simulate", "walker", "-o", log, "--urdf", urdf, "--grade", "mems", "--duration", 8)
+    )
+    assert made.code == 0
+    return scene.cli("run", log, "--urdf", urdf, "--imu-topic", "/imu/FL_foot")
+
+
 SENSORS: dict[str, Provocation] = {
     "gyro-degrees": scaled(gyro=_DEG),
     "gyro-twice": scaled(gyro=1.0 / _DEG),
@@ -232,6 +242,7 @@ SENSORS: dict[str, Provocation] = {
     "frozen": stuck(15.0, 17.5),
     "frozen-most": stuck(10.0, 24.1),
     "saturated": changed(saturated),
+    "struck": struck,
     "gyro-delay": changed(late_gyroscope),
     "axes-turned": changed(lambda w, a: (w @ about_z(1.0).T, a)),
     "axes-turned-far": changed(lambda w, a: (w @ about_z(5.0).T, a)),

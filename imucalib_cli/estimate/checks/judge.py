@@ -13,6 +13,7 @@ from imucalib_cli.estimate.checks.observability import (
     unobservable_directions,
 )
 from imucalib_cli.estimate.checks.stated import POSE_NAMES, contradicted_by_log
+from imucalib_cli.estimate.checks.strikes import strikes
 from imucalib_cli.estimate.model.layout import places_of
 from imucalib_cli.estimate.model.state import tilt_from_down
 from imucalib_cli.estimate.model.unknowns import Clock, JointCurve, Mount, Origin, PoseScale
@@ -96,6 +97,8 @@ _LEVEL: Final = "; or tell that the base is level (--gravity fixed, or --tilt-st
 class Evidence:
     """All that is known when a result is judged."""
 
+    topic: str
+    """Of the IMU."""
     fit: Fit
     attempt: Attempt
     dependence: tuple[Dependence, ...]
@@ -207,6 +210,7 @@ def findings(evidence: Evidence, *, unknown: bool) -> tuple[Finding, ...]:
         *(() if unknown else _undecided(evidence)),
         *_residuals(evidence),
         *_left_out(evidence),
+        *_struck(evidence),
         *_gaps(evidence),
         *_stamps(evidence),
     ]
@@ -305,6 +309,12 @@ def _left_out(evidence: Evidence) -> Iterator[Finding]:
             start=float(first) if dense else None,
             end=float(last) if dense else None,
         )
+
+
+def _struck(evidence: Evidence) -> Iterator[Finding]:
+    found = strikes(evidence.topic, evidence.fit)
+    if found is not None:
+        yield found
 
 
 def _gaps(evidence: Evidence) -> Iterator[Finding]:

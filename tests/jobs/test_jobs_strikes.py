@@ -1,0 +1,83 @@
+"""A robot whose feet strike, by a physics engine: the IMU of a shank, whole and cut off."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
+
+from imucalib_cli.api import calibrate
+from imucalib_cli.simulate.load import load_grade, load_system
+from imucalib_cli.simulate.noise import corrupt
+from imucalib_cli.simulate.options import PhysicsOptions
+from imucalib_cli.simulate.physics import record
+from imucalib_cli.simulate.urdf import urdf_text
+from imucalib_cli.simulate.write_log import write_log
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from imucalib_cli.api import Calibration
+    from imucalib_cli.simulate.recording import Recording
+
+SHANK = "/imu/RL_foot"
+EIGHT_G = 8 * 9.80665
+
+
+@pytest.fixture(scope="module")
+def walk() -> Recording:
+    clean = record(load_system("walker"), PhysicsOptions(duration=15.0))
+    return corrupt(clean, load_grade("mems"), seed=1)
+
+
+def calibrated(walk: Recording, folder: Path) -> Calibration:
+    log, urdf = folder / "walk.mcap", folder / "walk.urdf"
+    write_log(walk, log)
+    urdf.write_text(urdf_text(walk.system))
+    return calibrate(log, urdf=urdf, imu_topic=SHANK)
+
+
+def square_in_sigmas(found: Calibration, walk: Recording) -> float:
+    (true,) = (imu for imu in walk.system.every_imu if imu.topic == SHANK)
+    turn = Rotation.from_matrix(found.R) * Rotation.from_euler("xyz", true.rpy).inv()
+    off = np.concatenate([found.t - np.array(true.xyz), turn.as_rotvec()])
+    assert np.linalg.norm(off[:3]) < 1e-3
+    assert found.covariance is not None
+    return float(off @ np.linalg.solve(found.covariance, off))
+
+
+def test_strikes_are_told_and_used(walk: Recording, tmp_path: Path) -> None:
+    found = calibrated(walk, tmp_path)
+    assert found.ok
+    assert square_in_sigmas(found, walk) < chi2.ppf(0.999, 6)
+    (told,) = (each for each in found.estimate.findings if each.code == "imu.strikes")
+    strikes, windows, total, left_out = (
+        told.values[name] for name in ("count", "windows", "total", "left_out")
+    )
+    assert isinstance(strikes, int)
+    assert isinstance(windows, int)
+    assert isinstance(total, int)
+    assert isinstance(left_out, int)
+    assert strikes > 15  # twelve seconds of two strides each
+    assert total >= windows > total / 4
+    assert left_out < windows / 10
+
+
+def test_a_sensor_that_is_cut_off_is_told_and_sigma_stays_true(
+    walk: Recording, tmp_path: Path
+) -> None:
+    topics = [imu.topic for imu in walk.system.every_imu[1:]]
+    cut = tuple(
+        replace(imu, accel=np.clip(imu.accel, -EIGHT_G, EIGHT_G)) if topic == SHANK else imu
+        for topic, imu in zip(topics, walk.others, strict=True)
+    )
+    found = calibrated(replace(walk, others=cut), tmp_path)
+    (told,) = (each for each in found.estimate.findings if each.code == "imu.saturated")
+    assert told.values["sensor"] == "accel"
+    held = np.abs(np.atleast_1d(np.array(told.values["held"], dtype=float)))
+    np.testing.assert_allclose(held, EIGHT_G, rtol=1e-9)
+    assert square_in_sigmas(found, walk) < chi2.ppf(0.999, 6)
