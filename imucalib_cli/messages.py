@@ -226,6 +226,13 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "compare.frames_far": "the poses are farther apart than two calibrations of one mount are: is "
     "{camera_link} the camera's optical frame (z forward, x right, y down)?[ --camera-link takes "
     "another: {others:list}]",
+    # Several IMUs together.
+    "imus.together": "solved together with {others:list}: the errors of the robot that they share "
+    "are one for all of them",
+    "imus.disagree": "{imu} does not agree with {others:list} on the errors of the robot that they "
+    "share: with them its pose would be {translation:mm.2g} and {rotation:deg.2g} elsewhere, "
+    "{sigmas:.2g} sigma, so it is solved by itself: see that the URDF is right where their chains "
+    "part, and that all of them sit fast",
     # Many logs, each on its own.
     "batch.log_twice": "{log} is the same as {first}, and is done once",
     "batch.log_replaced": "{log} is another recording than when it was calibrated last: the "

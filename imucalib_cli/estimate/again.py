@@ -17,7 +17,7 @@ from imucalib_cli.estimate.checks.segments import log_parts
 from imucalib_cli.estimate.checks.stated import contradicted
 from imucalib_cli.estimate.model.layout import places_of, with_priors
 from imucalib_cli.estimate.model.state import turned_about
-from imucalib_cli.estimate.model.unknowns import LEAN, TABLE, Origin
+from imucalib_cli.estimate.model.unknowns import LEAN, TABLE
 from imucalib_cli.estimate.solution.between import combine, disagreeing, together
 from imucalib_cli.estimate.solution.normal_equations import (
     Answer,
@@ -170,33 +170,17 @@ def combine_logs(logs: Sequence[LogStatistics], options: Sequence[MatchedOptions
     return Combined(answer=answer, scatter=_scatter(posterior), own=tuple(own))
 
 
-def _owner(placed: Placed) -> tuple[str, ...]:
-    """What an entry is of, for entries of several logs to be told to be the same."""
-    if isinstance(placed.unknown.effect, Origin):
-        return (placed.labels[0].rsplit(" ", 1)[0],)
-    return placed.labels
-
-
 def _shared_layout(logs: Sequence[LogStatistics], options: MatchedOptions) -> Layout:
     """Every entry that any of the logs has and that is not a log's own; origins whole."""
     found: dict[tuple[str, tuple[str, ...]], Placed] = {}
     for log in logs:
         for placed in log.equations.layout.placed:
             if not placed.unknown.of_log:
-                key = (placed.unknown.name, _owner(placed))
-                known = found.setdefault(key, _whole(placed))
+                known = found.setdefault(placed.key, placed.whole)
                 # What any of the logs tells from the mount, all of them do.
-                found[key] = replace(known, hidden=known.hidden and placed.hidden)
+                found[placed.key] = replace(known, hidden=known.hidden and placed.hidden)
     places = sorted(found.values(), key=lambda each: _ORDER[each.unknown.name])
     return with_priors(places, options, logs[0].equations.layout.still)
-
-
-def _whole(placed: Placed) -> Placed:
-    """An entry with all its components: another log may tell other directions of an origin."""
-    if not isinstance(placed.unknown.effect, Origin):
-        return placed
-    labels = tuple(f"{_owner(placed)[0]} {axis}" for axis in "xyz")
-    return replace(placed, labels=labels, directions=np.eye(3))
 
 
 def _common_point(first: State, shared: Layout, options: MatchedOptions) -> State:
@@ -284,14 +268,10 @@ class _Reduced:
 def _to_log(layout: Layout, others: Indices, shared: Layout) -> Floats:
     """(s, n), a log's shared components by those of all: origins by the directions it tells."""
     found = np.zeros((layout.size, shared.size))
-    parts = {(each.unknown.name, _owner(each)): each.part for each in shared.placed}
+    parts = {each.key: each.part for each in shared.placed}
     for placed in layout.placed:
         if not placed.unknown.of_log:
-            is_origin = isinstance(placed.unknown.effect, Origin)
-            part = parts[placed.unknown.name, _owner(placed)]
-            found[placed.part, part] = (
-                placed.directions if is_origin else np.eye(len(placed.labels))
-            )
+            found[placed.part, parts[placed.key]] = placed.of_whole
     return found[others]
 
 

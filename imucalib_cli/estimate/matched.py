@@ -161,6 +161,7 @@ def _statistics(evidence: judge.Evidence, segments: Segments) -> LogStatistics:
         options=fit.options,
         blocks=blocks,
         edges=edges,
+        scores=fit.parts[:, 1:, 0],
         spectra=spectra_of(fit),
         windows=evidence.dependence,
         widened=judge.of_findings(evidence),

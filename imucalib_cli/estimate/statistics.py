@@ -25,6 +25,9 @@ class LogStatistics:
     their sum is that of the equations, but where parts were heard that the fit left out."""
     edges: Floats
     """(b + 1,), s of the log."""
+    scores: Floats
+    """(p, n), J'e of parts of equal duration, those of the blocks or shorter ones: how they vary
+    together tells the noise that several IMUs share."""
     spectra: tuple[Spectrum, Spectrum]
     """Accelerometer, gyroscope."""
     windows: tuple[OtherWindow, ...]

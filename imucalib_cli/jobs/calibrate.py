@@ -28,6 +28,7 @@ from imucalib_cli.jobs.known.upright import upright_component
 from imucalib_cli.jobs.motion import Motion, find_motion
 from imucalib_cli.jobs.reading import printable, read_recording, recorded_at
 from imucalib_cli.jobs.recorded_options import recorded_options
+from imucalib_cli.jobs.several_imus import together
 from imucalib_cli.logs.select import check_joint_topics
 from imucalib_cli.results.from_estimate import result_of, scalars
 from imucalib_cli.results.requirement import require
@@ -104,16 +105,20 @@ def calibrate_recording(
             f"--imu-link {request.imu_link} is the link of one IMU, the log has several: choose "
             f"one with --imu-topic: {topics}"
         )
-    calibrated: list[Calibrated] = []
+    alone: list[_Alone] = []
     failures: list[ImucalibError] = []
     for imu in recording.imus:
         if progress is not None:
             progress(f"estimating {imu.name}", None)
         try:
-            calibrated.append(_calibrate_one(recording, imu, request))
+            alone.append(_estimate_one(recording, imu, request))
         except ImucalibError as error:
             failures.append(_about(error, imu, several=len(recording.imus) > 1))
-    return Outcome(recording=recording, calibrated=tuple(calibrated), failures=tuple(failures))
+    found = together([(each.imu.name, each.estimate, each.motion.path) for each in alone])
+    calibrated = tuple(
+        _calibrated(recording, each, estimate) for each, estimate in zip(alone, found, strict=True)
+    )
+    return Outcome(recording=recording, calibrated=calibrated, failures=tuple(failures))
 
 
 def _about(error: ImucalibError, imu: ImuStream, *, several: bool) -> ImucalibError:
@@ -121,7 +126,20 @@ def _about(error: ImucalibError, imu: ImuStream, *, several: bool) -> ImucalibEr
     return error.about(imu.name) if several and error.topic != imu.name else error
 
 
-def _calibrate_one(recording: Recording, imu: ImuStream, request: CalibrationRequest) -> Calibrated:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Alone:
+    """One IMU by itself."""
+
+    imu: ImuStream
+    request: CalibrationRequest
+    """With what concerns this IMU."""
+    samples: ImuSamples
+    motion: Motion
+    repaired: Repaired
+    estimate: Estimate
+
+
+def _estimate_one(recording: Recording, imu: ImuStream, request: CalibrationRequest) -> _Alone:
     samples = samples_of(imu, recording.clock)
     request = request_of(imu, request)
     try:
@@ -155,7 +173,19 @@ def _calibrate_one(recording: Recording, imu: ImuStream, request: CalibrationReq
     estimate = checked(estimate, repaired.samples, request.imu, wrong)
     estimate = explain(estimate, repaired, motion, recording, request)
     found = (*recording.findings, *motion.findings, *missing)
-    estimate = _with_repairs(estimate, repaired, found)
+    return _Alone(
+        imu=imu,
+        request=request,
+        samples=samples,
+        motion=motion,
+        repaired=repaired,
+        estimate=_with_repairs(estimate, repaired, found),
+    )
+
+
+def _calibrated(recording: Recording, alone: _Alone, estimate: Estimate) -> Calibrated:
+    """The result of an IMU of an estimate that the other IMUs of the log may have had a part in."""
+    motion, request = alone.motion, alone.request
     if request.require is not None:
         estimate = require(estimate, motion.mount.parent, request.require)
     result = result_of(
@@ -163,9 +193,9 @@ def _calibrate_one(recording: Recording, imu: ImuStream, request: CalibrationReq
         parent=motion.mount.parent,
         child=motion.mount.child,
         nominal=motion.mount.nominal,
-        provenance=_provenance(recording, imu, motion, repaired.samples.t, request),
+        provenance=_provenance(recording, alone.imu, motion, alone.repaired.samples.t, request),
     )
-    return Calibrated(result=result, estimate=estimate, samples=samples, motion=motion)
+    return Calibrated(result=result, estimate=estimate, samples=alone.samples, motion=motion)
 
 
 def repair_streams(

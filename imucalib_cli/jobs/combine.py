@@ -15,6 +15,7 @@ from imucalib_cli.estimate.answer import estimate_of
 from imucalib_cli.estimate.checks import judge
 from imucalib_cli.estimate.estimate import Residuals, Window
 from imucalib_cli.estimate.model.unknowns import TABLE
+from imucalib_cli.estimate.several_imus import SOLVED_TOGETHER
 from imucalib_cli.findings import Severity, untrusted, warning
 from imucalib_cli.jobs.calibrate import about_nominal, calibrate
 from imucalib_cli.jobs.recorded_options import recorded_estimator
@@ -38,6 +39,8 @@ if TYPE_CHECKING:
 
 _MENDED_BY_OTHERS: Final = (CODES | judge.OF_ANSWER) - {"prior.contradicted"}
 """Codes of reasons against one log that do not hold for several."""
+_SAID_ANEW: Final = CODES | judge.OF_ANSWER | {SOLVED_TOGETHER}
+"""Codes of findings that rest on an answer of the run, not on its data."""
 _SHARED: Final = ("robot", "sensor_model", "pose", "sensor_scale_most", "sensor_axes_most")
 """Options about what logs share."""
 _FEW: Final = 3
@@ -243,9 +246,7 @@ def _one(log: StoredLog, options: MatchedOptions) -> tuple[Estimate, None]:
     """One log again: what its data said still holds, what its unknowns said is said anew."""
     statistics, said = log.statistics, log.result.diagnostics
     answer, found = solve_again(statistics, options)
-    of_data = [
-        finding_of(each) for each in said.findings if each.code not in CODES | judge.OF_ANSWER
-    ]
+    of_data = [finding_of(each) for each in said.findings if each.code not in _SAID_ANEW]
     findings = sorted([*of_data, *found], key=lambda each: each.severity is not Severity.UNTRUSTED)
     return (
         estimate_of(

@@ -23,6 +23,7 @@ from imucalib_cli.estimate.model.layout import Joint, Placed, with_priors
 from imucalib_cli.estimate.model.state import State
 from imucalib_cli.estimate.model.unknowns import TABLE, JointCurve, Mount, Origin
 from imucalib_cli.estimate.options import MatchedOptions, PosePrior, WindowChoice
+from imucalib_cli.estimate.several_imus import SOLVED_TOGETHER
 from imucalib_cli.estimate.solution.normal_equations import NormalEquations
 from imucalib_cli.estimate.statistics import LogStatistics
 from imucalib_cli.results.codec import result_from, to_document
@@ -170,6 +171,8 @@ def _stored(name: str, header: dict[str, Any], arrays: dict[str, Floats]) -> Sto
 def _see_they_agree(log: StoredLog) -> None:
     """See that statistics give the pose of the result that they are said to belong to.
 
+    Not where other IMUs of the log have a part in it: these are the statistics of its own fit.
+
     Raises:
         ValueError: They do not.
     """
@@ -178,7 +181,8 @@ def _see_they_agree(log: StoredLog) -> None:
         raise ValueError("a level of noise that is not positive")
     if abs(np.linalg.det(equations.at.R) - 1.0) > _ALIKE:
         raise ValueError("a rotation that is none")
-    if log.result.status == "ok":
+    codes = {each.code for each in log.result.diagnostics.findings}
+    if log.result.status == "ok" and SOLVED_TOGETHER not in codes:
         state, pose = equations.solve(log.statistics.options).state, log.result.pose
         if np.abs(state.t - pose.t).max() > _ALIKE or np.abs(state.R - pose.R).max() > _ALIKE:
             raise ValueError("statistics of another result")
@@ -199,6 +203,7 @@ def _statistics(header: dict[str, Any], arrays: dict[str, Floats]) -> LogStatist
         x=arrays["x"].reshape(n),
         held_offset=float(header["held_offset"]),
     )
+    blocks = _unpacked(arrays["blocks"], n + 1)
     return LogStatistics(
         equations=NormalEquations(
             layout=layout,
@@ -208,8 +213,9 @@ def _statistics(header: dict[str, Any], arrays: dict[str, Floats]) -> LogStatist
             **{name: _unpacked(arrays[name], n) for name in _SYMMETRIC},
         ),
         options=options,
-        blocks=_unpacked(arrays["blocks"], n + 1),
+        blocks=blocks,
         edges=arrays["edges"],
+        scores=blocks[:, 1:, 0],
         spectra=(_spectrum("accel", arrays), _spectrum("gyro", arrays)),
         windows=tuple(
             OtherWindow(seconds=float(seconds), changes=changes.reshape(n))

@@ -40,6 +40,8 @@ BASE = FixedStep(
 """Of the trunk's IMU in the trunk."""
 FOOT = Mount(R=Rotation.from_rotvec([0.4, -1.1, 0.7]).as_matrix(), t=np.array([0.05, 0.02, -0.12]))
 """Of the other IMU in the last link."""
+SHANK = Mount(R=Rotation.from_rotvec([-0.3, 0.8, 1.2]).as_matrix(), t=np.array([-0.03, 0.04, -0.1]))
+"""Of a third one, in the link before."""
 
 
 def readings_of(place: Callable[[Floats], Place], mount: FixedStep, t: Floats) -> Place:
@@ -110,15 +112,20 @@ class Walk:
 
     def leg(self, t: Floats) -> Place:
         """R_world_foot and p_world_foot."""
+        return self.link(t, len(self.axes))
+
+    def link(self, t: Floats, count: int) -> Place:
+        """R_world_link and p_world_link of the link behind so many joints."""
         R, p = self.trunk(t)
-        q = self.joints(t) + self._zeros
-        for axis, origin, angle in zip(self.axes, self._origins, q.T, strict=False):
+        q = self.joints(t) + self.zeros
+        for axis, origin, angle in zip(self.axes[:count], self._origins, q.T, strict=False):
             p = p + R @ origin
             R = R @ Rotation.from_rotvec(np.outer(angle, axis)).as_matrix()
         return R, p
 
     @cached_property
-    def _zeros(self) -> Floats:
+    def zeros(self) -> Floats:
+        """(J,), rad: true less reported positions."""
         zeros = self.zero * np.random.default_rng([self.seed, 4]).normal(size=len(self.axes))
         zeros[-1:] = 0.0
         return np.asarray(zeros)
@@ -159,6 +166,33 @@ class Walk:
         )
         imu = ImuSamples(t=t_foot + self.offsets[1], gyro=foot[0], accel=foot[1])
         return imu, path
+
+    @property
+    def first_off(self) -> Floats:
+        """(3,), m: by which the first joint is elsewhere in the trunk."""
+        return np.asarray(self._origins[0] - ORIGINS[0])
+
+    def shank(self) -> tuple[ImuSamples, KinematicPath]:
+        """An IMU behind all joints but the last, in the same log, and the path that carries it."""
+        _, path = logged(self)
+        rng, count = np.random.default_rng([self.seed, 7]), len(self.axes) - 1
+        t = np.arange(0.0, self.seconds, 1 / self.rates[1])
+        mount = FixedStep(R=SHANK.R, p=SHANK.t)
+        read = readings_of(lambda t: self.link(t, count), mount, t)
+        gyro, accel = self._worn(rng, self.rates[1], *read)
+        imu = ImuSamples(t=t + self.offsets[1], gyro=gyro, accel=accel)
+        return imu, replace(path, parent="shank", steps=path.steps[: 2 + 2 * count])
+
+    def seen(self, mount: Mount, count: int) -> Mount:
+        """A mount behind so many joints, as a URDF needs it that knows no errors.
+
+        The zero of the last joint is a part of it, and so is what the last joint's origin is off
+        along its axis.
+        """
+        axis = np.array(self.axes[count - 1])
+        Z = Rotation.from_rotvec(self.zeros[count - 1] * axis).as_matrix()
+        off = self._origins[count - 1] - ORIGINS[count - 1]
+        return Mount(R=Z @ mount.R, t=Z @ mount.t + axis * (off @ axis))
 
     def _worn(
         self, rng: np.random.Generator, rate: float, gyro: Floats, accel: Floats

@@ -21,7 +21,7 @@ from imucalib_cli.simulate.urdf import urdf_text
 from tests.jobs.driving import drive, with_a_camera_frame
 from tests.jobs.robots import SHAPES, random_mount, record
 from tests.jobs.robots import messages as robot_messages
-from tests.jobs.walking import LEG, ROBOT, TRUNK, log_of, walk
+from tests.jobs.walking import LEG, ROBOT, TRUNK, log_of, of_imu, walk
 from tests.logs.logs_samples import vector
 from tests.logs.logs_samples import write_log as write_messages
 from tests.troubleshooting.provoke_recordings import on_the_base
@@ -365,7 +365,25 @@ def walking(
     return provocation
 
 
+def two_legs(edit: Edit = lambda text: text) -> Provocation:
+    """Such a log with an IMU on another leg too, and the robot's URDF, perhaps spoilt."""
+
+    def provocation(scene: Scene) -> Seen:
+        scene.path("robot.urdf").write_text(edit(ROBOT.urdf()))
+        other = "/imu/other"
+        shape = replace(ROBOT, carrier="FR_calf_link")
+        said = (*walk(), *of_imu(shape, other, "other_imu", random_mount(5)))
+        kept = {(each.topic, each.log_ns): each for each in said}.values()
+        said = tuple(sorted(kept, key=lambda each: each.log_ns))
+        log = log_of(scene.folder, TRUNK, LEG, other, "/joint_states", said=said)
+        return scene.run(log, "--parent", f"{other}=FR_calf_link")
+
+    return provocation
+
+
 CHOICES: dict[str, Provocation] = {
+    "imus-together": two_legs(),
+    "imus-disagree": two_legs(joint("FR_hip", 'rpy="0 0 0"', 'rpy="0 0.02 0.02"')),
     "base-imu": walking(),
     "base-imu-not-there": walking("--base-imu", "/imu/arm"),
     "base-imu-alone": walking("--base-imu", TRUNK, "--imu-topic", TRUNK),

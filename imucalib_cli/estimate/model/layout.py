@@ -23,7 +23,7 @@ from imucalib_cli.estimate.solution.scales import with_learnt
 from imucalib_cli.robot.path import FixedStep, JointStep, PoseStep
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterable, Iterator, Sequence
 
     from imucalib_cli.arrays import Bools, Floats, Indices
     from imucalib_cli.estimate.options import MatchedOptions
@@ -72,6 +72,27 @@ class Placed:
     and the zero of that one."""
 
     @property
+    def key(self) -> tuple[str, tuple[str, ...]]:
+        """What it is and what of, for entries of several layouts to be told to be the same."""
+        if isinstance(self.unknown.effect, Origin):
+            return self.unknown.name, (self.labels[0].rsplit(" ", 1)[0],)
+        return self.unknown.name, self.labels
+
+    @property
+    def whole(self) -> Placed:
+        """With all its components: another chain or log may tell other directions of an origin."""
+        if not isinstance(self.unknown.effect, Origin):
+            return self
+        labels = tuple(f"{joint} {axis}" for joint in self.key[1] for axis in "xyz")
+        return replace(self, labels=labels, directions=np.eye(3))
+
+    @property
+    def of_whole(self) -> Floats:
+        """(k, m), its components by those of the whole entry: of an origin along three axes."""
+        is_origin = isinstance(self.unknown.effect, Origin)
+        return self.directions if is_origin else np.eye(len(self.labels))
+
+    @property
     def axes(self) -> Floats:
         """(k, 3), the directions of an origin in the frame of its joint."""
         return self.directions @ self.R_joint
@@ -101,12 +122,7 @@ class Layout:
     @property
     def alike(self) -> tuple[tuple[int, int], ...]:
         """Pairs of learnt scales that are alike in size."""
-        pairs = ((name, SCALES[name].like) for name in self.scales)
-        return tuple(
-            (self.scales.index(one), self.scales.index(other))
-            for one, other in pairs
-            if other in self.scales
-        )
+        return alike(self.scales)
 
     @property
     def size(self) -> int:
@@ -143,6 +159,14 @@ class Layout:
     def std_at(self, log_scales: Floats) -> Floats:
         """(n,), prior with learnt scales put in."""
         return with_learnt(self.std, self.scale, log_scales)
+
+
+def alike(scales: Sequence[str]) -> tuple[tuple[int, int], ...]:
+    """Pairs of learnt scales that are alike in size."""
+    pairs = ((name, SCALES[name].like) for name in scales)
+    return tuple(
+        (scales.index(one), scales.index(other)) for one, other in pairs if other in scales
+    )
 
 
 def places_of(parts: Iterable[slice]) -> Indices:

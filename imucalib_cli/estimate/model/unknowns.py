@@ -160,6 +160,7 @@ Effect = (
     | BaseClock
 )
 
+_OF_ROBOT: Final = (JointCurve, Origin, PoseScale, BaseReading, BaseMount, BaseClock)
 
 _GROUPS: Final[dict[type, Group]] = {
     Reading: "sensor",
@@ -201,6 +202,11 @@ class Unknown:
     """What it is, for people."""
     among: Group | None = None
     """Its group, where the effect does not tell."""
+
+    @property
+    def of_robot(self) -> bool:
+        """Whether all IMUs on a robot that it concerns see the same; else it is the IMU's own."""
+        return isinstance(self.effect, _OF_ROBOT)
 
     @property
     def group(self) -> Group:

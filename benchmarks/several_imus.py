@@ -1,0 +1,125 @@
+"""Several IMUs of one log: errors and stated covariance of each alone and of all together.
+
+    python -m benchmarks.several_imus [--seeds 60] [--walkers 6]
+
+An analytic robot (tests/estimate/estimate_walk.py): an IMU on its trunk, others on shank and foot
+of one leg, 30 s at 200 Hz; all that is wrong with it is drawn anew for each walk. Then the five
+IMUs of `imucalib simulate walker --grade mems --duration 30`, whose feet strike.
+"""
+
+from __future__ import annotations
+
+import os
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import argparse
+import subprocess
+import sys
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import yaml
+from scipy.spatial.transform import Rotation
+
+from imucalib_cli.estimate.matched import calibrate_matched
+from imucalib_cli.estimate.options import MatchedOptions
+from imucalib_cli.jobs.calibrate import calibrate
+from imucalib_cli.jobs.request import CalibrationRequest
+from imucalib_cli.jobs.several_imus import together
+from tests.estimate.estimate_arm import Mount, pose_error
+from tests.estimate.estimate_walk import FOOT, SHANK, Walk
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from imucalib_cli.estimate.estimate import Estimate
+
+    Row = tuple[str, str, Estimate, Mount]
+    """Robot, IMU or how it was solved, what was found, what is true."""
+
+NOISE = Walk(noisy=True)
+ROBOT = replace(NOISE, scale=3e-3, zero=1e-3, length=5e-4, base_off=(1e-3, 3e-3))
+WALKS = {"noise and biases alone": NOISE, "errors of robot and sensors": ROBOT}
+
+
+def walks(name: str, walk: Walk, seeds: int) -> Iterator[Row]:
+    """Shank and foot of one leg."""
+    options = MatchedOptions(gravity="none")
+    for seed in range(seeds):
+        each = replace(walk, seed=seed)
+        logs = {"shank": each.shank(), "foot": each.log()}
+        alone = [(n, calibrate_matched(*log, options), log[1]) for n, log in logs.items()]
+        mounts = each.seen(SHANK, 2), FOOT
+        for (imu, found, _), both, mount in zip(alone, together(alone), mounts, strict=True):
+            yield f"{name}: {imu}", "alone", found, mount
+            yield f"{name}: {imu}", "together", both, mount
+
+
+def walkers(count: int) -> Iterator[Row]:
+    """All IMUs of the simulated robot."""
+    for seed in range(1, count + 1):
+        with tempfile.TemporaryDirectory() as name:
+            folder = Path(name)
+            log, urdf = folder / "walk.mcap", folder / "walk.urdf"
+            options = ["-o", log, "--urdf", urdf, "--seed", seed, "--duration", 30]
+            command = ["simulate", "walker", "--grade", "mems", *map(str, options)]
+            subprocess.run([sys.executable, "-m", "imucalib_cli", *command], check=True)
+            truth = yaml.safe_load((folder / "walk.truth.yaml").read_text())["imus"]
+            mounts = {each["topic"]: each["transform"] for each in truth}
+            outcome = calibrate(CalibrationRequest(logs=(log,), urdf=urdf))
+        for each in outcome.calibrated:
+            imu, log_statistics = each.result.provenance.topics.imu, each.estimate.statistics
+            true = mounts[imu]
+            R = Rotation.from_quat(true["rotation_xyzw"]).as_matrix()
+            mount = Mount(R=R, t=np.array(true["translation"]))
+            if log_statistics is None:
+                continue
+            own = log_statistics.equations.solve(log_statistics.options)
+            covariance = own.pose_covariance + log_statistics.widened
+            alone = replace(
+                each.estimate,
+                R_parent_imu=own.state.R,
+                t_parent_imu=own.state.t,
+                covariance=covariance,
+            )
+            yield f"walker: {imu}", "alone", alone, mount
+            yield f"walker: {imu}", "together", each.estimate, mount
+
+
+def report(rows: Iterator[Row]) -> None:
+    """Print a line for each IMU and way."""
+    found: dict[tuple[str, str], list[tuple[float, float, float]]] = {}
+    for name, way, estimate, mount in rows:
+        if estimate.covariance is not None:
+            error = pose_error(estimate, mount)
+            square = float(error @ np.linalg.solve(estimate.covariance, error))
+            sums = float(error[:3] @ error[:3]), float(error[3:] @ error[3:]), square
+            found.setdefault((name, way), []).append(sums)
+    for (name, way), values in found.items():
+        place, turn, square = np.mean(values, axis=0)
+        spread = np.std([each[2] for each in values]) / np.sqrt(len(values))
+        print(
+            f"| {name} | {way} | {len(values)} | {1e3 * np.sqrt(place):.3f} | "
+            f"{np.degrees(np.sqrt(turn)):.4f} | {square:.2f} ± {spread:.2f} |",
+            flush=True,
+        )
+
+
+def main() -> None:
+    """Print two lines for each IMU."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--seeds", type=int, default=60)
+    parser.add_argument("--walkers", type=int, default=6)
+    asked = parser.parse_args()
+    print("| log and IMU | solved | logs | mm | deg | NEES |\n|---|---|---|---|---|---|")
+    for name, walk in WALKS.items():
+        report(walks(name, walk, asked.seeds))
+    report(walkers(asked.walkers))
+
+
+if __name__ == "__main__":
+    main()
