@@ -28,6 +28,7 @@ GENERIC: Final = frozenset(
         "windows.motion_left_out",
         "window.dependent",
         "unknown.implausible",
+        "bias.unusual",
         "change.mount",
         "change.clock",
         "change.gyro_bias",
