@@ -23,17 +23,15 @@ from imucalib_cli.estimate.options import MatchedOptions
 from tests.estimate.estimate_walk import FOOT, Walk
 
 NOISE = Walk(seconds=60.0, noisy=True)
-SENSORS = replace(NOISE, scale=3e-3)
+SENSORS = replace(NOISE, scale=5e-3, turned=2e-3)
 ROBOT = replace(SENSORS, zero=1e-3, length=5e-4, base_off=(1e-3, 3e-3))
+CLOCKS = replace(ROBOT, rates=(200.0, 333.0), offsets=(0.002, 0.004))
 ROWS = {
     "noise and biases of both IMUs": NOISE,
-    "and scales 0.3 %": SENSORS,
-    "and zeros 1 mrad, lengths 0.5 mm, base IMU 1 mm and 3 mrad off": ROBOT,
-    "and three clocks, 200 and 333 Hz": replace(
-        ROBOT, rates=(200.0, 333.0), offsets=(0.002, 0.004)
-    ),
-    "one joint between the IMUs": replace(SENSORS, axes=((0.0, 1.0, 0.0),)),
-    "both on one body, scales 0.3 %": replace(SENSORS, axes=()),
+    "and scales 0.5 %, axes 2 mrad; zeros 1 mrad, lengths 0.5 mm; base IMU 1 mm, 3 mrad": ROBOT,
+    "and three clocks, 200 and 333 Hz": CLOCKS,
+    "sensors alone, one joint between the IMUs": replace(SENSORS, axes=((0.0, 1.0, 0.0),)),
+    "sensors alone, both on one body": replace(SENSORS, axes=()),
 }
 
 

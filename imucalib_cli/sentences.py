@@ -570,7 +570,7 @@ def base_moves(
 
 def unusual_bias(name: str, size: float) -> str:
     """A bias that is larger than usual."""
-    if name == "accel_bias":
+    if name.endswith("accel_bias"):
         return (
             f"an accelerometer bias of {size:.2g} m/s² is unusual: a scale error, or another "
             "--gravity norm?"

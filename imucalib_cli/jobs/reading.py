@@ -177,7 +177,8 @@ def recording_of(
     )
     check_parents((*imus, *others), request)
     imus, sources, reckoned = with_base_imu((imus, others), sources, clock, robot, request)
-    of_others = {imu.topic for imu in others} - {imu.topic for imu in imus}
+    used = {imu.topic for imu in imus} | set(sources.topics.values())
+    of_others = {imu.topic for imu in others} - used
     of_data = [each for each in data.findings if each.values.get("topic") not in of_others]
     return Recording(
         imus=imus,

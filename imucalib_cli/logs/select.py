@@ -144,7 +144,8 @@ def select_topics(
         _of_kind(topics, "text", description_topics) if description_topics else descriptions(topics)
     )
     if base_imu is not None:
-        others = [each for each in others if each.name in (base_imu, base_imu.partition(":")[0])]
+        called = (base_imu, base_imu.partition(":")[0])
+        others = [each for each in others if each.name in called] or others
     if not imus:
         raise InputError(
             f"the log has no IMU (sensor_msgs/Imu); it has: {_listed(topics) or 'no topics'}"

@@ -175,6 +175,8 @@ def base_imu_path(
 ) -> KinematicPath:
     """Build the path freely falling frame -> base IMU -> its link -> ``parent``.
 
+    For people the motion is that against the base IMU's link, by which the path is called.
+
     Args:
         base: The IMU.
         parent: Link that carries the other IMU.
@@ -195,7 +197,7 @@ def base_imu_path(
     mount = FixedStep(R=base.R_link_imu, p=base.t_link_imu)
     steps = [PoseStep(track=0), fixed_inverse(mount), *_moved_on(behind.steps, 1)]
     return KinematicPath(
-        world=f"free fall of {base.frame}",
+        world=base.link,
         parent=parent,
         steps=tuple(steps),
         tracks=(base.track, *behind.tracks),

@@ -72,6 +72,8 @@ class Walk:
     """m and rad: by which the trunk's IMU is elsewhere than the URDF says, standard deviations."""
     scale: float = 0.0
     """Scale errors of both IMUs, standard deviation."""
+    turned: float = 0.0
+    """rad: gyroscopes against their accelerometers, standard deviation about each axis."""
     longer: float = 0.0
     """By which both accelerometers read more than there is, relative."""
     zero: float = 0.0
@@ -198,6 +200,8 @@ class Walk:
         """Readings with the errors of a sensor."""
         gyro, accel = (each * (1.0 + self.scale * rng.normal(size=3)) for each in (gyro, accel))
         accel = accel * (1.0 + self.longer)
+        if self.turned:
+            gyro = gyro @ Rotation.from_rotvec(self.turned * rng.normal(size=3)).as_matrix().T
         if not self.noisy:
             return gyro, accel
         noise_a, noise_g = (density * np.sqrt(rate / 2) for density in MEMS)

@@ -73,6 +73,9 @@ _UNTOUCHED: Final = 0.9
 """Share of a prior's deviation that is left where the data add nothing to it."""
 SLIP: Final = (2e-3, 5e-3)
 """m and rad: a mount that slips moves by the clearance of its bolts; what gives moves less."""
+_NO_SENSOR: Final = 5.0
+"""Times the usual, from which no sensor that is sold has such a bias: 2.5 m/s² and 1 rad/s, where
+the worst of consumer parts are specified to 2 m/s² and 0.7 rad/s."""
 _WITHIN: Final = 2.0
 """Sigmas of a told prior within which a bias is what was told."""
 _JUDGED_ELSEWHERE: Final = frozenset({"time_offset", "gravity_direction"})
@@ -403,7 +406,10 @@ def _errors(
         if unknown.group == "bias":
             size = float(np.linalg.norm(value))
             if size > max(limit, _WITHIN * answer.options.stated_std(unknown.name)):
-                yield warning("bias.unusual", name=unknown.name, size=size)
+                # surely so: a log that hardly tells a bias proves nothing by it
+                sure = size - WARN_SIGMAS * float(std.max()) > _NO_SENSOR * limit
+                make = untrusted if sure else warning
+                yield make("bias.unusual", name=unknown.name, size=size)
         elif (surely > limit).any():
             worst = int(np.argmax(surely))
             other = _sound_window(windows, part.start + worst, value[worst], limit)

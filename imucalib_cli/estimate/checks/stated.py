@@ -39,6 +39,8 @@ if TYPE_CHECKING:
 POSE_NAMES: Final = ("tx", "ty", "tz", "rx", "ry", "rz")
 _SLIP_OF_THE_PEN: Final = 0.3
 """m/s²: gravity of any place on Earth, and ten times as far."""
+_ANYWHERE: Final = (0.1, 0.1, 0.1, 0.3, 0.3, 0.3)
+"""m and rad: an IMU on another place of its link, and turned by some tens of degrees."""
 _NEGLIGIBLE: Final = 1e-5
 """Of any unit: no drawing and no clock is more exact, so that no contradiction is smaller."""
 
@@ -96,6 +98,8 @@ def _statements(answer: Answer) -> Iterator[tuple[str, MatchedOptions]]:
         "--accel-bias": {"accel_bias_std": np.inf},
         "--gyro-bias": {"gyro_bias_std": np.inf},
     }
+    if options.base_std is not None:
+        free["--base-std"] = {"base_std": _ANYWHERE}
     if options.has_gravity:
         level = "--gravity fixed" if options.gravity == "fixed" else "--tilt-std"
         free[level] = {"gravity": "tilt", "tilt_std": np.inf}

@@ -18,6 +18,8 @@ from imucalib_cli.signals.moves import track_moves
 from imucalib_cli.signals.samples import samples_of
 
 if TYPE_CHECKING:
+    from collections.abc import Collection
+
     from imucalib_cli.findings import Finding
     from imucalib_cli.jobs.motion import Sources
     from imucalib_cli.jobs.request import CalibrationRequest
@@ -92,7 +94,7 @@ def with_base_imu(
                 "with --imu-topic, or another --base-imu"
             )
     track, findings = base_track(samples, request.units, request.estimator.gravity_norm)
-    placed = _placed(base, track, robot, request)
+    placed = _placed(base, track, robot, request, {imu.frame_id for imu in others})
     told = note("base.imu", topic=base.name, link=placed.link)
     topics = {**sources.topics, track.name: base.name}
     return others, replace(sources, base=placed, topics=topics), (told, *findings)
@@ -125,10 +127,19 @@ def _on_the_root(imus: Imus, sources: Sources, clock: Clock, robot: Robot) -> Im
 
 
 def _placed(
-    imu: ImuStream, track: Track, robot: Robot | None, request: CalibrationRequest
+    imu: ImuStream,
+    track: Track,
+    robot: Robot | None,
+    request: CalibrationRequest,
+    taken: Collection[str],
 ) -> BaseImu:
-    """Where an IMU is on the robot; without one its own frame is all there is."""
-    frame = imu.frame_id or imu.topic.strip("/").replace("/", "_")
+    """Where an IMU is on the robot; without one its own frame is all there is.
+
+    It is called by its topic where its messages name no frame, or that of another IMU.
+    """
+    frame = imu.frame_id
+    if not frame or (robot is None and frame in taken):
+        frame = imu.topic.strip("/").replace("/", "_")
     if robot is None:
         nominal = Nominal(joint="", R_parent_imu=np.eye(3), t_parent_imu=np.zeros(3))
         mount = Mount(parent=frame, child=frame, nominal=nominal)
