@@ -267,7 +267,8 @@ def filtered() -> Recording:
 
 
 def beyond_range(gyro: Floats, accel: Floats) -> tuple[Floats, Floats]:
-    accel[50::200, 0] = 250.0
+    glitches = accel[50::200, 0]
+    glitches[:] = 250.0 + np.arange(len(glitches))  # one value again and again is full scale
     return gyro, accel
 
 
