@@ -41,7 +41,7 @@ _AROUND = 5
 
 
 @dataclass(frozen=True, eq=False)
-class BaseImu:
+class ReckonedBase:
     """The IMU that tells how the base moves, its errors taken off.
 
     Each stretch is reckoned by itself, from rest: no digit is lost, however long the log, and what
@@ -84,7 +84,7 @@ class BaseImu:
 
 
 def felt_gravity(
-    base: BaseImu, placed: Iterable[tuple[slice, Reading]], size: int, norm: float
+    base: ReckonedBase, placed: Iterable[tuple[slice, Reading]], size: int, norm: float
 ) -> tuple[float, Floats, float]:
     """What the base IMU tells of the scale that all accelerometers share.
 
@@ -155,7 +155,7 @@ def box_over(count: int) -> Floats:
 
 
 def base_nodes(
-    base: BaseImu,
+    base: ReckonedBase,
     t: Floats,
     dt: float,
     frame: tuple[Floats, Floats],

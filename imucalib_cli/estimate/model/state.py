@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from imucalib_cli.estimate.model.base_imu import BaseImu
+from imucalib_cli.estimate.model.base_imu import ReckonedBase
 from imucalib_cli.estimate.model.unknowns import (
     BaseClock,
     BaseMount,
@@ -74,7 +74,7 @@ class Chain:
     """Errors of joint positions."""
     scales: tuple[tuple[int, float], ...] = ()
     """Errors of pose streams: track, relative."""
-    base: BaseImu | None = None
+    base: ReckonedBase | None = None
 
     @classmethod
     def of(cls, trajectory: Trajectory, layout: Layout, x: Floats) -> Chain:
@@ -140,11 +140,11 @@ def _remounted(step: FixedStep, mount: BaseMount, size: Floats) -> FixedStep:
     return FixedStep(R=R, p=R @ step.R.T @ step.p)
 
 
-def _base_imu(trajectory: Trajectory, layout: Layout, x: Floats) -> BaseImu | None:
+def _base_imu(trajectory: Trajectory, layout: Layout, x: Floats) -> ReckonedBase | None:
     track, grid = trajectory.path.base_imu, trajectory.base_readings
     if track is None or grid is None:
         return None
-    return BaseImu(
+    return ReckonedBase(
         track=track,
         grid=grid,
         shift=sum(float(x[each.part][0]) for each, _ in layout.of(BaseClock)),

@@ -10,6 +10,7 @@ import numpy as np
 from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.findings import note
+from imucalib_cli.jobs.known.parents import named_parent
 from imucalib_cli.robot.build import BaseImu, find_base
 from imucalib_cli.robot.frames import with_static_frames
 from imucalib_cli.robot.mount import Mount, Nominal, find_mount, rigid_transform
@@ -144,11 +145,8 @@ def _placed(
         nominal = Nominal(joint="", R_parent_imu=np.eye(3), t_parent_imu=np.zeros(3))
         mount = Mount(parent=frame, child=frame, nominal=nominal)
     else:
-        parents = dict(request.parents)
-        keys = (imu.name, imu.topic, frame)
-        named = next((parents[key] for key in keys if key in parents), None)
         try:
-            mount = find_mount(robot, frame, named)
+            mount = find_mount(robot, frame, named_parent(imu, request))
         except ChoiceError as error:
             raise ChoiceError(
                 f"where the base IMU {imu.name} is on the robot is not known: "

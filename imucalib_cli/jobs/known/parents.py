@@ -27,9 +27,15 @@ if TYPE_CHECKING:
 
 def request_of(imu: ImuStream, request: CalibrationRequest) -> CalibrationRequest:
     """A request with the parent that the user names for one IMU."""
+    parent = named_parent(imu, request)
+    return request if parent is None else replace(request, parent=parent)
+
+
+def named_parent(imu: ImuStream, request: CalibrationRequest) -> str | None:
+    """The parent that the user names for one IMU, if they do."""
     named = dict(request.parents)
-    parents = [named[key] for key in (imu.name, imu.topic, imu.frame_id) if key in named]
-    return replace(request, parent=parents[0]) if parents else request
+    keys = (imu.name, imu.topic, imu.frame_id)
+    return next((named[key] for key in keys if key in named), None)
 
 
 def check_parents(imus: Sequence[ImuStream], request: CalibrationRequest) -> None:
