@@ -3,8 +3,8 @@
     python -m benchmarks.ablation --robot ur10e --seeds 16
 
 Each line leaves one group out of the table of unknowns (its entries are then taken to be nominal),
-the last leaves out all of them. Logs are those of sweeps.py: a cell has the root mean square error
-in mm and the mean NEES, 6 where the stated covariance is true.
+the last leaves out all of them. Logs are those of sweeps.py: a cell has the root mean square errors
+in mm and in degrees, and the mean NEES, 6 where the stated covariance is true.
 """
 
 from __future__ import annotations
@@ -38,6 +38,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
     "joint curves": ("joint_harmonic", "joint_lag", "joint_play"),
     "sensor scales": ("accel_scale", "gyro_scale"),
     "gyroscope's axes": ("gyro_misalignment",),
+    "axes off square": ("accel_skew", "gyro_skew"),
     "g-sensitivity": ("gyro_g_sensitivity",),
     "driver filters": ("accel_filter", "gyro_filter"),
     "give of the mount": ("mount_give",),
@@ -48,8 +49,8 @@ GROUPS: dict[str, tuple[str, ...]] = {
 GROUPS["all of these"] = tuple(name for names in GROUPS.values() for name in names)
 
 
-def run(robot: str, row: str, group: str, seed: int) -> tuple[float, float]:
-    """Squared error, m², and NEES of one log."""
+def run(robot: str, row: str, group: str, seed: int) -> tuple[float, float, float]:
+    """Squared errors of translation, m², and rotation, rad², and NEES of one log."""
     kept = tuple(each for each in TABLE if each.name not in GROUPS[group])
 
     def laid_out(
@@ -59,7 +60,8 @@ def run(robot: str, row: str, group: str, seed: int) -> tuple[float, float]:
 
     fit.lay_out = laid_out  # no option leaves out entries one by one
     line = sweeps.run(sweeps.Job(robot=robot, row=row, seed=seed))
-    return float(np.sum(np.square(line["error"][:3]))), float(line["nees"])
+    squares = np.square(line["error"])
+    return float(squares[:3].sum()), float(squares[3:].sum()), float(line["nees"])
 
 
 def main() -> None:
@@ -69,20 +71,24 @@ def main() -> None:
     parser.add_argument(
         "--rows", nargs="+", choices=ROWS, default=["exact-mems", "quiet", "everyday", "worn"]
     )
+    parser.add_argument("--groups", nargs="+", choices=GROUPS, default=list(GROUPS))
     parser.add_argument("--seeds", type=int, default=16)
     parser.add_argument("--workers", type=int, default=2)
     asked = parser.parse_args()
-    print(f"| left out | {' | '.join(f'{row}: mm, NEES' for row in asked.rows)} |")
+    print(f"| left out | {' | '.join(f'{row}: mm, deg, NEES' for row in asked.rows)} |")
     print("|---" * (1 + len(asked.rows)) + "|")
     with ProcessPoolExecutor(asked.workers) as pool:
-        for group in GROUPS:
+        for group in asked.groups:
             jobs = [
                 (asked.robot, row, group, seed)
                 for row, seed in product(asked.rows, range(asked.seeds))
             ]
             found = np.array(list(pool.map(run, *zip(*jobs, strict=True))))
-            found = found.reshape(len(asked.rows), asked.seeds, 2).mean(axis=1)
-            cells = [f"{1e3 * square**0.5:.3f}, {nees:.3g}" for square, nees in found]
+            found = found.reshape(len(asked.rows), asked.seeds, 3).mean(axis=1)
+            cells = [
+                f"{1e3 * shift**0.5:.3f}, {np.degrees(turn**0.5):.4f}, {nees:.3g}"
+                for shift, turn, nees in found
+            ]
             print(f"| {group} | {' | '.join(cells)} |", flush=True)
 
 

@@ -38,7 +38,7 @@ from imucalib_cli.batch.logs import BatchLog, find_logs
 from imucalib_cli.batch.record import Record
 from imucalib_cli.batch.task import Done, Task
 from imucalib_cli.cli.exit_codes import exit_code_of
-from imucalib_cli.jobs.request import CalibrationRequest
+from imucalib_cli.jobs.input.request import CalibrationRequest
 from imucalib_cli.process import prepare_to_compute
 from imucalib_cli.simulate.load import load_grade, load_system
 from imucalib_cli.simulate.options import PhysicsOptions

@@ -5,7 +5,8 @@
 
 The bound of a log is the covariance of the same unknowns where the standard deviations that their
 errors were drawn with are known (robots.py), and what was not drawn is known to be zero: the
-estimator has to learn how good robot and sensor are, the bound does not. Errors are those of the
+estimator has to learn how good robot and sensor are, the bound does not. A second bound of the
+rotation is not told that the gyroscope's axes are the accelerometer's. Errors are those of the
 sweep, root mean squares over the same logs.
 """
 
@@ -16,6 +17,7 @@ import os
 from collections import defaultdict
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 # Before numpy: as many processes as workers, each on one core.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -24,16 +26,27 @@ import numpy as np
 
 from benchmarks.robots import ROBOTS, ROWS, Row
 from benchmarks.sweeps import Job, Line, read
+from imucalib_cli.estimate.model.unknowns import SCALES
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.estimate.solution.fit import whole_fit
 from imucalib_cli.estimate.stamps import best_attempt
 from imucalib_cli.signals.prepare import clean_imu
 from imucalib_cli.signals.trajectory import Trajectory
 
+if TYPE_CHECKING:
+    from imucalib_cli.arrays import Floats
+    from imucalib_cli.estimate.solution.fit import Fit
+
 KNOWN = 1e-12
 """Of any unit: what was not drawn."""
 FREE = ("translation", "rotation", "accel_bias", "gyro_bias", "gravity_direction", "time_offset")
 """Of which nothing is known beforehand."""
+
+HEADER = (
+    *("robot", "row", "logs"),
+    *("RMS mm", "bound mm", "over it"),
+    *("RMS deg", "bound deg", "over it", "axes unknown", "over it"),
+)
 
 
 def drawn_with(row: Row) -> dict[str, float]:
@@ -54,8 +67,11 @@ def drawn_with(row: Row) -> dict[str, float]:
     }
 
 
-def bound(line: Line) -> tuple[float, float]:
-    """Least variance of the translation, m², and of the rotation, rad², summed over axes."""
+def bound(line: Line) -> tuple[float, float, float]:
+    """Least variance of the translation, m², and of the rotation, rad², summed over axes.
+
+    The third is that of the rotation where the gyroscope's axes may be the worst that are sold.
+    """
     case = Job.of(line).case()
     options, drawn = MatchedOptions(), drawn_with(ROWS[line["row"]])
     attempt = best_attempt(clean_imu(case.imu), Trajectory.of(case.path), options)
@@ -65,8 +81,15 @@ def bound(line: Line) -> tuple[float, float]:
     for each in layout.placed:
         if each.unknown.name not in FREE:
             std[each.part] = max(drawn.get(each.unknown.name, 0.0), KNOWN)
-    A = fit.statistics.information / fit.equations.level * np.outer(std, std) + np.eye(layout.size)
-    variance = (np.diag(np.linalg.inv(A)) * std**2)[layout.pose]
+    told = _least(fit, std)
+    std[layout.part("gyro_misalignment")] = SCALES["sensor_axes"].high
+    return *told, _least(fit, std)[1]
+
+
+def _least(fit: Fit, std: Floats) -> tuple[float, float]:
+    """Of translation and rotation, for priors (n,)."""
+    A = fit.statistics.information / fit.equations.level * np.outer(std, std) + np.eye(len(std))
+    variance = (np.diag(np.linalg.inv(A)) * std**2)[fit.layout.pose]
     return float(variance[:3].sum()), float(variance[3:].sum())
 
 
@@ -81,8 +104,8 @@ def main() -> None:
     for line in read(asked.sweep).values():
         if "failed" not in line:
             groups[line["robot"], line["row"]].append(line)
-    print("| robot | row | logs | RMS mm | bound mm | over it | RMS deg | bound deg | over it |")
-    print("|---" * 9 + "|")
+    print(f"| {' | '.join(HEADER)} |")
+    print("|---" * len(HEADER) + "|")
     with ProcessPoolExecutor(asked.workers) as pool:
         for key in ((robot, row) for robot in ROBOTS for row in ROWS):
             lines = sorted(groups[key], key=lambda line: line["seed"])[: asked.logs]
@@ -94,6 +117,7 @@ def main() -> None:
             cells = (
                 f"{1e3 * rms[0]:.3f} | {1e3 * least[0]:.3f} | {rms[0] / least[0]:.2f}",
                 f"{np.degrees(rms[1]):.4f} | {np.degrees(least[1]):.4f} | {rms[1] / least[1]:.2f}",
+                f"{np.degrees(least[2]):.4f} | {rms[1] / least[2]:.2f}",
             )
             print(f"| {' | '.join((*key, str(len(lines)), *cells))} |", flush=True)
 

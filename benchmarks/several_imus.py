@@ -28,7 +28,7 @@ from scipy.spatial.transform import Rotation
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.jobs.calibrate import calibrate
-from imucalib_cli.jobs.request import CalibrationRequest
+from imucalib_cli.jobs.input.request import CalibrationRequest
 from imucalib_cli.jobs.several_imus import together
 from tests.estimate.estimate_arm import Mount, pose_error
 from tests.estimate.estimate_walk import FOOT, SHANK, Walk

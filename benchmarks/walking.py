@@ -25,11 +25,13 @@ from tests.estimate.estimate_walk import FOOT, Walk
 NOISE = Walk(seconds=60.0, noisy=True)
 SENSORS = replace(NOISE, scale=5e-3, turned=2e-3)
 ROBOT = replace(SENSORS, zero=1e-3, length=5e-4, base_off=(1e-3, 3e-3))
-CLOCKS = replace(ROBOT, rates=(200.0, 333.0), offsets=(0.002, 0.004))
+CLOCKS = replace(
+    ROBOT, rates=(200.0, 333.0), offsets=(0.002, 0.004), drifts=(1e-4, -5e-5), base_delay=1e-3
+)
 ROWS = {
     "noise and biases of both IMUs": NOISE,
     "and scales 0.5 %, axes 2 mrad; zeros 1 mrad, lengths 0.5 mm; base IMU 1 mm, 3 mrad": ROBOT,
-    "and three clocks, 200 and 333 Hz": CLOCKS,
+    "and three clocks, 200 and 333 Hz, 100 and -50 ppm; base gyroscope 1 ms late": CLOCKS,
     "sensors alone, one joint between the IMUs": replace(SENSORS, axes=((0.0, 1.0, 0.0),)),
     "sensors alone, both on one body": replace(SENSORS, axes=()),
 }

@@ -14,8 +14,8 @@ from PIL import Image
 from playwright.sync_api import sync_playwright
 
 from imucalib_cli.jobs.calibrate import calibrate
+from imucalib_cli.jobs.input.request import CalibrationRequest
 from imucalib_cli.jobs.report import report
-from imucalib_cli.jobs.request import CalibrationRequest
 
 PICTURE = Path(__file__).with_name("report.png")
 SAMPLE = Path("sample_data")

@@ -18,7 +18,7 @@ from imucalib_cli.batch.tables import COLUMNS
 from imucalib_cli.cli.exit_codes import EXIT_CODES
 from imucalib_cli.cli.main import COMMANDS, app
 from imucalib_cli.cli.options import with_groups
-from imucalib_cli.logs.unitree import JOINTS_GO, JOINTS_HG
+from imucalib_cli.logs.messages.unitree import JOINTS_GO, JOINTS_HG
 from imucalib_cli.messages import MESSAGES
 from imucalib_cli.report.words import WORDS
 from imucalib_cli.sentences import CAUSES, cause

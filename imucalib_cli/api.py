@@ -17,15 +17,15 @@ from threadpoolctl import threadpool_limits
 from imucalib_cli.errors import ChoiceError, ImucalibError, InputError, UntrustedError
 from imucalib_cli.estimate.options import MatchedOptions, PaperOptions, PosePrior, WindowChoice
 from imucalib_cli.jobs.calibrate import calibrate_recording
-from imucalib_cli.jobs.from_arrays import streams_of
-from imucalib_cli.jobs.reading import read_recording, recording_of
-from imucalib_cli.jobs.request import CalibrationRequest, ExpectedImu
-from imucalib_cli.logs.columns import joint_columns
+from imucalib_cli.jobs.input.from_arrays import streams_of
+from imucalib_cli.jobs.input.reading import read_recording, recording_of
+from imucalib_cli.jobs.input.request import CalibrationRequest, ExpectedImu
+from imucalib_cli.logs.messages.columns import joint_columns
 from imucalib_cli.logs.part import Part
 from imucalib_cli.logs.remote.file import path_or_url, without_copies
+from imucalib_cli.results.comparison.requirement import Tolerance
 from imucalib_cli.results.fields import sections, verdict
 from imucalib_cli.results.formats import FORMATS, refuse_untrusted
-from imucalib_cli.results.requirement import Tolerance
 from imucalib_cli.results.result import Result
 from imucalib_cli.results.summary import summarise
 from imucalib_cli.shown import as_html, shown
@@ -40,9 +40,9 @@ if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.details import Details, WindowSeries
     from imucalib_cli.estimate.estimate import Estimate
-    from imucalib_cli.jobs.reading import Recording
-    from imucalib_cli.jobs.request import ClockChoice, Progress
-    from imucalib_cli.logs.columns import JointColumns
+    from imucalib_cli.jobs.input.reading import Recording
+    from imucalib_cli.jobs.input.request import ClockChoice, Progress
+    from imucalib_cli.logs.messages.columns import JointColumns
     from imucalib_cli.logs.reader import LogPath
     from imucalib_cli.signals.samples import Sensor
 

@@ -9,6 +9,8 @@ from imucalib_cli.findings import Finding
 from imucalib_cli.shown import shown, without_secrets
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from typing_extensions import Self
 
 
@@ -42,6 +44,12 @@ class ImucalibError(Exception):
         """The same error, its text beginning with what it is about: a file or a topic."""
         error = copy(self)
         error.args = (f"{name}: {self}",)
+        return error
+
+    def followed_by(self, reasons: Iterable[str]) -> Self:
+        """The same error, its text ending with what else was found out."""
+        error = copy(self)
+        error.args = ("; ".join((str(self), *reasons)),)
         return error
 
 

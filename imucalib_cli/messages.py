@@ -15,6 +15,7 @@ from imucalib_cli.sentences import (
     gyro_factor,
     held,
     implausible,
+    incomplete,
     publishers,
     rate_changes,
     require_no_sigma,
@@ -48,6 +49,8 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "damaged or cut short and left out",
     "log.record_unknown": "{file}: a record of the unknown kind {kind} at byte {byte} is left out",
     "log.unindexed": "{file}: the bag has no usable index and was scanned; nothing is lost",
+    "log.definition_damaged": "{file}: the definition of {topic} ({type}) is missing or "
+    "damaged, so that its messages cannot be read: use a sound copy of the log, or record again",
     "log.part_missing": "{file}: {name} is named in metadata.yaml but is not there",
     "log.part_unusable": "{file}: left out: {reason}",
     "log.unpacks_too_large": "{file}: it unpacks to over {ratio} times its size, which no log does",
@@ -78,8 +81,7 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "imu.not_finite": "{topic}: {count} messages whose values are not finite or beyond {limit:g} "
     "are left out",
     "joints.named_twice": "{topic}: {count} messages that name a joint twice are left out",
-    "joints.incomplete": "{topic}: {count} messages without one position for each joint are left "
-    "out",
+    "joints.incomplete": incomplete,
     "joints.columns": "{topic}: {count} messages are left out, as {field} has {numbers} "
     "numbers and --joints names {named}: name a part, or - for what is no joint",
     "joints.not_finite": "{topic}: {count} messages whose positions are not finite or beyond "
@@ -88,8 +90,8 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "unit norm are left out",
     "joints.prefixed": "{topic}: {count} joints differ from those of {robot} by the prefix "
     "'{prefix}' and are taken for them; --joint-prefix overrules it",
-    "frames.prefixed": "{count} frames differ from links of {robot} by the prefix '{prefix}' and "
-    "are taken for them",
+    "frames.prefixed": "frames that differ from links of {robot} by the prefix '{prefix}' are "
+    "taken for them ({count} of them)",
     "base.imu": "{topic} on {link} tells how the robot moves; the other IMUs are calibrated "
     "against it",
     "pose.told_twice": "{topic} tells the pose of {child} in {parent} too; {used} is used, having "
@@ -275,6 +277,10 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "result is that of the rest]",
     "imu.strikes": "{topic}: {count:many} strikes of up to {largest:.3g} m/s²: {windows} of "
     "{total} windows have one, of which {left_out} do not fit the rest and were left out",
+    "imu.slow": "{topic}: at {rate:.3g} Hz the accelerometer misses what happens between two "
+    "samples: set a rate of {enough:g} Hz or more, and its low-pass to less than half of it",
+    "imu.spikes": "{topic}: {count} of {total} samples stand alone, far off those before and "
+    "after, which replace them: look after the sensor's cable, its power and its driver",
     "windows.between_gaps": "only {share:.0%} of the time of both streams lies in filter windows, "
     "the rest is lost to gaps ({imu} in the IMU's stamps, {robot} in the robot's): record without "
     "losses, or choose a shorter --window",
@@ -328,6 +334,8 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     **{f"cause.{kind.partition('.')[0]}": cause for kind in CAUSES},
     "cause.publishers": publishers,
     "cause.base_moves": base_moves,
+    "cause.base_link": "the base IMU {topic} moves as {names:list} does, not as {told}: correct "
+    "its frame_id, or the URDF's joint that holds that frame",
     "cause.imu_still": "the IMU stands still while {names:list} turns at {turning:deg.2g}/s (rms): "
     "it is not on {names:list}; name what carries it with --parent, or choose another --imu-topic",
 }

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import math
 import re
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 from imucalib_cli.digits import figures, with_std
 
@@ -164,19 +164,34 @@ def _factor(value: float, std: float) -> str:
     return with_std(value, std) if std > 0.0 else figures(value, 6)
 
 
-def zero(topic: str, sensor: str, count: int) -> str:
-    """Readings that are all zero."""
+def zero(
+    topic: str, sensor: str, count: int, reads: str = "zero", option: str = "--imu-topic"
+) -> str:
+    """Readings that are all zero, or all NaN."""
     if sensor == "both":
         return (
-            f"{topic}: gyro and accel are zero in all {count} messages: the driver does not fill "
-            "them in, and nothing can be calibrated from it; turn it on in the driver, or choose "
-            "another --imu-topic"
+            f"{topic}: gyro and accel are {reads} in all {count} messages: the driver does not "
+            "fill them in, and nothing can be calibrated from it; turn it on in the driver, or "
+            f"choose another {option}"
         )
     other = "accel" if sensor == "gyro" else "gyro"
     return (
-        f"{topic}: {sensor} is zero in all {count} messages: the driver does not fill it in, and "
-        f"{other} alone does not tell the pose; turn it on in the driver, or choose another "
-        "--imu-topic"
+        f"{topic}: {sensor} is {reads} in all {count} messages: the driver does not fill it in, "
+        f"and {other} alone does not tell the pose; turn it on in the driver, choose another "
+        f"{option}, or, if another topic has it, name both by --gyro-topic and --accel-topic"
+    )
+
+
+def incomplete(topic: str, count: int, total: int, named: int, positions: int) -> str:
+    """Joint states without one position for each joint."""
+    remedy = "; say which joints they are by --joints" if positions else ""
+    held, joints = (
+        f"{number or 'no'} {word}{'' if number == 1 else 's'}"
+        for number, word in ((positions, "position"), (named, "joint"))
+    )
+    return (
+        f"{topic}: {count} of {total} messages are left out, as they have {held} for {joints} by "
+        f"name{remedy}"
     )
 
 
@@ -257,6 +272,8 @@ _QUANTITIES: dict[str, tuple[float, str]] = {
     "m/(m/s²)": (1e3 * 9.80665, "mm for each g"),
 }
 """Units of the table of unknowns, as people write them: factor and name; others stay."""
+_OF_BASE: Final = "base_"
+"""Before the name of an unknown of the base IMU, where the other IMU has the same."""
 _REMEDIES: dict[str, str] = {
     "clock_drift": "synchronise the clocks",
     "gyro_delay": "give both sensors the same bandwidth, or expect the same delay in use",
@@ -264,12 +281,16 @@ _REMEDIES: dict[str, str] = {
     "gyro_filter": "a filter in the driver; turn it off, or expect it in use",
     "accel_scale": "calibrate the sensor, or scale its data",
     "gyro_scale": "calibrate the sensor, or scale its data",
+    "accel_skew": "calibrate the sensor's axes",
+    "gyro_skew": "calibrate the sensor's axes",
     "gyro_misalignment": "the pose is the accelerometer's; calibrate the sensor's axes",
     "gravity_norm": "give --gravity if you know it",
     "gyro_g_sensitivity": "calibrate the sensor",
     "mount_give": "stiffen the mount",
     "joint_zero": "the arm's own calibration should say the same before the URDF is edited",
     "origin": "the arm's own calibration should say the same before the URDF is edited",
+    "translation": "measure it on the robot before the URDF is edited",
+    "rotation": "measure it on the robot before the URDF is edited",
     "pose_scale": "calibrate the tracker",
 }
 _CURES: dict[str, str] = {
@@ -294,15 +315,17 @@ def unknown_found(
     seconds: float,
     translation: float,
     rotation: float,
+    like: str = "",
 ) -> str:
     """An unknown that stands clear of its sigma."""
+    of_base, name = name.startswith(_OF_BASE), name.removeprefix(_OF_BASE)
     if name == "clock_drift":
-        gains = "gains" if values[0] > 0.0 else "loses"
+        gain = with_std(abs(values[0]) * 1e6, stds[0] * 1e6)
+        ahead, over = ("gains", "on") if values[0] > 0.0 else ("loses", "against")
         return (
-            f"the IMU's clock {gains} {with_std(abs(values[0]) * 1e6, stds[0] * 1e6)} µs a second "
-            f"{'on' if values[0] > 0.0 else 'against'} the robot's, "
-            f"{abs(values[0]) * seconds * 1e3:.2g} ms over the log; corrected here: synchronise "
-            "the clocks"
+            f"the {'base ' if of_base else ''}IMU's clock {ahead} {gain} µs a second {over} the "
+            f"robot's, {abs(values[0]) * seconds * 1e3:.2g} ms over the log; corrected here: "
+            "synchronise the clocks"
         )
     what = ", ".join(
         _quantity(unit, label, value, std)
@@ -311,7 +334,9 @@ def unknown_found(
     remedy = _REMEDIES.get(name, "")
     return (
         f"{words} {what}: corrected here, which moves the pose by {translation * 1e3:.2g} mm and "
-        f"{math.degrees(rotation):.2g} deg{f'; {remedy}' if remedy else ''}"
+        f"{math.degrees(rotation):.2g} deg"
+        f"{f'; it may as well be the {like}, which looks the same' if like else ''}"
+        f"{f'; {remedy}' if remedy else ''}"
     )
 
 
@@ -426,6 +451,13 @@ CAUSES: dict[str, tuple[str, str]] = {
         "the base IMU {first} is turned by {size:deg.0f} from its frame in the URDF",
         "correct the frame's rpy there, or its driver's axis mapping",
     ),
+    "base_imu": (
+        (
+            "{base} moves though the log does not say so, or what it says of the joints up to "
+            "{link} is wrong: against {first} on {link} the motion is explained"
+        ),
+        "rerun with --base-imu {first}, or record the base's pose and name it with --pose-topic",
+    ),
     "axes.left-handed": (
         (
             "the IMU's axes are left-handed (both sensors fit a mirrored frame and no rotation): "
@@ -458,6 +490,7 @@ _DETAILS: dict[str, tuple[str, ...]] = {
     "quaternion": ("order",),
     "offset": ("given", "max_offset"),
     "axes": ("form", "which", "order"),
+    "base_imu": ("link", "base"),
 }
 """What else the words of a kind need, in the order in which a finding has it."""
 _MOST_LISTED = 3
@@ -570,9 +603,10 @@ def base_moves(
 
 def unusual_bias(name: str, size: float) -> str:
     """A bias that is larger than usual."""
+    whose = " of the base IMU" if name.startswith(_OF_BASE) else ""
     if name.endswith("accel_bias"):
         return (
-            f"an accelerometer bias of {size:.2g} m/s² is unusual: a scale error, or another "
-            "--gravity norm?"
+            f"an accelerometer bias{whose} of {size:.2g} m/s² is unusual: a scale error, or "
+            "another --gravity norm?"
         )
-    return f"a gyroscope bias of {size:.2g} rad/s is unusual: is its unit right?"
+    return f"a gyroscope bias{whose} of {size:.2g} rad/s is unusual: is its unit right?"

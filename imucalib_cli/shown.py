@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import difflib
 import re
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 _PROTOCOL = r"[A-Za-z][A-Za-z0-9+.-]+"
 _LINK = re.compile(rf"({_PROTOCOL}):/{{1,2}}((?:(?!::{_PROTOCOL}(?:::|:/))\S)*)")
@@ -24,6 +29,22 @@ def natural(name: str) -> list[tuple[int, str]]:
     """What names are sorted by, so that numbers in them count as numbers."""
     parts = re.split(r"(\d+)", name)
     return [(int(part), "") if place % 2 else (0, part) for place, part in enumerate(parts)]
+
+
+def meant(name: str, known: Sequence[str]) -> str:
+    """End of an error message: the names that are similar to one; empty if none is."""
+    near = difflib.get_close_matches(name, known, n=3, cutoff=0.6)
+    quoted = " or ".join(f"'{match}'" for match in near)
+    return f"; did you mean {quoted}?" if near else ""
+
+
+def near_matches(name: str, known: Sequence[str], *, limit: int = 12) -> str:
+    """End of an error message: similar names, else the first of all names."""
+    near = meant(name, known)
+    if near or not known:
+        return near
+    more = f" and {len(known) - limit} more" if len(known) > limit else ""
+    return "; there are: " + ", ".join(known[:limit]) + more
 
 
 def without_secrets(text: str) -> str:

@@ -18,7 +18,7 @@ from imucalib_cli import __version__
 from imucalib_cli.batch.logs import absolute
 from imucalib_cli.batch.record import FileStamp
 from imucalib_cli.errors import InputError
-from imucalib_cli.jobs.reading import printable, sha256_of
+from imucalib_cli.jobs.input.reading import printable, sha256_of
 from imucalib_cli.logs.remote.file import RemoteFile
 from imucalib_cli.logs.remote.store import NoRangesError
 from imucalib_cli.results.places import files_read
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
     from imucalib_cli.batch.logs import BatchLog
-    from imucalib_cli.jobs.request import CalibrationRequest
+    from imucalib_cli.jobs.input.request import CalibrationRequest
     from imucalib_cli.logs.reader import LogPath
 
     Sizes = dict[LogPath, tuple[int, int | str]]

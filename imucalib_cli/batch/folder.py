@@ -20,7 +20,7 @@ from imucalib_cli.batch.logs import BatchLog
 from imucalib_cli.batch.record import FileStamp, Record
 from imucalib_cli.batch.task import file_name
 from imucalib_cli.errors import ChoiceError, ImucalibError, InputError
-from imucalib_cli.jobs.reading import printable, sha256_of
+from imucalib_cli.jobs.input.reading import printable, sha256_of
 from imucalib_cli.jobs.result_files import read_result_file
 from imucalib_cli.results.atomic import clear_partial, lock, write_whole
 from imucalib_cli.results.names import log_name, sameness

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from imucalib_cli.findings import Finding, note
-from imucalib_cli.jobs.reading import printable
+from imucalib_cli.jobs.input.reading import printable
 from imucalib_cli.logs.open import holds_log, is_made_here
 from imucalib_cli.logs.remote.file import RemoteFile, path_or_url
 from imucalib_cli.logs.tum_euroc import TABLES

@@ -246,7 +246,7 @@ def complaints(record: Record) -> Iterator[tuple[str, str]]:
     """What is wrong with a log, for people: a word, and a sentence that names it."""
     for entry in by_imu(record):
         if isinstance(entry, str):
-            yield "error", entry if record.log in entry else f"{record.log}: {entry}"
+            yield "error", entry if entry.startswith(record.log) else f"{record.log}: {entry}"
         else:
             for reason in reasons(entry):
                 yield "untrusted", f"{record.log}: {entry.child}: {reason}"

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from imucalib_cli.batch.logs import BatchLog
     from imucalib_cli.batch.record import FileStamp
     from imucalib_cli.jobs.calibrate import Outcome
-    from imucalib_cli.jobs.request import CalibrationRequest
+    from imucalib_cli.jobs.input.request import CalibrationRequest
     from imucalib_cli.results.result import Result
 
     Content = str | bytes

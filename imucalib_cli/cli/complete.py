@@ -15,7 +15,7 @@ import typer  # noqa: TC002 - typer evaluates the annotations
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
-    from imucalib_cli.logs.messages import Kind
+    from imucalib_cli.logs.messages.table import Kind
 
     Completion = Callable[[typer.Context, str], list[str]]
 
@@ -55,11 +55,11 @@ def imus(ctx: typer.Context, incomplete: str) -> list[str]:
     """IMUs of the result on the command line."""
     found: list[str] = []
     with _quietly():
-        from imucalib_cli.jobs.result_files import read_result_file
+        from imucalib_cli.jobs.result_files import read_result_files
 
-        for name in _arguments(ctx, "result"):
-            for result in read_result_file(name) if name != "-" else ():
-                found += [result.child, result.imu_topic]
+        names = [name for name in _arguments(ctx, "results", "result") if name != "-"]
+        for _, result in read_result_files(names)[0]:
+            found += [result.child, result.imu_topic]
     return _beginning(incomplete, found)
 
 
@@ -100,9 +100,9 @@ def _give_up(*_: object) -> None:
     raise TimeoutError
 
 
-def _arguments(ctx: typer.Context, name: str) -> list[str]:
+def _arguments(ctx: typer.Context, *names: str) -> list[str]:
     """Arguments on the command line; where its last option still has no value, they are unread."""
-    given = ctx.params.get(name) or ctx.args
+    given = next(filter(None, map(ctx.params.get, names)), ctx.args)
     return [given] if isinstance(given, str) else list(given)
 
 

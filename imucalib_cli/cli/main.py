@@ -9,11 +9,18 @@ from typing import Annotated, Literal
 
 import typer
 
-from imucalib_cli.cli.apply import apply_command
-from imucalib_cli.cli.batch import batch_command
-from imucalib_cli.cli.combine import combine_command
-from imucalib_cli.cli.compare import compare_command
-from imucalib_cli.cli.diff import diff_command
+from imucalib_cli.cli.commands.apply import apply_command
+from imucalib_cli.cli.commands.batch import batch_command
+from imucalib_cli.cli.commands.combine import combine_command
+from imucalib_cli.cli.commands.compare import compare_command
+from imucalib_cli.cli.commands.diff import diff_command
+from imucalib_cli.cli.commands.inspect import inspect_command
+from imucalib_cli.cli.commands.report import report_command
+from imucalib_cli.cli.commands.run import run_command
+from imucalib_cli.cli.commands.simulate import simulate_command
+from imucalib_cli.cli.commands.study import study_command
+from imucalib_cli.cli.commands.trend import trend_command
+from imucalib_cli.cli.commands.verify import verify_command
 from imucalib_cli.cli.entry import was_interrupted
 from imucalib_cli.cli.exit_codes import (
     EXIT_BROKEN_PIPE,
@@ -22,16 +29,9 @@ from imucalib_cli.cli.exit_codes import (
     EXIT_INTERRUPTED,
     exit_code,
 )
-from imucalib_cli.cli.inspect import inspect_command
 from imucalib_cli.cli.options import with_groups
 from imucalib_cli.cli.output import deliver, guard_streams, say, say_error
 from imucalib_cli.cli.parsers import WrongValue
-from imucalib_cli.cli.report import report_command
-from imucalib_cli.cli.run import run_command
-from imucalib_cli.cli.simulate import simulate_command
-from imucalib_cli.cli.study import study_command
-from imucalib_cli.cli.trend import trend_command
-from imucalib_cli.cli.verify import verify_command
 from imucalib_cli.errors import ImucalibError, InputError
 from imucalib_cli.process import prepare_to_compute
 
@@ -60,7 +60,7 @@ def schema_command(
 
         deliver(schema_of_record())
     else:
-        from imucalib_cli.results.answers import schema_of
+        from imucalib_cli.results.comparison.answers import schema_of
 
         deliver(schema_of(which))
 

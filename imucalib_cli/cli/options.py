@@ -29,11 +29,11 @@ if TYPE_CHECKING:
 
     from imucalib_cli.cli.parsers import Pose
     from imucalib_cli.estimate.options import MatchedOptions, PaperOptions, PosePrior, WindowChoice
-    from imucalib_cli.jobs.request import CalibrationRequest, ExpectedImu
-    from imucalib_cli.logs.columns import JointColumns
+    from imucalib_cli.jobs.input.request import CalibrationRequest, ExpectedImu
+    from imucalib_cli.logs.messages.columns import JointColumns
     from imucalib_cli.logs.part import Part
     from imucalib_cli.logs.reader import LogPath
-    from imucalib_cli.results.requirement import Tolerance
+    from imucalib_cli.results.comparison.requirement import Tolerance
 
     Gravity = Literal["tilt", "fixed", "none"] | float
     Robot = Literal["nominal", "exact"] | tuple[float, float]
@@ -567,7 +567,7 @@ def calibration_request(
             such IMU.
         InputError: The data sheet of the user's own states something else.
     """
-    from imucalib_cli.jobs.request import CalibrationRequest
+    from imucalib_cli.jobs.input.request import CalibrationRequest
     from imucalib_cli.signals.imu.units import Units
 
     asked: dict[str, Any] = {
@@ -753,7 +753,7 @@ def _expected_imu(estimator: EstimatorOptions) -> ExpectedImu | None:
             f"--imu-model {name}: expected the name of an IMU such as bmi088, or a YAML file; "
             "--imu-topic takes a topic"
         )
-    from imucalib_cli.jobs.request import ExpectedImu
+    from imucalib_cli.jobs.input.request import ExpectedImu
     from imucalib_cli.signals.imu.data_sheet import load_imu_model
 
     stated = {"accel": estimator.accel_bias_std, "gyro": estimator.gyro_bias_std}

@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 
     from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.options import WindowChoice
-    from imucalib_cli.logs.columns import JointColumns
+    from imucalib_cli.logs.messages.columns import JointColumns
     from imucalib_cli.logs.reader import LogPath
-    from imucalib_cli.results.requirement import Tolerance
+    from imucalib_cli.results.comparison.requirement import Tolerance
 
 _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6}
 _METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6}
@@ -165,7 +165,7 @@ def tolerance(text: str, left_out: Tolerance | None = None) -> Tolerance:
         text: What the user wrote; one of the two may be left out.
         left_out: What that one is then; without it there is no bound.
     """
-    from imucalib_cli.results.requirement import Tolerance
+    from imucalib_cli.results.comparison.requirement import Tolerance
 
     expected = "a length, an angle or both, such as 1mm,0.1deg"
     length = angle = None
@@ -188,7 +188,7 @@ def tolerance(text: str, left_out: Tolerance | None = None) -> Tolerance:
 
 def within(text: str) -> Tolerance:
     """As :func:`tolerance`; what is left out keeps the default of ``verify``."""
-    from imucalib_cli.results.verdicts import WITHIN
+    from imucalib_cli.results.comparison.verdicts import WITHIN
 
     return tolerance(text, WITHIN)
 
@@ -295,7 +295,7 @@ def names(text: str) -> tuple[str, ...]:
 
 def joint_columns(text: str) -> JointColumns:
     """Which numbers of a message are joints: ``TOPIC:FIELD[first:end]=name,...``."""
-    from imucalib_cli.logs.columns import joint_columns
+    from imucalib_cli.logs.messages.columns import joint_columns
 
     try:
         return joint_columns(text)

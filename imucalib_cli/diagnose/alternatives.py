@@ -13,7 +13,13 @@ from typing import TYPE_CHECKING, Final, get_args
 import numpy as np
 
 from imucalib_cli.diagnose import edits
-from imucalib_cli.diagnose.hypotheses import Hypothesis, Kind, double_faults, single_faults
+from imucalib_cli.diagnose.hypotheses import (
+    Hypothesis,
+    Kind,
+    double_faults,
+    other_bases,
+    single_faults,
+)
 from imucalib_cli.diagnose.sensor_axes import reoriented
 from imucalib_cli.errors import InputError
 from imucalib_cli.estimate.checks.judge import own_noise
@@ -27,10 +33,10 @@ from imucalib_cli.estimate.model.windows import (
 )
 from imucalib_cli.estimate.solution.fit import MIN_WINDOWS, lean_fit
 from imucalib_cli.estimate.stamps import best_attempt
-from imucalib_cli.signals.lag import LEAST_OVERLAP
-from imucalib_cli.signals.offset import coarse_time_offset
 from imucalib_cli.signals.prepare import clean_imu
 from imucalib_cli.signals.samples import ImuSamples
+from imucalib_cli.signals.timing.lag import LEAST_OVERLAP
+from imucalib_cli.signals.timing.offset import coarse_time_offset
 from imucalib_cli.signals.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -125,6 +131,11 @@ class Trial:
         )
 
     @property
+    def may_be_right(self) -> bool:
+        """Whether a better fit of it could be decisive."""
+        return self.good or (self.hypothesis.kind == "link" and self.turns_alike)
+
+    @property
     def turns_alike(self) -> bool:
         """Whether it explains the rotation, which a wrong link does not."""
         return self.shares[1] < _ALIKE
@@ -183,10 +194,15 @@ class Fitter:
             grid = replace(
                 grid, accel=grid.accel @ hypothesis.accel.T, gyro=grid.gyro @ hypothesis.gyro.T
             )
+        options = self.options
+        if self.windowing.trajectory.path.base_imu is None:
+            options = options.along(hypothesis.path)
         table = LEAN if hypothesis.joint is None else (*LEAN, _zero(hypothesis.names[0]))
         try:
             windowing = Windowing(grid, self.trajectory(hypothesis.path), self.windowing.plan)
-            lean = lean_fit(windowing, self.options, offset, table=table)
+            lean = lean_fit(windowing, options, offset, table=table, rough=True)
+            if trial_of(hypothesis, lean).may_be_right:
+                lean = lean_fit(windowing, options, offset, near=lean, table=table)
         except InputError:
             return None
         if hypothesis.joint is not None:
@@ -277,16 +293,18 @@ def _liveliest(samples: ImuSamples) -> ImuSamples:
 def explaining(fitter: Fitter, poor: PoorFit, given: Trial) -> list[Trial]:
     """Alternatives that explain decisively: the best, and those that the log cannot tell from it.
 
-    What leaves little is no gross fault: then only a zero is a little off.
+    What leaves little is no two faults at once, and no link is only likely then.
     """
-    if given.good:
-        return _best(given, _slight(fitter, poor, given))
-    single = (*_tried(fitter, single_faults(poor), given), *_slight(fitter, poor, given))
+    single = [*_tried(fitter, single_faults(poor), given), *_slight(fitter, poor, given)]
+    found = _best(given, single)
+    if found or given.good:
+        return found
     links = (trial for trial in single if trial.hypothesis.kind == "link" and trial.turns_alike)
     return (
-        _best(given, single)
-        or _best(given, _tried(fitter, double_faults(poor), given))
+        _best(given, _tried(fitter, double_faults(poor), given))
         or _most_likely([each for each in links if each.falls_from(given)], given)
+        # Against it fewer joints can be wrong, so it explains other faults too; all say the same.
+        or _best(given, _tried(fitter, other_bases(poor), given))[:1]
     )
 
 

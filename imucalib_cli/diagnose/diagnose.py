@@ -128,7 +128,8 @@ def explained(estimate: Estimate, causes: tuple[Finding, ...]) -> Estimate:
     """The estimate with its causes said first, and what they explain no longer said."""
     if not causes:
         return _without_advice(estimate) if needs_diagnosis(estimate) else estimate
-    left = tuple(each for each in estimate.findings if each.code not in _FOLLOWING)
+    said = _FOLLOWING | {each.code for each in causes}
+    left = tuple(each for each in estimate.findings if each.code not in said)
     return _without_advice(replace(estimate, findings=(*causes, *left)))
 
 

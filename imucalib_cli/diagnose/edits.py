@@ -9,6 +9,7 @@ import numpy as np
 
 from imucalib_cli.estimate.model.layout import STILL_JOINT
 from imucalib_cli.robot.path import FixedStep, JointStep, KinematicPath, PoseStep, Step, Track
+from imucalib_cli.signals.trajectory import stamped_earlier
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -152,7 +153,7 @@ def with_positions_in_millimetres(path: KinematicPath) -> KinematicPath:
 
 def with_base_stamps(path: KinematicPath, later: float) -> KinematicPath:
     """The same path, stamps of the base IMU less what they are later, s."""
-    return _map_base(path, lambda track: replace(track, t=track.t - later))
+    return _map_base(path, lambda track: stamped_earlier(track, later))
 
 
 def with_base_reversed(path: KinematicPath) -> KinematicPath:

@@ -7,15 +7,13 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Literal
 
-import numpy as np
-
 from imucalib_cli.diagnose import edits
 from imucalib_cli.diagnose.rigid import rigid_groups
 from imucalib_cli.estimate.solution.solve import cube_rotations
 from imucalib_cli.robot.rotations import rotation_angle
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterable, Iterator, Sequence
 
     from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.estimate import Estimate
@@ -37,6 +35,7 @@ Kind = Literal[
     "base_sign",
     "base_clock",
     "base_frame",
+    "base_imu",
 ]
 """Faults that another path, another time offset or other readings would explain; the commoner
 first: those that explain equally are named in this order."""
@@ -64,6 +63,10 @@ class PoorFit:
     """Other links or frames that could carry the IMU."""
     path_to: Callable[[str], KinematicPath] | None = None
     """Kinematics of such a frame; raises ImucalibError where the log does not tell them."""
+    joints: tuple[str, ...] = ()
+    """Names of the robot's joints in the URDF's order."""
+    against: Callable[[], Iterable[KinematicPath]] = tuple
+    """Kinematics of the parent against other IMUs of the log."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -92,7 +95,7 @@ def single_faults(poor: PoorFit) -> Iterator[Hypothesis]:
     yield Hypothesis(kind="offset", path=path)
     yield from _links(poor)
     yield from _signs(path, 1)
-    yield from _orders(path)
+    yield from _orders(path, poor.joints)
     yield from _units(path)
     yield from _poses(path)
     yield from _base(path)
@@ -123,7 +126,7 @@ def _signs(path: KinematicPath, count: int) -> Iterator[Hypothesis]:
         yield Hypothesis(kind="sign", names=some, path=edits.with_flipped(path, frozenset(some)))
 
 
-def _orders(path: KinematicPath) -> Iterator[Hypothesis]:
+def _orders(path: KinematicPath, joints: Sequence[str]) -> Iterator[Hypothesis]:
     """Positions that do not belong to the names they come with."""
     for index, track in enumerate(path.tracks):
         used = {step.column: step.name for step in edits.joints_of(path) if step.track == index}
@@ -134,12 +137,13 @@ def _orders(path: KinematicPath) -> Iterator[Hypothesis]:
         rest = [name for name in track.names if name not in chain]
         listings: list[tuple[str, list[str]]] = [
             ("chain", [*chain, *rest]),
+            ("chain", sorted(track.names, key=[*joints, *track.names].index)),
             ("alphabet", sorted(track.names)),
             ("reverse", list(reversed(track.names))),
             ("late", [track.names[-1], *track.names[:-1]]),
             ("early", [*track.names[1:], track.names[0]]),
         ]
-        for a, b in itertools.combinations(used, 2):
+        for a, b in itertools.product(used, range(len(track.names))):
             listing = list(track.names)
             listing[a], listing[b] = listing[b], listing[a]
             listings.append(("", listing))
@@ -206,9 +210,18 @@ def _base(path: KinematicPath) -> Iterator[Hypothesis]:
         if angle > 0.0:
             turned = edits.with_base_turned(path, turn)
             yield Hypothesis(kind="base_frame", names=names, sizes=(float(angle),), path=turned)
-    for later in np.arange(-_FARTHEST_STAMPS, _FARTHEST_STAMPS + 0.5 * _STAMP_STEP, _STAMP_STEP):
-        moved = edits.with_base_stamps(path, float(later))
-        yield Hypothesis(kind="base_clock", names=names, sizes=(float(later),), path=moved)
+    for step in range(1, round(_FARTHEST_STAMPS / _STAMP_STEP) + 1):
+        for later in (step * _STAMP_STEP, -step * _STAMP_STEP):
+            moved = edits.with_base_stamps(path, later)
+            yield Hypothesis(kind="base_clock", names=names, sizes=(later,), path=moved)
+
+
+def other_bases(poor: PoorFit) -> Iterator[Hypothesis]:
+    """Another IMU of the log tells how its link moves, and nothing else does so rightly."""
+    for path in poor.against():
+        topic = next(track.name for track in path.tracks if track.kind == "imu")
+        detail = (path.world, poor.path.world)
+        yield Hypothesis(kind="base_imu", names=(topic,), detail=detail, path=path)
 
 
 def _zeros(path: KinematicPath) -> Iterator[Hypothesis]:

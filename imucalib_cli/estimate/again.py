@@ -18,12 +18,11 @@ from imucalib_cli.estimate.checks.stated import contradicted
 from imucalib_cli.estimate.model.layout import places_of, with_priors
 from imucalib_cli.estimate.model.state import turned_about
 from imucalib_cli.estimate.model.unknowns import LEAN, TABLE
-from imucalib_cli.estimate.solution.between import combine, disagreeing, together
+from imucalib_cli.estimate.solution.between import Together, combine, disagreeing
 from imucalib_cli.estimate.solution.normal_equations import (
     Answer,
     embedded_matrix,
     prior_offset,
-    problem_of,
 )
 from imucalib_cli.estimate.solution.spectrum import embedded, inverse_of, inverse_with_priors
 from imucalib_cli.robot.rotations import rotation_angle, rotvec_from_matrix
@@ -55,14 +54,7 @@ def solve_again(log: LogStatistics, options: MatchedOptions) -> tuple[Answer, li
     equations = log.equations
     answer = equations.solve(options)
     wrong = contradicted(answer, lambda _: equations, equations.solve)
-    rest = judge.of_answer(
-        answer,
-        log.windows,
-        seconds=log.seconds,
-        clock_stepped=log.clock_stepped,
-        contradicted=wrong is not None,
-        unknown=bool(judge.unobservable(answer)),
-    )
+    rest = judge.of_answer(answer, log, contradicted=wrong is not None)
     return answer, [*([] if wrong is None else [wrong]), *rest]
 
 
@@ -80,10 +72,10 @@ def stretches_of(log: LogStatistics, std: Floats) -> LogParts | None:
         return None
     problem, u = equations.problem(layout, log.options), equations.solve(log.options).u
     step, _ = problem.solve(u)
-    A = log.blocks[:, 1:, 1:][:, free][:, :, free] / equations.level
+    A = log.parts[:, 1:, 1:][:, free][:, :, free] / equations.level
     # What of the score is the readings' own noise is spread evenly.
-    noise = log.blocks[:, 1:, 0].sum(axis=0) - equations.score
-    b = (log.blocks[:, 1:, 0] - noise / len(log.blocks))[:, free] / equations.level + A @ step
+    noise = log.parts[:, 1:, 0].sum(axis=0) - equations.score
+    b = (log.parts[:, 1:, 0] - noise / len(log.parts))[:, free] / equations.level + A @ step
     return log_parts(A, b, np.diag(problem.precision(u)), log.edges, pose=pose, std=std)
 
 
@@ -134,11 +126,12 @@ def combine_logs(logs: Sequence[LogStatistics], options: Sequence[MatchedOptions
     ]
     free, moves = np.flatnonzero(shared.free), np.flatnonzero(shared.free[shared.pose])
     blank = np.zeros((shared.size, shared.size))
-    equations = together(
-        np.array([one.information for one in each])[:, free][:, :, free],
-        np.array([one.score for one in each])[:, free],
-        np.array([one.noise for one in each])[:, free][:, :, free],
-        problem_of(shared, blank, blank[0], prior_offset(shared, options[0], at)),
+    equations = Together(
+        information=np.array([one.information for one in each])[:, free][:, :, free],
+        score=np.array([one.score for one in each])[:, free],
+        noise=np.array([one.noise for one in each])[:, free][:, :, free],
+        offset=prior_offset(shared, options[0], at)[free],
+        prior=shared.only(shared.free),
         widened=np.array([log.widened for log in logs])[:, moves][:, :, moves],
         scattered=moves // 3,
     )
@@ -185,10 +178,11 @@ def _shared_layout(logs: Sequence[LogStatistics], options: MatchedOptions) -> La
 
 def _common_point(first: State, shared: Layout, options: MatchedOptions) -> State:
     """The point about which the equations of all logs are put: nothing is off but the pose."""
-    R, t, known = first.R, first.t, options.pose
-    if known is not None and known.R_parent_imu is not None and known.t_parent_imu is not None:
-        t = np.where(shared.free[shared.part("translation")], t, known.t_parent_imu)
-        R = turned_about(R, known.R_parent_imu, shared.free[shared.part("rotation")])
+    R, t = first.R, first.t
+    if options.known_pose is not None:
+        R_known, t_known, _ = options.known_pose
+        t = np.where(shared.free[shared.part("translation")], t, t_known)
+        R = turned_about(R, R_known, shared.free[shared.part("rotation")])
     return replace(first, R=R, t=t, x=np.zeros(shared.size))
 
 

@@ -6,22 +6,29 @@ Nothing here decides anything; it is made only where it is asked for.
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
+from functools import partial
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from imucalib_cli.estimate import again
 from imucalib_cli.estimate.model.layout import lay_out
 from imucalib_cli.estimate.model.state import Chain
-from imucalib_cli.estimate.solution.fit import part_statistics, transferred
-from imucalib_cli.estimate.solution.normal_equations import prior_offset, problem_of
+from imucalib_cli.estimate.solution.fit import transferred
+from imucalib_cli.estimate.solution.normal_equations import prior_offset
+from imucalib_cli.estimate.solution.scales import Problem
 from imucalib_cli.estimate.solution.spectrum import band_frequencies
 from imucalib_cli.signals.stretches import stretches_of
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from imucalib_cli.arrays import Floats, Indices
-    from imucalib_cli.estimate.checks.segments import LogParts, Segments
+    from imucalib_cli.estimate.checks.segments import LogParts
     from imucalib_cli.estimate.checks.specification import Dependence
+    from imucalib_cli.estimate.model.state import State
     from imucalib_cli.estimate.solution.fit import Fit
+    from imucalib_cli.estimate.statistics import LogStatistics
     from imucalib_cli.signals.prepare import CleanImu
 
 _MOST_WINDOWS: Final = 20_000
@@ -118,6 +125,8 @@ class Details:
     """What is behind an estimate by the matched method."""
 
     windows: WindowSeries
+    windows_of: Callable[[State], WindowSeries]
+    """The same windows with other values of the unknowns, in the layout of the fit."""
     half_window: float
     """s: what a window reaches to either side of its instant."""
     imu_t: Floats
@@ -139,8 +148,8 @@ class Details:
 def details_of(
     fit: Fit,
     clean: CleanImu,
-    segments: Segments,
     dependence: tuple[Dependence, ...],
+    log: LogStatistics,
     covariance: Floats,
 ) -> Details:
     """All that a report draws of a fit.
@@ -148,32 +157,34 @@ def details_of(
     Args:
         fit: The solution.
         clean: The IMU's samples.
-        segments: Of the log, about the solution.
         dependence: On the window.
+        log: What it tells, summed.
         covariance: (6, 6), of the pose, as it is stated.
     """
     plan, grid = fit.model.windowing.plan, fit.model.windowing.grid
     return Details(
-        windows=window_series(fit),
+        windows=window_series(fit, fit.state),
+        windows_of=partial(window_series, fit),
         half_window=0.5 * grid.dt * (plan.length - 1),
         imu_t=clean.t,
         imu_accel=clean.accel,
         imu_gyro=clean.gyro,
-        spectra=spectra_of(fit),
-        stretches=segments.stretches(np.sqrt(np.diag(covariance))),
+        spectra=log.spectra,
+        stretches=again.stretches_of(log, np.sqrt(np.diag(covariance))),
         dependence=dependence,
         offset=_offset_profile(fit),
     )
 
 
-def window_series(fit: Fit, most: int = _MOST_WINDOWS) -> WindowSeries:
+def window_series(fit: Fit, state: State, most: int = _MOST_WINDOWS) -> WindowSeries:
     """Both sides of the equations at every window of the fit, and at instants between them.
 
     Args:
         fit: The solution.
+        state: Values of its unknowns, which may be others than its own.
         most: Instants; where the fit has more windows, all of them are taken.
     """
-    windowing, state = fit.model.windowing, fit.state
+    windowing = fit.model.windowing
     model = replace(
         fit.model, windowing=replace(windowing, plan=replace(windowing.plan, hop=_step(fit, most)))
     )
@@ -262,21 +273,15 @@ def _misfit(fit: Fit, offset: float) -> float:
     layout = lay_out(fit.model.windowing.trajectory, options)
     model, state = replace(fit.model, layout=layout), transferred(fit, layout, options)
     (residuals,) = model.residuals(state, fit.centres)
-    matrices, noise_score = part_statistics(
-        model,
-        state,
-        fit.centres,
-        residuals=residuals.values,
-        weights=fit.weights,
-        scales=fit.residual_scales,
-    )
+    there = replace(fit.linearised, model=model, state=state, residuals=residuals.values)
+    matrices, noise_score = there.parts()
     total = matrices.sum(axis=0)
-    problem = problem_of(
-        layout,
-        total[1:, 1:] / fit.equations.level,
-        (total[1:, 0] - noise_score) / fit.equations.level,
-        prior_offset(layout, options, state),
-    )
+    problem = Problem(
+        information=total[1:, 1:] / fit.equations.level,
+        score=(total[1:, 0] - noise_score) / fit.equations.level,
+        offset=prior_offset(layout, options, state),
+        prior=layout,
+    ).of(layout.free)
     step, _ = problem.solve(fit.u)
     P, away = problem.precision(fit.u), problem.offset
     gradient = problem.score + P * away

@@ -178,8 +178,6 @@ class Estimate:
     consistency: Consistency | None = None
     """None where a component of the pose is held, or the method does not tell."""
     unobservable: tuple[UnobservableDirection, ...] = ()
-    sigma_source: Literal["noise", "segments"] = "noise"
-    """What set the covariance: noise, or the scatter of segments (model error)."""
     findings: tuple[Finding, ...] = ()
     """What was found out on the way, the most telling first."""
     imu_check: ImuCheck | None = None

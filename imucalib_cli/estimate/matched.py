@@ -58,7 +58,8 @@ def calibrate_matched(
     trajectory = Trajectory.of(path)
     attempt = best_attempt(clean, trajectory, options)
     sign: judge.Sign = "as read"
-    if options.either_sign and _sign_in_doubt(attempt, options):
+    # Where gravity lies right, no sensor is reversed.
+    if options.either_sign and options.has_gravity and _upside_down(attempt):
         attempt, sign = _better_sign(attempt, best_attempt(clean.reversed(), trajectory, options))
     clean = attempt.clean
     fit = whole_fit(attempt.lean, options)
@@ -82,7 +83,7 @@ def calibrate_matched(
         window=attempt.window,
         residuals=_residuals(fit, clean.spikes),
         consistency=segments.consistency(fit.statistics.whiteness(fit.levels)),
-        findings=judge.findings(evidence, unknown=bool(directions)),
+        findings=judge.findings(evidence, statistics),
         notes={
             "residual_over_known_noise": max(evidence.over_noise),
             "offset_correlation": attempt.lag.correlation if attempt.lag else None,
@@ -93,15 +94,10 @@ def calibrate_matched(
     return replace(
         found,
         statistics=statistics,
-        details=details_of(fit, clean, segments, dependence, found.covariance)
+        details=details_of(fit, clean, dependence, statistics, found.covariance)
         if details and found.covariance is not None
         else None,
     )
-
-
-def _sign_in_doubt(attempt: Attempt, options: MatchedOptions) -> bool:
-    """Whether gravity lies far from down: where it lies right, no sensor is reversed."""
-    return options.has_gravity and _upside_down(attempt)
 
 
 def _better_sign(read: Attempt, other: Attempt) -> tuple[Attempt, judge.Sign]:
@@ -113,6 +109,7 @@ def _better_sign(read: Attempt, other: Attempt) -> tuple[Attempt, judge.Sign]:
 
 
 def _upside_down(attempt: Attempt) -> bool:
+    """Whether gravity lies far from down."""
     gravity = attempt.lean.state.gravity
     return bool(-gravity[2] < _FAR_FROM_DOWN * np.linalg.norm(gravity))
 
@@ -142,30 +139,24 @@ def _rms(values: Floats) -> Floats:
     return np.asarray(np.sqrt(np.mean(values**2, axis=0)))
 
 
-def _offset_variance(evidence: judge.Evidence) -> float:
-    """s², of the offset between stamps: what jitter leaves open, and half of a step."""
-    attempt, change = evidence.attempt, evidence.change
-    variance = evidence.fit.model.windowing.trajectory.stamp_variance
-    if attempt.imu_ticks and attempt.clean.ticks is not None:
-        variance += attempt.clean.ticks.mean_variance
-    if change is not None and change.kind == "clock":
-        variance += float(change.size[0] / 2.0) ** 2
-    return variance
-
-
 def _statistics(evidence: judge.Evidence, segments: Segments) -> LogStatistics:
-    fit = evidence.fit
-    blocks, edges = segments.blocks()
+    fit, attempt, change = evidence.fit, evidence.attempt, evidence.change
+    # Of the offset between stamps: what jitter leaves open, and half of a step.
+    offset_variance = fit.model.windowing.trajectory.stamp_variance
+    if attempt.imu_ticks and attempt.clean.ticks is not None:
+        offset_variance += attempt.clean.ticks.mean_variance
+    stepped = change is not None and change.kind == "clock"
+    if change is not None and stepped:
+        offset_variance += float(change.size[0] / 2.0) ** 2
     return LogStatistics(
         equations=fit.equations,
         options=fit.options,
-        blocks=blocks,
-        edges=edges,
-        scores=fit.parts[:, 1:, 0],
+        parts=fit.parts,
+        edges=segments.edges,
         spectra=spectra_of(fit),
         windows=evidence.dependence,
         widened=judge.of_findings(evidence),
-        offset_variance=_offset_variance(evidence),
+        offset_variance=offset_variance,
         seconds=fit.model.seconds,
-        clock_stepped=evidence.clock_stepped,
+        clock_stepped=stepped,
     )

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from imucalib_cli.arrays import Floats  # noqa: TC001 - files of statistics are read by the types
 from imucalib_cli.signals.samples import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
-    from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.model.unknowns import Unknown
+    from imucalib_cli.robot.path import KinematicPath
 
 
 GRAVITY_STD = 0.02
@@ -82,9 +83,27 @@ class MatchedOptions:
     """Turn of the gyroscope's axes against the accelerometer's, rad, likewise."""
 
     @property
+    def known_pose(self) -> tuple[Floats, Floats, Floats] | None:
+        """R_parent_imu (3, 3), t_parent_imu (3,), m, and the 1 sigma (6,) they are known to."""
+        pose = self.pose
+        if pose is None or pose.R_parent_imu is None or pose.t_parent_imu is None:
+            return None
+        return pose.R_parent_imu, pose.t_parent_imu, np.array(pose.std)
+
+    @property
     def has_gravity(self) -> bool:
         """Whether the world has gravity."""
         return self.gravity != "none" and self.gravity_norm > 0.0
+
+    def along(self, path: KinematicPath) -> MatchedOptions:
+        """What becomes of these where an IMU tells the base's motion, if one does on a path.
+
+        Both IMUs fall freely: what each feels of gravity is the same.
+        """
+        if path.base_imu is None:
+            return self
+        norm = self.gravity_norm if self.has_gravity else 0.0
+        return replace(self, gravity="none", gravity_norm=norm)
 
     def prior_std(self, unknown: Unknown) -> Floats | None:
         """Prior of an entry of the table, 1 sigma, as far as it is told; None: learn it.
@@ -123,12 +142,12 @@ class MatchedOptions:
             "gravity_direction": 0.0 if self.gravity == "fixed" else self.tilt_std,
             "gravity_norm": 0.0 if self.sensor_model == "ideal" else self.gravity_std,
         }
-        if self.pose is not None and self.pose.R_parent_imu is not None:
-            told |= {"translation": np.array(self.pose.std[:3])}
-            told |= {"rotation": np.array(self.pose.std[3:])}
+        if self.known_pose is not None:
+            std = self.known_pose[2]
+            told |= {"translation": std[:3], "rotation": std[3:]}
         if self.base_std is not None:
-            told |= {"base_translation": np.array(self.base_std[:3])}
-            told |= {"base_rotation": np.array(self.base_std[3:])}
+            std = np.array(self.base_std)
+            told |= {"base_translation": std[:3], "base_rotation": std[3:]}
         if self.time_offset is not None:
             told |= {"time_offset": 0.0}
         if isinstance(self.robot, tuple):

@@ -16,14 +16,14 @@ import numpy as np
 from imucalib_cli.estimate.model.layout import Placed, alike, with_priors
 from imucalib_cli.estimate.model.unknowns import TABLE, Origin
 from imucalib_cli.estimate.solution.normal_equations import Answer, admitted, prior_offset
-from imucalib_cli.estimate.solution.scales import Problem, integrate, most_likely
+from imucalib_cli.estimate.solution.scales import Prior, Problem, integrate, most_likely
 from imucalib_cli.robot.path import JointStep, PoseStep
 from imucalib_cli.robot.rotations import rotvec_from_matrix
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from imucalib_cli.arrays import Bools, Floats, Indices
+    from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.model.layout import Layout
     from imucalib_cli.estimate.solution.scales import Posterior
     from imucalib_cli.estimate.statistics import LogStatistics
@@ -210,7 +210,7 @@ class Part:
                 offset[each.part] = 0.0
         A = equations.information / equations.level
         B = equations.noise / equations.level**2
-        parts = log.scores / equations.level
+        parts = log.parts[:, 1:, 0] / equations.level
         parts = (parts - parts.mean(axis=0)) * np.sqrt(len(parts) / (len(parts) - 1))
         return cls(
             log=log,
@@ -282,10 +282,7 @@ class System:
             information=np.sum([each.information for each in parts], axis=0),
             score=np.sum([each.score for each in parts], axis=0),
             offset=np.sum([each.offset for each in parts], axis=0),
-            std=vector.std[vector.free],
-            scale=vector.scale[vector.free],
-            bounds=np.array([each[1:] for each in vector.scales]).reshape(-1, 2),
-            alike=alike([each[0] for each in vector.scales]),
+            prior=vector.prior.only(vector.prior.free),
             noise=np.sum([each.noise for each in parts], axis=0),
         )
         return cls(parts=parts, problem=problem, scales=vector.scales)
@@ -296,10 +293,8 @@ class _Vector:
     """All components of several IMUs one after the other, what is the robot's once."""
 
     parts: Mapping[Key, slice]
-    std: Floats
-    """(M,), prior, 1 sigma; 0 holds a component; nan where a learnt scale tells."""
-    scale: Indices
-    """(M,), index into ``scales``; -1 where the prior is given."""
+    prior: Prior
+    """Of M components."""
     scales: tuple[Limits, ...]
 
     @classmethod
@@ -319,22 +314,23 @@ class _Vector:
                     size += len(each.labels)
                     stds.append(whole.std[each.part])
                     scale.append(numbers[whole.scale[each.part]])
-        return cls(parts, np.concatenate(stds), np.concatenate(scale), scales)
-
-    @property
-    def free(self) -> Bools:
-        """(M,), which components may move."""
-        return np.asarray((self.std != 0.0) | (self.scale >= 0))
+        prior = Prior(
+            std=np.concatenate(stds),
+            scale=np.concatenate(scale),
+            bounds=np.array([each[1:] for each in scales]).reshape(-1, 2),
+            alike=alike([each[0] for each in scales]),
+        )
+        return cls(parts, prior, scales)
 
     def to_own(self, place: int, layout: Layout, whole: Layout) -> Floats:
         """(n, N), the components of one IMU by those of all that are free."""
-        found = np.zeros((layout.size, len(self.std)))
+        found = np.zeros((layout.size, len(self.prior.std)))
         for each in layout.placed:
             found[each.part, self.parts[_key(each, place)]] = each.of_whole
         for each in whole.placed[len(layout.placed) :]:
             # A first joint that is elsewhere looks like a base IMU that is elsewhere.
             found[layout.part("base_translation"), self.parts[each.key]] = -np.eye(3)
-        return found[:, self.free]
+        return found[:, self.prior.free]
 
 
 def _widened(covariance: Floats, added: Floats, layout: Layout) -> Floats:

@@ -12,14 +12,14 @@ from imucalib_cli.estimate.options import WindowChoice
 from imucalib_cli.estimate.solution.fit import lean_fit
 from imucalib_cli.estimate.solution.robust import residual_scales
 from imucalib_cli.estimate.window_choice import choose_window
-from imucalib_cli.signals.offset import coarse_time_offset
+from imucalib_cli.signals.timing.offset import coarse_time_offset
 
 if TYPE_CHECKING:
     from imucalib_cli.estimate.estimate import Window
     from imucalib_cli.estimate.options import MatchedOptions
     from imucalib_cli.estimate.solution.fit import Fit
-    from imucalib_cli.signals.lag import Lag
     from imucalib_cli.signals.prepare import CleanImu
+    from imucalib_cli.signals.timing.lag import Lag
     from imucalib_cli.signals.trajectory import Trajectory
 
 _CLEARLY_BETTER: Final = 0.3

@@ -20,14 +20,11 @@ class LogStatistics:
     equations: NormalEquations
     options: MatchedOptions
     """Of the run."""
-    blocks: Floats
-    """(b, n + 1, n + 1), normal matrices of [e J] of parts of equal duration; without rounding
+    parts: Floats
+    """(p, n + 1, n + 1), normal matrices of [e J] of parts of equal duration; without rounding
     their sum is that of the equations, but where parts were heard that the fit left out."""
     edges: Floats
-    """(b + 1,), s of the log."""
-    scores: Floats
-    """(p, n), J'e of parts of equal duration, those of the blocks or shorter ones: how they vary
-    together tells the noise that several IMUs share."""
+    """(p + 1,), s of the log."""
     spectra: tuple[Spectrum, Spectrum]
     """Accelerometer, gyroscope."""
     windows: tuple[OtherWindow, ...]
@@ -39,4 +36,4 @@ class LogStatistics:
     seconds: float
     """Of the log."""
     clock_stepped: bool
-    """Whether the clocks were set within the log."""
+    """Whether the clocks were set within the log: a drift is then what the step looks like."""

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from imucalib_cli.digits import figures
-from imucalib_cli.errors import ChoiceError, ImucalibError, UntrustedError
-from imucalib_cli.jobs.result_files import display_name, read_result_file, results_of
+from imucalib_cli.errors import ChoiceError, ImucalibError
+from imucalib_cli.jobs.result_files import read_result_files, results_of
 from imucalib_cli.results.formats import refuse_untrusted
 from imucalib_cli.results.kinematics import CLEAR, corrected_origins
 from imucalib_cli.results.urdf_edit import (
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
     from pathlib import Path
 
+    from imucalib_cli.results.result import Result
     from imucalib_cli.robot.urdf import Robot
 
 
@@ -56,7 +57,7 @@ class Applied:
 
 
 def apply(
-    result: str,
+    names: Sequence[str],
     urdf: Path,
     *,
     imus: Sequence[str] = (),
@@ -71,53 +72,52 @@ def apply(
     Of several results the usable ones are applied; the others are left out and reported.
 
     Args:
-        result: Path of a result file; ``-`` reads standard input.
+        names: Result files; folders of them; ``-`` reads standard input.
         urdf: Path of the URDF; it is not changed.
-        imus: Frames or topics of the IMUs to take from the file; empty takes all.
+        imus: Frames or topics of the IMUs to take from the files; empty takes all.
         add: Write the joint and the link of an IMU that the URDF does not have.
         kinematics: Write the errors of the robot that stand clear of zero, too.
         force: Use untrusted results too.
 
     Raises:
         InputError: A file cannot be used.
-        ChoiceError: An IMU is not in the file, or two results are for the same joint.
+        ChoiceError: An IMU is in no file, two results are for the same joint, or two correct the
+            same joint of the robot otherwise.
     """
-    results = results_of(read_result_file(result), imus, display_name(result))
-    if kinematics and len(results) > 1:
-        topics = ", ".join(each.imu_topic for each in results)
-        raise ChoiceError(f"--kinematics takes the result of one IMU, by --imu, of: {topics}")
+    found, failures = read_result_files(names)
     robot = load_robot(urdf)
     # of xacro the robot is what it expands to
     written = robot.xml if str(urdf) == "-" else read_urdf(urdf)
     snippets: list[str] = []
     origins: dict[str, JointOrigin] = {}
     changes: list[str] = []
-    failures: list[ImucalibError] = []
-    for each in results:
+    held: dict[str, tuple[str, Result]] = {}
+    used: list[Result] = []
+    for file, each in results_of(found, imus if found else ()):
         try:
             refuse_untrusted(each, "URDF", force=force)
+            robot.require_link(each.parent)
+            used.append(each)
             origin = joint_for(robot, each.parent, each.child, each.pose.R, each.pose.t)
+            joint, change = origin.joint, _change(robot, origin)
         except MissingJointError as error:
             if not add or each.child in robot.links:
                 failures.append(error)
                 continue
-            robot.require_link(error.parent)
+            joint = each.child
+            change = f"a joint that holds '{each.child}' on '{each.parent}' was added"
             snippets.append(error.snippet)
-            changes.append(f"a joint that holds '{each.child}' on '{each.parent}' was added")
-            continue
         except ImucalibError as error:
             failures.append(error)
             continue
-        if origin.joint in origins:
-            topics = ", ".join(each.imu_topic for each in results)
-            raise ChoiceError(
-                f"{display_name(result)}: two results are for joint '{origin.joint}': choose one "
-                f"with --imu, of: {topics}"
-            )
-        origins[origin.joint] = origin
-        changes.append(_change(robot, origin))
-    if kinematics and results and not any(map(_is_refused, failures)):
-        corrected = corrected_origins(robot, results[0])
+        else:
+            origins[joint] = origin
+        if joint in held:
+            raise _two_for_one(joint, held[joint], (file, each))
+        held[joint] = (file, each)
+        changes.append(change)
+    if kinematics and used:
+        corrected = corrected_origins(robot, used)
         origins |= {each.joint: each for each in corrected}
         changes += [_change(robot, each) for each in corrected]
         if not corrected:
@@ -136,14 +136,20 @@ def apply(
     )
 
 
+def _two_for_one(joint: str, *two: tuple[str, Result]) -> ChoiceError:
+    """Which two results are for one joint, and how to choose."""
+    files = ", ".join(dict.fromkeys(file for file, _ in two))
+    topics = dict.fromkeys(each.imu_topic for _, each in two)
+    remedy = f"choose one with --imu, of: {', '.join(topics)}"
+    if len(topics) == 1:
+        remedy = "give one of them"
+    return ChoiceError(f"{files}: two results are for joint '{joint}': {remedy}")
+
+
 def _with_origins(content: bytes, origins: Iterable[JointOrigin]) -> bytes:
     for origin in origins:
         content = replace_origin(content, origin.joint, origin.xyz, origin.rpy)
     return content
-
-
-def _is_refused(failure: ImucalibError) -> bool:
-    return isinstance(failure, UntrustedError)
 
 
 def _change(robot: Robot, origin: JointOrigin) -> str:

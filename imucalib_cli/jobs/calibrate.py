@@ -9,41 +9,42 @@ import numpy as np
 from msgspec import UNSET
 
 from imucalib_cli import __version__
+from imucalib_cli.diagnose.diagnose import needs_diagnosis
 from imucalib_cli.errors import ChoiceError, ImucalibError, InputError
 from imucalib_cli.estimate.options import MatchedOptions, PaperOptions, PosePrior
 from imucalib_cli.findings import Finding, Severity
-from imucalib_cli.jobs.data_sheet import (
+from imucalib_cli.jobs.explain import explain
+from imucalib_cli.jobs.input.data_sheet import (
     checked,
     contradicted,
     with_priors,
     without_priors,
 )
-from imucalib_cli.jobs.explain import explain
+from imucalib_cli.jobs.input.motion import Motion, find_motion
+from imucalib_cli.jobs.input.reading import printable, read_recording, recorded_at
+from imucalib_cli.jobs.input.recorded_options import recorded_options
 from imucalib_cli.jobs.known.parents import (
     find_parents,
     request_of,
     with_answer,
 )
 from imucalib_cli.jobs.known.upright import upright_component
-from imucalib_cli.jobs.motion import Motion, find_motion
-from imucalib_cli.jobs.reading import printable, read_recording, recorded_at
-from imucalib_cli.jobs.recorded_options import recorded_options
 from imucalib_cli.jobs.several_imus import together
 from imucalib_cli.logs.select import check_joint_topics
+from imucalib_cli.results.comparison.requirement import require
 from imucalib_cli.results.from_estimate import result_of, scalars
-from imucalib_cli.results.requirement import require
 from imucalib_cli.results.result import Provenance, RecordingEntry, SourceFile, Topics
 from imucalib_cli.robot.path import JointStep
 from imucalib_cli.signals.imu.repair import Repaired, repair
 from imucalib_cli.signals.imu.stream_health import missing_parts
 from imucalib_cli.signals.samples import samples_of
-from imucalib_cli.signals.stamps import usual_interval
+from imucalib_cli.signals.timing.stamps import usual_interval
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.estimate import Estimate
-    from imucalib_cli.jobs.reading import Recording
-    from imucalib_cli.jobs.request import CalibrationRequest, Progress
+    from imucalib_cli.jobs.input.reading import Recording
+    from imucalib_cli.jobs.input.request import CalibrationRequest, Progress
     from imucalib_cli.logs.clock import Clock
     from imucalib_cli.logs.streams import ImuStream
     from imucalib_cli.results.result import Result
@@ -111,7 +112,7 @@ def calibrate_recording(
         if progress is not None:
             progress(f"estimating {imu.name}", None)
         try:
-            alone.append(_estimate_one(recording, imu, request))
+            alone.append(_estimate_one(recording, imu, request, progress))
         except ImucalibError as error:
             failures.append(_about(error, imu, several=len(recording.imus) > 1))
     found = together([(each.imu.name, each.estimate, each.motion.path) for each in alone])
@@ -139,7 +140,9 @@ class _Alone:
     estimate: Estimate
 
 
-def _estimate_one(recording: Recording, imu: ImuStream, request: CalibrationRequest) -> _Alone:
+def _estimate_one(
+    recording: Recording, imu: ImuStream, request: CalibrationRequest, progress: Progress | None
+) -> _Alone:
     samples = samples_of(imu, recording.clock)
     request = request_of(imu, request)
     try:
@@ -155,10 +158,8 @@ def _estimate_one(recording: Recording, imu: ImuStream, request: CalibrationRequ
     missing = tuple(missing_parts({imu.name: samples.t, **tracks}))
     repaired = repair_streams(samples, motion.path, request)
     options = with_priors(request.estimator, request.imu)
-    if recording.sources.base is not None and isinstance(options, MatchedOptions):
-        # Both IMUs fall freely: what each feels of gravity is the same.
-        norm = options.gravity_norm if options.has_gravity else 0.0
-        options = replace(options, gravity="none", gravity_norm=norm)
+    if isinstance(options, MatchedOptions):
+        options = options.along(motion.path)
     options = _with_initial(options, motion, request)
     if isinstance(options, MatchedOptions):
         options = replace(options, either_sign=request.units.sign == "auto")
@@ -171,6 +172,8 @@ def _estimate_one(recording: Recording, imu: ImuStream, request: CalibrationRequ
         # A prior is recorded by its values, the published method's guess by its source.
         request = replace(request, estimator=options)
     estimate = checked(estimate, repaired.samples, request.imu, wrong)
+    if progress is not None and needs_diagnosis(estimate):
+        progress(f"looking for what is wrong with {imu.name}", None)
     estimate = explain(estimate, repaired, motion, recording, request)
     found = (*recording.findings, *motion.findings, *missing)
     return _Alone(

@@ -18,10 +18,10 @@ from imucalib_cli.estimate.model.unknowns import TABLE
 from imucalib_cli.estimate.several_imus import SOLVED_TOGETHER
 from imucalib_cli.findings import Severity, untrusted, warning
 from imucalib_cli.jobs.calibrate import about_nominal, calibrate
-from imucalib_cli.jobs.recorded_options import recorded_estimator
+from imucalib_cli.jobs.input.recorded_options import recorded_estimator
 from imucalib_cli.results import result as tree
+from imucalib_cli.results.comparison.requirement import CODES, require
 from imucalib_cli.results.from_estimate import finding_of, plain, result_of, scalars, tangent
-from imucalib_cli.results.requirement import CODES, require
 from imucalib_cli.results.statistics_file import StoredLog
 
 if TYPE_CHECKING:
@@ -32,8 +32,8 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.estimate import Estimate
     from imucalib_cli.estimate.options import MatchedOptions
     from imucalib_cli.findings import Finding
-    from imucalib_cli.jobs.request import CalibrationRequest, Progress
-    from imucalib_cli.results.requirement import Tolerance
+    from imucalib_cli.jobs.input.request import CalibrationRequest, Progress
+    from imucalib_cli.results.comparison.requirement import Tolerance
 
     Change = Callable[[MatchedOptions], MatchedOptions]
 
@@ -275,7 +275,7 @@ def _several(
         findings=(
             *_contradicted(logs, options),
             *_findings(logs, found),
-            *_of_shared(found),
+            *judge.of_answer(found.answer),
         ),
         notes={"logs": len(logs)},
     )
@@ -361,17 +361,6 @@ def _apart(logs: Sequence[StoredLog], found: Combined) -> Iterable[Finding]:
             far, worst = float((sizes / judge.SLIP).max()), sizes
     if far:
         yield untrusted("logs.apart", translation=worst[0], rotation=worst[1])
-
-
-def _of_shared(found: Combined) -> Iterable[Finding]:
-    return judge.of_answer(
-        found.answer,
-        (),
-        seconds=0.0,
-        clock_stepped=False,
-        contradicted=False,
-        unknown=bool(judge.unobservable(found.answer)),
-    )
 
 
 def _own_values(log: StoredLog, own: OwnValues) -> dict[str, Floats]:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from imucalib_cli.layout import Block
-    from imucalib_cli.results.answers import KalibrAnswer
+    from imucalib_cli.results.comparison.answers import KalibrAnswer
     from imucalib_cli.robot.urdf import Robot
 
 
@@ -57,7 +57,8 @@ def compare_files(
     if [result, kalibr, truth].count("-") > 1:
         raise ChoiceError("standard input can be one of the files, not two: name the others")
     wanted = () if imu is None else (imu,)
-    ours, *more = results_of(read_result_file(result), wanted, display_name(result))
+    found = [(display_name(result), each) for each in read_result_file(result)]
+    ours, *more = (each for _, each in results_of(found, wanted))
     if more:
         topics = ", ".join(each.imu_topic for each in (ours, *more))
         raise ChoiceError(f"{display_name(result)} has results of {topics}: choose one with --imu")

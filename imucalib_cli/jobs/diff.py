@@ -7,16 +7,16 @@ from typing import TYPE_CHECKING
 from imucalib_cli.errors import ChoiceError, ImucalibError
 from imucalib_cli.jobs.result_files import display_name, read_result_file
 from imucalib_cli.jobs.verify import Answers
-from imucalib_cli.results.verdicts import diff
+from imucalib_cli.results.comparison.verdicts import diff
 from imucalib_cli.robot.urdf import load_robot
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from pathlib import Path
 
-    from imucalib_cli.results.answers import DiffAnswer
+    from imucalib_cli.results.comparison.answers import DiffAnswer
+    from imucalib_cli.results.comparison.requirement import Tolerance
     from imucalib_cli.results.pose import UncertainPose
-    from imucalib_cli.results.requirement import Tolerance
     from imucalib_cli.results.result import Result
     from imucalib_cli.robot.urdf import Robot
 

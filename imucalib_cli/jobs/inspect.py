@@ -9,7 +9,15 @@ from typing import TYPE_CHECKING
 from imucalib_cli.errors import ChoiceError, ImucalibError
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.jobs.calibrate import check_overlap, repair_streams
-from imucalib_cli.jobs.halves import joined
+from imucalib_cli.jobs.input.halves import joined
+from imucalib_cli.jobs.input.motion import find_motion
+from imucalib_cli.jobs.input.reading import (
+    gather_sources,
+    moving_streams,
+    open_requested,
+    robot_and_names,
+)
+from imucalib_cli.jobs.input.request import CalibrationRequest
 from imucalib_cli.jobs.inspection import (
     Health,
     ImuFinding,
@@ -19,14 +27,6 @@ from imucalib_cli.jobs.inspection import (
 )
 from imucalib_cli.jobs.known.base import with_base_imu
 from imucalib_cli.jobs.known.parents import find_parents, with_answer
-from imucalib_cli.jobs.motion import find_motion
-from imucalib_cli.jobs.reading import (
-    gather_sources,
-    moving_streams,
-    open_requested,
-    robot_and_names,
-)
-from imucalib_cli.jobs.request import CalibrationRequest
 from imucalib_cli.logs.clock import choose_clock
 from imucalib_cli.logs.part import part_of
 from imucalib_cli.logs.select import candidates, descriptions, is_tf, select_topics
@@ -36,14 +36,14 @@ from imucalib_cli.signals.imu.units import guess_units
 from imucalib_cli.signals.samples import samples_of
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Collection, Sequence
 
     from imucalib_cli.findings import Finding
-    from imucalib_cli.jobs.motion import Sources
-    from imucalib_cli.jobs.request import Progress
+    from imucalib_cli.jobs.input.motion import Sources
+    from imucalib_cli.jobs.input.request import Progress
     from imucalib_cli.logs.clock import Clock
-    from imucalib_cli.logs.columns import JointColumns
     from imucalib_cli.logs.log import Log, LogData
+    from imucalib_cli.logs.messages.columns import JointColumns
     from imucalib_cli.logs.part import Part
     from imucalib_cli.logs.reader import LogPath
     from imucalib_cli.logs.select import Selection
@@ -101,7 +101,12 @@ def inspect(
         if not other.carrier_unknown:
             seen, request = other, with_pose
     imus, clock = seen.imus, seen.clock
-    hints = [*data.findings, *(each for one in robots for each in one.findings), *seen.findings]
+    hints = [
+        *data.findings,
+        *log.undefined,
+        *(each for one in robots for each in one.findings),
+        *seen.findings,
+    ]
     if part is not None:
         data, _ = part_of(data, clock, part)
     robot = robots[0].robot if len(robots) == 1 else None
@@ -109,7 +114,7 @@ def inspect(
     return Inspection(
         files=tuple(str(path) for path in log.paths),
         topics=log.topics,
-        health=_health(data),
+        health=_health(data, _counted(log)),
         clock=clock.kind,
         imus=imus,
         joints=_joints(robots[0].data if robot is not None else data, robot),
@@ -279,15 +284,16 @@ def _imu(
 def _command(
     request: CalibrationRequest, findings: Sequence[ImuFinding], data: LogData
 ) -> tuple[tuple[str, ...], str]:
-    """A command for each IMU that can be calibrated, and their placeholders.
+    """Commands for the IMUs that can be calibrated, and their placeholders.
 
-    If none can be without a choice that nothing tells, one for all that says what is missing.
+    One for each; one for all where all can by the same options, for what they share is then solved
+    together. If none can be without a choice that nothing tells, one that says what is missing.
     """
     words = ["imucalib", "run", *_inputs(request)]
     several = len(findings) > 1
     if not any((*data.joints.values(), *data.poses.values())):
         command = " ".join([*words, "--base-imu IMU"])
-        return ((command,), _BASE) if several else ((), "")
+        return ((command,), _BASE) if several and not data.joints else ((), "")
     words += [f"--pose-topic {shlex.quote(topic)}" for topic in request.pose_topics]
     findings = [each for each in findings if not each.still and each.base_imu != each.topic]
     ready = [each for each in findings if each.problem is None or each.solved_by == "--parent"]
@@ -300,6 +306,10 @@ def _command(
         asks = any(finding.needs_choice for finding in findings)
         command = " ".join([*words, "--parent FRAME", *_options(findings)])
         return ((command,), _FRAME) if asks else ((), "")
+    others = len([each for each in data.imus if each != ready[0].base_imu])
+    wanted = {(*_own_options(each, several=False)[0], *_options([each])) for each in ready}
+    if len(ready) == others and len(wanted) == 1 and not ready[0].problem:
+        ready, several = ready[:1], False
     commands, placeholders = [], dict[str, None]()
     for each in ready:
         own, placeholder = _own_options(each, several=several)
@@ -345,7 +355,13 @@ def _inputs(request: CalibrationRequest) -> list[str]:
     return words
 
 
-def _health(data: LogData) -> tuple[Health, ...]:
+def _counted(log: Log) -> set[str]:
+    """Topics whose stamps are a counter."""
+    return {each.name for each in log.topics if each.reading and each.reading.has_ticks}
+
+
+def _health(data: LogData, counted: Collection[str]) -> tuple[Health, ...]:
+    """Stamps of each stream; of streams that share a topic's messages, once."""
     streams: list[tuple[str, ImuStream | JointStream | PoseStream]] = [
         (imu.name, imu) for imu in data.imus.values()
     ]
@@ -356,10 +372,16 @@ def _health(data: LogData) -> tuple[Health, ...]:
         streams += [
             (f"{p.topic} ({p.parent} -> {p.child or '?'})", p) for p in poses if not p.is_static
         ]
-    return tuple(
-        Health(name=name, header=stamp_health(stream.header_ns), log=stamp_health(stream.log_ns))
+    found = (
+        Health(
+            name=name,
+            header=stamp_health(stream.header_ns),
+            log=stamp_health(stream.log_ns),
+            counter=stream.topic if stream.topic in counted else None,
+        )
         for name, stream in streams
     )
+    return tuple(dict.fromkeys(found))
 
 
 def _joints(data: LogData, robot: Robot | None) -> tuple[JointFinding, ...]:

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from imucalib_cli.findings import Finding
     from imucalib_cli.layout import Block
-    from imucalib_cli.logs.messages import Kind
+    from imucalib_cli.logs.messages.table import Kind
     from imucalib_cli.logs.reader import Topic
     from imucalib_cli.signals.imu.stream_health import StampHealth
     from imucalib_cli.signals.imu.units import UnitGuess
@@ -37,7 +37,10 @@ class Health:
     name: str
     """Topic, and frames or joints where it holds several streams."""
     header: StampHealth
+    """Of the header stamps, or of the counter that stands in for them."""
     log: StampHealth
+    counter: str | None = None
+    """Topic whose messages have a counter of ms in place of a header stamp."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -152,14 +155,14 @@ class Inspection:
         yield Table(_TOPIC, tuple(map(_topic_row, self.topics)), frozenset(_TOPIC[3:]))
         if self.health:
             yield ""
-            yield f"stamps    {self.clock} stamps would be used"
+            yield f"stamps    {self._stamps()} would be used"
             kind = "log" if self.clock == "log" else "header"
             health = tuple(_health_row(each, kind) for each in self.health)
             yield Table(_HEALTH, health, frozenset(_HEALTH[1:]))
         yield ""
         yield from self._imu_lines()
         yield from self._motion_lines()
-        yield from (f"warning   {warning}" for warning in self.warnings)
+        yield from (f"{each.severity.value:<10}{each.message}" for each in self.findings)
         yield ""
         if self.command is None:
             yield "There is nothing to run on this log; see above."
@@ -168,6 +171,15 @@ class Inspection:
             yield f"Run{replace}:"
             yield f"    {self.command}"
             yield from (f"    {command}" for command in self.more_commands)
+
+    def _stamps(self) -> str:
+        """The stamps that a run takes, of messages without a header too."""
+        counters = dict.fromkeys(each.counter for each in self.health if each.counter)
+        if self.clock == "log" or not counters:
+            return f"{self.clock} stamps"
+        of = f"the counter tick, ms, of {', '.join(counters)}"
+        only = all(each.counter for each in self.health)
+        return f"{of}, which has no header stamp," if only else f"header stamps, and {of},"
 
     def _imu_lines(self) -> Iterator[str]:
         if not self.imus:

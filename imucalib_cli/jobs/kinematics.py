@@ -9,7 +9,7 @@ from imucalib_cli.diagnose.edits import travels
 from imucalib_cli.digits import figures, sigma, with_std
 from imucalib_cli.layout import Table
 from imucalib_cli.results.kinematics import CLEAR, ORIGIN, ZERO, joint_of, sigmas
-from imucalib_cli.robot.path import JointStep, PoseStep
+from imucalib_cli.robot.path import JointStep, PoseStep, parallel_joints
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -24,11 +24,16 @@ _UNITS: Final = {"rad": ("deg", math.degrees(1.0)), "m": ("mm", 1e3)}
 _TAUGHT: Final = 0.9
 """Of the sigma beforehand: what is left with more of it was taught nothing by the log."""
 _BASE: Final = "gauge: where the robot's base stands, which gravity and the fit follow"
+_OF_BASE: Final = {"base_translation": "place", "base_rotation": "rotation"}
+"""What entries say of the base IMU in its link."""
 _MOUNT: Final = "gauge: part of the IMU's mount"
 
 
 def kinematics_report(each: Calibrated) -> Iterator[Block]:
-    """Joint zeros and origins of one IMU's chain, in its order, as lines and a table."""
+    """Joint zeros and origins of one IMU's chain, in its order, as lines and a table.
+
+    Before them stands where the base IMU is in its link, if one tells how the base moves.
+    """
     result, path = each.result, each.motion.path
     joints = [step for step in path.steps if isinstance(step, JointStep)]
     if not joints:
@@ -39,40 +44,65 @@ def kinematics_report(each: Calibrated) -> Iterator[Block]:
         return
     yield (
         f"the robot's joints between {path.world} and {path.parent}, as {result.child} saw them "
-        f"(apply --kinematics writes what stands {CLEAR:g} sigma off):"
+        f"(apply --kinematics writes what of the joints stands {CLEAR:g} sigma off):"
     )
     found: dict[tuple[str, str], list[ParameterEntry]] = {}
     for entry in result.diagnostics.parameters:
         if entry.name in {ZERO, ORIGIN}:
             found.setdefault((joint_of(entry), entry.name), []).append(entry)
-    rows: list[tuple[str, ...]] = []
-    for name, kind, why in _places(path):
+    rows = [
+        _row(entry, "base IMU", f"{_OF_BASE[entry.name]} {entry.label}")
+        for entry in result.diagnostics.parameters
+        if entry.name in _OF_BASE
+    ]
+    moving = _moving(path)
+    for name, kind, why in _places(path, min(moving, default=0)):
         entries = found.get((name, kind), [])
-        rows += (_row(entry, kind) for entry in entries)
+        rows += (_row(entry, name, _what(entry, kind)) for entry in entries)
         if len(entries) < (1 if kind == ZERO else len("xyz")):
             some = "zero" if kind == ZERO else "origin" if not entries else "origin, the rest"
             rows.append((name, some, "", "", why))
     yield Table(_HEADS, tuple(rows), frozenset(_HEADS[2:4]))
+    for early, late in parallel_joints(path, moving):
+        one, other = (_reported(path, place) for place in (early, late))
+        yield (
+            f"the axes of {one} and {other} are parallel: a wrong zero of {one} looks like the "
+            f"opposite zero of {other} and a displaced origin between them, and only what is "
+            "known beforehand tells which it is"
+        )
 
 
-def _places(path: KinematicPath) -> Iterator[tuple[str, str, str]]:
-    """Joint, zero or origin, and why no log could tell it, in the order of the chain."""
-    moving = [
-        place
-        for place, step in enumerate(path.steps)
-        if isinstance(step, PoseStep) or (isinstance(step, JointStep) and travels(path, step))
-    ]
-    first = min(moving, default=0)
+def _places(path: KinematicPath, first: int) -> Iterator[tuple[str, str, str]]:
+    """Joint, zero or origin, and why no log could tell it; ``first`` is the first step to move."""
     for place, step in enumerate(path.steps):
         if isinstance(step, JointStep):
-            name = path.tracks[step.track].names[step.column]
+            name = _reported(path, place)
             yield name, ORIGIN, _BASE if place <= first else _MOUNT
             slides = step.kind == "prismatic"
             zero = _BASE if place <= first else "part of its origin" if slides else _MOUNT
             yield name, ZERO, zero
 
 
-def _row(entry: ParameterEntry, kind: str) -> tuple[str, ...]:
+def _moving(path: KinematicPath) -> list[int]:
+    """Indices of the steps that move."""
+    return [
+        place
+        for place, step in enumerate(path.steps)
+        if isinstance(step, PoseStep) or (isinstance(step, JointStep) and travels(path, step))
+    ]
+
+
+def _reported(path: KinematicPath, place: int) -> str:
+    """Name of the joint whose position moves a step."""
+    step = path.steps[place]
+    return path.tracks[step.track].names[step.column] if isinstance(step, JointStep) else ""
+
+
+def _what(entry: ParameterEntry, kind: str) -> str:
+    return "zero" if kind == ZERO else f"origin {entry.label.rpartition(' ')[2]}"
+
+
+def _row(entry: ParameterEntry, joint: str, what: str) -> tuple[str, ...]:
     unit, scale = _UNITS[entry.unit]
     value, std, before = (
         0.0 if number is None else number * scale
@@ -84,10 +114,9 @@ def _row(entry: ParameterEntry, kind: str) -> tuple[str, ...]:
         remark = f"{figures(off, 3)} sigma: clear"
     elif std > _TAUGHT * before > 0.0:
         remark = "the log says nothing of it"
-    axis = "" if kind == ZERO else f" {entry.label.rpartition(' ')[2]}"
     return (
-        joint_of(entry),
-        f"{'zero' if kind == ZERO else 'origin'}{axis}, {unit}",
+        joint,
+        f"{what}, {unit}",
         with_std(value, std),
         f"± {sigma(before)}{learnt}",
         remark,

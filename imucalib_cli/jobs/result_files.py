@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from imucalib_cli.errors import ChoiceError, InputError
+from imucalib_cli.errors import ChoiceError, ImucalibError, InputError
 from imucalib_cli.guarded_yaml import YamlError, read_bounded
 from imucalib_cli.logs.remote.url import is_url
 from imucalib_cli.results.codec import read_results
@@ -43,6 +43,25 @@ def is_result(name: str) -> bool:
         return path.suffix.lower() in _SUFFIXES
 
 
+def result_names(names: Sequence[str]) -> list[str]:
+    """Every result file once, those of a folder by name.
+
+    Args:
+        names: Result files; folders of them, of which other files are passed over; ``-`` is
+            standard input.
+
+    Raises:
+        InputError: There is none, or a folder cannot be read.
+    """
+    found: dict[str, None] = {}
+    for name in names:
+        is_folder = name != "-" and Path(name).is_dir()
+        found |= dict.fromkeys(results_in(Path(name)) if is_folder else [name])
+    if not found:
+        raise InputError(f"{', '.join(names)}: no result of imucalib run in it")
+    return list(found)
+
+
 def results_in(folder: Path) -> list[str]:
     """Result files of a folder by name, numbers as numbers; what else lies there is passed over.
 
@@ -71,22 +90,45 @@ def read_result_file(name: str) -> list[Result]:
     return read_results(read_text(name), display_name(name))
 
 
-def results_of(results: list[Result], imus: Sequence[str], name: str) -> list[Result]:
+def read_result_files(
+    names: Sequence[str],
+) -> tuple[list[tuple[str, Result]], list[ImucalibError]]:
+    """Results of several files, each with its file's name in messages, and what cannot be read.
+
+    Args:
+        names: As of :func:`result_names`.
+
+    Raises:
+        InputError: As :func:`result_names`.
+    """
+    found: list[tuple[str, Result]] = []
+    failures: list[ImucalibError] = []
+    for name in result_names(names):
+        try:
+            found += [(display_name(name), result) for result in read_result_file(name)]
+        except ImucalibError as error:
+            failures.append(error)
+    return found, failures
+
+
+def results_of(
+    found: Sequence[tuple[str, Result]], imus: Sequence[str]
+) -> list[tuple[str, Result]]:
     """Select the results of some IMUs by frame (with or without a leading slash) or topic.
 
     Args:
-        results: Of one file.
+        found: Results, each with its file's name.
         imus: Frames or topics; empty takes all.
-        name: Of the file.
 
     Raises:
-        ChoiceError: An IMU is not in the file.
+        ChoiceError: An IMU is in none of the files.
     """
-    known = [({r.child, f"/{r.child}", r.imu_topic}, r) for r in results]
+    known = [({r.child, f"/{r.child}", r.imu_topic}, (file, r)) for file, r in found]
     for imu in imus:
         if not any(imu in names for names, _ in known):
-            there = ", ".join(f"{each.child} ({each.imu_topic})" for each in results)
-            raise ChoiceError(f"--imu {imu}: not in {name}; there are: {there}")
+            files = ", ".join(dict.fromkeys(file for file, _ in found))
+            there = ", ".join(dict.fromkeys(f"{r.child} ({r.imu_topic})" for _, r in found))
+            raise ChoiceError(f"--imu {imu}: not in {files}; there are: {there}")
     return [each for names, each in known if not imus or not names.isdisjoint(imus)]
 
 

@@ -27,9 +27,7 @@ _KEPT: Final = (
     "window",
     "residuals",
     "consistency",
-    "sigma_source",
     "imu_check",
-    "details",
     "notes",
 )
 """What an estimate says of the data, which other IMUs do not change."""
@@ -84,16 +82,12 @@ def _others(those: Sequence[tuple[int, str]], which: Iterable[int], one: int) ->
 def _again(estimate: Estimate, log: LogStatistics, answer: Answer, told: Finding) -> Estimate:
     """What the data of an IMU say still holds; what its unknowns say is said anew."""
     of_data = (each for each in estimate.findings if each.code not in judge.OF_ANSWER)
-    anew = judge.of_answer(
-        answer,
-        log.windows,
-        seconds=log.seconds,
-        clock_stepped=log.clock_stepped,
-        contradicted=False,
-        unknown=bool(judge.unobservable(answer)),
-    )
     findings = sorted(
-        (*of_data, told, *anew), key=lambda each: each.severity is not Severity.UNTRUSTED
+        (*of_data, told, *judge.of_answer(answer, log)),
+        key=lambda each: each.severity is not Severity.UNTRUSTED,
     )
     kept = {name: getattr(estimate, name) for name in _KEPT}
+    details = estimate.details
+    if details is not None:
+        kept["details"] = replace(details, windows=details.windows_of(answer.state))
     return replace(estimate_of(answer, log, findings=tuple(findings), **kept), statistics=log)

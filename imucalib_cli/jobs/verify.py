@@ -7,22 +7,21 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 
 from imucalib_cli.errors import ChoiceError, ImucalibError
 from imucalib_cli.jobs.calibrate import calibrate
+from imucalib_cli.jobs.input.motion import no_nominal
+from imucalib_cli.jobs.input.reading import robot_of
 from imucalib_cli.jobs.known.upright import upright_component
-from imucalib_cli.jobs.motion import no_nominal
-from imucalib_cli.jobs.reading import robot_of
-from imucalib_cli.jobs.result_files import display_name, read_result_file
+from imucalib_cli.jobs.result_files import read_result_files
+from imucalib_cli.results.comparison.verdicts import WITHIN, verify
 from imucalib_cli.results.result import SourceFile
-from imucalib_cli.results.verdicts import WITHIN, verify
 from imucalib_cli.robot.mount import nominal_pose
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from imucalib_cli.jobs.request import CalibrationRequest, Progress
+    from imucalib_cli.jobs.input.request import CalibrationRequest, Progress
     from imucalib_cli.logs.reader import LogPath
-    from imucalib_cli.results.answers import VerifyAnswer
-    from imucalib_cli.results.requirement import Tolerance
-    from imucalib_cli.results.result import Result
+    from imucalib_cli.results.comparison.answers import VerifyAnswer
+    from imucalib_cli.results.comparison.requirement import Tolerance
 
 Answer = TypeVar("Answer")
 
@@ -92,13 +91,7 @@ def verify_results(
         InputError: The URDF cannot be used.
         ChoiceError: A topic is in no result, or the link of one IMU was named for several.
     """
-    found: list[tuple[str, Result]] = []
-    failures: list[ImucalibError] = []
-    for name in names:
-        try:
-            found += [(name, result) for result in read_result_file(name)]
-        except ImucalibError as error:
-            failures.append(error)
+    found, failures = read_result_files(names)
     known = tuple(dict.fromkeys(result.imu_topic for _, result in found))
     for topic in imu_topics if found else ():
         if topic not in known:
@@ -117,9 +110,7 @@ def verify_results(
         try:
             nominal = nominal_pose(robot, result.parent, imu_link or result.child)
         except ImucalibError as error:
-            failures.append(error.about(display_name(name)))
+            failures.append(error.about(name))
         else:
-            answers.append(
-                verify(result, nominal, within, source, display_name(name), ignored=ignored)
-            )
+            answers.append(verify(result, nominal, within, source, name, ignored=ignored))
     return Answers(answers=tuple(answers), failures=tuple(failures))

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from imucalib_cli.findings import Finding
-    from imucalib_cli.logs.messages import Kind, Labels
+    from imucalib_cli.logs.messages.table import Kind, Labels
     from imucalib_cli.logs.reader import Channel, LogPath, Progress, Sink
 
 _SPELLINGS = {

@@ -9,18 +9,18 @@ from typing import TYPE_CHECKING
 from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.findings import Finding, warning, warnings
 from imucalib_cli.logs.csv_file import CsvFile
-from imucalib_cli.logs.messages import MESSAGE_TYPES
+from imucalib_cli.logs.messages.protobuf import EXTRA, is_damaged, is_installed
+from imucalib_cli.logs.messages.shapes import numbers_of
+from imucalib_cli.logs.messages.table import MESSAGE_TYPES
 from imucalib_cli.logs.open import READERS, open_files
-from imucalib_cli.logs.protobuf import EXTRA, is_installed
 from imucalib_cli.logs.reader import Topic, with_columns
 from imucalib_cli.logs.remote.file import RemoteFile
-from imucalib_cli.logs.shapes import numbers_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
-    from imucalib_cli.logs.columns import JointColumns
-    from imucalib_cli.logs.decode import TopicData
+    from imucalib_cli.logs.messages.columns import JointColumns
+    from imucalib_cli.logs.messages.decode import TopicData
     from imucalib_cli.logs.reader import Channel, LogFile, LogPath, Progress
     from imucalib_cli.logs.streams import ImuStream, JointStream, PoseStream
 
@@ -91,6 +91,16 @@ class Log:
             found += [replace(loss, values={**name, **loss.values}) for loss in losses]
         return tuple(found)
 
+    @property
+    def undefined(self) -> tuple[Finding, ...]:
+        """Topics in protobuf that no sound descriptors define; most may not be needed."""
+        return tuple(
+            warning("log.definition_damaged", file=str(file.path), topic=name, type=type_name)
+            for file in self._files
+            for name, type_name, definition in _unread_protobuf(file.channels)
+            if is_damaged(type_name, definition)
+        )
+
     def read(
         self, topics: Iterable[str], progress: Callable[[float], None] | None = None
     ) -> LogData:
@@ -105,7 +115,7 @@ class Log:
                 same time: they are two recordings.
             InputError: A topic's type or encoding cannot be read, or the file has disappeared.
         """
-        from imucalib_cli.logs.decode import MOST_RATIO, Collector, TooMuchError
+        from imucalib_cli.logs.messages.decode import MOST_RATIO, Collector, TooMuchError
 
         wanted = set(topics)
         self._check(wanted)
@@ -255,7 +265,7 @@ def open_log(
 
 def _add_streams(data: LogData, found: TopicData) -> list[Finding]:
     """Add the streams that a topic becomes; findings about rows left out."""
-    from imucalib_cli.logs.decode import imu_streams, joint_streams, pose_streams, texts_of
+    from imucalib_cli.logs.messages.decode import imu_streams, joint_streams, pose_streams, texts_of
 
     name, losses = found.topic, list[Finding]()
     for kind in found.reading.kinds:
@@ -275,6 +285,14 @@ def _add_streams(data: LogData, found: TopicData) -> list[Finding]:
                 data.texts[name] = texts_of(found)
         losses += lost
     return losses
+
+
+def _unread_protobuf(channels: Iterable[Channel]) -> list[tuple[str, str, str]]:
+    """Name, type and definition of topics in protobuf that cannot be read."""
+    of_protobuf = (each for each in channels if each.encoding == "protobuf" and each.count)
+    return sorted(
+        {(each.name, each.type, each.definition) for each in of_protobuf if not each.kinds}
+    )
 
 
 def _bytes_of(path: LogPath) -> int:

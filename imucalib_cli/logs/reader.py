@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, ClassVar, Protocol, TypeVar
 import numpy as np
 
 from imucalib_cli.logs.damage import Tally
-from imucalib_cli.logs.messages import normalise_type
-from imucalib_cli.logs.shapes import reading_of
+from imucalib_cli.logs.messages.shapes import reading_of
+from imucalib_cli.logs.messages.table import normalise_type
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 
     from imucalib_cli.arrays import Bytes, Floats, Integers
     from imucalib_cli.findings import Finding
-    from imucalib_cli.logs.columns import JointColumns
-    from imucalib_cli.logs.messages import Kind, Labels, MessageType
+    from imucalib_cli.logs.messages.columns import JointColumns
+    from imucalib_cli.logs.messages.table import Kind, Labels, MessageType
     from imucalib_cli.logs.remote.file import RemoteFile
     from imucalib_cli.logs.streams import Nanoseconds
 
@@ -115,7 +115,7 @@ class Piece:
     log_ns: Nanoseconds
     stamp_ns: Nanoseconds
     texts: Labels
-    """By the field names of :mod:`~imucalib_cli.logs.messages`."""
+    """By the field names of :mod:`~imucalib_cli.logs.messages.table`."""
     numbers: dict[str, Floats]
     """(n, k) each, by the same names."""
 

@@ -8,13 +8,14 @@ from textwrap import shorten
 from typing import TYPE_CHECKING
 
 from imucalib_cli.errors import ChoiceError, InputError
-from imucalib_cli.logs.protobuf import EXTRA, is_installed
+from imucalib_cli.logs.messages.protobuf import EXTRA, is_installed
+from imucalib_cli.shown import meant
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence
 
     from imucalib_cli.logs.log import LogData
-    from imucalib_cli.logs.messages import Kind
+    from imucalib_cli.logs.messages.table import Kind
     from imucalib_cli.logs.reader import Topic
     from imucalib_cli.logs.streams import JointStream
 
@@ -224,10 +225,12 @@ def _of_kind(
                 what = f"{name} is {there[0].type or 'untyped'} ({there[0].encoding})"
             elif there:
                 what = f"{name} has no messages"
+            near = "" if there else meant(name, list(by_name))
             called, option = _CALLED[kind]
             listed = _listed(possible) or "none"
             raise ChoiceError(
-                f"{what}: {called} topics for {options or option} are {listed}{_remedy(topics)}"
+                f"{what}: {called} topics for {options or option} are {listed}{near}"
+                f"{_remedy(topics)}"
             )
     return [by_name[name] for name in dict.fromkeys(named)]
 

@@ -11,16 +11,16 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 import numpy as np
 
-from imucalib_cli.logs import messages
-from imucalib_cli.logs.protobuf import message_class
-from imucalib_cli.logs.wire import Element, WireError
+from imucalib_cli.logs.messages import table as messages
+from imucalib_cli.logs.messages.protobuf import message_class
+from imucalib_cli.logs.messages.wire import Element, WireError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
     from rosbags.typesys.store import Typestore
 
-    from imucalib_cli.logs.messages import Labels
+    from imucalib_cli.logs.messages.table import Labels
     from imucalib_cli.logs.reader import Channel
 
 _NS_PER_S = 1_000_000_000

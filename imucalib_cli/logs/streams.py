@@ -7,7 +7,7 @@ Stamps are int64 nanoseconds here; they become float64 seconds when a clock is c
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from imucalib_cli.arrays import Floats, Integers
 
@@ -45,6 +45,8 @@ class ImuStream(Stream):
     """``topic:frame`` where several IMUs share the topic."""
     frames: tuple[str, ...] = ()
     """Frames that may be meant where the messages have none."""
+    absent: tuple[Literal["gyro", "accel"], ...] = ()
+    """Sensors that are NaN throughout in the log; here they are zero."""
     accel_topic: str = ""
     """Topic of the accelerometer, if that is not the gyroscope's."""
 

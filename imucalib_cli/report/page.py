@@ -12,7 +12,7 @@ import numpy as np
 
 from imucalib_cli.report.chart import plain
 from imucalib_cli.report.figures import figures
-from imucalib_cli.results.fields import judgement, sections
+from imucalib_cli.results.fields import judgement, sections, solved_with
 from imucalib_cli.results.formats import FORMATS
 from imucalib_cli.shown import as_html, shown, shown_lines
 
@@ -74,6 +74,9 @@ def _article(material: Material, number: int, data: dict[str, Any]) -> str:
     if material.details is None:
         why = _PUBLISHED if material.stamps is not None else _ALONE
         drawn = f"<p>{why if material.spectra is None else _FROM_STATISTICS}</p>{drawn}"
+    elif companions := solved_with(result):
+        listed = as_html(", ".join(companions))
+        drawn = f"<p>{_TOGETHER.format(others=listed)}</p>{drawn}"
     told = sections(result)
     first = "".join(_section(each) for each in told if _is_told_first(each))
     others = "".join(_section(each) for each in told if not _is_told_first(each))
@@ -97,6 +100,13 @@ _FROM_STATISTICS = (
 _PUBLISHED = (
     "The published method (<code>--method paper</code>) keeps no series of what it measured and "
     "predicted, and states no σ: these figures are of the default method."
+)
+
+
+_TOGETHER = (
+    "This IMU was solved together with {others}. Motion and residuals are of that solution, whose "
+    "numbers stand above; spectra, windows, parts of the log and the time offset's likelihood are "
+    "of this IMU by itself."
 )
 
 

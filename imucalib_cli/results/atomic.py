@@ -53,10 +53,14 @@ def clear_partial(folder: Path) -> None:
                 partial.unlink()
 
 
-def see_writable(path: Path) -> None:
+def see_writable(path: Path, made: Path | None = None) -> None:
     """See before a long computation that :func:`write_whole` will be able to write a file.
 
     Nothing is written; what changes meanwhile is found out later.
+
+    Args:
+        path: File to write.
+        made: A folder that will be there by then.
 
     Raises:
         InputError: As :func:`write_whole`, or the file is write-protected.
@@ -64,7 +68,10 @@ def see_writable(path: Path) -> None:
     with _told(path):
         target = _target(path)
         if not target.exists():
-            _see_folder(target.parent)
+            if made is not None and target.parent == made.resolve():
+                see_folder_writable(made)
+            else:
+                _see_folder(target.parent)
         # replacing it needs only the folder; who protects a file means the file
         elif not target.stat().st_mode & _WRITABLE or not os.access(target, os.W_OK):
             raise PermissionError(errno.EACCES, "it is write-protected")

@@ -6,6 +6,8 @@ The text summary is one renderer of it (results.summary), the HTML report anothe
 from __future__ import annotations
 
 import math
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
@@ -20,11 +22,18 @@ from imucalib_cli.robot.rotations import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterable, Iterator
     from datetime import datetime
 
     from imucalib_cli.arrays import Floats
-    from imucalib_cli.results.result import Bias, Observable, Result, Status, Unobservable
+    from imucalib_cli.results.result import (
+        Bias,
+        FindingEntry,
+        Observable,
+        Result,
+        Status,
+        Unobservable,
+    )
 
 _AXES = "xyz"
 _MANY = 3
@@ -63,6 +72,16 @@ def verdict(result: Result) -> str:
     return f"{status}: {words}" if status == "ok" else f"{status}, {words}"
 
 
+def solved_with(result: Result) -> tuple[str, ...]:
+    """Topics of the IMUs that a result was solved together with; empty if it stands alone."""
+    told = (each.values["others"] for each in _findings(result, "imus.together"))
+    return tuple(str(each) for others in told if isinstance(others, Sequence) for each in others)
+
+
+def _findings(result: Result, code: str) -> list[FindingEntry]:
+    return [each for each in result.diagnostics.findings if each.code == code]
+
+
 def judgement(result: Result) -> tuple[Status, str]:
     """Whether the result can be used, and in words how well it is known, or the gravest reason.
 
@@ -83,6 +102,42 @@ def judgement(result: Result) -> tuple[Status, str]:
     return result.status, f"{place} known to {known} (1 sigma, of the axis known least)"
 
 
+def findings_of(results: Sequence[Result]) -> list[Field]:
+    """What was found of some IMUs beside the reasons against them: what is alike once, with names.
+
+    Findings are alike if they differ in numbers alone; notes, also in which of the IMUs they name.
+    """
+    topics = {result.imu_topic for result in results}
+    found: dict[tuple[object, ...], list[tuple[str, FindingEntry]]] = {}
+    for result in results:
+        seen = Counter[tuple[str, ...]]()  # one IMU may have several that are alike
+        for each in result.diagnostics.findings:
+            if each.severity != "untrusted":
+                own = topics if each.severity == "note" else frozenset[str]()
+                words = (each.code, *(w for w in _words(each.values.values()) if w not in own))
+                seen[words] += 1
+                found.setdefault((*words, seen[words]), []).append((result.child, each))
+    fields = []
+    for alike in found.values():
+        (first, one), names = alike[0], list(dict.fromkeys(name for name, _ in alike))
+        message = one.message
+        if any(each.message != message for _, each in alike):
+            others = f"; likewise {', '.join(names[1:])}" if names[1:] else ""
+            message = f"{first}: {message}{others}"
+        elif len(alike) < len(results):
+            message = f"{', '.join(names)}: {message}"
+        fields.append(Field(one.severity, message, one.severity))
+    return sorted(fields, key=lambda field: field.severity != "warning")
+
+
+def _words(values: Iterable[object]) -> Iterator[str]:
+    for value in values:
+        if isinstance(value, str):
+            yield value
+        elif isinstance(value, (list, tuple)):
+            yield from _words(value)
+
+
 def sections(result: Result) -> tuple[Section, ...]:
     """All that is told about one IMU, in the order in which it is read."""
     diagnostics = result.diagnostics
@@ -92,7 +147,11 @@ def sections(result: Result) -> tuple[Section, ...]:
     topics, used = result.provenance.topics, result.provenance.part
     part = f", {used[0]:.3f} to {used[1]:.3f} s of the log" if used else ""
     distrust = (Field("not trusted", reason, "untrusted") for reason in diagnostics.distrust)
-    warnings = (Field("warning", warning, "warning") for warning in diagnostics.warnings)
+    warnings = (
+        Field(each.severity, each.message, each.severity)
+        for each in diagnostics.findings
+        if each.severity != "untrusted"
+    )
     given = "  (conditional: some of it is not determined, see above)" if result.partial else ""
     return tuple(
         section
@@ -288,6 +347,8 @@ def _bias(bias: Bias) -> str:
 def _gravity(result: Result) -> str:
     x, y, z = result.gravity_world
     norm = float(np.linalg.norm(result.gravity_world))
+    if norm == 0.0 and _findings(result, "base.imu"):
+        return "cancels: this accelerometer and that of the base IMU feel the same"
     if norm == 0.0:
         return "none"
     parameters = result.diagnostics.parameters

@@ -131,7 +131,7 @@ def _diagnostics(estimate: Estimate, nominal: Nominal | None) -> tree.Diagnostic
         findings=[finding_entry(finding) for finding in estimate.findings],
         distrust=list(estimate.distrust),
         warnings=list(estimate.warnings),
-        sigma_source=estimate.sigma_source,
+        sigma_source="noise",
         corrections={
             each.name: _copied(tree.CorrectionEntry, each) for each in estimate.corrections
         },

@@ -19,7 +19,8 @@ from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.findings import warning
 from imucalib_cli.guarded_yaml import YamlError, load_one
 from imucalib_cli.layout import Table
-from imucalib_cli.results.answers import (
+from imucalib_cli.results.codec import FARTHEST, convert
+from imucalib_cli.results.comparison.answers import (
     Averaged,
     Distance,
     FramePoses,
@@ -29,10 +30,9 @@ from imucalib_cli.results.answers import (
     TimeShifts,
     TruthPose,
 )
-from imucalib_cli.results.codec import FARTHEST, convert
+from imucalib_cli.results.comparison.pose_comparison import compare_poses
 from imucalib_cli.results.from_estimate import plain, pose_entry
 from imucalib_cli.results.pose import pose_error
-from imucalib_cli.results.pose_comparison import compare_poses
 from imucalib_cli.results.result import SCHEMA, Result, Tree, Vector3
 from imucalib_cli.robot.mount import fixed_transform
 from imucalib_cli.robot.rotations import matrix_from_quaternion, nearest_rotation
@@ -41,8 +41,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from imucalib_cli.layout import Block
+    from imucalib_cli.results.comparison.pose_comparison import PoseComparison
     from imucalib_cli.results.pose import UncertainPose
-    from imucalib_cli.results.pose_comparison import PoseComparison
     from imucalib_cli.robot.urdf import Robot
 
 Pose = tuple[Floats, Floats]

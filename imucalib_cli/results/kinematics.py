@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
 
 CLEAR: Final = 5.0
 """Sigmas from which an error is taken to be there: by chance one of a million is."""
+_ROUNDING: Final = 1e-9
+"""m and rad: what one solution leaves between the values that it gives for several IMUs."""
 ZERO: Final = "joint_zero"
 ORIGIN: Final = "origin"
 
@@ -45,23 +48,56 @@ def clear_entries(result: Result) -> list[ParameterEntry]:
     ]
 
 
-def corrected_origins(robot: Robot, result: Result) -> tuple[JointOrigin, ...]:
+def corrected_origins(robot: Robot, results: Sequence[Result]) -> tuple[JointOrigin, ...]:
     """New origins of the joints whose errors stand clear of zero.
 
     The zero of a joint becomes a rotation of its origin about its axis, so that the values that
     the robot reports stay as they are.
 
     Args:
-        robot: Of the URDF that the result is of.
-        result: With what it found of the robot.
+        robot: Of the URDF that the results are of.
+        results: Of one IMU or several, with what they found of the robot.
 
     Raises:
-        ChoiceError: The result is of another URDF, to whose origins the errors belong.
+        ChoiceError: A result is of another URDF, to whose origins the errors belong; or two IMUs
+            hang on a joint that they correct otherwise, of which the mount of each has a part.
         InputError: An error cannot be written into this URDF.
     """
+    by_result = [_corrections(robot, each) for each in results]
+    found: dict[str, JointOrigin] = {}
+    for own in by_result:
+        found |= own
+    for joint, origin in found.items():
+        carried = [
+            (each.imu_topic, own.get(joint))
+            for each, own in zip(results, by_result, strict=True)
+            if joint in _chain(robot, each)
+        ]
+        if not all(map(partial(_is_same, origin), (other for _, other in carried))):
+            topics = ", ".join(topic for topic, _ in carried)
+            raise ChoiceError(
+                f"--kinematics: joint '{joint}' carries several IMUs, which do not tell the same "
+                f"of it: choose one with --imu, of: {topics}"
+            )
+    return tuple(found.values())
+
+
+def _is_same(origin: JointOrigin, other: JointOrigin | None) -> bool:
+    """Whether two corrections of a joint are of one solution."""
+    return other is not None and np.allclose(
+        (*origin.xyz, *origin.rpy), (*other.xyz, *other.rpy), rtol=0.0, atol=_ROUNDING
+    )
+
+
+def _chain(robot: Robot, result: Result) -> dict[str, Joint]:
+    """The joints that carry a result's IMU."""
+    return {joint.name: joint for joint, _ in robot.route(robot.root, result.parent)}
+
+
+def _corrections(robot: Robot, result: Result) -> dict[str, JointOrigin]:
     entries = clear_entries(result)
     if not entries:
-        return ()
+        return {}
     source = result.provenance.urdf
     if source is None or source.sha256 != robot.sha256:
         of = "of none" if source is None else f"of {source.path} as it was then"
@@ -69,12 +105,12 @@ def corrected_origins(robot: Robot, result: Result) -> tuple[JointOrigin, ...]:
             f"{robot.source} is not the URDF of the result, which is {of}: the errors that were "
             "found belong to its origins; run again with this one"
         )
-    chain = {joint.name: joint for joint, _ in robot.route(robot.root, result.parent)}
+    chain = _chain(robot, result)
     followed = {joint.mimic.joint for joint in robot.joints if joint.mimic is not None}
     by_joint: dict[str, list[ParameterEntry]] = {}
     for entry in entries:
         by_joint.setdefault(joint_of(entry), []).append(entry)
-    found = []
+    found = {}
     for name, errors in by_joint.items():
         if not all(map(_has_axis, errors)):
             raise InputError(
@@ -91,8 +127,8 @@ def corrected_origins(robot: Robot, result: Result) -> tuple[JointOrigin, ...]:
                 f"{robot.source}: the zero of joint '{name}' is off, and other joints follow it "
                 "(mimic): write it by hand, into the joint or into those that follow"
             )
-        found.append(_corrected(chain[name], errors))
-    return tuple(found)
+        found[name] = _corrected(chain[name], errors)
+    return found
 
 
 def _has_axis(entry: ParameterEntry) -> bool:

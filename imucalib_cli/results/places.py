@@ -27,6 +27,7 @@ def see_places(
     written: Iterable[Path],
     force: bool | None = None,
     made_here: Callable[[Path], bool] = lambda _: False,
+    folder: Path | None = None,
 ) -> None:
     """See that nothing is lost: no file is read and written, or written twice, or precious.
 
@@ -37,6 +38,7 @@ def see_places(
         written: Files.
         force: Write over logs and URDFs; None where the command has no such option.
         made_here: Whether a log or a URDF that is there was made by the same command.
+        folder: That the command makes before it writes into it.
 
     Raises:
         ChoiceError: Something would be lost.
@@ -45,7 +47,7 @@ def see_places(
     sources = [file for path in read for file in files_read(path)]
     seen: list[Path] = []
     for path in written:
-        see_writable(path)
+        see_writable(path, folder)
         if any(is_same_file(path, source) for source in sources):
             raise ChoiceError(f"{path} is an input and would be overwritten: name another file")
         if any(is_same_file(path, other) for other in seen):

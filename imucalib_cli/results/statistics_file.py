@@ -10,19 +10,21 @@ import json
 import math
 import zipfile
 import zlib
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
+import msgspec
 import numpy as np
 
 from imucalib_cli import __version__
 from imucalib_cli.errors import InputError
+from imucalib_cli.estimate.checks.segments import FOLDS
 from imucalib_cli.estimate.checks.specification import OtherWindow
 from imucalib_cli.estimate.details import Spectrum
 from imucalib_cli.estimate.model.layout import Joint, Placed, with_priors
 from imucalib_cli.estimate.model.state import State
 from imucalib_cli.estimate.model.unknowns import TABLE, JointCurve, Mount, Origin
-from imucalib_cli.estimate.options import MatchedOptions, PosePrior, WindowChoice
+from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.estimate.several_imus import SOLVED_TOGETHER
 from imucalib_cli.estimate.solution.normal_equations import NormalEquations
 from imucalib_cli.estimate.statistics import LogStatistics
@@ -45,6 +47,7 @@ _KINDS: Final = {each.name: each for each in TABLE}
 _ALIKE: Final = 1e-6
 """m and rad: statistics give the pose of their result to far more digits."""
 _DAMAGED: Final = (
+    msgspec.MsgspecError,
     zipfile.BadZipFile,
     zlib.error,
     ValueError,
@@ -83,7 +86,7 @@ def statistics_bytes(result: Result, statistics: LogStatistics) -> bytes:
         "schema": _SCHEMA,
         "version": __version__,
         "result": to_document(result),
-        "options": _as_plain(asdict(statistics.options)),
+        "options": msgspec.to_builtins(statistics.options, enc_hook=lambda each: each.tolist()),
         "unknowns": [
             {
                 "name": each.unknown.name,
@@ -118,7 +121,7 @@ def statistics_bytes(result: Result, statistics: LogStatistics) -> bytes:
         "window_changes": np.array([each.changes for each in statistics.windows]).reshape(
             -1, layout.size
         ),
-        **_joined(statistics.blocks, statistics.edges),
+        **_joined(statistics.parts, statistics.edges),
     }
     for sensor, spectrum in zip(("accel", "gyro"), statistics.spectra, strict=True):
         arrays[f"{sensor}_frequency"], arrays[f"{sensor}_density"] = (
@@ -191,7 +194,9 @@ def _see_they_agree(log: StoredLog) -> None:
 def _statistics(header: dict[str, Any], arrays: dict[str, Floats]) -> LogStatistics:
     if not all(np.isfinite(each).all() for each in arrays.values()):
         raise ValueError("numbers that are not finite")
-    options = _options(header["options"])
+    options = msgspec.convert(
+        header["options"], MatchedOptions, dec_hook=lambda _, numbers: np.array(numbers)
+    )
     origins, turns = iter(arrays["directions"]), iter(arrays["turns"])
     placed = [_placed(each, origins, turns) for each in header["unknowns"]]
     layout = with_priors(placed, options, tuple(header["still"]))
@@ -203,7 +208,6 @@ def _statistics(header: dict[str, Any], arrays: dict[str, Floats]) -> LogStatist
         x=arrays["x"].reshape(n),
         held_offset=float(header["held_offset"]),
     )
-    blocks = _unpacked(arrays["blocks"], n + 1)
     return LogStatistics(
         equations=NormalEquations(
             layout=layout,
@@ -213,9 +217,8 @@ def _statistics(header: dict[str, Any], arrays: dict[str, Floats]) -> LogStatist
             **{name: _unpacked(arrays[name], n) for name in _SYMMETRIC},
         ),
         options=options,
-        blocks=blocks,
+        parts=_unpacked(arrays["blocks"], n + 1),
         edges=arrays["edges"],
-        scores=blocks[:, 1:, 0],
         spectra=(_spectrum("accel", arrays), _spectrum("gyro", arrays)),
         windows=tuple(
             OtherWindow(seconds=float(seconds), changes=changes.reshape(n))
@@ -250,28 +253,6 @@ def _placed(entry: dict[str, Any], origins: Any, turns: Any) -> Placed:
     )
 
 
-def _options(written: dict[str, Any]) -> MatchedOptions:
-    given = dict(written)
-    given["window"] = WindowChoice(**given["window"])
-    if given["pose"] is not None:
-        std, R, t = (given["pose"][name] for name in ("std", "R_parent_imu", "t_parent_imu"))
-        given["pose"] = PosePrior(
-            std=tuple(std),
-            R_parent_imu=None if R is None else np.array(R).reshape(3, 3),
-            t_parent_imu=None if t is None else np.array(t).reshape(3),
-        )
-    if isinstance(given["robot"], list):
-        given["robot"] = tuple(given["robot"])
-    return MatchedOptions(**given)
-
-
-def _as_plain(value: Any) -> Any:
-    """Arrays as lists, in dicts too."""
-    if isinstance(value, dict):
-        return {name: _as_plain(each) for name, each in value.items()}
-    return value.tolist() if isinstance(value, np.ndarray) else value
-
-
 def _spectrum(sensor: str, arrays: dict[str, Floats]) -> Spectrum:
     return Spectrum(
         frequency=arrays[f"{sensor}_frequency"],
@@ -280,13 +261,13 @@ def _spectrum(sensor: str, arrays: dict[str, Floats]) -> Spectrum:
     )
 
 
-def _joined(blocks: Floats, edges: Floats) -> dict[str, Floats]:
-    """As many parts of equal duration as there is room for."""
-    parts, size = len(blocks), 8 * blocks.shape[1] * (blocks.shape[1] + 1) // 2
-    most = max(_ROOM // size - len(_SYMMETRIC), 1)
-    count = max(each for each in range(1, parts + 1) if parts % each == 0 and each <= most)
-    joined = blocks.reshape(count, -1, *blocks.shape[1:]).sum(axis=1)
-    return {"blocks": _packed(joined), "edges": edges[:: parts // count]}
+def _joined(parts: Floats, edges: Floats) -> dict[str, Floats]:
+    """A few longer parts of equal duration, as many as there is room for."""
+    size = 8 * parts.shape[1] * (parts.shape[1] + 1) // 2
+    most = min(max(_ROOM // size - len(_SYMMETRIC), 1), FOLDS, len(parts))
+    count = max(each for each in range(1, most + 1) if len(parts) % each == 0)
+    joined = parts.reshape(count, -1, *parts.shape[1:]).sum(axis=1)
+    return {"blocks": _packed(joined), "edges": edges[:: len(parts) // count]}
 
 
 def _packed(matrix: Floats) -> Floats:

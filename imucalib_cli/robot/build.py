@@ -19,12 +19,13 @@ from imucalib_cli.robot.path import (
     fixed_inverse,
     merge_fixed,
 )
-from imucalib_cli.robot.urdf import Joint, Robot, near_matches
+from imucalib_cli.shown import near_matches
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from imucalib_cli.arrays import Floats
+    from imucalib_cli.robot.urdf import Joint, Robot
 
 
 def joint_path(

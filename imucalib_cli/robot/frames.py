@@ -18,7 +18,8 @@ from imucalib_cli.robot.path import (
     merge_fixed,
 )
 from imucalib_cli.robot.rotations import matrix_from_quaternion, quaternion_from_matrix
-from imucalib_cli.robot.urdf import Joint, Robot, near_matches
+from imucalib_cli.robot.urdf import Joint, Robot
+from imucalib_cli.shown import near_matches
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

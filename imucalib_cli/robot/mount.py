@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from imucalib_cli.errors import ChoiceError
-from imucalib_cli.robot.urdf import Robot, near_matches
+from imucalib_cli.shown import near_matches
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats
+    from imucalib_cli.robot.urdf import Robot
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import re
 import sys
 from contextlib import contextmanager, suppress
 from types import ModuleType
@@ -14,6 +15,26 @@ if TYPE_CHECKING:
 
 _ASKED = ("ament_index_python", "ament_index_python.packages")
 """Modules of ROS that xacro imports to find a package."""
+
+
+_NAME = re.compile(rb"<name>\s*([^<\s]+)\s*</name>")
+_HEAD = 1 << 16
+"""Bytes of a package.xml that are looked at: its name stands first."""
+
+
+def _manifests(folder: Path) -> Iterator[Path]:
+    """Files package.xml of a folder, and of those in it."""
+    yield folder / "package.xml"
+    with suppress(OSError):
+        yield from sorted(folder.glob("*/package.xml"))
+
+
+def _name_in(manifest: Path) -> str:
+    """The name of a package, which need not be that of its folder; empty if there is none."""
+    with suppress(OSError), manifest.open("rb") as file:
+        found = _NAME.search(file.read(_HEAD))
+        return "" if found is None else found[1].decode("utf-8", "replace")
+    return ""
 
 
 @contextmanager
@@ -35,10 +56,13 @@ def packages_near(path: Path) -> Iterator[list[str]]:
         with suppress(LookupError):  # of ROS, for a package that it does not know
             if installed is not None:
                 return str(installed.get_package_share_directory(package))
-        for folder in path.resolve().parents:
-            for place in (folder, folder / package):
-                if place.name == package and place.is_dir():
-                    return str(place)
+        folders = path.resolve().parents
+        for place in (place for folder in folders for place in (folder, folder / package)):
+            if place.name == package and place.is_dir():
+                return str(place)
+        for manifest in (found for folder in folders for found in _manifests(folder)):
+            if _name_in(manifest) == package:
+                return str(manifest.parent)
         missing.append(package)
         raise LookupError(package)
 

@@ -15,10 +15,12 @@ import numpy as np
 from imucalib_cli.robot.rotations import matrix_from_quaternion
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Container, Sequence
 
     from imucalib_cli.arrays import Floats
 
+_PARALLEL = np.cos(1e-3)
+"""Axes are meant to be parallel: angles of a URDF are rounded to a milliradian or better."""
 _BLOCK = 4096
 """Instants computed at a time: their matrices stay in the processor's cache."""
 
@@ -151,6 +153,42 @@ class KinematicPath:
         R, p = _multiply(self.steps, values, count, found)
         found.append((R, p))
         return tuple((R.transpose(2, 0, 1), p.T) for R, p in found)
+
+
+def parallel_joints(path: KinematicPath, moving: Container[int]) -> tuple[tuple[int, int], ...]:
+    """Pairs of turning joints, one after the other, whose axes are parallel.
+
+    A wrong zero of the one looks like the opposite zero of the other and a displaced origin
+    between them.
+
+    Args:
+        path: The chain.
+        moving: Indices of the steps that move; others are parts of what carries them.
+
+    Returns:
+        Indices of their steps.
+    """
+    nowhere = np.eye(1, 7, 6)
+    frames = path.frames(
+        tuple(_first_whole(t.values) if t.kind == "joints" else nowhere for t in path.tracks)
+    )
+    pairs, before = [], None
+    for place, step in enumerate(path.steps):
+        if place not in moving:
+            continue
+        axis = None
+        if isinstance(step, JointStep) and step.kind == "revolute":
+            axis = frames[place][0][0] @ step.axis
+            if before is not None and abs(axis @ before[1]) > _PARALLEL:
+                pairs.append((before[0], place))
+        before = None if axis is None else (place, axis)
+    return tuple(pairs)
+
+
+def _first_whole(values: Floats) -> Floats:
+    """(1, J), the first sample without holes; zeros where there is none."""
+    whole = np.isfinite(values).all(axis=1)
+    return values[whole][:1] if whole.any() else np.zeros_like(values[:1])
 
 
 def fixed_inverse(step: FixedStep) -> FixedStep:

@@ -7,7 +7,6 @@ therefore do not matter.
 
 from __future__ import annotations
 
-import difflib
 import hashlib
 import importlib.util
 import logging
@@ -26,6 +25,7 @@ from imucalib_cli.errors import InputError
 from imucalib_cli.robot.packages import packages_near
 from imucalib_cli.robot.urdf_check import check_urdf
 from imucalib_cli.robot.urdf_xml import SIZE_LIMIT
+from imucalib_cli.shown import near_matches
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -128,17 +128,6 @@ class Robot:
                 f"{self.source}: joint '{joint.name}' is {joint.kind}, its position is not one "
                 "number: give the pose of what it carries as a pose stream (--pose-topic or /tf)"
             )
-
-
-def near_matches(name: str, known: tuple[str, ...] | list[str], *, limit: int = 12) -> str:
-    """End of an error message: similar names, else the first of all names."""
-    near = difflib.get_close_matches(name, known, n=3, cutoff=0.6)
-    if near:
-        return "; did you mean " + " or ".join(f"'{match}'" for match in near) + "?"
-    if not known:
-        return ""
-    more = f" and {len(known) - limit} more" if len(known) > limit else ""
-    return "; there are: " + ", ".join(known[:limit]) + more
 
 
 def frame_name(name: str) -> str:

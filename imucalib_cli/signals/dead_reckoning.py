@@ -20,6 +20,8 @@ _PLACES: Final = np.arange(-1, 3)
 """Samples about the interval from 0 to 1 whose cubic stands for the signal in it: that of the
 filters' quadrature (kernels.py), so that noise is the same in what is compared."""
 _GAUSS: Final = np.sqrt(3.0) / 6.0
+_STRETCH: Final = 4
+"""Samples that are multiplied one after the other; the products of stretches likewise."""
 
 
 def _weights(moments: Floats) -> Floats:
@@ -54,11 +56,7 @@ def dead_reckon(gyro: Floats, accel: Floats, dt: float) -> tuple[Floats, Floats]
     """
     early, late = (_between(gyro, each) for each in (_EARLY, _LATE))
     turns = 0.5 * dt * (early + late) + _GAUSS * dt**2 / 2.0 * cross(early, late)
-    attitude = np.concatenate([[[0.0, 0.0, 0.0, 1.0]], _quaternions(turns)])
-    reach = 1
-    while reach < len(attitude):  # products of ever longer stretches: log2(N) passes over all
-        attitude[reach:] = _product(attitude[:-reach], attitude[reach:])
-        reach *= 2
+    attitude = np.concatenate([[[0.0, 0.0, 0.0, 1.0]], _running_products(_quaternions(turns))])
     attitude /= np.linalg.norm(attitude, axis=1, keepdims=True)
     force = np.einsum("nij,nj->ni", matrix_from_quaternion(attitude), accel)
     velocity = _summed(dt * _between(force, _SUM))
@@ -87,9 +85,29 @@ def _quaternions(turns: Floats) -> Floats:
     return np.hstack([0.5 * turns * np.sinc(half / np.pi), np.cos(half)])
 
 
+def _running_products(turns: Floats) -> Floats:
+    """(N, 4), each quaternion behind all that come before it."""
+    columns = -(-len(turns) // _STRETCH)
+    at_rest = np.tile([0.0, 0.0, 0.0, 1.0], (columns * _STRETCH - len(turns), 1))
+    # Stretches side by side, so that one multiplication serves them all.
+    found = np.concatenate([turns, at_rest]).reshape(columns, _STRETCH, 4).T.copy()
+    for place in range(1, _STRETCH):
+        found[:, place] = _product(found[:, place - 1], found[:, place])
+    if columns > 1:
+        before = _running_products(found[:, -1, :-1].T).T
+        found[..., 1:] = _product(before[:, None], found[..., 1:])
+    return np.asarray(found.T.reshape(-1, 4)[: len(turns)])
+
+
 def _product(a: Floats, b: Floats) -> Floats:
-    """(N, 4), quaternions of the rotations by b, then by a."""
-    u, s = a[:, :3], a[:, 3:]
-    v, t = b[:, :3], b[:, 3:]
-    real = s * t - (u * v).sum(axis=1, keepdims=True)
-    return np.hstack([s * v + t * u + cross(u, v), real])
+    """(4, ...), quaternions of the rotations by b, then by a."""
+    x, y, z, w = a
+    i, j, k, r = b
+    return np.stack(
+        [
+            w * i + x * r + y * k - z * j,
+            w * j - x * k + y * r + z * i,
+            w * k + x * j - y * i + z * r,
+            w * r - x * i - y * j - z * k,
+        ]
+    )

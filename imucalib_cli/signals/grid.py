@@ -9,7 +9,12 @@ import numpy as np
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.signals.interpolate import lagrange
-from imucalib_cli.signals.stamps import EXACT_SECONDS, gap_breaks, outside_gaps, sample_interval
+from imucalib_cli.signals.timing.stamps import (
+    EXACT_SECONDS,
+    gap_breaks,
+    outside_gaps,
+    sample_interval,
+)
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Bools, Floats

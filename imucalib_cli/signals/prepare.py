@@ -13,7 +13,7 @@ from imucalib_cli.signals.grid import ImuGrid, imu_grid
 from imucalib_cli.signals.interpolate import lagrange
 from imucalib_cli.signals.noise import noise_level
 from imucalib_cli.signals.spikes import find_spikes
-from imucalib_cli.signals.stamps import Ticks, TidyRows, constant_rate_ticks, tidy_rows
+from imucalib_cli.signals.timing.stamps import Ticks, TidyRows, constant_rate_ticks, tidy_rows
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats

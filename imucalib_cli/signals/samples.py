@@ -29,6 +29,8 @@ class ImuSamples:
     """(N, 3), specific force in the IMU frame, m/s²; at rest it points up."""
     topic: str = ""
     """For messages."""
+    absent: tuple[Sensor, ...] = ()
+    """Sensors that are NaN throughout in the log; here they are zero."""
 
     def __len__(self) -> int:
         return len(self.t)
@@ -44,4 +46,6 @@ class ImuSamples:
 
 def samples_of(imu: ImuStream, clock: Clock) -> ImuSamples:
     """One IMU of a log on the log's clock."""
-    return ImuSamples(t=clock.seconds(imu), gyro=imu.gyro, accel=imu.accel, topic=imu.name)
+    return ImuSamples(
+        t=clock.seconds(imu), gyro=imu.gyro, accel=imu.accel, topic=imu.name, absent=imu.absent
+    )

@@ -32,8 +32,8 @@ _SUDDEN = 0.5
 _SIDES = (-2, -1, 1, 2)
 _MOST_SPREAD = 2.5
 """Longest span of a sample's neighbours, relative to the median span."""
-_GLITCH_ROUNDS = 4
-"""Glitches close to each other are found one after the other."""
+_ROUNDS = 4
+"""Spikes close to each other are found one after the other."""
 
 
 def find_spikes(values: Floats, floor: float) -> Bools:
@@ -64,7 +64,7 @@ def _channel_spikes(channel: Floats, floor: float) -> Bools:
     limit = np.maximum(_THRESHOLD * _local_scale(np.abs(deviation_from_neighbours(channel))), floor)
     # A spike also spoils the prediction of its neighbours: take the worst of each
     # neighbourhood, replace it, and test again.
-    for _ in range(4):
+    for _ in range(_ROUNDS):
         off = np.abs(deviation_from_neighbours(work))
         peak = off >= np.maximum.reduce([np.roll(off, shift) for shift in _SIDES])
         new = peak & (off > limit) & ~found
@@ -75,14 +75,35 @@ def _channel_spikes(channel: Floats, floor: float) -> Bools:
     # Samples between two spikes may be marked too: those close to the interpolation are fine.
     size = np.abs(channel - work)
     runs = stretches_of(found & (size > limit))
+    return _sudden(channel, runs, _largest(size, runs))
+
+
+def _largest(values: Floats, runs: Stretches) -> Floats:
+    """(R,), largest value of each run."""
     if not len(runs):
-        return np.zeros(len(channel), dtype=bool)
-    largest = np.maximum.reduceat(np.append(size, 0.0), np.stack([runs.first, runs.end], 1).ravel())
-    largest, steps = largest[::2], np.pad(np.abs(np.diff(channel)), _AROUND)
-    # There and back at once.
-    sudden = np.minimum(*(steps[each + _AROUND - 1] for each in (runs.first, runs.end)))
-    alone = (sudden > _SUDDEN * largest) & (largest > _FURTHER * _steps_around(steps, runs))
-    return runs.where(alone).mask(len(channel))
+        return np.zeros(0)
+    edges = np.stack([runs.first, runs.end], axis=1).ravel()
+    return np.asarray(np.maximum.reduceat(np.append(values, 0.0), edges)[::2])
+
+
+def _sudden(channel: Floats, runs: Stretches, sizes: Floats) -> Bools:
+    """(N,), samples of those runs that go there and back at once, and farther than others near by.
+
+    Args:
+        channel: (N,).
+        runs: Of samples that are off.
+        sizes: (R,), what each is off by.
+    """
+    found, clean = np.zeros(len(channel), dtype=bool), channel.copy()
+    for _ in range(_ROUNDS):  # of two spikes close by the one is seen where the other is bridged
+        steps = np.pad(np.abs(np.diff(clean)), _AROUND)
+        sudden = np.minimum(*(steps[each + _AROUND - 1] for each in (runs.first, runs.end)))
+        alone = (sudden > _SUDDEN * sizes) & (sudden > _FURTHER * _steps_around(steps, runs))
+        if not alone.any():
+            break
+        found |= runs.where(alone).mask(len(channel))
+        _bridge(clean, found)
+    return found
 
 
 def _steps_around(steps: Floats, runs: Stretches) -> Floats:
@@ -113,7 +134,7 @@ def find_glitches(t: Floats, values: Floats, floor: float) -> Bools:
         (N,), True where any channel leaps.
     """
     found = np.zeros(len(t), dtype=bool)
-    for _ in range(_GLITCH_ROUNDS):
+    for _ in range(_ROUNDS):
         kept = ~found if found.any() else slice(None)  # a slice copies nothing
         new = _leaps(t[kept], values[kept], floor)
         if not new.any():

@@ -15,7 +15,7 @@ from imucalib_cli.signals.interpolate import lagrange
 from imucalib_cli.signals.noise import white_noise
 from imucalib_cli.signals.prepare import clean_imu
 from imucalib_cli.signals.samples import ImuSamples
-from imucalib_cli.signals.stamps import (
+from imucalib_cli.signals.timing.stamps import (
     Ticks,
     constant_rate_ticks,
     gap_breaks,
@@ -56,6 +56,8 @@ class CleanTrack:
     """Values were repeated until the next change; only the changes are kept."""
     readings: ImuGrid | None = None
     """Of an IMU by which the values are reckoned."""
+    spikes: int = 0
+    """Samples of that IMU that were bridged."""
 
     @cached_property
     def interval(self) -> float:
@@ -108,6 +110,22 @@ def clean_track(track: Track) -> CleanTrack:
     return _CLEANED[track]
 
 
+def stamped_earlier(track: Track, seconds: float) -> Track:
+    """The same track with earlier stamps, s, which need not be cleaned again.
+
+    Raises:
+        InputError: As :func:`clean_track`.
+    """
+    clean, moved = clean_track(track), replace(track, t=track.t - seconds)
+    _CLEANED[moved] = replace(
+        clean,
+        t=clean.t - seconds,
+        ticks=clean.ticks and replace(clean.ticks, t=clean.ticks.t - seconds),
+        readings=clean.readings and replace(clean.readings, t0=clean.readings.t0 - seconds),
+    )
+    return moved
+
+
 def _cleaned(track: Track) -> CleanTrack:
     if track.kind == "imu":
         return _reckoned(track)
@@ -134,7 +152,15 @@ def _reckoned(track: Track) -> CleanTrack:
     grid = clean.grid(0.0, use_ticks=clean.ticks is not None)
     values = np.hstack(dead_reckon(grid.gyro, grid.accel, grid.dt)[::-1])
     t = grid.t[grid.usable]
-    return CleanTrack(track.name, t, values[grid.usable], gap_breaks(t), ticks=None, readings=grid)
+    return CleanTrack(
+        name=track.name,
+        t=t,
+        values=values[grid.usable],
+        breaks=gap_breaks(t),
+        ticks=None,
+        readings=grid,
+        spikes=clean.spikes,
+    )
 
 
 def continuous(kind: Literal["joints", "pose", "imu"], values: Floats) -> Floats:

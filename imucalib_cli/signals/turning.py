@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from imucalib_cli.errors import InputError
-from imucalib_cli.signals.lag import best_lag
 from imucalib_cli.signals.noise import MAD_TO_STD
 from imucalib_cli.signals.stretches import stretches_of
+from imucalib_cli.signals.timing.lag import best_lag
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Bools, Floats, Indices

@@ -15,7 +15,7 @@ from imucalib_cli.batch.logs import find_logs
 from imucalib_cli.batch.record import Record
 from imucalib_cli.batch.task import Done, Task
 from imucalib_cli.cli.exit_codes import exit_code_of
-from imucalib_cli.jobs.request import CalibrationRequest
+from imucalib_cli.jobs.input.request import CalibrationRequest
 
 if TYPE_CHECKING:
     from collections.abc import Generator, Sequence

@@ -41,7 +41,7 @@ def logs(
     tmp_path: Path, arm_urdf: Path, monkeypatch: pytest.MonkeyPatch
 ) -> Callable[..., list[str]]:
     """Makes logs in the working folder; one process and no estimating, to be quick."""
-    monkeypatch.setattr("imucalib_cli.cli.batch._engine", lambda *_: here)
+    monkeypatch.setattr("imucalib_cli.cli.commands.batch._engine", lambda *_: here)
     monkeypatch.setattr("imucalib_cli.jobs.calibrate._estimate", Estimator())
     monkeypatch.delenv("GITHUB_ACTIONS", raising=False)
     monkeypatch.chdir(tmp_path)
@@ -246,7 +246,7 @@ def test_logs_behind_urls_are_finished_as_those_on_disk_are(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """By size and version, whatever their signatures are; no secret is written anywhere."""
-    monkeypatch.setattr("imucalib_cli.cli.batch._engine", lambda *_: here)
+    monkeypatch.setattr("imucalib_cli.cli.commands.batch._engine", lambda *_: here)
     monkeypatch.setenv("no_proxy", "*")
     served, kept = tmp_path / "served", tmp_path / "results"
     served.mkdir()

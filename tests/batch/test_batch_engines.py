@@ -17,7 +17,7 @@ import pytest
 from imucalib_cli.batch.local import LocalProcesses
 from imucalib_cli.batch.on_dask import DaskWorkers
 from imucalib_cli.errors import InputError
-from imucalib_cli.jobs.request import CalibrationRequest
+from imucalib_cli.jobs.input.request import CalibrationRequest
 from tests.batch.batch_tasks import batch, copying, here, task_for
 
 if TYPE_CHECKING:
@@ -87,7 +87,7 @@ import importlib, sys
 from pathlib import Path
 from imucalib_cli.batch.local import preloaded
 from imucalib_cli.batch.logs import BatchLog
-from imucalib_cli.jobs.request import CalibrationRequest
+from imucalib_cli.jobs.input.request import CalibrationRequest
 from tests.batch.batch_tasks import task_for
 log, urdf = map(Path, sys.argv[1:])
 task = task_for(CalibrationRequest(logs=(), urdf=urdf))

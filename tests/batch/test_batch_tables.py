@@ -25,7 +25,7 @@ from imucalib_cli.batch.tables import (
     markdown,
     words,
 )
-from imucalib_cli.cli.batch import batch_command
+from imucalib_cli.cli.commands.batch import batch_command
 from imucalib_cli.findings import Severity, texts
 from imucalib_cli.layout import csv_text, plain
 from imucalib_cli.results.codec import to_document

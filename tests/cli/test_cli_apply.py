@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import re
+from hashlib import sha256
 from io import BytesIO
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from imucalib_cli.cli.main import main
 from imucalib_cli.findings import Severity, texts
 from imucalib_cli.results.codec import to_yaml
+from imucalib_cli.results.result import ParameterEntry, SourceFile
 from imucalib_cli.robot.urdf import load_robot
 from tests.cli.test_cli_diff import make
 
@@ -102,6 +106,92 @@ def test_choices_that_are_the_users(
     assert apply([imu("left"), twice], "--imu", "/other", "-q") == 0
     assert apply([imu("left")], "-o", str(urdf)) == 2
     assert urdf.read_text() == URDF
+
+
+def test_a_folder_of_results_is_applied_at_once(
+    tmp_path: Path, urdf: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "results"
+    folder.mkdir()
+    for child in ("left", "right"):
+        (folder / f"log.{child}.yaml").write_text(to_yaml([imu(child)]))
+    (folder / "log.report.html").write_text("<html/>")
+    files = [str(path) for path in sorted(folder.glob("*.yaml"))]
+    assert main(["apply", *files, "--urdf", str(urdf), "-q"]) == 0
+    out, _ = capsys.readouterr()
+    assert out.count(MOVED) == 2
+    assert main(["apply", str(folder), "--urdf", str(urdf), "-q"]) == 0
+    assert capsys.readouterr() == (out, "")
+    (folder / "other.left.yaml").write_text(to_yaml([imu("left", log="b")]))
+    assert main(["apply", str(folder), "--urdf", str(urdf)]) == 2
+    said = capsys.readouterr().err
+    assert f"{files[0]}, {folder}/other.left.yaml: two results are for joint 'left_joint'" in said
+    assert "give one of them" in said
+    # what cannot be read does not keep the others back
+    (folder / "other.left.yaml").write_text("schema: 1\nstatus: ok\n")
+    assert main(["apply", str(folder), "--urdf", str(urdf)]) == 1
+    out, err = capsys.readouterr()
+    assert out.count(MOVED) == 2
+    assert "error: " in err
+
+
+TWO_ARMS = """<robot name="r"><link name="base"/><link name="body"/>
+<link name="left_hand"/><link name="right_hand"/><link name="left"/><link name="right"/>
+<joint name="yaw" type="continuous"><parent link="base"/><child link="body"/></joint>
+<joint name="left_arm" type="continuous"><parent link="body"/><child link="left_hand"/></joint>
+<joint name="right_arm" type="continuous"><parent link="body"/><child link="right_hand"/></joint>
+<joint name="left_joint" type="fixed"><parent link="left_hand"/><child link="left"/></joint>
+<joint name="right_joint" type="fixed"><parent link="right_hand"/><child link="right"/></joint>
+</robot>"""
+
+
+def test_what_several_imus_tell_of_the_robot(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Each its own arm; of a joint that carries both only what both take to be so."""
+    urdf, file = tmp_path / "robot.urdf", tmp_path / "result.yaml"
+    urdf.write_text(TWO_ARMS)
+
+    def told(side: str, **zeros: float) -> Result:
+        result = imu(side, parent=f"{side}_hand")
+        entries = [
+            ParameterEntry(
+                name="joint_zero",
+                label=joint,
+                unit="rad",
+                value=value,
+                std=1e-3,
+                prior_std=0.1,
+                prior_learnt=False,
+            )
+            for joint, value in zeros.items()
+        ]
+        return replace(
+            result,
+            diagnostics=replace(result.diagnostics, parameters=entries),
+            provenance=replace(
+                result.provenance,
+                urdf=SourceFile(path=str(urdf), sha256=sha256(urdf.read_bytes()).hexdigest()),
+            ),
+        )
+
+    def turned(*results: Result) -> list[str]:
+        file.write_text(to_yaml(results))
+        code = main(["apply", str(file), "--urdf", str(urdf), "--kinematics", "--force"])
+        err = capsys.readouterr().err
+        assert code == 2 or "wrote: " in err
+        return re.findall(r"joint '(\w+)' (?:\(.*0\.573 deg|carries several)", err)
+
+    arms = told("left", left_arm=0.01), told("right", right_arm=0.01)
+    assert turned(*arms) == ["left_arm", "right_arm"]
+    assert turned(told("left", yaw=0.01), told("right", yaw=0.01 + 1e-12)) == ["yaw"]
+    assert turned(told("left", yaw=0.01), told("right")) == ["yaw"]
+    assert "--kinematics: joint 'yaw' carries several IMUs" in kinematics_error(capsys, file, urdf)
+
+
+def kinematics_error(capsys: pytest.CaptureFixture[str], file: Path, urdf: Path) -> str:
+    assert main(["apply", str(file), "--urdf", str(urdf), "--kinematics", "--force"]) == 2
+    return capsys.readouterr().err
 
 
 def test_the_turn_is_told_in_degrees(apply: Any, capsys: pytest.CaptureFixture[str]) -> None:

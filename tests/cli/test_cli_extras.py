@@ -23,7 +23,7 @@ from imucalib_cli.cli.options import ExtraFiles
 from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.jobs.calibrate import Outcome, calibrate
-from imucalib_cli.jobs.request import CalibrationRequest
+from imucalib_cli.jobs.input.request import CalibrationRequest
 from imucalib_cli.report.debug_mcap import frames_of, topics_of
 from imucalib_cli.results.codec import read_results
 from imucalib_cli.robot.rotations import matrix_from_quaternion

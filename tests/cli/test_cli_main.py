@@ -180,7 +180,7 @@ def test_closed_streams_that_are_not_needed_do_no_harm(
     log, report = log_writer.imu(seconds=0.5).write(), tmp_path / "report.txt"
     assert _in_shell(">&- 2>&- <&-", "inspect", str(log), "-o", str(report)).returncode == 0
     assert "/imu/data" in report.read_text()
-    done = _in_shell("<&-", "apply", "-", "--urdf", "x.urdf")
+    done = _in_shell("<&-", "apply", "-", "--urdf", str(ROOT / "sample_data/rihibot.urdf"))
     assert (done.returncode, done.stderr.count("\n")) == (1, 1)
     assert "standard input is closed" in done.stderr
 

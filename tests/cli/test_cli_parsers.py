@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from imucalib_cli.cli import parsers
 from imucalib_cli.cli.main import main
-from imucalib_cli.results.requirement import Tolerance
+from imucalib_cli.results.comparison.requirement import Tolerance
 from imucalib_cli.robot.rotations import matrix_from_rpy
 
 WRONG = {

@@ -352,3 +352,22 @@ def test_apply_repeats_itself_and_spares_other_urdfs(
     assert "changed by hand" in target.read_text()
     assert main([*command, "--force"]) == 0
     assert "keep me" in target.read_text()
+
+
+def test_files_beside_the_results_may_lie_in_the_folder_that_is_made(tmp_path: Path) -> None:
+    samples = Path(__file__).parents[2] / "sample_data"
+    log, urdf = samples / "rihibot.mcap", samples / "rihibot.urdf"
+    folder = tmp_path / "new" / "results"
+    page, table = folder / "page.html", folder / "table.csv"
+    extras = ["--report", str(page), "--residuals", str(table)]
+    assert main(["run", str(log), "--urdf", str(urdf), "-o", f"{folder}/", *extras, "-q"]) == 0
+    assert {path.name for path in folder.iterdir()} == {
+        "rihibot.imu_link.yaml",
+        page.name,
+        table.name,
+    }
+    # another folder is nobody's to make
+    page = tmp_path / "nowhere" / "page.html"
+    command = ["run", str(log), "--urdf", str(urdf), "-o", f"{tmp_path}/b/", "--report", str(page)]
+    assert main(command) == 1
+    assert not (tmp_path / "b").exists()

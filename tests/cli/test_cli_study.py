@@ -264,7 +264,7 @@ def test_a_terminal_gets_columns_that_fit(
 ) -> None:
     assert run(*derivation, "--no-figures", "-q", "--format", "json") == 0
     tables = json.loads(capsys.readouterr().out)
-    for module in ("study", "tables"):
+    for module in ("commands.study", "tables"):
         monkeypatch.setattr(f"imucalib_cli.cli.{module}.is_terminal", lambda _: True)
     monkeypatch.setenv("COLUMNS", "110")
     monkeypatch.setenv("NO_COLOR", "1")

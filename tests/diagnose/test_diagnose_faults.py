@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 
 from imucalib_cli.diagnose.diagnose import GENERIC, diagnose, explained, needs_diagnosis
+from imucalib_cli.diagnose.hypotheses import single_faults
 from imucalib_cli.diagnose.publishers import find_rival_publishers
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions
+from imucalib_cli.robot.path import JointStep
 from imucalib_cli.simulate.load import load_grade, load_system
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import PhysicsOptions
@@ -237,3 +239,26 @@ def test_no_motion_is_advised_where_an_unknown_cause_spoils_the_fit() -> None:
     assert estimate.distrust == plain.distrust
     for direction in estimate.unobservable:
         assert "before the cause of the misfit is mended" in direction.motion
+
+
+def test_a_position_may_be_exchanged_with_one_of_another_limb() -> None:
+    """And with all in the URDF's order, under names in another."""
+    told = misdescribed(clean(ARM), flawed("none"))
+    plain = calibrate_matched(told.imu, told.path, MatchedOptions())
+    (track,) = told.path.tracks
+    wide = replace(
+        track, names=("a_joint", *track.names), values=np.insert(track.values, 0, 0.0, axis=1)
+    )
+    steps = tuple(
+        replace(step, column=step.column + 1) if isinstance(step, JointStep) else step
+        for step in told.path.steps
+    )
+    poor = replace(
+        told.poor_fit(plain, MatchedOptions()),
+        path=replace(told.path, steps=steps, tracks=(wide,)),
+        joints=(*track.names[::-1], "a_joint"),
+    )
+    orders = [each for each in single_faults(poor) if each.kind == "order"]
+    assert any(set(each.names) == {"a_joint", track.names[2]} for each in orders)
+    columns = [[s.column for s in each.path.steps if isinstance(s, JointStep)] for each in orders]
+    assert [6 - step.column for step in steps if isinstance(step, JointStep)] in columns

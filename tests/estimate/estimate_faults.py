@@ -40,6 +40,8 @@ class Flaws:
     """The gyroscope's stamps are later than the accelerometer's by so much, s."""
     accel_scale: Triple = (1.0, 1.0, 1.0)
     """Measured over true, IMU axes."""
+    accel_skew: Triple = (0.0, 0.0, 0.0)
+    """What z adds to y, z to x and y to x, as where the x axis is the frame's."""
     gyro_scale: Triple = (1.0, 1.0, 1.0)
     gyro_turn: Triple = (0.0, 0.0, 0.0)
     """Rotation vector of the gyroscope's axes in the accelerometer's, rad."""
@@ -89,6 +91,8 @@ def flawed_log(
 
     _, accel = measured(t)
     gyro, _ = measured(t - flaws.gyro_delay)
+    yz, xz, xy = flaws.accel_skew
+    skewed = np.array([[1.0, xy, xz], [0.0, 1.0, yz], [0.0, 0.0, 1.0]])
     turn = Rotation.from_rotvec(flaws.gyro_turn).as_matrix()
     t_robot = np.arange(0.0, moves.seconds, 1 / ROBOT_RATE)
     q = moves.joints(t_robot)[0] + (0.0 if zeros is None else zeros)
@@ -97,7 +101,7 @@ def flawed_log(
             t=stamps + flaws.time_offset,
             # Rows are vectors: v @ turn is turn' v, the accelerometer's axes to the gyroscope's.
             gyro=(gyro @ turn) * flaws.gyro_scale,
-            accel=accel * flaws.accel_scale,
+            accel=accel @ skewed.T * flaws.accel_scale,
         ),
         path=arm_path(t_robot, q, links),
         mount=mount,

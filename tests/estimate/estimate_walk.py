@@ -67,7 +67,11 @@ class Walk:
     """Hz, of the trunk's IMU and of the other one; joints come with the former."""
     axes: tuple[tuple[float, float, float], ...] = AXES
     offsets: tuple[float, float] = (0.0, 0.0)
-    """s: stamps of the trunk's IMU and of the other one less those of the joints."""
+    """s: stamps of the trunk's IMU and of the other one less those of the joints, at the start."""
+    drifts: tuple[float, float] = (0.0, 0.0)
+    """s/s: gains of these stamps on those of the joints."""
+    base_delay: float = 0.0
+    """s: of the trunk's gyroscope behind its accelerometer."""
     base_off: tuple[float, float] = (0.0, 0.0)
     """m and rad: by which the trunk's IMU is elsewhere than the URDF says, standard deviations."""
     scale: float = 0.0
@@ -143,13 +147,17 @@ class Walk:
         t, t_foot = (np.arange(0.0, self.seconds, 1 / rate) for rate in self.rates)
         off, turn = (rng.normal(size=3) * each for each in self.base_off)
         base = FixedStep(R=Rotation.from_rotvec(turn).as_matrix() @ BASE.R, p=BASE.p + off)
-        trunk = self._worn(rng, self.rates[0], *readings_of(self.trunk, base, t))
+        gyro, accel = (
+            readings_of(self.trunk, base, t - late)[sensor]
+            for sensor, late in enumerate((self.base_delay, 0.0))
+        )
+        trunk = self._worn(rng, self.rates[0], gyro, accel)
         mount = FixedStep(R=FOOT.R, p=FOOT.t)
         foot = self._worn(rng, self.rates[1], *readings_of(self.leg, mount, t_foot))
         q = self.joints(t)
         q = q + (3e-5 * rng.normal(size=q.shape) if self.noisy else 0.0)
         tracks = (
-            Track(name="/imu/trunk", kind="imu", t=t + self.offsets[0], values=np.hstack(trunk)),
+            Track(name="/imu/trunk", kind="imu", t=self._stamps(t, 0), values=np.hstack(trunk)),
             Track(name="/joint_states", kind="joints", t=t, values=q, names=("j0", "j1", "j2")),
         )
         steps: list[PoseStep | FixedStep | JointStep] = [PoseStep(track=0), fixed_inverse(BASE)]
@@ -164,7 +172,7 @@ class Walk:
             steps=tuple(steps),
             tracks=tracks if self.axes else tracks[:1],
         )
-        imu = ImuSamples(t=t_foot + self.offsets[1], gyro=foot[0], accel=foot[1])
+        imu = ImuSamples(t=self._stamps(t_foot, 1), gyro=foot[0], accel=foot[1])
         return imu, path
 
     @property
@@ -180,7 +188,7 @@ class Walk:
         mount = FixedStep(R=SHANK.R, p=SHANK.t)
         read = readings_of(lambda t: self.link(t, count), mount, t)
         gyro, accel = self._worn(rng, self.rates[1], *read)
-        imu = ImuSamples(t=t + self.offsets[1], gyro=gyro, accel=accel)
+        imu = ImuSamples(t=self._stamps(t, 1), gyro=gyro, accel=accel)
         return imu, replace(path, parent="shank", steps=path.steps[: 2 + 2 * count])
 
     def seen(self, mount: Mount, count: int) -> Mount:
@@ -193,6 +201,9 @@ class Walk:
         Z = Rotation.from_rotvec(self.zeros[count - 1] * axis).as_matrix()
         off = self._origins[count - 1] - ORIGINS[count - 1]
         return Mount(R=Z @ mount.R, t=Z @ mount.t + axis * (off @ axis))
+
+    def _stamps(self, t: Floats, which: int) -> Floats:
+        return t * (1.0 + self.drifts[which]) + self.offsets[which]
 
     def _worn(
         self, rng: np.random.Generator, rate: float, gyro: Floats, accel: Floats

@@ -173,7 +173,7 @@ def test_logs_on_a_still_mount_are_the_sum_of_their_statistics(
 
     # As good as no scatter between logs.
     monkeypatch.setattr(between, "USUAL", (1e-9, 1e-9))
-    monkeypatch.setattr(between, "_MOST", 1.0)
+    monkeypatch.setattr(between, "_RANGE", (1e-2, 1.0))
     estimates = tuple(
         calibrated(make_log(Moves(seed=seed, seconds=15.0)).noisy(seed), EXACT)
         for seed in (1, 2, 3)

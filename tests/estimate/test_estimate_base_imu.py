@@ -86,6 +86,19 @@ def test_stamps_of_three_clocks() -> None:
     assert squared(found) < chi2.ppf(0.999, 6)
 
 
+def test_clocks_that_run_apart_and_a_gyroscope_that_reports_late() -> None:
+    """300 parts per million are 9 ms from one end of the log to the other, and eight sigma."""
+    walk = Walk(noisy=True, drifts=(300e-6, -200e-6), base_delay=0.002)
+    found = calibrate_matched(*walk.log(), FLOATING)
+    told = {each.name: each for each in found.parameters}
+    for name, true in (("base_clock_drift", 300e-6), ("clock_drift", -200e-6)):
+        assert told[name].value == pytest.approx(true, abs=4 * told[name].std)
+        assert told[name].std < 30e-6
+    delay = told["base_gyro_delay"]
+    assert delay.value == pytest.approx(0.002, abs=4 * delay.std)
+    assert squared(found) < chi2.ppf(0.999, 6)
+
+
 def test_a_gap_in_the_base_imu_is_a_gap() -> None:
     imu, path = logged(Walk(noisy=True))
     found = calibrate_matched(imu, gap_in_base(path, 9.0, 12.0), FLOATING)
@@ -125,6 +138,35 @@ def test_what_is_told_of_the_base_imu_is_in_sigma_where_the_motion_does_not_tell
     assert found[2e-3] == pytest.approx(np.hypot(found[0.0], 2e-3), rel=0.05)
 
 
+def test_a_zero_that_looks_like_a_displaced_origin_is_found_and_says_so() -> None:
+    """Thigh and shin turn about parallel axes; the thigh's zero is off by 0.8 deg."""
+    walk = Walk(seed=1, noisy=True, axes=((1.0, 0, 0), (0, 1.0, 0), (0, 1.0, 0)), zero=0.01)
+    found = calibrate_matched(*walk.log(), FLOATING)
+    assert squared(found) < chi2.ppf(0.999, 6)
+    (told,) = (each for each in found.findings if each.values["name"] == "joint_zero")
+    assert told.values["like"] == "origin between two joints (j2 x)"
+    zero = next(each for each in found.parameters if each.label == "j1")
+    assert zero.value == pytest.approx(walk.zeros[1], abs=1e-3)
+
+
+def test_what_parallel_joints_cannot_tell_is_told_by_nothing() -> None:
+    """Turned at the hip or at the foot, with the knee carried along: the log sees the same."""
+    walk = Walk(axes=((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 1.0, 0.0)), noisy=True)
+    told = calibrate_matched(*logged(walk), FLOATING).statistics
+    assert told is not None
+    equations = told.equations
+    places = [
+        place
+        for each in equations.layout.placed
+        if each.unknown.name in {"translation", "rotation", "origin", "joint_zero"}
+        for place in range(each.part.start, each.part.stop)
+    ]
+    A = equations.information[np.ix_(places, places)]
+    unit = 1.0 / np.sqrt(np.diag(A))
+    # A part in ten thousand of false columns would have held the hip to some milliradians.
+    assert np.linalg.eigvalsh(A * np.outer(unit, unit))[0] < 1e-12
+
+
 def test_gravity_tells_the_scale_that_both_accelerometers_share() -> None:
     """It cancels between the two, and the lengths that are found would follow the scale."""
     log = Walk(seconds=61.0, noisy=True, scale=5e-3, longer=0.015).log()
@@ -133,7 +175,7 @@ def test_gravity_tells_the_scale_that_both_accelerometers_share() -> None:
     )
     assert squared(told) < chi2.ppf(0.999, 6)
     assert np.linalg.norm(off(told)[:3]) < 2e-4
-    assert np.linalg.norm(off(not_told)[:3]) > 1e-3
+    assert np.linalg.norm(off(not_told)[:3]) > 5e-4
 
 
 @pytest.mark.slow

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from imucalib_cli.estimate.solution.between import USUAL, combine, together
-from imucalib_cli.estimate.solution.scales import Posterior, Problem
+from imucalib_cli.estimate.solution.between import USUAL, Together, combine
+from imucalib_cli.estimate.solution.scales import Posterior, Prior
 
 Floats = NDArray[np.float64]
 
@@ -30,20 +30,14 @@ def combine_poses(values: Floats, covariances: Floats) -> Posterior:
     """The common pose of logs of which nothing but pose and covariance within it is known."""
     count = len(values)
     information = np.asarray(np.linalg.inv(covariances), dtype=np.float64)
-    priors = Problem(
-        information=np.zeros((6, 6)),
-        score=np.zeros(6),
-        offset=np.zeros(6),
-        std=np.repeat([10.0, np.pi], 3),
-        scale=np.full(6, -1),
-        bounds=np.zeros((0, 2)),
-    )
+    prior = Prior(std=np.repeat([10.0, np.pi], 3), scale=np.full(6, -1), bounds=np.zeros((0, 2)))
     return combine(
-        together(
-            information,
-            -np.einsum("kij,kj->ki", information, values),
-            information,
-            priors,
+        Together(
+            information=information,
+            score=-np.einsum("kij,kj->ki", information, values),
+            noise=information,
+            offset=np.zeros(6),
+            prior=prior,
             widened=np.zeros((count, 6, 6)),
             scattered=np.repeat([0, 1], 3),
         )

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from imucalib_cli.estimate.solution.scales import Problem, integrate, most_likely
+from imucalib_cli.estimate.solution.scales import Prior, Problem, integrate, most_likely
 
 Floats = NDArray[np.float64]
 
@@ -31,9 +31,7 @@ def problem(seed: int) -> Problem:
         information=J.T @ J,
         score=J.T @ e,
         offset=at,
-        std=np.where(scale < 0, 10.0, np.nan),
-        scale=scale,
-        bounds=BOUNDS,
+        prior=Prior(std=np.where(scale < 0, 10.0, np.nan), scale=scale, bounds=BOUNDS),
     )
 
 
@@ -44,10 +42,10 @@ def by_grid(given: Problem) -> tuple[Floats, Floats, Floats]:
     the statistics alone.
     """
     axes = [np.linspace(low, high, 81) for low, high in given.bounds.tolist()]
-    A, b, mu = given.information, given.score, given.offset
+    A, b, mu, scale = given.information, given.score, given.offset, given.prior.scale
     logs, means, covariances, points = [], [], [], []
     for u in np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2):
-        S = np.where(given.scale >= 0, np.exp(2 * u)[given.scale], given.std**2)
+        S = np.where(scale >= 0, np.exp(2 * u)[scale], given.prior.std**2)
         C = np.linalg.inv(A + np.diag(1 / S))
         # x = at + step; the prior is about zero: step ~ N(-at, S), likelihood exp(-b's - s'As/2).
         mean = C @ (-b - mu / S)
@@ -77,6 +75,36 @@ def test_the_integral_is_the_dense_grids(seed: int) -> None:
     np.testing.assert_allclose(found.u, logs, atol=0.5)
 
 
+def test_of_many_scales_that_hang_together_the_mean_is_that_of_plain_draws() -> None:
+    """Twelve of four components each, seen by sixteen readings: few points by themselves count."""
+    rng = np.random.default_rng(1)
+    J = rng.normal(size=(16, 48))
+    large = np.repeat(np.where(np.arange(12) % 3 == 0, 0.3, 1e-3), 4)
+    y = J @ (large * rng.normal(size=48)) + 0.01 * rng.normal(size=16)
+    given = Problem(
+        information=J.T @ J / 0.01**2,
+        score=-J.T @ y / 0.01**2,
+        offset=np.zeros(48),
+        prior=Prior(
+            std=np.full(48, np.nan),
+            scale=np.repeat(np.arange(12), 4),
+            bounds=np.log(np.tile([1e-3, 1.0], (12, 1))),
+        ),
+    )
+    found = integrate(given, most_likely(given))
+
+    squares = np.exp(2 * rng.uniform(np.log(1e-3), 0.0, (100_000, 12)))
+    each = np.stack([J[:, i : i + 4] @ J[:, i : i + 4].T for i in range(0, 48, 4)])
+    C = np.einsum("dk,kop->dop", squares, each) + 0.01**2 * np.eye(16)
+    solved = np.linalg.solve(C, np.broadcast_to(y[:, None], (len(C), 16, 1)))[..., 0]
+    log = -0.5 * (solved @ y + np.linalg.slogdet(C)[1])
+    weights = np.exp(log - log.max())
+    weights /= weights.sum()
+    mean = weights @ (np.repeat(squares, 4, axis=1) * (solved @ J))
+    away = np.abs(found.step - mean) / np.sqrt(np.diag(found.covariance))
+    assert away.max() < 0.8
+
+
 @pytest.mark.parametrize(("size", "bound"), [(0.0, 1e-3), (1e3, 10.0)])
 def test_what_is_nothing_or_huge_ends_at_its_bound(size: float, bound: float) -> None:
     n = 6
@@ -85,21 +113,16 @@ def test_what_is_nothing_or_huge_ends_at_its_bound(size: float, bound: float) ->
         information=1e4 * np.eye(n),
         score=-1e4 * size * rng.normal(size=n),
         offset=np.zeros(n),
-        std=np.full(n, np.nan),
-        scale=np.zeros(n, dtype=np.intp),
-        bounds=BOUNDS[:1],
+        prior=Prior(std=np.full(n, np.nan), scale=np.zeros(n, dtype=np.intp), bounds=BOUNDS[:1]),
     )
     assert np.exp(most_likely(given))[0] == pytest.approx(bound, rel=0.05)
 
 
 def test_without_scales_it_is_plain_least_squares() -> None:
     given = problem(0)
-    plain = replace(
-        given,
-        std=np.full(len(given.std), 2.0),
-        scale=np.full(len(given.std), -1),
-        bounds=np.zeros((0, 2)),
-    )
+    n = len(given.score)
+    prior = Prior(std=np.full(n, 2.0), scale=np.full(n, -1), bounds=np.zeros((0, 2)))
+    plain = replace(given, prior=prior)
     found = integrate(plain, most_likely(plain))
     C = np.linalg.inv(plain.information + np.eye(len(plain.score)) / 4.0)
     np.testing.assert_allclose(found.step, -C @ (plain.score + plain.offset / 4.0), rtol=1e-9)

@@ -25,6 +25,7 @@ from tests.estimate.estimate_arm import (
     Moves,
     calibrated,
     nees,
+    sigma,
 )
 from tests.estimate.estimate_faults import Flaws, as_told, flawed_log
 from tests.slow import slow_after
@@ -219,6 +220,19 @@ def test_more_than_a_working_sensor_errs_is_not_trusted(name: str, flaws: Flaws)
 def test_a_large_turn_of_the_gyroscope_is_no_scale_error() -> None:
     estimate = calibrated(noisy(Flaws(gyro_turn=(0.0, 0.0, 0.1)), 1, "mems"))
     assert named(estimate) == {"gyro_misalignment"}
+
+
+def test_axes_that_are_off_square_are_found_and_which_is_the_frame_is_in_sigma() -> None:
+    """Half of a term is skew, and half a turn of the axes, by a convention that nobody tells."""
+    log = noisy(Flaws(accel_skew=(0.002, -0.003, 0.001)), 1, "mems")
+    estimate = calibrated(log)
+    skew = [each for each in estimate.parameters if each.name == "accel_skew"]
+    for each, true in zip(skew, (0.001, -0.0015, 0.0005), strict=True):
+        assert each.value == pytest.approx(true, abs=4 * each.std)
+        assert each.std < 2e-4
+    assert estimate.trusted
+    assert nees(estimate, log.mount) < UNLIKELY
+    assert sigma(estimate)[3:].max() < 2e-3
 
 
 def test_the_drift_told_in_milliseconds_is_that_of_the_log() -> None:

@@ -11,18 +11,19 @@ import pinocchio as pin
 import pytest
 from scipy.spatial.transform import Rotation
 
-from imucalib_cli.errors import ChoiceError, InputError
+from imucalib_cli.errors import ChoiceError, ImucalibError, InputError
 from imucalib_cli.estimate.options import PaperOptions
 from imucalib_cli.jobs.calibrate import calibrate
+from imucalib_cli.jobs.input.reading import read_recording
+from imucalib_cli.jobs.input.request import CalibrationRequest
 from imucalib_cli.jobs.inspect import inspect
-from imucalib_cli.jobs.reading import read_recording
-from imucalib_cli.jobs.request import CalibrationRequest
 from tests.jobs.walking import LEG, ON_LEG, ON_TRUNK, ROBOT, TRUNK, log_of, of_imu, walk
 from tests.logs.logs_samples import Said, T
 
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from imucalib_cli.jobs.calibrate import Outcome
     from imucalib_cli.results.result import Result
 
 
@@ -89,8 +90,59 @@ def test_two_imus_on_one_body_need_no_urdf(tmp_path: Path) -> None:
     assert is_true(result, ON_TRUNK.inverse() * other)
 
 
+def test_joints_between_two_imus_need_the_urdf(tmp_path: Path) -> None:
+    """Taken for one body, a leg would be calibrated as if it were part of the trunk."""
+    asked = replace(request(tmp_path, base_imu=TRUNK), urdf=None)
+    with pytest.raises(ChoiceError, match=r"give --urdf, .* or --parent trunk_imu if both"):
+        alone(calibrate(asked))
+    (result,) = calibrate(replace(asked, parent="trunk_imu")).results
+    assert result.parent == "trunk_imu"
+
+
+@pytest.mark.parametrize("urdf", [False, True])
+def test_joints_that_cannot_be_used_are_told(tmp_path: Path, *, urdf: bool) -> None:
+    said = tuple(
+        replace(each, message=replace(each.message, position=each.message.position[:-1]))
+        if each.topic == "/joint_states"
+        else each
+        for each in walk()
+    )
+    (tmp_path / "spoilt").mkdir()
+    log = log_of(tmp_path / "spoilt", TRUNK, LEG, "/joint_states", said=said)
+    asked = replace(request(tmp_path, base_imu=TRUNK), logs=(log,))
+    with pytest.raises(ImucalibError, match=r"2000 of 2000 .* have 8 positions for 9 joints"):
+        alone(calibrate(asked if urdf else replace(asked, urdf=None)))
+    assert inspect((log,)).command is None
+
+
+def alone(outcome: Outcome) -> Result:
+    """The one result, or the error of the one IMU."""
+    for failure in outcome.failures:
+        raise failure
+    return outcome.results[0]
+
+
 def _walk_of(topic: str) -> list[Said]:
     return [each for each in walk() if each.topic == topic]
+
+
+@pytest.mark.parametrize("sensor", ["gyro", "accel"])
+@pytest.mark.parametrize(("value", "said"), [(np.nan, "NaN"), (0.0, "zero")])
+def test_a_sensor_of_the_base_imu_that_is_not_there(
+    sensor: str, value: float, said: str, tmp_path: Path
+) -> None:
+    messages = of_imu(ROBOT, TRUNK, "trunk_imu", ON_TRUNK)
+    field = {"gyro": "angular_velocity", "accel": "linear_acceleration"}[sensor]
+    for each in messages:
+        if each.topic == TRUNK:
+            for axis in "xyz":
+                setattr(getattr(each.message, field), axis, value)
+    both = (*messages, *_walk_of(LEG))
+    (tmp_path / "spoilt").mkdir()
+    log = log_of(tmp_path / "spoilt", TRUNK, LEG, "/joint_states", said=both)
+    asked = replace(request(tmp_path, base_imu=TRUNK), logs=(log,))
+    with pytest.raises(InputError, match=f"{TRUNK}: {sensor} is {said} in all .*--base-imu"):
+        read_recording(asked)
 
 
 def test_an_imu_that_nobody_asked_for_may_be_the_base(tmp_path: Path) -> None:
@@ -109,9 +161,8 @@ def test_where_something_tells_the_bases_motion_no_imu_is_taken(tmp_path: Path) 
 def test_inspect_shows_the_choice_and_the_command(tmp_path: Path) -> None:
     asked = request(tmp_path)
     found = inspect(asked.logs, asked.urdf)
-    command = f"--imu-topic {LEG} --base-imu {TRUNK}"
     assert found.command is not None
-    assert found.command.endswith(command)
+    assert found.command.endswith(f"robot.urdf --base-imu {TRUNK}")
     assert found.more_commands == ()
     assert "carried by trunk, tells how it moves" in found.as_text()
     alone = inspect((log_of(tmp_path / "alone", TRUNK, LEG),))

@@ -14,7 +14,7 @@ from scipy.stats import chi2
 from imucalib_cli.errors import UntrustedError
 from imucalib_cli.jobs.calibrate import calibrate
 from imucalib_cli.jobs.combine import calibrate_together, combine
-from imucalib_cli.jobs.request import CalibrationRequest
+from imucalib_cli.jobs.input.request import CalibrationRequest
 from imucalib_cli.results.result import FindingEntry
 from imucalib_cli.results.statistics_file import StoredLog
 from imucalib_cli.simulate.load import load_grade, load_system

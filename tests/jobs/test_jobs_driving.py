@@ -12,11 +12,11 @@ from scipy.spatial.transform import Rotation
 from imucalib_cli.cli.main import main
 from imucalib_cli.estimate.options import MatchedOptions, PosePrior
 from imucalib_cli.jobs.calibrate import calibrate
-from imucalib_cli.jobs.request import CalibrationRequest
+from imucalib_cli.jobs.input.request import CalibrationRequest
 from imucalib_cli.jobs.verify import verify_recording
 from imucalib_cli.results.codec import read_results
+from imucalib_cli.results.comparison.requirement import Tolerance
 from imucalib_cli.results.formats import FORMATS
-from imucalib_cli.results.requirement import Tolerance
 from tests.jobs.driving import TRUE_T, drive, with_a_camera_frame
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from scipy.signal import butter, lfilter
 
 from imucalib_cli.cli.main import main
 from imucalib_cli.jobs.calibrate import calibrate
-from imucalib_cli.jobs.request import CalibrationRequest, ExpectedImu
+from imucalib_cli.jobs.input.request import CalibrationRequest, ExpectedImu
 from imucalib_cli.results.codec import result_from, to_document
 from imucalib_cli.signals.imu.data_sheet import load_imu_model
 from imucalib_cli.simulate.load import load_imu, load_system

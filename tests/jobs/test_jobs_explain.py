@@ -13,8 +13,8 @@ from imucalib_cli.diagnose.hypotheses import PoorFit
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.jobs.calibrate import calibrate
-from imucalib_cli.jobs.motion import Sources, find_motion, other_frames
-from imucalib_cli.jobs.request import CalibrationRequest
+from imucalib_cli.jobs.input.motion import Sources, find_motion, other_frames
+from imucalib_cli.jobs.input.request import CalibrationRequest
 from imucalib_cli.robot.frames import Edge
 from imucalib_cli.robot.path import Track
 from imucalib_cli.simulate.load import load_system

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from imucalib_cli.errors import ChoiceError
-from imucalib_cli.jobs.halves import half_topics, joined
-from imucalib_cli.jobs.request import CalibrationRequest
+from imucalib_cli.jobs.input.halves import half_topics, joined
+from imucalib_cli.jobs.input.request import CalibrationRequest
 from imucalib_cli.logs.clock import choose_clock
 from imucalib_cli.logs.log import LogData
 from imucalib_cli.logs.streams import ImuStream
@@ -74,6 +74,9 @@ def test_nothing_is_interpolated_across_a_gap() -> None:
         ({"/imu/gyr": "g", "/imu/acc": "a", "/other": "ga"}, {"/imu/gyr", "/other"}),
         # the only ones
         ({"/left": "g", "/right": "a"}, {"/left"}),
+        ({"/imu_gyro": "g", "/imu/force": "a"}, {"/imu_gyro"}),
+        # of two robots
+        ({"/one/gyro": "g", "/two/accel": "a"}, {"/one/gyro", "/two/accel"}),
         # not clear
         ({"/a": "g", "/b": "g", "/c": "a"}, {"/a", "/b", "/c"}),
         ({"/gyro": "ga", "/accel": "a"}, {"/gyro", "/accel"}),

@@ -124,6 +124,11 @@ def test_the_report_lists_what_no_log_can_tell(
     assert "gauge: where the robot's base stands" in row("shoulder_pan_joint", "zero")
     assert "gauge: part of the IMU's mount" in row("wrist_3_joint", "zero")
     assert "clear" not in row("elbow_joint", "zero")
+    alike = [re.search(r"the axes of (\S+) and (\S+) are parallel", each) for each in rows]
+    assert [each.groups() for each in alike if each is not None] == [
+        ("shoulder_lift_joint", "elbow_joint"),
+        ("elbow_joint", "wrist_1_joint"),
+    ]
 
 
 def test_the_report_leaves_stdout_to_the_result(

@@ -11,8 +11,8 @@ import pytest
 from imucalib_cli.errors import ChoiceError
 from imucalib_cli.findings import Severity
 from imucalib_cli.jobs.calibrate import calibrate
+from imucalib_cli.jobs.input.request import CalibrationRequest
 from imucalib_cli.jobs.inspect import inspect
-from imucalib_cli.jobs.request import CalibrationRequest
 from imucalib_cli.logs.part import Part
 from imucalib_cli.simulate.load import load_system
 from imucalib_cli.simulate.options import LogOptions

@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 
 from imucalib_cli.errors import ChoiceError, InputError
-from imucalib_cli.jobs.motion import find_motion
-from imucalib_cli.jobs.reading import read_recording
-from imucalib_cli.jobs.request import CalibrationRequest
+from imucalib_cli.jobs.input.motion import find_motion
+from imucalib_cli.jobs.input.reading import read_recording
+from imucalib_cli.jobs.input.request import CalibrationRequest
 from imucalib_cli.robot.urdf import load_robot
 
 if TYPE_CHECKING:
     from pathlib import Path
     from typing import Any
 
-    from imucalib_cli.jobs.motion import Motion
-    from imucalib_cli.jobs.reading import Recording
+    from imucalib_cli.jobs.input.motion import Motion
+    from imucalib_cli.jobs.input.reading import Recording
     from tests.conftest import LogWriter
 
 

@@ -10,8 +10,8 @@ import pytest
 
 from imucalib_cli.errors import ChoiceError
 from imucalib_cli.jobs.calibrate import calibrate
+from imucalib_cli.jobs.input.request import CalibrationRequest
 from imucalib_cli.jobs.inspect import inspect
-from imucalib_cli.jobs.request import CalibrationRequest
 from tests.jobs.robots import SHAPES, messages, random_mount, record
 from tests.logs.logs_samples import write_log
 from tests.slow import slow_after

@@ -11,7 +11,10 @@ import pytest
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.jobs.calibrate import Calibrated, calibrate
 from imucalib_cli.jobs.combine import combine
-from imucalib_cli.jobs.request import CalibrationRequest
+from imucalib_cli.jobs.input.request import CalibrationRequest
+from imucalib_cli.jobs.kinematics import kinematics_report
+from imucalib_cli.jobs.report import report
+from imucalib_cli.layout import Table
 from imucalib_cli.results.statistics_file import read_statistics, statistics_bytes
 from tests.jobs.robots import random_mount
 from tests.jobs.walking import LEG, ON_LEG, ROBOT, TRUNK, log_of, of_imu, walk
@@ -85,3 +88,35 @@ def test_the_statistics_are_those_of_the_imu_alone(
     assert "imus.together" not in {finding.code for finding in again.diagnostics.findings}
     (alone,) = calibrate(replace(request_of_two, **BY_ITSELF)).results
     np.testing.assert_allclose(again.pose.t, alone.pose.t, rtol=0, atol=1e-9)
+
+
+def test_what_is_drawn_is_the_solution_whose_numbers_are_stated(
+    request_of_two: CalibrationRequest,
+) -> None:
+    """The biases are taken off what is measured: those of all IMUs together, not the own ones."""
+    request = replace(request_of_two, details=True)
+    (own,) = calibrate(replace(request, **BY_ITSELF)).calibrated
+    outcome = calibrate(request)
+    (joint,) = (each for each in outcome.calibrated if each.result.imu_topic == LEG)
+    by_bias = own.estimate.gyro_bias - joint.estimate.gyro_bias
+    assert np.abs(by_bias).max() > 5e-5
+    drawn, alone = (
+        each.estimate.details.windows.gyro_measured.mean(axis=0)
+        for each in (joint, own)
+        if each.estimate.details is not None
+    )
+    np.testing.assert_allclose(drawn - alone, by_bias, rtol=0, atol=1e-5)
+    page = report(outcome)
+    assert f"This IMU was solved together with {OTHER}" in page
+    assert "this accelerometer and that of the base IMU feel the same" in page
+
+
+def test_the_kinematics_report_tells_where_the_base_imu_is(
+    of_both: dict[str, Calibrated],
+) -> None:
+    """The largest error of a walking robot is mostly that of its base IMU in the URDF."""
+    _, table, parallel = kinematics_report(of_both[LEG])
+    assert "the axes of FL_thigh and FL_calf are parallel" in str(parallel)
+    assert isinstance(table, Table)
+    rows = [row[1] for row in table.rows if row[0] == "base IMU"]
+    assert {row.partition(" ")[0] for row in rows} == {"place", "rotation"}

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import imucalib_cli as ic
+from imucalib_cli.jobs.inspect import inspect
 from tests.slow import slow_after
 from tools import republish as shapes
 
@@ -172,6 +173,28 @@ def test_unitree_low_state_has_imu_and_joints(
     )
     np.testing.assert_allclose(found.t, expected.t, atol=1e-9)
     np.testing.assert_allclose(found.time_offset, expected.time_offset, atol=1e-9)
+
+
+def test_the_stamps_of_a_low_state_are_told_as_a_run_takes_them(tmp_path: Path) -> None:
+    unitree, _ = shapes.low_state("unitree_go")
+    found = inspect((shapes.write_mcap(tmp_path / "log.mcap", unitree),), shapes.URDF)
+    (told, _, row, end) = found.as_text().partition("stamps    ")[2].splitlines()[:4]
+    said = "the counter tick, ms, of /lowstate, which has no header stamp, would be used"
+    assert told == said
+    assert row.split()[:2] == ["/lowstate", "125.0"]
+    assert end == ""
+    # a counter that stands still is no stamp
+    for each in unitree:
+        each[2].tick = 0
+    found = inspect((shapes.write_mcap(tmp_path / "none.mcap", unitree),), shapes.URDF)
+    assert "log stamps would be used" in found.as_text()
+
+
+def test_motors_that_nothing_names_ask_for_joints(tmp_path: Path) -> None:
+    unitree, _ = shapes.low_state("unitree_go")
+    log = shapes.write_mcap(tmp_path / "log.mcap", unitree)
+    with pytest.raises(ic.ImucalibError, match=r"numbers alone: .* by --joints TOPIC"):
+        ic.calibrate(log, urdf=shapes.URDF)
 
 
 @pytest.mark.parametrize("encoding", ["json", "protobuf"])

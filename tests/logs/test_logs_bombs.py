@@ -16,8 +16,9 @@ import pytest
 import zstandard
 
 from imucalib_cli.errors import InputError
-from imucalib_cli.logs import decode, unpacked
+from imucalib_cli.logs import unpacked
 from imucalib_cli.logs.log import open_log
+from imucalib_cli.logs.messages import decode
 from tests.logs.logs_samples import mixed_messages, write_mcap
 
 if TYPE_CHECKING:

@@ -11,12 +11,12 @@ import pytest
 from mcap.writer import Writer as McapWriter
 
 from imucalib_cli.errors import ChoiceError, InputError
-from imucalib_cli.logs import wire
-from imucalib_cli.logs.columns import joint_columns
 from imucalib_cli.logs.log import open_log
+from imucalib_cli.logs.messages import wire
+from imucalib_cli.logs.messages.columns import joint_columns
+from imucalib_cli.logs.messages.unitree import JOINTS_GO, JOINTS_HG
 from imucalib_cli.logs.reader import Topic
 from imucalib_cli.logs.select import select_topics
-from imucalib_cli.logs.unitree import JOINTS_GO, JOINTS_HG
 from tools import republish as shapes
 from tools.republish import STORE, header, make
 
@@ -417,8 +417,8 @@ def test_dynamic_joint_state_whose_joints_change(tmp_path: Path) -> None:
 
 def test_every_definition_here_reads_as_rosbags_serialises() -> None:
     """The fields of a definition take as many bytes as rosbags writes, whatever they mean."""
-    from imucalib_cli.logs.definitions import fields_of
-    from imucalib_cli.logs.messages import MessageType
+    from imucalib_cli.logs.messages.definitions import fields_of
+    from imucalib_cli.logs.messages.table import MessageType
 
     kinds = [*shapes.DEFINITIONS, "std_msgs/msg/Float64MultiArray", "nav_msgs/msg/Odometry"]
     kinds += ["sensor_msgs/msg/CameraInfo", "diagnostic_msgs/msg/DiagnosticArray"]

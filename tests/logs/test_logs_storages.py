@@ -11,8 +11,8 @@ import pytest
 from rosbags.highlevel import AnyReader
 
 from imucalib_cli.errors import ChoiceError, InputError
-from imucalib_cli.logs import wire
 from imucalib_cli.logs.log import Log, LogData, open_log
+from imucalib_cli.logs.messages import wire
 from tests.logs.logs_samples import START_NS, Said, T, imu, joints, mixed_messages
 
 if TYPE_CHECKING:

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from imucalib_cli.jobs.calibrate import Outcome, calibrate
+from imucalib_cli.jobs.input.request import CalibrationRequest
 from imucalib_cli.jobs.report import report
-from imucalib_cli.jobs.request import CalibrationRequest
 
 SAMPLE = Path(__file__).parents[2] / "sample_data"
 

@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2, ortho_group
 
 from imucalib_cli.errors import ChoiceError
-from imucalib_cli.results.bounds import chance_of_more, norm_bounds
+from imucalib_cli.results.comparison.bounds import chance_of_more, norm_bounds
+from imucalib_cli.results.comparison.pose_comparison import compare_poses
 from imucalib_cli.results.pose import UncertainPose
-from imucalib_cli.results.pose_comparison import compare_poses
 from imucalib_cli.robot.urdf import load_robot
 
 if TYPE_CHECKING:

@@ -33,12 +33,12 @@ from imucalib_cli.estimate.estimate import (
     Window,
 )
 from imucalib_cli.findings import Severity, note, texts, untrusted, warning
-from imucalib_cli.results.answers import schema_of
 from imucalib_cli.results.codec import read_results, result_from, to_document, to_json, to_yaml
+from imucalib_cli.results.comparison.answers import schema_of
+from imucalib_cli.results.comparison.requirement import Tolerance, require
 from imucalib_cli.results.fields import sections, verdict
 from imucalib_cli.results.formats import FORMATS, refuse_untrusted
 from imucalib_cli.results.from_estimate import finding_entry, result_of, scalars
-from imucalib_cli.results.requirement import Tolerance, require
 from imucalib_cli.results.result import (
     Provenance,
     RecordingEntry,
@@ -568,8 +568,6 @@ def test_require_distrusts_a_sigma_that_is_too_large() -> None:
 
 def test_require_advises_what_helps() -> None:
     link, asked = "wrist_3_link", Tolerance(translation=1e-9)
-    segments = require(make_estimate(sigma_source="segments"), link, asked)
-    assert "more of the same motion will not help" in segments.distrust[0]
     blind = require(make_estimate(unobservable=(UP,)), link, asked)
     assert blind.distrust[0].endswith(": record the motion that determines it")
     no_sigma = require(make_estimate(covariance=None, method="paper"), link, asked)

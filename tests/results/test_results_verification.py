@@ -13,8 +13,8 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import ortho_group
 
 from imucalib_cli.findings import Severity, texts
-from imucalib_cli.results.requirement import Tolerance, require
-from imucalib_cli.results.verdicts import diff, verify
+from imucalib_cli.results.comparison.requirement import Tolerance, require
+from imucalib_cli.results.comparison.verdicts import diff, verify
 from imucalib_cli.robot.mount import Nominal
 from tests.results.test_results_documents import ROLL, UP, make_estimate, make_result
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from imucalib_cli.estimate.estimate import UnobservableDirection
-    from imucalib_cli.results.answers import DiffAnswer, VerifyAnswer
+    from imucalib_cli.results.comparison.answers import DiffAnswer, VerifyAnswer
     from imucalib_cli.results.result import Result
 
 R_TOLD = Rotation.from_euler("xyz", [0.5, -1.0, 2.0])
@@ -309,7 +309,9 @@ def test_what_was_told_to_the_estimator_is_no_finding() -> None:
 def test_more_motion_is_no_advice_where_the_model_sets_sigma() -> None:
     wide = np.diag([1e-6] * 3 + [1e-12] * 3)
     assert "record longer" in answer(found_at(covariance=wide)).reason
-    modelled = answer(found_at(covariance=wide, sigma_source="segments"))
+    found = found_at(covariance=wide)
+    earlier = structs.replace(found.diagnostics, sigma_source="segments")
+    modelled = answer(structs.replace(found, diagnostics=earlier))
     assert modelled.verdict == "unknown"
     assert "correct the URDF's lengths and joint zeros" in modelled.reason
     assert "record longer" not in modelled.reason

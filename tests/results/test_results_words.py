@@ -6,6 +6,7 @@ import os
 import re
 import stat
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 from hypothesis import given
@@ -13,7 +14,14 @@ from hypothesis import strategies as st
 
 from imucalib_cli.digits import decimals, figures, sigma, with_std
 from imucalib_cli.errors import InputError
+from imucalib_cli.findings import note, warning
 from imucalib_cli.results.atomic import write_whole
+from imucalib_cli.results.fields import findings_of
+from tests.results.test_results_documents import make_result
+
+if TYPE_CHECKING:
+    from imucalib_cli.findings import Finding
+    from imucalib_cli.results.result import Result
 
 
 @pytest.mark.parametrize(
@@ -118,3 +126,34 @@ def test_folders_and_devices(tmp_path: Path) -> None:
         write_whole(tmp_path, "text")
     write_whole(Path("/dev/null"), "text")
     assert stat.S_ISCHR(Path("/dev/null").stat().st_mode)
+
+
+def test_what_several_imus_have_alike_is_said_once() -> None:
+    def of(child: str, *findings: Finding) -> Result:
+        return make_result(child=child, findings=findings)
+
+    base = note("base.imu", topic="/imu", link="trunk")
+    results = [
+        of("a", base, warning("bias.unusual", name="accel_bias", size=0.7)),
+        of("b", base, warning("bias.unusual", name="accel_bias", size=0.8)),
+        of("c", base, warning("bias.unusual", name="gyro_bias", size=0.8)),
+    ]
+    told = [str(each) for each in findings_of(results)]
+    assert [each.split(" of ")[0] for each in told[:2]] == [
+        "warning: a: an accelerometer bias",
+        "warning: c: a gyroscope bias",
+    ]
+    assert told[0].endswith("; likewise b")
+    assert told[2:] == [f"note: {base.message}"]
+    assert str(findings_of(results[1:2])[0]).startswith("warning: an accel")
+
+
+def test_notes_of_one_imu_are_all_said() -> None:
+    notes = [
+        note("imu.joined", gyro=f"/{n}", accel="/a", fast="/a", slow="/s", rate=1) for n in "pq"
+    ]
+    biases = [warning("bias.unusual", name="accel_bias", size=size) for size in (0.7, 0.8)]
+    results = [make_result(child=child, findings=(*notes, *biases)) for child in "ab"]
+    for few in (results[:1], results):
+        said = [str(each) for each in findings_of(few)]
+        assert said == [f"{each.severity.value}: {each.message}" for each in (*biases, *notes)]

@@ -288,6 +288,10 @@ def test_xacro_finds_packages_in_the_folders_about_it(tmp_path: Path) -> None:
     before = dict(sys.modules)
     assert load_robot(top).links == ("a", "b", "c")
     assert {name for name in sys.modules if "ament" in name} <= set(before)
+    # a package's name is what its manifest says, whatever its folder is called
+    (parts / "package.xml").write_text("<package><name>acme_parts</name></package>")
+    top.write_text(text.format("acme_parts"))
+    assert load_robot(top).links == ("a", "b", "c")
     top.write_text(text.format("missing_parts"))
     with pytest.raises(InputError, match="package 'missing_parts' is neither installed nor"):
         load_robot(top)

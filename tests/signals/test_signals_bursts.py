@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from imucalib_cli.signals.bursts import BurstTiming, rate_stretches, time_bursts
+from imucalib_cli.signals.timing.bursts import BurstTiming, rate_stretches, time_bursts
 
 Floats = NDArray[np.float64]
 

@@ -13,8 +13,8 @@ from imucalib_cli.signals.imu.repair import clear_of
 from imucalib_cli.signals.imu.repeats import dead_axes
 from imucalib_cli.signals.imu.saturation import flat_tops
 from imucalib_cli.signals.samples import ImuSamples
-from imucalib_cli.signals.stamps import gap_breaks
 from imucalib_cli.signals.stretches import stretches_of
+from imucalib_cli.signals.timing.stamps import gap_breaks
 from imucalib_cli.signals.trajectory import Trajectory
 from imucalib_cli.signals.turning import Turning, compare_turning
 from tests.estimate.estimate_arm import INDUSTRIAL, MEMS, Log, make_log

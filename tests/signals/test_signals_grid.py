@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from imucalib_cli.signals.grid import imu_grid
-from imucalib_cli.signals.stamps import EXACT_SECONDS
+from imucalib_cli.signals.timing.stamps import EXACT_SECONDS
 
 Floats = NDArray[np.float64]
 

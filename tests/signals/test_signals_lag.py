@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
-from imucalib_cli.signals.lag import best_lag
+from imucalib_cli.signals.timing.lag import best_lag
 
 Floats = NDArray[np.float64]
 

@@ -100,13 +100,15 @@ def test_a_strike_that_the_sensor_itself_smooths_is_no_spike() -> None:
     assert find_spikes(strikes, 0.2).sum() <= 12  # of a hundred strikes, some thousand samples
 
 
-def test_spikes_between_strikes_are_found() -> None:
+@pytest.mark.parametrize(("share", "size", "least"), [(0.002, 10.0, 0.9), (0.02, 30.0, 0.9)])
+def test_spikes_between_strikes_are_found(share: float, size: float, least: float) -> None:
     values, rng = _strikes(), np.random.default_rng(11)
-    spiked = rng.random(len(values)) < 0.002
+    spiked = rng.random(len(values)) < share
     rows = np.flatnonzero(spiked)
-    values[rows, rng.integers(0, 3, len(rows))] += rng.choice([-1, 1], len(rows)) * 10.0
+    values[rows, rng.integers(0, 3, len(rows))] += rng.choice([-1, 1], len(rows)) * size
     found = find_spikes(values, 0.2)
-    assert (found & spiked).sum() >= 0.9 * spiked.sum()
+    assert (found & spiked).sum() >= least * spiked.sum()
+    assert (found & ~spiked).sum() <= 20  # of a hundred strikes, some thousand samples
 
 
 def test_deviation_is_blind_to_cubics_and_as_large_as_said_for_noise() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from imucalib_cli.signals.stamps import constant_rate_ticks, gap_breaks, gap_limit, tidy_rows
+from imucalib_cli.signals.timing.stamps import constant_rate_ticks, gap_breaks, gap_limit, tidy_rows
 
 Floats = NDArray[np.float64]
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Literal
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -9,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.robot.path import JointStep, KinematicPath, PoseStep, Track
-from imucalib_cli.signals.trajectory import Trajectory, clean_track
+from imucalib_cli.signals.trajectory import Trajectory, clean_track, stamped_earlier
 
 Floats = NDArray[np.float64]
 
@@ -121,3 +124,20 @@ def test_too_few_samples_are_refused_by_name() -> None:
     t = 0.1 * np.arange(5.0)
     with pytest.raises(InputError, match="/js0: 5 usable samples of 5"):
         Trajectory.of(_joint_path((t, t)))
+
+
+@pytest.mark.parametrize("kind", ["imu", "joints"])
+def test_other_stamps_are_as_if_the_track_were_cleaned_with_them(
+    kind: Literal["imu", "joints"],
+) -> None:
+    rng = np.random.default_rng(3)
+    t = np.arange(400) / 200.0
+    track = Track(name="/x", kind=kind, t=t, values=rng.normal(size=(400, 6)))
+    moved = stamped_earlier(track, 0.25)
+    fresh = clean_track(Track(name="/x", kind=kind, t=t - 0.25, values=track.values))
+    np.testing.assert_allclose(clean_track(moved).t, fresh.t, atol=1e-12)
+    np.testing.assert_allclose(clean_track(moved).values, fresh.values, atol=1e-9)
+    if kind == "imu":
+        base = Trajectory.of(replace(_pose_path(t, track.values), tracks=(moved,))).base_readings
+        assert base is not None
+        assert base.t0 == pytest.approx(-0.25)

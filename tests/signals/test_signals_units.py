@@ -12,6 +12,7 @@ from imucalib_cli.signals.imu.units import (
     AccelUnit,
     GyroUnit,
     accel_factor,
+    guess_units,
     gyro_factor,
 )
 from imucalib_cli.signals.samples import ImuSamples
@@ -114,3 +115,17 @@ def resting(norm: float) -> ImuSamples:
         gyro=rng.normal(0.0, 1e-3, (400, 3)),
         accel=np.array([0.0, 0.0, norm]) * (1.0 + rng.normal(0.0, 1e-4, (400, 1))),
     )
+
+
+@pytest.mark.parametrize(("size", "unit"), [(1.0, "m/s²"), (0.02, "m/s², no gravity")])
+def test_an_imu_that_is_never_still_is_not_judged_as_if_it_were(size: float, unit: str) -> None:
+    """A foot's force varies by more than gravity, and its mean over a step is larger."""
+    t = np.arange(6000) / 200.0
+    push = 6.5 + 8.0 * np.sin(2.0 * np.pi * 1.7 * t)
+    accel = size * np.stack([np.zeros_like(t), push, np.full_like(t, G)], axis=1)
+    walking = ImuSamples(t=t, gyro=np.zeros((6000, 3)), accel=accel)
+    assert guess_units(walking).accel_unit == unit
+
+
+def test_an_imu_at_rest_of_half_of_gravity_has_no_known_unit() -> None:
+    assert guess_units(resting(0.5 * G)).accel_unit == "unknown"

@@ -9,7 +9,7 @@ import pytest
 
 from imucalib_cli.errors import ImucalibError, InputError
 from imucalib_cli.jobs.calibrate import calibrate
-from imucalib_cli.jobs.request import CalibrationRequest
+from imucalib_cli.jobs.input.request import CalibrationRequest
 from imucalib_cli.signals.imu.checks import refuse_impossible
 from imucalib_cli.signals.samples import ImuSamples
 

@@ -166,7 +166,7 @@ def other_encoding(scene: Scene) -> Seen:
 
 
 def no_memory(scene: Scene) -> Seen:
-    with patch("imucalib_cli.jobs.reading.open_log", side_effect=MemoryError):
+    with patch("imucalib_cli.jobs.input.reading.open_log", side_effect=MemoryError):
         return scene.run("log.mcap")
 
 
@@ -174,8 +174,8 @@ def holds_too_much(scene: Scene) -> Seen:
     """As if the last tenth were too much."""
     log = scene.log(noisy())
     with (
-        patch("imucalib_cli.logs.decode._MESSAGES_PER_BYTE", 0.0),
-        patch("imucalib_cli.logs.decode._MESSAGES_ALWAYS", 4300),
+        patch("imucalib_cli.logs.messages.decode._MESSAGES_PER_BYTE", 0.0),
+        patch("imucalib_cli.logs.messages.decode._MESSAGES_ALWAYS", 4300),
     ):
         return scene.run(log)
 
@@ -347,6 +347,7 @@ def walking(
     topics: tuple[str, ...] = (LEG,),
     frame: str = "",
     change: Callable[[Any], Any] = lambda message: message,
+    described: bool = True,
 ) -> Provocation:
     """A log of a robot on legs, its trunk's IMU, perhaps changed, joints and these topics."""
 
@@ -360,7 +361,7 @@ def walking(
             for each in sorted([*walk(), *raw], key=lambda each: each.log_ns)
         )
         log = log_of(scene.folder, TRUNK, "/joint_states", *topics, said=said)
-        return scene.run(log, *arguments)
+        return scene.run(log, *arguments) if described else scene.cli("run", log, *arguments)
 
     return provocation
 
@@ -385,7 +386,8 @@ CHOICES: dict[str, Provocation] = {
     "imus-together": two_legs(),
     "imus-disagree": two_legs(joint("FR_hip", 'rpy="0 0 0"', 'rpy="0 0.02 0.02"')),
     "base-imu": walking(),
-    "base-imu-not-there": walking("--base-imu", "/imu/arm"),
+    "base-imu-not-there": walking("--base-imu", "/imu/trank"),
+    "base-imu-no-urdf": walking("--base-imu", TRUNK, described=False),
     "base-imu-alone": walking("--base-imu", TRUNK, "--imu-topic", TRUNK),
     "base-imu-published": walking("--method", "paper"),
     "base-imu-twice": walking(topics=("/imu/raw",)),
@@ -394,7 +396,7 @@ CHOICES: dict[str, Provocation] = {
     "base-imu-turned": walking(change=about_z),
     "base-imu-late": walking(change=later),
     "base-imu-still": lambda scene: scene.run(
-        scene.writer().imu(gyro=0.0).imu("/imu/2").joints(names=NAMES).write(),
+        scene.writer().imu(gyro=0.01).imu("/imu/2").joints(names=NAMES).write(),
         *("--base-imu", "/imu/data"),
     ),
     "no-imu": lambda scene: scene.run(scene.writer().joints().text().write()),
@@ -543,9 +545,11 @@ def kinematics_of_another_urdf(scene: Scene) -> Seen:
 
 
 def kinematics_of_two(scene: Scene) -> Seen:
-    both = scene.path("both.yaml")
-    both.write_text("---\n".join(scene.result(f"{s}.yaml", seed=s).read_text() for s in (3, 4)))
-    return scene.cli("apply", both, "--urdf", scene.path("robot.urdf"), "--kinematics")
+    scene.urdf(joint("elbow_joint", 'xyz="-0.6127', 'xyz="-0.6087'))
+    one = edited(scene.result("one.yaml"), "child: imu_link", "child: imu")
+    other = scene.result("other.yaml", seed=4)
+    urdf = scene.path("robot.urdf")
+    return scene.cli("apply", one, other, "--urdf", urdf, "--kinematics", "--add")
 
 
 def written(name: str) -> Provocation:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 from unittest.mock import patch
 
@@ -9,7 +10,7 @@ from rosbags.highlevel import AnyReader
 
 from imucalib_cli.errors import ChoiceError
 from tests.troubleshooting.scene import Provocation, Scene, Seen, noisy
-from tools.republish import make, vector, write_mcap, write_plain
+from tools.republish import make, protobuf_files, vector, write_mcap, write_plain
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -45,6 +46,14 @@ def in_halves(said: Message) -> Iterator[Message]:
     if log_ns // 10_000_000 % 2:
         accel = make(kind, **{**values, "linear_acceleration": it.linear_acceleration})
         yield "/camera/accel/sample", kind, accel, log_ns
+
+
+def one_short(said: Message) -> Iterator[Message]:
+    """Positions of all joints but one."""
+    topic, kind, it, log_ns = said
+    if kind == "sensor_msgs/msg/JointState":
+        it = replace(it, position=it.position[:-1])
+    yield topic, kind, it, log_ns
 
 
 def as_array(said: Message) -> Iterator[Message]:
@@ -97,10 +106,19 @@ def in_protobuf(scene: Scene) -> Seen:
     )
     missing = ChoiceError("not here")
     with (
-        patch("imucalib_cli.logs.protobuf.optional", side_effect=missing),
+        patch("imucalib_cli.logs.messages.protobuf.optional", side_effect=missing),
         patch("imucalib_cli.logs.select.is_installed", return_value=False),
     ):
         return scene.run(log)
+
+
+def with_half_a_definition(scene: Scene) -> Seen:
+    """Messages in protobuf whose descriptors are cut short."""
+    schema, classes = protobuf_files()
+    message = {"name": ["pan"], "position": [1.0]}
+    said = [("/joints", "foxglove.JointState", message, 1)]
+    with patch("tools.republish.protobuf_files", return_value=(schema[:-9], classes)):
+        return scene.run(write_plain(scene.path("log.mcap"), said, "protobuf"))
 
 
 _COLUMNS = ",".join("abcdef")
@@ -111,11 +129,13 @@ SAID: dict[str, Provocation] = {
         in_halves, "--gyro-topic", "/gyro", "--accel-topic", "/camera/accel/sample"
     ),
     "numbered-motors": numbered,
+    "joints-short": run_as(one_short),
     "joints-unsaid": run_as(as_array),
     "joints-few": run_as(as_array, "--joints", "/arm/state:data=pan,lift"),
     "joints-field": run_as(as_array, "--joints", f"/arm/state:positions={_COLUMNS}"),
     "joints-topic": run_as(as_array, "--joints", f"/state:data={_COLUMNS}"),
     "joints-spelling": run_as(as_array, "--joints", "/arm/state"),
     "protobuf-missing": in_protobuf,
+    "protobuf-damaged": with_half_a_definition,
 }
 """By the keys of docs/troubleshooting.md."""

@@ -21,6 +21,7 @@ from tests.troubleshooting.scene import (
     ARM,
     BODY,
     RATE,
+    Edit,
     Provocation,
     Scene,
     Seen,
@@ -35,7 +36,7 @@ from tests.troubleshooting.scene import (
 from tools.faults import Fault, misdescribed, with_faulty_sensor
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from imucalib_cli.simulate.recording import Recording
 
@@ -205,14 +206,22 @@ def dead_axis_without_noise() -> Recording:
     return with_imu(clean(ARM), gyro=clean(ARM).imu.gyro * (1, 0, 1))
 
 
-def struck(scene: Scene) -> Seen:
-    """Feet that strike with every step."""
-    log, urdf = scene.path("walk.mcap"), scene.path("walk.urdf")
-    made = scene.cli(
-        *("simulate", "walker", "-o", log, "--urdf", urdf, "--grade", "mems", "--duration", 8)
-    )
-    assert made.code == 0
-    return scene.cli("run", log, "--urdf", urdf, "--imu-topic", "/imu/FL_foot")
+def struck(
+    *options: str | float, run: Sequence[str] = (), edit: Edit = lambda text: text
+) -> Provocation:
+    """Feet that strike with every step; the URDF may be spoilt."""
+
+    def provocation(scene: Scene) -> Seen:
+        log, urdf = scene.path("walk.mcap"), scene.path("walk.urdf")
+        made = scene.cli(
+            *("simulate", "walker", "-o", log, "--urdf", urdf, "--grade", "mems"),
+            *("--duration", 8, *options),
+        )
+        assert made.code == 0
+        urdf.write_text(edit(urdf.read_text()))
+        return scene.cli("run", log, "--urdf", urdf, "--imu-topic", "/imu/FL_foot", *run)
+
+    return provocation
 
 
 SENSORS: dict[str, Provocation] = {
@@ -234,6 +243,7 @@ SENSORS: dict[str, Provocation] = {
     "gyro-scale": scaled(gyro=1.01),
     "accel-scale-gross": scaled(accel=(1.0, 1.2, 1.0)),
     "zero-gyro": scaled(gyro=0.0),
+    "nan-accel": scaled(accel=np.nan),
     "zero-both": scaled(0.0, 0.0),
     "dead-axis": scaled(gyro=(1, 0, 1)),
     "dead-axis-quiet": on_arm(dead_axis_without_noise),
@@ -242,7 +252,9 @@ SENSORS: dict[str, Provocation] = {
     "frozen": stuck(15.0, 17.5),
     "frozen-most": stuck(10.0, 24.1),
     "saturated": changed(saturated),
-    "struck": struck,
+    "struck": struck(),
+    "imu-slow": struck("--imu-rate", 100),
+    "spikes": on_arm(lambda: corrupt(clean(ARM), replace(load_grade("mems"), spikes=0.01), 3)),
     "gyro-delay": changed(late_gyroscope),
     "axes-turned": changed(lambda w, a: (w @ about_z(1.0).T, a)),
     "axes-turned-far": changed(lambda w, a: (w @ about_z(5.0).T, a)),
@@ -371,6 +383,13 @@ ROBOT: dict[str, Provocation] = {
     "not-what-taken-for": loose(0.01),
     "other-motion": positions(
         lambda t, _: np.sin(t[:, None] * (0.7, 0.9, 1.1, 0.8, 1.3, 0.6) + np.arange(6.0))
+    ),
+    "base-unknown": struck(
+        run=("--imu-topic", "/imu/head"), edit=lambda text: text.replace('"imu_link"', '"other"')
+    ),
+    "base-elsewhere": struck(
+        run=("--base-imu", "/imu/data"),
+        edit=joint("imu_joint", '"trunk"', '"head"'),
     ),
     "tilted-base": wrong_urdf("shoulder_pan_joint", 'rpy="0 0 0"', 'rpy="1.57 0 0"'),
 }

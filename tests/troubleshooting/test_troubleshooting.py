@@ -23,7 +23,8 @@ from tests.troubleshooting.snapshot import (
 PAGE = (Path(__file__).parents[2] / "docs/troubleshooting.md").read_text(encoding="utf-8")
 _ROW = re.compile(r"\| `(?P<symptom>[^`]+)` <!-- (?P<key>[a-z0-9-]+) --> \| (?P<exit>\w+) \|")
 _BESIDE_AN_ERROR = {"output-older"}
-_FIRST_WORD = {0: "warning", 1: "error", 2: "error"}
+_WORDS = {"warning", "note"}
+_FIRST_WORD = {1: "error", 2: "error"}
 TOLD = stored()
 
 
@@ -33,7 +34,13 @@ class Row:
 
     key: str
     symptom: str
-    code: int
+    exit: str
+    """Code, or what a line begins with that goes with exit code 0."""
+
+    @property
+    def code(self) -> int:
+        """Of the exit."""
+        return 0 if self.exit in _WORDS else int(self.exit)
 
     def is_in(self, line: str) -> bool:
         """Whether a line holds the fixed parts of the symptom, in their order."""
@@ -42,7 +49,7 @@ class Row:
 
 
 ROWS = [
-    Row(row["key"], row["symptom"], 0 if row["exit"] == "warning" else int(row["exit"]))
+    Row(row["key"], row["symptom"], row["exit"])
     for row in map(_ROW.match, PAGE.splitlines())
     if row is not None
 ]
@@ -69,14 +76,14 @@ def test_the_page_has_the_sentence_and_its_exit_code(row: Row) -> None:
     matching = [line for line in lines if row.is_in(line)]
     assert matching, lines
     assert told.exit_code == row.code
-    if row.code in _FIRST_WORD:
-        word = "warning" if row.key in _BESIDE_AN_ERROR else _FIRST_WORD[row.code]
+    if row.code in {0, 1, 2}:
+        word = "warning" if row.key in _BESIDE_AN_ERROR else _FIRST_WORD.get(row.code, row.exit)
         assert matching[0].startswith(f"{word}: ")
     if row.code in {1, 2}:
         assert sum(line.startswith("error: ") for line in lines) == 1
     if row.code == 3:
         # The cause stands before what comes of it.
-        assert matching[0] == next(line for line in lines if not line.startswith("warning: "))
+        assert matching[0] == next(line for line in lines if line.partition(": ")[0] not in _WORDS)
 
 
 NOT_HERE = {

@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from imucalib_cli.jobs.reading import Recording
-    from imucalib_cli.jobs.request import CalibrationRequest, Progress
+    from imucalib_cli.jobs.input.reading import Recording
+    from imucalib_cli.jobs.input.request import CalibrationRequest, Progress
     from tools.fuzz.cases import Case
     from tools.fuzz.seeds import Scene
 
@@ -61,7 +61,8 @@ def prepare() -> None:
 
 def _stop_at_known_data() -> None:
     """Estimate only from data that no case of this process had: much damage changes none."""
-    from imucalib_cli.jobs import calibrate, reading
+    from imucalib_cli.jobs import calibrate
+    from imucalib_cli.jobs.input import reading
 
     read, seen = reading.read_recording, set[bytes]()
 

@@ -16,7 +16,14 @@ from imucalib_cli.estimate.checks.stated import POSE_NAMES, contradicted_by_log
 from imucalib_cli.estimate.checks.strikes import strikes
 from imucalib_cli.estimate.model.layout import places_of
 from imucalib_cli.estimate.model.state import tilt_from_down
-from imucalib_cli.estimate.model.unknowns import Clock, JointCurve, Mount, Origin, PoseScale
+from imucalib_cli.estimate.model.unknowns import (
+    BaseClock,
+    Clock,
+    JointCurve,
+    Mount,
+    Origin,
+    PoseScale,
+)
 from imucalib_cli.estimate.solution.fit import COMMON_IMU
 from imucalib_cli.estimate.solution.spectrum import inverse_of
 from imucalib_cli.estimate.window_choice import (
@@ -26,6 +33,8 @@ from imucalib_cli.estimate.window_choice import (
     turning_noise,
 )
 from imucalib_cli.findings import Finding, Severity, note, untrusted, warning
+from imucalib_cli.signals.noise import deviation_from_neighbours
+from imucalib_cli.signals.timing.stamps import sample_interval
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -38,6 +47,7 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.solution.fit import Fit
     from imucalib_cli.estimate.solution.normal_equations import Answer
     from imucalib_cli.estimate.stamps import Attempt
+    from imucalib_cli.estimate.statistics import LogStatistics
 
 Sign = Literal["as read", "reversed", "in doubt"]
 
@@ -61,6 +71,14 @@ _DROPPED_MOTION: Final = 0.2
 """Share of the motion in windows left out from which the rest no longer speaks for the log."""
 _DROPPED: Final = 0.05
 """Share of windows left out from which it is said."""
+_SPIKED: Final = 0.005
+"""Share of samples that stand alone from which it is said: at 1 kHz every other window of 0.1 s has
+one then."""
+_QUICK: Final = 0.25
+"""Share of a signal by which its samples are off their neighbours' cubic if it is white up to a
+quarter of the rate and nothing above: what an IMU's own low-pass should leave at most."""
+_ENOUGH_HERTZ: Final = 400.0
+"""Hz: rate at which a strike of 10 ms, as of hard feet on hard ground, takes four samples."""
 _MOST_OF_LOG: Final = 0.5
 """Share of the time of both streams that lies in windows, below which more is lost than used."""
 _PLAIN: Final = (0.1, 0.02)
@@ -78,6 +96,9 @@ _NO_SENSOR: Final = 5.0
 the worst of consumer parts are specified to 2 m/s² and 0.7 rad/s."""
 _WITHIN: Final = 2.0
 """Sigmas of a told prior within which a bias is what was told."""
+_ALIKE: Final = 0.9
+"""Correlation of two unknowns from which a log tells little more than their sum: what it tells of
+the one alone is less than half of sigma."""
 _JUDGED_ELSEWHERE: Final = frozenset({"time_offset", "gravity_direction"})
 """Entries of the table that have findings of their own."""
 OF_ANSWER: Final = frozenset(
@@ -110,11 +131,6 @@ class Evidence:
     """Residual scale over the noise that is known, accelerometer and gyroscope."""
     sign: Sign
     """Of the accelerometer: as read, reversed for that fits decisively better, or in doubt."""
-
-    @property
-    def clock_stepped(self) -> bool:
-        """Whether the clocks were set within the log: a drift is then what the step looks like."""
-        return self.change is not None and self.change.kind == "clock"
 
     @property
     def hangs_most(self) -> Dependence | None:
@@ -151,8 +167,8 @@ def over_known_noise(fit: Fit) -> tuple[float, float]:
 
 
 def of_findings(evidence: Evidence) -> Floats:
-    """(6, 6), what a dependence on the window or a small change within the log adds to sigma."""
-    added = np.zeros((6, 6))
+    """(6, 6), what a dependence on the window, a small change or skewed axes add to sigma."""
+    added = np.diag([0.0, 0.0, 0.0, *[_off_square(evidence.fit)] * 3])
     worst = evidence.hangs_most
     if worst is not None and worst.sigmas > WARN_SIGMAS:
         added += np.outer(worst.difference, worst.difference)
@@ -164,6 +180,21 @@ def of_findings(evidence: Evidence) -> Floats:
         if change.kind == "mount":
             added += np.diag(change.std**2)
     return added
+
+
+def _off_square(answer: Answer) -> float:
+    """rad², the largest skew, if any is clear: other conventions turn the axes by so much.
+
+    Two IMUs on one body tell how their skews differ, and neither by itself.
+    """
+    layout = answer.layout
+    skew = places_of(layout.part(name) for name in ("accel_skew", "base_accel_skew"))
+    value, C = answer.state.x[skew], answer.covariance[np.ix_(skew, skew)]
+    variances, axes = np.linalg.eigh(C)
+    told = variances > 0.0
+    if not (np.abs(value @ axes)[told] > DISTRUST_SIGMAS * np.sqrt(variances[told])).any():
+        return 0.0
+    return float(np.max(value**2 + np.diag(C)))
 
 
 def unobservable(answer: Answer) -> tuple[UnobservableDirection, ...]:
@@ -188,32 +219,22 @@ def _given(covariance: Floats, part: slice) -> Floats:
     return np.asarray(covariance - across @ inverse_of(covariance[part, part]) @ across.T)
 
 
-def findings(evidence: Evidence, *, unknown: bool) -> tuple[Finding, ...]:
-    """Every finding of a fit, the grave ones first.
-
-    Args:
-        evidence: Of the fit.
-        unknown: Whether directions are unobservable: other findings may follow from it.
-    """
+def findings(evidence: Evidence, log: LogStatistics) -> tuple[Finding, ...]:
+    """Every finding of a fit, the grave ones first; ``log`` is what its log tells."""
     wrong = contradicted_by_log(evidence.fit)
     found = [
         *([] if wrong is None else [wrong]),
         # What is held where it is not is taken up by whatever looks like it.
         *(() if wrong else _changed(evidence)),
         *_unexplained(evidence),
-        *of_answer(
-            evidence.fit,
-            evidence.dependence,
-            seconds=evidence.fit.model.seconds,
-            clock_stepped=evidence.clock_stepped,
-            contradicted=wrong is not None,
-            unknown=unknown,
-        ),
+        *of_answer(evidence.fit, log, contradicted=wrong is not None),
         *_window(evidence),
-        *(() if unknown else _undecided(evidence)),
+        # Directions that no motion determines leave these undecided too.
+        *(() if unobservable(evidence.fit) else _undecided(evidence)),
         *_residuals(evidence),
         *_left_out(evidence),
-        *_struck(evidence),
+        *strikes(evidence.topic, evidence.fit),
+        *_sampled(evidence),
         *_gaps(evidence),
         *_stamps(evidence),
     ]
@@ -221,31 +242,26 @@ def findings(evidence: Evidence, *, unknown: bool) -> tuple[Finding, ...]:
 
 
 def of_answer(
-    answer: Answer,
-    windows: Sequence[OtherWindow],
-    *,
-    seconds: float,
-    clock_stepped: bool,
-    contradicted: bool,
-    unknown: bool,
+    answer: Answer, log: LogStatistics | None = None, *, contradicted: bool = False
 ) -> Iterator[Finding]:
     """Findings that rest on the unknowns and their priors alone.
 
     Args:
         answer: Every unknown.
-        windows: What other windows say.
-        seconds: Of the log.
-        clock_stepped: Whether the clocks were set within the log.
+        log: The one log that it is of; None for an answer of several.
         contradicted: Whether something that was stated is wrong.
-        unknown: Whether directions are unobservable.
     """
     if not contradicted:
-        yield from _errors(answer, windows, seconds, clock_stepped=clock_stepped)
+        yield from _errors(answer, log)
     yield from _resting_on_priors(answer)
-    yield from _offset(answer)
+    if len(answer.of("time_offset")[0]) and not offset_known(answer):
+        yield warning("offset.undetermined")
     yield from _still(answer)
-    if not unknown:
-        yield from _gravity(answer)
+    gravity = answer.state.gravity
+    if gravity.any() and not unobservable(answer):
+        tilt = float(np.linalg.norm(tilt_from_down(gravity)))
+        if tilt > _TILTED:
+            yield warning("gravity.tilted", tilt=tilt)
 
 
 def _unexplained(evidence: Evidence) -> Iterator[Finding]:
@@ -314,10 +330,23 @@ def _left_out(evidence: Evidence) -> Iterator[Finding]:
         )
 
 
-def _struck(evidence: Evidence) -> Iterator[Finding]:
-    found = strikes(evidence.topic, evidence.fit)
-    if found is not None:
-        yield found
+def _sampled(evidence: Evidence) -> Iterator[Finding]:
+    """Of the IMU and of the base IMU: motion between samples, and samples that stand alone."""
+    clean, windowing = evidence.attempt.clean, evidence.fit.model.windowing
+    imus = [(evidence.topic, clean.accel, sample_interval(clean.t), clean.spikes)]
+    imus += [
+        (each.name, each.readings.accel, each.readings.dt, each.spikes)
+        for each in windowing.trajectory.tracks
+        if each.readings is not None
+    ]
+    for topic, accel, interval, spikes in imus:
+        off = float(np.sqrt(np.mean(deviation_from_neighbours(accel) ** 2)))
+        # A strike that is over before the next sample looks like a spike.
+        quick = off > _QUICK * float(np.sqrt(accel.var(axis=0).mean()))
+        if quick and off > UNEXPLAINED_ACCEL and interval > 1.0 / _ENOUGH_HERTZ:
+            yield warning("imu.slow", topic=topic, rate=1.0 / interval, enough=_ENOUGH_HERTZ)
+        elif not quick and spikes > _SPIKED * len(accel):
+            yield warning("imu.spikes", topic=topic, count=spikes, total=len(accel))
 
 
 def _gaps(evidence: Evidence) -> Iterator[Finding]:
@@ -380,16 +409,15 @@ def _signed_size(values: Floats) -> float:
     return float(values[0] if len(values) == 1 else np.linalg.norm(values))
 
 
-def _errors(
-    answer: Answer, windows: Sequence[OtherWindow], seconds: float, *, clock_stepped: bool
-) -> Iterator[Finding]:
+def _errors(answer: Answer, log: LogStatistics | None) -> Iterator[Finding]:
     """Errors that no sound robot and no sound sensor has, and those that would move the pose."""
+    windows = () if log is None else log.windows
     pose, stated = answer.layout.pose, np.sqrt(np.diag(answer.pose_covariance))
     for each in answer.layout.placed:
         unknown, part, value = each.unknown, each.part, answer.value(each)
         if isinstance(unknown.effect, Mount) or unknown.name in _JUDGED_ELSEWHERE:
             continue
-        if clock_stepped and isinstance(unknown.effect, Clock):
+        if log is not None and log.clock_stepped and isinstance(unknown.effect, Clock):
             continue
         if not answer.layout.free[part].all() or (unknown.positive and (value < 0.0).all()):
             continue
@@ -424,17 +452,34 @@ def _errors(
                 other=other,
             )
         elif clear and (np.abs(value) >= unknown.least).any():
-            make = note if isinstance(unknown.effect, (JointCurve, Origin, PoseScale)) else warning
+            shown = (JointCurve, Origin, PoseScale, BaseClock)
+            make = note if isinstance(unknown.effect, shown) else warning
             yield make(
                 "unknown.found",
                 **what,
                 labels=tuple(each.labels),
                 values=tuple(value.tolist()),
                 stds=tuple(std.tolist()),
-                seconds=seconds,
+                seconds=0.0 if log is None else log.seconds,
                 translation=float(np.linalg.norm(moves[:3])),
                 rotation=float(np.linalg.norm(moves[3:])),
+                like=_like(answer, part.start + int(np.argmax(np.abs(value) / std))),
             )
+
+
+def _like(answer: Answer, place: int) -> str:
+    """Another unknown than the pose that the log hardly tells from a component; empty if none."""
+    std = np.sqrt(np.diag(answer.covariance))
+    shared = np.abs(answer.covariance[place]) / np.maximum(std * std[place], 1e-300)
+    for each in answer.layout.placed:
+        inside = each.part.start <= place < each.part.stop
+        if inside or isinstance(each.unknown.effect, Mount) or not shared[each.part].size:
+            continue
+        worst = int(np.argmax(shared[each.part]))
+        if shared[each.part][worst] > _ALIKE:
+            what = each.unknown.words.split(":")[0]
+            return f"{what} ({each.labels[worst]})" if each.labels[worst] else what
+    return ""
 
 
 def _sound_window(
@@ -449,10 +494,9 @@ def _sound_window(
 
 def _resting_on_priors(answer: Answer) -> Iterator[Finding]:
     """Components that come from what was told and not from the log."""
-    known = answer.options.pose
-    if known is None or known.R_parent_imu is None:
+    if answer.options.known_pose is None:
         return
-    std, variance = np.array(known.std), np.diag(answer.pose_covariance)
+    std, variance = answer.options.known_pose[2], np.diag(answer.pose_covariance)
     told = (std < np.inf) & np.where(
         std > 0.0, variance > (_UNTOUCHED * std) ** 2, undetermined(answer)
     )
@@ -492,11 +536,6 @@ def _still(answer: Answer) -> Iterator[Finding]:
         )
 
 
-def _offset(answer: Answer) -> Iterator[Finding]:
-    if len(answer.of("time_offset")[0]) and not offset_known(answer):
-        yield warning("offset.undetermined")
-
-
 def offset_known(answer: Answer) -> bool:
     """Whether the motion determines the time offset."""
     part = answer.layout.part("time_offset")
@@ -504,11 +543,3 @@ def offset_known(answer: Answer) -> bool:
         return False
     variance = max(answer.covariance[part, part].item(), excitation(answer)[part, part].item())
     return bool(variance < _OFFSET_LIMIT**2)
-
-
-def _gravity(answer: Answer) -> Iterator[Finding]:
-    gravity = answer.state.gravity
-    if gravity.any():
-        tilt = float(np.linalg.norm(tilt_from_down(gravity)))
-        if tilt > _TILTED:
-            yield warning("gravity.tilted", tilt=tilt)

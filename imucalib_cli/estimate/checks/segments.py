@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.solution.fit import Fit
 
 
-_FOLDS: Final = 12
+FOLDS: Final = 12
 """Parts that are left out in turn."""
 _LEAST_SEGMENTS: Final = 2
 """At either end of a log, that a change is searched from: a part of the log, not a shock."""
@@ -112,7 +112,7 @@ def log_parts(
 
 def _folds(A: Floats, b: Floats) -> tuple[Floats, Floats]:
     """Information and score of a few longer parts."""
-    folds = np.array_split(np.arange(len(A)), min(_FOLDS, len(A)))
+    folds = np.array_split(np.arange(len(A)), min(FOLDS, len(A)))
     longer_A, longer_b = (np.array([each[fold].sum(axis=0) for fold in folds]) for each in (A, b))
     return longer_A, longer_b
 
@@ -145,19 +145,12 @@ class Segments:
         self._empty = np.asarray(~self._A.any(axis=(1, 2)))
         grid = fit.model.windowing.grid
         first, last = (grid.t0 + grid.dt * fit.centres[[0, -1]]).tolist()
-        self._edges = np.linspace(first, last, PARTS + 1)
+        self.edges: Floats = np.linspace(first, last, PARTS + 1)
+        """(PARTS + 1,), s of the log."""
 
     def _places(self, *names: str) -> Indices:
         wanted = places_of(self._fit.layout.part(name) for name in names)
         return np.flatnonzero(np.isin(self._free, wanted))
-
-    def blocks(self) -> tuple[Floats, Floats]:
-        """Normal matrices (F, n + 1, n + 1) of [e J] of a few longer parts, and their edges, s."""
-        parts = self._fit.parts
-        return (
-            parts.reshape(_FOLDS, -1, *parts.shape[1:]).sum(axis=1),
-            self._edges[:: len(parts) // _FOLDS],
-        )
 
     def consistency(self, whiteness: tuple[float, float]) -> Consistency | None:
         """Folds and halves of the pose; None where it is not free."""
@@ -167,7 +160,7 @@ class Segments:
         A, b = _folds(self._A, self._b)
         each = (inverse_of(self._total - A) @ b[:, :, None])[:, pose, 0]
         scatter = each - each.mean(axis=0)
-        fold_std = np.sqrt((_FOLDS - 1) / _FOLDS * (scatter**2).sum(axis=0))
+        fold_std = np.sqrt((FOLDS - 1) / FOLDS * (scatter**2).sum(axis=0))
         half = len(self._A) // 2
         solutions, covariances = [], []
         for part in (slice(0, half), slice(half, None)):
@@ -178,24 +171,13 @@ class Segments:
         C = sum(covariances)[np.ix_(pose, pose)]
         stated = np.sqrt(np.maximum(np.diag(self._fit.covariance)[: len(pose)], 1e-300))
         return Consistency(
-            folds=_FOLDS,
+            folds=FOLDS,
             fold_std=fold_std,
             halves_difference=difference,
             halves_sigmas=float(np.sqrt(squared_distance(difference, C) / len(pose))),
             segment_chi2=float(np.mean((fold_std / stated) ** 2)),
             whiteness=whiteness,
         )
-
-    def stretches(self, std: Floats) -> LogParts | None:
-        """What each part of the log tells about the pose; None where the pose is not free.
-
-        Args:
-            std: (6,), of the pose, as it is stated: where ``std_so_far`` ends.
-        """
-        pose = self._places("translation", "rotation")
-        if len(pose) < 6:
-            return None
-        return log_parts(self._A, self._b, self._P, self._edges, pose=pose, std=std)
 
     def change(self) -> Change | None:
         """The most decisive change of mount, clock or bias; None if there is none.
@@ -280,8 +262,8 @@ class Segments:
             std = np.sqrt(np.diag(C))
         return Change(
             kind=kind,
-            seconds=float(self._edges[[low, high]].mean()),
-            uncertainty=float(self._edges[high + 1] - self._edges[low - 1]) / 2.0,
+            seconds=float(self.edges[[low, high]].mean()),
+            uncertainty=float(self.edges[high + 1] - self.edges[low - 1]) / 2.0,
             size=size,
             std=std,
             evidence=float(evidence),

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from imucalib_cli.estimate.model.windows import odd_length, plan_windows, thinned
-from imucalib_cli.estimate.solution.fit import part_statistics
+from imucalib_cli.estimate.solution.fit import Linearised
 from imucalib_cli.estimate.solution.spectrum import (
     PARTS,
     chance_of_six,
@@ -118,16 +118,15 @@ def _difference(
     """Solve at another window; the covariance of the difference is from how parts scatter."""
     plan = model.windowing.plan
     parts = PARTS if _lengths(centres, plan) >= PARTS else _FEWEST_PARTS
-    weights = fit.weights[np.searchsorted(fit.centres, centres)]
-    found = part_statistics(
+    there = Linearised(
         model,
         fit.equations.at,
         centres,
-        residuals=residuals,
-        weights=weights,
-        scales=fit.scales_at(plan),
+        residuals,
+        fit.weights[np.searchsorted(fit.centres, centres)],
+        fit.scales_at(plan),
     )
-    other = _Solved.of(fit, *found)
+    other = _Solved.of(fit, *there.parts())
     each = (base.influence - other.influence).reshape(parts, PARTS // parts, 6).sum(axis=1)
     scatter = each - each.mean(axis=0)
     prior = (other.inverse - base.inverse) * np.sqrt(base.precision)

@@ -16,12 +16,7 @@ import numpy as np
 from imucalib_cli.estimate.checks.observability import undetermined
 from imucalib_cli.estimate.checks.segments import DECISIVE
 from imucalib_cli.estimate.model.layout import lay_out
-from imucalib_cli.estimate.solution.fit import (
-    lean_fit,
-    part_statistics,
-    transferred,
-    whole_fit,
-)
+from imucalib_cli.estimate.solution.fit import lean_fit, transferred, whole_fit
 from imucalib_cli.estimate.solution.normal_equations import prior_offset
 from imucalib_cli.estimate.solution.scales import integrate, most_likely
 from imucalib_cli.findings import Finding, untrusted
@@ -105,8 +100,8 @@ def _statements(answer: Answer) -> Iterator[tuple[str, MatchedOptions]]:
         free[level] = {"gravity": "tilt", "tilt_std": np.inf}
     if options.has_gravity and options.gravity_std == 0.0:
         free["--gravity"] = {"gravity_std": _SLIP_OF_THE_PEN}
-    if options.pose is not None and options.pose.R_parent_imu is not None:
-        std = np.array(options.pose.std)
+    if options.pose is not None and options.known_pose is not None:
+        std = options.known_pose[2]
         for place in np.flatnonzero((std < np.inf) & ~undetermined(answer)):
             wide = tuple(np.where(np.arange(6) == place, np.inf, std).tolist())
             option = "--prior-std" if std[place] else "--fix"
@@ -136,14 +131,8 @@ def _with_columns(fit: Fit, freed: MatchedOptions) -> NormalEquations:
     if layout.size == fit.layout.size:
         return fit.equations
     state = transferred(fit, layout, freed, fit.equations.at)
-    matrices, noise_score = part_statistics(
-        replace(fit.model, layout=layout),
-        state,
-        fit.centres,
-        residuals=fit.residuals.values,
-        weights=fit.weights,
-        scales=fit.residual_scales,
-    )
+    there = replace(fit.linearised, model=replace(fit.model, layout=layout), state=state)
+    matrices, noise_score = there.parts()
     total = matrices.sum(axis=0)
     A, b = total[1:, 1:], total[1:, 0] - noise_score
     white = A * fit.equations.level

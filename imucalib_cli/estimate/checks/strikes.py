@@ -10,6 +10,8 @@ from imucalib_cli.findings import Finding, note
 from imucalib_cli.signals.stretches import all_hold, stretches_of
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from imucalib_cli.estimate.solution.fit import Fit
 
 _FORCE: Final = 5.0
@@ -25,7 +27,7 @@ strikes that come with every step are a part of the motion."""
 _GRAVITY: Final = 9.80665
 
 
-def strikes(topic: str, fit: Fit) -> Finding | None:
+def strikes(topic: str, fit: Fit) -> Iterator[Finding]:
     """Strikes, if they are many, whether their windows fit the rest or not.
 
     Args:
@@ -41,14 +43,13 @@ def strikes(topic: str, fit: Fit) -> Finding | None:
     bursts = stretches_of(((force > least) & grid.usable) | ringing.mask(len(force)))
     bursts = bursts.where(bursts.lengths * grid.dt < _LONGEST)
     struck = ~all_hold(~bursts.mask(len(force)), fit.centres - plan.length // 2, plan.length)
-    if not struck.mean() > _SHARE:
-        return None
-    return note(
-        "imu.strikes",
-        topic=topic,
-        count=len(bursts),
-        largest=float(force[bursts.mask(len(force))].max()),
-        windows=int(struck.sum()),
-        total=len(struck),
-        left_out=int((struck & (fit.weights <= 0.0)).sum()),
-    )
+    if struck.mean() > _SHARE:
+        yield note(
+            "imu.strikes",
+            topic=topic,
+            count=len(bursts),
+            largest=float(force[bursts.mask(len(force))].max()),
+            windows=int(struck.sum()),
+            total=len(struck),
+            left_out=int((struck & (fit.weights <= 0.0)).sum()),
+        )

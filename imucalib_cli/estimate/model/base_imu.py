@@ -51,36 +51,58 @@ class ReckonedBase:
     track: int
     """Of the path."""
     grid: ImuGrid
+    """With its own stamps."""
     shift: float
-    """Its stamp less the joints', s."""
+    """Its stamp less the joints' in the middle of its readings, s."""
+    drift: float
+    """Gain of its clock on theirs, s/s."""
     errors: tuple[tuple[Reading, Floats], ...]
 
+    @property
+    def start(self) -> float:
+        """Robot stamp of its first sample, s."""
+        half = 0.5 * self.grid.dt * (len(self.grid.usable) - 1)
+        return self.grid.t0 - self.shift + self.drift * half
+
+    @property
+    def dt(self) -> float:
+        """Robot time between its samples, s."""
+        return self.grid.dt * (1.0 - self.drift)
+
     def readings(self, t: Floats) -> tuple[Floats, Floats, Floats]:
-        """Stamps (n,), gyroscope and accelerometer (n, 3) around robot stamps (M,), errors off."""
+        """Readings around robot stamps (M,), s, errors off.
+
+        Returns:
+            Their robot stamps (n,), gyroscope and accelerometer (n, 3).
+        """
         grid, count = self.grid, len(self.grid.usable)
-        ends = (np.array([t.min(), t.max()]) + self.shift - grid.t0) / grid.dt
+        ends = (np.array([t.min(), t.max()]) - self.start) / self.dt
         first = max(min(int(ends[0]) - _AROUND, count - 2 * _AROUND), 0)
         last = min(max(int(ends[1]) + _AROUND + 1, first + 2 * _AROUND), count)
-        index = np.arange(first, last)
+        stamps = np.asarray(self.start + self.dt * np.arange(first, last))
         samples = Samples(
             accel=grid.accel[first:last],
             gyro=grid.gyro[first:last],
-            age=self.age(np.asarray(grid.t0 + grid.dt * index)),
-            dt=grid.dt,
+            age=self.age(stamps),
+            dt=self.dt,
         )
         gyro, accel = (less_errors(self.errors, samples, each) for each in ("gyro", "accel"))
-        return np.asarray(grid.t0 + grid.dt * index), gyro, accel
+        return stamps, gyro, accel
 
-    def age(self, stamps: Floats) -> Floats:
-        """(M,), time since the middle of its readings over their duration."""
-        grid = self.grid
-        return np.asarray((stamps - grid.t0) / (grid.dt * max(len(grid.usable) - 1, 1)) - 0.5)
+    @property
+    def seconds(self) -> float:
+        """Duration of its readings, s."""
+        return self.dt * max(len(self.grid.usable) - 1, 1)
+
+    def age(self, t: Floats) -> Floats:
+        """(M,), robot time since the middle of its readings over their duration."""
+        return np.asarray((t - self.start) / self.seconds - 0.5)
 
     def poses(self, t: Floats) -> Floats:
         """(M, 7), of the IMU in a freely falling frame at robot stamps (M,), s."""
         stamps, gyro, accel = self.readings(t)
-        quaternion, position = dead_reckon(gyro, accel, self.grid.dt)
-        return lagrange(stamps, np.hstack([position, quaternion]), t + self.shift)
+        quaternion, position = dead_reckon(gyro, accel, self.dt)
+        return lagrange(stamps, np.hstack([position, quaternion]), t)
 
 
 def felt_gravity(
@@ -110,21 +132,21 @@ def felt_gravity(
     ]
     off, change, speed = 0.0, np.zeros(size), 0.0
     for first in starts:
-        t = np.asarray(grid.t0 - base.shift + grid.dt * (first + np.arange(length)))
+        t = np.asarray(base.start + base.dt * (first + np.arange(length)))
         stamps, gyro, accel = base.readings(t)
-        R = matrix_from_quaternion(dead_reckon(gyro, accel, grid.dt)[0])
+        R = matrix_from_quaternion(dead_reckon(gyro, accel, base.dt)[0])
         force = np.einsum("nij,nj->ni", R, accel)
         mean = force.mean(axis=0)
         down = mean / np.linalg.norm(mean)
         # As fast as it is within the stretch, less a steady climb, it may be at its ends.
-        speed += float(np.var(np.cumsum((force - mean) @ down) * grid.dt)) / len(starts)
+        speed += float(np.var(np.cumsum((force - mean) @ down) * base.dt)) / len(starts)
         off += (float(np.linalg.norm(mean)) - norm) / len(starts)
         seen = np.einsum("nij,i->nj", R, down) / (len(accel) * len(starts))
-        samples = Samples(accel=accel, gyro=gyro, age=base.age(stamps), dt=grid.dt)
+        samples = Samples(accel=accel, gyro=gyro, age=base.age(stamps), dt=base.dt)
         for part, reading in errors:
             if reading.sensor == "accel":
                 change[part] -= np.einsum("kni,ni->k", reading.basis(samples), seen)
-    seconds = length * grid.dt
+    seconds = length * base.dt
     std = math.sqrt(2.0 * speed / len(starts)) / seconds if starts else math.inf
     return off, change, std
 
@@ -144,6 +166,8 @@ class BaseNodes:
     """(M, 3), velocity, m/s."""
     arm: Floats
     """(M, 3), from it to the IMU that is calibrated, m."""
+    later: Floats
+    """(M,), robot time since the middle of its readings, s."""
 
 
 def box_over(count: int) -> Floats:
@@ -163,15 +187,15 @@ def base_nodes(
 ) -> BaseNodes:
     """The base IMU at nodes (M,), s, every dt; its frame, and the place (M, 3) of the other IMU."""
     stamps, gyro, accel = base.readings(t)
-    box = box_over(max(round(dt / base.grid.dt), 1))
+    box = box_over(max(round(dt / base.dt), 1))
     mean = np.stack(
         [
-            np.interp(t + base.shift, stamps, np.convolve(values, box, mode="same"))
+            np.interp(t, stamps, np.convolve(values, box, mode="same"))
             for values in np.hstack([accel, gyro]).T
         ],
         axis=1,
     )
-    age = base.age(np.asarray(t + base.shift))
+    age = base.age(t)
     samples = Samples(accel=mean[:, :3], gyro=mean[:, 3:], age=age, dt=dt)
     R, p = frame
     return BaseNodes(
@@ -181,4 +205,5 @@ def base_nodes(
         turning=np.einsum("mij,mj->mi", R, samples.gyro),
         moving=with_ends((p[2:] - p[:-2]) / (2 * dt)),
         arm=place - p,
+        later=base.seconds * age,
     )

@@ -172,6 +172,8 @@ class _Channels:
     base_turn: list[tuple[slice, Floats]] = field(default_factory=list)
     """What turns with the base as it is reckoned, itself, the place and the force: only the turn
     since the middle of a window matters."""
+    times: list[tuple[slice, Floats]] = field(default_factory=list)
+    """(M,), by which columns are multiplied, as it is in the middle of a window."""
 
     @classmethod
     def of(cls, placed: tuple[Placed, ...], nodes: _Nodes) -> _Channels:
@@ -217,6 +219,8 @@ def _block_columns(
         changes -= in_parent(cross(turn, force), plan.second.average)
         still = in_parent(arm, plan.second.derivative) - in_parent(force, plan.second.average)
         J[:, index, accel] += changes - cross(turn[at] @ R_centre, still)
+    for part, size in channels.times:
+        J[:, part] *= size[at, None, None]
     for part, change in channels.gravity:
         J[:, part, accel] -= change @ R_centre
     if channels.clock:
@@ -260,7 +264,8 @@ def _add(placed: Placed, nodes: _Nodes, channels: _Channels) -> None:  # noqa: C
         case Mount():
             axes = np.swapaxes(nodes.R, 1, 2)  # rows: the parent's axes in the world
             channels.force.append((part, cross(axes, nodes.force[:, None])))
-            channels.rate.append((part, cross(axes, nodes.turning[:, None])))
+            # As a joint turns the link: where the two look alike, no rounding tells them apart.
+            channels.turn.append((part, axes))
         case Origin():
             R, _ = nodes.frames[placed.index]
             channels.shift.append((part, placed.directions @ np.swapaxes(R, 1, 2)))
@@ -299,8 +304,11 @@ def _add_of_base(placed: Placed, nodes: _Nodes, base: BaseNodes, channels: _Chan
         case BaseMount():
             turn = -np.swapaxes(nodes.frames[placed.index + 1][0], 1, 2)
             shift = np.zeros_like(turn)
-        case _:  # a later stamp means a later pose
+        case BaseClock(basis):  # a later stamp means a later pose
             turn, shift = base.turning[:, None], base.moving[:, None]
+            channels.times.append((part, basis(base.later)))
+        case _:
+            return
     channels.turn.append((part, turn))
     channels.shift.append((part, shift + cross(turn, base.arm[:, None])))
     channels.force.append((part, cross(turn, nodes.force[:, None])))

@@ -19,13 +19,13 @@ from imucalib_cli.estimate.model.unknowns import (
     PoseScale,
     Unknown,
 )
-from imucalib_cli.estimate.solution.scales import with_learnt
+from imucalib_cli.estimate.solution.scales import Prior
 from imucalib_cli.robot.path import FixedStep, JointStep, PoseStep
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
-    from imucalib_cli.arrays import Bools, Floats, Indices
+    from imucalib_cli.arrays import Floats, Indices
     from imucalib_cli.estimate.options import MatchedOptions
     from imucalib_cli.robot.path import KinematicPath
     from imucalib_cli.signals.trajectory import Trajectory
@@ -104,35 +104,20 @@ class Placed:
         return "m" if slides else self.unknown.unit
 
 
-@dataclass(frozen=True, eq=False)
-class Layout:
-    """All components in one vector."""
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Layout(Prior):
+    """All components in one vector, with their priors."""
 
     placed: tuple[Placed, ...]
-    std: Floats
-    """(n,), prior, 1 sigma; 0 holds a component; nan where a learnt scale tells."""
-    scale: Indices
-    """(n,), index into ``scales``; -1 where the prior is given."""
     scales: tuple[str, ...]
-    bounds: Floats
-    """(k, 2), limits of the learnt scales, logarithms."""
+    """Names of the learnt ones."""
     still: tuple[str, ...] = ()
     """Joints that do not move behind the last that does."""
-
-    @property
-    def alike(self) -> tuple[tuple[int, int], ...]:
-        """Pairs of learnt scales that are alike in size."""
-        return alike(self.scales)
 
     @property
     def size(self) -> int:
         """Number of components."""
         return len(self.std)
-
-    @property
-    def free(self) -> Bools:
-        """(n,), which components may move."""
-        return np.asarray((self.std != 0.0) | (self.scale >= 0))
 
     def part(self, name: str) -> slice:
         """Components of the entry of a name (the first, where a robot has several)."""
@@ -155,10 +140,6 @@ class Layout:
     def under(self, options: MatchedOptions) -> Layout:
         """The same components with the priors of other options."""
         return with_priors(self.placed, options, self.still)
-
-    def std_at(self, log_scales: Floats) -> Floats:
-        """(n,), prior with learnt scales put in."""
-        return with_learnt(self.std, self.scale, log_scales)
 
 
 def alike(scales: Sequence[str]) -> tuple[tuple[int, int], ...]:
@@ -227,10 +208,21 @@ def with_priors(
             scale += [-1] * size
         at += size
     std = np.concatenate(stds) if stds else np.zeros(0)
-    limits = [(SCALES[name].low, min(SCALES[name].high, options.largest(name))) for name in scales]
+    walks = any(isinstance(each.unknown.effect, BaseReading) for each in placed)
+    limits = [
+        (SCALES[name].low, min(SCALES[name].highest(walks=walks), options.largest(name)))
+        for name in scales
+    ]
     bounds = np.log(np.array(limits).reshape(-1, 2))
-    scale_of = np.array(scale, dtype=np.intp)
-    return Layout(tuple(placed), std, scale_of, tuple(scales), bounds, still)
+    return Layout(
+        placed=tuple(placed),
+        std=std,
+        scale=np.array(scale, dtype=np.intp),
+        scales=tuple(scales),
+        bounds=bounds,
+        alike=alike(scales),
+        still=still,
+    )
 
 
 class _Chain:

@@ -144,10 +144,14 @@ def _base_imu(trajectory: Trajectory, layout: Layout, x: Floats) -> ReckonedBase
     track, grid = trajectory.path.base_imu, trajectory.base_readings
     if track is None or grid is None:
         return None
+    clock = np.zeros(2)
+    for each, effect in layout.of(BaseClock):
+        clock += x[each.part] * effect.basis(np.array([0.0, 1.0]))
     return ReckonedBase(
         track=track,
         grid=grid,
-        shift=sum(float(x[each.part][0]) for each, _ in layout.of(BaseClock)),
+        shift=float(clock[0]),
+        drift=float(clock[1] - clock[0]),
         errors=tuple((effect.reading, x[each.part]) for each, effect in layout.of(BaseReading)),
     )
 

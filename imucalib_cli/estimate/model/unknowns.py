@@ -142,9 +142,12 @@ class BaseMount:
     what: Literal["translation", "rotation"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class BaseClock:
-    """Stamps of that IMU: later than those of the joints by the value."""
+    """Stamps of that IMU: its stamp - robot stamp of the same instant = value * basis."""
+
+    basis: Callable[[Floats], Floats]
+    """Of (M,) seconds since the middle of its readings; gives (M,)."""
 
 
 Effect = (
@@ -222,6 +225,12 @@ class Scale:
     high: float
     like: str = ""
     """Another one that it is alike in size to, where both come from the same parts."""
+    walking: float | None = None
+    """Upper limit on robots whose base an IMU tells: those that walk, if it is another."""
+
+    def highest(self, *, walks: bool) -> float:
+        """Upper limit on a robot."""
+        return self.walking if walks and self.walking is not None else self.high
 
 
 def _axes(samples: Samples) -> Floats:
@@ -241,6 +250,14 @@ def _each_axis(values: Floats) -> Floats:
 def _turned(values: Floats) -> Floats:
     """What a small turn from the gyroscope's axes to the accelerometer's takes from a reading."""
     return -cross(np.eye(3)[:, None], values[None])
+
+
+def _skewed(values: Floats) -> Floats:
+    """Each of two axes fed by the other alike: (3, M, 3), of yz, xz and xy."""
+    basis = np.zeros((3, len(values), 3))
+    for left_out, (one, other) in enumerate(((1, 2), (0, 2), (0, 1))):
+        basis[left_out, :, one], basis[left_out, :, other] = values[:, other], values[:, one]
+    return basis
 
 
 def _of_the_other(values: Floats) -> Floats:
@@ -272,6 +289,7 @@ def _swayed(samples: Samples) -> Floats:
 
 
 _XYZ: Final = ("x", "y", "z")
+_SKEWS: Final = ("yz", "xz", "xy")
 _PAIRS: Final = tuple(f"{gyro} by {accel}" for gyro in "xyz" for accel in "xyz")
 
 SCALES: Final[dict[str, Scale]] = {
@@ -282,14 +300,15 @@ SCALES: Final[dict[str, Scale]] = {
     "mount_give": Scale(low=3e-7, high=3e-3),
     "base_place": Scale(low=3e-4, high=1e-2),
     "base_turn": Scale(low=1e-3, high=5e-2),
-    "joint_zero": Scale(low=2e-5, high=5e-3),
+    "joint_zero": Scale(low=2e-5, high=5e-3, walking=2e-2),
     "length": Scale(low=5e-5, high=3e-3),
     "joint_harmonic": Scale(low=1e-5, high=2e-3, like="joint_play"),
     "joint_lag": Scale(low=5e-6, high=4e-3),
     "joint_play": Scale(low=3e-6, high=1e-3),
 }
 """From the best that is made to the worst that is sold, in the unit of their entries: sensors
-factory-calibrated over temperature to consumer parts; arms calibrated one by one to hobby arms;
+factory-calibrated over temperature to consumer parts; arms calibrated one by one to hobby arms, and
+legs whose joints are turned to a stop by hand to be zeroed;
 encoders on the output to those behind a worn gear; an IMU placed by measured holes to one placed by
 eye; delays of a field bus cycle or less. A gear's
 error once a turn and its play are made by the same teeth: catalogues of strain wave gears give one
@@ -448,6 +467,24 @@ _OWN: Final[tuple[Unknown, ...]] = (
         words="turn of the gyroscope's axes against the accelerometer's",
     ),
     Unknown(
+        name="accel_skew",
+        labels=_SKEWS,
+        unit="rad",
+        scale="sensor_axes",
+        healthy=0.05,
+        effect=Reading("accel", lambda s: _skewed(s.accel)),
+        words="half of what axes of the accelerometer are off square",
+    ),
+    Unknown(
+        name="gyro_skew",
+        labels=_SKEWS,
+        unit="rad",
+        scale="sensor_axes",
+        healthy=0.05,
+        effect=Reading("gyro", lambda s: _skewed(s.gyro)),
+        words="half of what axes of the gyroscope are off square",
+    ),
+    Unknown(
         name="gyro_g_sensitivity",
         labels=_PAIRS,
         unit="rad s/m",
@@ -543,9 +580,27 @@ _OWN: Final[tuple[Unknown, ...]] = (
         name="base_time_offset",
         unit="s",
         std=0.02,
-        effect=BaseClock(),
+        effect=BaseClock(np.ones_like),
         of_log=True,
-        words="stamp of the base IMU less joint stamp",
+        words="stamp of the base IMU's accelerometer less joint stamp",
+    ),
+    Unknown(
+        name="base_clock_drift",
+        unit="s/s",
+        std=50e-6,
+        healthy=500e-6,
+        effect=BaseClock(np.positive),
+        of_log=True,
+        words="gain of the base IMU's clock on the robot's",
+    ),
+    Unknown(
+        name="base_gyro_delay",
+        unit="s",
+        std=2e-3,
+        healthy=0.02,
+        effect=BaseReading(Reading("gyro", lambda s: -_derivative(s.gyro, s.dt)[None])),
+        of_log=True,
+        words="delay of the gyroscope behind the accelerometer, base IMU",
     ),
 )
 

@@ -8,17 +8,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from functools import cached_property
-from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.estimate.estimate import Window
+from imucalib_cli.estimate.model.windows import shortest_length
 from imucalib_cli.estimate.options import PaperOptions
 from imucalib_cli.robot.rotations import matrix_from_rotvec, quaternion_from_matrix
-from imucalib_cli.signals.stamps import gap_breaks, tidy_rows
-from imucalib_cli.signals.trajectory import Trajectory
+from imucalib_cli.signals.stretches import Stretches
+from imucalib_cli.signals.timing.stamps import gap_breaks, tidy_rows
+from imucalib_cli.signals.trajectory import Trajectory, continuous
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Bools, Floats
@@ -126,8 +127,16 @@ def filtered_instants(
     from scipy.signal import savgol_filter  # slow to import, and only this method needs it
 
     trajectory = Trajectory.of(path)
-    t_imu, gyro, accel = _ordered(imu)
-    t = _instants(trajectory)
+    rows = tidy_rows(imu.t, imu.gyro, imu.accel).rows
+    if len(rows) < 2:
+        raise InputError(
+            "the IMU has no usable samples: look at its stamps with 'imucalib inspect'"
+        )
+    t_imu, gyro, accel = imu.t[rows], imu.gyro[rows], imu.accel[rows]
+    fastest = min(trajectory.tracks, key=lambda track: track.interval)
+    t = fastest.t[trajectory.covered(fastest.t)]
+    if len(t) < 2:
+        raise InputError("the robot's streams do not overlap: nothing to differentiate")
     dt, dt_imu = (float(np.median(np.diff(series))) for series in (t, t_imu))
     length = _window_length(options, dt)
     if min(len(t), len(t_imu)) < length:
@@ -136,11 +145,11 @@ def filtered_instants(
             "choose a shorter --window"
         )
     R, p = trajectory.poses(t)
-    whole = _stretches(t, length), _stretches(t_imu, length)
+    whole, whole_imu = _between_gaps(t, length), _between_gaps(t_imu, length)
 
-    def smooth(values: Floats, order: int, interval: float, stretches: list[slice]) -> Floats:
+    def smooth(values: Floats, order: int, interval: float, stretches: Stretches) -> Floats:
         smoothed = np.zeros_like(values)
-        for part in stretches:
+        for part in map(slice, stretches.first, stretches.end):
             smoothed[part] = savgol_filter(
                 values[part],
                 length,
@@ -157,50 +166,25 @@ def filtered_instants(
     flat = R.reshape(-1, 9)
     keep = _steady(p + R @ t_initial, R @ R_initial, dt, options.exclusion_threshold)
     keep &= np.abs(t_imu[nearest] - t) <= dt_imu
-    keep &= _inside(len(t), whole[0]) & _inside(len(t_imu), whole[1])[nearest]
+    keep &= whole.mask(len(t)) & whole_imu.mask(len(t_imu))[nearest]
     instants = Instants(
         t=t,
         kept=keep,
         R=R,
-        R_rate=smooth(flat, 1, dt, whole[0]).reshape(-1, 3, 3),
-        R_acceleration=smooth(flat, 2, dt, whole[0]).reshape(-1, 3, 3),
-        p_acceleration=smooth(p, 2, dt, whole[0]),
-        accel=smooth(accel, 0, dt_imu, whole[1])[nearest],
-        gyro=smooth(gyro, 0, dt_imu, whole[1])[nearest],
+        R_rate=smooth(flat, 1, dt, whole).reshape(-1, 3, 3),
+        R_acceleration=smooth(flat, 2, dt, whole).reshape(-1, 3, 3),
+        p_acceleration=smooth(p, 2, dt, whole),
+        accel=smooth(accel, 0, dt_imu, whole_imu)[nearest],
+        gyro=smooth(gyro, 0, dt_imu, whole_imu)[nearest],
     )
     window = Window(samples=length, seconds=(length - 1) * dt, reason="as asked")
     return instants, window, trajectory.gaps + len(gap_breaks(t_imu))
 
 
-def _stretches(t: Floats, length: int) -> list[slice]:
+def _between_gaps(t: Floats, length: int) -> Stretches:
     """Stretches between gaps that hold a window: a filter over a gap would be no filter."""
-    edges = [0, *gap_breaks(t), len(t)]
-    return [slice(a, b) for a, b in pairwise(edges) if b - a >= length]
-
-
-def _inside(count: int, stretches: list[slice]) -> Bools:
-    inside = np.zeros(count, dtype=bool)
-    for part in stretches:
-        inside[part] = True
-    return inside
-
-
-def _ordered(imu: ImuSamples) -> tuple[Floats, Floats, Floats]:
-    rows = tidy_rows(imu.t, imu.gyro, imu.accel).rows
-    if len(rows) < 2:
-        raise InputError(
-            "the IMU has no usable samples: look at its stamps with 'imucalib inspect'"
-        )
-    return imu.t[rows], imu.gyro[rows], imu.accel[rows]
-
-
-def _instants(trajectory: Trajectory) -> Floats:
-    """Stamps of the fastest track, where every track has samples."""
-    fastest = min(trajectory.tracks, key=lambda track: track.interval)
-    t = fastest.t[trajectory.covered(fastest.t)]
-    if len(t) < 2:
-        raise InputError("the robot's streams do not overlap: nothing to differentiate")
-    return t
+    edges = np.array([0, *gap_breaks(t), len(t)], dtype=np.intp)
+    return Stretches(edges[:-1], edges[1:]).where(np.diff(edges) >= length)
 
 
 def _window_length(options: PaperOptions, dt: float) -> int:
@@ -210,8 +194,7 @@ def _window_length(options: PaperOptions, dt: float) -> int:
         samples = round(options.window.seconds / dt) + 1
     if samples is None:
         samples = PaperOptions().window.samples or 0
-    shortest = options.degree + 2 + (options.degree + 1) % 2
-    return max(samples + (samples + 1) % 2, shortest)
+    return max(samples + (samples + 1) % 2, shortest_length(options.degree))
 
 
 def _steady(p_world_imu: Floats, R_world_imu: Floats, dt: float, limit: float | None) -> Bools:
@@ -220,10 +203,8 @@ def _steady(p_world_imu: Floats, R_world_imu: Floats, dt: float, limit: float | 
     limit = DEFAULT_EXCLUSION if limit is None else limit
     if limit <= 0.0:
         return keep
-    q = quaternion_from_matrix(R_world_imu)
-    flips = np.cumsum(np.sum(q[1:] * q[:-1], axis=1) < 0) % 2
-    q[1:] *= np.where(flips, -1.0, 1.0)[:, None]
-    for values, most in ((p_world_imu, limit), (q, limit * _QUATERNION_PER_METRE)):
+    poses = continuous("pose", np.hstack([p_world_imu, quaternion_from_matrix(R_world_imu)]))
+    for values, most in ((poses[:, :3], limit), (poses[:, 3:], limit * _QUATERNION_PER_METRE)):
         second = np.linalg.norm(np.diff(values, n=2, axis=0), axis=1) / dt**2
         keep[1:-1] &= second <= most
     return keep

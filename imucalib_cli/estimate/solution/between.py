@@ -15,12 +15,12 @@ the two standard deviations: Gelman, Bayesian Analysis 1(3), 2006.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from imucalib_cli.estimate.solution.scales import Problem, integrate, most_likely
+from imucalib_cli.estimate.solution.scales import Prior, Problem, integrate, most_likely
 from imucalib_cli.estimate.solution.spectrum import inverse_of, squared_distance
 
 if TYPE_CHECKING:
@@ -30,10 +30,8 @@ if TYPE_CHECKING:
 USUAL: Final = (1e-4, 5e-4)
 """m and rad: where the half-Cauchy prior of the scatter falls to a half. A decimetre of aluminium
 grows by 0.1 mm over 40 K, and a bracket of 0.2 m turns by 0.5 mrad for as much at one end."""
-_LEAST: Final = 1e-2
-"""Of USUAL: smaller is none, to any mount and any drawing."""
-_MOST: Final = 500.0
-"""Of USUAL: no mount that is fixed at all moves farther."""
+_RANGE: Final = (1e-2, 500.0)
+"""Of USUAL: smaller is none, to any mount and any drawing; no mount that is fixed moves farther."""
 _TRIED: Final = 41
 """Values of a scatter between its bounds, among which the likeliest is searched."""
 _ROUNDS: Final = 3
@@ -44,7 +42,7 @@ _UNLIKELY: Final = 12.0
 """Fall of the logarithm of the likelihood beyond which a scatter is left out."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Together:
     """The normal equations of K logs in what they share, m components of which the pose is first.
 
@@ -57,19 +55,20 @@ class Together:
     """(K, m), about one common point of linearisation."""
     noise: Floats
     """(K, m, m), covariance of the scores."""
-    priors: Problem
-    """Of the shared components: their prior, and which share which scale."""
+    offset: Floats
+    """(m,), common point less the priors' means."""
+    prior: Prior
     scattered: Indices
     """(p,), for each component of the pose that is not held: 0 translation, 1 rotation."""
     widened: Floats
     """(K, p, p), what else is known to set each log's pose off, as a covariance."""
-    scatter_bounds: Floats
+    scatter_bounds: Floats = field(default_factory=lambda: np.log(np.outer(USUAL, _RANGE)))
     """(2, 2), of the logarithms of the scatter of translation and rotation between logs."""
 
     @property
     def bounds(self) -> Floats:
         """(k + 2, 2), of the learnt scales and, last, the two scatters."""
-        return np.concatenate([self.priors.bounds, self.scatter_bounds])
+        return np.concatenate([self.prior.bounds, self.scatter_bounds])
 
     def likelihood(self, u: Floats) -> tuple[float, Floats]:
         """As :meth:`Problem.likelihood`, with the differences of the logs integrated over."""
@@ -89,8 +88,11 @@ class Together:
         return replace(self._sum(each), noise=self._noise(each).sum(axis=0))
 
     def _sum(self, each: Reduced) -> Problem:
-        return replace(
-            self.priors, information=each.information.sum(axis=0), score=each.score.sum(axis=0)
+        return Problem(
+            information=each.information.sum(axis=0),
+            score=each.score.sum(axis=0),
+            offset=self.offset,
+            prior=self.prior,
         )
 
     def reduced(self, u: Floats) -> Reduced:
@@ -187,29 +189,6 @@ class Reduced:
     """(K, p, p), of each log's own difference."""
     share: Floats
     """(K, m, p), what of it stands in the scores."""
-
-
-def together(
-    information: Floats,
-    score: Floats,
-    noise: Floats,
-    priors: Problem,
-    *,
-    widened: Floats,
-    scattered: Indices,
-) -> Together:
-    """Equations of K logs with the widest bounds of the scatter between them.
-
-    Args:
-        information: (K, m, m), pose first, in units of the noise.
-        score: (K, m).
-        noise: (K, m, m).
-        priors: Of the shared components.
-        widened: (K, p, p), what else sets each log's pose off, as a covariance.
-        scattered: (p,), for each component of the pose that is not held: 0 translation, 1 rotation.
-    """
-    bounds = np.log(np.outer(USUAL, (_LEAST, _MOST)))
-    return Together(information, score, noise, priors, scattered, widened, bounds)
 
 
 def most_likely_together(logs: Together) -> tuple[Together, Floats]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Final
@@ -24,10 +25,9 @@ from imucalib_cli.estimate.solution.normal_equations import (
     admitted,
     embedded_matrix,
     prior_offset,
-    problem_of,
 )
 from imucalib_cli.estimate.solution.robust import SCALE_FLOOR, residual_scales, window_weights
-from imucalib_cli.estimate.solution.scales import most_likely
+from imucalib_cli.estimate.solution.scales import Problem, most_likely
 from imucalib_cli.estimate.solution.solve import (
     SAME_ROTATION,
     Known,
@@ -37,12 +37,12 @@ from imucalib_cli.estimate.solution.solve import (
 )
 from imucalib_cli.estimate.solution.spectrum import (
     PARTS,
-    PartSums,
     Statistics,
     deviance,
     embedded,
     inverse_of,
     part_matrices,
+    part_numbers,
     statistics,
 )
 from imucalib_cli.estimate.window_choice import kinematic_noise, second_derivative_gain
@@ -55,7 +55,6 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.model.layout import Layout
     from imucalib_cli.estimate.model.windows import Windowing, WindowPlan, WindowRows
     from imucalib_cli.estimate.options import MatchedOptions
-    from imucalib_cli.estimate.solution.scales import Problem
 
 
 COMMON_IMU: Final = (1e-3, 5e-5)
@@ -74,10 +73,113 @@ _UNSURE: Final = 2
 """Passes from a first solution, in which an outlier may be what it is off by."""
 _LEVEL_PASSES: Final = 2
 """Solves in which noise level and scales are found in turn; each pass begins from the last's."""
+_FALLS: Final = 0.9
+"""Share of a residual, at most, that a step leaves which gets on: those of a right model leave far
+less."""
 _SETTLED: Final = 0.1
 """Sigmas: what a last step may leave."""
 MIN_WINDOWS: Final = 12
 """Three lengths of the window, four windows each."""
+
+
+@dataclass(frozen=True, eq=False)
+class Linearised:
+    """Windows about a point of linearisation, whitened: what normal matrices are summed from."""
+
+    model: Model
+    state: State
+    """The point."""
+    centres: Indices
+    """(W,)."""
+    residuals: Floats
+    """(W, 6), e."""
+    weights: Floats
+    """(W,), robust."""
+    scales: tuple[float, float]
+    """Of the residuals, that they are whitened by, accelerometer m/s², gyroscope rad/s."""
+
+    @property
+    def windows(self) -> float:
+        """How many, as their weights count."""
+        return float(self.weights.sum()) / max(float(self.weights.max()), 1e-300)
+
+    def rows(self) -> Iterator[tuple[slice, Floats]]:
+        """[e J] of windows, (w, 6, n + 1): overlapping windows then count every sample once."""
+        gains = np.array(self.model.windowing.plan.noise_gains) / np.array(self.scales)
+        root = np.sqrt(self.weights)[:, None] * np.repeat(gains, 3)
+        for part, J in columns(self.model, self.state, self.centres):
+            rows = np.concatenate([self.residuals[part, :, None], J], axis=2)
+            yield part, rows * root[part, :, None]
+
+    def parts(self) -> tuple[Floats, Floats]:
+        """Normal matrices (PARTS, n + 1, n + 1) of [e J], calibrated, and noise (n,) in J'e."""
+        matrices = part_matrices(self.centres, self.rows(), self.model.layout.size + 1)
+        T, noise_score = self.calibration(matrices.sum(axis=0))
+        return np.asarray(T @ matrices @ T.T), noise_score
+
+    def calibration(self, total: Floats) -> tuple[Floats, Floats]:
+        """What noisy columns are multiplied by to be the mean of what the true ones may be.
+
+        Where a column is all noise nothing is left of it, and what it seems to tell weighs nothing.
+
+        Args:
+            total: (n + 1, n + 1), normal matrix of [e J].
+
+        Returns:
+            (n + 1, n + 1), T of [e J] T', and (n,), what noise adds to their score.
+
+        Source: regression calibration, Carroll et al., Measurement Error in Nonlinear Models, 2006,
+            4.
+        """
+        layout = self.model.layout
+        noise, score = self._noise_of_columns()
+        T = np.eye(len(total))
+        noisy = np.flatnonzero(np.diag(noise))
+        if len(noisy):
+            # Priors are taken at their weakest.
+            weakest = layout.std_at(layout.bounds[:, 1])
+            inverse = inverse_of(total[1:, 1:] + np.diag(1.0 / np.maximum(weakest, _HELD) ** 2))
+            unit = np.sqrt(np.diag(noise)[noisy])
+            powers, axes = np.linalg.eigh(noise[np.ix_(noisy, noisy)] / np.outer(unit, unit))
+            root = unit[:, None] * axes * np.sqrt(np.maximum(powers, 0.0))
+            shares, turn = np.linalg.eigh(root.T @ inverse[np.ix_(noisy, noisy)] @ root)
+            root = root @ turn
+            no_more_than_all = root / np.maximum(shares, 1.0)
+            T[1 + noisy, 1:] -= no_more_than_all @ (root.T @ inverse[noisy])
+        return T, T[1:, 1:] @ score
+
+    def _noise_of_columns(self) -> tuple[Floats, Floats]:
+        """What noise adds to information (n, n) and score (n,) in columns of the own reading."""
+        windowing, layout = self.model.windowing, self.model.layout
+        plan, grid = windowing.plan, windowing.grid
+        nodes = plan_nodes(plan, grid.dt)
+        on_information = np.zeros((layout.size, layout.size))
+        on_score = np.zeros(layout.size)
+        own_errors = list(layout.of(Reading))
+        of_base = [(each, effect.reading) for each, effect in layout.of(BaseReading)]
+        for (sensor, name), (errors, noise) in itertools.product(
+            enumerate(SENSORS), ((own_errors, grid.noise), (of_base, windowing.base_noise))
+        ):
+            found = [pairs for pairs in errors if pairs[1].sensor == name]
+            if not found:
+                continue
+            plain = plan.filters[sensor].average
+            # Of the residual, what is this sensor's own white noise; whitened as the columns are.
+            own = min(
+                noise[sensor] * float(np.sqrt(grid.refine)),
+                self.scales[sensor] / float(np.linalg.norm(plain)),
+            )
+            power = self.windows * (own * plan.noise_gains[sensor] / self.scales[sensor]) ** 2
+            pair = (nodes.second, nodes.first)[sensor]
+            places = places_of(each.part for each, _ in found)
+            answers = np.concatenate([effect.own_response(nodes.dt) for _, effect in found])
+            kernels = np.array([[nodes.kernel(pair, axis) for axis in each] for each in answers])
+            margin = (kernels.shape[2] - len(plain)) // 2
+            residual = kernels[:, :, margin : margin + len(plain)] @ plain
+            gram = np.tensordot(kernels, kernels, axes=((1, 2), (1, 2)))
+            on_information[np.ix_(places, places)] = power * gram
+            on_score[places] = power * (gram @ self.state.x[places] - residual.sum(axis=1))
+        return on_information, on_score
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,22 +225,27 @@ class Fit(Answer):
         heard, its outliers held back.
         """
         weights = self.weights.copy()
-        number = PartSums(self.centres, 0).number
+        number = part_numbers(self.centres)
         lost = np.bincount(number, weights <= 0.0, PARTS) > 0.5 * np.bincount(number, None, PARTS)
         if not lost.any():
             return self.statistics.parts
         heard = window_weights(self.residuals.values, self.residuals.motion, redescend=False)
         weights[lost[number]] = heard[lost[number]]
-        rows = whitened(
+        rows = replace(self.linearised, weights=weights).rows()
+        T = self.statistics.calibration
+        return np.asarray(T @ part_matrices(self.centres, rows, self.layout.size + 1) @ T.T)
+
+    @property
+    def linearised(self) -> Linearised:
+        """Its windows about the point of linearisation of its equations."""
+        return Linearised(
             self.model,
             self.equations.at,
             self.centres,
-            residuals=self.residuals.values,
-            weights=weights,
-            scales=self.residual_scales,
+            self.residuals.values,
+            self.weights,
+            self.residual_scales,
         )
-        T = self.statistics.calibration
-        return np.asarray(T @ part_matrices(self.centres, rows, self.layout.size + 1) @ T.T)
 
     def scales_at(self, plan: WindowPlan) -> tuple[float, float]:
         """Residual scales that the same noise leaves in other windows, m/s² and rad/s."""
@@ -168,6 +275,8 @@ def lean_fit(
     time_offset: float,
     near: Fit | None = None,
     table: tuple[Unknown, ...] = LEAN,
+    *,
+    rough: bool = False,
 ) -> Fit:
     """Find pose, biases, gravity's direction and time offset, on some of the windows.
 
@@ -179,6 +288,7 @@ def lean_fit(
         time_offset: IMU stamp - robot stamp to begin with, s.
         near: A solution nearby, from which to go on; None searches all rotations.
         table: Of unknowns.
+        rough: Whether to end where steps hardly lessen what is left: wrong models never settle.
 
     Raises:
         InputError: The streams overlap for too few windows.
@@ -188,7 +298,7 @@ def lean_fit(
         state, rise = _globally(windowing, options, time_offset, model.layout)
     else:
         state, rise = transferred(near, model.layout, options), near.runner_up_rise
-    return _fitted(model, options, state, rise, more=1)
+    return _fitted(model, options, state, rise, more=1, rough=rough)
 
 
 def whole_fit(lean: Fit, options: MatchedOptions) -> Fit:
@@ -301,32 +411,39 @@ def _floored(scales: tuple[float, float]) -> tuple[float, float]:
     return max(scales[0], SCALE_FLOOR[0]), max(scales[1], SCALE_FLOOR[1])
 
 
-def _fitted(model: Model, options: MatchedOptions, state: State, rise: float, more: int) -> Fit:
+def _fitted(
+    model: Model,
+    options: MatchedOptions,
+    state: State,
+    rise: float,
+    more: int,
+    *,
+    rough: bool = False,
+) -> Fit:
     """Gauss-Newton steps from a state, each with ``more`` times as many windows as the last."""
     layout, windowing = model.layout, model.windowing
     u = layout.bounds.mean(axis=1)
     seconds = windowing.plan.length * windowing.grid.dt
     curvature = _curvature(layout, seconds)[layout.free]
     clock = layout.part("time_offset")
+    scales = (math.inf, math.inf)
     for turn in range(_PASSES):
         every = _enough(model, state)
         centres = thinned(every, _FEW * more**turn)
         (residuals,) = model.residuals(state, centres)
-        scales = _floored(residual_scales(residuals.values))
+        before, scales = scales, _floored(residual_scales(residuals.values))
+        falls = min(new / old for new, old in zip(scales, before, strict=True)) < _FALLS
         # While a first solution may still be far off, no window is left out.
         sure = more > 1 or turn >= _UNSURE
         weights = window_weights(residuals.values, residuals.motion, redescend=sure)
-        rows = whitened(
-            model, state, centres, residuals=residuals.values, weights=weights, scales=scales
-        )
-        stats = statistics(windowing.plan, centres, rows, weights, layout.size + 1)
-        total = stats.normal.sum(axis=(0, 1))
-        stats = stats.calibrated(*_calibration_of(total, model, state.x, scales, stats.windows))
+        at = Linearised(model, state, centres, residuals.values, weights, scales)
+        stats = statistics(windowing.plan, centres, at.rows(), at.windows, layout.size + 1)
+        stats = stats.calibrated(*at.calibration(stats.normal.sum(axis=(0, 1))))
         offset, level = prior_offset(layout, options, state), 1.0
         beside = _beside(model, state, options)
         for _ in range(_LEVEL_PASSES):
             A, b = stats.information / level + beside[0], stats.score / level + beside[1]
-            problem = problem_of(layout, A, b, offset)
+            problem = Problem(information=A, score=b, offset=offset, prior=layout).of(layout.free)
             u = most_likely(problem, u)
             step, inverse = problem.solve(u)
             levels = stats.levels(
@@ -339,6 +456,8 @@ def _fitted(model: Model, options: MatchedOptions, state: State, rise: float, mo
         settled = sigmas.max(initial=0.0) * bent < _SETTLED
         all_heard = more == 1 or len(centres) == len(every)
         if turn == _PASSES - 1 or (turn and settled and all_heard):
+            break
+        if rough and sure and not falls:
             break
         step = embedded(step, layout.free)
         step[clock] = np.clip(step[clock], -seconds / 2.0, seconds / 2.0)
@@ -431,125 +550,3 @@ def _least_level(residuals: Floats) -> float:
             for floor, scale in zip(SCALE_FLOOR, residual_scales(residuals), strict=True)
         ),
     )
-
-
-def whitened(
-    model: Model,
-    state: State,
-    centres: Indices,
-    *,
-    residuals: Floats,
-    weights: Floats,
-    scales: tuple[float, float],
-) -> Iterator[tuple[slice, Floats]]:
-    """Rows [e J] of windows, (w, 6, n + 1): overlapping windows then count every sample once.
-
-    Args:
-        model: The windows and the layout.
-        state: Point of linearisation.
-        centres: (W,).
-        residuals: (W, 6), e.
-        weights: (W,).
-        scales: Of the residuals, m/s² and rad/s.
-    """
-    gains = np.repeat(np.array(model.windowing.plan.noise_gains) / np.array(scales), 3)
-    root = np.sqrt(weights)[:, None] * gains
-    for part, J in columns(model, state, centres):
-        yield part, np.concatenate([residuals[part, :, None], J], axis=2) * root[part, :, None]
-
-
-def part_statistics(
-    model: Model,
-    state: State,
-    centres: Indices,
-    *,
-    residuals: Floats,
-    weights: Floats,
-    scales: tuple[float, float],
-) -> tuple[Floats, Floats]:
-    """Normal matrices (PARTS, n + 1, n + 1) of [e J], calibrated, and what noise adds to J'e.
-
-    Args:
-        model: The windows and the layout.
-        state: Point of linearisation.
-        centres: (W,).
-        residuals: (W, 6).
-        weights: (W,).
-        scales: Of the residuals.
-    """
-    rows = whitened(model, state, centres, residuals=residuals, weights=weights, scales=scales)
-    matrices = part_matrices(centres, rows, model.layout.size + 1)
-    total, windows = matrices.sum(axis=0), float(weights.sum())
-    T, noise_score = _calibration_of(total, model, state.x, scales, windows)
-    return np.asarray(T @ matrices @ T.T), noise_score
-
-
-def _noise_of_columns(
-    model: Model, x: Floats, scales: tuple[float, float], windows: float
-) -> tuple[Floats, Floats]:
-    """What noise adds to information (n, n) and score (n,) where columns hold the own reading."""
-    windowing, layout = model.windowing, model.layout
-    plan, grid = windowing.plan, windowing.grid
-    nodes = plan_nodes(plan, grid.dt)
-    on_information = np.zeros((layout.size, layout.size))
-    on_score = np.zeros(layout.size)
-    own_errors = list(layout.of(Reading))
-    of_base = [(each, effect.reading) for each, effect in layout.of(BaseReading)]
-    for (sensor, name), (errors, noise) in itertools.product(
-        enumerate(SENSORS), ((own_errors, grid.noise), (of_base, windowing.base_noise))
-    ):
-        found = [pairs for pairs in errors if pairs[1].sensor == name]
-        if not found:
-            continue
-        plain = plan.filters[sensor].average
-        # Of the residual, what is this sensor's own white noise; whitened as the columns are.
-        own = min(
-            noise[sensor] * float(np.sqrt(grid.refine)),
-            scales[sensor] / float(np.linalg.norm(plain)),
-        )
-        power = windows * (own * plan.noise_gains[sensor] / scales[sensor]) ** 2
-        pair = (nodes.second, nodes.first)[sensor]
-        places = places_of(each.part for each, _ in found)
-        answers = np.concatenate([effect.own_response(nodes.dt) for _, effect in found])
-        kernels = np.array([[nodes.kernel(pair, axis) for axis in each] for each in answers])
-        margin = (kernels.shape[2] - len(plain)) // 2
-        residual = kernels[:, :, margin : margin + len(plain)] @ plain
-        gram = np.tensordot(kernels, kernels, axes=((1, 2), (1, 2)))
-        on_information[np.ix_(places, places)] = power * gram
-        on_score[places] = power * (gram @ x[places] - residual.sum(axis=1))
-    return on_information, on_score
-
-
-def _calibration_of(
-    total: Floats, model: Model, x: Floats, scales: tuple[float, float], windows: float
-) -> tuple[Floats, Floats]:
-    """What noisy columns are multiplied by to be the mean of what the true ones may be.
-
-    Where a column is all noise nothing is left of it, and what it seems to tell weighs nothing.
-
-    Args:
-        total: (n + 1, n + 1), normal matrix of [e J].
-        model: The windows and the layout, whose priors are taken at their weakest.
-        x: (n,), values at the point of linearisation, which are taken off the noise too.
-        scales: That the windows are whitened by, accelerometer m/s², gyroscope rad/s.
-        windows: How many, as their weights count.
-
-    Returns:
-        (n + 1, n + 1), T of [e J] T', and (n,), what noise adds to their score.
-
-    Source: regression calibration, Carroll et al., Measurement Error in Nonlinear Models, 2006, 4.
-    """
-    noise, score = _noise_of_columns(model, x, scales, windows)
-    T = np.eye(len(total))
-    noisy = np.flatnonzero(np.diag(noise))
-    if len(noisy):
-        weakest = model.layout.std_at(model.layout.bounds[:, 1])
-        inverse = inverse_of(total[1:, 1:] + np.diag(1.0 / np.maximum(weakest, _HELD) ** 2))
-        unit = np.sqrt(np.diag(noise)[noisy])
-        powers, axes = np.linalg.eigh(noise[np.ix_(noisy, noisy)] / np.outer(unit, unit))
-        root = unit[:, None] * axes * np.sqrt(np.maximum(powers, 0.0))
-        shares, turn = np.linalg.eigh(root.T @ inverse[np.ix_(noisy, noisy)] @ root)
-        root = root @ turn
-        no_more_than_all = root / np.maximum(shares, 1.0)
-        T[1 + noisy, 1:] -= no_more_than_all @ (root.T @ inverse[noisy])
-    return T, T[1:, 1:] @ score

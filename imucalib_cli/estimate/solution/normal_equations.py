@@ -47,13 +47,13 @@ class NormalEquations:
         """
         offset = prior_offset(layout, options, self.at)
         held = np.where(layout.free, 0.0, -offset)
-        return problem_of(
-            layout,
-            self.information / self.level,
-            (self.score + self.information @ held) / self.level,
-            offset,
-            self.noise / self.level**2,
-        )
+        return Problem(
+            information=self.information / self.level,
+            score=(self.score + self.information @ held) / self.level,
+            offset=offset,
+            prior=layout,
+            noise=self.noise / self.level**2,
+        ).of(layout.free)
 
     def solve(self, options: MatchedOptions) -> Answer:
         """Every unknown for the priors of some options, learnt scales integrated over."""
@@ -107,36 +107,15 @@ class Answer:
 
 def admitted(state: State, layout: Layout, options: MatchedOptions) -> State:
     """The state with its rotation brought back to what held components allow."""
-    free, known = layout.free[layout.part("rotation")], options.pose
-    if free.all() or known is None or known.R_parent_imu is None:
+    free, known = layout.free[layout.part("rotation")], options.known_pose
+    if free.all() or known is None:
         return state
-    return replace(state, R=turned_about(state.R, known.R_parent_imu, free))
-
-
-def problem_of(
-    layout: Layout,
-    information: Floats,
-    score: Floats,
-    offset: Floats,
-    noise: Floats | None = None,
-) -> Problem:
-    """Normal equations, in units of the noise, of the free components with their priors."""
-    every = Problem(
-        information=information,
-        score=score,
-        offset=offset,
-        std=layout.std,
-        scale=layout.scale,
-        bounds=layout.bounds,
-        alike=layout.alike,
-        noise=noise,
-    )
-    return every.of(layout.free)
+    return replace(state, R=turned_about(state.R, known[0], free))
 
 
 def prior_offset(layout: Layout, options: MatchedOptions, state: State) -> Floats:
     """Distance of each component from what its prior expects."""
-    offset, known = np.array(state.x), options.pose
+    offset = np.array(state.x)
     clock = layout.part("time_offset")
     offset[clock] = 0.0 if options.time_offset is None else state.x[clock] - options.time_offset
     for each, gravity in layout.of(Gravity):
@@ -144,10 +123,10 @@ def prior_offset(layout: Layout, options: MatchedOptions, state: State) -> Float
             offset[each.part] = np.linalg.norm(state.gravity) - options.gravity_norm
         else:
             offset[each.part] = tilt_from_down(state.gravity)
-    if known is None or known.R_parent_imu is None or known.t_parent_imu is None:
-        return offset
-    offset[layout.part("translation")] = state.t - known.t_parent_imu
-    offset[layout.part("rotation")] = rotvec_from_matrix(state.R @ known.R_parent_imu.T)
+    if options.known_pose is not None:
+        R, t, _ = options.known_pose
+        offset[layout.part("translation")] = state.t - t
+        offset[layout.part("rotation")] = rotvec_from_matrix(state.R @ R.T)
     return offset
 
 

@@ -6,10 +6,12 @@ on the logarithms u of the learnt scales, the marginal likelihood of u is
     log p(data | u) = b' H^-1 b / 2 - log|H| / 2 + log|P| / 2,    H = A + P(u).
 
 Its mode would be a plug-in: too sure of itself where few components inform a scale. So the answer
-is the mean over u, by importance points around the mode.
+is the mean over u, by importance points around the mode. Where scales hang together, as those of
+an IMU as moving base do, few of these points have weight: then it is the mean over a Markov chain.
 
 Source: variance components, Searle, Casella and McCulloch 1992; integration after the idea of
-INLA, Rue, Martino and Chopin, J. R. Stat. Soc. B 71(2), 2009.
+INLA, Rue, Martino and Chopin, J. R. Stat. Soc. B 71(2), 2009; the chain, Metropolis et al.,
+J. Chem. Phys. 21(6), 1953.
 """
 
 from __future__ import annotations
@@ -33,6 +35,12 @@ _FINE: Final = 200
 """Points between them, on which it is interpolated."""
 _FLATTER: Final = 1.5
 """Root of the likelihood that is drawn from: scales hang together, and tails must be covered."""
+_ENOUGH: Final = 0.125
+"""Share of the importance points that must count: eight tell sigma to a quarter."""
+_SWEEPS: Final = 128
+"""Of the chain over all scales: neighbouring ones hang together, and some dozen are left."""
+_STRIDE: Final = 0.2
+"""Standard deviation of a step of the chain, of a scale's range: about half of them are taken."""
 _FIXED_POINTS: Final = 25
 _SETTLED: Final = 0.02
 """Change of the logarithm of a scale that ends the search of the mode."""
@@ -44,14 +52,40 @@ _LEAST_SHARE: Final = 0.05
 """Of a component, that the log tells: less is rounding."""
 
 
-def with_learnt(std: Floats, scale: Indices, u: Floats) -> Floats:
-    """(n,), standard deviations of priors, those that are learnt put in from their logarithms."""
-    return np.where(scale >= 0, np.exp(u)[scale], std) if len(u) else std.copy()
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Prior:
+    """What is known of n components beforehand, and which of them share which learnt scale."""
+
+    std: Floats
+    """(n,), 1 sigma; 0 holds a component; nan where a learnt scale tells."""
+    scale: Indices
+    """(n,), index of the learnt scale; -1 where the prior is given."""
+    bounds: Floats
+    """(k, 2), limits of the logarithms of the scales."""
+    alike: tuple[tuple[int, int], ...] = ()
+    """Pairs of scales that differ by no more than a factor of some size."""
+
+    @property
+    def free(self) -> Bools:
+        """(n,), which components may move."""
+        return np.asarray((self.std != 0.0) | (self.scale >= 0))
+
+    def only(self, kept: Bools) -> Prior:
+        """Of some of the components."""
+        return Prior(
+            std=self.std[kept], scale=self.scale[kept], bounds=self.bounds, alike=self.alike
+        )
+
+    def std_at(self, u: Floats) -> Floats:
+        """(n,), 1 sigma, where it is learnt from the logarithms of the scales."""
+        if not len(u):
+            return np.array(self.std)
+        return np.where(self.scale >= 0, np.exp(u)[self.scale], self.std)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Problem:
-    """The reduced normal equations and which components share which scale."""
+    """The reduced normal equations and what is known beforehand."""
 
     information: Floats
     """(n, n), A, in units of the noise."""
@@ -59,16 +93,14 @@ class Problem:
     """(n,), J'e in units of the noise, at the point of linearisation."""
     offset: Floats
     """(n,), value at that point less the prior's mean."""
-    std: Floats
-    """(n,), prior where it is given."""
-    scale: Indices
-    """(n,), index of the learnt scale; -1 where the prior is given."""
-    bounds: Floats
-    """(k, 2), of the logarithms of the scales."""
-    alike: tuple[tuple[int, int], ...] = ()
-    """Pairs of scales that differ by no more than a factor of some size."""
+    prior: Prior
     noise: Floats | None = None
     """(n, n), B, covariance of the score in units of the noise; None where that is white."""
+
+    @property
+    def bounds(self) -> Floats:
+        """(k, 2), of the logarithms of the scales."""
+        return self.prior.bounds
 
     def of(self, kept: Bools) -> Problem:
         """Of some of the components, the others held."""
@@ -77,14 +109,13 @@ class Problem:
             information=self.information[np.ix_(kept, kept)],
             score=self.score[kept],
             offset=self.offset[kept],
-            std=self.std[kept],
-            scale=self.scale[kept],
+            prior=self.prior.only(kept),
             noise=None if self.noise is None else self.noise[np.ix_(kept, kept)],
         )
 
     def precision(self, u: Floats) -> Floats:
         """(n,), P's diagonal."""
-        return 1.0 / with_learnt(self.std, self.scale, u) ** 2
+        return 1.0 / self.prior.std_at(u) ** 2
 
     def _scaled(self, P: Floats) -> tuple[Floats, Floats]:
         """H of unit diagonal, and the units (n,) that make it so."""
@@ -100,7 +131,7 @@ class Problem:
         step = -unit * np.linalg.solve(scaled, unit * gradient)
         log_det = 2.0 * np.log(np.diag(np.linalg.cholesky(scaled)) / unit).sum()
         fit = gradient @ -step - P @ self.offset**2
-        apart = sum(((u[one] - u[other]) / _ALIKE) ** 2 for one, other in self.alike)
+        apart = sum(((u[one] - u[other]) / _ALIKE) ** 2 for one, other in self.prior.alike)
         return float(0.5 * (fit - log_det + np.log(P).sum() - apart)), step
 
     def solve(self, u: Floats) -> tuple[Floats, Floats]:
@@ -156,14 +187,14 @@ def most_likely(problem: Problem, start: Floats | None = None) -> Floats:
     """
     k = len(problem.bounds)
     u = problem.bounds.mean(axis=1) if start is None else start
-    counts = np.array([np.count_nonzero(problem.scale == index) for index in range(k)])
+    scale = problem.prior.scale
+    counts = np.array([np.count_nonzero(scale == index) for index in range(k)])
     low, high = problem.bounds.T
     for _ in range(_FIXED_POINTS if k else 0):
         step, inverse = problem.solve(u)
         squares, told = (problem.offset + step) ** 2, np.diag(inverse)
         sums, vague = (
-            np.array([each[problem.scale == index].sum() for index in range(k)])
-            for each in (squares, told)
+            np.array([each[scale == index].sum() for index in range(k)]) for each in (squares, told)
         )
         share = np.maximum(counts - vague * np.exp(-2.0 * u), _LEAST_SHARE)
         new = np.clip(0.5 * np.log(np.maximum(sums, 1e-300) / share), low, high)
@@ -199,6 +230,9 @@ def integrate(problem: Marginal, mode: Floats) -> Posterior:
     weights = np.exp(log_weight - log_weight.max())
     log_likelihood = float(log_weight.max() + np.log(weights.mean()))
     weights /= weights.sum()
+    if (weights**2).sum() * _ENOUGH * len(weights) > 1.0:
+        points, steps = _chain(problem, points[weights.argmax()])
+        weights = np.full(len(points), 1.0 / len(points))
     mean = weights @ steps
     away = steps - mean
     covariance = np.asarray(away.T @ (weights[:, None] * away))
@@ -208,6 +242,29 @@ def integrate(problem: Marginal, mode: Floats) -> Posterior:
     return Posterior(
         mean, covariance, np.asarray(weights @ points), log_likelihood, points, weights
     )
+
+
+def _chain(problem: Marginal, start: Floats) -> tuple[Floats, Floats]:
+    """Points as dense as they are likely, and their steps: each sweep moves every scale once.
+
+    Returns:
+        (m, k) and (m, n).
+    """
+    rng = np.random.default_rng(0)
+    low, high = problem.bounds.T
+    u, (value, step) = start, problem.likelihood(start)
+    points, steps = [], []
+    for _ in range(_SWEEPS):
+        for index, move in enumerate(rng.normal(size=len(u)) * _STRIDE * (high - low)):
+            tried = u.copy()
+            tried[index] += move
+            if low[index] <= tried[index] <= high[index]:
+                its_value, its_step = problem.likelihood(tried)
+                if its_value - value > -rng.exponential():
+                    u, value, step = tried, its_value, its_step
+        points.append(u)
+        steps.append(step)
+    return np.array(points), np.array(steps)
 
 
 def _even_points(count: int, dimensions: int) -> Floats:

@@ -61,10 +61,8 @@ class Known:
     @classmethod
     def of(cls, options: MatchedOptions) -> Known:
         """Translate the options."""
-        R, t, pose_std = np.eye(3), np.zeros(3), np.full(6, np.inf)
-        known = options.pose
-        if known is not None and known.R_parent_imu is not None and known.t_parent_imu is not None:
-            R, t, pose_std = known.R_parent_imu, known.t_parent_imu, np.array(known.std)
+        nothing = np.eye(3), np.zeros(3), np.full(6, np.inf)
+        R, t, pose_std = options.known_pose or nothing
         std, mean = np.full(columns.COUNT, np.inf), np.zeros(columns.COUNT)
         for name, part, given in (
             ("translation", columns.T, pose_std[:3]),

@@ -70,6 +70,12 @@ class BandSums:
             at = slots[inside] - piece * self.length
             self._buffer[:, :, at] = np.moveaxis(rows[inside], 0, 2)
 
+    def taking(self, rows: Rows) -> Rows:
+        """The rows as they are, each taken on its way."""
+        for part, each in rows:
+            self.add(part, each)
+            yield part, each
+
     def finished(self) -> Floats:
         """(2, bands, size, size)."""
         self._transform()
@@ -135,8 +141,8 @@ class Statistics:
         """Of [e J] T', with what noise adds to their score."""
         return replace(
             self,
-            normal=T @ self.normal @ T.T,
-            parts=T @ self.parts @ T.T,
+            normal=_turned(self.normal, T),
+            parts=_turned(self.parts, T),
             calibration=T,
             noise_score=noise_score,
         )
@@ -173,8 +179,17 @@ class Statistics:
         return accel, gyro
 
 
+def _turned(matrices: Floats, T: Floats) -> Floats:
+    """T A T' of each matrix A (..., n, n); most rows of T (n, n) are those of the identity."""
+    rows = np.flatnonzero((np.eye(len(T)) != T).any(axis=1))
+    found = matrices.copy()
+    found[..., rows, :] = T[rows] @ matrices
+    found[..., rows] = found @ T[rows].T
+    return np.asarray(found)
+
+
 def statistics(
-    plan: WindowPlan, centres: Indices, rows: Rows, weights: Floats, size: int
+    plan: WindowPlan, centres: Indices, rows: Rows, windows: float, size: int
 ) -> Statistics:
     """Accumulate the normal matrices over the log.
 
@@ -182,56 +197,39 @@ def statistics(
         plan: Of the windows.
         centres: (W,), grid indices, ascending.
         rows: Whitened [e J].
-        weights: (W,), by which they are.
+        windows: How many, as their weights count.
         size: n + 1.
     """
     bands = BandSums((centres - centres[0]) // plan.hop, size)
-    parts = PartSums(centres, size)
-    for part, both in rows:
-        bands.add(part, both)
-        parts.add(part, both)
+    parts = part_matrices(centres, bands.taking(rows), size)
     response = np.stack(
         [bands.mean_response(pair.average, pair.average, plan.hop) for pair in plan.filters]
     )
-    windows = float(weights.sum()) / max(float(weights.max()), 1e-300)
     freedom = bands.freedom(windows)
     return Statistics(
         normal=bands.finished(),
         response=np.maximum(response, _RESPONSE_FLOOR * response.max(axis=1, keepdims=True)),
         freedom=np.stack([freedom, freedom]),
-        parts=parts.sums,
+        parts=parts,
         windows=windows,
         calibration=np.eye(size),
         noise_score=np.zeros(size - 1),
     )
 
 
-class PartSums:
-    """Sums of X' X over parts of the log of equal duration, for rows X in windows."""
-
-    def __init__(self, centres: Indices, size: int) -> None:
-        """Prepare.
-
-        Args:
-            centres: (W,), ascending.
-            size: Channels.
-        """
-        self.number = (centres - centres[0]) * PARTS // (centres[-1] - centres[0] + 1)
-        self.sums = np.zeros((PARTS, size, size))
-
-    def add(self, part: slice, rows: Floats) -> None:
-        """Take the rows (w, 6, size) of some windows."""
-        for index, inside in runs(self.number[part]):
-            flat = rows[inside].reshape(-1, rows.shape[2])
-            self.sums[index] += flat.T @ flat
+def part_numbers(centres: Indices) -> Indices:
+    """(W,), in which of the parts of equal duration windows (W,), ascending, are."""
+    return np.asarray((centres - centres[0]) * PARTS // (centres[-1] - centres[0] + 1))
 
 
 def part_matrices(centres: Indices, rows: Rows, size: int) -> Floats:
     """Normal matrices (PARTS, n + 1, n + 1) of [e J] alone, as :func:`statistics` has them."""
-    parts = PartSums(centres, size)
+    numbers, sums = part_numbers(centres), np.zeros((PARTS, size, size))
     for part, both in rows:
-        parts.add(part, both)
-    return parts.sums
+        for index, inside in runs(numbers[part]):
+            flat = both[inside].reshape(-1, size)
+            sums[index] += flat.T @ flat
+    return sums
 
 
 def deviance(plan: WindowPlan, centres: Indices, residuals: Floats) -> float:

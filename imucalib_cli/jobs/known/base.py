@@ -7,23 +7,25 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from imucalib_cli.errors import ChoiceError, InputError
+from imucalib_cli.errors import ChoiceError, ImucalibError, InputError
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.findings import note
 from imucalib_cli.jobs.known.parents import named_parent
 from imucalib_cli.robot.build import BaseImu, find_base
 from imucalib_cli.robot.frames import with_static_frames
 from imucalib_cli.robot.mount import Mount, Nominal, find_mount, rigid_transform
+from imucalib_cli.shown import meant
 from imucalib_cli.signals.imu.base import base_track, is_same_sensor, turns
+from imucalib_cli.signals.imu.checks import refuse_dead
 from imucalib_cli.signals.moves import track_moves
 from imucalib_cli.signals.samples import samples_of
 
 if TYPE_CHECKING:
-    from collections.abc import Collection
+    from collections.abc import Collection, Iterator
 
     from imucalib_cli.findings import Finding
-    from imucalib_cli.jobs.motion import Sources
-    from imucalib_cli.jobs.request import CalibrationRequest
+    from imucalib_cli.jobs.input.motion import Sources
+    from imucalib_cli.jobs.input.request import CalibrationRequest
     from imucalib_cli.logs.clock import Clock
     from imucalib_cli.logs.streams import ImuStream
     from imucalib_cli.robot.path import Track
@@ -77,6 +79,7 @@ def with_base_imu(
             "leave --method out, or give the base's pose by --pose-topic"
         )
     samples = samples_of(base, clock)
+    refuse_dead(samples, "--base-imu")
     if not turns(samples):
         raise InputError(
             f"{base.name} hardly turns, so it tells no motion: leave --base-imu out if the base "
@@ -101,11 +104,27 @@ def with_base_imu(
     return others, replace(sources, base=placed, topics=topics), (told, *findings)
 
 
+def possible_bases(
+    imus: Imus, clock: Clock, robot: Robot, request: CalibrationRequest
+) -> Iterator[BaseImu]:
+    """Each of some IMUs as what tells how the base moves, those that cannot left out."""
+    for imu in imus:
+        samples = samples_of(imu, clock)
+        try:
+            if turns(samples):
+                track, _ = base_track(samples, request.units, request.gravity)
+                yield _placed(imu, track, robot, request, ())
+        except ImucalibError:
+            continue
+
+
 def _named(imus: Imus, name: str) -> ImuStream:
     found = [imu for imu in imus if name in (imu.name, imu.topic)]
     if len(found) != 1:
-        listed = ", ".join(imu.name for imu in imus)
-        raise ChoiceError(f"--base-imu {name}: no such IMU, but {listed}")
+        names = [imu.name for imu in imus]
+        raise ChoiceError(
+            f"--base-imu {name}: no such IMU, but {', '.join(names)}{meant(name, names)}"
+        )
     return found[0]
 
 

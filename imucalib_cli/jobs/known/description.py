@@ -14,7 +14,7 @@ from imucalib_cli.robot.urdf import parse_robot
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from imucalib_cli.jobs.request import CalibrationRequest
+    from imucalib_cli.jobs.input.request import CalibrationRequest
     from imucalib_cli.logs.log import LogData
     from imucalib_cli.robot.urdf import Robot
 

@@ -8,16 +8,17 @@ from typing import TYPE_CHECKING
 from imucalib_cli.diagnose.carrier import Carriers, find_carriers
 from imucalib_cli.errors import ChoiceError, ImucalibError
 from imucalib_cli.estimate.options import MatchedOptions
-from imucalib_cli.jobs.motion import other_frames
+from imucalib_cli.jobs.input.motion import other_frames
 from imucalib_cli.robot.frames import with_static_frames
+from imucalib_cli.shown import meant
 from imucalib_cli.signals.imu.repair import repair
 from imucalib_cli.signals.samples import samples_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from imucalib_cli.jobs.motion import Sources
-    from imucalib_cli.jobs.request import CalibrationRequest
+    from imucalib_cli.jobs.input.motion import Sources
+    from imucalib_cli.jobs.input.request import CalibrationRequest
     from imucalib_cli.logs.clock import Clock
     from imucalib_cli.logs.streams import ImuStream
     from imucalib_cli.robot.path import KinematicPath
@@ -48,7 +49,9 @@ def check_parents(imus: Sequence[ImuStream], request: CalibrationRequest) -> Non
     for name, parent in request.parents:
         if name not in known:
             listed = ", ".join(f"{imu.name} (frame '{imu.frame_id}')" for imu in imus)
-            raise ChoiceError(f"--parent {name}={parent}: no such IMU, but {listed}")
+            raise ChoiceError(
+                f"--parent {name}={parent}: no such IMU, but {listed}{meant(name, sorted(known))}"
+            )
 
 
 def find_parents(

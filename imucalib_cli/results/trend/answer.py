@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 
 from msgspec import Meta
 
-from imucalib_cli.results.answers import RotationEntry, TranslationEntry, Within
+from imucalib_cli.results.comparison.answers import RotationEntry, TranslationEntry, Within
 from imucalib_cli.results.result import Matrix6, Quaternion, Tree, Vector3
 
 Time = Annotated[datetime, Meta(tz=True)]

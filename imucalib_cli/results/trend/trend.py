@@ -14,11 +14,12 @@ from imucalib_cli.digits import figures, sigma
 from imucalib_cli.estimate.checks.segments import DECISIVE
 from imucalib_cli.estimate.checks.stated import POSE_NAMES
 from imucalib_cli.findings import warning
-from imucalib_cli.results.bounds import chance_of_more
+from imucalib_cli.results.comparison.bounds import chance_of_more
+from imucalib_cli.results.comparison.pose_comparison import RARE, PoseComparison, compare_poses
+from imucalib_cli.results.comparison.verdicts import tolerance_words, within_entry
 from imucalib_cli.results.fields import instant, judgement
 from imucalib_cli.results.from_estimate import plain, pose_entry, tangent
 from imucalib_cli.results.pose import correlation
-from imucalib_cli.results.pose_comparison import RARE, PoseComparison, compare_poses
 from imucalib_cli.results.result import SCHEMA
 from imucalib_cli.results.trend.answer import (
     ChangeEntry,
@@ -46,7 +47,6 @@ from imucalib_cli.results.trend.search import (
     without_a_change,
 )
 from imucalib_cli.results.trend.vectors import vectors_of
-from imucalib_cli.results.verdicts import tolerance_words, within_entry
 from imucalib_cli.shown import natural
 
 if TYPE_CHECKING:
@@ -55,8 +55,8 @@ if TYPE_CHECKING:
 
     from imucalib_cli.arrays import Floats, Indices
     from imucalib_cli.findings import Finding
+    from imucalib_cli.results.comparison.requirement import Tolerance
     from imucalib_cli.results.pose import UncertainPose
-    from imucalib_cli.results.requirement import Tolerance
     from imucalib_cli.results.result import Result
     from imucalib_cli.results.trend.answer import Moved, Order
     from imucalib_cli.results.trend.vectors import Vectors
@@ -108,11 +108,11 @@ class _Drift:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Seen:
-    """What the recordings show, at least two."""
+    """What the recordings show: nothing if they are fewer than two."""
 
-    used: Sequence[Named]
-    start: UncertainPose
-    """What shifts are told from: the first mount, or where a drift begins."""
+    used: Sequence[Named] = ()
+    shifts: Sequence[PoseComparison] = ()
+    """Of each recording, from the first mount or from where a drift begins."""
     rows: Sequence[Indices] = ()
     """Places of the recordings of each mount."""
     mounts: Sequence[UncertainPose] = ()
@@ -121,7 +121,7 @@ class _Seen:
     drift: _Drift | None = None
     scatter: Floats | None = None
     """(2,), variances between recordings, m² and rad²; None where too few tell them."""
-    chance: float
+    chance: float = 1.0
     """That sigma alone makes the recordings as different as they are."""
 
 
@@ -150,12 +150,13 @@ def trend(
         times = np.array([_key(each)[0] / _DAY for each in used])
         warnings += [each.message for each in _at_once(used)]
     _, first = given[0]
+    daily = order == "recording time"
     place = f"{first.child} in {first.parent}"
     if len(used) > 1:
         seen = _seen(used, times)
-        verdict, reason = _judged(seen, place, within, daily=order == "recording time")
+        verdict, reason = _judged(seen, place, within, daily=daily)
     else:
-        seen, verdict = None, "unknown"
+        seen, verdict = _Seen(), "unknown"
         count = "one recording" if used else "no recording"
         reason = f"cannot tell whether {place} has moved: {count} can be used, two are needed"
     return TrendAnswer(
@@ -168,14 +169,12 @@ def trend(
         imu=first.imu_topic,
         order=order,
         within=None if within is None else within_entry(within),
-        scatter=None if seen is None else _scatter_entry(seen),
-        mounts=[] if seen is None else list(_mount_entries(seen)),
-        changes=[] if seen is None else [_change_entry(each, used) for each in seen.changes],
-        odd=[] if seen is None else [_odd_entry(each, used) for each in seen.odd],
-        drift=None
-        if seen is None or seen.drift is None
-        else _drift_entry(seen.drift, daily=order == "recording time"),
-        recordings=[] if seen is None else list(_recording_entries(seen)),
+        scatter=_scatter_entry(seen),
+        mounts=list(_mount_entries(seen)),
+        changes=[_change_entry(each, used) for each in seen.changes],
+        odd=[_odd_entry(each, used) for each in seen.odd],
+        drift=None if seen.drift is None else _drift_entry(seen.drift, daily=daily),
+        recordings=list(_recording_entries(seen)),
         left_out=left_out,
         warnings=warnings,
     )
@@ -307,7 +306,7 @@ def _steps(
     ]
     return _Seen(
         used=used,
-        start=mounts[0],
+        shifts=_shifts(mounts[0], used),
         rows=rows,
         mounts=mounts,
         changes=changes,
@@ -341,7 +340,7 @@ def _drifting(
         )
     return _Seen(
         used=used,
-        start=poses[0],
+        shifts=_shifts(poses[0], used),
         odd=odd,
         drift=_Drift(
             apart=compare_poses(poses[0].exactly(poses[0].R, poses[0].t), change),
@@ -351,6 +350,10 @@ def _drifting(
         scatter=found.variances,
         chance=chance,
     )
+
+
+def _shifts(start: UncertainPose, used: Sequence[Named]) -> list[PoseComparison]:
+    return [compare_poses(start, result.uncertain_pose) for _, result in used]
 
 
 def _judged(seen: _Seen, place: str, within: Tolerance | None, *, daily: bool) -> tuple[Moved, str]:
@@ -517,11 +520,10 @@ def _drift_entry(drift: _Drift, *, daily: bool) -> DriftEntry:
 
 def _recording_entries(seen: _Seen) -> Iterator[TrendRecording]:
     number = {int(row): k + 1 for k, rows in enumerate(seen.rows) for row in rows}
-    for place, (name, result) in enumerate(seen.used):
-        pose, recording = result.uncertain_pose, result.provenance.recording
-        apart = compare_poses(seen.start, pose)
+    for place, ((name, result), apart) in enumerate(zip(seen.used, seen.shifts, strict=True)):
+        covariance, recording = result.uncertain_pose.covariance, result.provenance.recording
         shift, turn = (plain(part.vector * part.scale) for part in apart.parts)
-        std_mm, std_deg = tangent(np.sqrt(np.diag(np.asarray(pose.covariance))))
+        std_mm, std_deg = tangent(np.sqrt(np.diag(np.asarray(covariance))))
         yield TrendRecording(
             file=name,
             start=result.recorded_at,

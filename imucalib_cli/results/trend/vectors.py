@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from imucalib_cli.results.pose_comparison import compare_poses
+from imucalib_cli.results.comparison.pose_comparison import compare_poses
 from imucalib_cli.results.trend.search import Series
 from imucalib_cli.robot.rotations import left_jacobian_inverse, matrix_from_rotvec, rotation_angle
 

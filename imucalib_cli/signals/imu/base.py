@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from imucalib_cli.robot.path import Track
-from imucalib_cli.signals.imu.checks import refuse_dead, refuse_impossible, sensor_faults
+from imucalib_cli.signals.imu.checks import refuse_impossible, sensor_faults
 from imucalib_cli.signals.imu.repair import clear_of, mended_imu
 from imucalib_cli.signals.imu.units import KNOWN_RATIOS, accel_factor, guess_units
 from imucalib_cli.signals.prepare import MIN_IMU_SAMPLES
@@ -34,10 +34,9 @@ def base_track(imu: ImuSamples, units: Units, gravity: float) -> tuple[Track, tu
         gravity: Norm at rest, m/s².
 
     Raises:
-        InputError: Values are beyond any IMU, all the same, or without gravity.
+        InputError: Values are beyond any IMU, or without gravity.
     """
     refuse_impossible(imu, "accel")
-    refuse_dead(imu)
     imu, findings = mended_imu(imu, ())
     accel = accel_factor(imu, units.accel, gravity=gravity)
     findings += [] if accel.finding is None else [accel.finding]

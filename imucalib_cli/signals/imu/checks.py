@@ -1,6 +1,6 @@
 """Whether an IMU's data is usable: impossible values, dead, frozen and saturated sensors.
 
-Units are judged in signals/imu/units.py, stamps in signals/stamps.py.
+Units are judged in signals/imu/units.py, stamps in signals/timing/stamps.py.
 """
 
 from __future__ import annotations
@@ -77,8 +77,12 @@ def refuse_impossible(imu: ImuSamples, *sensors: Sensor) -> None:
             )
 
 
-def refuse_dead(imu: ImuSamples) -> None:
-    """Refuse a missing sensor: all zero, or with an axis that never changes.
+def refuse_dead(imu: ImuSamples, option: str = "--imu-topic") -> None:
+    """Refuse a missing sensor: all zero, all NaN, or with an axis that never changes.
+
+    Args:
+        imu: As read.
+        option: That chooses another IMU.
 
     Raises:
         InputError: One is missing.
@@ -87,7 +91,9 @@ def refuse_dead(imu: ImuSamples) -> None:
     for sensor in SENSORS if len(imu) else ():
         if sensor in zero:
             which = "both" if len(zero) == 2 else sensor
-            raise InputError(untrusted("imu.zero", topic=imu.topic, sensor=which, count=len(imu)))
+            reads = dict.fromkeys("NaN" if each in imu.absent else "zero" for each in zero)
+            told = {"topic": imu.topic, "sensor": which, "count": len(imu), "option": option}
+            raise InputError(untrusted("imu.zero", reads=" or ".join(reads), **told))
         _refuse_axes(imu, sensor, dead_axes(imu.of(sensor)))
 
 

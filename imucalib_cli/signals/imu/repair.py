@@ -14,7 +14,6 @@ import numpy as np
 from imucalib_cli.errors import InputError
 from imucalib_cli.findings import Finding, Severity, reasons, untrusted, warning, warnings
 from imucalib_cli.robot.path import JointStep
-from imucalib_cli.signals.bursts import bunched_share, gathered, rate_stretches, time_bursts
 from imucalib_cli.signals.imu.checks import (
     dead_in_motion,
     refuse_dead,
@@ -24,7 +23,8 @@ from imucalib_cli.signals.imu.checks import (
 from imucalib_cli.signals.imu.units import Units, accel_factor, gyro_factor
 from imucalib_cli.signals.prepare import MIN_IMU_SAMPLES
 from imucalib_cli.signals.spikes import find_glitches
-from imucalib_cli.signals.stamps import gap_limit, tidy_rows, usable_rows
+from imucalib_cli.signals.timing.bursts import bunched_share, gathered, rate_stretches, time_bursts
+from imucalib_cli.signals.timing.stamps import gap_limit, tidy_rows, usable_rows
 from imucalib_cli.signals.trajectory import Trajectory, continuous
 from imucalib_cli.signals.turning import BIN, compare_turning
 

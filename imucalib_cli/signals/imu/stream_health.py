@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from imucalib_cli.findings import Finding, warning
-from imucalib_cli.signals.stamps import (
+from imucalib_cli.signals.timing.stamps import (
     BUNCHED,
     GAP_INTERVALS,
     GAP_SECONDS,

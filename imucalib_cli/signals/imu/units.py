@@ -11,7 +11,7 @@ import numpy as np
 from imucalib_cli.errors import InputError
 from imucalib_cli.findings import Finding, Severity, untrusted, warning, warnings
 from imucalib_cli.signals.samples import STANDARD_GRAVITY
-from imucalib_cli.signals.stamps import usable_rows
+from imucalib_cli.signals.timing.stamps import usable_rows
 from imucalib_cli.signals.turning import AGREE
 
 if TYPE_CHECKING:
@@ -25,6 +25,9 @@ _DEG = 180.0 / math.pi
 _NEAR = 0.15
 """Relative error of |accel| at rest, or of the ratio of two rates, up to which a unit fits: bias,
 scale errors and motion cause it."""
+_APART = math.sqrt(STANDARD_GRAVITY)
+"""Factor by which a norm in motion may be off gravity's: half way from m/s² to g. An IMU moves all
+the time if its readings vary by more than _NEAR even in the calmest stretches, as in walking."""
 _MOST_RATE = 40.0
 """rad/s; the range of industrial and MEMS gyroscopes is up to 2000 °/s, 34.9 rad/s."""
 _FLOATING = 0.05
@@ -257,6 +260,7 @@ def guess_units(imu: ImuSamples, gravity: float = STANDARD_GRAVITY) -> UnitGuess
     )
     unrest = _relative_deviation(accel) + _relative_deviation(gyro)
     calm = np.argsort(unrest, kind="stable")[: max(1, count // 10)]
+    shaken = np.sqrt(np.median(accel[calm].var(axis=1).sum(axis=1)))
     at_rest, gyro_at_rest = (
         float(np.median(np.linalg.norm(values[calm].mean(axis=1), axis=1)))
         for values in (accel, gyro)
@@ -264,7 +268,7 @@ def guess_units(imu: ImuSamples, gravity: float = STANDARD_GRAVITY) -> UnitGuess
     largest = largest_rate(imu)
     guess = UnitGuess(
         accel_at_rest=at_rest,
-        accel_unit=_accel_unit(at_rest, gravity),
+        accel_unit=_accel_unit(at_rest, gravity, still=bool(shaken < _NEAR * at_rest)),
         gyro_at_rest=gyro_at_rest,
         gyro_largest=largest,
         gyro_unit="deg/s" if largest > _MOST_RATE else "rad/s",
@@ -298,8 +302,9 @@ def _relative_deviation(values: Floats) -> Floats:
 
 
 def _accel_unit(
-    norm: float, gravity: float
+    norm: float, gravity: float, *, still: bool
 ) -> Literal["m/s²", "g", "mg", "m/s², no gravity", "unknown"]:
+    """The unit in which a norm is gravity's: nearly, or m/s² roughly if the IMU was never still."""
     if abs(norm / gravity - 1.0) < _NEAR:
         return "m/s²"
     in_g = norm * STANDARD_GRAVITY / gravity
@@ -307,4 +312,6 @@ def _accel_unit(
         return "g"
     if abs(in_g - 1000.0) < 1000.0 * _NEAR:
         return "mg"
+    if not still and 1.0 / _APART < norm / gravity < _APART:
+        return "m/s²"
     return "m/s², no gravity" if norm < _FLOATING * gravity else "unknown"

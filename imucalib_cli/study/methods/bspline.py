@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.signals.samples import STANDARD_GRAVITY
-from imucalib_cli.signals.stamps import tidy_rows
+from imucalib_cli.signals.timing.stamps import tidy_rows
 from imucalib_cli.signals.trajectory import Trajectory
 from imucalib_cli.study.methods.answer import Answer
 from imucalib_cli.study.methods.bordered import BorderedNormal

@@ -57,7 +57,8 @@ def trend_command(
     quiet: Quiet = False,
 ) -> None:
     """Has the mount moved over many recordings? Exit 0 no, 4 it has, 3 cannot tell."""
-    from imucalib_cli.jobs.trend import result_names, trend_of
+    from imucalib_cli.jobs.result_files import result_names
+    from imucalib_cli.jobs.trend import trend_of
     from imucalib_cli.optional import optional
     from imucalib_cli.results.places import see_places
 

@@ -10,7 +10,7 @@ from msgspec import UNSET
 from imucalib_cli.digits import figures
 from imucalib_cli.estimate.checks.stated import POSE_NAMES
 from imucalib_cli.findings import warning
-from imucalib_cli.results.answers import (
+from imucalib_cli.results.comparison.answers import (
     DiffAnswer,
     Side,
     TestEntry,
@@ -19,10 +19,10 @@ from imucalib_cli.results.answers import (
     VerifyAnswer,
     Within,
 )
+from imucalib_cli.results.comparison.pose_comparison import PoseComparison, compare_poses
+from imucalib_cli.results.comparison.requirement import CODES, Tolerance
 from imucalib_cli.results.fields import unobservable_fields
 from imucalib_cli.results.from_estimate import plain, pose_entry
-from imucalib_cli.results.pose_comparison import PoseComparison, compare_poses
-from imucalib_cli.results.requirement import CODES, Tolerance
 from imucalib_cli.results.result import SCHEMA
 
 if TYPE_CHECKING:

@@ -6,6 +6,7 @@ from functools import cache
 from importlib.util import find_spec
 from typing import Any
 
+from imucalib_cli.errors import ImucalibError
 from imucalib_cli.optional import optional
 
 EXTRA = "pip install 'imucalib[protobuf]'"
@@ -17,6 +18,17 @@ def is_installed() -> bool:
         return find_spec("google.protobuf") is not None
     except ModuleNotFoundError:
         return False
+
+
+def is_damaged(type_name: str, definition: str) -> bool:
+    """Whether the descriptors of a type make no class of it."""
+    try:
+        message_class(type_name, definition)
+    except ImucalibError:  # protobuf is not installed
+        return False
+    except Exception:  # noqa: BLE001 - of many kinds
+        return True
+    return False
 
 
 @cache

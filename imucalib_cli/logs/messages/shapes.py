@@ -12,8 +12,8 @@ from functools import lru_cache
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
-from imucalib_cli.logs import definitions
-from imucalib_cli.logs.messages import (
+from imucalib_cli.logs.messages import definitions
+from imucalib_cli.logs.messages.table import (
     MESSAGE_TYPES,
     Header,
     Interfaces,
@@ -32,8 +32,8 @@ from imucalib_cli.logs.messages import (
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from imucalib_cli.logs.columns import JointColumns
-    from imucalib_cli.logs.messages import Field, Kind
+    from imucalib_cli.logs.messages.columns import JointColumns
+    from imucalib_cli.logs.messages.table import Field, Kind
 
 Fields = tuple["Field", ...]
 BINARY = frozenset({"cdr", "ros1"})

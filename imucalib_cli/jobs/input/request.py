@@ -11,10 +11,10 @@ from imucalib_cli.signals.imu.units import Units
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from imucalib_cli.logs.columns import JointColumns
+    from imucalib_cli.logs.messages.columns import JointColumns
     from imucalib_cli.logs.part import Part
     from imucalib_cli.logs.reader import LogPath
-    from imucalib_cli.results.requirement import Tolerance
+    from imucalib_cli.results.comparison.requirement import Tolerance
     from imucalib_cli.signals.imu.data_sheet import ImuModel
     from imucalib_cli.signals.samples import Sensor
 

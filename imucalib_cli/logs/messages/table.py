@@ -14,12 +14,12 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Literal, get_args
 
-from imucalib_cli.logs.unitree import JOINTS_GO, JOINTS_HG, PELVIS, TORSO, TRUNK
+from imucalib_cli.logs.messages.unitree import JOINTS_GO, JOINTS_HG, PELVIS, TORSO, TRUNK
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from imucalib_cli.logs.columns import JointColumns
+    from imucalib_cli.logs.messages.columns import JointColumns
 
 Kind = Literal["imu", "joints", "pose", "text"]
 NumberType = Literal["f8", "f4", "i8", "u8", "i4", "u4", "i2", "u2", "i1", "u1"]

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from imucalib_cli.signals.noise import MAD_TO_STD
-from imucalib_cli.signals.stamps import BUNCHED, SHORT, usual_interval
+from imucalib_cli.signals.timing.stamps import BUNCHED, SHORT, usual_interval
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats, Indices

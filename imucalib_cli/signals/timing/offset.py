@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from imucalib_cli.signals.kernels import convolve_at, matched_filter
-from imucalib_cli.signals.lag import Lag, best_lag
 from imucalib_cli.signals.stretches import all_hold
+from imucalib_cli.signals.timing.lag import Lag, best_lag
 
 if TYPE_CHECKING:
     from imucalib_cli.signals.grid import ImuGrid

@@ -11,23 +11,23 @@ from collections import Counter
 from dataclasses import dataclass, field, replace
 from functools import partial
 from types import MappingProxyType
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Final, Literal, cast
 
 import numpy as np
 
 from imucalib_cli.findings import Finding, warning
-from imucalib_cli.logs.columns import NO_JOINT
+from imucalib_cli.logs.messages.columns import NO_JOINT
+from imucalib_cli.logs.messages.wire import decode
 from imucalib_cli.logs.reader import Piece, with_columns
 from imucalib_cli.logs.slow import decode_one
 from imucalib_cli.logs.streams import ImuStream, JointStream, PoseStream
-from imucalib_cli.logs.wire import decode
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
 
     from imucalib_cli.arrays import Bools, Bytes, Floats, Indices, Integers
-    from imucalib_cli.logs.columns import JointColumns
-    from imucalib_cli.logs.messages import Labels, MessageType
+    from imucalib_cli.logs.messages.columns import JointColumns
+    from imucalib_cli.logs.messages.table import Labels, MessageType
     from imucalib_cli.logs.reader import Channel
     from imucalib_cli.logs.streams import Nanoseconds
 
@@ -46,6 +46,7 @@ decompression bomb and no log: stamps alone differ from message to message. Smal
 """
 _ABSURD = 1e9
 """Beyond any sensor and any place on Earth, in any unit: damage, whose square may overflow."""
+_SENSORS: Final[tuple[Literal["gyro"], Literal["accel"]]] = ("gyro", "accel")
 _LEAST_POSITIONS = 0.5
 """A joint with an encoder has a position in at least this share of messages."""
 
@@ -254,7 +255,9 @@ def _imu_stream(
 ) -> ImuStream:
     topic = data.topic
     joined = _Joined(pieces, ticks=data.reading.has_ticks)
-    gyro, accel = (_or_zero(joined.numbers(name)) for name in ("gyro", "accel"))
+    both = {name: joined.numbers(name) for name in _SENSORS}
+    absent = tuple(name for name in _SENSORS if np.isnan(both[name]).all())
+    gyro, accel = (np.zeros_like(both[x]) if x in absent else both[x] for x in _SENSORS)
     numbers = _is_number(gyro) & _is_number(accel)
     sound: Bools | slice = slice(None)  # a slice copies nothing
     if not numbers.all():
@@ -267,13 +270,9 @@ def _imu_stream(
         frame_id=frame,
         gyro=gyro[sound],
         accel=accel[sound],
+        absent=absent,
         frames=data.reading.frames,
     )
-
-
-def _or_zero(values: Floats) -> Floats:
-    """Values, or zeros in place of a sensor that is absent and says so by NaN throughout."""
-    return np.zeros_like(values) if len(values) and np.isnan(values).all() else values
 
 
 def texts_of(data: TopicData) -> tuple[str, ...]:
@@ -290,15 +289,17 @@ def _is_number(values: Floats) -> Bools:
 def joint_streams(data: TopicData) -> tuple[tuple[JointStream, ...], list[Finding]]:
     """One stream per set of joint names; rows in another order are reordered as the first."""
     sets: dict[tuple[str, ...], tuple[tuple[str, ...], list[Piece]]] = {}
-    repeated = short = 0
+    repeated = 0
+    short: Counter[tuple[int, int]] = Counter()
     for piece in _with_columns(data):
         names = cast("tuple[str, ...]", piece.texts["name"])
-        if not names:
+        positions = piece.numbers["position"].shape[1] if "position" in piece.numbers else 0
+        if not names and not positions:
             continue
         if len(set(names)) != len(names):
             repeated += len(piece.stamp_ns)
-        elif "position" not in piece.numbers or piece.numbers["position"].shape[1] != len(names):
-            short += len(piece.stamp_ns)
+        elif positions != len(names):
+            short[len(names), positions] += len(piece.stamp_ns)
         else:
             sets.setdefault(tuple(sorted(names)), (names, []))[1].append(piece)
     losses = []
@@ -306,9 +307,11 @@ def joint_streams(data: TopicData) -> tuple[tuple[JointStream, ...], list[Findin
         losses.append(warning("joints.named_twice", topic=data.topic, count=repeated))
     columns = data.reading.columns
     if short and columns is None:
-        losses.append(warning("joints.incomplete", topic=data.topic, count=short))
+        (named, positions), _ = short.most_common(1)[0]
+        told = {"topic": data.topic, "count": short.total(), "total": data.messages}
+        losses.append(warning("joints.incomplete", **told, named=named, positions=positions))
     elif short and columns is not None:
-        losses.append(_other_numbers(data, columns, short))
+        losses.append(_other_numbers(data, columns, short.total()))
     streams = []
     unsound = 0
     for names, pieces in sets.values():

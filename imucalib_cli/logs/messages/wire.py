@@ -18,13 +18,13 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 import numpy as np
 
 from imucalib_cli.arrays import Bools, Bytes, Floats, Indices
-from imucalib_cli.logs import messages
-from imucalib_cli.logs.shapes import BINARY
+from imucalib_cli.logs.messages import table as messages
+from imucalib_cli.logs.messages.shapes import BINARY
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from imucalib_cli.logs.messages import Labels, MessageType
+    from imucalib_cli.logs.messages.table import Labels, MessageType
     from imucalib_cli.logs.reader import Channel
     from imucalib_cli.logs.streams import Nanoseconds
 

@@ -259,7 +259,7 @@ def _see_places(
     if output is not None:
         see_folder_writable(output)
         written += [output / SUMMARY] if output.is_dir() else []
-    see_places(read=read, written=written)
+    see_places(read=read, written=written, folder=output)
 
 
 def _engine(dask: str | None, workers: int, memory: int, timeout: float | None) -> "Engine":

@@ -121,7 +121,13 @@ def run_command(
     request = replace(request, details=bool(beside))
     if joint:
         _see_joint(logs, estimator, beside, kinematics_report=kinematics_report)
-    see_places(read=read, written=[*single, *beside], force=force, made_here=is_made_here)
+    see_places(
+        read=read,
+        written=[*single, *beside],
+        force=force,
+        made_here=is_made_here,
+        folder=folder,
+    )
     older = [*single, *beside, *([] if folder is None else of_log(folder, logs[0]))]
     with telling_what_is_left(*older), reading(*logs, recording.urdf, verbose=verbose):
         with ProgressBar(quiet=quiet) as bar:
@@ -131,7 +137,7 @@ def run_command(
                 outcome = calibrate(request, bar.report)
                 found, failures = list(outcome.results), list(outcome.failures)
         results = deliverable(found, chosen, force=force)
-        if folder is not None and results:
+        if folder is not None and (results or (found and beside)):
             single = deliver_into(
                 folder, results, logs[0], chosen, force=force, quiet=quiet, read=read
             )
@@ -224,7 +230,7 @@ def tell(results: "Sequence[Result]", fmt: str, target: Path | None, *, hint: bo
         target: Where to; None is stdout.
         hint: Whether to say how to get the result as YAML, where stdout has words.
     """
-    from imucalib_cli.results.fields import unobservable_fields
+    from imucalib_cli.results.fields import findings_of, unobservable_fields
 
     in_words = fmt == "summary" and target is None
     if is_terminal(sys.stderr) and not (in_words or (target is None and is_terminal(sys.stdout))):
@@ -234,7 +240,7 @@ def tell(results: "Sequence[Result]", fmt: str, target: Path | None, *, hint: bo
             # the cause, where one was found, before what comes of it
             for reason in (*result.diagnostics.distrust, *unobservable_fields(result)):
                 say("untrusted", f"{result.child}: {reason}")
-            for warning in result.diagnostics.warnings:
-                say("warning", warning)
+        for finding in findings_of(results):
+            say(finding.label, finding.text)
     if results and in_words and hint:
         say("note", "for the result as YAML add -o FILE or --format yaml, or pipe it")

@@ -5,10 +5,10 @@ from typing import Annotated
 
 import typer
 
+from imucalib_cli.cli.commands.verify import give_answers
 from imucalib_cli.cli.files import files_of, writing
 from imucalib_cli.cli.options import AnswersFormat, OutputFile, Quiet, Within
 from imucalib_cli.cli.parsers import local_file
-from imucalib_cli.cli.verify import give_answers
 
 
 def diff_command(
@@ -38,7 +38,12 @@ def diff_command(
     """Has the mount moved since the first result? Exit 0 no, 4 it has, 3 cannot tell."""
     with writing(output, read=files_of(first, *others, urdf)):
         from imucalib_cli.jobs.diff import diff_results
+        from imucalib_cli.results.fields import Field
 
         answers = diff_results(first, others, urdf=urdf, within=within)
-        warnings = [warning for answer in answers.answers for warning in answer.warnings]
+        warnings = [
+            Field("warning", warning, "warning")
+            for answer in answers.answers
+            for warning in answer.warnings
+        ]
         raise typer.Exit(give_answers(answers, warnings, fmt=fmt, output=output, quiet=quiet))

@@ -15,13 +15,13 @@ from imucalib_cli.findings import Finding, warning
 from imucalib_cli.signals.imu.checks import beyond_ranges
 from imucalib_cli.signals.imu.data_sheet import imu_assumptions
 from imucalib_cli.signals.noise import noise_level
-from imucalib_cli.signals.stamps import tidy_rows
+from imucalib_cli.signals.timing.stamps import tidy_rows
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from imucalib_cli.estimate.estimate import Estimate, Residuals
-    from imucalib_cli.jobs.request import ExpectedImu
+    from imucalib_cli.jobs.input.request import ExpectedImu
     from imucalib_cli.signals.imu.data_sheet import ImuModel
     from imucalib_cli.signals.samples import ImuSamples, Sensor
 

@@ -11,14 +11,14 @@ import numpy as np
 from msgspec import UNSET
 
 from imucalib_cli.digits import decimals, figures, fixed, with_std
-from imucalib_cli.results.answers import (
+from imucalib_cli.results.comparison.answers import (
     RotationEntry,
     Significance,
     TestEntry,
     TranslationEntry,
     Verdict,
 )
-from imucalib_cli.results.bounds import chance_of_more, norm_bounds
+from imucalib_cli.results.comparison.bounds import chance_of_more, norm_bounds
 from imucalib_cli.results.from_estimate import plain
 from imucalib_cli.results.pose import AFFECTED, across, correlation
 from imucalib_cli.robot.rotations import (
@@ -30,8 +30,8 @@ from imucalib_cli.robot.rotations import (
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats
+    from imucalib_cli.results.comparison.requirement import Tolerance
     from imucalib_cli.results.pose import UncertainPose
-    from imucalib_cli.results.requirement import Tolerance
 
 
 SIGMAS = 2.0

@@ -1,6 +1,7 @@
 """``imucalib verify``: is the pose of the IMU in this URDF right?"""
 
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -30,6 +31,8 @@ from imucalib_cli.layout import plain
 
 if TYPE_CHECKING:
     from imucalib_cli.jobs.verify import Answers
+    from imucalib_cli.results.comparison.answers import VerifyAnswer
+    from imucalib_cli.results.fields import Field
 
     Components = list[int]
 else:  # typer evaluates this too
@@ -71,7 +74,8 @@ def verify_command(
     """Is the pose of the IMU in this URDF right? Exit 0 yes, 4 no, 3 cannot tell."""
     from imucalib_cli.jobs.result_files import is_result
     from imucalib_cli.jobs.verify import verify_recording, verify_results
-    from imucalib_cli.results.verdicts import WITHIN
+    from imucalib_cli.results.comparison.verdicts import WITHIN
+    from imucalib_cli.results.fields import findings_of
 
     paths = [*map(path_or_url, logs)]
     ignored = frozenset(ignore or ())
@@ -96,25 +100,28 @@ def verify_command(
             request = calibration_request(ctx, paths, recording, estimator)
             with ProgressBar(quiet=quiet) as bar:
                 answers = verify_recording(request, within or WITHIN, bar.report, ignored=ignored)
-        warnings = [
-            named(answer, warning, several=len(logs) > 1)
-            for answer in answers.answers
-            for warning in answer.found.diagnostics.warnings
+        by_file: dict[str, list[VerifyAnswer]] = {}
+        for answer in answers.answers:
+            by_file.setdefault(answer.about, []).append(answer)
+        findings = [
+            replace(each, text=named(given[0], each.text, several=len(logs) > 1))
+            for given in by_file.values()
+            for each in findings_of([answer.found for answer in given])
         ]
-        raise typer.Exit(give_answers(answers, warnings, fmt=fmt, output=output, quiet=quiet))
+        raise typer.Exit(give_answers(answers, findings, fmt=fmt, output=output, quiet=quiet))
 
 
 def give_answers(
     given: "Answers[Any]",
-    warnings: Iterable[str],
+    findings: "Iterable[Field]",
     *,
     fmt: str | None,
     output: Path | None,
     quiet: bool,
 ) -> int:
     """Write answers, and a sentence each where it is not the answer; the worst IMU's exit code."""
-    from imucalib_cli.results.answers import as_csv
     from imucalib_cli.results.codec import to_json, to_jsonl, to_yaml
+    from imucalib_cli.results.comparison.answers import as_csv
 
     answers, failures = given.answers, given.failures
     several = len({answer.about for answer in answers}) + len(failures) > 1
@@ -134,8 +141,8 @@ def give_answers(
     }
     chosen = chosen_format(fmt, output)
     if not quiet:
-        for warning in warnings:
-            say("warning", warning)
+        for finding in findings:
+            say(finding.label, finding.text)
     if answers:
         deliver(renderers[chosen](answers), output, quiet=quiet)
     if not quiet and (chosen != "summary" or output is not None):

@@ -11,7 +11,7 @@ import re
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
-from imucalib_cli.logs.messages import (
+from imucalib_cli.logs.messages.table import (
     NUMBER_TYPES,
     Header,
     NumberList,
@@ -26,7 +26,7 @@ from imucalib_cli.logs.messages import (
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from imucalib_cli.logs.messages import Field, NumberType
+    from imucalib_cli.logs.messages.table import Field, NumberType
 
 _DEEPEST = 12
 _MOST_FIELDS = 5000
@@ -205,7 +205,7 @@ def _referred(told: Any, whole: Any) -> dict[str, Any]:
 
 
 def _of_protobuf(type_name: str, definition: str, spelling: _Spelling) -> tuple[Field, ...]:
-    from imucalib_cli.logs.protobuf import message_class
+    from imucalib_cli.logs.messages.protobuf import message_class
 
     return _protobuf_struct(message_class(type_name, definition).DESCRIPTOR, "", spelling, 0)
 

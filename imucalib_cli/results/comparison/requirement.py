@@ -82,7 +82,5 @@ def _remedy(estimate: Estimate, excess: float) -> tuple[str, float | None]:
     """Which remedy helps, and how many times as long a log must be where that is one."""
     if estimate.unobservable:
         return "motion", None
-    if estimate.sigma_source == "segments":
-        return "model", None
     longer = excess**2
     return ("longer", max(longer, 1.1)) if longer <= _WORTH_RECORDING else ("livelier", None)

@@ -4,6 +4,7 @@ from typing import Annotated
 
 import typer
 
+from imucalib_cli.cli.commands.run import deliverable, give, tell
 from imucalib_cli.cli.exit_codes import exit_code_of
 from imucalib_cli.cli.files import files_of, listed, writing
 from imucalib_cli.cli.options import (
@@ -16,7 +17,6 @@ from imucalib_cli.cli.options import (
 )
 from imucalib_cli.cli.output import chosen_format, say, say_error
 from imucalib_cli.cli.parsers import local_file
-from imucalib_cli.cli.run import deliverable, give, tell
 
 
 def combine_command(

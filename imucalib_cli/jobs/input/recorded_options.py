@@ -12,8 +12,8 @@ from imucalib_cli.estimate.options import MatchedOptions, WindowChoice
 
 if TYPE_CHECKING:
     from imucalib_cli.estimate.options import PaperOptions
-    from imucalib_cli.jobs.request import CalibrationRequest
-    from imucalib_cli.results.requirement import Tolerance
+    from imucalib_cli.jobs.input.request import CalibrationRequest
+    from imucalib_cli.results.comparison.requirement import Tolerance
     from imucalib_cli.results.result import Scalar
 
 _UNTOLD: dict[str, str] = {

@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from imucalib_cli.errors import ChoiceError, InputError
+from imucalib_cli.errors import ChoiceError, ImucalibError, InputError
 from imucalib_cli.findings import Finding, note, warnings
-from imucalib_cli.jobs.halves import half_topics, joined
+from imucalib_cli.jobs.input.halves import half_topics, joined
+from imucalib_cli.jobs.input.motion import Sources
 from imucalib_cli.jobs.known.base import with_base_imu
 from imucalib_cli.jobs.known.description import described_robot
 from imucalib_cli.jobs.known.naming import named_as_in
 from imucalib_cli.jobs.known.parents import check_parents
-from imucalib_cli.jobs.motion import Sources
 from imucalib_cli.logs.clock import choose_clock, first_plausible
 from imucalib_cli.logs.log import open_log
 from imucalib_cli.logs.part import part_of
@@ -28,12 +28,13 @@ from imucalib_cli.robot.frames import Edge
 from imucalib_cli.robot.path import Track
 from imucalib_cli.robot.urdf import load_robot, parse_robot
 from imucalib_cli.robot.urdf_xml import SIZE_LIMIT
+from imucalib_cli.shown import meant
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable
     from pathlib import Path
 
-    from imucalib_cli.jobs.request import CalibrationRequest, Progress
+    from imucalib_cli.jobs.input.request import CalibrationRequest, Progress
     from imucalib_cli.logs.clock import Clock
     from imucalib_cli.logs.log import Log, LogData
     from imucalib_cli.logs.reader import LogPath
@@ -83,15 +84,20 @@ def read_recording(request: CalibrationRequest, progress: Progress | None = None
         ChoiceError: A topic does not exist or must be chosen.
     """
     log = open_requested(request, progress)
-    chosen = select_topics(
-        log.topics,
-        request.imu_topics,
-        request.joint_topics,
-        request.pose_topics,
-        request.description_topics,
-        half_topics=half_topics(request),
-        base_imu=request.base_imu,
-    )
+    halves = half_topics(request)
+    try:
+        chosen = select_topics(
+            log.topics,
+            request.imu_topics,
+            request.joint_topics,
+            request.pose_topics,
+            request.description_topics,
+            half_topics=halves,
+            base_imu=request.base_imu,
+        )
+    except ImucalibError as error:  # damage may have hidden what is missed
+        damage = (*log.findings, *log.undefined)[:_SHOWN]
+        raise error.followed_by(each.message for each in damage) from error
     if request.urdf is not None:
         chosen = replace(chosen, descriptions=())
     files = Fingerprints(log.paths)
@@ -230,7 +236,10 @@ def _asked_for(data: LogData, request: CalibrationRequest) -> set[str]:
     topics = {topic for imu in data.imus.values() for topic in imu.topics}
     for name in asked:
         if name not in data.imus and name not in topics and name.partition(":")[0] in topics:
-            raise ChoiceError(f"--imu-topic {name}: no such IMU, but {', '.join(data.imus)}")
+            names = list(data.imus)
+            raise ChoiceError(
+                f"--imu-topic {name}: no such IMU, but {', '.join(names)}{meant(name, names)}"
+            )
     return {name for name, imu in data.imus.items() if {name, *imu.topics} & set(asked)}
 
 
@@ -350,6 +359,7 @@ def gather_sources(
         edges=tuple(edges),
         topics=topics,
         unused=unused,
+        unused_joints=tuple(topic for topic, streams in data.joints.items() if not streams),
         unasked=frozenset(unasked),
     )
     return sources, duplicates

@@ -15,8 +15,12 @@ from imucalib_cli.errors import ChoiceError
 
 
 def apply_command(
-    result: Annotated[
-        str, typer.Argument(metavar="RESULT", help="Result of `imucalib run`; - reads stdin.")
+    results: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="RESULT|FOLDER",
+            help="Results of `imucalib run`, folders of them, or - for stdin.",
+        ),
     ],
     *,
     urdf: Annotated[
@@ -32,7 +36,7 @@ def apply_command(
         typer.Option(
             metavar="FRAME|TOPIC",
             autocompletion=complete.imus,
-            help="IMU to apply, of a result of several; repeatable.",
+            help="IMU to apply, of results of several; repeatable.",
             show_default="all",
         ),
     ] = None,
@@ -63,8 +67,9 @@ def apply_command(
     ] = False,
     quiet: Quiet = False,
 ) -> None:
-    """Write a URDF with the IMU's joint at the calibrated pose, every other byte as it was."""
+    """Write a URDF with each IMU's joint at the calibrated pose, every other byte as it was."""
     from imucalib_cli.jobs.apply import apply
+    from imucalib_cli.jobs.result_files import result_names
     from imucalib_cli.results.places import see_places
 
     if in_place and (output is not None or str(urdf) == "-"):
@@ -74,12 +79,13 @@ def apply_command(
     if kinematics and output is None and str(urdf) != "-":
         output = urdf.with_name(f"{urdf.stem}.kinematics{urdf.suffix}")
     with telling_what_is_left(output):
-        applied = apply(result, urdf, imus=imu or (), add=add, kinematics=kinematics, force=force)
+        names = result_names(results)
+        applied = apply(names, urdf, imus=imu or (), add=add, kinematics=kinematics, force=force)
         if applied.content is not None:
             if in_place:
                 output = urdf
             elif output is not None:
-                read = files_of(result, urdf)
+                read = files_of(*names, urdf)
                 see_places(read=read, written=[output], force=force, made_here=applied.made)
             deliver(applied.content, output, quiet=quiet)
         if not quiet:

@@ -9,6 +9,7 @@ import numpy as np
 
 from imucalib_cli.errors import ChoiceError, ImucalibError, InputError, UntrustedError
 from imucalib_cli.findings import note, untrusted, warning
+from imucalib_cli.logs.messages.table import motors
 from imucalib_cli.robot.build import (
     BaseImu,
     base_imu_path,
@@ -22,16 +23,22 @@ from imucalib_cli.robot.mount import Mount, Nominal, find_mount, require_nominal
 from imucalib_cli.robot.names import known_name
 from imucalib_cli.robot.path import FixedStep
 from imucalib_cli.robot.rotations import matrix_from_quaternion
-from imucalib_cli.robot.urdf import near_matches
+from imucalib_cli.shown import near_matches
 from imucalib_cli.signals.moves import track_moves
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from imucalib_cli.findings import Finding
-    from imucalib_cli.jobs.request import CalibrationRequest
+    from imucalib_cli.jobs.input.request import CalibrationRequest
     from imucalib_cli.robot.path import KinematicPath, Track
     from imucalib_cli.robot.urdf import Robot
+
+
+_NUMBERED = (
+    "its motors have numbers alone: say which joints they are by --joints TOPIC:FIELD=name,..., "
+    "such as --joints /lowstate:motor_state.q[0:3]=a,b,c"
+)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -47,6 +54,8 @@ class Sources:
     """The IMU that tells how the base moves, if one does."""
     unused: tuple[str, ...] = ()
     """One sentence for each topic without usable messages: the reason."""
+    unused_joints: tuple[str, ...] = ()
+    """Topics of joint states without usable messages."""
     unasked: frozenset[str] = frozenset()
     """Odometry topics that the user did not name."""
     unread: tuple[str, ...] = ()
@@ -202,7 +211,10 @@ def _robot_path(
 ) -> KinematicPath:
     """Joints through the URDF, below a moving base if the log has one; else frames alone."""
     if sources.base is not None:
-        return base_imu_path(sources.base, parent, robot=robot, tracks=sources.joints)
+        try:
+            return base_imu_path(sources.base, parent, robot=robot, tracks=sources.joints)
+        except InputError as error:
+            raise _with_unused(error, sources) from error
     # joints first: with them a pose without a child can only be the base's
     label = robot.root if sources.joints else request.parent
     edges, base = _base(_labelled(sources.edges, label), sources, robot)
@@ -226,12 +238,19 @@ def _robot_path(
                     f"choose one --joint-prefix: {', '.join(sources.prefixes)}",
                     option="--joint-prefix",
                 ) from error
-            if sources.unused:
-                # the URDF is not at fault for joints that are in the log but unusable
-                said = [str(error)] if sources.joints else []
-                raise InputError("; ".join((*sources.unused, *said))) from error
-            raise
+            raise _with_unused(error, sources) from error
     return frame_path(edges, parent, world=request.world, robot=robot)
+
+
+def _with_unused(error: InputError, sources: Sources) -> InputError:
+    """The error of a URDF, which is not at fault for joints in the log that cannot be used."""
+    names = tuple(name for track in sources.joints for name in track.names)
+    if names and names == motors(len(names))["name"]:
+        error = error.followed_by([_NUMBERED])
+    if not sources.unused:
+        return error
+    said = [str(error)] if sources.joints else []
+    return InputError("; ".join((*sources.unused, *said)))
 
 
 def _base(
@@ -257,11 +276,7 @@ def _from_frames(sources: Sources, frame_id: str, request: CalibrationRequest) -
         return _from_base(sources, sources.base, frame_id, request)
     if not sources.edges:
         if sources.joints:
-            listed = ", ".join(dict.fromkeys(sources.topics[t.name] for t in sources.joints))
-            remedy = "; ".join(("give --urdf, or record /robot_description", *sources.undescribed))
-            raise ChoiceError(
-                f"joint states ({listed}) say nothing without the robot's chain: {remedy}"
-            )
+            raise _without_chain(sources)
         if sources.unused:
             raise InputError("; ".join(sources.unused))
         raise InputError("no poses of any frame could be read from the log: see `imucalib inspect`")
@@ -292,6 +307,17 @@ def _from_frames(sources: Sources, frame_id: str, request: CalibrationRequest) -
     )
 
 
+def _without_chain(sources: Sources, otherwise: str = "") -> ChoiceError:
+    """The error of joints of which nothing tells where they are, and what else would do."""
+    topics = (sources.topics[track.name] for track in sources.joints)
+    listed = ", ".join(dict.fromkeys((*topics, *sources.unused_joints)))
+    remedy = f"give --urdf, or record /robot_description{otherwise}"
+    return ChoiceError(
+        f"joint states ({listed}) say nothing without the robot's chain: "
+        f"{'; '.join((remedy, *sources.undescribed, *sources.unused))}"
+    )
+
+
 def _from_base(
     sources: Sources, base: BaseImu, frame_id: str, request: CalibrationRequest
 ) -> Motion:
@@ -300,6 +326,8 @@ def _from_base(
     parent, nominal = request.parent, None
     if parent is None and any(edge.child == frame_id for edge in edges):
         parent, nominal = _guess_parent(edges, frame_id)
+    elif parent is None and (sources.unused_joints or any(map(track_moves, sources.joints))):
+        raise _without_chain(sources, f", or --parent {base.link} if both IMUs are on one body")
     path = base_imu_path(base, parent or base.link, robot=None, edges=edges)
     child = request.imu_link or frame_id or "imu"
     mount = Mount(parent=path.parent, child=child, nominal=nominal)

@@ -15,6 +15,7 @@ import numpy as np
 from imucalib_cli.errors import ChoiceError
 from imucalib_cli.findings import note
 from imucalib_cli.logs.select import without_sensor
+from imucalib_cli.shown import meant
 from imucalib_cli.signals.interpolate import lagrange
 
 if TYPE_CHECKING:
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 
     from imucalib_cli.arrays import Floats
     from imucalib_cli.findings import Finding
-    from imucalib_cli.jobs.request import CalibrationRequest
+    from imucalib_cli.jobs.input.request import CalibrationRequest
     from imucalib_cli.logs.clock import Clock
     from imucalib_cli.logs.log import LogData
     from imucalib_cli.logs.streams import ImuStream
@@ -40,7 +41,7 @@ def joined(
     """A log in which the halves of an IMU are one, called by the gyroscope's topic.
 
     Two are halves of one IMU if the user says so; if their topics are called alike but for the name
-    of the sensor; or if no others are left.
+    of the sensor; or if no others are left, unless they are in two namespaces.
 
     Args:
         data: As read.
@@ -71,10 +72,16 @@ def joined(
             frame_id=gyro.frame_id or accel.frame_id,
             gyro=rows.gyro if fast is gyro else values,
             accel=rows.accel if fast is accel else values,
+            absent=(*_own(gyro, "gyro"), *_own(accel, "accel")),
         )
         topics = {"gyro": gyro.name, "accel": accel.name, "fast": fast.name, "slow": slow.name}
         findings.append(note("imu.joined", **topics, rate=_rate(fast, clock)))
     return replace(data, imus=imus), tuple(findings)
+
+
+def _own(imu: ImuStream, sensor: Sensor) -> tuple[Sensor, ...]:
+    """The sensor that a half is taken for, if it is absent."""
+    return (sensor,) if sensor in imu.absent else ()
 
 
 def _asked(
@@ -86,7 +93,8 @@ def _asked(
             if name not in imus or not len(imus[name]):
                 listed = ", ".join(imus) or "none"
                 raise ChoiceError(
-                    f"{option} {name}: no such IMU; there are {listed}", option=option
+                    f"{option} {name}: no such IMU; there are {listed}{meant(name, list(imus))}",
+                    option=option,
                 )
     pairs = zip(request.gyro_topics, request.accel_topics, strict=True)
     return [(imus[gyro], imus[accel]) for gyro, accel in pairs]
@@ -103,13 +111,20 @@ def _found(imus: dict[str, ImuStream]) -> list[tuple[ImuStream, ImuStream]]:
         if without_sensor(gyro.topic) == without_sensor(accel.topic)
     ]
     if not pairs and len(gyros) == len(accels) == 1:
-        return [(gyros[0], accels[0])]
+        namespaces = {_namespace(each.topic) for each in (gyros[0], accels[0])} - {""}
+        return [(gyros[0], accels[0])] if len(namespaces) < 2 else []
     # a third of the same name makes it unclear
     return [
         pair
         for pair in pairs
         if sum(each[0] is pair[0] or each[1] is pair[1] for each in pairs) == 1
     ]
+
+
+def _namespace(topic: str) -> str:
+    """First part of a topic's name, such as that of a robot; empty if it has one part alone."""
+    first, slash, _ = without_sensor(topic).removeprefix("/").partition("/")
+    return first if slash else ""
 
 
 def _is_alone(imu: ImuStream, sensor: Sensor) -> bool:

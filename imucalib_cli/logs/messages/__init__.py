@@ -1,0 +1,1 @@
+"""Types of messages, from bytes to numbers."""

@@ -1,0 +1,1 @@
+"""Two poses with their covariances, and what is said of them."""

@@ -1,0 +1,1 @@
+"""Stamps: order, bursts, and offsets between two streams."""
