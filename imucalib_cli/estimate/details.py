@@ -17,7 +17,6 @@ from imucalib_cli.estimate.model.state import Chain
 from imucalib_cli.estimate.solution.fit import transferred
 from imucalib_cli.estimate.solution.normal_equations import prior_offset
 from imucalib_cli.estimate.solution.scales import Problem
-from imucalib_cli.estimate.solution.spectrum import band_frequencies
 from imucalib_cli.signals.stretches import stretches_of
 
 if TYPE_CHECKING:
@@ -230,25 +229,15 @@ def _nearest(ascending: Indices, values: Indices) -> Indices:
 
 def spectra_of(fit: Fit) -> tuple[Spectrum, Spectrum]:
     """Density of what a fit leaves, accelerometer and gyroscope."""
-    windowing, statistics = fit.model.windowing, fit.statistics
-    grid = windowing.grid
-    frequency = band_frequencies(windowing.plan, fit.centres, grid.dt)
-    # Levels are of rows that stand for the samples up to the next window.
-    to_density = np.sqrt(2.0 * grid.dt * grid.refine / windowing.plan.hop)
+    grid = fit.model.windowing.grid
     accel, gyro = (
         Spectrum(
-            frequency=frequency[heard],
-            # Without noise a level may be below zero by rounding.
-            density=np.sqrt(np.maximum(levels[heard], 0.0)) * (scale / gain * to_density),
+            frequency=frequency,
+            density=np.sqrt(2.0 * grid.dt * power),
             own=noise * float(np.sqrt(2.0 * grid.dt * grid.refine)),
         )
-        for heard, levels, scale, gain, noise in zip(
-            statistics.heard,
-            fit.levels,
-            fit.residual_scales,
-            windowing.white_gains,
-            grid.noise,
-            strict=True,
+        for frequency, power, noise in zip(
+            fit.noise.frequency, fit.noise.power, grid.noise, strict=True
         )
     )
     return accel, gyro

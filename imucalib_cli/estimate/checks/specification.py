@@ -125,6 +125,7 @@ def _difference(
         residuals,
         fit.weights[np.searchsorted(fit.centres, centres)],
         fit.scales_at(plan),
+        fit.noise,
     )
     other = _Solved.of(fit, *there.parts())
     each = (base.influence - other.influence).reshape(parts, PARTS // parts, 6).sum(axis=1)

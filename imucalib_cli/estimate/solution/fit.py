@@ -37,10 +37,13 @@ from imucalib_cli.estimate.solution.solve import (
 )
 from imucalib_cli.estimate.solution.spectrum import (
     PARTS,
+    NoiseSpectrum,
     Statistics,
+    band_frequencies,
     deviance,
     embedded,
     inverse_of,
+    one_sided,
     part_matrices,
     part_numbers,
     statistics,
@@ -97,6 +100,8 @@ class Linearised:
     """(W,), robust."""
     scales: tuple[float, float]
     """Of the residuals, that they are whitened by, accelerometer m/s², gyroscope rad/s."""
+    noise: NoiseSpectrum
+    """Of the residuals, of whatever windows."""
 
     @property
     def windows(self) -> float:
@@ -149,36 +154,44 @@ class Linearised:
         return T, T[1:, 1:] @ score
 
     def _noise_of_columns(self) -> tuple[Floats, Floats]:
-        """What noise adds to information (n, n) and score (n,) in columns of the own reading."""
+        """What noise adds to information (n, n) and score (n,) in columns of the own reading.
+
+        It has the residuals' spectrum: where the window is as long as it should be the IMU's noise
+        outweighs the robot's, and what else a robot does that its joints do not report, vibration
+        say, is in the reading too.
+        """
         windowing, layout = self.model.windowing, self.model.layout
-        plan, grid = windowing.plan, windowing.grid
-        nodes = plan_nodes(plan, grid.dt)
+        plan, dt = windowing.plan, windowing.grid.dt
+        nodes = plan_nodes(plan, dt)
         on_information = np.zeros((layout.size, layout.size))
         on_score = np.zeros(layout.size)
-        own_errors = list(layout.of(Reading))
+        own = list(layout.of(Reading))
         of_base = [(each, effect.reading) for each, effect in layout.of(BaseReading)]
         for (sensor, name), (errors, noise) in itertools.product(
-            enumerate(SENSORS), ((own_errors, grid.noise), (of_base, windowing.base_noise))
+            enumerate(SENSORS), ((own, windowing.grid.noise), (of_base, windowing.base_noise))
         ):
             found = [pairs for pairs in errors if pairs[1].sensor == name]
             if not found:
                 continue
-            plain = plan.filters[sensor].average
-            # Of the residual, what is this sensor's own white noise; whitened as the columns are.
-            own = min(
-                noise[sensor] * float(np.sqrt(grid.refine)),
-                self.scales[sensor] / float(np.linalg.norm(plain)),
-            )
-            power = self.windows * (own * plan.noise_gains[sensor] / self.scales[sensor]) ** 2
             pair = (nodes.second, nodes.first)[sensor]
-            places = places_of(each.part for each, _ in found)
             answers = np.concatenate([effect.own_response(nodes.dt) for _, effect in found])
             kernels = np.array([[nodes.kernel(pair, axis) for axis in each] for each in answers])
+            plain = plan.filters[sensor].average
             margin = (kernels.shape[2] - len(plain)) // 2
-            residual = kernels[:, :, margin : margin + len(plain)] @ plain
-            gram = np.tensordot(kernels, kernels, axes=((1, 2), (1, 2)))
-            on_information[np.ix_(places, places)] = power * gram
-            on_score[places] = power * (gram @ self.state.x[places] - residual.sum(axis=1))
+            length = 2 * kernels.shape[2]
+            # Two IMUs share the noise by what each has of white noise.
+            share = noise[sensor] / max(windowing.noise[sensor], 1e-300) if of_base else 1.0
+            frequency = np.arange(length // 2 + 1) / (length * dt)
+            power = share**2 * self.noise.at(sensor, frequency)
+            root = np.sqrt(power * one_sided(length) / length)
+            root *= np.sqrt(self.windows) * plan.noise_gains[sensor] / self.scales[sensor]
+            in_columns = np.fft.rfft(kernels, length) * root
+            in_residual = np.fft.rfft(np.pad(plain, margin), length) * root
+            flat = in_columns.reshape(len(kernels), -1).view(np.float64)
+            gram, both = flat @ flat.T, (in_columns.sum(axis=1) @ in_residual.conj()).real
+            places = places_of(each.part for each, _ in found)
+            on_information[np.ix_(places, places)] = gram
+            on_score[places] = gram @ self.state.x[places] - both
         return on_information, on_score
 
 
@@ -192,6 +205,8 @@ class Fit(Answer):
     """About the point of linearisation of the equations."""
     levels: Floats
     """(2, bands), of the noise."""
+    noise: NoiseSpectrum
+    """Of the same."""
     centres: Indices
     residuals: Residuals
     weights: Floats
@@ -245,6 +260,7 @@ class Fit(Answer):
             self.residuals.values,
             self.weights,
             self.residual_scales,
+            self.noise,
         )
 
     def scales_at(self, plan: WindowPlan) -> tuple[float, float]:
@@ -427,6 +443,8 @@ def _fitted(
     curvature = _curvature(layout, seconds)[layout.free]
     clock = layout.part("time_offset")
     scales = (math.inf, math.inf)
+    accel, gyro = (each * math.sqrt(windowing.grid.refine) for each in windowing.noise)
+    noise = NoiseSpectrum.white((accel, gyro))
     for turn in range(_PASSES):
         every = _enough(model, state)
         centres = thinned(every, _FEW * more**turn)
@@ -436,12 +454,13 @@ def _fitted(
         # While a first solution may still be far off, no window is left out.
         sure = more > 1 or turn >= _UNSURE
         weights = window_weights(residuals.values, residuals.motion, redescend=sure)
-        at = Linearised(model, state, centres, residuals.values, weights, scales)
-        stats = statistics(windowing.plan, centres, at.rows(), at.windows, layout.size + 1)
-        stats = stats.calibrated(*at.calibration(stats.normal.sum(axis=(0, 1))))
+        at = Linearised(model, state, centres, residuals.values, weights, scales, noise)
+        sums = statistics(windowing.plan, centres, at.rows(), at.windows, layout.size + 1)
         offset, level = prior_offset(layout, options, state), 1.0
         beside = _beside(model, state, options)
         for _ in range(_LEVEL_PASSES):
+            at = replace(at, noise=noise)
+            stats = sums.calibrated(*at.calibration(sums.normal.sum(axis=(0, 1))))
             A, b = stats.information / level + beside[0], stats.score / level + beside[1]
             problem = Problem(information=A, score=b, offset=offset, prior=layout).of(layout.free)
             u = most_likely(problem, u)
@@ -449,6 +468,7 @@ def _fitted(
             levels = stats.levels(
                 embedded(step, layout.free), embedded_matrix(inverse, layout) / level
             )
+            noise = _noise(stats, levels, model, centres, scales)
             level = max(_level(stats, layout, levels, inverse), _least_level(residuals.values))
         sigmas = np.abs(step) / np.sqrt(np.diag(inverse))
         # What a step leaves is of second order: as small beside it as it is beside its curvature.
@@ -477,6 +497,7 @@ def _fitted(
         equations=equations,
         statistics=stats,
         levels=levels,
+        noise=noise,
         centres=centres,
         residuals=residuals,
         weights=weights,
@@ -531,6 +552,22 @@ def _curvature(layout: Layout, seconds: float) -> Floats:
         if each.unknown.unit == "s":
             sizes[each.part] = 0.1 * seconds
     return sizes
+
+
+def _noise(
+    stats: Statistics,
+    levels: Floats,
+    model: Model,
+    centres: Indices,
+    scales: tuple[float, float],
+) -> NoiseSpectrum:
+    """Of residuals whose levels these are."""
+    plan = model.windowing.plan
+    # Levels are of rows that stand for the samples up to the next window.
+    accel, gyro = (a / b for a, b in zip(scales, plan.noise_gains, strict=True))
+    return stats.noise_spectrum(
+        levels, band_frequencies(plan, centres, model.windowing.grid.dt), (accel, gyro)
+    )
 
 
 def _level(stats: Statistics, layout: Layout, levels: Floats, inverse: Floats) -> float:

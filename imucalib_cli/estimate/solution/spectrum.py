@@ -85,7 +85,7 @@ class BandSums:
     def _transform(self) -> None:
         if self._filled is None:
             return
-        root = np.sqrt(_one_sided(self.length) / self.length)
+        root = np.sqrt(one_sided(self.length) / self.length)
         for row, values in enumerate(self._buffer):
             found = np.fft.rfft(values) * root
             for index, band in enumerate(self._bands):
@@ -104,8 +104,28 @@ class BandSums:
 
     def freedom(self, windows: float) -> Floats:
         """(bands,), residual components of a sensor in each band."""
-        per_bin = 3.0 * windows / self.length * _one_sided(self.length)
+        per_bin = 3.0 * windows / self.length * one_sided(self.length)
         return np.array([per_bin[band].sum() for band in self._bands])
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseSpectrum:
+    """Noise of each sensor's residuals, as the variance of a grid sample of noise as loud."""
+
+    frequency: tuple[Floats, Floats]
+    """Hz, middle of each band that the windows let through, ascending: accelerometer, gyroscope."""
+    power: tuple[Floats, Floats]
+    """(m/s²)² and (rad/s)², in these bands."""
+
+    @classmethod
+    def white(cls, std: tuple[float, float]) -> NoiseSpectrum:
+        """Of samples with a standard deviation, m/s² and rad/s."""
+        accel, gyro = (np.array([each**2]) for each in std)
+        return cls((np.zeros(1), np.zeros(1)), (accel, gyro))
+
+    def at(self, sensor: int, frequency: Floats) -> Floats:
+        """(F,), a sensor's power at frequencies; outside the bands that of the nearest."""
+        return np.interp(frequency, self.frequency[sensor], self.power[sensor])
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,6 +179,24 @@ class Statistics:
         lost = np.einsum("sbpq,pq->sb", self.normal[:, :, 1:, 1:], covariance)
         left = np.maximum(self.freedom - lost, _LEAST_FREEDOM * self.freedom)
         return np.asarray(power / np.maximum(left * self.response, 1e-300))
+
+    def noise_spectrum(
+        self, levels: Floats, frequency: Floats, white: tuple[float, float]
+    ) -> NoiseSpectrum:
+        """Levels as powers of the sensors' samples.
+
+        Args:
+            levels: (2, bands).
+            frequency: (bands,), Hz, of the bands.
+            white: Standard deviation of a sample, m/s² and rad/s, whose level is 1.
+        """
+        pairs = [
+            # Without noise a level may be below zero by rounding.
+            (frequency[heard], np.maximum(level[heard], 0.0) * std**2)
+            for heard, level, std in zip(self.heard, levels, white, strict=True)
+        ]
+        (f_accel, accel), (f_gyro, gyro) = pairs
+        return NoiseSpectrum((f_accel, f_gyro), (accel, gyro))
 
     def score_covariance(self, levels: Floats) -> Floats:
         """B, (n, n), of the score J' e for noise of these levels."""
@@ -283,7 +321,7 @@ def _bounded(residuals: Floats) -> Floats:
     return np.asarray(residuals * np.minimum(1.0, most / np.maximum(size, 1e-300))[:, None])
 
 
-def _one_sided(length: int) -> Floats:
+def one_sided(length: int) -> Floats:
     """How often each bin of a real transform stands in the full one."""
     weight = np.full(length // 2 + 1, 2.0)
     weight[0] = weight[-1] = 1.0
