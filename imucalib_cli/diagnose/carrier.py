@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from imucalib_cli.diagnose.alternatives import alike, given_trial
 from imucalib_cli.diagnose.base_motion import find_still_imu
-from imucalib_cli.diagnose.edits import moving_key
+from imucalib_cli.diagnose.edits import driven_key
 from imucalib_cli.diagnose.hypotheses import Hypothesis
 from imucalib_cli.diagnose.rigid import Carrier, rigid_groups
 from imucalib_cli.errors import InputError
@@ -45,7 +45,7 @@ def find_carriers(
         path_to: Likewise.
     """
     groups = {each.path: each for each in rigid_groups(frames, path_to)}
-    for first in sorted(groups, key=lambda path: -len(moving_key(path))):
+    for first in sorted(groups, key=lambda path: -len(driven_key(path, in_log=True))):
         try:
             fitter, given = given_trial(samples(first), first, options)
         except InputError:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from imucalib_cli.diagnose.edits import driven_key, moving_key
+from imucalib_cli.diagnose.edits import driven_key
 from imucalib_cli.errors import ImucalibError
 from imucalib_cli.robot.path import FixedStep
 
@@ -53,7 +53,7 @@ def rigid_groups(
             path = path_to(frame)
         except ImucalibError:
             continue
-        groups.setdefault(moving_key(path), []).append(path)
+        groups.setdefault(driven_key(path, in_log=True), []).append(path)
     groups.pop((), None)
     found = []
     for paths in groups.values():
