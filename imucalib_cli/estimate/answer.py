@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, get_args
 
 import numpy as np
 
 from imucalib_cli.estimate.checks import judge
 from imucalib_cli.estimate.checks.observability import widen
-from imucalib_cli.estimate.estimate import Correction, Estimate, Parameter
+from imucalib_cli.estimate.estimate import Correction, CorrectionName, Estimate, Parameter
 from imucalib_cli.estimate.model.unknowns import Gravity, Mount, Origin
 
 if TYPE_CHECKING:
@@ -16,15 +16,7 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.solution.normal_equations import Answer
     from imucalib_cli.estimate.statistics import LogStatistics
 
-
-_RECORDED: Final = (
-    "clock_drift",
-    "gyro_delay",
-    "accel_scale",
-    "gyro_scale",
-    "gyro_misalignment",
-    "gravity_norm",
-)
+_RECORDED: Final = get_args(CorrectionName)
 """Entries of the table that schema 1 has under ``corrections``, where they stand clear."""
 
 
@@ -43,7 +35,9 @@ def estimate_of(
     offset_variance = 0.0 if statistics is None else statistics.offset_variance
     clock_stepped = statistics is not None and statistics.clock_stepped
     directions = judge.unobservable(answer)
-    biases = {name: _bias(answer, name) for name in ("accel_bias", "gyro_bias")}
+    (accel_bias, accel_std), (gyro_bias, gyro_std) = (
+        _bias(answer, name) for name in ("accel_bias", "gyro_bias")
+    )
     offset, offset_std = answer.of("time_offset")
     return Estimate(
         method="matched",
@@ -54,10 +48,10 @@ def estimate_of(
         time_offset_std=float(np.sqrt(offset_std[0] ** 2 + offset_variance))
         if judge.offset_known(answer)
         else None,
-        accel_bias=biases["accel_bias"][0],
-        accel_bias_std=biases["accel_bias"][1],
-        gyro_bias=biases["gyro_bias"][0],
-        gyro_bias_std=biases["gyro_bias"][1],
+        accel_bias=accel_bias,
+        accel_bias_std=accel_std,
+        gyro_bias=gyro_bias,
+        gyro_bias_std=gyro_std,
         gravity_world=answer.state.gravity,
         corrections=_corrections(answer, clock_stepped=clock_stepped),
         parameters=_parameters(answer),

@@ -66,7 +66,7 @@ def calibrate_matched(
     directions = judge.unobservable(fit)
     dependence = () if directions else tuple(window_dependence(fit))
     over_noise = judge.over_known_noise(fit)
-    segments = Segments(fit, loud=max(over_noise) > judge.LOUD)
+    segments = Segments(fit, loud=bool(over_noise.max() > judge.LOUD))
     evidence = judge.Evidence(
         topic=imu.topic,
         fit=fit,
@@ -85,7 +85,7 @@ def calibrate_matched(
         consistency=segments.consistency(fit.statistics.whiteness(fit.levels)),
         findings=judge.findings(evidence, statistics),
         notes={
-            "residual_over_known_noise": max(evidence.over_noise),
+            "residual_over_known_noise": float(over_noise.max()),
             "offset_correlation": attempt.lag.correlation if attempt.lag else None,
             "imu_stamps": "ticks" if attempt.imu_ticks else "as stamped",
             "robot_stamps": "ticks" if attempt.robot_ticks else "as stamped",
@@ -125,8 +125,8 @@ def _residuals(fit: Fit, spikes: int) -> Residuals:
         accel_normalised=accel / own[0],
         gyro_normalised=gyro / own[1],
         white_equivalent=(
-            float(np.sqrt(np.mean(accel**2))) / gains[0],
-            float(np.sqrt(np.mean(gyro**2))) / gains[1],
+            float(np.sqrt(np.mean(accel**2)) / gains[0]),
+            float(np.sqrt(np.mean(gyro**2)) / gains[1]),
         ),
         windows_used=int(used.sum()),
         windows_dropped=int((~used).sum()),

@@ -46,7 +46,7 @@ def rows(log: Log) -> WindowRows:
 
 
 def normal_of(rows: WindowRows) -> Floats:
-    return rows.normal_matrix(0.02, 0.002, np.ones(len(rows.centres)))
+    return rows.normal_matrix(np.array([0.02, 0.002]), np.ones(len(rows.centres)))
 
 
 def test_every_start_reaches_the_one_optimum(log: Log, rows: WindowRows) -> None:

@@ -17,6 +17,7 @@ from imucalib_cli.estimate.checks.strikes import strikes
 from imucalib_cli.estimate.model.layout import places_of
 from imucalib_cli.estimate.model.state import tilt_from_down
 from imucalib_cli.estimate.model.unknowns import (
+    SENSORS,
     BaseClock,
     Clock,
     JointCurve,
@@ -127,8 +128,8 @@ class Evidence:
     attempt: Attempt
     dependence: tuple[Dependence, ...]
     change: Change | None
-    over_noise: tuple[float, float]
-    """Residual scale over the noise that is known, accelerometer and gyroscope."""
+    over_noise: Floats
+    """(2,), residual scale over the noise that is known, accelerometer and gyroscope."""
     sign: Sign
     """Of the accelerometer: as read, reversed for that fits decisively better, or in doubt."""
 
@@ -138,17 +139,13 @@ class Evidence:
         return max(self.dependence, key=lambda each: each.sigmas, default=None)
 
 
-def own_noise(windowing: Windowing) -> tuple[float, float]:
-    """What the sensor's own white noise leaves in a window, m/s² and rad/s; at least any IMU's."""
-    noise, gains = windowing.noise, windowing.white_gains
-    accel, gyro = (
-        max(own * gain, floor) for own, gain, floor in zip(noise, gains, COMMON_IMU, strict=True)
-    )
-    return accel, gyro
+def own_noise(windowing: Windowing) -> Floats:
+    """(2,), what the sensor's own white noise leaves in a window; at least any IMU's."""
+    return np.asarray(np.maximum(windowing.noise * windowing.white_gains, COMMON_IMU))
 
 
-def over_known_noise(fit: Fit) -> tuple[float, float]:
-    """Residual scale over the noise that is known: the sensor's own and the kinematics'."""
+def over_known_noise(fit: Fit) -> Floats:
+    """(2,), residual scale over the noise that is known: the sensor's own and the kinematics'."""
     windowing = fit.model.windowing
     rotation, position = kinematic_noise(windowing.trajectory)
     plan, grid = windowing.plan, windowing.grid
@@ -159,11 +156,8 @@ def over_known_noise(fit: Fit) -> tuple[float, float]:
         # The first derivative's gain, 12 / T³, of the three angles in the nine elements of R.
         12.0 / seconds**3 * rotation / 6.0,
     )
-    ratios = []
-    for sensor, gain in enumerate(windowing.white_gains):
-        known = float(np.hypot(windowing.noise[sensor] * gain, np.sqrt(kinematic[sensor])))
-        ratios.append(fit.residual_scales[sensor] / max(known, COMMON_IMU[sensor]))
-    return ratios[0], ratios[1]
+    known = np.hypot(windowing.noise * windowing.white_gains, np.sqrt(kinematic))
+    return np.asarray(fit.residual_scales / np.maximum(known, COMMON_IMU))
 
 
 def of_findings(evidence: Evidence) -> Floats:
@@ -293,12 +287,11 @@ def _undecided(evidence: Evidence) -> Iterator[Finding]:
 
 
 def _residuals(evidence: Evidence) -> Iterator[Finding]:
-    ratios = evidence.over_noise
-    worst = int(np.argmax(ratios))
-    if ratios[worst] > LOUD:
-        make = untrusted if ratios[worst] > _GROSS else warning
-        sensor = ("accel", "gyro")[worst]
-        yield make("residual.beyond_noise", sensor=sensor, ratio=ratios[worst])
+    worst = int(evidence.over_noise.argmax())
+    ratio = float(evidence.over_noise[worst])
+    if ratio > LOUD:
+        make = untrusted if ratio > _GROSS else warning
+        yield make("residual.beyond_noise", sensor=SENSORS[worst], ratio=ratio)
 
 
 def _left_out(evidence: Evidence) -> Iterator[Finding]:

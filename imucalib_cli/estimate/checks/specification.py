@@ -124,7 +124,7 @@ def _difference(
         centres,
         residuals,
         fit.weights[np.searchsorted(fit.centres, centres)],
-        fit.scales_at(plan),
+        fit.residual_scales * (plan.gains / fit.model.windowing.plan.gains),
     )
     other = _Solved.of(fit, *there.parts())
     each = (base.influence - other.influence).reshape(parts, PARTS // parts, 6).sum(axis=1)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Final
@@ -53,7 +52,7 @@ if TYPE_CHECKING:
 
     from imucalib_cli.arrays import Floats, Indices
     from imucalib_cli.estimate.model.layout import Layout
-    from imucalib_cli.estimate.model.windows import Windowing, WindowPlan, WindowRows
+    from imucalib_cli.estimate.model.windows import Windowing
     from imucalib_cli.estimate.options import MatchedOptions
 
 
@@ -95,8 +94,8 @@ class Linearised:
     """(W, 6), e."""
     weights: Floats
     """(W,), robust."""
-    scales: tuple[float, float]
-    """Of the residuals, that they are whitened by, accelerometer m/s², gyroscope rad/s."""
+    scales: Floats
+    """(2,), of the residuals, that they are whitened by, accelerometer m/s², gyroscope rad/s."""
 
     @property
     def windows(self) -> float:
@@ -105,7 +104,7 @@ class Linearised:
 
     def rows(self) -> Iterator[tuple[slice, Floats]]:
         """[e J] of windows, (w, 6, n + 1): overlapping windows then count every sample once."""
-        gains = np.array(self.model.windowing.plan.noise_gains) / np.array(self.scales)
+        gains = self.model.windowing.plan.noise_gains / self.scales
         root = np.sqrt(self.weights)[:, None] * np.repeat(gains, 3)
         for part, J in columns(self.model, self.state, self.centres):
             rows = np.concatenate([self.residuals[part, :, None], J], axis=2)
@@ -158,7 +157,8 @@ class Linearised:
         own_errors = list(layout.of(Reading))
         of_base = [(each, effect.reading) for each, effect in layout.of(BaseReading)]
         for (sensor, name), (errors, noise) in itertools.product(
-            enumerate(SENSORS), ((own_errors, grid.noise), (of_base, windowing.base_noise))
+            enumerate(SENSORS),
+            ((own_errors, np.array(grid.noise)), (of_base, windowing.base_noise)),
         ):
             found = [pairs for pairs in errors if pairs[1].sensor == name]
             if not found:
@@ -167,7 +167,7 @@ class Linearised:
             # Of the residual, what is this sensor's own white noise; whitened as the columns are.
             own = min(
                 noise[sensor] * float(np.sqrt(grid.refine)),
-                self.scales[sensor] / float(np.linalg.norm(plain)),
+                self.scales[sensor] / plan.gains[sensor],
             )
             power = self.windows * (own * plan.noise_gains[sensor] / self.scales[sensor]) ** 2
             pair = (nodes.second, nodes.first)[sensor]
@@ -196,7 +196,8 @@ class Fit(Answer):
     residuals: Residuals
     weights: Floats
     """(W,), robust."""
-    residual_scales: tuple[float, float]
+    residual_scales: Floats
+    """(2,)."""
     runner_up_rise: float
     """How much worse the best other rotation fits, in chi-squared; inf where there is none."""
     beside: tuple[Floats, Floats]
@@ -246,17 +247,6 @@ class Fit(Answer):
             self.weights,
             self.residual_scales,
         )
-
-    def scales_at(self, plan: WindowPlan) -> tuple[float, float]:
-        """Residual scales that the same noise leaves in other windows, m/s² and rad/s."""
-        own = self.model.windowing.plan
-        accel, gyro = (
-            scale * float(np.linalg.norm(other.average) / np.linalg.norm(mine.average))
-            for scale, other, mine in zip(
-                self.residual_scales, plan.filters, own.filters, strict=True
-            )
-        )
-        return accel, gyro
 
     def evidence_over(self, other: Fit) -> float:
         """Fall of the information criterion against another model with as many unknowns."""
@@ -319,8 +309,9 @@ def _globally(
     centres = windowing.centres(time_offset)
     _see_enough(windowing, centres, time_offset)
     rows = windowing.rows(time_offset, thinned(centres, _FEW))
-    known, scales = Known.of(options), _FIRST_SCALES
-    normal = _normal(windowing, rows, np.ones(len(rows.centres)), scales)
+    known, scales = Known.of(options), np.array(_FIRST_SCALES)
+    gains = windowing.plan.noise_gains
+    normal = rows.normal_matrix(scales / gains, np.ones(len(rows.centres)))
     found = solve_globally(normal, known)
     lean, runner_up = found, found.runner_up
     for turn in range(_REWEIGHTS):
@@ -328,7 +319,7 @@ def _globally(
         scales = residual_scales(residuals)
         motion = (rows.accel[:, :, lean_columns.T] ** 2).sum(axis=(1, 2))
         weights = window_weights(residuals, motion, redescend=turn > 0)
-        normal = _normal(windowing, rows, weights, scales)
+        normal = rows.normal_matrix(scales / gains, weights)
         lean = _refined(normal, known, lean.x)
     rise = np.inf
     if runner_up is not None:
@@ -381,12 +372,6 @@ def transferred(
     return replace(state, x=x, held_offset=0.0)
 
 
-def _enough(model: Model, state: State) -> Indices:
-    centres = model.centres(state)
-    _see_enough(model.windowing, centres, model.shifts(state)[1][0])
-    return centres
-
-
 def _see_enough(windowing: Windowing, centres: Indices, offset: float) -> None:
     if len(centres) < MIN_WINDOWS:
         grid, (first, last) = windowing.grid, windowing.trajectory.span
@@ -397,18 +382,6 @@ def _see_enough(windowing: Windowing, centres: Indices, offset: float) -> None:
             f"({grid.gaps} in the IMU's stamps, {windowing.trajectory.gaps} in the robot's), need "
             f"{MIN_WINDOWS}: record a longer log, choose a shorter --window or another --clock"
         )
-
-
-def _normal(
-    windowing: Windowing, rows: WindowRows, weights: Floats, scales: tuple[float, float]
-) -> Floats:
-    accel, gyro = windowing.plan.noise_gains
-    return rows.normal_matrix(scales[0] / accel, scales[1] / gyro, weights)
-
-
-def _floored(scales: tuple[float, float]) -> tuple[float, float]:
-    """Scales no smaller than any IMU's: a log without noise is no reason to doubt the priors."""
-    return max(scales[0], SCALE_FLOOR[0]), max(scales[1], SCALE_FLOOR[1])
 
 
 def _fitted(
@@ -426,13 +399,18 @@ def _fitted(
     seconds = windowing.plan.length * windowing.grid.dt
     curvature = _curvature(layout, seconds)[layout.free]
     clock = layout.part("time_offset")
-    scales = (math.inf, math.inf)
+    scales = np.full(2, np.inf)
     for turn in range(_PASSES):
-        every = _enough(model, state)
+        every = model.centres(state)
+        _see_enough(windowing, every, model.shifts(state)[1][0])
         centres = thinned(every, _FEW * more**turn)
         (residuals,) = model.residuals(state, centres)
-        before, scales = scales, _floored(residual_scales(residuals.values))
-        falls = min(new / old for new, old in zip(scales, before, strict=True)) < _FALLS
+        # A log without noise is no reason to doubt the priors.
+        own, before = residual_scales(residuals.values), scales
+        scales = np.maximum(own, SCALE_FLOOR)
+        # Below it the noise is less than any IMU's.
+        least_level = min(1.0, float(((SCALE_FLOOR / own) ** 2).min()))
+        falls = (scales / before).min() < _FALLS
         # While a first solution may still be far off, no window is left out.
         sure = more > 1 or turn >= _UNSURE
         weights = window_weights(residuals.values, residuals.motion, redescend=sure)
@@ -449,7 +427,7 @@ def _fitted(
             levels = stats.levels(
                 embedded(step, layout.free), embedded_matrix(inverse, layout) / level
             )
-            level = max(_level(stats, layout, levels, inverse), _least_level(residuals.values))
+            level = max(_level(stats, layout, levels, inverse), least_level)
         sigmas = np.abs(step) / np.sqrt(np.diag(inverse))
         # What a step leaves is of second order: as small beside it as it is beside its curvature.
         bent = float((np.abs(step) / curvature).max(initial=0.0))
@@ -503,18 +481,17 @@ def _symmetric(matrix: Floats) -> Floats:
     return np.asarray(0.5 * (matrix + matrix.T))
 
 
-def _motion(model: Model, stats: Statistics, scales: tuple[float, float]) -> Floats:
+def _motion(model: Model, stats: Statistics, scales: Floats) -> Floats:
     """Information (n, n) for residuals of a common IMU, or their own if larger.
 
     Noise in a regressor looks like motion: the measurements' in the rotation's, the encoders' in
     the lever arm's. Twice what is expected of it is taken off.
     """
     layout, windowing = model.layout, model.windowing
-    plan, taken = windowing.plan, [max(a, b) for a, b in zip(scales, COMMON_IMU, strict=True)]
-    share = [(a / b) ** 2 for a, b in zip(scales, taken, strict=True)]
-    gains = plan.noise_gains
+    plan, taken = windowing.plan, np.maximum(scales, COMMON_IMU)
+    share, gains = (scales / taken) ** 2, windowing.plan.noise_gains
     noise = np.zeros(layout.size)
-    noise[layout.part("rotation")] = 2.0 * sum(s * g**2 for s, g in zip(share, gains, strict=True))
+    noise[layout.part("rotation")] = 2.0 * share @ gains**2
     rotation, _ = kinematic_noise(windowing.trajectory)
     seconds = plan.length * windowing.grid.dt
     noise[layout.part("translation")] = (
@@ -539,14 +516,3 @@ def _level(stats: Statistics, layout: Layout, levels: Floats, inverse: Floats) -
     B, A = stats.score_covariance(levels)[free], stats.information[free]
     # Where all is held there is nothing that meets the noise.
     return float(np.sum(inverse * B) / np.sum(inverse * A)) if layout.free.any() else 1.0
-
-
-def _least_level(residuals: Floats) -> float:
-    """Level below which the noise is less than any IMU's."""
-    return min(
-        1.0,
-        *(
-            (floor / scale) ** 2
-            for floor, scale in zip(SCALE_FLOOR, residual_scales(residuals), strict=True)
-        ),
-    )
