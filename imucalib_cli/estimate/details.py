@@ -15,8 +15,6 @@ from imucalib_cli.estimate import again
 from imucalib_cli.estimate.model.layout import lay_out
 from imucalib_cli.estimate.model.state import Chain
 from imucalib_cli.estimate.solution.fit import transferred
-from imucalib_cli.estimate.solution.normal_equations import prior_offset
-from imucalib_cli.estimate.solution.scales import Problem
 from imucalib_cli.estimate.solution.spectrum import band_frequencies
 from imucalib_cli.signals.stretches import stretches_of
 
@@ -230,26 +228,20 @@ def _nearest(ascending: Indices, values: Indices) -> Indices:
 
 def spectra_of(fit: Fit) -> tuple[Spectrum, Spectrum]:
     """Density of what a fit leaves, accelerometer and gyroscope."""
-    windowing, statistics = fit.model.windowing, fit.statistics
-    grid = windowing.grid
+    windowing, grid = fit.model.windowing, fit.model.windowing.grid
     frequency = band_frequencies(windowing.plan, fit.centres, grid.dt)
     # Levels are of rows that stand for the samples up to the next window.
     to_density = np.sqrt(2.0 * grid.dt * grid.refine / windowing.plan.hop)
+    units = fit.residual_scales / windowing.white_gains * to_density
+    own = np.array(grid.noise) * np.sqrt(2.0 * grid.dt * grid.refine)
     accel, gyro = (
         Spectrum(
             frequency=frequency[heard],
             # Without noise a level may be below zero by rounding.
-            density=np.sqrt(np.maximum(levels[heard], 0.0)) * (scale / gain * to_density),
-            own=noise * float(np.sqrt(2.0 * grid.dt * grid.refine)),
+            density=np.sqrt(np.maximum(fit.levels[sensor, heard], 0.0)) * units[sensor],
+            own=float(own[sensor]),
         )
-        for heard, levels, scale, gain, noise in zip(
-            statistics.heard,
-            fit.levels,
-            fit.residual_scales,
-            windowing.white_gains,
-            grid.noise,
-            strict=True,
-        )
+        for sensor, heard in enumerate(fit.statistics.heard)
     )
     return accel, gyro
 
@@ -273,16 +265,9 @@ def _misfit(fit: Fit, offset: float) -> float:
     layout = lay_out(fit.model.windowing.trajectory, options)
     model, state = replace(fit.model, layout=layout), transferred(fit, layout, options)
     (residuals,) = model.residuals(state, fit.centres)
-    there = replace(fit.linearised, model=model, state=state, residuals=residuals.values)
-    matrices, noise_score = there.parts()
-    total = matrices.sum(axis=0)
-    problem = Problem(
-        information=total[1:, 1:] / fit.equations.level,
-        score=(total[1:, 0] - noise_score) / fit.equations.level,
-        offset=prior_offset(layout, options, state),
-        prior=layout,
-    ).of(layout.free)
+    equations, square = fit.equations_in(layout, state, residuals.values)
+    problem = equations.problem(layout, options)
     step, _ = problem.solve(fit.u)
     P, away = problem.precision(fit.u), problem.offset
     gradient = problem.score + P * away
-    return float(total[0, 0] / fit.equations.level + P @ away**2 + gradient @ step)
+    return float(square / equations.level + P @ away**2 + gradient @ step)

@@ -20,7 +20,6 @@ from imucalib_cli.signals.prepare import clean_imu
 from imucalib_cli.signals.trajectory import Trajectory
 
 if TYPE_CHECKING:
-    from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.estimate import Estimate
     from imucalib_cli.estimate.options import MatchedOptions
     from imucalib_cli.estimate.solution.fit import Fit
@@ -115,28 +114,21 @@ def _upside_down(attempt: Attempt) -> bool:
 
 
 def _residuals(fit: Fit, spikes: int) -> Residuals:
-    used = fit.weights > 0.0
-    accel, gyro = (_rms(fit.residuals.values[used][:, part]) for part in (slice(0, 3), slice(3, 6)))
-    windowing = fit.model.windowing
-    gains, own = windowing.white_gains, judge.own_noise(windowing)
+    used, windowing = fit.weights > 0.0, fit.model.windowing
+    accel, gyro = rms = np.sqrt(np.mean(fit.residuals.values[used] ** 2, axis=0)).reshape(2, 3)
+    own = judge.own_noise(windowing)
+    equivalent = np.sqrt(np.mean(rms**2, axis=1)) / windowing.white_gains
     return Residuals(
         accel_rms=accel,
         gyro_rms=gyro,
         accel_normalised=accel / own[0],
         gyro_normalised=gyro / own[1],
-        white_equivalent=(
-            float(np.sqrt(np.mean(accel**2)) / gains[0]),
-            float(np.sqrt(np.mean(gyro**2)) / gains[1]),
-        ),
+        white_equivalent=(float(equivalent[0]), float(equivalent[1])),
         windows_used=int(used.sum()),
         windows_dropped=int((~used).sum()),
         samples_replaced=spikes,
         gaps=windowing.grid.gaps + windowing.trajectory.gaps,
     )
-
-
-def _rms(values: Floats) -> Floats:
-    return np.asarray(np.sqrt(np.mean(values**2, axis=0)))
 
 
 def _statistics(evidence: judge.Evidence, segments: Segments) -> LogStatistics:

@@ -38,11 +38,11 @@ from imucalib_cli.signals.noise import deviation_from_neighbours
 from imucalib_cli.signals.timing.stamps import sample_interval
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator
 
     from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.checks.segments import Change
-    from imucalib_cli.estimate.checks.specification import Dependence, OtherWindow
+    from imucalib_cli.estimate.checks.specification import Dependence
     from imucalib_cli.estimate.estimate import UnobservableDirection
     from imucalib_cli.estimate.model.windows import Windowing
     from imucalib_cli.estimate.solution.fit import Fit
@@ -307,13 +307,9 @@ def _left_out(evidence: Evidence) -> Iterator[Finding]:
     if share > _DROPPED_MOTION:
         yield untrusted("windows.motion_left_out", share=share)
     if count > _DROPPED * len(lost):
-        grid = fit.model.windowing.grid
-        when = grid.t0 + grid.dt * fit.centres[lost]
-        first, last = np.percentile(when, (4, 96))
-        within = (grid.t0 + grid.dt * fit.centres >= first) & (
-            grid.t0 + grid.dt * fit.centres <= last
-        )
-        dense = lost[within].mean() > 0.5
+        when = fit.model.windowing.grid.t[fit.centres]
+        first, last = np.percentile(when[lost], (4, 96))
+        dense = lost[(when >= first) & (when <= last)].mean() > 0.5
         yield warning(
             "windows.left_out",
             count=count,
@@ -367,8 +363,7 @@ def _window(evidence: Evidence) -> Iterator[Finding]:
             sigmas=worst.sigmas,
             seconds=worst.seconds,
             used=evidence.attempt.window.seconds,
-            translation=float(np.linalg.norm(worst.difference[:3])),
-            rotation=float(np.linalg.norm(worst.difference[3:])),
+            **_lengths(worst.difference),
         )
 
 
@@ -377,29 +372,27 @@ def _changed(evidence: Evidence) -> Iterator[Finding]:
     change = evidence.change
     if change is None:
         return
+    moved = change.size if change.kind == "mount" else change.moves_pose
+    lengths, values = _lengths(moved), {"size": float(np.linalg.norm(change.size))}
+    if len(change.size) == 1:
+        values = {"size": float(change.size[0])}
     if change.kind == "mount":
-        moved, values = change.size, _sizes(change.size, change.std)
-    else:
-        moved, values = change.moves_pose, {"size": _signed_size(change.size)}
+        spread, values = _lengths(moved * change.std), {}
+        for name, length in lengths.items():
+            values |= {name: length, f"{name}_std": spread[name] / max(length, 1e-300)}
     # The give of a mount is in sigma already.
-    slipped = any(np.linalg.norm(moved.reshape(2, 3), axis=1) > SLIP)
+    slipped = (np.array(list(lengths.values())) > SLIP).any()
     yield (untrusted if slipped else warning)(
         f"change.{change.kind}", seconds=change.seconds, uncertainty=change.uncertainty, **values
     )
 
 
-def _sizes(pose: Floats, std: Floats) -> dict[str, float]:
-    """Lengths of the translation and the rotation of a change of the pose, with their 1 sigma."""
-    found = {}
-    for name, part in (("translation", slice(0, 3)), ("rotation", slice(3, 6))):
-        length = float(np.linalg.norm(pose[part]))
-        found[name] = length
-        found[f"{name}_std"] = float(np.linalg.norm(pose[part] * std[part])) / max(length, 1e-300)
-    return found
-
-
-def _signed_size(values: Floats) -> float:
-    return float(values[0] if len(values) == 1 else np.linalg.norm(values))
+def _lengths(pose: Floats) -> dict[str, float]:
+    """Lengths of the two parts of a change of the pose (6,), m and rad."""
+    return {
+        "translation": float(np.linalg.norm(pose[:3])),
+        "rotation": float(np.linalg.norm(pose[3:])),
+    }
 
 
 def _errors(answer: Answer, log: LogStatistics | None) -> Iterator[Finding]:
@@ -433,7 +426,9 @@ def _errors(answer: Answer, log: LogStatistics | None) -> Iterator[Finding]:
                 yield make("bias.unusual", name=unknown.name, size=size)
         elif (surely > limit).any():
             worst = int(np.argmax(surely))
-            other = _sound_window(windows, part.start + worst, value[worst], limit)
+            # A window by which it keeps to its limit: then something else looks like it.
+            kept = (w for w in windows if abs(value[worst] + w.changes[part][worst]) <= limit)
+            other = next((w.seconds for w in kept), None)
             make = untrusted if other is None and "bias" not in unknown.name else warning
             yield make(
                 "unknown.implausible",
@@ -454,8 +449,7 @@ def _errors(answer: Answer, log: LogStatistics | None) -> Iterator[Finding]:
                 values=tuple(value.tolist()),
                 stds=tuple(std.tolist()),
                 seconds=0.0 if log is None else log.seconds,
-                translation=float(np.linalg.norm(moves[:3])),
-                rotation=float(np.linalg.norm(moves[3:])),
+                **_lengths(moves),
                 like=_like(answer, part.start + int(np.argmax(np.abs(value) / std))),
             )
 
@@ -473,16 +467,6 @@ def _like(answer: Answer, place: int) -> str:
             what = each.unknown.words.split(":")[0]
             return f"{what} ({each.labels[worst]})" if each.labels[worst] else what
     return ""
-
-
-def _sound_window(
-    windows: Sequence[OtherWindow], place: int, value: float, limit: float
-) -> float | None:
-    """Window, s, by which a component keeps to its limit: then something else looks like it."""
-    for other in windows:
-        if abs(value + other.changes[place]) <= limit:
-            return other.seconds
-    return None
 
 
 def _resting_on_priors(answer: Answer) -> Iterator[Finding]:

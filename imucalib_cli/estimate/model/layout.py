@@ -169,14 +169,10 @@ def lay_out(
     placed = [
         place
         for unknown in table
-        if isinstance(unknown.effect, Mount) or not _is_removed(options.prior_std(unknown))
+        if isinstance(unknown.effect, Mount) or np.any(options.prior_std(unknown) != 0.0)
         for place in chain.places(unknown)
     ]
     return with_priors(placed, options, chain.still)
-
-
-def _is_removed(std: Floats | None) -> bool:
-    return std is not None and not np.any(std)
 
 
 def with_priors(

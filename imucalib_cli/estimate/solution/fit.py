@@ -248,6 +248,31 @@ class Fit(Answer):
             self.residual_scales,
         )
 
+    def equations_in(
+        self, layout: Layout, state: State, residuals: Floats | None = None
+    ) -> tuple[NormalEquations, float]:
+        """Equations of its windows in another layout, and the square of what there is to explain.
+
+        Args:
+            layout: Of other components.
+            state: The point, in that layout.
+            residuals: (W, 6), there; None: those of the fit.
+        """
+        there = replace(
+            self.linearised,
+            model=replace(self.model, layout=layout),
+            state=state,
+            residuals=self.residuals.values if residuals is None else residuals,
+        )
+        matrices, noise_score = there.parts()
+        total = matrices.sum(axis=0)
+        A, b = total[1:, 1:], total[1:, 0] - noise_score
+        white = A * self.equations.level
+        equations = replace(
+            self.equations, layout=layout, at=state, information=A, score=b, noise=white, motion=A
+        )
+        return equations, float(total[0, 0])
+
     def evidence_over(self, other: Fit) -> float:
         """Fall of the information criterion against another model with as many unknowns."""
         windows = min(len(self.centres), len(other.centres))
