@@ -16,6 +16,7 @@ from tests.estimate.estimate_arm import (
     MEMS,
     Log,
     calibrated,
+    covariance,
     make_log,
     rotation_error,
     sigma,
@@ -39,11 +40,6 @@ def log() -> Log:
 @pytest.fixture(scope="module")
 def plain(log: Log) -> Estimate:
     return taken_as_exact(log)
-
-
-def covariance(estimate: Estimate) -> Floats:
-    assert estimate.covariance is not None
-    return estimate.covariance
 
 
 def test_where_the_world_frame_is_does_not_matter(log: Log, plain: Estimate) -> None:
@@ -111,10 +107,8 @@ def test_sigma_scales_with_the_noise() -> None:
 
 
 def test_when_the_log_began_does_not_matter(log: Log, plain: Estimate) -> None:
-    track = log.path.tracks[0]
-    path = replace(log.path, tracks=(replace(track, t=track.t + 4096.0),))
-    imu = replace(log.imu, t=log.imu.t + 4096.0)
-    later = taken_as_exact(replace(log, path=path, imu=imu))
+    late = log.with_imu(log.imu.t + 4096.0, log.imu.gyro, log.imu.accel)
+    later = taken_as_exact(late.with_joints(t=log.path.tracks[0].t + 4096.0))
     np.testing.assert_allclose(later.t_parent_imu, plain.t_parent_imu, atol=1e-7)
     assert later.time_offset == pytest.approx(plain.time_offset, abs=1e-8)
 
