@@ -165,10 +165,7 @@ class Fitter:
     ) -> tuple[float, float]:
         """Coarse time offset, s, and how alike the rates are in it, -1 to 1, whatever the mount.
 
-        Args:
-            path: The kinematics to assume.
-            about: Offset about which it is searched, s.
-            most: How far, s; default: of the options.
+        It is searched ``most`` about ``about``, s; as far as the options say by default.
 
         Raises:
             InputError: A track has too few usable samples.

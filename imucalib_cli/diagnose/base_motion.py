@@ -33,11 +33,7 @@ _LEAST: Final = 15
 
 
 def find_motion_at_rest(given: Trial) -> Finding | None:
-    """Name a base that moves though the log says nothing of it.
-
-    Args:
-        given: The kinematics as given, fitted.
-    """
+    """Name a base that moves though the log says nothing of it."""
     state, full = given.lean.state, given.lean.model.windowing
     dt, degree = full.grid.dt, full.plan.degree
     length = max(odd_length(_WINDOW / dt), shortest_length(degree))
@@ -83,11 +79,7 @@ def find_motion_at_rest(given: Trial) -> Finding | None:
 
 
 def find_still_imu(given: Trial) -> Finding | None:
-    """Name an IMU that stands still although its parent link turns.
-
-    Args:
-        given: The kinematics as given, fitted.
-    """
+    """Name an IMU that stands still although its parent link turns."""
     grid, path = given.lean.model.windowing.grid, given.lean.model.windowing.trajectory.path
     measured = trimmed_rms(grid.gyro - np.median(grid.gyro, axis=0))
     turning = float(given.total[1])

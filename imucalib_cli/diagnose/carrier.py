@@ -36,14 +36,7 @@ def find_carriers(
     frames: Iterable[str],
     path_to: Callable[[str], KinematicPath],
 ) -> Carriers:
-    """Links that move as an IMU does.
-
-    Args:
-        samples: The IMU's, repaired with the help of a path.
-        options: Of the estimator.
-        frames: As for :func:`rigid_groups`.
-        path_to: Likewise.
-    """
+    """Links that move as an IMU does, whose samples are repaired with the help of a path."""
     groups = {each.path: each for each in rigid_groups(frames, path_to)}
     for first in sorted(groups, key=lambda path: -len(driven_key(path, in_log=True))):
         try:

@@ -63,14 +63,9 @@ def needs_diagnosis(estimate: Estimate) -> bool:
 
 
 def diagnose(poor: PoorFit) -> tuple[Finding, ...]:
-    """Try what may be wrong with robot and log; name what explains decisively.
+    """Name what explains a poor fit decisively, the most likely first.
 
-    Args:
-        poor: The fit and what else could be true.
-
-    Returns:
-        Findings, the first the most likely; empty where nothing tried explains, and where the fit
-        is good.
+    Empty where nothing tried explains, and where the fit is good.
     """
     # Their jumps look like a noisy encoder to the fit, which may be content with it.
     rivals = find_rival_publishers(poor.path)

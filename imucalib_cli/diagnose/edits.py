@@ -34,9 +34,7 @@ def turning_joints(path: KinematicPath) -> dict[tuple[int, int], str]:
 def driven_key(path: KinematicPath, *, in_log: bool = False) -> tuple[object, ...]:
     """What drives a path: equal for links that are rigidly joined.
 
-    Args:
-        path: To a link.
-        in_log: Whether only what moves in the log counts: equal for links that then keep still.
+    With ``in_log`` only what moves in the log counts: equal for links that keep still in it.
     """
     keys: list[tuple[object, ...]] = []
     for step in path.steps:

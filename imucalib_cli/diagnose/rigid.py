@@ -41,11 +41,9 @@ class Carrier:
 def rigid_groups(
     frames: Iterable[str], path_to: Callable[[str], KinematicPath]
 ) -> tuple[Carrier, ...]:
-    """Frames that move, in groups that move alike in the log.
+    """Frames of a robot or a log that move, in groups that move alike in the log.
 
-    Args:
-        frames: Of the robot, or of the log.
-        path_to: Kinematics of a frame; raises ImucalibError where the log does not tell them.
+    ``path_to`` raises ImucalibError where the log does not tell the kinematics of a frame.
     """
     groups: dict[tuple[object, ...], list[KinematicPath]] = {}
     for frame in frames:

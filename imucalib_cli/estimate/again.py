@@ -45,12 +45,7 @@ _LEAN: Final = frozenset(each.name for each in LEAN)
 
 
 def solve_again(log: LogStatistics, options: MatchedOptions) -> tuple[Answer, list[Finding]]:
-    """Every unknown of one log with other priors, and what is to be told of it.
-
-    Args:
-        log: Its statistics.
-        options: What is known beforehand; what the run held cannot be set free.
-    """
+    """One log with other priors (what the run held stays held), and what is to be told of it."""
     equations = log.equations
     answer = equations.solve(options)
     wrong = contradicted(answer, lambda _: equations, equations.solve)
@@ -59,11 +54,9 @@ def solve_again(log: LogStatistics, options: MatchedOptions) -> tuple[Answer, li
 
 
 def stretches_of(log: LogStatistics, std: Floats) -> LogParts | None:
-    """What each part of a log tells about the pose; None where a component of it is held.
+    """What each part of a log tells about the pose, whose sigma (6,) is stated to be ``std``.
 
-    Args:
-        log: Its statistics, with the priors of the run.
-        std: (6,), of the pose, as it is stated.
+    None where a component of the pose is held.
     """
     equations, layout = log.equations, log.equations.layout
     free = np.flatnonzero(layout.free)
@@ -113,11 +106,9 @@ class Combined:
 
 
 def combine_logs(logs: Sequence[LogStatistics], options: Sequence[MatchedOptions]) -> Combined:
-    """Solve several logs of one mount together.
+    """Solve at least two logs of one mount, robot and IMU together.
 
-    Args:
-        logs: At least two, of one robot and one IMU.
-        options: What is known beforehand of each; of what they share, those of the first count.
+    Of what they share, the first one's options count.
     """
     shared = _shared_layout(logs, options[0])
     at = _common_point(logs[0].equations.at, shared, options[0])

@@ -23,13 +23,10 @@ _RECORDED: Final = get_args(CorrectionName)
 def estimate_of(
     answer: Answer, statistics: LogStatistics | None = None, **evidence: Any
 ) -> Estimate:
-    """The estimate of an answer.
+    """The estimate of an answer; ``evidence`` are its other fields.
 
-    Args:
-        answer: Every unknown.
-        statistics: Of the one log that it is of, which add to its covariances; None for an answer
-            of several logs, in which they are already.
-        evidence: Other fields of the estimate.
+    The statistics, of the one log that it is of, add to its covariances; in those of an answer of
+    several logs they are already.
     """
     widened = np.zeros((6, 6)) if statistics is None else statistics.widened
     offset_variance = 0.0 if statistics is None else statistics.offset_variance

@@ -150,15 +150,7 @@ def details_of(
     log: LogStatistics,
     covariance: Floats,
 ) -> Details:
-    """All that a report draws of a fit.
-
-    Args:
-        fit: The solution.
-        clean: The IMU's samples.
-        dependence: On the window.
-        log: What it tells, summed.
-        covariance: (6, 6), of the pose, as it is stated.
-    """
+    """All that a report draws of a fit; the covariance (6, 6) is as it is stated."""
     plan, grid = fit.model.windowing.plan, fit.model.windowing.grid
     return Details(
         windows=window_series(fit, fit.state),
@@ -177,10 +169,7 @@ def details_of(
 def window_series(fit: Fit, state: State, most: int = _MOST_WINDOWS) -> WindowSeries:
     """Both sides of the equations at every window of the fit, and at instants between them.
 
-    Args:
-        fit: The solution.
-        state: Values of its unknowns, which may be others than its own.
-        most: Instants; where the fit has more windows, all of them are taken.
+    The state may be another than the fit's. Of more windows than ``most`` all are taken.
     """
     windowing = fit.model.windowing
     model = replace(

@@ -37,14 +37,7 @@ def calibrate_matched(
 ) -> Estimate:
     """Find the IMU's pose in the path's parent link by matched Savitzky-Golay filters.
 
-    Args:
-        imu: As stamped.
-        path: Kinematics of the parent link, as stamped.
-        options: What to find and what is known.
-        details: Whether to keep what a report draws.
-
-    Returns:
-        The estimate, with what it could not determine named in it.
+    Stamps of both are as they were recorded; ``details`` are what a report draws.
 
     Raises:
         InputError: Streams too short, without overlap or without usable samples.

@@ -116,12 +116,7 @@ def groups(imus: Sequence[OnRobot]) -> list[list[int]]:
 
 
 def solve_agreeing(logs: Sequence[LogStatistics], own: Sequence[Answer]) -> Together:
-    """Solve IMUs together, without those that do not agree on the errors they share.
-
-    Args:
-        logs: Of the IMUs of one log.
-        own: The answer of each by itself.
-    """
+    """Solve IMUs of one log together, without those that do not agree with the rest."""
     kept = tuple(range(len(logs)))
     strangers: dict[int, Change] = {}
     answers = solve_together(logs)
@@ -143,11 +138,7 @@ def solve_agreeing(logs: Sequence[LogStatistics], own: Sequence[Answer]) -> Toge
 
 
 def solve_together(logs: Sequence[LogStatistics]) -> list[Answer]:
-    """Every unknown of every IMU, with what is the robot's in common.
-
-    Args:
-        logs: Of the IMUs of one log.
-    """
+    """Every unknown of every IMU of one log, with what is the robot's in common."""
     system = System.of(logs)
     posterior = integrate(system.problem, most_likely(system.problem))
     common = system.common_noise(posterior.u)
@@ -363,10 +354,8 @@ def _limits(layout: Layout) -> list[Limits]:
 def _whole(log: LogStatistics, *, several_ways: bool) -> Layout:
     """The entries of an IMU with all their components, and their priors.
 
-    Args:
-        log: Of the IMU.
-        several_ways: Whether the chains leave the base IMU's link by several joints: where these
-            are in that link is then no part of the base IMU's place.
+    Where chains leave the base IMU's link by several joints, where these are in that link is no
+    part of the base IMU's place.
     """
     layout = log.equations.layout
     places = [each.whole for each in layout.placed]

@@ -48,14 +48,7 @@ position."""
 def choose_window(
     choice: WindowChoice, grid: ImuGrid, trajectory: Trajectory, degree: int
 ) -> tuple[int, Window]:
-    """Window length in grid samples, odd, and what to tell the user about it.
-
-    Args:
-        choice: What the user asked for; neither samples nor seconds is automatic.
-        grid: The IMU.
-        trajectory: The parent link.
-        degree: Of the filter, which needs more samples than that.
-    """
+    """Window length in grid samples, odd, and what to tell the user about it."""
     if choice.samples is not None:
         seconds, reason = (choice.samples - 1) * grid.refine * grid.dt, "as asked"
     elif choice.seconds is not None:
@@ -104,23 +97,16 @@ def second_derivative_gain(seconds: float) -> float:
 
 
 def turning_noise(seconds: float, trajectory: Trajectory) -> float:
-    """Noise of the angular acceleration over a window that the base IMU's gyroscope makes.
+    """(rad/s²)² of the angular acceleration over a window, of the two axes across an arm.
 
-    The variance of a first derivative is 12 sigma² dt / T³.
-
-    Returns:
-        (rad/s²)², of the two axes across an arm; zero without a base IMU.
+    By the noise of the base IMU's gyroscope: a first derivative has the variance 12 sigma² dt / T³.
     """
     base = trajectory.base_readings
     return 0.0 if base is None else 2.0 * 12.0 / seconds**3 * base.noise[1] ** 2 * base.dt
 
 
 def kinematic_noise(trajectory: Trajectory) -> tuple[float, float]:
-    """Noise of R_world_parent and p_world_parent, as variance times sample interval.
-
-    Returns:
-        Summed over the nine elements of R, s; summed over position, m² s.
-    """
+    """Variance times interval of R_world_parent's nine elements, s, and of p, m² s."""
     rotation = position = 0.0
     for track, kind in zip(trajectory.tracks, trajectory.path.tracks, strict=True):
         variance = track.moving_variance

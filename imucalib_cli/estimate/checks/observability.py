@@ -30,14 +30,9 @@ _PARTS: Final = {"translation": slice(0, 3), "rotation": slice(3, 6)}
 
 
 def excitation(answer: Answer, *, everything: bool = False) -> Floats:
-    """Covariance as the motion allows it, for an IMU of common noise: little noise is no motion.
+    """Covariance (n, n) as the motion allows it, for common noise: little noise is no motion.
 
-    Args:
-        answer: A solution.
-        everything: Components of the mount that are held, or known beforehand, count as free.
-
-    Returns:
-        (n, n), of the layout's components.
+    With ``everything`` also components of the mount count as free that are held or known.
     """
     layout = answer.layout
     lean = {each.name for each in LEAN}
@@ -65,15 +60,12 @@ def undetermined(answer: Answer) -> Bools:
 
 
 def unobservable_directions(covariance: Floats, excitation: Floats) -> list[UnobservableDirection]:
-    """Eigen-directions of the pose's covariance beyond the limits.
+    """Eigen-directions of the pose beyond the limits, translation first, the least known first.
 
     Args:
         covariance: (6, 6), of the estimate, parent frame.
         excitation: (6, 6), what ordinary noise would give on this motion: the larger counts, so
             that a log without noise does not make a motionless direction look known.
-
-    Returns:
-        Translation first, the least known first.
     """
     rotation = _beyond("rotation", covariance, excitation)
     swept = [_swept(matrix, rotation) for matrix in (covariance, excitation)]
@@ -142,12 +134,7 @@ def _beyond(
 
 
 def widen(covariance: Floats, directions: Sequence[UnobservableDirection]) -> Floats:
-    """Covariance in which every unobservable direction is as wide as it is said to be.
-
-    Args:
-        covariance: (6, 6), parent frame.
-        directions: Of :func:`unobservable_directions`.
-    """
+    """Covariance (6, 6) in which every unobservable direction is as wide as it is said to be."""
     wide = np.array(covariance)
     for direction in directions:
         part = _PARTS[direction.kind]
@@ -167,13 +154,10 @@ def _readable(direction: Floats) -> Floats:
 
 
 def _motion(kind: str, direction: Floats, turns_about: Floats | None) -> str:
-    """The cheapest motion that would determine a direction.
+    """The cheapest motion that would determine a direction (3,), parent frame.
 
-    Args:
-        kind: Of the direction.
-        direction: (3,), parent frame.
-        turns_about: (3,), the only axis about which the link turns already; None where that is the
-            direction itself, or where the link turns about none or several.
+    ``turns_about`` is the only axis about which the link turns already; None where that is the
+    direction itself, or where the link turns about none or several.
     """
     names = "xyz"
     had = direction if turns_about is None else turns_about

@@ -121,12 +121,7 @@ class Segments:
     """Normal matrices of the parts of a log about the solution of all of it."""
 
     def __init__(self, fit: Fit, *, loud: bool) -> None:
-        """Cut the windows into parts and sum each.
-
-        Args:
-            fit: The solution.
-            loud: Whether it leaves far more than the noise.
-        """
+        """Cut the windows into parts and sum each; ``loud``: far more is left than noise."""
         self._loud = loud
         free = np.flatnonzero(fit.layout.free)
         self._free, self._fit = free, fit

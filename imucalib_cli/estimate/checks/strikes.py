@@ -28,12 +28,7 @@ _GRAVITY: Final = 9.80665
 
 
 def strikes(topic: str, fit: Fit) -> Iterator[Finding]:
-    """Strikes, if they are many, whether their windows fit the rest or not.
-
-    Args:
-        topic: Of the IMU.
-        fit: Of its windows.
-    """
+    """Strikes, if they are many, whether their windows fit the rest or not."""
     windowing = fit.model.windowing
     grid, plan = windowing.grid, windowing.plan
     force = np.linalg.norm(grid.accel, axis=1)

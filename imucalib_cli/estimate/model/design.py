@@ -104,12 +104,9 @@ class Model:
     def residuals(
         self, state: State, centres: Indices, plans: tuple[WindowPlan, ...] = ()
     ) -> list[Residuals]:
-        """Exact residuals of windows about the same centres, for each of some plans.
+        """Exact residuals of windows about centres (W,), ascending, for each of some plans.
 
-        Args:
-            state: Where.
-            centres: (W,), ascending.
-            plans: The model's own by default. What a window that does not fit leaves is zero.
+        The plan is the model's own by default. What a window that does not fit leaves is zero.
         """
         plans = plans or (self.windowing.plan,)
         grid = self.windowing.grid
@@ -148,11 +145,7 @@ class Model:
     ) -> tuple[Floats, Floats, Floats]:
         """R_world_parent and p_world_parent for the accelerometer, and R for the gyroscope.
 
-        Args:
-            chain: The parent link.
-            span: Of the grid.
-            accel: Shift and drift of the stamps.
-            gyro: Likewise.
+        Over a span of the grid; their stamps have each a shift, s, and a drift.
         """
         grid, near = self.windowing.grid, self.windowing.trajectory.nearest_covered
         later = (accel[0] - gyro[0]) / grid.dt if accel[1] == gyro[1] else 0.0

@@ -158,13 +158,7 @@ def places_of(parts: Iterable[slice]) -> Indices:
 def lay_out(
     trajectory: Trajectory, options: MatchedOptions, table: tuple[Unknown, ...] = TABLE
 ) -> Layout:
-    """Place every entry of the table that this robot and this request have.
-
-    Args:
-        trajectory: The robot's motion.
-        options: What is known beforehand.
-        table: Of unknowns.
-    """
+    """Place every entry of a table that this robot and this request have."""
     chain = _Chain(trajectory)
     placed = [
         place
@@ -178,12 +172,9 @@ def lay_out(
 def with_priors(
     places: Iterable[Placed], options: MatchedOptions, still: tuple[str, ...] = ()
 ) -> Layout:
-    """Entries in one vector, each with its prior.
+    """Entries in one vector, in their order, each with its prior.
 
-    Args:
-        places: In order.
-        options: What is known beforehand.
-        still: Joints that do not move behind the last that does.
+    ``still`` are joints that do not move behind the last that does.
     """
     placed: list[Placed] = []
     stds: list[Floats] = []

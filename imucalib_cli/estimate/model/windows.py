@@ -91,13 +91,9 @@ class WindowPlan:
 
 
 def plan_windows(length: int, degree: int, dt: float, hop: int | None = None) -> WindowPlan:
-    """Filters for windows of ``length`` samples spaced ``dt`` seconds.
+    """Filters for windows of ``length`` samples, odd, spaced ``dt`` seconds.
 
-    Args:
-        length: Grid samples, odd.
-        degree: Of the fitted polynomial.
-        dt: s.
-        hop: Grid samples between windows; a third of a window by default.
+    The hop between windows is a third of a window by default.
     """
     node = max((length - 1) // NODES, 1)
     if hop is None:
@@ -191,12 +187,7 @@ class Windowing:
         return window_centres(self.plan, self.grid.usable & covered)
 
     def rows(self, time_offset: float, centres: Indices) -> WindowRows:
-        """Fill the columns of the lean system.
-
-        Args:
-            time_offset: IMU stamp - robot stamp, s: the pose is taken that much earlier.
-            centres: (W,), grid indices of window centres, ascending.
-        """
+        """The lean system of windows about centres (W,), ascending, at a time offset, s."""
         accel = np.zeros((len(centres), 3, columns.COUNT))
         gyro = np.zeros((len(centres), 3, columns.COUNT))
         reach = self.plan.length // 2 + MARGIN

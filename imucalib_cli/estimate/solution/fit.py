@@ -121,9 +121,6 @@ class Linearised:
 
         Where a column is all noise nothing is left of it, and what it seems to tell weighs nothing.
 
-        Args:
-            total: (n + 1, n + 1), normal matrix of [e J].
-
         Returns:
             (n + 1, n + 1), T of [e J] T', and (n,), what noise adds to their score.
 
@@ -204,12 +201,7 @@ class Fit(Answer):
     """Information (n, n) and score (n,) of what is known beside the windows."""
 
     def problem(self, total: Floats, noise_score: Floats) -> Problem:
-        """Normal equations about the point of linearisation, in units of the noise.
-
-        Args:
-            total: (n + 1, n + 1), normal matrix of [e J].
-            noise_score: (n,), of J'e, that is noise.
-        """
+        """From [e J] (n + 1, n + 1) and the noise (n,) in J'e, in units of the noise."""
         information, score = (self.equations.level * each for each in self.beside)
         equations = replace(
             self.equations,
@@ -251,13 +243,7 @@ class Fit(Answer):
     def equations_in(
         self, layout: Layout, state: State, residuals: Floats | None = None
     ) -> tuple[NormalEquations, float]:
-        """Equations of its windows in another layout, and the square of what there is to explain.
-
-        Args:
-            layout: Of other components.
-            state: The point, in that layout.
-            residuals: (W, 6), there; None: those of the fit.
-        """
+        """Equations of its windows about a state of another layout, and e'e there."""
         there = replace(
             self.linearised,
             model=replace(self.model, layout=layout),
@@ -379,11 +365,7 @@ def transferred(
 ) -> State:
     """The values of a fit in another layout; a time offset that is told is as it is told.
 
-    Args:
-        fit: Where they are from.
-        layout: Where they go.
-        options: Of that layout.
-        state: Another than the fit's, in its layout.
+    ``state`` is another than the fit's, in its layout.
     """
     state, old = state or fit.state, fit.layout
     x = np.zeros(layout.size)

@@ -39,12 +39,7 @@ class NormalEquations:
     """(n, n), information that the motion gives an IMU of common noise, whatever this one's is."""
 
     def problem(self, layout: Layout, options: MatchedOptions) -> Problem:
-        """In units of the noise, of the free components; the others are where they are held.
-
-        Args:
-            layout: Of the same components.
-            options: Whose priors they are.
-        """
+        """In units of the noise, of the free components; the others are where they are held."""
         offset = prior_offset(layout, options, self.at)
         held = np.where(layout.free, 0.0, -offset)
         return Problem(

@@ -30,19 +30,12 @@ def residual_scales(residuals: Floats) -> Floats:
 
 
 def window_weights(residuals: Floats, motion: Floats, *, redescend: bool) -> Floats:
-    """Weight of each window, from its residual against windows that move alike.
+    """Weights (W,), 0 to 1, of residuals (W, 6) against windows that move alike.
 
-    Vibration, encoder noise and model errors grow with motion. A window is an outlier among
-    those of like motion, never merely because it moves: it is the moving ones that inform.
-
-    Args:
-        residuals: (W, 6).
-        motion: (W,), how much each window moves, in any unit.
-        redescend: Whether far windows lose all weight (Tukey) or only influence (Huber): the
-            latter first, while the solution may still be off.
-
-    Returns:
-        (W,), in [0, 1].
+    Vibration, encoder noise and model errors grow with motion (W,), in any unit. A window is an
+    outlier among those of like motion, never merely because it moves: it is the moving ones that
+    inform. With ``redescend`` far windows lose all weight (Tukey), else only influence (Huber), as
+    long as the solution may still be off.
     """
     scales = np.maximum(residual_scales(residuals), SCALE_FLOOR)
     squares = (residuals**2).reshape(-1, 2, 3).sum(axis=2)

@@ -108,12 +108,7 @@ class Solution:
 
 
 def solve_globally(normal: Floats, known: Known) -> Solution:
-    """Least cost over all rotations: start from the relaxed solution and the cube's rotations.
-
-    Args:
-        normal: (COUNT, COUNT), normal matrix; cost = x' normal x.
-        known: Beforehand.
-    """
+    """Least x' normal x over all rotations: from the relaxed solution and the cube's rotations."""
     rotations = _start_rotations(normal, known)
     starts = np.zeros((len(rotations), columns.COUNT))
     starts[:, columns.ONE], starts[:, columns.R] = 1.0, rotations.reshape(-1, 9)
