@@ -27,12 +27,7 @@ from imucalib_cli.estimate.model.unknowns import (
 )
 from imucalib_cli.estimate.solution.fit import COMMON_IMU
 from imucalib_cli.estimate.solution.spectrum import inverse_of
-from imucalib_cli.estimate.window_choice import (
-    ARM,
-    kinematic_noise,
-    second_derivative_gain,
-    turning_noise,
-)
+from imucalib_cli.estimate.window_choice import kinematic_variance
 from imucalib_cli.findings import Finding, Severity, note, untrusted, warning
 from imucalib_cli.signals.noise import deviation_from_neighbours
 from imucalib_cli.signals.timing.stamps import sample_interval
@@ -147,15 +142,8 @@ def own_noise(windowing: Windowing) -> Floats:
 def over_known_noise(fit: Fit) -> Floats:
     """(2,), residual scale over the noise that is known: the sensor's own and the kinematics'."""
     windowing = fit.model.windowing
-    rotation, position = kinematic_noise(windowing.trajectory)
-    plan, grid = windowing.plan, windowing.grid
-    seconds = plan.length * grid.dt
-    kinematic = (
-        second_derivative_gain(seconds) * position
-        + ARM**2 * turning_noise(seconds, windowing.trajectory),
-        # The first derivative's gain, 12 / T³, of the three angles in the nine elements of R.
-        12.0 / seconds**3 * rotation / 6.0,
-    )
+    seconds = windowing.plan.length * windowing.grid.dt
+    kinematic = kinematic_variance(seconds, windowing.trajectory)
     known = np.hypot(windowing.noise * windowing.white_gains, np.sqrt(kinematic))
     return np.asarray(fit.residual_scales / np.maximum(known, COMMON_IMU))
 

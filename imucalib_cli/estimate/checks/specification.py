@@ -25,7 +25,7 @@ from imucalib_cli.estimate.solution.spectrum import (
     embedded,
     squared_distance,
 )
-from imucalib_cli.estimate.window_choice import MAX_ATTENUATION, attenuation
+from imucalib_cli.estimate.window_choice import MAX_ATTENUATION, attenuation, lever_power
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats, Indices
@@ -170,4 +170,5 @@ def _sound(fit: Fit, length: int) -> bool:
     if length > windowing.plan.length:
         return True
     seconds = (length - 1) * windowing.grid.dt
-    return attenuation(seconds, windowing.grid, windowing.trajectory) <= MAX_ATTENUATION
+    turning = lever_power(windowing.grid, windowing.trajectory)
+    return attenuation(seconds, turning, windowing.trajectory) <= MAX_ATTENUATION

@@ -404,7 +404,11 @@ def _fitted(
     layout, windowing = model.layout, model.windowing
     u = layout.bounds.mean(axis=1)
     seconds = windowing.plan.length * windowing.grid.dt
-    curvature = _curvature(layout, seconds)[layout.free]
+    # Steps at which the model is bent: a radian, a metre, a tenth of a window's seconds.
+    curvature = np.ones(layout.size)
+    for each in layout.placed:
+        if each.unknown.unit == "s":
+            curvature[each.part] = 0.1 * seconds
     clock = layout.part("time_offset")
     scales = np.full(2, np.inf)
     for turn in range(_PASSES):
@@ -437,7 +441,7 @@ def _fitted(
             level = max(_level(stats, layout, levels, inverse), least_level)
         sigmas = np.abs(step) / np.sqrt(np.diag(inverse))
         # What a step leaves is of second order: as small beside it as it is beside its curvature.
-        bent = float((np.abs(step) / curvature).max(initial=0.0))
+        bent = float((np.abs(step) / curvature[layout.free]).max(initial=0.0))
         settled = sigmas.max(initial=0.0) * bent < _SETTLED
         all_heard = more == 1 or len(centres) == len(every)
         if turn == _PASSES - 1 or (turn and settled and all_heard):
@@ -506,15 +510,6 @@ def _motion(model: Model, stats: Statistics, scales: Floats) -> Floats:
     )
     seen = np.einsum("s,sbpq->pq", share, stats.normal[:, :, 1:, 1:])
     return np.asarray(seen - 2.0 * stats.windows * np.diag(noise))
-
-
-def _curvature(layout: Layout, seconds: float) -> Floats:
-    """(n,), steps at which the model is bent: a radian, a metre, a tenth of a window's seconds."""
-    sizes = np.ones(layout.size)
-    for each in layout.placed:
-        if each.unknown.unit == "s":
-            sizes[each.part] = 0.1 * seconds
-    return sizes
 
 
 def _level(stats: Statistics, layout: Layout, levels: Floats, inverse: Floats) -> float:
