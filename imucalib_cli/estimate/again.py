@@ -35,9 +35,8 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.model.layout import Layout, Placed
     from imucalib_cli.estimate.model.state import State
     from imucalib_cli.estimate.options import MatchedOptions
-    from imucalib_cli.estimate.solution.normal_equations import NormalEquations
+    from imucalib_cli.estimate.solution.normal_equations import LogStatistics, NormalEquations
     from imucalib_cli.estimate.solution.scales import Posterior
-    from imucalib_cli.estimate.statistics import LogStatistics
     from imucalib_cli.findings import Finding
 
 _ORDER: Final = [each.name for each in TABLE]

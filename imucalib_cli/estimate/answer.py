@@ -13,8 +13,7 @@ from imucalib_cli.estimate.model.unknowns import Gravity, Mount, Origin
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats
-    from imucalib_cli.estimate.solution.normal_equations import Answer
-    from imucalib_cli.estimate.statistics import LogStatistics
+    from imucalib_cli.estimate.solution.normal_equations import Answer, LogStatistics
 
 _RECORDED: Final = get_args(CorrectionName)
 """Entries of the table that schema 1 has under ``corrections``, where they stand clear."""

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.checks.specification import Dependence
     from imucalib_cli.estimate.model.state import State
     from imucalib_cli.estimate.solution.fit import Fit
-    from imucalib_cli.estimate.statistics import LogStatistics
+    from imucalib_cli.estimate.solution.normal_equations import LogStatistics
     from imucalib_cli.signals.prepare import CleanImu
 
 _MOST_WINDOWS: Final = 20_000

@@ -14,8 +14,8 @@ from imucalib_cli.estimate.checks.specification import window_dependence
 from imucalib_cli.estimate.details import details_of, spectra_of
 from imucalib_cli.estimate.estimate import Residuals
 from imucalib_cli.estimate.solution.fit import whole_fit
+from imucalib_cli.estimate.solution.normal_equations import LogStatistics
 from imucalib_cli.estimate.stamps import best_attempt
-from imucalib_cli.estimate.statistics import LogStatistics
 from imucalib_cli.signals.prepare import clean_imu
 from imucalib_cli.signals.trajectory import Trajectory
 

@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 
     from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.model.layout import Layout
+    from imucalib_cli.estimate.solution.normal_equations import LogStatistics
     from imucalib_cli.estimate.solution.scales import Posterior
-    from imucalib_cli.estimate.statistics import LogStatistics
     from imucalib_cli.robot.path import KinematicPath
 
     Key = tuple[object, ...]

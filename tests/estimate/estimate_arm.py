@@ -22,7 +22,7 @@ from imucalib_cli.signals.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from imucalib_cli.estimate.estimate import Estimate
-    from imucalib_cli.estimate.statistics import LogStatistics
+    from imucalib_cli.estimate.solution.normal_equations import LogStatistics
 
 Floats = NDArray[np.float64]
 

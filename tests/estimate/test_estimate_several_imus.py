@@ -37,8 +37,7 @@ from tests.estimate.estimate_walk import FOOT, SHANK, Walk
 if TYPE_CHECKING:
     from imucalib_cli.estimate.estimate import Estimate
     from imucalib_cli.estimate.model.layout import Placed
-    from imucalib_cli.estimate.solution.normal_equations import Answer
-    from imucalib_cli.estimate.statistics import LogStatistics
+    from imucalib_cli.estimate.solution.normal_equations import Answer, LogStatistics
     from imucalib_cli.robot.path import KinematicPath
     from imucalib_cli.signals.samples import ImuSamples
     from tests.estimate.estimate_walk import Floats

@@ -41,9 +41,8 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.estimate import UnobservableDirection
     from imucalib_cli.estimate.model.windows import Windowing
     from imucalib_cli.estimate.solution.fit import Fit
-    from imucalib_cli.estimate.solution.normal_equations import Answer
+    from imucalib_cli.estimate.solution.normal_equations import Answer, LogStatistics
     from imucalib_cli.estimate.stamps import Attempt
-    from imucalib_cli.estimate.statistics import LogStatistics
 
 Sign = Literal["as read", "reversed", "in doubt"]
 

@@ -113,7 +113,7 @@ class Model:
         chain = Chain.of(self.windowing.trajectory, self.layout, state.x)
         shift_a, shift_g = self.shifts(state)
         reach = max(plan.length // 2 + MARGIN for plan in plans)
-        found = [Residuals.empty(len(centres)) for _ in plans]
+        found = [Residuals(*(np.zeros((len(centres), n)) for n in (6, 3, 3))) for _ in plans]
         for part in blocks(centres, self.windowing.plan.hop, BLOCK):
             first, last = int(centres[part][0]), int(centres[part][-1])
             span = slice(max(first - reach, 0), min(last + reach + 1, len(grid.usable)))
@@ -183,11 +183,6 @@ class Residuals:
     """(W, 3), of the IMU's place by the kinematics, m/s², world axes."""
     rate: Floats
     """(W, 3), of the parent link by the kinematics, rad/s."""
-
-    @classmethod
-    def empty(cls, count: int) -> Residuals:
-        """To be filled."""
-        return cls(np.zeros((count, 6)), np.zeros((count, 3)), np.zeros((count, 3)))
 
     @property
     def motion(self) -> Floats:
