@@ -101,10 +101,11 @@ def test_all_of_the_pose_may_be_fixed() -> None:
     assert abs(estimate.time_offset) < 4 * estimate.time_offset_std
 
 
-def contradiction(estimate: Estimate) -> dict[str, Any]:
-    """What the first reason not to trust the estimate says."""
+def assert_contradicted(estimate: Estimate, option: str, step: Any) -> None:
+    """The first reason not to trust the estimate, by name and size."""
     reason, *_ = (each for each in estimate.findings if each.severity is Severity.UNTRUSTED)
-    return {"code": reason.code, **reason.values}
+    assert (reason.code, reason.values["option"]) == ("prior.contradicted", option)
+    assert reason.values["step"] == step
 
 
 @pytest.mark.parametrize(("name", "size"), [("tx", 8e-3), ("rz", -np.radians(1.0))])
@@ -112,17 +113,13 @@ def test_a_wrong_fix_is_contradicted_by_name_and_size(name: str, size: float) ->
     wrong = np.where(np.array(NAMES) == name, size, 0.0).tolist()
     prior = told(fixing(name), dt=tuple(wrong[:3]), turn=tuple(wrong[3:]))
     estimate = knowing(prior)
-    found = contradiction(estimate)
-    assert (found["code"], found["option"]) == ("prior.contradicted", f"--fix {name}")
-    assert found["step"] == pytest.approx(-size, rel=0.15)
+    assert_contradicted(estimate, f"--fix {name}", pytest.approx(-size, rel=0.15))
     assert estimate.corrections == ()
 
 
 def test_of_several_fixed_components_the_wrong_one_is_named() -> None:
     prior = told(fixing(*NAMES), dt=(0.0, 0.0, 0.02))
-    found = contradiction(knowing(prior))
-    assert (found["code"], found["option"]) == ("prior.contradicted", "--fix tz")
-    assert found["step"] == pytest.approx(-0.02, abs=1e-3)
+    assert_contradicted(knowing(prior), "--fix tz", pytest.approx(-0.02, abs=1e-3))
 
 
 def test_a_prior_weighs_in_by_inverse_variance() -> None:
@@ -155,9 +152,8 @@ def test_a_wide_prior_changes_nothing_and_a_tight_one_holds() -> None:
 
 def test_a_prior_that_the_data_contradict_is_named() -> None:
     estimate = knowing(told((1e-3,) + (np.inf,) * 5, dt=(0.02, 0.0, 0.0)))
-    found = contradiction(estimate)
-    assert (found["code"], found["option"]) == ("prior.contradicted", "--prior-std tx")
-    assert found["step"] == pytest.approx(-0.02, abs=4 * sigma(knowing(None))[0])
+    step = pytest.approx(-0.02, abs=4 * sigma(knowing(None))[0])
+    assert_contradicted(estimate, "--prior-std tx", step)
     # Nor is it taken for a change within the log.
     assert not any(code.startswith("change.") for code in codes(estimate))
 
