@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Final, get_args
 import numpy as np
 
 from imucalib_cli.estimate.checks import judge
-from imucalib_cli.estimate.checks.observability import widen
+from imucalib_cli.estimate.checks.observability import unobservable, widen
 from imucalib_cli.estimate.estimate import Correction, CorrectionName, Estimate, Parameter
 from imucalib_cli.estimate.model.unknowns import Gravity, Mount, Origin
 
@@ -30,7 +30,7 @@ def estimate_of(
     widened = np.zeros((6, 6)) if statistics is None else statistics.widened
     offset_variance = 0.0 if statistics is None else statistics.offset_variance
     clock_stepped = statistics is not None and statistics.clock_stepped
-    directions = judge.unobservable(answer)
+    directions = unobservable(answer)
     (accel_bias, accel_std), (gyro_bias, gyro_std) = (
         _bias(answer, name) for name in ("accel_bias", "gyro_bias")
     )

@@ -9,6 +9,7 @@ import numpy as np
 
 from imucalib_cli.estimate.answer import estimate_of
 from imucalib_cli.estimate.checks import judge
+from imucalib_cli.estimate.checks.observability import unobservable
 from imucalib_cli.estimate.checks.segments import DECISIVE, Segments
 from imucalib_cli.estimate.checks.specification import window_dependence
 from imucalib_cli.estimate.details import details_of, spectra_of
@@ -55,7 +56,7 @@ def calibrate_matched(
         attempt, sign = _better_sign(attempt, best_attempt(clean.reversed(), trajectory, options))
     clean = attempt.clean
     fit = whole_fit(attempt.lean, options)
-    directions = judge.unobservable(fit)
+    directions = unobservable(fit)
     dependence = () if directions else tuple(window_dependence(fit))
     over_noise = judge.over_known_noise(fit)
     segments = Segments(fit, loud=bool(over_noise.max() > judge.LOUD))

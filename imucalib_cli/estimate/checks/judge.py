@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
 
-from imucalib_cli.estimate.checks.observability import (
-    excitation,
-    undetermined,
-    unobservable_directions,
-)
+from imucalib_cli.estimate.checks.observability import excitation, undetermined, unobservable
 from imucalib_cli.estimate.checks.stated import POSE_NAMES, contradicted_by_log
 from imucalib_cli.estimate.checks.strikes import strikes
 from imucalib_cli.estimate.model.layout import places_of
@@ -38,7 +34,6 @@ if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.checks.segments import Change
     from imucalib_cli.estimate.checks.specification import Dependence
-    from imucalib_cli.estimate.estimate import UnobservableDirection
     from imucalib_cli.estimate.model.windows import Windowing
     from imucalib_cli.estimate.solution.fit import Fit
     from imucalib_cli.estimate.solution.normal_equations import Answer, LogStatistics
@@ -109,7 +104,6 @@ OF_ANSWER: Final = frozenset(
     }
 )
 """Codes of findings that rest on the unknowns and their priors, not on the windows."""
-_LEVEL: Final = "; or tell that the base is level (--gravity fixed, or --tilt-std)"
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,8 +150,7 @@ def of_findings(evidence: Evidence) -> Floats:
     change = evidence.change
     if change is not None:
         # The truth is with one part or the other, the estimate with one of them or between them.
-        apart = change.size if change.kind == "mount" else change.moves_pose
-        added += np.outer(apart, apart)
+        added += np.outer(change.moves_pose, change.moves_pose)
         if change.kind == "mount":
             added += np.diag(change.std**2)
     return added
@@ -176,28 +169,6 @@ def _off_square(answer: Answer) -> float:
     if not (np.abs(value @ axes)[told] > DISTRUST_SIGMAS * np.sqrt(variances[told])).any():
         return 0.0
     return float(np.max(value**2 + np.diag(C)))
-
-
-def unobservable(answer: Answer) -> tuple[UnobservableDirection, ...]:
-    """Directions of the pose that the motion did not determine, and what would."""
-    pose = np.ix_(answer.layout.pose, answer.layout.pose)
-    both = answer.covariance, excitation(answer)
-    found = unobservable_directions(*(each[pose] for each in both))
-    gravity = answer.layout.part("gravity_direction")
-    if not answer.layout.free[gravity].any():
-        return tuple(found)
-    level = unobservable_directions(*(_given(each, gravity)[pose] for each in both))
-    helps = not any(each.kind == "rotation" for each in level)
-    return tuple(
-        replace(each, motion=each.motion + _LEVEL) if helps and each.kind == "rotation" else each
-        for each in found
-    )
-
-
-def _given(covariance: Floats, part: slice) -> Floats:
-    """(n, n), what would be left of a covariance if some components were known."""
-    across = covariance[:, part]
-    return np.asarray(covariance - across @ inverse_of(covariance[part, part]) @ across.T)
 
 
 def findings(evidence: Evidence, log: LogStatistics) -> tuple[Finding, ...]:
@@ -359,14 +330,13 @@ def _changed(evidence: Evidence) -> Iterator[Finding]:
     change = evidence.change
     if change is None:
         return
-    moved = change.size if change.kind == "mount" else change.moves_pose
-    lengths, values = _lengths(moved), {"size": float(np.linalg.norm(change.size))}
-    if len(change.size) == 1:
-        values = {"size": float(change.size[0])}
+    lengths, size = _lengths(change.moves_pose), change.size
     if change.kind == "mount":
-        spread, values = _lengths(moved * change.std), {}
+        spread, values = _lengths(size * change.std), dict[str, float]()
         for name, length in lengths.items():
             values |= {name: length, f"{name}_std": spread[name] / max(length, 1e-300)}
+    else:
+        values = {"size": float(size[0] if len(size) == 1 else np.linalg.norm(size))}
     # The give of a mount is in sigma already.
     slipped = (np.array(list(lengths.values())) > SLIP).any()
     yield (untrusted if slipped else warning)(

@@ -9,7 +9,7 @@ import numpy as np
 
 from imucalib_cli.estimate.estimate import UnobservableDirection
 from imucalib_cli.estimate.model.unknowns import LEAN, TABLE, Mount
-from imucalib_cli.estimate.solution.spectrum import inverse_with_priors
+from imucalib_cli.estimate.solution.spectrum import inverse_of, inverse_with_priors
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -26,6 +26,7 @@ _WEAKEST_STD: Final = {each.name: each.std for each in TABLE if isinstance(each.
 """m and rad: what is known of any mount without looking."""
 _ALONG: Final = 0.99
 """Cosine, 8 deg: a direction nearer to an axis is that axis, to a person."""
+_LEVEL: Final = "; or tell that the base is level (--gravity fixed, or --tilt-std)"
 _PARTS: Final = {"translation": slice(0, 3), "rotation": slice(3, 6)}
 
 
@@ -59,14 +60,34 @@ def undetermined(answer: Answer) -> Bools:
     return np.asarray(std > _LIMIT)
 
 
-def unobservable_directions(covariance: Floats, excitation: Floats) -> list[UnobservableDirection]:
-    """Eigen-directions of the pose beyond the limits, translation first, the least known first.
+def unobservable(answer: Answer) -> tuple[UnobservableDirection, ...]:
+    """Directions of the pose that the motion did not determine, and what would.
 
-    Args:
-        covariance: (6, 6), of the estimate, parent frame.
-        excitation: (6, 6), what ordinary noise would give on this motion: the larger counts, so
-            that a log without noise does not make a motionless direction look known.
+    The estimate's covariance counts or what ordinary noise would give on this motion, whichever is
+    larger, so that a log without noise does not make a motionless direction look known.
     """
+    pose = np.ix_(answer.layout.pose, answer.layout.pose)
+    both = answer.covariance, excitation(answer)
+    found = _directions(*(each[pose] for each in both))
+    gravity = answer.layout.part("gravity_direction")
+    if not answer.layout.free[gravity].any():
+        return tuple(found)
+    level = _directions(*(_given(each, gravity)[pose] for each in both))
+    helps = not any(each.kind == "rotation" for each in level)
+    return tuple(
+        replace(each, motion=each.motion + _LEVEL) if helps and each.kind == "rotation" else each
+        for each in found
+    )
+
+
+def _given(covariance: Floats, part: slice) -> Floats:
+    """(n, n), what would be left of a covariance if some components were known."""
+    across = covariance[:, part]
+    return np.asarray(covariance - across @ inverse_of(covariance[part, part]) @ across.T)
+
+
+def _directions(covariance: Floats, excitation: Floats) -> list[UnobservableDirection]:
+    """Eigen-directions of (6, 6) beyond the limits, translation first, the least known first."""
     rotation = _beyond("rotation", covariance, excitation)
     swept = [_swept(matrix, rotation) for matrix in (covariance, excitation)]
     # The one turn that is unknown is that about the one axis that the motion has already.

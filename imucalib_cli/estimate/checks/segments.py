@@ -60,7 +60,8 @@ class Change:
     evidence: float
     """Fall of the information criterion."""
     moves_pose: Floats
-    """(6,), the pose with the change taken into account less the pose without, m and rad."""
+    """(6,), m and rad: of a mount from before to after it; else the pose with the change taken into
+    account less the pose without."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -249,12 +250,9 @@ class Segments:
             low -= 1
         while high < len(self._A) - 1 and self._empty[high]:
             high += 1
+        std, seen = np.sqrt(np.diag(C)), self._fit.layout.free[self._fit.layout.pose]
         if kind == "mount":  # components that are held have not changed
-            every = self._fit.layout.pose
-            seen = np.isin(every, self._free[part])
-            size, std = (embedded(each, seen) for each in (size, np.sqrt(np.diag(C))))
-        else:
-            std = np.sqrt(np.diag(C))
+            size, std = embedded(size, seen), embedded(std, seen)
         return Change(
             kind=kind,
             seconds=float(self.edges[[low, high]].mean()),
@@ -262,7 +260,7 @@ class Segments:
             size=size,
             std=std,
             evidence=float(evidence),
-            moves_pose=embedded(moved[pose], self._fit.layout.free[self._fit.layout.pose]),
+            moves_pose=size if kind == "mount" else embedded(moved[pose], seen),
         )
 
     def _wander(self, part: Indices) -> Floats:
