@@ -154,6 +154,14 @@ def test_moving_in_a_plane_hides_the_way_across_it_only(noisy: bool) -> None:
     assert np.all(np.abs(pose_error(estimate, log.mount)[3:]) < 4 * turn + 1e-6)
 
 
+@pytest.mark.parametrize("amplitude", [PAN, PLANAR])
+def test_halves_are_compared_in_what_they_tell(amplitude: tuple[float, ...]) -> None:
+    _, estimate = calibrate(amplitude, noisy=True)
+    assert estimate.unobservable
+    assert estimate.consistency is not None
+    assert 0.1 < estimate.consistency.halves_sigmas < 2.0
+
+
 @NOISY
 def test_two_axes_are_enough(noisy: bool) -> None:
     log, estimate = calibrate((0.5, 0, 0, 0, 0, 1.0), noisy)
