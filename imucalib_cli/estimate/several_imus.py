@@ -264,64 +264,53 @@ class System:
         """Lay the entries of all IMUs out, and put their equations about one point."""
         several_ways = len({_first_joint(log.equations.layout) for log in logs}) > 1
         wholes = [_whole(log, several_ways=several_ways) for log in logs]
-        vector = _Vector.of(wholes)
-        parts = tuple(
-            Part.of(log, vector.to_own(place, log.equations.layout, whole))
-            for place, (log, whole) in enumerate(zip(logs, wholes, strict=True))
-        )
+        placed, prior, scales = _laid_out(wholes)
+        parts = []
+        for place, (log, whole) in enumerate(zip(logs, wholes, strict=True)):
+            layout = log.equations.layout
+            to_own = np.zeros((layout.size, len(prior.std)))
+            for each in layout.placed:
+                to_own[each.part, placed[_key(each, place)]] = each.of_whole
+            for each in whole.placed[len(layout.placed) :]:
+                # A first joint that is elsewhere looks like a base IMU that is elsewhere.
+                to_own[layout.part("base_translation"), placed[each.key]] = -np.eye(3)
+            parts.append(Part.of(log, to_own[:, prior.free]))
         problem = Problem(
             information=np.sum([each.information for each in parts], axis=0),
             score=np.sum([each.score for each in parts], axis=0),
             offset=np.sum([each.offset for each in parts], axis=0),
-            prior=vector.prior.only(vector.prior.free),
+            prior=prior.only(prior.free),
             noise=np.sum([each.noise for each in parts], axis=0),
         )
-        return cls(parts=parts, problem=problem, scales=vector.scales)
+        return cls(parts=tuple(parts), problem=problem, scales=scales)
 
 
-@dataclass(frozen=True, eq=False)
-class _Vector:
-    """All components of several IMUs one after the other, what is the robot's once."""
+def _laid_out(wholes: Sequence[Layout]) -> tuple[dict[Key, slice], Prior, tuple[Limits, ...]]:
+    """All components of several IMUs one after the other, what is the robot's once.
 
-    parts: Mapping[Key, slice]
-    prior: Prior
-    """Of M components."""
-    scales: tuple[Limits, ...]
-
-    @classmethod
-    def of(cls, wholes: Sequence[Layout]) -> _Vector:
-        """Place each entry once, with the prior of the first IMU that has it."""
-        scales = tuple(dict.fromkeys(each for whole in wholes for each in _limits(whole)))
-        parts: dict[Key, slice] = {}
-        stds, scale = [np.zeros(0)], [np.zeros(0, np.intp)]
-        size = 0
-        for place, whole in enumerate(wholes):
-            # The last one is for -1, which stays what it is.
-            numbers = np.array([*map(scales.index, _limits(whole)), -1])
-            for each in whole.placed:
-                key = _key(each, place)
-                if key not in parts:
-                    parts[key] = slice(size, size + len(each.labels))
-                    size += len(each.labels)
-                    stds.append(whole.std[each.part])
-                    scale.append(numbers[whole.scale[each.part]])
-        prior = Prior(
-            std=np.concatenate(stds),
-            scale=np.concatenate(scale),
-            bounds=np.array([each[1:] for each in scales]).reshape(-1, 2),
-            alike=alike([each[0] for each in scales]),
-        )
-        return cls(parts, prior, scales)
-
-    def to_own(self, place: int, layout: Layout, whole: Layout) -> Floats:
-        """(n, N), the components of one IMU by those of all that are free."""
-        found = np.zeros((layout.size, len(self.prior.std)))
-        for each in layout.placed:
-            found[each.part, self.parts[_key(each, place)]] = each.of_whole
-        for each in whole.placed[len(layout.placed) :]:
-            # A first joint that is elsewhere looks like a base IMU that is elsewhere.
-            found[layout.part("base_translation"), self.parts[each.key]] = -np.eye(3)
-        return found[:, self.prior.free]
+    Each entry has its place and the prior of the first IMU that has it.
+    """
+    scales = tuple(dict.fromkeys(each for whole in wholes for each in _limits(whole)))
+    placed: dict[Key, slice] = {}
+    stds, scale = [np.zeros(0)], [np.zeros(0, np.intp)]
+    size = 0
+    for place, whole in enumerate(wholes):
+        # The last one is for -1, which stays what it is.
+        numbers = np.array([*map(scales.index, _limits(whole)), -1])
+        for each in whole.placed:
+            key = _key(each, place)
+            if key not in placed:
+                placed[key] = slice(size, size + len(each.labels))
+                size += len(each.labels)
+                stds.append(whole.std[each.part])
+                scale.append(numbers[whole.scale[each.part]])
+    prior = Prior(
+        std=np.concatenate(stds),
+        scale=np.concatenate(scale),
+        bounds=np.array([each[1:] for each in scales]).reshape(-1, 2),
+        alike=alike([each[0] for each in scales]),
+    )
+    return placed, prior, scales
 
 
 def _widened(covariance: Floats, added: Floats, layout: Layout) -> Floats:
