@@ -8,6 +8,7 @@ model does, and with all those that the log cannot tell from it.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Final, get_args
 
 import numpy as np
@@ -25,12 +26,7 @@ from imucalib_cli.errors import InputError
 from imucalib_cli.estimate.checks.judge import own_noise
 from imucalib_cli.estimate.checks.segments import DECISIVE
 from imucalib_cli.estimate.model.unknowns import LEAN, TABLE, JointCurve, Unknown
-from imucalib_cli.estimate.model.windows import (
-    Windowing,
-    odd_length,
-    plan_windows,
-    shortest_length,
-)
+from imucalib_cli.estimate.model.windows import Windowing
 from imucalib_cli.estimate.solution.fit import MIN_WINDOWS, lean_fit
 from imucalib_cli.estimate.stamps import best_attempt
 from imucalib_cli.signals.prepare import clean_imu
@@ -99,21 +95,28 @@ class Trial:
 
     hypothesis: Hypothesis
     lean: Fit
-    left: tuple[float, float]
-    """Residual of a window, m/s² and rad/s, trimmed root mean square."""
-    total: tuple[float, float]
-    """What the kinematics say: acceleration without gravity, and rotation."""
-    noise: tuple[float, float]
-    """What the sensor's own white noise leaves in a window."""
+
+    @cached_property
+    def left(self) -> Floats:
+        """(2,), residual of a window, m/s² and rad/s, trimmed root mean square."""
+        values = self.lean.residuals.values
+        return np.array([trimmed_rms(values[:, :3]), trimmed_rms(values[:, 3:])])
+
+    @cached_property
+    def total(self) -> Floats:
+        """(2,), what the kinematics say: acceleration without gravity, and rotation."""
+        moves = self.lean.residuals
+        return np.array([trimmed_rms(moves.acceleration), trimmed_rms(moves.rate)])
 
     @property
-    def shares(self) -> tuple[float, float]:
-        """Share of the acceleration and of the rotation left unexplained."""
-        accel, gyro = (
-            left / max(total, _NOISES * noise)
-            for left, total, noise in zip(self.left, self.total, self.noise, strict=True)
-        )
-        return accel, gyro
+    def noise(self) -> Floats:
+        """(2,), what the sensor's own white noise leaves in a window."""
+        return own_noise(self.lean.model.windowing)
+
+    @property
+    def shares(self) -> Floats:
+        """(2,), share of the acceleration and of the rotation left unexplained."""
+        return self.left / np.maximum(self.total, _NOISES * self.noise)
 
     @property
     def offset(self) -> float:
@@ -123,12 +126,7 @@ class Trial:
     @property
     def good(self) -> bool:
         """Whether it explains as a right model does."""
-        return all(
-            share < limit or left < _NOISES * noise
-            for share, limit, left, noise in zip(
-                self.shares, _GOOD, self.left, self.noise, strict=True
-            )
-        )
+        return bool(((self.shares < _GOOD) | (self.left < _NOISES * self.noise)).all())
 
     @property
     def may_be_right(self) -> bool:
@@ -138,19 +136,12 @@ class Trial:
     @property
     def turns_alike(self) -> bool:
         """Whether it explains the rotation, which a wrong link does not."""
-        return self.shares[1] < _ALIKE
+        return bool(self.shares[1] < _ALIKE)
 
     def falls_from(self, given: Trial) -> bool:
         """Whether this is decisively better than what was given."""
-        falls = max(
-            np.hypot(before, noise) / np.hypot(after, noise)
-            for before, after, noise in zip(given.left, self.left, self.noise, strict=True)
-        )
-        return bool(falls > _FALL and self.lean.evidence_over(given.lean) > DECISIVE)
-
-    def explains(self, given: Trial) -> bool:
-        """Whether this is decisively better than what was given, and good by itself."""
-        return self.good and self.falls_from(given)
+        falls = np.hypot(given.left, self.noise) / np.hypot(self.left, self.noise)
+        return bool(falls.max() > _FALL) and self.lean.evidence_over(given.lean) > DECISIVE
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,10 +165,7 @@ class Fitter:
     ) -> tuple[float, float]:
         """Coarse time offset, s, and how alike the rates are in it, -1 to 1, whatever the mount.
 
-        Args:
-            path: The kinematics to assume.
-            about: Offset about which it is searched, s.
-            most: How far, s; default: of the options.
+        It is searched ``most`` about ``about``, s; as far as the options say by default.
 
         Raises:
             InputError: A track has too few usable samples.
@@ -201,7 +189,7 @@ class Fitter:
         try:
             windowing = Windowing(grid, self.trajectory(hypothesis.path), self.windowing.plan)
             lean = lean_fit(windowing, options, offset, table=table, rough=True)
-            if trial_of(hypothesis, lean).may_be_right:
+            if Trial(hypothesis, lean).may_be_right:
                 lean = lean_fit(windowing, options, offset, near=lean, table=table)
         except InputError:
             return None
@@ -211,27 +199,7 @@ class Fitter:
         if hypothesis.kind == "base_clock":
             later = hypothesis.sizes[0] + float(lean.of("base_time_offset")[0].sum())
             hypothesis = replace(hypothesis, sizes=(later,))
-        return trial_of(hypothesis, lean)
-
-
-def trial_of(hypothesis: Hypothesis, lean: Fit) -> Trial:
-    """A fit, and what it leaves of what there was to explain."""
-    residuals = lean.residuals
-    return Trial(
-        hypothesis=hypothesis,
-        lean=lean,
-        left=(trimmed_rms(residuals.values[:, :3]), trimmed_rms(residuals.values[:, 3:])),
-        total=(trimmed_rms(residuals.acceleration), trimmed_rms(residuals.rate)),
-        noise=own_noise(lean.model.windowing),
-    )
-
-
-def short_windows(full: Windowing, seconds: float) -> Windowing:
-    """The same streams in shorter windows, half a window apart."""
-    dt, degree = full.grid.dt, full.plan.degree
-    length = max(odd_length(seconds / dt), shortest_length(degree))
-    plan = plan_windows(length, degree, dt, hop=max(length // 2, 1))
-    return Windowing(full.grid, full.trajectory, plan)
+        return Trial(hypothesis, lean)
 
 
 def trimmed_rms(values: Floats) -> float:
@@ -264,7 +232,7 @@ def given_trial(
     if reversed_accel:
         clean = clean.reversed()
     attempt = best_attempt(clean, Trajectory.of(path), options)
-    given = trial_of(Hypothesis(kind="offset", path=path), attempt.lean)
+    given = Trial(Hypothesis(kind="offset", path=path), attempt.lean)
     # A time offset that is given may be what is wrong.
     return Fitter(replace(options, time_offset=None), attempt.lean.model.windowing), given
 
@@ -333,7 +301,8 @@ def _slight(fitter: Fitter, poor: PoorFit, given: Trial) -> Iterator[Trial]:
 
 
 def _best(given: Trial, trials: Iterable[Trial]) -> list[Trial]:
-    return _most_likely([trial for trial in trials if trial.explains(given)], given)
+    explaining = [trial for trial in trials if trial.good and trial.falls_from(given)]
+    return _most_likely(explaining, given)
 
 
 def _most_likely(trials: list[Trial], given: Trial) -> list[Trial]:

@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from imucalib_cli.diagnose.alternatives import short_windows, trimmed_rms
+from imucalib_cli.diagnose.alternatives import trimmed_rms
 from imucalib_cli.diagnose.edits import joints_of
 from imucalib_cli.estimate.checks.judge import STANDSTILL_GYRO, UNEXPLAINED_GYRO, own_noise
+from imucalib_cli.estimate.model.windows import odd_length, plan_windows, shortest_length
 from imucalib_cli.findings import Finding, untrusted
 
 if TYPE_CHECKING:
@@ -32,13 +33,11 @@ _LEAST: Final = 15
 
 
 def find_motion_at_rest(given: Trial) -> Finding | None:
-    """Name a base that moves though the log says nothing of it.
-
-    Args:
-        given: The kinematics as given, fitted.
-    """
+    """Name a base that moves though the log says nothing of it."""
     state, full = given.lean.state, given.lean.model.windowing
-    windowing = short_windows(full, _WINDOW)
+    dt, degree = full.grid.dt, full.plan.degree
+    length = max(odd_length(_WINDOW / dt), shortest_length(degree))
+    windowing = replace(full, plan=plan_windows(length, degree, dt, hop=max(length // 2, 1)))
     model = replace(given.lean.model, windowing=windowing)
     centres = model.centres(state)
     if not len(centres):
@@ -80,14 +79,10 @@ def find_motion_at_rest(given: Trial) -> Finding | None:
 
 
 def find_still_imu(given: Trial) -> Finding | None:
-    """Name an IMU that stands still although its parent link turns.
-
-    Args:
-        given: The kinematics as given, fitted.
-    """
+    """Name an IMU that stands still although its parent link turns."""
     grid, path = given.lean.model.windowing.grid, given.lean.model.windowing.trajectory.path
     measured = trimmed_rms(grid.gyro - np.median(grid.gyro, axis=0))
-    turning = given.total[1]
+    turning = float(given.total[1])
     if not measured < STANDSTILL_GYRO < UNEXPLAINED_GYRO * turning:
         return None
     return untrusted("cause.imu_still", names=(path.parent,), turning=turning)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from imucalib_cli.diagnose.alternatives import alike, given_trial
 from imucalib_cli.diagnose.base_motion import find_still_imu
-from imucalib_cli.diagnose.edits import moving_key
+from imucalib_cli.diagnose.edits import driven_key
 from imucalib_cli.diagnose.hypotheses import Hypothesis
 from imucalib_cli.diagnose.rigid import Carrier, rigid_groups
 from imucalib_cli.errors import InputError
@@ -36,16 +36,9 @@ def find_carriers(
     frames: Iterable[str],
     path_to: Callable[[str], KinematicPath],
 ) -> Carriers:
-    """Links that move as an IMU does.
-
-    Args:
-        samples: The IMU's, repaired with the help of a path.
-        options: Of the estimator.
-        frames: As for :func:`rigid_groups`.
-        path_to: Likewise.
-    """
+    """Links that move as an IMU does, whose samples are repaired with the help of a path."""
     groups = {each.path: each for each in rigid_groups(frames, path_to)}
-    for first in sorted(groups, key=lambda path: -len(moving_key(path))):
+    for first in sorted(groups, key=lambda path: -len(driven_key(path, in_log=True))):
         try:
             fitter, given = given_trial(samples(first), first, options)
         except InputError:

@@ -63,14 +63,9 @@ def needs_diagnosis(estimate: Estimate) -> bool:
 
 
 def diagnose(poor: PoorFit) -> tuple[Finding, ...]:
-    """Try what may be wrong with robot and log; name what explains decisively.
+    """Name what explains a poor fit decisively, the most likely first.
 
-    Args:
-        poor: The fit and what else could be true.
-
-    Returns:
-        Findings, the first the most likely; empty where nothing tried explains, and where the fit
-        is good.
+    Empty where nothing tried explains, and where the fit is good.
     """
     # Their jumps look like a noisy encoder to the fit, which may be content with it.
     rivals = find_rival_publishers(poor.path)
@@ -111,7 +106,7 @@ def _cause(ties: list[Trial], given: Trial) -> Finding:
         ties=[(each.kind, each.names, each.sizes, each.detail) for each in tied],
         rotation=gyro,
         acceleration=accel,
-        ratio=max(t / a for t, a in zip(given.left, best.left, strict=True)),
+        ratio=float((given.left / best.left).max()),
         evidence=best.lean.evidence_over(given.lean),
     )
 
@@ -121,7 +116,7 @@ def _shares(given: Trial, best: Trial, sensor: int) -> tuple[float, float] | Non
     before, after = (np.hypot(trial.left[sensor], trial.noise[sensor]) for trial in (given, best))
     if before <= _SHOWN * after:
         return None
-    return min(given.shares[sensor], 1.0), min(best.shares[sensor], 1.0)
+    return float(min(given.shares[sensor], 1.0)), float(min(best.shares[sensor], 1.0))
 
 
 def explained(estimate: Estimate, causes: tuple[Finding, ...]) -> Estimate:

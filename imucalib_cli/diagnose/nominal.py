@@ -24,17 +24,7 @@ _FAR = 4.0
 def inverted_nominal(
     estimate: Estimate, R_nominal: Floats, t_nominal: Floats, joint: str
 ) -> Finding | None:
-    """Say so if the nominal pose is T_imu_parent instead of T_parent_imu.
-
-    Args:
-        estimate: Of the IMU in its parent.
-        R_nominal: (3, 3), R_parent_imu as given.
-        t_nominal: (3,), m, as given.
-        joint: The joint that says so; empty where no single one does.
-
-    Returns:
-        The finding, or None.
-    """
+    """Say so if a joint's nominal pose is T_imu_parent instead of T_parent_imu; else None."""
     R, t = estimate.R_parent_imu, estimate.t_parent_imu
     std = np.zeros(6) if estimate.covariance is None else np.sqrt(np.diag(estimate.covariance))
     near = (

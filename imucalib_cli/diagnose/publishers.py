@@ -31,11 +31,7 @@ _LEAST = 1e-4
 
 
 def find_rival_publishers(path: KinematicPath) -> Finding | None:
-    """Name a track that jumps between two curves.
-
-    Args:
-        path: As given.
-    """
+    """Name a track that jumps between two curves."""
     for index, track in enumerate(path.tracks):
         used = _used(path, index)
         order = np.argsort(track.t, kind="stable")

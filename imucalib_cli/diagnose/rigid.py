@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from imucalib_cli.diagnose.edits import driven_key, moving_key
+from imucalib_cli.diagnose.edits import driven_key
 from imucalib_cli.errors import ImucalibError
 from imucalib_cli.robot.path import FixedStep
 
@@ -41,11 +41,9 @@ class Carrier:
 def rigid_groups(
     frames: Iterable[str], path_to: Callable[[str], KinematicPath]
 ) -> tuple[Carrier, ...]:
-    """Frames that move, in groups that move alike in the log.
+    """Frames of a robot or a log that move, in groups that move alike in the log.
 
-    Args:
-        frames: Of the robot, or of the log.
-        path_to: Kinematics of a frame; raises ImucalibError where the log does not tell them.
+    ``path_to`` raises ImucalibError where the log does not tell the kinematics of a frame.
     """
     groups: dict[tuple[object, ...], list[KinematicPath]] = {}
     for frame in frames:
@@ -53,7 +51,7 @@ def rigid_groups(
             path = path_to(frame)
         except ImucalibError:
             continue
-        groups.setdefault(moving_key(path), []).append(path)
+        groups.setdefault(driven_key(path, in_log=True), []).append(path)
     groups.pop((), None)
     found = []
     for paths in groups.values():

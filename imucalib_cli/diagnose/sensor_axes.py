@@ -34,13 +34,12 @@ _MIRROR: Final = np.diag([1.0, 1.0, -1.0])
 def reoriented(rows: WindowRows, path: KinematicPath, gravity: Floats) -> Hypothesis | None:
     """Readings with their axes changed so that one rotation holds for both sensors.
 
+    None where one does already, or where the motion says too little.
+
     Args:
         rows: Of windows, at about the right time offset.
         path: As given.
         gravity: (3,), gravity_world as it was found, m/s²; zero where there is none.
-
-    Returns:
-        None where one rotation holds already, or where the motion says too little.
     """
     accel = _free_matrix(rows.accel, [columns.T, columns.R, columns.BA, columns.G])
     gyro = _free_matrix(rows.gyro, [columns.R, columns.BG])

@@ -30,27 +30,21 @@ from imucalib_cli.robot.rotations import rotation_angle, rotvec_from_matrix
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from imucalib_cli.arrays import Floats, Indices
+    from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.checks.segments import LogParts
     from imucalib_cli.estimate.model.layout import Layout, Placed
     from imucalib_cli.estimate.model.state import State
     from imucalib_cli.estimate.options import MatchedOptions
-    from imucalib_cli.estimate.solution.normal_equations import NormalEquations
+    from imucalib_cli.estimate.solution.normal_equations import LogStatistics, NormalEquations
     from imucalib_cli.estimate.solution.scales import Posterior
-    from imucalib_cli.estimate.statistics import LogStatistics
     from imucalib_cli.findings import Finding
 
-_ORDER: Final = {each.name: place for place, each in enumerate(TABLE)}
+_ORDER: Final = [each.name for each in TABLE]
 _LEAN: Final = frozenset(each.name for each in LEAN)
 
 
 def solve_again(log: LogStatistics, options: MatchedOptions) -> tuple[Answer, list[Finding]]:
-    """Every unknown of one log with other priors, and what is to be told of it.
-
-    Args:
-        log: Its statistics.
-        options: What is known beforehand; what the run held cannot be set free.
-    """
+    """One log with other priors (what the run held stays held), and what is to be told of it."""
     equations = log.equations
     answer = equations.solve(options)
     wrong = contradicted(answer, lambda _: equations, equations.solve)
@@ -59,11 +53,9 @@ def solve_again(log: LogStatistics, options: MatchedOptions) -> tuple[Answer, li
 
 
 def stretches_of(log: LogStatistics, std: Floats) -> LogParts | None:
-    """What each part of a log tells about the pose; None where a component of it is held.
+    """What each part of a log tells about the pose, whose sigma (6,) is stated to be ``std``.
 
-    Args:
-        log: Its statistics, with the priors of the run.
-        std: (6,), of the pose, as it is stated.
+    None where a component of the pose is held.
     """
     equations, layout = log.equations, log.equations.layout
     free = np.flatnonzero(layout.free)
@@ -113,11 +105,9 @@ class Combined:
 
 
 def combine_logs(logs: Sequence[LogStatistics], options: Sequence[MatchedOptions]) -> Combined:
-    """Solve several logs of one mount together.
+    """Solve at least two logs of one mount, robot and IMU together.
 
-    Args:
-        logs: At least two, of one robot and one IMU.
-        options: What is known beforehand of each; of what they share, those of the first count.
+    Of what they share, the first one's options count.
     """
     shared = _shared_layout(logs, options[0])
     at = _common_point(logs[0].equations.at, shared, options[0])
@@ -156,8 +146,8 @@ def combine_logs(logs: Sequence[LogStatistics], options: Sequence[MatchedOptions
                 distance=embedded(distances[log], shared.free[shared.pose]),
                 sigmas=float(np.sqrt(strangers.get(log, squares[log]))),
                 disagrees=log in strangers,
-                state=one.own_state(step),
-                turned=float(rotation_angle(one.equations.at.R.T @ answer.state.R)),
+                state=one.at.moved(one.layout, one.start + one.follow @ step),
+                turned=float(rotation_angle(one.at.R.T @ answer.state.R)),
             )
         )
     return Combined(answer=answer, scatter=_scatter(posterior), own=tuple(own))
@@ -172,7 +162,7 @@ def _shared_layout(logs: Sequence[LogStatistics], options: MatchedOptions) -> La
                 known = found.setdefault(placed.key, placed.whole)
                 # What any of the logs tells from the mount, all of them do.
                 found[placed.key] = replace(known, hidden=known.hidden and placed.hidden)
-    places = sorted(found.values(), key=lambda each: _ORDER[each.unknown.name])
+    places = sorted(found.values(), key=lambda each: _ORDER.index(each.unknown.name))
     return with_priors(places, options, logs[0].equations.layout.still)
 
 
@@ -188,9 +178,10 @@ def _common_point(first: State, shared: Layout, options: MatchedOptions) -> Stat
 
 @dataclass(frozen=True, eq=False)
 class _Reduced:
-    """The equations of one log in what is shared, n components of which s are of this log."""
+    """The equations of one log, N components, in what is shared, n components."""
 
-    equations: NormalEquations
+    at: State
+    """The log's own point of linearisation."""
     layout: Layout
     information: Floats
     """(n, n), in units of the noise."""
@@ -198,17 +189,10 @@ class _Reduced:
     noise: Floats
     motion: Floats
     """(n, n), as in :class:`NormalEquations`."""
-    to_log: Floats
-    """(s, n), the log's shared components by those of all."""
-    held: Floats
-    """(N,), step of the log's own components that are held, and of the shared ones to the common
-    point."""
-    back: Floats
-    """(o, s), how the log's own components follow the shared ones, with the sign of a step."""
-    own_step: Floats
-    """(o,), their step at the common point."""
-    own: Indices
-    """(o,), which they are."""
+    start: Floats
+    """(N,), step of the log's components to the common point, its own ones where they then are."""
+    follow: Floats
+    """(N, n), how its own ones follow a step of what is shared; zero for the others."""
 
     @classmethod
     def of(
@@ -221,52 +205,37 @@ class _Reduced:
             is_own[placed.part] = placed.unknown.of_log
         own, others = np.flatnonzero(is_own & layout.free), np.flatnonzero(~is_own)
         offset = prior_offset(layout, options, equations.at)
-        held = np.where(is_own & ~layout.free, -offset, 0.0)
-        held[others] = -equations.at.x[others]
-        held[layout.part("translation")] = at.t - equations.at.t
-        held[layout.part("rotation")] = rotvec_from_matrix(at.R @ equations.at.R.T)
+        start = np.where(is_own & ~layout.free, -offset, 0.0)
+        start[others] = -equations.at.x[others]
+        start[layout.part("translation")] = at.t - equations.at.t
+        start[layout.part("rotation")] = rotvec_from_matrix(at.R @ equations.at.R.T)
 
         A = equations.information / equations.level
-        b = equations.score / equations.level + A @ held
+        b = equations.score / equations.level + A @ start
         P = 1.0 / layout.std[own] ** 2
         inverse = inverse_of(A[np.ix_(own, own)] + np.diag(P))
         back = -inverse @ A[np.ix_(own, others)]
         own_score = b[own] + P * offset[own]
-        to_log = _to_log(layout, others, shared)
-        K = np.zeros((len(others), layout.size))
-        K[np.arange(len(others)), others] = 1.0
-        K[:, own] = back.T
-        K = to_log.T @ K
-        by_prior = to_log.T @ back.T @ (P[:, None] * back) @ to_log
+        # Origins by the directions that the log tells.
+        to_log, parts = np.zeros((layout.size, shared.size)), {e.key: e.part for e in shared.placed}
+        for placed in layout.placed:
+            if not placed.unknown.of_log:
+                to_log[placed.part, parts[placed.key]] = placed.of_whole
+        follow = np.zeros_like(to_log)
+        follow[own] = back @ to_log[others]
+        K = (to_log + follow).T
+        by_prior = follow[own].T @ (P[:, None] * follow[own])
+        start[own] = -inverse @ own_score
         return cls(
-            equations=equations,
+            at=equations.at,
             layout=layout,
             information=K @ A @ K.T + by_prior,
-            score=to_log.T @ (b[others] + back.T @ own_score),
+            score=to_log.T @ b + follow[own].T @ own_score,
             noise=K @ (equations.noise / equations.level**2) @ K.T + by_prior,
             motion=_motion(equations, layout, shared),
-            to_log=to_log,
-            held=held,
-            back=back,
-            own_step=-inverse @ own_score,
-            own=own,
+            start=start,
+            follow=follow,
         )
-
-    def own_state(self, step: Floats) -> State:
-        """The log's own unknowns after a step (n,) of the shared ones."""
-        whole = self.held.copy()
-        whole[self.own] = self.own_step + self.back @ (self.to_log @ step)
-        return self.equations.at.moved(self.layout, whole)
-
-
-def _to_log(layout: Layout, others: Indices, shared: Layout) -> Floats:
-    """(s, n), a log's shared components by those of all: origins by the directions it tells."""
-    found = np.zeros((layout.size, shared.size))
-    parts = {each.key: each.part for each in shared.placed}
-    for placed in layout.placed:
-        if not placed.unknown.of_log:
-            found[placed.part, parts[placed.key]] = placed.of_whole
-    return found[others]
 
 
 def _motion(equations: NormalEquations, layout: Layout, shared: Layout) -> Floats:
@@ -277,10 +246,8 @@ def _motion(equations: NormalEquations, layout: Layout, shared: Layout) -> Float
         if each.unknown.of_log and each.unknown.name in _LEAN and layout.free[each.part].all()
     )
     M, pose = equations.motion, layout.pose
-    across, inverse = (
-        M[np.ix_(pose, own)],
-        inverse_with_priors(M[np.ix_(own, own)], layout.std[own]),
-    )
+    across = M[np.ix_(pose, own)]
+    inverse = inverse_with_priors(M[np.ix_(own, own)], layout.std[own])
     found = np.zeros((shared.size, shared.size))
     found[np.ix_(shared.pose, shared.pose)] = M[np.ix_(pose, pose)] - across @ inverse @ across.T
     return found

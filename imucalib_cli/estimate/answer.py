@@ -2,48 +2,38 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, get_args
 
 import numpy as np
 
 from imucalib_cli.estimate.checks import judge
-from imucalib_cli.estimate.checks.observability import widen
-from imucalib_cli.estimate.estimate import Correction, Estimate, Parameter
+from imucalib_cli.estimate.checks.observability import unobservable, widen
+from imucalib_cli.estimate.estimate import Correction, CorrectionName, Estimate, Parameter
 from imucalib_cli.estimate.model.unknowns import Gravity, Mount, Origin
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats
-    from imucalib_cli.estimate.solution.normal_equations import Answer
-    from imucalib_cli.estimate.statistics import LogStatistics
+    from imucalib_cli.estimate.solution.normal_equations import Answer, LogStatistics
 
-
-_RECORDED: Final = (
-    "clock_drift",
-    "gyro_delay",
-    "accel_scale",
-    "gyro_scale",
-    "gyro_misalignment",
-    "gravity_norm",
-)
+_RECORDED: Final = get_args(CorrectionName)
 """Entries of the table that schema 1 has under ``corrections``, where they stand clear."""
 
 
 def estimate_of(
     answer: Answer, statistics: LogStatistics | None = None, **evidence: Any
 ) -> Estimate:
-    """The estimate of an answer.
+    """The estimate of an answer; ``evidence`` are its other fields.
 
-    Args:
-        answer: Every unknown.
-        statistics: Of the one log that it is of, which add to its covariances; None for an answer
-            of several logs, in which they are already.
-        evidence: Other fields of the estimate.
+    The statistics, of the one log that it is of, add to its covariances; in those of an answer of
+    several logs they are already.
     """
     widened = np.zeros((6, 6)) if statistics is None else statistics.widened
     offset_variance = 0.0 if statistics is None else statistics.offset_variance
     clock_stepped = statistics is not None and statistics.clock_stepped
-    directions = judge.unobservable(answer)
-    biases = {name: _bias(answer, name) for name in ("accel_bias", "gyro_bias")}
+    directions = unobservable(answer)
+    (accel_bias, accel_std), (gyro_bias, gyro_std) = (
+        _bias(answer, name) for name in ("accel_bias", "gyro_bias")
+    )
     offset, offset_std = answer.of("time_offset")
     return Estimate(
         method="matched",
@@ -54,10 +44,10 @@ def estimate_of(
         time_offset_std=float(np.sqrt(offset_std[0] ** 2 + offset_variance))
         if judge.offset_known(answer)
         else None,
-        accel_bias=biases["accel_bias"][0],
-        accel_bias_std=biases["accel_bias"][1],
-        gyro_bias=biases["gyro_bias"][0],
-        gyro_bias_std=biases["gyro_bias"][1],
+        accel_bias=accel_bias,
+        accel_bias_std=accel_std,
+        gyro_bias=gyro_bias,
+        gyro_bias_std=gyro_std,
         gravity_world=answer.state.gravity,
         corrections=_corrections(answer, clock_stepped=clock_stepped),
         parameters=_parameters(answer),

@@ -15,8 +15,6 @@ from imucalib_cli.estimate import again
 from imucalib_cli.estimate.model.layout import lay_out
 from imucalib_cli.estimate.model.state import Chain
 from imucalib_cli.estimate.solution.fit import transferred
-from imucalib_cli.estimate.solution.normal_equations import prior_offset
-from imucalib_cli.estimate.solution.scales import Problem
 from imucalib_cli.signals.stretches import stretches_of
 
 if TYPE_CHECKING:
@@ -27,7 +25,7 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.checks.specification import Dependence
     from imucalib_cli.estimate.model.state import State
     from imucalib_cli.estimate.solution.fit import Fit
-    from imucalib_cli.estimate.statistics import LogStatistics
+    from imucalib_cli.estimate.solution.normal_equations import LogStatistics
     from imucalib_cli.signals.prepare import CleanImu
 
 _MOST_WINDOWS: Final = 20_000
@@ -151,15 +149,7 @@ def details_of(
     log: LogStatistics,
     covariance: Floats,
 ) -> Details:
-    """All that a report draws of a fit.
-
-    Args:
-        fit: The solution.
-        clean: The IMU's samples.
-        dependence: On the window.
-        log: What it tells, summed.
-        covariance: (6, 6), of the pose, as it is stated.
-    """
+    """All that a report draws of a fit; the covariance (6, 6) is as it is stated."""
     plan, grid = fit.model.windowing.plan, fit.model.windowing.grid
     return Details(
         windows=window_series(fit, fit.state),
@@ -178,10 +168,7 @@ def details_of(
 def window_series(fit: Fit, state: State, most: int = _MOST_WINDOWS) -> WindowSeries:
     """Both sides of the equations at every window of the fit, and at instants between them.
 
-    Args:
-        fit: The solution.
-        state: Values of its unknowns, which may be others than its own.
-        most: Instants; where the fit has more windows, all of them are taken.
+    The state may be another than the fit's. Of more windows than ``most`` all are taken.
     """
     windowing = fit.model.windowing
     model = replace(
@@ -262,16 +249,9 @@ def _misfit(fit: Fit, offset: float) -> float:
     layout = lay_out(fit.model.windowing.trajectory, options)
     model, state = replace(fit.model, layout=layout), transferred(fit, layout, options)
     (residuals,) = model.residuals(state, fit.centres)
-    there = replace(fit.linearised, model=model, state=state, residuals=residuals.values)
-    matrices, noise_score = there.parts()
-    total = matrices.sum(axis=0)
-    problem = Problem(
-        information=total[1:, 1:] / fit.equations.level,
-        score=(total[1:, 0] - noise_score) / fit.equations.level,
-        offset=prior_offset(layout, options, state),
-        prior=layout,
-    ).of(layout.free)
+    equations, square = fit.equations_in(layout, state, residuals.values)
+    problem = equations.problem(layout, options)
     step, _ = problem.solve(fit.u)
     P, away = problem.precision(fit.u), problem.offset
     gradient = problem.score + P * away
-    return float(total[0, 0] / fit.equations.level + P @ away**2 + gradient @ step)
+    return float(square / equations.level + P @ away**2 + gradient @ step)

@@ -10,7 +10,7 @@ from imucalib_cli.findings import reasons, status, warnings
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.details import Details
-    from imucalib_cli.estimate.statistics import LogStatistics
+    from imucalib_cli.estimate.solution.normal_equations import LogStatistics
     from imucalib_cli.findings import Finding
 
 CorrectionName = Literal[

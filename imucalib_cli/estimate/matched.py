@@ -9,18 +9,18 @@ import numpy as np
 
 from imucalib_cli.estimate.answer import estimate_of
 from imucalib_cli.estimate.checks import judge
+from imucalib_cli.estimate.checks.observability import unobservable
 from imucalib_cli.estimate.checks.segments import DECISIVE, Segments
 from imucalib_cli.estimate.checks.specification import window_dependence
 from imucalib_cli.estimate.details import details_of, spectra_of
 from imucalib_cli.estimate.estimate import Residuals
 from imucalib_cli.estimate.solution.fit import whole_fit
+from imucalib_cli.estimate.solution.normal_equations import LogStatistics
 from imucalib_cli.estimate.stamps import best_attempt
-from imucalib_cli.estimate.statistics import LogStatistics
 from imucalib_cli.signals.prepare import clean_imu
 from imucalib_cli.signals.trajectory import Trajectory
 
 if TYPE_CHECKING:
-    from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.estimate import Estimate
     from imucalib_cli.estimate.options import MatchedOptions
     from imucalib_cli.estimate.solution.fit import Fit
@@ -38,14 +38,7 @@ def calibrate_matched(
 ) -> Estimate:
     """Find the IMU's pose in the path's parent link by matched Savitzky-Golay filters.
 
-    Args:
-        imu: As stamped.
-        path: Kinematics of the parent link, as stamped.
-        options: What to find and what is known.
-        details: Whether to keep what a report draws.
-
-    Returns:
-        The estimate, with what it could not determine named in it.
+    Stamps of both are as they were recorded; ``details`` are what a report draws.
 
     Raises:
         InputError: Streams too short, without overlap or without usable samples.
@@ -63,10 +56,10 @@ def calibrate_matched(
         attempt, sign = _better_sign(attempt, best_attempt(clean.reversed(), trajectory, options))
     clean = attempt.clean
     fit = whole_fit(attempt.lean, options)
-    directions = judge.unobservable(fit)
+    directions = unobservable(fit)
     dependence = () if directions else tuple(window_dependence(fit))
     over_noise = judge.over_known_noise(fit)
-    segments = Segments(fit, loud=max(over_noise) > judge.LOUD)
+    segments = Segments(fit, loud=bool(over_noise.max() > judge.LOUD))
     evidence = judge.Evidence(
         topic=imu.topic,
         fit=fit,
@@ -85,7 +78,7 @@ def calibrate_matched(
         consistency=segments.consistency(fit.statistics.whiteness(fit.levels)),
         findings=judge.findings(evidence, statistics),
         notes={
-            "residual_over_known_noise": max(evidence.over_noise),
+            "residual_over_known_noise": float(over_noise.max()),
             "offset_correlation": attempt.lag.correlation if attempt.lag else None,
             "imu_stamps": "ticks" if attempt.imu_ticks else "as stamped",
             "robot_stamps": "ticks" if attempt.robot_ticks else "as stamped",
@@ -115,28 +108,21 @@ def _upside_down(attempt: Attempt) -> bool:
 
 
 def _residuals(fit: Fit, spikes: int) -> Residuals:
-    used = fit.weights > 0.0
-    accel, gyro = (_rms(fit.residuals.values[used][:, part]) for part in (slice(0, 3), slice(3, 6)))
-    windowing = fit.model.windowing
-    gains, own = windowing.white_gains, judge.own_noise(windowing)
+    used, windowing = fit.weights > 0.0, fit.model.windowing
+    accel, gyro = rms = np.sqrt(np.mean(fit.residuals.values[used] ** 2, axis=0)).reshape(2, 3)
+    own = judge.own_noise(windowing)
+    equivalent = np.sqrt(np.mean(rms**2, axis=1)) / windowing.white_gains
     return Residuals(
         accel_rms=accel,
         gyro_rms=gyro,
         accel_normalised=accel / own[0],
         gyro_normalised=gyro / own[1],
-        white_equivalent=(
-            float(np.sqrt(np.mean(accel**2))) / gains[0],
-            float(np.sqrt(np.mean(gyro**2))) / gains[1],
-        ),
+        white_equivalent=(float(equivalent[0]), float(equivalent[1])),
         windows_used=int(used.sum()),
         windows_dropped=int((~used).sum()),
         samples_replaced=spikes,
         gaps=windowing.grid.gaps + windowing.trajectory.gaps,
     )
-
-
-def _rms(values: Floats) -> Floats:
-    return np.asarray(np.sqrt(np.mean(values**2, axis=0)))
 
 
 def _statistics(evidence: judge.Evidence, segments: Segments) -> LogStatistics:

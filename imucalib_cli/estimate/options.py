@@ -111,7 +111,12 @@ class MatchedOptions:
         0 holds a component at its nominal value.
         """
         told = self._stated_stds()
-        if unknown.group in self._held_groups():
+        held = {
+            "gravity": not self.has_gravity,
+            "sensor": self.sensor_model == "ideal",
+            "robot": self.robot == "exact",
+        }
+        if held.get(unknown.group):
             return np.zeros(1)
         if unknown.name in told:
             given = told[unknown.name]
@@ -124,15 +129,6 @@ class MatchedOptions:
         """Upper limit of a learnt scale by the sensor's data sheet; inf where there is none."""
         sheet = {"sensor_scale": self.sensor_scale_most, "sensor_axes": self.sensor_axes_most}
         return sheet.get(scale, math.inf)
-
-    def _held_groups(self) -> set[str]:
-        """Groups of the table all of which is taken to be nominal."""
-        held = {
-            "gravity": not self.has_gravity,
-            "sensor": self.sensor_model == "ideal",
-            "robot": self.robot == "exact",
-        }
-        return {group for group, is_held in held.items() if is_held}
 
     def _stated_stds(self) -> dict[str, float | Floats]:
         """Standard deviations that the user or a data sheet tells, by entry or by learnt scale."""

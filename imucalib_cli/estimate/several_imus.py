@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 
     from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.model.layout import Layout
+    from imucalib_cli.estimate.solution.normal_equations import LogStatistics
     from imucalib_cli.estimate.solution.scales import Posterior
-    from imucalib_cli.estimate.statistics import LogStatistics
     from imucalib_cli.robot.path import KinematicPath
 
     Key = tuple[object, ...]
@@ -116,12 +116,7 @@ def groups(imus: Sequence[OnRobot]) -> list[list[int]]:
 
 
 def solve_agreeing(logs: Sequence[LogStatistics], own: Sequence[Answer]) -> Together:
-    """Solve IMUs together, without those that do not agree on the errors they share.
-
-    Args:
-        logs: Of the IMUs of one log.
-        own: The answer of each by itself.
-    """
+    """Solve IMUs of one log together, without those that do not agree with the rest."""
     kept = tuple(range(len(logs)))
     strangers: dict[int, Change] = {}
     answers = solve_together(logs)
@@ -143,11 +138,7 @@ def solve_agreeing(logs: Sequence[LogStatistics], own: Sequence[Answer]) -> Toge
 
 
 def solve_together(logs: Sequence[LogStatistics]) -> list[Answer]:
-    """Every unknown of every IMU, with what is the robot's in common.
-
-    Args:
-        logs: Of the IMUs of one log.
-    """
+    """Every unknown of every IMU of one log, with what is the robot's in common."""
     system = System.of(logs)
     posterior = integrate(system.problem, most_likely(system.problem))
     common = system.common_noise(posterior.u)
@@ -273,64 +264,53 @@ class System:
         """Lay the entries of all IMUs out, and put their equations about one point."""
         several_ways = len({_first_joint(log.equations.layout) for log in logs}) > 1
         wholes = [_whole(log, several_ways=several_ways) for log in logs]
-        vector = _Vector.of(wholes)
-        parts = tuple(
-            Part.of(log, vector.to_own(place, log.equations.layout, whole))
-            for place, (log, whole) in enumerate(zip(logs, wholes, strict=True))
-        )
+        placed, prior, scales = _laid_out(wholes)
+        parts = []
+        for place, (log, whole) in enumerate(zip(logs, wholes, strict=True)):
+            layout = log.equations.layout
+            to_own = np.zeros((layout.size, len(prior.std)))
+            for each in layout.placed:
+                to_own[each.part, placed[_key(each, place)]] = each.of_whole
+            for each in whole.placed[len(layout.placed) :]:
+                # A first joint that is elsewhere looks like a base IMU that is elsewhere.
+                to_own[layout.part("base_translation"), placed[each.key]] = -np.eye(3)
+            parts.append(Part.of(log, to_own[:, prior.free]))
         problem = Problem(
             information=np.sum([each.information for each in parts], axis=0),
             score=np.sum([each.score for each in parts], axis=0),
             offset=np.sum([each.offset for each in parts], axis=0),
-            prior=vector.prior.only(vector.prior.free),
+            prior=prior.only(prior.free),
             noise=np.sum([each.noise for each in parts], axis=0),
         )
-        return cls(parts=parts, problem=problem, scales=vector.scales)
+        return cls(parts=tuple(parts), problem=problem, scales=scales)
 
 
-@dataclass(frozen=True, eq=False)
-class _Vector:
-    """All components of several IMUs one after the other, what is the robot's once."""
+def _laid_out(wholes: Sequence[Layout]) -> tuple[dict[Key, slice], Prior, tuple[Limits, ...]]:
+    """All components of several IMUs one after the other, what is the robot's once.
 
-    parts: Mapping[Key, slice]
-    prior: Prior
-    """Of M components."""
-    scales: tuple[Limits, ...]
-
-    @classmethod
-    def of(cls, wholes: Sequence[Layout]) -> _Vector:
-        """Place each entry once, with the prior of the first IMU that has it."""
-        scales = tuple(dict.fromkeys(each for whole in wholes for each in _limits(whole)))
-        parts: dict[Key, slice] = {}
-        stds, scale = [np.zeros(0)], [np.zeros(0, np.intp)]
-        size = 0
-        for place, whole in enumerate(wholes):
-            # The last one is for -1, which stays what it is.
-            numbers = np.array([*map(scales.index, _limits(whole)), -1])
-            for each in whole.placed:
-                key = _key(each, place)
-                if key not in parts:
-                    parts[key] = slice(size, size + len(each.labels))
-                    size += len(each.labels)
-                    stds.append(whole.std[each.part])
-                    scale.append(numbers[whole.scale[each.part]])
-        prior = Prior(
-            std=np.concatenate(stds),
-            scale=np.concatenate(scale),
-            bounds=np.array([each[1:] for each in scales]).reshape(-1, 2),
-            alike=alike([each[0] for each in scales]),
-        )
-        return cls(parts, prior, scales)
-
-    def to_own(self, place: int, layout: Layout, whole: Layout) -> Floats:
-        """(n, N), the components of one IMU by those of all that are free."""
-        found = np.zeros((layout.size, len(self.prior.std)))
-        for each in layout.placed:
-            found[each.part, self.parts[_key(each, place)]] = each.of_whole
-        for each in whole.placed[len(layout.placed) :]:
-            # A first joint that is elsewhere looks like a base IMU that is elsewhere.
-            found[layout.part("base_translation"), self.parts[each.key]] = -np.eye(3)
-        return found[:, self.prior.free]
+    Each entry has its place and the prior of the first IMU that has it.
+    """
+    scales = tuple(dict.fromkeys(each for whole in wholes for each in _limits(whole)))
+    placed: dict[Key, slice] = {}
+    stds, scale = [np.zeros(0)], [np.zeros(0, np.intp)]
+    size = 0
+    for place, whole in enumerate(wholes):
+        # The last one is for -1, which stays what it is.
+        numbers = np.array([*map(scales.index, _limits(whole)), -1])
+        for each in whole.placed:
+            key = _key(each, place)
+            if key not in placed:
+                placed[key] = slice(size, size + len(each.labels))
+                size += len(each.labels)
+                stds.append(whole.std[each.part])
+                scale.append(numbers[whole.scale[each.part]])
+    prior = Prior(
+        std=np.concatenate(stds),
+        scale=np.concatenate(scale),
+        bounds=np.array([each[1:] for each in scales]).reshape(-1, 2),
+        alike=alike([each[0] for each in scales]),
+    )
+    return placed, prior, scales
 
 
 def _widened(covariance: Floats, added: Floats, layout: Layout) -> Floats:
@@ -363,10 +343,8 @@ def _limits(layout: Layout) -> list[Limits]:
 def _whole(log: LogStatistics, *, several_ways: bool) -> Layout:
     """The entries of an IMU with all their components, and their priors.
 
-    Args:
-        log: Of the IMU.
-        several_ways: Whether the chains leave the base IMU's link by several joints: where these
-            are in that link is then no part of the base IMU's place.
+    Where chains leave the base IMU's link by several joints, where these are in that link is no
+    part of the base IMU's place.
     """
     layout = log.equations.layout
     places = [each.whole for each in layout.placed]

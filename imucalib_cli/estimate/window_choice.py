@@ -28,19 +28,17 @@ if TYPE_CHECKING:
     from imucalib_cli.signals.trajectory import Trajectory
 
 
-SHORTEST_AUTO = 0.2
-LONGEST_AUTO = 1.0
-LONGEST_SAMPLES = 4001
+_LONGEST_SAMPLES = 4001
 """Grid samples; stamps that come in bunches look like a rate at which a second has many more."""
 _LENGTHS = (0.2, 0.25, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0)
-"""s."""
+"""s: of windows that nobody asks for; shorter ones gain nothing, for no length costs bias."""
 MAX_ATTENUATION = 1e-4
 """Share of noise in the lever arm's regressor: 0.01 mm on a 100 mm lever arm."""
-QUIET_ACCEL = 1e-3
+_QUIET_ACCEL = 1e-3
 """m/s²: no accelerometer is quieter; a log without noise is no reason for long windows."""
 _ENOUGH, _NODES, _DEGREE = 400, 9, 3
 """Windows that tell how lively a log is, instants in each, and degree of their polynomials."""
-ARM = 1.0
+_ARM = 1.0
 """m: how far joints and the base's IMU stand from the parent link, for what their noise does to its
 position."""
 
@@ -48,14 +46,7 @@ position."""
 def choose_window(
     choice: WindowChoice, grid: ImuGrid, trajectory: Trajectory, degree: int
 ) -> tuple[int, Window]:
-    """Window length in grid samples, odd, and what to tell the user about it.
-
-    Args:
-        choice: What the user asked for; neither samples nor seconds is automatic.
-        grid: The IMU.
-        trajectory: The parent link.
-        degree: Of the filter, which needs more samples than that.
-    """
+    """Window length in grid samples, odd, and what to tell the user about it."""
     if choice.samples is not None:
         seconds, reason = (choice.samples - 1) * grid.refine * grid.dt, "as asked"
     elif choice.seconds is not None:
@@ -63,39 +54,44 @@ def choose_window(
     else:
         seconds, reason = _automatic(grid, trajectory)
     length = max(odd_length(seconds / grid.dt), shortest_length(degree))
-    length = min(length, LONGEST_SAMPLES)
-    window = Window(
-        samples=(length - 1) // grid.refine + 1,
-        seconds=(length - 1) * grid.dt,
-        reason=reason,
-    )
-    return length, window
+    length = min(length, _LONGEST_SAMPLES)
+    samples, seconds = (length - 1) // grid.refine + 1, (length - 1) * grid.dt
+    return length, Window(samples=samples, seconds=seconds, reason=reason)
 
 
 def _automatic(grid: ImuGrid, trajectory: Trajectory) -> tuple[float, str]:
     """Shortest length at which the kinematics' noise no longer matters."""
-    rotation, position = kinematic_noise(trajectory)
-    accel = max(grid.noise[0], QUIET_ACCEL)
-    turning = _lever_power(grid, trajectory)
+    accel, turning = max(grid.noise[0], _QUIET_ACCEL), lever_power(grid, trajectory)
     for seconds in _LENGTHS:
-        gain = second_derivative_gain(seconds)
-        bent = gain * rotation / turning if turning > 0.0 else 0.0
-        swung = ARM**2 * turning_noise(seconds, trajectory)
         # White noise through the second derivative's kernel keeps 10/7 dt/T of its variance.
         own = (10.0 / 7.0) * accel**2 * grid.refine * grid.dt / seconds
-        drowned = gain * position + swung > own
-        if bent <= MAX_ATTENUATION and not drowned:
-            if seconds == SHORTEST_AUTO:
+        drowned = kinematic_variance(seconds, trajectory)[0] > own
+        if attenuation(seconds, turning, trajectory) <= MAX_ATTENUATION and not drowned:
+            if seconds == _LENGTHS[0]:
                 return seconds, "automatic: noise of the kinematics is small at the shortest length"
             return seconds, "automatic: averages the noise of the kinematics below the IMU's"
-    return LONGEST_AUTO, "automatic: the longest, the kinematics are noisy"
+    return _LENGTHS[-1], "automatic: the longest, the kinematics are noisy"
 
 
-def attenuation(seconds: float, grid: ImuGrid, trajectory: Trajectory) -> float:
-    """Share of noise in the lever arm's regressor at a window: by it the lever arm is shortened."""
-    turning = _lever_power(grid, trajectory)
+def attenuation(seconds: float, turning: float, trajectory: Trajectory) -> float:
+    """Share of noise in the lever arm's regressor at a window: by it the lever arm is shortened.
+
+    ``turning`` is its :func:`lever_power`.
+    """
     noise = second_derivative_gain(seconds) * kinematic_noise(trajectory)[0]
     return noise / turning if turning > 0.0 else 0.0
+
+
+def kinematic_variance(seconds: float, trajectory: Trajectory) -> tuple[float, float]:
+    """What noise of the kinematics leaves in a window, (m/s²)² and (rad/s)²."""
+    rotation, position = kinematic_noise(trajectory)
+    base, swung = trajectory.base_readings, 0.0
+    # Of a first derivative the variance is 12 sigma² dt / T³; two axes are across an arm.
+    gain = 12.0 / seconds**3
+    if base is not None:
+        swung = _ARM**2 * (2.0 * gain * base.noise[1] ** 2 * base.dt)
+    # Three angles are in the nine elements of R.
+    return second_derivative_gain(seconds) * position + swung, gain * rotation / 6.0
 
 
 def second_derivative_gain(seconds: float) -> float:
@@ -103,30 +99,14 @@ def second_derivative_gain(seconds: float) -> float:
     return 720.0 / seconds**5
 
 
-def turning_noise(seconds: float, trajectory: Trajectory) -> float:
-    """Noise of the angular acceleration over a window that the base IMU's gyroscope makes.
-
-    The variance of a first derivative is 12 sigma² dt / T³.
-
-    Returns:
-        (rad/s²)², of the two axes across an arm; zero without a base IMU.
-    """
-    base = trajectory.base_readings
-    return 0.0 if base is None else 2.0 * 12.0 / seconds**3 * base.noise[1] ** 2 * base.dt
-
-
 def kinematic_noise(trajectory: Trajectory) -> tuple[float, float]:
-    """Noise of R_world_parent and p_world_parent, as variance times sample interval.
-
-    Returns:
-        Summed over the nine elements of R, s; summed over position, m² s.
-    """
+    """Variance times interval of R_world_parent's nine elements, s, and of p, m² s."""
     rotation = position = 0.0
     for track, kind in zip(trajectory.tracks, trajectory.path.tracks, strict=True):
         variance = track.moving_variance
         if kind.kind == "joints":
             rotation += 2.0 * float(variance.sum()) * track.interval
-            position += ARM**2 * float(variance.sum()) * track.interval
+            position += _ARM**2 * float(variance.sum()) * track.interval
         else:
             # A quaternion's error is half the angle's; each angle fills two units of |dR|².
             rotation += 2.0 * 4.0 * float(variance[3:].sum()) * track.interval
@@ -134,11 +114,11 @@ def kinematic_noise(trajectory: Trajectory) -> tuple[float, float]:
     return rotation, position
 
 
-def _lever_power(grid: ImuGrid, trajectory: Trajectory) -> float:
+def lever_power(grid: ImuGrid, trajectory: Trajectory) -> float:
     """Mean of |D2 R|² over the log, 1/s⁴, at the shortest automatic length."""
-    inside = np.linspace(0.0, SHORTEST_AUTO, _NODES)
+    inside = np.linspace(0.0, _LENGTHS[0], _NODES)
     pair = matched_filter(_NODES, _DEGREE, 2, float(inside[1]))
-    starts = np.arange(grid.t0, grid.t[-1] - SHORTEST_AUTO, SHORTEST_AUTO)
+    starts = np.arange(grid.t0, grid.t[-1] - _LENGTHS[0], _LENGTHS[0])
     t = starts[:: max(len(starts) // _ENOUGH, 1), None] + inside
     t = t[trajectory.covered(t.ravel()).reshape(t.shape).all(axis=1)]
     if not t.size:

@@ -18,8 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
     from imucalib_cli.estimate.estimate import Estimate
-    from imucalib_cli.estimate.solution.normal_equations import Answer
-    from imucalib_cli.estimate.statistics import LogStatistics
+    from imucalib_cli.estimate.solution.normal_equations import Answer, LogStatistics
     from imucalib_cli.findings import Finding
     from imucalib_cli.robot.path import KinematicPath
 

@@ -26,8 +26,7 @@ from imucalib_cli.estimate.model.state import State
 from imucalib_cli.estimate.model.unknowns import TABLE, JointCurve, Mount, Origin
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.estimate.several_imus import SOLVED_TOGETHER
-from imucalib_cli.estimate.solution.normal_equations import NormalEquations
-from imucalib_cli.estimate.statistics import LogStatistics
+from imucalib_cli.estimate.solution.normal_equations import LogStatistics, NormalEquations
 from imucalib_cli.results.codec import result_from, to_document
 
 if TYPE_CHECKING:

@@ -13,12 +13,16 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from imucalib_cli.estimate.matched import calibrate_matched
-from imucalib_cli.estimate.options import MatchedOptions
+from imucalib_cli.estimate.model.windows import Windowing, odd_length, plan_windows
+from imucalib_cli.estimate.options import MatchedOptions, PosePrior
 from imucalib_cli.robot.path import FixedStep, JointStep, KinematicPath, Track
+from imucalib_cli.signals.prepare import clean_imu
 from imucalib_cli.signals.samples import ImuSamples
+from imucalib_cli.signals.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from imucalib_cli.estimate.estimate import Estimate
+    from imucalib_cli.estimate.solution.normal_equations import LogStatistics
 
 Floats = NDArray[np.float64]
 
@@ -168,9 +172,14 @@ class Log:
     def with_imu(self, t: Floats, gyro: Floats, accel: Floats) -> Log:
         return replace(self, imu=ImuSamples(t=t, gyro=gyro, accel=accel))
 
+    def with_joints(self, **changes: Any) -> Log:
+        """Other stamps or values of the joints."""
+        (track,) = self.path.tracks
+        return replace(self, path=replace(self.path, tracks=(replace(track, **changes),)))
+
     def kept(self, rows: NDArray[np.bool_]) -> Log:
         """Only some of the IMU's samples."""
-        return self.with_imu(self.imu.t[rows], self.imu.gyro[rows], self.imu.accel[rows])
+        return replace(self, imu=self.imu.at(rows))
 
     def noisy(
         self,
@@ -226,6 +235,13 @@ def make_log(
     )
 
 
+def windowing_of(log: Log, seconds: float) -> Windowing:
+    """Its streams through windows of so many seconds."""
+    trajectory = Trajectory.of(log.path)
+    grid = clean_imu(log.imu).grid(trajectory.interval, use_ticks=False)
+    return Windowing(grid, trajectory, plan_windows(odd_length(seconds / grid.dt), 3, grid.dt))
+
+
 def rotation_error(R: Floats, truth: Floats) -> Floats:
     """Rotation vector of R times truth inverse, rad, parent frame."""
     return np.asarray(Rotation.from_matrix(R @ truth.T).as_rotvec())
@@ -247,14 +263,48 @@ def pose_error(estimate: Estimate, mount: Mount) -> Floats:
     return np.concatenate([estimate.t_parent_imu - mount.t, turned])
 
 
+def covariance(estimate: Estimate) -> Floats:
+    """(6, 6), as stated."""
+    assert estimate.covariance is not None
+    return estimate.covariance
+
+
 def sigma(estimate: Estimate) -> Floats:
     """(6,), as stated."""
-    assert estimate.covariance is not None
-    return np.asarray(np.sqrt(np.diag(estimate.covariance)))
+    return np.asarray(np.sqrt(np.diag(covariance(estimate))))
 
 
 def nees(estimate: Estimate, mount: Mount) -> float:
     """Square of the pose error in stated sigmas; chi-squared of six degrees of freedom."""
-    assert estimate.covariance is not None
     error = pose_error(estimate, mount)
-    return float(error @ np.linalg.solve(estimate.covariance, error))
+    return float(error @ np.linalg.solve(covariance(estimate), error))
+
+
+def statistics(estimate: Estimate) -> LogStatistics:
+    """From which it can be solved again."""
+    assert estimate.statistics is not None
+    return estimate.statistics
+
+
+def parameter(estimate: Estimate, name: str) -> tuple[Floats, Floats]:
+    """Value and 1 sigma of each component of an unknown."""
+    values, stds = zip(
+        *((each.value, each.std) for each in estimate.parameters if each.name == name), strict=True
+    )
+    return np.array(values), np.array(stds)
+
+
+def codes(estimate: Estimate) -> set[str]:
+    """Of all findings."""
+    return {each.code for each in estimate.findings}
+
+
+def told(estimate: Estimate, code: str) -> dict[str, Any]:
+    """What the one finding of a code says."""
+    (found,) = (each for each in estimate.findings if each.code == code)
+    return dict(found.values)
+
+
+def known(std: tuple[float, ...], mount: Mount = MOUNT) -> PosePrior:
+    """What is told of a mount, about the truth."""
+    return PosePrior(std=std, R_parent_imu=mount.R, t_parent_imu=mount.t)

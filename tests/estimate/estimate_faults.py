@@ -8,24 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from imucalib_cli.signals.samples import ImuSamples
-from tests.estimate.estimate_arm import (
-    GRAVITY,
-    LINKS,
-    MOUNT,
-    Log,
-    Mount,
-    Moves,
-    arm_path,
-    parent_motion,
-    readings,
-)
+from tests.estimate.estimate_arm import GRAVITY, LINKS, MOUNT, Log, Mount, Moves, make_log
 
 Floats = NDArray[np.float64]
 Triple = tuple[float, float, float]
 
 SECONDS = 24.0
-ROBOT_RATE = 200.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,33 +68,30 @@ def flawed_log(
     t = np.where(t < start, t, t - jump)
     gravity = np.array([0.0, 0.0, -flaws.gravity])
 
-    def measured(instants: Floats) -> tuple[Floats, Floats]:
-        motion = parent_motion(moves, instants)
-        gyro, accel = readings(motion, mount, gravity)
-        if mount_after is not None:
-            later = instants >= mount_after[0]
-            other_gyro, other_accel = readings(motion, mount_after[1], gravity)
-            gyro[later], accel[later] = other_gyro[later], other_accel[later]
-        return gyro, accel
+    def ideal(instants: Floats) -> Log:
+        """What a sensor without flaws reads at some instants."""
+        instant, other = mount_after or (np.inf, mount)
+        before, after = (
+            make_log(moves, each, imu_t=instants, gravity_world=gravity, links=links)
+            for each in (mount, other)
+        )
+        later = (instants >= instant)[:, None]
+        gyro = np.where(later, after.imu.gyro, before.imu.gyro)
+        accel = np.where(later, after.imu.accel, before.imu.accel)
+        return before.with_imu(instants, gyro, accel)
 
-    _, accel = measured(t)
-    gyro, _ = measured(t - flaws.gyro_delay)
+    log = ideal(t)
     yz, xz, xy = flaws.accel_skew
     skewed = np.array([[1.0, xy, xz], [0.0, 1.0, yz], [0.0, 0.0, 1.0]])
     turn = Rotation.from_rotvec(flaws.gyro_turn).as_matrix()
-    t_robot = np.arange(0.0, moves.seconds, 1 / ROBOT_RATE)
-    q = moves.joints(t_robot)[0] + (0.0 if zeros is None else zeros)
-    return Log(
-        imu=ImuSamples(
-            t=stamps + flaws.time_offset,
-            # Rows are vectors: v @ turn is turn' v, the accelerometer's axes to the gyroscope's.
-            gyro=(gyro @ turn) * flaws.gyro_scale,
-            accel=accel @ skewed.T * flaws.accel_scale,
-        ),
-        path=arm_path(t_robot, q, links),
-        mount=mount,
-        time_offset=flaws.time_offset,
+    flawed = replace(log, time_offset=flaws.time_offset).with_imu(
+        stamps + flaws.time_offset,
+        # Rows are vectors: v @ turn is turn' v, the accelerometer's axes to the gyroscope's.
+        (ideal(t - flaws.gyro_delay).imu.gyro @ turn) * flaws.gyro_scale,
+        log.imu.accel @ skewed.T * flaws.accel_scale,
     )
+    read_as = log.path.tracks[0].values + (0.0 if zeros is None else zeros)
+    return flawed.with_joints(values=read_as)
 
 
 def biased_from(
@@ -114,12 +99,7 @@ def biased_from(
 ) -> Log:
     """The same log with other biases from an instant on."""
     later = (log.imu.t >= instant)[:, None]
-    return replace(
-        log,
-        imu=ImuSamples(
-            t=log.imu.t, gyro=log.imu.gyro + later * gyro, accel=log.imu.accel + later * accel
-        ),
-    )
+    return log.with_imu(log.imu.t, log.imu.gyro + later * gyro, log.imu.accel + later * accel)
 
 
 def as_told(mount: Mount, *, last_zero: float = 0.0, last_length: float = 0.0) -> Mount:

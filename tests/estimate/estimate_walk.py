@@ -232,11 +232,6 @@ def logged(walk: Walk) -> tuple[ImuSamples, KinematicPath]:
     return walk.log()
 
 
-def without(imu: ImuSamples, start: float, end: float) -> ImuSamples:
-    """An IMU that says nothing for a while."""
-    return imu.at((imu.t < start) | (imu.t > end))
-
-
 def gap_in_base(path: KinematicPath, start: float, end: float) -> KinematicPath:
     """A path whose base IMU says nothing for a while."""
     base = path.tracks[0]

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from imucalib_cli.estimate.again import combine_logs, solve_again
 from imucalib_cli.estimate.checks import judge
-from imucalib_cli.estimate.options import MatchedOptions, PosePrior
+from imucalib_cli.estimate.options import MatchedOptions
 from tests.estimate.estimate_arm import (
     LINKS,
     MOUNT,
@@ -21,14 +21,16 @@ from tests.estimate.estimate_arm import (
     Mount,
     Moves,
     calibrated,
+    covariance,
+    known,
     make_log,
     rotation_error,
+    statistics,
 )
 
 if TYPE_CHECKING:
     from imucalib_cli.estimate.again import Combined
     from imucalib_cli.estimate.estimate import Estimate
-    from imucalib_cli.estimate.statistics import LogStatistics
 
 Floats = NDArray[np.float64]
 
@@ -60,11 +62,6 @@ def logs(count: int, seed: int, scatter: tuple[float, float] = (0.0, 0.0)) -> tu
     return tuple(calibrated(log) for log in recordings(count, seed, scatter))
 
 
-def statistics(estimate: Estimate) -> LogStatistics:
-    assert estimate.statistics is not None
-    return estimate.statistics
-
-
 def together(estimates: tuple[Estimate, ...]) -> Combined:
     each = [statistics(estimate) for estimate in estimates]
     return combine_logs(each, [log.options for log in each])
@@ -74,11 +71,10 @@ def test_with_its_own_priors_a_log_says_the_same() -> None:
     (estimate,) = logs(1, 1)
     log = statistics(estimate)
     answer, findings = solve_again(log, log.options)
-    assert estimate.covariance is not None
     np.testing.assert_allclose(answer.state.t, estimate.t_parent_imu, rtol=1e-12)
     np.testing.assert_allclose(answer.state.R, estimate.R_parent_imu, atol=1e-12)
     np.testing.assert_allclose(
-        answer.pose_covariance + log.widened, estimate.covariance, rtol=1e-9, atol=1e-24
+        answer.pose_covariance + log.widened, covariance(estimate), rtol=1e-9, atol=1e-24
     )
     told = [each.code for each in estimate.findings if each.code in judge.OF_ANSWER]
     assert [each.code for each in findings] == told
@@ -88,20 +84,8 @@ OTHER: dict[str, dict[str, Any]] = {
     "robot exact": {"robot": "exact"},
     "robot known": {"robot": (1e-3, 2e-4)},
     "bias known": {"accel_bias_std": 0.02},
-    "one component known": {
-        "pose": PosePrior(
-            std=(np.inf, np.inf, 1e-5, np.inf, np.inf, np.inf),
-            R_parent_imu=MOUNT.R,
-            t_parent_imu=MOUNT.t,
-        )
-    },
-    "one component held": {
-        "pose": PosePrior(
-            std=(np.inf, 0.0, np.inf, np.inf, np.inf, 0.0),
-            R_parent_imu=MOUNT.R,
-            t_parent_imu=MOUNT.t,
-        )
-    },
+    "one component known": {"pose": known((np.inf, np.inf, 1e-5, *[np.inf] * 3))},
+    "one component held": {"pose": known((np.inf, 0.0, *[np.inf] * 3, 0.0))},
     "gravity along -z": {"gravity": "fixed"},
 }
 
@@ -115,8 +99,7 @@ def test_with_other_priors_it_says_what_a_run_says(name: str) -> None:
     options = replace(log.options, **OTHER[name])
     answer, _ = solve_again(log, options)
     run = calibrated(recording, options)
-    assert run.covariance is not None
-    sigma = np.sqrt(np.maximum(np.diag(run.covariance), 1e-16))
+    sigma = np.sqrt(np.maximum(np.diag(covariance(run)), 1e-16))
     off = np.concatenate(
         [answer.state.t - run.t_parent_imu, rotation_error(answer.state.R, run.R_parent_imu)]
     )
@@ -128,11 +111,7 @@ def test_with_other_priors_it_says_what_a_run_says(name: str) -> None:
 def test_a_component_held_where_it_is_not_is_contradicted() -> None:
     (estimate,) = logs(1, 1)
     log = statistics(estimate)
-    wrong = PosePrior(
-        std=(0.0, *[np.inf] * 5),
-        R_parent_imu=MOUNT.R,
-        t_parent_imu=MOUNT.t + np.array([5e-3, 0.0, 0.0]),
-    )
+    wrong = known((0.0, *[np.inf] * 5), Mount(R=MOUNT.R, t=MOUNT.t + np.array([5e-3, 0, 0])))
     _, findings = solve_again(log, replace(log.options, pose=wrong))
     (found,) = [each for each in findings if each.code == "prior.contradicted"]
     assert found.values["option"] == "--fix tx"
@@ -179,8 +158,8 @@ def test_logs_on_a_still_mount_are_the_sum_of_their_statistics(
         for seed in (1, 2, 3)
     )
     found = together(estimates)
-    step, covariance = by_sum(estimates)
-    first, sigma = statistics(estimates[0]).equations.at, np.sqrt(np.diag(covariance))
+    step, C = by_sum(estimates)
+    first, sigma = statistics(estimates[0]).equations.at, np.sqrt(np.diag(C))
     np.testing.assert_allclose(
         (found.answer.state.t - first.t) / sigma[:3], step[:3] / sigma[:3], atol=1e-3
     )

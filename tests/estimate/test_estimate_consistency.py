@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -25,16 +25,17 @@ from tests.estimate.estimate_arm import (
     Mount,
     Moves,
     calibrated,
+    codes,
     nees,
     rotation_error,
     sigma,
+    told,
 )
 from tests.estimate.estimate_faults import Flaws, biased_from, flawed_log
 from tests.slow import slow_after
 
 if TYPE_CHECKING:
     from imucalib_cli.estimate.estimate import Consistency, Estimate
-    from imucalib_cli.findings import Finding
 
 Floats = NDArray[np.float64]
 
@@ -56,20 +57,12 @@ def agreement(estimate: Estimate) -> Consistency:
     return estimate.consistency
 
 
-def change_of(estimate: Estimate) -> Finding:
-    """The instant from which the log tells something else."""
-    (change,) = (each for each in estimate.findings if each.code.startswith("change."))
+def change_at(estimate: Estimate, instant: float, kind: str) -> dict[str, Any]:
+    """What is said of the one instant from which the log tells something else."""
+    assert [each for each in codes(estimate) if "change." in each] == [f"change.{kind}"]
+    change = told(estimate, f"change.{kind}")
+    assert abs(change["seconds"] - instant) <= change["uncertainty"] + 1.0
     return change
-
-
-def number(finding: Finding, name: str) -> float:
-    value = finding.values[name]
-    assert isinstance(value, float)
-    return value
-
-
-def assert_at(change: Finding, instant: float) -> None:
-    assert abs(number(change, "seconds") - instant) <= number(change, "uncertainty") + 1.0
 
 
 WRONG = pytest.mark.xfail(strict=True, reason="a clock set near the end is told as a mount")
@@ -86,13 +79,11 @@ def test_a_mount_that_moved_is_told_with_time_and_size(
     log = flawed_log(moves=MOVES, mount_after=(instant, moved_by(1.0))).noisy(1, GRADES[grade])
     estimate = calibrated(log)
     assert not estimate.trusted
-    change = change_of(estimate)
-    assert change.code == "change.mount"
-    assert_at(change, instant)
+    change = change_at(estimate, instant, "mount")
     for what, truth in (("translation", STEP), ("rotation", TURN)):
         size = float(np.linalg.norm(truth))
-        allowed = max(3.0 * number(change, f"{what}_std"), 0.15 * size)
-        assert number(change, what) == pytest.approx(size, abs=allowed)
+        allowed = max(3.0 * change[f"{what}_std"], 0.15 * size)
+        assert change[what] == pytest.approx(size, abs=allowed)
     assert estimate.corrections == ()
     assert pose is None or nees(estimate, moved_by(pose)) < UNLIKELY
 
@@ -100,9 +91,9 @@ def test_a_mount_that_moved_is_told_with_time_and_size(
 def test_a_stretch_that_was_left_out_is_named() -> None:
     flaws = Flaws(clock_jump=(28.5, 0.03))
     estimate = calibrated(flawed_log(flaws, moves=MOVES).noisy(1, INDUSTRIAL))
-    (told,) = (each for each in estimate.findings if each.code == "windows.left_out")
-    assert abs(number(told, "start") - 28.5) <= 1.5
-    assert abs(number(told, "end") - MOVES.seconds) <= 2.5
+    left_out = told(estimate, "windows.left_out")
+    assert abs(left_out["start"] - 28.5) <= 1.5
+    assert abs(left_out["end"] - MOVES.seconds) <= 2.5
 
 
 @pytest.mark.parametrize("grade", slow_after(1, GRADES))
@@ -134,12 +125,9 @@ def test_a_clock_that_was_set_is_told_with_time_and_size(
 ) -> None:
     log = flawed_log(Flaws(clock_jump=(instant, jump)), moves=MOVES).noisy(1, GRADES[grade])
     estimate = calibrated(log)
-    change = change_of(estimate)
-    assert change.code == "change.clock"
-    assert_at(change, instant)
-    assert number(change, "size") == pytest.approx(jump, rel=0.2)
+    assert change_at(estimate, instant, "clock")["size"] == pytest.approx(jump, rel=0.2)
     # A drift is what a step looks like; it is not said beside it.
-    assert not any(each.code == "unknown.found" for each in estimate.findings)
+    assert "unknown.found" not in codes(estimate)
     assert nees(estimate, MOUNT) < UNLIKELY
 
 
@@ -153,11 +141,9 @@ def test_a_bias_that_stepped_is_told_with_time_and_size(
 ) -> None:
     clean = flawed_log(moves=MOVES).noisy(1, GRADES[grade])
     estimate = calibrated(biased_from(clean, instant, **{sensor: step}))
-    change = change_of(estimate)
-    assert change.code == f"change.{sensor}_bias"
-    assert_at(change, instant)
+    change = change_at(estimate, instant, f"{sensor}_bias")
     # The part in which it happened belongs to neither side.
-    assert number(change, "size") == pytest.approx(np.linalg.norm(step), rel=0.3)
+    assert change["size"] == pytest.approx(np.linalg.norm(step), rel=0.3)
     assert nees(estimate, MOUNT) < UNLIKELY
 
 
@@ -192,11 +178,11 @@ def test_a_log_of_one_piece_is_of_one_piece(seed: int, grade: str) -> None:
     moves = Moves(seed=10 + seed, seconds=32.0)
     estimate = calibrated(flawed_log(moves=moves).noisy(seed, GRADES[grade]))
     assert estimate.trusted
-    told = agreement(estimate)
-    assert told.folds == FOLDS
-    assert 0.3 < told.segment_chi2 < 2.5
-    assert told.halves_sigmas < 2.0
-    assert max(told.whiteness) < 3.0
+    parts = agreement(estimate)
+    assert parts.folds == FOLDS
+    assert 0.3 < parts.segment_chi2 < 2.5
+    assert parts.halves_sigmas < 2.0
+    assert max(parts.whiteness) < 3.0
 
 
 @cache
@@ -240,22 +226,22 @@ def test_halves_agree_with_two_calibrations(grade: str) -> None:
     """Though nothing is fitted again: to first order, so the mount moves little."""
     clean = flawed_log(moves=MOVES, mount_after=(EDGE, moved_by(0.1)))
     log = clean.noisy(5, GRADES[grade])
-    told = agreement(calibrated(log, EXACT))
-    assert told.folds == FOLDS
+    parts = agreement(calibrated(log, EXACT))
+    assert parts.folds == FOLDS
     apart, _ = halves_of(log)
-    off = told.halves_difference - apart
+    off = parts.halves_difference - apart
     assert np.linalg.norm(apart[:3]) > 5e-4
     assert np.linalg.norm(off[:3]) < 0.15 * np.linalg.norm(apart[:3])
     assert np.linalg.norm(off[3:]) < 0.05 * np.linalg.norm(apart[3:])
-    assert told.halves_sigmas > 3.0
+    assert parts.halves_sigmas > 3.0
 
 
 def test_halves_of_noise_agree_with_two_calibrations() -> None:
     log = flawed_log(moves=MOVES).noisy(6)
     apart, sigma = halves_of(log)
     # The same noise in both: they agree far better than their sigma.
-    told = agreement(calibrated(log, EXACT))
-    assert np.all(np.abs(told.halves_difference - apart) < 0.5 * sigma)
+    parts = agreement(calibrated(log, EXACT))
+    assert np.all(np.abs(parts.halves_difference - apart) < 0.5 * sigma)
 
 
 def test_coloured_noise_is_told_by_whiteness() -> None:

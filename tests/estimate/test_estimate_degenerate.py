@@ -18,6 +18,7 @@ from tests.estimate.estimate_arm import (
     Log,
     Moves,
     calibrated,
+    covariance,
     make_log,
     parent_motion,
     pose_error,
@@ -68,11 +69,10 @@ def assert_known_across(
     estimate: Estimate, log: Log, axis: Floats, *, kind: str, std: float
 ) -> None:
     """Across an axis the error is small and the stated covariance covers it."""
-    assert estimate.covariance is not None
     part = slice(0, 3) if kind == "translation" else slice(3, 6)
     error = pose_error(estimate, log.mount)[part]
     across = np.linalg.svd(axis[None])[2][1:]
-    P = across @ estimate.covariance[part, part] @ across.T
+    P = across @ covariance(estimate)[part, part] @ across.T
     assert np.sqrt(np.linalg.eigvalsh(P)[-1]) < std
     if kind == "translation":
         assert (across @ error) @ np.linalg.solve(P, across @ error) < 16.0
@@ -80,9 +80,8 @@ def assert_known_across(
 
 def assert_covers(estimate: Estimate, log: Log) -> None:
     """The stated sigma covers the error of every component, determined or not."""
-    assert estimate.covariance is not None
     assert np.all(np.abs(estimate.t_parent_imu - log.mount.t) < 4 * sigma(estimate)[:3] + 1e-6)
-    values = np.linalg.eigvalsh(estimate.covariance)
+    values = np.linalg.eigvalsh(covariance(estimate))
     # Ten metres squared beside squared micrometres: the difference is rounding.
     assert values[0] > -1e-10 * values[-1]
 
@@ -153,6 +152,14 @@ def test_moving_in_a_plane_hides_the_way_across_it_only(noisy: bool) -> None:
     turn = sigma(estimate)[3:]
     assert turn.max() < 2e-3
     assert np.all(np.abs(pose_error(estimate, log.mount)[3:]) < 4 * turn + 1e-6)
+
+
+@pytest.mark.parametrize("amplitude", [PAN, PLANAR])
+def test_halves_are_compared_in_what_they_tell(amplitude: tuple[float, ...]) -> None:
+    _, estimate = calibrate(amplitude, noisy=True)
+    assert estimate.unobservable
+    assert estimate.consistency is not None
+    assert 0.1 < estimate.consistency.halves_sigmas < 2.0
 
 
 @NOISY

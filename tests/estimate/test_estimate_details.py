@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from imucalib_cli.estimate.matched import calibrate_matched
-from imucalib_cli.estimate.options import MatchedOptions, PosePrior, WindowChoice
+from imucalib_cli.estimate.options import MatchedOptions, WindowChoice
 from imucalib_cli.signals.samples import ImuSamples
 from tests.estimate.estimate_arm import (
     EXACT,
@@ -19,6 +19,7 @@ from tests.estimate.estimate_arm import (
     Log,
     Moves,
     arm_path,
+    known,
     make_log,
     parent_motion,
     readings,
@@ -120,11 +121,7 @@ def test_a_shock_is_drawn_as_left_out() -> None:
 
 def test_what_was_told_has_no_curve() -> None:
     log = make_log(MOVES).noisy(4)
-    options = replace(
-        EXACT,
-        time_offset=0.0,
-        pose=PosePrior(std=(0.0,) + (np.inf,) * 5, R_parent_imu=MOUNT.R, t_parent_imu=MOUNT.t),
-    )
+    options = replace(EXACT, time_offset=0.0, pose=known((0.0,) + (np.inf,) * 5))
     estimate, details = detailed(log, options)
     assert details.offset is None
     assert details.stretches is None

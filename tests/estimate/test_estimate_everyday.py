@@ -24,8 +24,10 @@ from tests.estimate.estimate_arm import (
     Mount,
     Moves,
     calibrated,
+    codes,
     make_log,
     nees,
+    parameter,
     pose_error,
     sigma,
 )
@@ -58,9 +60,8 @@ def test_a_drivers_exponential_average_is_found_and_corrected(seed: int) -> None
     assert names & {"accel_filter", "gyro_filter"}
     # Of the samples' spacing: an exponential average of alpha has variance (1 - alpha) / alpha²,
     # half of which stands by the second derivative beside the delay, 10 samples² here.
-    found = {each.name: each for each in estimate.parameters}
     for name in ("accel_filter", "gyro_filter"):
-        assert found[name].value == pytest.approx(10.0 / 200.0**2, rel=0.25)
+        assert parameter(estimate, name)[0] == pytest.approx(10.0 / 200.0**2, rel=0.25)
 
 
 @pytest.mark.parametrize("seed", slow_after(1, range(2)))
@@ -75,9 +76,8 @@ def test_biases_that_ramp_are_followed(seed: int) -> None:
     estimate, mount, case = everyday("ur10e", "bias-ramp", seed)
     assert worst(estimate, mount) < 3.0
     assert estimate.trusted
-    ramp = [each.value for each in estimate.parameters if each.name == "gyro_bias_ramp"]
-    std = [each.std for each in estimate.parameters if each.name == "gyro_bias_ramp"]
-    assert np.all(np.abs(np.array(ramp) - case.drawn["gyro_ramp"]) < 4 * np.array(std))
+    ramp, std = parameter(estimate, "gyro_bias_ramp")
+    assert np.all(np.abs(ramp - case.drawn["gyro_ramp"]) < 4 * std)
 
 
 @pytest.mark.parametrize(
@@ -113,8 +113,7 @@ def _sprung(log: Log, rate: float = 8.0, damping: float = 0.05) -> Log:
 @pytest.mark.parametrize("seed", slow_after(1, range(3)))
 def test_the_window_moves_nothing_on_a_sound_log(seed: int) -> None:
     log = make_log(Moves(seed=seed, seconds=40.0)).noisy(seed, INDUSTRIAL)
-    codes = {each.code for each in calibrated(log).findings}
-    assert "window.dependent" not in codes
+    assert "window.dependent" not in codes(calibrated(log))
 
 
 @pytest.mark.parametrize(("rate", "told"), [(8.0, False), (4.0, True)])
@@ -126,7 +125,7 @@ def test_a_mount_that_rings_is_covered_and_told_where_it_is_slow(rate: float, to
     log = _sprung(make_log(quick), rate).noisy(1, INDUSTRIAL)
     estimate = calibrated(log)
     assert nees(estimate, log.mount) < UNLIKELY
-    assert any(each.code == "residual.beyond_noise" for each in estimate.findings) == told
+    assert ("residual.beyond_noise" in codes(estimate)) == told
 
 
 @pytest.mark.parametrize("grade", slow_after(1, GRADES))

@@ -7,7 +7,7 @@ order dt², so the tolerance is a micrometre at 500 Hz and grows with the interv
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -174,34 +174,22 @@ def test_both_streams_taken_late_are_read_as_stamped() -> None:
     )
 
 
-def test_stamps_that_jitter_are_read_as_ticks(plain: Log) -> None:
-    rng = np.random.default_rng(1)
-    jitter = np.clip(rng.normal(size=4000) * 5e-4, -2e-3, 2e-3)
-    log = plain.with_imu(plain.imu.t + jitter, plain.imu.gyro, plain.imu.accel)
+@pytest.mark.parametrize("stream", ["imu", "robot"])
+def test_stamps_that_jitter_are_read_as_ticks(plain: Log, stream: str) -> None:
+    rng = np.random.default_rng(1 if stream == "imu" else 3)
+    t = plain.imu.t + np.clip(rng.normal(size=4000) * 5e-4, -2e-3, 2e-3)
+    imu = plain.with_imu(t, plain.imu.gyro, plain.imu.accel)
+    log = imu if stream == "imu" else plain.with_joints(t=t)
     estimate = taken_as_exact(log)
-    # The mean of the jitter stays in the offset, and its sigma says so; its drift, in the pose.
-    assert_exact(estimate, log, seconds=4 * 5e-4 / np.sqrt(4000), angle=2 * ANGLE)
+    assert estimate.notes[f"{stream}_stamps"] == "ticks"
+    # The mean of the jitter stays in the offset, and its sigma says so; its drift, in the pose: the
+    # rate of the ticks is known to 1e-6, so they drift off by ten microseconds.
+    mean = 5e-4 / np.sqrt(4000)
+    metres, angle = (2, 2) if stream == "imu" else (5, 3)
+    assert_exact(estimate, log, metres * MICROMETRE, seconds=4 * mean, angle=angle * ANGLE)
     assert estimate.time_offset_std is not None
     # What the ticks drift is added.
-    assert 0.9 < estimate.time_offset_std / (5e-4 / np.sqrt(4000)) < 1.7
-    assert estimate.notes["imu_stamps"] == "ticks"
-
-
-def test_jitter_of_the_joints_stays_in_the_offset_and_its_sigma(plain: Log) -> None:
-    rng = np.random.default_rng(3)
-    t = np.arange(0, 20, 0.005)
-    jitter = np.clip(rng.normal(size=4000) * 5e-4, -2e-3, 2e-3)
-    log = replace(plain, path=arm_path(t + jitter, Moves().joints(t)[0]))
-    estimate = taken_as_exact(log)
-    # The rate of the ticks is known to 1e-6, so they drift off by ten microseconds: some of it
-    # shows, far less than the jitter would.
-    assert np.linalg.norm(estimate.t_parent_imu - log.mount.t) < 5 * MICROMETRE
-    assert np.linalg.norm(rotation_error(estimate.R_parent_imu, log.mount.R)) < 3 * ANGLE
-    assert abs(estimate.time_offset) < 4 * 5e-4 / np.sqrt(4000)
-    assert estimate.time_offset_std is not None
-    # What the ticks drift is added.
-    assert 0.9 < estimate.time_offset_std / (5e-4 / np.sqrt(4000)) < 1.7
-    assert estimate.notes["robot_stamps"] == "ticks"
+    assert 0.9 < estimate.time_offset_std / mean < 1.7
 
 
 def test_lost_samples_are_bridged(plain: Log) -> None:
@@ -210,26 +198,24 @@ def test_lost_samples_are_bridged(plain: Log) -> None:
     assert_exact(taken_as_exact(log), log, 3 * MICROMETRE)
 
 
-def test_no_window_straddles_a_gap_of_the_imu(plain: Log) -> None:
-    log = plain.kept((plain.imu.t < 7.0) | (plain.imu.t > 8.3))
-    estimate = taken_as_exact(log)
+def assert_one_gap(log: Log, **options: Any) -> None:
+    estimate = taken_as_exact(log, **options)
     assert_exact(estimate, log)
     assert estimate.residuals.gaps == 1
     assert estimate.residuals.windows_dropped == 0
     assert estimate.residuals.accel_rms.max() < 1e-3
 
 
-def test_no_window_straddles_a_gap_of_the_joints(plain: Log) -> None:
+def test_no_window_straddles_a_gap_of_the_imu(plain: Log) -> None:
+    assert_one_gap(plain.kept((plain.imu.t < 7.0) | (plain.imu.t > 8.3)))
+
+
+@pytest.mark.parametrize("options", [{}, {"time_offset": 0.0}])
+def test_no_window_straddles_a_gap_of_the_joints(plain: Log, options: dict[str, float]) -> None:
     """Stamps of IMU and joints coincide: the first sample after the gap is itself, not a guess."""
     t = np.arange(0, 20, 0.005)
     t = t[(t < 7.0) | (t > 8.3)]
-    log = replace(plain, path=arm_path(t, Moves().joints(t)[0]))
-    for options in ({}, {"time_offset": 0.0}):
-        estimate = taken_as_exact(log, **options)
-        assert_exact(estimate, log)
-        assert estimate.residuals.gaps == 1
-        assert estimate.residuals.windows_dropped == 0
-        assert estimate.residuals.accel_rms.max() < 1e-3
+    assert_one_gap(plain.with_joints(t=t, values=Moves().joints(t)[0]), **options)
 
 
 def test_garbage_beside_gaps_stays_out_of_every_window(plain: Log) -> None:

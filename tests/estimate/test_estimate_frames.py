@@ -16,6 +16,7 @@ from tests.estimate.estimate_arm import (
     MEMS,
     Log,
     calibrated,
+    covariance,
     make_log,
     rotation_error,
     sigma,
@@ -36,19 +37,27 @@ def log() -> Log:
     return make_log().noisy(3)
 
 
+def in_world(log: Log) -> Log:
+    steps = (FixedStep(R=TURN, p=SHIFT), *log.path.steps)
+    return replace(log, path=replace(log.path, steps=steps))
+
+
+def at_parent(log: Log) -> Log:
+    steps = (*log.path.steps, FixedStep(R=TURN, p=SHIFT))
+    return replace(log, path=replace(log.path, steps=steps))
+
+
+def at_imu(log: Log) -> Log:
+    return log.with_imu(log.imu.t, log.imu.gyro @ TURN, log.imu.accel @ TURN)
+
+
 @pytest.fixture(scope="module")
 def plain(log: Log) -> Estimate:
     return taken_as_exact(log)
 
 
-def covariance(estimate: Estimate) -> Floats:
-    assert estimate.covariance is not None
-    return estimate.covariance
-
-
 def test_where_the_world_frame_is_does_not_matter(log: Log, plain: Estimate) -> None:
-    steps = (FixedStep(R=TURN, p=SHIFT), *log.path.steps)
-    turned = taken_as_exact(replace(log, path=replace(log.path, steps=steps)))
+    turned = taken_as_exact(in_world(log))
     shift = turned.t_parent_imu - plain.t_parent_imu
     assert np.all(np.abs(shift) < 1e-4 * sigma(plain)[:3])
     turn = rotation_error(turned.R_parent_imu, plain.R_parent_imu)
@@ -59,8 +68,7 @@ def test_where_the_world_frame_is_does_not_matter(log: Log, plain: Estimate) -> 
 
 def test_another_parent_frame_re_expresses_pose_and_covariance(log: Log, plain: Estimate) -> None:
     """The tangent is the parent frame's: both blocks turn with it, and nothing mixes."""
-    steps = (*log.path.steps, FixedStep(R=TURN, p=SHIFT))
-    moved = taken_as_exact(replace(log, path=replace(log.path, steps=steps)))
+    moved = taken_as_exact(at_parent(log))
     t = TURN @ moved.t_parent_imu + SHIFT
     # Scales are medians over axes, so the weights differ a little: far less than sigma.
     assert np.all(np.abs(t - plain.t_parent_imu) < 0.1 * sigma(plain)[:3])
@@ -73,7 +81,7 @@ def test_another_parent_frame_re_expresses_pose_and_covariance(log: Log, plain: 
 
 
 def test_another_imu_frame_turns_the_rotation_and_the_biases(log: Log, plain: Estimate) -> None:
-    turned = taken_as_exact(log.with_imu(log.imu.t, log.imu.gyro @ TURN, log.imu.accel @ TURN))
+    turned = taken_as_exact(at_imu(log))
     np.testing.assert_allclose(turned.R_parent_imu, plain.R_parent_imu @ TURN, atol=1e-8)
     np.testing.assert_allclose(turned.t_parent_imu, plain.t_parent_imu, atol=1e-8)
     np.testing.assert_allclose(turned.accel_bias, TURN.T @ plain.accel_bias, atol=1e-7)
@@ -86,19 +94,12 @@ def test_another_imu_frame_turns_the_rotation_and_the_biases(log: Log, plain: Es
 def test_with_all_of_the_table_free_frames_hardly_matter(log: Log) -> None:
     """Errors along axes have priors, so other axes are other priors: less than half a sigma."""
     plain = calibrated(log)
-    turned = log.with_imu(log.imu.t, log.imu.gyro @ TURN, log.imu.accel @ TURN)
-    at_parent = replace(
-        log, path=replace(log.path, steps=(*log.path.steps, FixedStep(R=TURN, p=SHIFT)))
-    )
-    in_world = replace(
-        log, path=replace(log.path, steps=(FixedStep(R=TURN, p=SHIFT), *log.path.steps))
-    )
     for other, R_new_old, R_imu, p in (
-        (turned, np.eye(3), TURN, np.zeros(3)),
+        (at_imu, np.eye(3), TURN, np.zeros(3)),
         (at_parent, TURN, np.eye(3), SHIFT),
         (in_world, np.eye(3), np.eye(3), np.zeros(3)),
     ):
-        found = calibrated(other)
+        found = calibrated(other(log))
         t, R = R_new_old @ found.t_parent_imu + p, R_new_old @ found.R_parent_imu @ R_imu.T
         assert np.all(np.abs(t - plain.t_parent_imu) < 0.5 * sigma(plain)[:3])
         assert np.all(np.abs(rotation_error(R, plain.R_parent_imu)) < 0.5 * sigma(plain)[3:])
@@ -111,10 +112,8 @@ def test_sigma_scales_with_the_noise() -> None:
 
 
 def test_when_the_log_began_does_not_matter(log: Log, plain: Estimate) -> None:
-    track = log.path.tracks[0]
-    path = replace(log.path, tracks=(replace(track, t=track.t + 4096.0),))
-    imu = replace(log.imu, t=log.imu.t + 4096.0)
-    later = taken_as_exact(replace(log, path=path, imu=imu))
+    late = log.with_imu(log.imu.t + 4096.0, log.imu.gyro, log.imu.accel)
+    later = taken_as_exact(late.with_joints(t=log.path.tracks[0].t + 4096.0))
     np.testing.assert_allclose(later.t_parent_imu, plain.t_parent_imu, atol=1e-7)
     assert later.time_offset == pytest.approx(plain.time_offset, abs=1e-8)
 

@@ -77,9 +77,7 @@ def test_a_contact_drops_out(seed: int) -> None:
 
 def test_a_joint_zero_off_is_found_and_covered() -> None:
     log = make_log(Moves(seconds=40.0)).noisy(3, INDUSTRIAL)
-    (track,) = log.path.tracks
-    shifted = replace(track, values=track.values + 0.01 * np.eye(6)[3])
-    estimate = calibrated(replace(log, path=replace(log.path, tracks=(shifted,))))
+    estimate = calibrated(log.with_joints(values=log.path.tracks[0].values + 0.01 * np.eye(6)[3]))
     assert estimate.trusted
     assert nees(estimate, log.mount) < UNLIKELY
     (found,) = estimate.findings
@@ -91,9 +89,8 @@ def test_a_joint_zero_off_is_found_and_covered() -> None:
 
 def test_held_joints_are_used_where_they_change() -> None:
     log = make_log(Moves(seconds=40.0)).noisy(3, INDUSTRIAL)
-    (track,) = log.path.tracks
-    held = replace(track, values=track.values[(np.arange(len(track.t)) // 10) * 10])
-    estimate = calibrated(replace(log, path=replace(log.path, tracks=(held,))))
+    values = log.path.tracks[0].values
+    estimate = calibrated(log.with_joints(values=values[(np.arange(len(values)) // 10) * 10]))
     assert any("held" in each for each in estimate.warnings)
     assert np.linalg.norm(estimate.t_parent_imu - log.mount.t) < 5e-4
 
@@ -102,9 +99,8 @@ def test_one_stamp_of_zero_costs_one_sample() -> None:
     log = make_log(Moves(seconds=20.0)).noisy(3, INDUSTRIAL)
     t = log.imu.t + 1.7e9
     t[1000] = 0.0
-    tracks = tuple(replace(track, t=track.t + 1.7e9) for track in log.path.tracks)
     late = log.with_imu(t, log.imu.gyro, log.imu.accel)
-    estimate = calibrated(replace(late, path=replace(log.path, tracks=tracks)))
+    estimate = calibrated(late.with_joints(t=log.path.tracks[0].t + 1.7e9))
     assert estimate.trusted
     assert nees(estimate, log.mount) < UNLIKELY
     assert any("1 with stamps far from the log" in each for each in estimate.warnings)
@@ -133,8 +129,7 @@ def test_joints_that_are_stamped_tens_of_milliseconds_apart_are_not_trusted() ->
         lagrange(track.t, track.values, track.t + late)[:, column]
         for column, late in enumerate(lead)
     ]
-    path = replace(log.path, tracks=(replace(track, values=np.stack(shifted, axis=1)),))
-    estimate = calibrated(replace(log, path=path))
+    estimate = calibrated(log.with_joints(values=np.stack(shifted, axis=1)))
     assert not estimate.trusted
     named = {
         str(each.values["label"]): float(str(each.values["value"]))

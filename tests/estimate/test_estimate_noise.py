@@ -7,7 +7,8 @@ deterministic; the bands are chi-squared quantiles, 1 in 2000 on either side.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -22,7 +23,7 @@ from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
 from imucalib_cli.simulate.physics import record
 from imucalib_cli.study.bound import Bound, cramer_rao
 from imucalib_cli.study.recordings import robot_of, streams_of
-from tests.estimate.estimate_arm import EXACT
+from tests.estimate.estimate_arm import EXACT, covariance
 from tests.slow import slow_after
 from tools.errors import error_of, nees
 
@@ -64,64 +65,66 @@ def clean() -> Recording:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Trials:
-    """Errors over seeds and what was stated about them."""
+    """What is said of one recording, corrupted anew by each of some seeds."""
 
     name: str
-    bound: Bound
-    pose: Floats
-    offset: Floats
-    pose_scores: Floats
-    offset_scores: Floats
-    accel_bias_scores: Floats
-    gyro_bias_scores: Floats
-    estimates: list[Estimate]
+    clean: Recording
+    noise: NoiseOptions
     recordings: list[Recording]
+    estimates: list[Estimate]
+
+    @cached_property
+    def bound(self) -> Bound:
+        to_sample, noise = np.sqrt(RATE / 2), self.noise
+        return cramer_rao(self.clean, noise.accel_noise * to_sample, noise.gyro_noise * to_sample)
+
+    @property
+    def pose(self) -> Floats:
+        """(S, 6), errors."""
+        return np.array([error_of(*each).pose for each in self._each])
+
+    @property
+    def offset(self) -> Floats:
+        """(S,), errors, s."""
+        return np.array([error_of(*each).time_offset for each in self._each])
+
+    @property
+    def _each(self) -> list[tuple[Estimate, Recording]]:
+        return list(zip(self.estimates, self.recordings, strict=True))
+
+    def squares(self, what: str) -> Floats:
+        """(S,), of errors in stated sigmas."""
+        if what == "pose":
+            matrices = [covariance(each) for each in self.estimates]
+            return np.array([nees(*each) for each in zip(self.pose, matrices, strict=True)])
+        stds = np.array([getattr(each, f"{what}_std") for each in self.estimates])
+        found = np.array([getattr(each, what) for each in self.estimates])
+        scores = (found - getattr(self.noise, what)) / stds
+        return np.asarray((scores.reshape(len(found), -1) ** 2).sum(axis=1))
+
+
+def tried(
+    clean: Recording, name: str, seeds: int, options: MatchedOptions = EXACT, **changes: Any
+) -> Trials:
+    noise, robot = replace(CASES[name], **changes), robot_of(clean.system)
+    recordings = [corrupt(clean, noise, seed) for seed in range(seeds)]
+    estimates = [calibrate_matched(*streams_of(each, robot), options) for each in recordings]
+    return Trials(name=name, clean=clean, noise=noise, recordings=recordings, estimates=estimates)
 
 
 @pytest.fixture(scope="module", params=slow_after(1, ["mems 12", "mems", "industrial", "rough"]))
 def trials(clean: Recording, request: pytest.FixtureRequest) -> Trials:
     name, _, few = request.param.partition(" ")
-    noise, seeds = CASES[name], int(few or SEEDS)
-    robot = robot_of(clean.system)
-    to_sample = np.sqrt(RATE / 2)
-    bound = cramer_rao(clean, noise.accel_noise * to_sample, noise.gyro_noise * to_sample)
-    recordings = [corrupt(clean, noise, seed) for seed in range(seeds)]
-    estimates = [calibrate_matched(*streams_of(r, robot), EXACT) for r in recordings]
-    errors = [error_of(e, r) for e, r in zip(estimates, recordings, strict=True)]
-    pose: list[float] = []
-    offset: list[float] = []
-    bias_a: list[Floats] = []
-    bias_g: list[Floats] = []
-    for estimate, error in zip(estimates, errors, strict=True):
-        assert estimate.covariance is not None
-        assert estimate.time_offset_std is not None
-        assert estimate.accel_bias_std is not None
-        assert estimate.gyro_bias_std is not None
-        pose.append(nees(error.pose, estimate.covariance))
-        offset.append((error.time_offset / estimate.time_offset_std) ** 2)
-        true_a, true_g = np.array(noise.accel_bias), np.array(noise.gyro_bias)
-        bias_a.append(((estimate.accel_bias - true_a) / estimate.accel_bias_std) ** 2)
-        bias_g.append(((estimate.gyro_bias - true_g) / estimate.gyro_bias_std) ** 2)
-    return Trials(
-        name=name,
-        bound=bound,
-        pose=np.array([error.pose for error in errors]),
-        offset=np.array([error.time_offset for error in errors]),
-        pose_scores=np.array(pose),
-        offset_scores=np.array(offset),
-        accel_bias_scores=np.array(bias_a),
-        gyro_bias_scores=np.array(bias_g),
-        estimates=estimates,
-        recordings=recordings,
-    )
+    return tried(clean, name, int(few or SEEDS))
 
 
 def rms(vectors: Floats) -> float:
     return float(np.sqrt(np.mean(np.sum(vectors**2, axis=1))))
 
 
-def assert_true_sigma(scores: Floats, freedom: int) -> None:
+def assert_true_sigma(scores: Floats, components: int) -> None:
     """The mean of squared errors in stated sigmas lies where chi-squared would put it."""
+    freedom = components * len(scores)
     low, high = (float(chi2.ppf(p, freedom)) / freedom for p in (0.0005, 0.9995))
     assert low < scores.sum() / freedom < high
 
@@ -151,14 +154,12 @@ def test_time_offset_is_as_good_as_its_bound(trials: Trials) -> None:
     assert abs(ratio - 1.0) < spread(trials) + 0.05
 
 
-def test_stated_pose_sigma_is_true(trials: Trials) -> None:
-    assert_true_sigma(trials.pose_scores, 6 * len(trials.estimates))
-
-
-def test_stated_sigma_of_offset_and_biases_is_true(trials: Trials) -> None:
-    assert_true_sigma(trials.offset_scores, len(trials.estimates))
-    assert_true_sigma(trials.accel_bias_scores, 3 * len(trials.estimates))
-    assert_true_sigma(trials.gyro_bias_scores, 3 * len(trials.estimates))
+@pytest.mark.parametrize(
+    ("what", "components"),
+    [("pose", 6), ("time_offset", 1), ("accel_bias", 3), ("gyro_bias", 3)],
+)
+def test_stated_sigma_is_true(trials: Trials, what: str, components: int) -> None:
+    assert_true_sigma(trials.squares(what), components)
 
 
 def test_noise_alone_never_raises_a_finger(trials: Trials) -> None:
@@ -187,31 +188,15 @@ def test_spikes_are_bridged_and_counted(trials: Trials) -> None:
 @pytest.mark.parametrize("name", slow_after(0, ["industrial", "mems"]))
 def test_what_may_be_wrong_costs_little_and_sigma_says_so(clean: Recording, name: str) -> None:
     """The bound is of an exact robot and sensor; nobody knows that, and the rest is to be found."""
-    noise, robot = CASES[name], robot_of(clean.system)
-    to_sample = np.sqrt(RATE / 2)
-    bound = cramer_rao(clean, noise.accel_noise * to_sample, noise.gyro_noise * to_sample)
-    errors, scores = [], []
-    for seed in range(16):
-        recording = corrupt(clean, noise, seed)
-        estimate = calibrate_matched(*streams_of(recording, robot), MatchedOptions())
-        assert estimate.covariance is not None
-        assert estimate.trusted
-        errors.append(error_of(estimate, recording).pose)
-        scores.append(nees(errors[-1], estimate.covariance))
-    assert rms(np.array(errors)[:, :3]) < 2.0 * bound.translation
-    assert rms(np.array(errors)[:, 3:]) < 2.0 * bound.rotation
+    trials = tried(clean, name, 16, MatchedOptions())
+    assert all(estimate.trusted for estimate in trials.estimates)
+    assert rms(trials.pose[:, :3]) < 2.0 * trials.bound.translation
+    assert rms(trials.pose[:, 3:]) < 2.0 * trials.bound.rotation
     # Wider than needed, as nothing is wrong here.
-    assert 2.5 < np.mean(scores) < float(chi2.ppf(0.9995, 6 * 16)) / 16
+    assert 2.5 < np.mean(trials.squares("pose")) < float(chi2.ppf(0.9995, 6 * 16)) / 16
 
 
 @pytest.mark.slow
 def test_coloured_noise_is_covered(clean: Recording) -> None:
-    robot = robot_of(clean.system)
-    noise = replace(CASES["mems"], accel_coloured=0.03, gyro_coloured=0.002)
-    scores = []
-    for seed in range(12):
-        recording = corrupt(clean, noise, seed)
-        estimate = calibrate_matched(*streams_of(recording, robot), EXACT)
-        assert estimate.covariance is not None
-        scores.append(nees(error_of(estimate, recording).pose, estimate.covariance))
-    assert_true_sigma(np.array(scores), 6 * 12)
+    trials = tried(clean, "mems", 12, accel_coloured=0.03, gyro_coloured=0.002)
+    assert_true_sigma(trials.squares("pose"), 6)

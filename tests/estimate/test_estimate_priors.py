@@ -17,12 +17,16 @@ from tests.estimate.estimate_arm import (
     INDUSTRIAL,
     MOUNT,
     Log,
+    Mount,
     Moves,
     calibrated,
+    codes,
+    covariance,
     make_log,
     nees,
     parent_motion,
     pose_error,
+    rotation_error,
     sigma,
     taken_as_exact,
 )
@@ -65,9 +69,7 @@ def fixing(*names: str) -> tuple[float, ...]:
 def turned_from(estimate: Estimate, prior: PosePrior) -> Floats:
     """Rotation vector from the prior's rotation to the estimate's, parent frame."""
     assert prior.R_parent_imu is not None
-    return np.asarray(
-        Rotation.from_matrix(estimate.R_parent_imu @ prior.R_parent_imu.T).as_rotvec()
-    )
+    return rotation_error(estimate.R_parent_imu, prior.R_parent_imu)
 
 
 @pytest.mark.parametrize("name", slow_after(1, ["tz", "rx", "tx", "ty", "ry", "rz"]))
@@ -99,10 +101,11 @@ def test_all_of_the_pose_may_be_fixed() -> None:
     assert abs(estimate.time_offset) < 4 * estimate.time_offset_std
 
 
-def contradiction(estimate: Estimate) -> dict[str, Any]:
-    """What the first reason not to trust the estimate says."""
+def assert_contradicted(estimate: Estimate, option: str, step: Any) -> None:
+    """The first reason not to trust the estimate, by name and size."""
     reason, *_ = (each for each in estimate.findings if each.severity is Severity.UNTRUSTED)
-    return {"code": reason.code, **reason.values}
+    assert (reason.code, reason.values["option"]) == ("prior.contradicted", option)
+    assert reason.values["step"] == step
 
 
 @pytest.mark.parametrize(("name", "size"), [("tx", 8e-3), ("rz", -np.radians(1.0))])
@@ -110,24 +113,19 @@ def test_a_wrong_fix_is_contradicted_by_name_and_size(name: str, size: float) ->
     wrong = np.where(np.array(NAMES) == name, size, 0.0).tolist()
     prior = told(fixing(name), dt=tuple(wrong[:3]), turn=tuple(wrong[3:]))
     estimate = knowing(prior)
-    found = contradiction(estimate)
-    assert (found["code"], found["option"]) == ("prior.contradicted", f"--fix {name}")
-    assert found["step"] == pytest.approx(-size, rel=0.15)
+    assert_contradicted(estimate, f"--fix {name}", pytest.approx(-size, rel=0.15))
     assert estimate.corrections == ()
 
 
 def test_of_several_fixed_components_the_wrong_one_is_named() -> None:
     prior = told(fixing(*NAMES), dt=(0.0, 0.0, 0.02))
-    found = contradiction(knowing(prior))
-    assert (found["code"], found["option"]) == ("prior.contradicted", "--fix tz")
-    assert found["step"] == pytest.approx(-0.02, abs=1e-3)
+    assert_contradicted(knowing(prior), "--fix tz", pytest.approx(-0.02, abs=1e-3))
 
 
 def test_a_prior_weighs_in_by_inverse_variance() -> None:
     """Against the textbook's combination of two Gaussians, from the free estimate's numbers."""
     free = knowing(None)
-    assert free.covariance is not None
-    P, std = free.covariance, 1.5 * sigma(free) * [1.0, 0.5, 2.0, 1.0, 0.7, 1.3]
+    P, std = covariance(free), 1.5 * sigma(free) * [1.0, 0.5, 2.0, 1.0, 0.7, 1.3]
     away = np.array([2.0, -1.0, 1.5, 1.0, 2.0, -1.5]) * std
     prior = PosePrior(
         std=tuple(std),
@@ -137,8 +135,7 @@ def test_a_prior_weighs_in_by_inverse_variance() -> None:
     both = knowing(prior)
     gain = P @ np.linalg.inv(P + np.diag(std**2))
     expected, left = gain @ away, P - gain @ P
-    turned = Rotation.from_matrix(both.R_parent_imu @ free.R_parent_imu.T).as_rotvec()
-    moved = np.concatenate([both.t_parent_imu - free.t_parent_imu, turned])
+    moved = pose_error(both, Mount(R=free.R_parent_imu, t=free.t_parent_imu))
     np.testing.assert_allclose(moved / sigma(free), expected / sigma(free), atol=0.15)
     np.testing.assert_allclose(sigma(both), np.sqrt(np.diag(left)), rtol=0.07)
     assert both.distrust == ()
@@ -155,11 +152,10 @@ def test_a_wide_prior_changes_nothing_and_a_tight_one_holds() -> None:
 
 def test_a_prior_that_the_data_contradict_is_named() -> None:
     estimate = knowing(told((1e-3,) + (np.inf,) * 5, dt=(0.02, 0.0, 0.0)))
-    found = contradiction(estimate)
-    assert (found["code"], found["option"]) == ("prior.contradicted", "--prior-std tx")
-    assert found["step"] == pytest.approx(-0.02, abs=4 * sigma(knowing(None))[0])
+    step = pytest.approx(-0.02, abs=4 * sigma(knowing(None))[0])
+    assert_contradicted(estimate, "--prior-std tx", step)
     # Nor is it taken for a change within the log.
-    assert not any(each.code.startswith("change.") for each in estimate.findings)
+    assert not any(code.startswith("change.") for code in codes(estimate))
 
 
 @pytest.mark.parametrize("turn", slow_after(1, [3.1, -2.9, -1.3, 2.2]))
@@ -193,10 +189,9 @@ def test_two_free_axes_are_found_from_far(x: float, y: float, z: float) -> None:
 
 
 def nees_of_free(estimate: Estimate, held: int) -> float:
-    assert estimate.covariance is not None
     free = [index for index in range(6) if index != held]
     error = pose_error(estimate, MOUNT)[free]
-    return float(error @ np.linalg.solve(estimate.covariance[np.ix_(free, free)], error))
+    return float(error @ np.linalg.solve(covariance(estimate)[np.ix_(free, free)], error))
 
 
 def test_what_the_motion_leaves_open_a_fix_closes() -> None:

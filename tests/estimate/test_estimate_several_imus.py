@@ -12,7 +12,7 @@ from scipy.linalg import inv, solve
 from scipy.stats import chi2
 
 from imucalib_cli.estimate.matched import calibrate_matched
-from imucalib_cli.estimate.options import MatchedOptions, PosePrior
+from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.estimate.several_imus import (
     OnRobot,
     System,
@@ -22,14 +22,22 @@ from imucalib_cli.estimate.several_imus import (
 )
 from imucalib_cli.jobs.several_imus import together
 from imucalib_cli.robot.path import JointStep
-from tests.estimate.estimate_arm import pose_error
+from tests.estimate.estimate_arm import (
+    codes,
+    known,
+    nees,
+    parameter,
+    pose_error,
+    sigma,
+    statistics,
+    told,
+)
 from tests.estimate.estimate_walk import FOOT, SHANK, Walk
 
 if TYPE_CHECKING:
     from imucalib_cli.estimate.estimate import Estimate
     from imucalib_cli.estimate.model.layout import Placed
-    from imucalib_cli.estimate.solution.normal_equations import Answer
-    from imucalib_cli.estimate.statistics import LogStatistics
+    from imucalib_cli.estimate.solution.normal_equations import Answer, LogStatistics
     from imucalib_cli.robot.path import KinematicPath
     from imucalib_cli.signals.samples import ImuSamples
     from tests.estimate.estimate_walk import Floats
@@ -64,11 +72,6 @@ def imus(seed: int) -> tuple[Imu, Imu]:
     return imu("/imu/shank", *log.shank()), imu("/imu/foot", *log.log())
 
 
-def statistics(each: Imu) -> LogStatistics:
-    assert each[1].statistics is not None
-    return each[1].statistics
-
-
 def alone(log: LogStatistics) -> Answer:
     return log.equations.solve(log.options)
 
@@ -76,23 +79,12 @@ def alone(log: LogStatistics) -> Answer:
 def errors(seed: int, found: list[Estimate]) -> tuple[Floats, Floats]:
     """(2, 6) of shank and foot, and (2,) their squares in stated sigmas."""
     log = walk(seed)
-    off = np.array(
-        [
-            pose_error(each, log.seen(mount, count))
-            for each, mount, count in zip(found, (SHANK, FOOT), (2, 3), strict=True)
-        ]
-    )
-    assert all(each.covariance is not None for each in found)
-    squares = [
-        error @ np.linalg.solve(each.covariance, error)
-        for error, each in zip(off, found, strict=True)
-        if each.covariance is not None
-    ]
-    return off, np.array(squares)
+    seen = list(zip(found, (log.seen(SHANK, 2), log.seen(FOOT, 3)), strict=True))
+    return np.array([pose_error(*each) for each in seen]), np.array([nees(*each) for each in seen])
 
 
 def test_one_imu_is_solved_as_by_itself() -> None:
-    log = statistics(imus(0)[1])
+    log = statistics(imus(0)[1][1])
     own, (found,) = alone(log), solve_together([log])
     np.testing.assert_allclose(found.state.t, own.state.t, rtol=0, atol=1e-12)
     np.testing.assert_allclose(found.state.R, own.state.R, rtol=0, atol=1e-12)
@@ -116,7 +108,7 @@ def named(place: int, placed: Placed, index: int) -> dict[tuple[object, ...], fl
 
 def test_it_is_the_answer_of_one_dense_system() -> None:
     """Put together by names, in values instead of steps."""
-    logs = [statistics(each) for each in imus(0)]
+    logs = [statistics(each) for _, each, _ in imus(0)]
     system = System.of(logs)
     u = system.problem.bounds.mean(axis=1)
     std: dict[tuple[object, ...], float] = {}
@@ -158,7 +150,7 @@ def test_errors_are_smaller_together_and_sigma_stays_true(seeds: range) -> None:
     for seed in seeds:
         mine = imus(seed)
         found = together(mine)
-        assert all("imus.together" in {f.code for f in each.findings} for each in found)
+        assert all("imus.together" in codes(each) for each in found)
         before.append(errors(seed, [each for _, each, _ in mine])[0])
         off, square = errors(seed, found)
         after.append(off)
@@ -174,16 +166,12 @@ def test_what_is_shared_is_one_and_found_better() -> None:
     for seed in range(4):
         mine, log = imus(seed), walk(seed)
         true = log.base_off[0] * np.random.default_rng([seed, 5]).normal(size=3) - log.first_off
-        alone_each = [base_place(each) for _, each, _ in mine]
-        one, other = (base_place(each) for each in together(mine))
+        alone_each = [parameter(each, "base_translation")[0] for _, each, _ in mine]
+        one, other = (parameter(each, "base_translation")[0] for each in together(mine))
         np.testing.assert_allclose(one, other, rtol=0, atol=1e-12)
         before += [each - true for each in alone_each]
         after.append(one - true)
     assert np.mean(np.square(after)) < 0.8 * np.mean(np.square(before))
-
-
-def base_place(found: Estimate) -> Floats:
-    return np.array([each.value for each in found.parameters if each.name == "base_translation"])
 
 
 def test_the_order_of_imus_does_not_matter() -> None:
@@ -212,16 +200,16 @@ def test_of_two_that_disagree_both_stay_alone_and_say_so() -> None:
         together([wrong, foot]), (wrong[1], foot[1]), (foot[0], wrong[0]), strict=True
     ):
         np.testing.assert_array_equal(each.t_parent_imu, before.t_parent_imu)
-        (told,) = [f for f in each.findings if f.code == "imus.disagree"]
-        assert told.values["others"] == (other,)
-        assert float(str(told.values["sigmas"])) > 6.0
+        said = told(each, "imus.disagree")
+        assert said["others"] == (other,)
+        assert said["sigmas"] > 6.0
 
 
 def test_of_three_the_one_that_disagrees_is_left_out() -> None:
     shank, foot = imus(0)
     samples, path = walk(0).shank()
-    wrong = statistics(imu("/imu/thigh", samples, another_robot(path, 0.01)))
-    logs = [statistics(shank), wrong, statistics(foot)]
+    wrong = imu("/imu/thigh", samples, another_robot(path, 0.01))
+    logs = [statistics(each) for _, each, _ in (shank, wrong, foot)]
     solved = solve_agreeing(logs, [alone(log) for log in logs])
     assert list(solved.strangers) == [1]
     for place, answer in zip((0, 2), solve_together([logs[0], logs[2]]), strict=True):
@@ -235,26 +223,24 @@ def test_what_is_held_of_the_mounts_stays_held(std: tuple[float, ...]) -> None:
         ("/imu/shank", log.shank(), log.seen(SHANK, 2)),
         ("/imu/foot", log.log(), FOOT),
     ):
-        known = PosePrior(std=std, R_parent_imu=mount.R, t_parent_imu=mount.t)
-        estimate = calibrate_matched(samples, path, replace(FLOATING, pose=known))
+        held = replace(FLOATING, pose=known(std, mount))
+        estimate = calibrate_matched(samples, path, held)
         found.append((name, estimate, path))
     for each, mount in zip(together(found), (log.seen(SHANK, 2), FOOT), strict=True):
-        assert "imus.together" in {finding.code for finding in each.findings}
+        assert "imus.together" in codes(each)
         np.testing.assert_allclose(each.t_parent_imu, mount.t, rtol=0, atol=1e-12)
-        assert each.covariance is not None
-        assert (np.diag(each.covariance)[:3] == 0.0).all()
-        assert ((np.diag(each.covariance)[3:] > 0.0) == (np.array(std[3:]) > 0.0)).all()
+        assert (sigma(each)[:3] == 0.0).all()
+        assert ((sigma(each)[3:] > 0.0) == (np.array(std[3:]) > 0.0)).all()
 
 
 def test_an_imu_that_is_not_to_be_trusted_takes_nobody_along() -> None:
     (name, shank, path), foot = imus(0)
-    assert shank.statistics is not None
-    vague = replace(shank, statistics=replace(shank.statistics, widened=1e-6 * np.eye(6)))
+    vague = replace(shank, statistics=replace(statistics(shank), widened=1e-6 * np.eye(6)))
     assert together([(name, vague, path), foot]) == [vague, foot[1]]
 
 
 def test_only_chains_of_one_robot_with_free_errors_are_solved_together() -> None:
-    on_robot = [OnRobot.of(statistics(each), each[2]) for each in imus(0)]
+    on_robot = [OnRobot.of(statistics(each), path) for _, each, path in imus(0)]
     shank, foot = on_robot
     assert groups([shank, foot]) == [[0, 1]]
     elsewhere = replace(foot, joints={**foot.joints, "j0": "/other/joint_states"})
@@ -266,7 +252,7 @@ def test_only_chains_of_one_robot_with_free_errors_are_solved_together() -> None
 
 def test_where_chains_part_at_the_base_their_first_joints_may_be_elsewhere() -> None:
     """The base IMU's place is then not quite one place for both."""
-    logs = [statistics(each) for each in imus(0)]
+    logs = [statistics(each) for _, each, _ in imus(0)]
     renamed = [
         replace(placed, joint=None if placed.joint is None else replace(placed.joint, name="k"))
         for placed in logs[1].equations.layout.placed

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -9,18 +11,19 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from imucalib_cli.estimate.model import columns as lean
-from imucalib_cli.estimate.model.windows import Windowing, WindowRows, plan_windows
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.estimate.solution.solve import Known, cube_rotations, refine, solve_globally
-from imucalib_cli.signals.prepare import clean_imu
-from imucalib_cli.signals.trajectory import Trajectory
 from tests.estimate.estimate_arm import (
     GRAVITY,
     Log,
     make_log,
     random_mount,
     rotation_error,
+    windowing_of,
 )
+
+if TYPE_CHECKING:
+    from imucalib_cli.estimate.model.windows import WindowRows
 
 Floats = NDArray[np.float64]
 
@@ -30,23 +33,14 @@ def log() -> Log:
     return make_log(mount=random_mount(11)).noisy(2)
 
 
-def windowing_of(log: Log, seconds: float = 0.2) -> Windowing:
-    trajectory = Trajectory.of(log.path)
-    clean = clean_imu(log.imu)
-    grid = clean.grid(trajectory.interval, use_ticks=False)
-    return Windowing(
-        grid, trajectory, plan_windows(2 * round(seconds / grid.dt / 2) + 1, 3, grid.dt)
-    )
-
-
 @pytest.fixture(scope="module")
 def rows(log: Log) -> WindowRows:
-    windowing = windowing_of(log)
+    windowing = windowing_of(log, 0.2)
     return windowing.rows(0.0, windowing.centres(0.0))
 
 
 def normal_of(rows: WindowRows) -> Floats:
-    return rows.normal_matrix(0.02, 0.002, np.ones(len(rows.centres)))
+    return rows.normal_matrix(np.array([0.02, 0.002]), np.ones(len(rows.centres)))
 
 
 def test_every_start_reaches_the_one_optimum(log: Log, rows: WindowRows) -> None:

@@ -20,7 +20,6 @@ from imucalib_cli.estimate.model.jacobian import columns
 from imucalib_cli.estimate.model.layout import lay_out
 from imucalib_cli.estimate.model.state import State
 from imucalib_cli.estimate.model.unknowns import LEAN, TABLE, JointCurve, Origin, Reading, Unknown
-from imucalib_cli.estimate.model.windows import Windowing, plan_windows
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.estimate.solution.fit import lean_fit
 from imucalib_cli.robot.path import (
@@ -31,10 +30,9 @@ from imucalib_cli.robot.path import (
     Track,
     fixed_inverse,
 )
-from imucalib_cli.signals.prepare import clean_imu
 from imucalib_cli.signals.samples import ImuSamples
 from imucalib_cli.signals.trajectory import Trajectory
-from tests.estimate.estimate_arm import GRAVITY, MOUNT, Log, Moves, make_log
+from tests.estimate.estimate_arm import GRAVITY, MOUNT, Log, Moves, make_log, windowing_of
 from tests.estimate.estimate_walk import readings_of
 from tests.slow import slow_after
 
@@ -129,13 +127,6 @@ class Case:
     @property
     def layout(self) -> Layout:
         return self.model.layout
-
-
-def windowing_of(log: Log, seconds: float = 0.3) -> Windowing:
-    trajectory = Trajectory.of(log.path)
-    grid = clean_imu(log.imu).grid(trajectory.interval, use_ticks=False)
-    length = 2 * round(seconds / grid.dt / 2) + 1
-    return Windowing(grid, trajectory, plan_windows(length, 3, grid.dt))
 
 
 @cache
@@ -287,7 +278,7 @@ def test_one_entry_is_enough_to_add_an_unknown() -> None:
     accel = np.linalg.solve(np.eye(3) - size[:, None] * np.eye(3)[[1, 2, 0]], ideal.T).T
     log = clean.with_imu(clean.imu.t, clean.imu.gyro, np.asarray(accel, dtype=np.float64)).noisy(1)
     options = MatchedOptions(robot="exact", sensor_model="ideal", gravity_std=0.0)
-    windowing = windowing_of(log)
+    windowing = windowing_of(log, 0.3)
     plain = lean_fit(windowing, options, 0.0)
     # The options name what an ideal sensor lacks; a table of one's own says what else there is.
     free = replace(options, sensor_model="auto")

@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 
 from imucalib_cli.estimate.options import MatchedOptions, WindowChoice
-from imucalib_cli.estimate.window_choice import (
-    choose_window,
-)
+from imucalib_cli.estimate.window_choice import choose_window
 from imucalib_cli.signals.kernels import matched_filter
 from imucalib_cli.signals.prepare import clean_imu
 from imucalib_cli.signals.trajectory import Trajectory
@@ -20,9 +18,9 @@ MOVES = Moves(seconds=30.0)
 
 
 def with_encoders(log: Log, std: float, seed: int = 0) -> Log:
-    track = log.path.tracks[0]
-    noise = np.random.default_rng(seed).normal(scale=std, size=track.values.shape)
-    return replace(log, path=arm_path(track.t, track.values + noise))
+    values = log.path.tracks[0].values
+    noise = np.random.default_rng(seed).normal(scale=std, size=values.shape)
+    return log.with_joints(values=values + noise)
 
 
 def window_of(log: Log, choice: WindowChoice, degree: int = 3) -> tuple[int, float, int]:

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
 
-from imucalib_cli.estimate.checks.observability import (
-    excitation,
-    undetermined,
-    unobservable_directions,
-)
+from imucalib_cli.estimate.checks.observability import excitation, undetermined, unobservable
 from imucalib_cli.estimate.checks.stated import POSE_NAMES, contradicted_by_log
 from imucalib_cli.estimate.checks.strikes import strikes
 from imucalib_cli.estimate.model.layout import places_of
 from imucalib_cli.estimate.model.state import tilt_from_down
 from imucalib_cli.estimate.model.unknowns import (
+    SENSORS,
     BaseClock,
     Clock,
     JointCurve,
@@ -26,28 +23,21 @@ from imucalib_cli.estimate.model.unknowns import (
 )
 from imucalib_cli.estimate.solution.fit import COMMON_IMU
 from imucalib_cli.estimate.solution.spectrum import inverse_of
-from imucalib_cli.estimate.window_choice import (
-    ARM,
-    kinematic_noise,
-    second_derivative_gain,
-    turning_noise,
-)
+from imucalib_cli.estimate.window_choice import kinematic_variance
 from imucalib_cli.findings import Finding, Severity, note, untrusted, warning
 from imucalib_cli.signals.noise import deviation_from_neighbours
 from imucalib_cli.signals.timing.stamps import sample_interval
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator
 
     from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.checks.segments import Change
-    from imucalib_cli.estimate.checks.specification import Dependence, OtherWindow
-    from imucalib_cli.estimate.estimate import UnobservableDirection
+    from imucalib_cli.estimate.checks.specification import Dependence
     from imucalib_cli.estimate.model.windows import Windowing
     from imucalib_cli.estimate.solution.fit import Fit
-    from imucalib_cli.estimate.solution.normal_equations import Answer
+    from imucalib_cli.estimate.solution.normal_equations import Answer, LogStatistics
     from imucalib_cli.estimate.stamps import Attempt
-    from imucalib_cli.estimate.statistics import LogStatistics
 
 Sign = Literal["as read", "reversed", "in doubt"]
 
@@ -114,7 +104,6 @@ OF_ANSWER: Final = frozenset(
     }
 )
 """Codes of findings that rest on the unknowns and their priors, not on the windows."""
-_LEVEL: Final = "; or tell that the base is level (--gravity fixed, or --tilt-std)"
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,8 +116,8 @@ class Evidence:
     attempt: Attempt
     dependence: tuple[Dependence, ...]
     change: Change | None
-    over_noise: tuple[float, float]
-    """Residual scale over the noise that is known, accelerometer and gyroscope."""
+    over_noise: Floats
+    """(2,), residual scale over the noise that is known, accelerometer and gyroscope."""
     sign: Sign
     """Of the accelerometer: as read, reversed for that fits decisively better, or in doubt."""
 
@@ -138,32 +127,18 @@ class Evidence:
         return max(self.dependence, key=lambda each: each.sigmas, default=None)
 
 
-def own_noise(windowing: Windowing) -> tuple[float, float]:
-    """What the sensor's own white noise leaves in a window, m/s² and rad/s; at least any IMU's."""
-    noise, gains = windowing.noise, windowing.white_gains
-    accel, gyro = (
-        max(own * gain, floor) for own, gain, floor in zip(noise, gains, COMMON_IMU, strict=True)
-    )
-    return accel, gyro
+def own_noise(windowing: Windowing) -> Floats:
+    """(2,), what the sensor's own white noise leaves in a window; at least any IMU's."""
+    return np.asarray(np.maximum(windowing.noise * windowing.white_gains, COMMON_IMU))
 
 
-def over_known_noise(fit: Fit) -> tuple[float, float]:
-    """Residual scale over the noise that is known: the sensor's own and the kinematics'."""
+def over_known_noise(fit: Fit) -> Floats:
+    """(2,), residual scale over the noise that is known: the sensor's own and the kinematics'."""
     windowing = fit.model.windowing
-    rotation, position = kinematic_noise(windowing.trajectory)
-    plan, grid = windowing.plan, windowing.grid
-    seconds = plan.length * grid.dt
-    kinematic = (
-        second_derivative_gain(seconds) * position
-        + ARM**2 * turning_noise(seconds, windowing.trajectory),
-        # The first derivative's gain, 12 / T³, of the three angles in the nine elements of R.
-        12.0 / seconds**3 * rotation / 6.0,
-    )
-    ratios = []
-    for sensor, gain in enumerate(windowing.white_gains):
-        known = float(np.hypot(windowing.noise[sensor] * gain, np.sqrt(kinematic[sensor])))
-        ratios.append(fit.residual_scales[sensor] / max(known, COMMON_IMU[sensor]))
-    return ratios[0], ratios[1]
+    seconds = windowing.plan.length * windowing.grid.dt
+    kinematic = kinematic_variance(seconds, windowing.trajectory)
+    known = np.hypot(windowing.noise * windowing.white_gains, np.sqrt(kinematic))
+    return np.asarray(fit.residual_scales / np.maximum(known, COMMON_IMU))
 
 
 def of_findings(evidence: Evidence) -> Floats:
@@ -175,8 +150,7 @@ def of_findings(evidence: Evidence) -> Floats:
     change = evidence.change
     if change is not None:
         # The truth is with one part or the other, the estimate with one of them or between them.
-        apart = change.size if change.kind == "mount" else change.moves_pose
-        added += np.outer(apart, apart)
+        added += np.outer(change.moves_pose, change.moves_pose)
         if change.kind == "mount":
             added += np.diag(change.std**2)
     return added
@@ -195,28 +169,6 @@ def _off_square(answer: Answer) -> float:
     if not (np.abs(value @ axes)[told] > DISTRUST_SIGMAS * np.sqrt(variances[told])).any():
         return 0.0
     return float(np.max(value**2 + np.diag(C)))
-
-
-def unobservable(answer: Answer) -> tuple[UnobservableDirection, ...]:
-    """Directions of the pose that the motion did not determine, and what would."""
-    pose = np.ix_(answer.layout.pose, answer.layout.pose)
-    both = answer.covariance, excitation(answer)
-    found = unobservable_directions(*(each[pose] for each in both))
-    gravity = answer.layout.part("gravity_direction")
-    if not answer.layout.free[gravity].any():
-        return tuple(found)
-    level = unobservable_directions(*(_given(each, gravity)[pose] for each in both))
-    helps = not any(each.kind == "rotation" for each in level)
-    return tuple(
-        replace(each, motion=each.motion + _LEVEL) if helps and each.kind == "rotation" else each
-        for each in found
-    )
-
-
-def _given(covariance: Floats, part: slice) -> Floats:
-    """(n, n), what would be left of a covariance if some components were known."""
-    across = covariance[:, part]
-    return np.asarray(covariance - across @ inverse_of(covariance[part, part]) @ across.T)
 
 
 def findings(evidence: Evidence, log: LogStatistics) -> tuple[Finding, ...]:
@@ -293,12 +245,11 @@ def _undecided(evidence: Evidence) -> Iterator[Finding]:
 
 
 def _residuals(evidence: Evidence) -> Iterator[Finding]:
-    ratios = evidence.over_noise
-    worst = int(np.argmax(ratios))
-    if ratios[worst] > LOUD:
-        make = untrusted if ratios[worst] > _GROSS else warning
-        sensor = ("accel", "gyro")[worst]
-        yield make("residual.beyond_noise", sensor=sensor, ratio=ratios[worst])
+    worst = int(evidence.over_noise.argmax())
+    ratio = float(evidence.over_noise[worst])
+    if ratio > LOUD:
+        make = untrusted if ratio > _GROSS else warning
+        yield make("residual.beyond_noise", sensor=SENSORS[worst], ratio=ratio)
 
 
 def _left_out(evidence: Evidence) -> Iterator[Finding]:
@@ -314,13 +265,9 @@ def _left_out(evidence: Evidence) -> Iterator[Finding]:
     if share > _DROPPED_MOTION:
         yield untrusted("windows.motion_left_out", share=share)
     if count > _DROPPED * len(lost):
-        grid = fit.model.windowing.grid
-        when = grid.t0 + grid.dt * fit.centres[lost]
-        first, last = np.percentile(when, (4, 96))
-        within = (grid.t0 + grid.dt * fit.centres >= first) & (
-            grid.t0 + grid.dt * fit.centres <= last
-        )
-        dense = lost[within].mean() > 0.5
+        when = fit.model.windowing.grid.t[fit.centres]
+        first, last = np.percentile(when[lost], (4, 96))
+        dense = lost[(when >= first) & (when <= last)].mean() > 0.5
         yield warning(
             "windows.left_out",
             count=count,
@@ -374,8 +321,7 @@ def _window(evidence: Evidence) -> Iterator[Finding]:
             sigmas=worst.sigmas,
             seconds=worst.seconds,
             used=evidence.attempt.window.seconds,
-            translation=float(np.linalg.norm(worst.difference[:3])),
-            rotation=float(np.linalg.norm(worst.difference[3:])),
+            **_lengths(worst.difference),
         )
 
 
@@ -384,29 +330,26 @@ def _changed(evidence: Evidence) -> Iterator[Finding]:
     change = evidence.change
     if change is None:
         return
+    lengths, size = _lengths(change.moves_pose), change.size
     if change.kind == "mount":
-        moved, values = change.size, _sizes(change.size, change.std)
+        spread, values = _lengths(size * change.std), dict[str, float]()
+        for name, length in lengths.items():
+            values |= {name: length, f"{name}_std": spread[name] / max(length, 1e-300)}
     else:
-        moved, values = change.moves_pose, {"size": _signed_size(change.size)}
+        values = {"size": float(size[0] if len(size) == 1 else np.linalg.norm(size))}
     # The give of a mount is in sigma already.
-    slipped = any(np.linalg.norm(moved.reshape(2, 3), axis=1) > SLIP)
+    slipped = (np.array(list(lengths.values())) > SLIP).any()
     yield (untrusted if slipped else warning)(
         f"change.{change.kind}", seconds=change.seconds, uncertainty=change.uncertainty, **values
     )
 
 
-def _sizes(pose: Floats, std: Floats) -> dict[str, float]:
-    """Lengths of the translation and the rotation of a change of the pose, with their 1 sigma."""
-    found = {}
-    for name, part in (("translation", slice(0, 3)), ("rotation", slice(3, 6))):
-        length = float(np.linalg.norm(pose[part]))
-        found[name] = length
-        found[f"{name}_std"] = float(np.linalg.norm(pose[part] * std[part])) / max(length, 1e-300)
-    return found
-
-
-def _signed_size(values: Floats) -> float:
-    return float(values[0] if len(values) == 1 else np.linalg.norm(values))
+def _lengths(pose: Floats) -> dict[str, float]:
+    """Lengths of the two parts of a change of the pose (6,), m and rad."""
+    return {
+        "translation": float(np.linalg.norm(pose[:3])),
+        "rotation": float(np.linalg.norm(pose[3:])),
+    }
 
 
 def _errors(answer: Answer, log: LogStatistics | None) -> Iterator[Finding]:
@@ -440,7 +383,9 @@ def _errors(answer: Answer, log: LogStatistics | None) -> Iterator[Finding]:
                 yield make("bias.unusual", name=unknown.name, size=size)
         elif (surely > limit).any():
             worst = int(np.argmax(surely))
-            other = _sound_window(windows, part.start + worst, value[worst], limit)
+            # A window by which it keeps to its limit: then something else looks like it.
+            kept = (w for w in windows if abs(value[worst] + w.changes[part][worst]) <= limit)
+            other = next((w.seconds for w in kept), None)
             make = untrusted if other is None and "bias" not in unknown.name else warning
             yield make(
                 "unknown.implausible",
@@ -461,8 +406,7 @@ def _errors(answer: Answer, log: LogStatistics | None) -> Iterator[Finding]:
                 values=tuple(value.tolist()),
                 stds=tuple(std.tolist()),
                 seconds=0.0 if log is None else log.seconds,
-                translation=float(np.linalg.norm(moves[:3])),
-                rotation=float(np.linalg.norm(moves[3:])),
+                **_lengths(moves),
                 like=_like(answer, part.start + int(np.argmax(np.abs(value) / std))),
             )
 
@@ -480,16 +424,6 @@ def _like(answer: Answer, place: int) -> str:
             what = each.unknown.words.split(":")[0]
             return f"{what} ({each.labels[worst]})" if each.labels[worst] else what
     return ""
-
-
-def _sound_window(
-    windows: Sequence[OtherWindow], place: int, value: float, limit: float
-) -> float | None:
-    """Window, s, by which a component keeps to its limit: then something else looks like it."""
-    for other in windows:
-        if abs(value + other.changes[place]) <= limit:
-            return other.seconds
-    return None
 
 
 def _resting_on_priors(answer: Answer) -> Iterator[Finding]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from imucalib_cli.estimate.estimate import UnobservableDirection
 from imucalib_cli.estimate.model.unknowns import LEAN, TABLE, Mount
-from imucalib_cli.estimate.solution.spectrum import inverse_with_priors
+from imucalib_cli.estimate.solution.spectrum import inverse_of, inverse_with_priors
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -26,18 +26,14 @@ _WEAKEST_STD: Final = {each.name: each.std for each in TABLE if isinstance(each.
 """m and rad: what is known of any mount without looking."""
 _ALONG: Final = 0.99
 """Cosine, 8 deg: a direction nearer to an axis is that axis, to a person."""
+_LEVEL: Final = "; or tell that the base is level (--gravity fixed, or --tilt-std)"
 _PARTS: Final = {"translation": slice(0, 3), "rotation": slice(3, 6)}
 
 
 def excitation(answer: Answer, *, everything: bool = False) -> Floats:
-    """Covariance as the motion allows it, for an IMU of common noise: little noise is no motion.
+    """Covariance (n, n) as the motion allows it, for common noise: little noise is no motion.
 
-    Args:
-        answer: A solution.
-        everything: Components of the mount that are held, or known beforehand, count as free.
-
-    Returns:
-        (n, n), of the layout's components.
+    With ``everything`` also components of the mount count as free that are held or known.
     """
     layout = answer.layout
     lean = {each.name for each in LEAN}
@@ -64,17 +60,34 @@ def undetermined(answer: Answer) -> Bools:
     return np.asarray(std > _LIMIT)
 
 
-def unobservable_directions(covariance: Floats, excitation: Floats) -> list[UnobservableDirection]:
-    """Eigen-directions of the pose's covariance beyond the limits.
+def unobservable(answer: Answer) -> tuple[UnobservableDirection, ...]:
+    """Directions of the pose that the motion did not determine, and what would.
 
-    Args:
-        covariance: (6, 6), of the estimate, parent frame.
-        excitation: (6, 6), what ordinary noise would give on this motion: the larger counts, so
-            that a log without noise does not make a motionless direction look known.
-
-    Returns:
-        Translation first, the least known first.
+    The estimate's covariance counts or what ordinary noise would give on this motion, whichever is
+    larger, so that a log without noise does not make a motionless direction look known.
     """
+    pose = np.ix_(answer.layout.pose, answer.layout.pose)
+    both = answer.covariance, excitation(answer)
+    found = _directions(*(each[pose] for each in both))
+    gravity = answer.layout.part("gravity_direction")
+    if not answer.layout.free[gravity].any():
+        return tuple(found)
+    level = _directions(*(_given(each, gravity)[pose] for each in both))
+    helps = not any(each.kind == "rotation" for each in level)
+    return tuple(
+        replace(each, motion=each.motion + _LEVEL) if helps and each.kind == "rotation" else each
+        for each in found
+    )
+
+
+def _given(covariance: Floats, part: slice) -> Floats:
+    """(n, n), what would be left of a covariance if some components were known."""
+    across = covariance[:, part]
+    return np.asarray(covariance - across @ inverse_of(covariance[part, part]) @ across.T)
+
+
+def _directions(covariance: Floats, excitation: Floats) -> list[UnobservableDirection]:
+    """Eigen-directions of (6, 6) beyond the limits, translation first, the least known first."""
     rotation = _beyond("rotation", covariance, excitation)
     swept = [_swept(matrix, rotation) for matrix in (covariance, excitation)]
     # The one turn that is unknown is that about the one axis that the motion has already.
@@ -142,12 +155,7 @@ def _beyond(
 
 
 def widen(covariance: Floats, directions: Sequence[UnobservableDirection]) -> Floats:
-    """Covariance in which every unobservable direction is as wide as it is said to be.
-
-    Args:
-        covariance: (6, 6), parent frame.
-        directions: Of :func:`unobservable_directions`.
-    """
+    """Covariance (6, 6) in which every unobservable direction is as wide as it is said to be."""
     wide = np.array(covariance)
     for direction in directions:
         part = _PARTS[direction.kind]
@@ -167,13 +175,10 @@ def _readable(direction: Floats) -> Floats:
 
 
 def _motion(kind: str, direction: Floats, turns_about: Floats | None) -> str:
-    """The cheapest motion that would determine a direction.
+    """The cheapest motion that would determine a direction (3,), parent frame.
 
-    Args:
-        kind: Of the direction.
-        direction: (3,), parent frame.
-        turns_about: (3,), the only axis about which the link turns already; None where that is the
-            direction itself, or where the link turns about none or several.
+    ``turns_about`` is the only axis about which the link turns already; None where that is the
+    direction itself, or where the link turns about none or several.
     """
     names = "xyz"
     had = direction if turns_about is None else turns_about

@@ -35,6 +35,8 @@ _SHARE: Final = 0.2
 """Of what a fit leaves over, that a change explains which is its cause."""
 _UNSEEN: Final = 1e-6
 """Share of the information on a change that must be left beside the other unknowns."""
+_TOLD: Final = 0.01
+"""Share of a prior's variance that halves of a log take away, below which they tell nothing."""
 Kind = Literal["mount", "clock", "gyro_bias", "accel_bias"]
 _KINDS: Final[dict[Kind, tuple[str, ...]]] = {
     "mount": ("translation", "rotation"),
@@ -60,7 +62,8 @@ class Change:
     evidence: float
     """Fall of the information criterion."""
     moves_pose: Floats
-    """(6,), the pose with the change taken into account less the pose without, m and rad."""
+    """(6,), m and rad: of a mount from before to after it; else the pose with the change taken into
+    account less the pose without."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -121,12 +124,7 @@ class Segments:
     """Normal matrices of the parts of a log about the solution of all of it."""
 
     def __init__(self, fit: Fit, *, loud: bool) -> None:
-        """Cut the windows into parts and sum each.
-
-        Args:
-            fit: The solution.
-            loud: Whether it leaves far more than the noise.
-        """
+        """Cut the windows into parts and sum each; ``loud``: far more is left than noise."""
         self._loud = loud
         free = np.flatnonzero(fit.layout.free)
         self._free, self._fit = free, fit
@@ -161,20 +159,26 @@ class Segments:
         each = (inverse_of(self._total - A) @ b[:, :, None])[:, pose, 0]
         scatter = each - each.mean(axis=0)
         fold_std = np.sqrt((FOLDS - 1) / FOLDS * (scatter**2).sum(axis=0))
-        half = len(self._A) // 2
-        solutions, covariances = [], []
+        half, block = len(self._A) // 2, np.ix_(pose, pose)
+        solutions, covariances, left = [], [], np.zeros((6, 6))
         for part in (slice(0, half), slice(half, None)):
             inverse = inverse_of(self._A[part].sum(axis=0) + self._P)
             solutions.append(-(inverse @ self._b[part].sum(axis=0)))
             covariances.append(inverse @ self._A[part].sum(axis=0) @ inverse)
+            left += 0.5 * inverse[block]
         difference = (solutions[1] - solutions[0])[pose]
-        C = sum(covariances)[np.ix_(pose, pose)]
+        C = sum(covariances)[block]
+        # What the halves do not tell is rounding, and its covariance too.
+        precision = np.sqrt(np.diag(self._P)[pose])
+        shares, axes = np.linalg.eigh(left * np.outer(precision, precision))
+        told = np.diag(precision) @ axes[:, shares < 1.0 - _TOLD]
+        apart = squared_distance(told.T @ difference, told.T @ C @ told)
         stated = np.sqrt(np.maximum(np.diag(self._fit.covariance)[: len(pose)], 1e-300))
         return Consistency(
             folds=FOLDS,
             fold_std=fold_std,
             halves_difference=difference,
-            halves_sigmas=float(np.sqrt(squared_distance(difference, C) / len(pose))),
+            halves_sigmas=float(np.sqrt(apart / max(told.shape[1], 1))),
             segment_chi2=float(np.mean((fold_std / stated) ** 2)),
             whiteness=whiteness,
         )
@@ -254,12 +258,9 @@ class Segments:
             low -= 1
         while high < len(self._A) - 1 and self._empty[high]:
             high += 1
+        std, seen = np.sqrt(np.diag(C)), self._fit.layout.free[self._fit.layout.pose]
         if kind == "mount":  # components that are held have not changed
-            every = self._fit.layout.pose
-            seen = np.isin(every, self._free[part])
-            size, std = (embedded(each, seen) for each in (size, np.sqrt(np.diag(C))))
-        else:
-            std = np.sqrt(np.diag(C))
+            size, std = embedded(size, seen), embedded(std, seen)
         return Change(
             kind=kind,
             seconds=float(self.edges[[low, high]].mean()),
@@ -267,7 +268,7 @@ class Segments:
             size=size,
             std=std,
             evidence=float(evidence),
-            moves_pose=embedded(moved[pose], self._fit.layout.free[self._fit.layout.pose]),
+            moves_pose=size if kind == "mount" else embedded(moved[pose], seen),
         )
 
     def _wander(self, part: Indices) -> Floats:

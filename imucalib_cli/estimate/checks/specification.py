@@ -25,7 +25,7 @@ from imucalib_cli.estimate.solution.spectrum import (
     embedded,
     squared_distance,
 )
-from imucalib_cli.estimate.window_choice import MAX_ATTENUATION, attenuation
+from imucalib_cli.estimate.window_choice import MAX_ATTENUATION, attenuation, lever_power
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats, Indices
@@ -100,9 +100,9 @@ def window_dependence(fit: Fit) -> list[Dependence]:
     every = np.unique(np.concatenate([fitting for _, fitting in others]))
     plans = tuple(model.windowing.plan for model, _ in others)
     found = fit.model.residuals(fit.equations.at, every, plans)
-    base = _Solved.of(fit, fit.parts, fit.statistics.noise_score)
+    own_answer = _solved(fit, fit.parts, fit.statistics.noise_score)
     return [
-        _difference(fit, base, model, centres, residuals.values[np.isin(every, centres)])
+        _difference(fit, own_answer, model, centres, residuals.values[np.isin(every, centres)])
         for (model, centres), residuals in zip(others, found, strict=True)
     ]
 
@@ -113,7 +113,7 @@ def _lengths(centres: Indices, plan: WindowPlan) -> float:
 
 
 def _difference(
-    fit: Fit, base: _Solved, model: Model, centres: Indices, residuals: Floats
+    fit: Fit, own: tuple[Floats, Floats, Floats], model: Model, centres: Indices, residuals: Floats
 ) -> Dependence:
     """Solve at another window; the covariance of the difference is from how parts scatter."""
     plan = model.windowing.plan
@@ -124,14 +124,16 @@ def _difference(
         centres,
         residuals,
         fit.weights[np.searchsorted(fit.centres, centres)],
-        fit.scales_at(plan),
+        fit.residual_scales * (plan.gains / fit.model.windowing.plan.gains),
         fit.noise,
     )
-    other = _Solved.of(fit, *there.parts())
-    each = (base.influence - other.influence).reshape(parts, PARTS // parts, 6).sum(axis=1)
+    step, influence, inverse = _solved(fit, *there.parts())
+    own_step, own_influence, own_inverse = own
+    each = (own_influence - influence).reshape(parts, PARTS // parts, 6).sum(axis=1)
     scatter = each - each.mean(axis=0)
-    prior = (other.inverse - base.inverse) * np.sqrt(base.precision)
-    changes = embedded(other.step - base.step, fit.layout.free)
+    precision = 1.0 / fit.layout.std_at(fit.u)[fit.layout.free] ** 2
+    prior = (inverse - own_inverse) * np.sqrt(precision)
+    changes = embedded(step - own_step, fit.layout.free)
     return Dependence(
         seconds=(plan.length - 1) * model.windowing.grid.dt,
         changes=changes,
@@ -141,28 +143,18 @@ def _difference(
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _Solved:
-    """The answer by one window, about the fit's point of linearisation."""
+def _solved(fit: Fit, matrices: Floats, noise_score: Floats) -> tuple[Floats, Floats, Floats]:
+    """The answer by one window, about the fit's point of linearisation, with its learnt scales.
 
-    step: Floats
-    """(n,), of the free components."""
-    influence: Floats
-    """(PARTS, 6), what each part of the log adds to the pose."""
-    inverse: Floats
-    """(6, n), the pose's rows of the inverse information."""
-    precision: Floats
-    """(n,), of the priors."""
-
-    @classmethod
-    def of(cls, fit: Fit, matrices: Floats, noise_score: Floats) -> _Solved:
-        """Solve with the fit's learnt scales and priors."""
-        free = np.flatnonzero(fit.layout.free)
-        problem = fit.problem(matrices.sum(axis=0), noise_score)
-        step, inverse = problem.solve(fit.u)
-        inverse = inverse[np.searchsorted(free, fit.layout.pose)]
-        each = matrices[:, 1:, 0][:, free] / fit.equations.level
-        return cls(step, -(each @ inverse.T), np.asarray(inverse), problem.precision(fit.u))
+    Returns:
+        Step (n,) of the free components, what each part of the log adds to the pose (PARTS, 6), and
+        the pose's rows (6, n) of the inverse information.
+    """
+    free = np.flatnonzero(fit.layout.free)
+    step, inverse = fit.problem(matrices.sum(axis=0), noise_score).solve(fit.u)
+    inverse = inverse[np.searchsorted(free, fit.layout.pose)]
+    each = matrices[:, 1:, 0][:, free] / fit.equations.level
+    return step, -(each @ inverse.T), np.asarray(inverse)
 
 
 def _sound(fit: Fit, length: int) -> bool:
@@ -171,4 +163,5 @@ def _sound(fit: Fit, length: int) -> bool:
     if length > windowing.plan.length:
         return True
     seconds = (length - 1) * windowing.grid.dt
-    return attenuation(seconds, windowing.grid, windowing.trajectory) <= MAX_ATTENUATION
+    turning = lever_power(windowing.grid, windowing.trajectory)
+    return attenuation(seconds, turning, windowing.trajectory) <= MAX_ATTENUATION

@@ -130,15 +130,7 @@ def _with_columns(fit: Fit, freed: MatchedOptions) -> NormalEquations:
     layout = lay_out(fit.model.windowing.trajectory, freed)
     if layout.size == fit.layout.size:
         return fit.equations
-    state = transferred(fit, layout, freed, fit.equations.at)
-    there = replace(fit.linearised, model=replace(fit.model, layout=layout), state=state)
-    matrices, noise_score = there.parts()
-    total = matrices.sum(axis=0)
-    A, b = total[1:, 1:], total[1:, 0] - noise_score
-    white = A * fit.equations.level
-    return replace(
-        fit.equations, layout=layout, at=state, information=A, score=b, noise=white, motion=A
-    )
+    return fit.equations_in(layout, transferred(fit, layout, freed, fit.equations.at))[0]
 
 
 def _gain(equations: NormalEquations, stated: MatchedOptions, freed: MatchedOptions) -> float:

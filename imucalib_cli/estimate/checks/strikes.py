@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from imucalib_cli.findings import Finding, note
+from imucalib_cli.signals.samples import STANDARD_GRAVITY
 from imucalib_cli.signals.stretches import all_hold, stretches_of
 
 if TYPE_CHECKING:
@@ -24,20 +25,14 @@ _RINGING: Final = 0.05
 _SHARE: Final = 0.05
 """Of the windows, that have a strike: one strike in 4 s or so. A hole now and then is an outlier;
 strikes that come with every step are a part of the motion."""
-_GRAVITY: Final = 9.80665
 
 
 def strikes(topic: str, fit: Fit) -> Iterator[Finding]:
-    """Strikes, if they are many, whether their windows fit the rest or not.
-
-    Args:
-        topic: Of the IMU.
-        fit: Of its windows.
-    """
+    """Strikes, if they are many, whether their windows fit the rest or not."""
     windowing = fit.model.windowing
     grid, plan = windowing.grid, windowing.plan
     force = np.linalg.norm(grid.accel, axis=1)
-    least = _FORCE * max(float(np.median(force[grid.usable])), _GRAVITY)
+    least = _FORCE * max(float(np.median(force[grid.usable])), STANDARD_GRAVITY)
     quiet = stretches_of((force <= least) | ~grid.usable)
     ringing = quiet.where((quiet.lengths * grid.dt < _RINGING) & (quiet.first > 0))
     bursts = stretches_of(((force > least) & grid.usable) | ringing.mask(len(force)))

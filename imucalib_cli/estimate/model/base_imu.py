@@ -70,11 +70,7 @@ class ReckonedBase:
         return self.grid.dt * (1.0 - self.drift)
 
     def readings(self, t: Floats) -> tuple[Floats, Floats, Floats]:
-        """Readings around robot stamps (M,), s, errors off.
-
-        Returns:
-            Their robot stamps (n,), gyroscope and accelerometer (n, 3).
-        """
+        """Stamps (n,) around robot stamps (M,), s, gyroscope and accelerometer (n, 3)."""
         grid, count = self.grid, len(self.grid.usable)
         ends = (np.array([t.min(), t.max()]) - self.start) / self.dt
         first = max(min(int(ends[0]) - _AROUND, count - 2 * _AROUND), 0)
@@ -110,14 +106,8 @@ def felt_gravity(
 ) -> tuple[float, Floats, float]:
     """What the base IMU tells of the scale that all accelerometers share.
 
-    Over a minute its mean force is gravity's, but for a change of speed. Beside it only lengths
-    tell that scale, for gravity cancels between two IMUs.
-
-    Args:
-        base: The IMU, its errors taken off.
-        placed: Its errors and their components.
-        size: Of the layout.
-        norm: Of gravity, m/s².
+    Over a minute its mean force is gravity's (norm, m/s²), but for a change of speed. Beside it
+    only lengths tell that scale, for gravity cancels between two IMUs.
 
     Returns:
         Mean size of the force less gravity's, m/s²; how it changes with each component, (size,);

@@ -104,37 +104,40 @@ class Model:
     def residuals(
         self, state: State, centres: Indices, plans: tuple[WindowPlan, ...] = ()
     ) -> list[Residuals]:
-        """Exact residuals of windows about the same centres, for each of some plans.
+        """Exact residuals of windows about centres (W,), ascending, for each of some plans.
 
-        Args:
-            state: Where.
-            centres: (W,), ascending.
-            plans: The model's own by default. What a window that does not fit leaves is zero.
+        The plan is the model's own by default. What a window that does not fit leaves is zero.
         """
         plans = plans or (self.windowing.plan,)
         grid = self.windowing.grid
         chain = Chain.of(self.windowing.trajectory, self.layout, state.x)
         shift_a, shift_g = self.shifts(state)
         reach = max(plan.length // 2 + MARGIN for plan in plans)
-        found = [Residuals.empty(len(centres)) for _ in plans]
+        found = [Residuals(*(np.zeros((len(centres), n)) for n in (6, 3, 3))) for _ in plans]
         for part in blocks(centres, self.windowing.plan.hop, BLOCK):
             first, last = int(centres[part][0]), int(centres[part][-1])
             span = slice(max(first - reach, 0), min(last + reach + 1, len(grid.usable)))
             local = centres[part] - span.start
             accel, gyro = self.corrected(state, span)
             R, p, R_gyro = self._poses(chain, span, shift_a, shift_g)
-            world = _World(
-                R=R,
-                place=p - p[0] + R @ state.t,
-                force=np.einsum("nij,nj->ni", R, accel @ state.R.T),
-                R_gyro=R_gyro,
-                turned=(R_gyro @ skew(gyro @ state.R.T)).reshape(-1, 9),
-                stretch=(1.0 - shift_a[1], 1.0 - shift_g[1]),
-                gravity=state.gravity,
-            )
+            place = p - p[0] + R @ state.t
+            force = np.einsum("nij,nj->ni", R, accel @ state.R.T)
+            measured = (R_gyro @ skew(gyro @ state.R.T)).reshape(-1, 9)
+            flat = R_gyro.reshape(-1, 9)
             for plan, residuals in zip(plans, found, strict=True):
                 room = np.minimum(local, len(p) - 1 - local) >= plan.length // 2 + MARGIN
-                world.fill(residuals, part.start + np.flatnonzero(room), plan, local[room])
+                where, at = part.start + np.flatnonzero(room), local[room]
+                once, twice = plan.first_derivative, plan.second_derivative
+                # Over the robot's time, not the IMU's.
+                pushed = derive(place, twice, at) / (1.0 - shift_a[1]) ** 2
+                turned = derive(flat, once, at) / (1.0 - shift_g[1])
+                left = pushed - average(force, twice, at) - state.gravity
+                turns_left = turned - average(measured, once, at)
+                back, back_gyro = (np.swapaxes(each[at], 1, 2) for each in (R, R_gyro))
+                residuals.acceleration[where] = pushed
+                residuals.rate[where] = vee(back_gyro @ turned.reshape(-1, 3, 3))
+                residuals.values[where, :3] = np.einsum("wij,wj->wi", back, left)
+                residuals.values[where, 3:] = vee(back_gyro @ turns_left.reshape(-1, 3, 3))
         return found
 
     def _poses(
@@ -142,11 +145,7 @@ class Model:
     ) -> tuple[Floats, Floats, Floats]:
         """R_world_parent and p_world_parent for the accelerometer, and R for the gyroscope.
 
-        Args:
-            chain: The parent link.
-            span: Of the grid.
-            accel: Shift and drift of the stamps.
-            gyro: Likewise.
+        Over a span of the grid; their stamps have each a shift, s, and a drift.
         """
         grid, near = self.windowing.grid, self.windowing.trajectory.nearest_covered
         later = (accel[0] - gyro[0]) / grid.dt if accel[1] == gyro[1] else 0.0
@@ -185,11 +184,6 @@ class Residuals:
     rate: Floats
     """(W, 3), of the parent link by the kinematics, rad/s."""
 
-    @classmethod
-    def empty(cls, count: int) -> Residuals:
-        """To be filled."""
-        return cls(np.zeros((count, 6)), np.zeros((count, 3)), np.zeros((count, 3)))
-
     @property
     def motion(self) -> Floats:
         """(W,), how much each window moves, (m/s²)²: turns count as a metre away."""
@@ -200,38 +194,3 @@ class Residuals:
     def turning(self) -> float:
         """rad/s, root mean square rate."""
         return float(np.sqrt(np.mean((self.rate**2).sum(axis=1))))
-
-
-@dataclass(frozen=True, eq=False)
-class _World:
-    """Both sides of the equations along a stretch of samples, world axes."""
-
-    R: Floats
-    """(N, 3, 3), R_world_parent at the accelerometer's instants."""
-    place: Floats
-    """(N, 3), of the IMU, m."""
-    force: Floats
-    """(N, 3), measured, m/s²."""
-    R_gyro: Floats
-    """(N, 3, 3), at the gyroscope's instants."""
-    turned: Floats
-    """(N, 9), R_world_parent [w]x, of the measured rate."""
-    stretch: tuple[float, float]
-    """Robot's time over the IMU's, accelerometer and gyroscope."""
-    gravity: Floats
-
-    def fill(
-        self, residuals: Residuals, places: Indices, plan: WindowPlan, centres: Indices
-    ) -> None:
-        """Put the residuals of windows about some samples of the stretch in their places."""
-        second, first = plan.second_derivative, plan.first_derivative
-        back, back_gyro = (np.swapaxes(each[centres], 1, 2) for each in (self.R, self.R_gyro))
-        derived = derive(self.place, second, centres) / self.stretch[0] ** 2
-        left = derived - average(self.force, second, centres) - self.gravity
-        residuals.values[places, :3] = np.einsum("wij,wj->wi", back, left)
-        residuals.acceleration[places] = derived
-        turned = derive(self.R_gyro.reshape(-1, 9), first, centres).reshape(-1, 3, 3)
-        turned = turned / self.stretch[1]
-        residuals.rate[places] = vee(back_gyro @ turned)
-        measured = average(self.turned, first, centres).reshape(-1, 3, 3)
-        residuals.values[places, 3:] = vee(back_gyro @ (turned - measured))

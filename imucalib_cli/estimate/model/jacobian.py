@@ -7,6 +7,7 @@ the sensors read, or gravity, or the instants. One mechanism makes columns of th
 
 from __future__ import annotations
 
+from collections import defaultdict
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -40,12 +41,23 @@ if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats, Indices
     from imucalib_cli.estimate.model.base_imu import BaseNodes
     from imucalib_cli.estimate.model.design import Model
-    from imucalib_cli.estimate.model.layout import Joint, Placed
+    from imucalib_cli.estimate.model.layout import Joint, Layout, Placed
     from imucalib_cli.estimate.model.state import State
     from imucalib_cli.estimate.model.unknowns import Samples
     from imucalib_cli.estimate.model.windows import WindowPlan
     from imucalib_cli.robot.path import KinematicPath
     from imucalib_cli.signals.kernels import MatchedFilter
+
+    Channels = defaultdict[str, list[tuple[slice, Floats]]]
+    """What unknowns do along the nodes, world axes: components, and their changes (M, n, 3) of
+
+    - "shift", the IMU's place, and "turn", the parent link;
+    - "force" and "rate", the specific force and the rate as they are read, seen in the world;
+    - "base turn", what turns with the base as it is reckoned: itself, the place and the force; only
+      the turn since the middle of a window matters;
+    - "gravity" (n, 3);
+    - "times" (M,), what columns are multiplied by, as it is in the middle of a window.
+    """
 
 
 def columns(model: Model, state: State, centres: Indices) -> Iterator[tuple[slice, Floats]]:
@@ -149,48 +161,16 @@ class _Nodes:
         return np.hstack([shift @ self.R[0], turn @ self.R[0]])
 
 
-@dataclass(eq=False)
-class _Channels:
-    """What unknowns do along the nodes, world axes: components, and changes (M, n, 3).
+def _block_columns(
+    model: Model, plan: NodePlan, chain: Chain, state: State, centres: Indices
+) -> Floats:
+    """Columns (W, 6, n) of a few hundred windows.
 
     accelerometer  R_c' (D2 shift - K2*force - gravity)
     gyroscope      R_c' (D1 turn - K1*rate)
     """
-
-    shift: list[tuple[slice, Floats]] = field(default_factory=list)
-    """Of the IMU's place."""
-    turn: list[tuple[slice, Floats]] = field(default_factory=list)
-    """Of the parent link."""
-    force: list[tuple[slice, Floats]] = field(default_factory=list)
-    """Of the specific force as read, seen in the world."""
-    rate: list[tuple[slice, Floats]] = field(default_factory=list)
-    """Of the rate as read, likewise."""
-    gravity: list[tuple[slice, Floats]] = field(default_factory=list)
-    """(n, 3), of gravity."""
-    clock: list[tuple[slice, Clock]] = field(default_factory=list)
-    """Unknowns of the clock: the pose is that of another instant."""
-    base_turn: list[tuple[slice, Floats]] = field(default_factory=list)
-    """What turns with the base as it is reckoned, itself, the place and the force: only the turn
-    since the middle of a window matters."""
-    times: list[tuple[slice, Floats]] = field(default_factory=list)
-    """(M,), by which columns are multiplied, as it is in the middle of a window."""
-
-    @classmethod
-    def of(cls, placed: tuple[Placed, ...], nodes: _Nodes) -> _Channels:
-        """What the entries of a layout do, but for those that the mount hides."""
-        channels = cls()
-        for each in placed:
-            if not each.hidden:
-                _add(each, nodes, channels)
-        return channels
-
-
-def _block_columns(
-    model: Model, plan: NodePlan, chain: Chain, state: State, centres: Indices
-) -> Floats:
-    """Columns (W, 6, n) of a few hundred windows."""
     nodes = _nodes(model, plan, chain, state, centres)
-    channels = _Channels.of(model.layout.placed, nodes)
+    channels = _channels(model.layout, nodes)
     at = centres // plan.every - nodes.first
     R_centre = nodes.R[at]
 
@@ -199,49 +179,59 @@ def _block_columns(
         flat = convolve_at(values.reshape(len(values), -1), weights, at - len(weights) // 2)
         return np.asarray(flat.reshape(len(flat), -1, 3) @ R_centre)
 
+    def joined(name: str) -> tuple[Indices, Floats]:
+        """Components of a channel, and its changes (M, n, 3)."""
+        found = channels[name]
+        changes = np.concatenate([np.zeros((len(nodes.p), 0, 3)), *(each for _, each in found)], 1)
+        return places_of(part for part, _ in found), changes
+
     J = np.zeros((len(centres), model.layout.size, 6))
     accel, gyro = slice(0, 3), slice(3, 6)
-    for rows, found, weights, sign in (
-        (accel, channels.shift, plan.second.derivative, 1.0),
-        (accel, channels.force, plan.second.average, -1.0),
-        (gyro, channels.turn, plan.first.derivative, 1.0),
-        (gyro, channels.rate, plan.first.average, -1.0),
+    for name, rows, weights, sign in (
+        ("shift", accel, plan.second.derivative, 1.0),
+        ("force", accel, plan.second.average, -1.0),
+        ("turn", gyro, plan.first.derivative, 1.0),
+        ("rate", gyro, plan.first.average, -1.0),
     ):
-        if found:
-            index = places_of(part for part, _ in found)
-            changes = in_parent(np.concatenate([each for _, each in found], 1), weights)
-            J[:, index, rows] += sign * changes
-    if nodes.base is not None and channels.base_turn:
-        index = places_of(part for part, _ in channels.base_turn)
-        turn = np.concatenate([each for _, each in channels.base_turn], 1)
+        index, changes = joined(name)
+        J[:, index, rows] += sign * in_parent(changes, weights)
+    if nodes.base is not None:
+        index, turn = joined("base turn")
         arm, force = nodes.base.arm[:, None], (nodes.force - nodes.base.force)[:, None]
-        changes = in_parent(cross(turn, arm), plan.second.derivative)
-        changes -= in_parent(cross(turn, force), plan.second.average)
+        moved = in_parent(cross(turn, arm), plan.second.derivative)
+        moved -= in_parent(cross(turn, force), plan.second.average)
         still = in_parent(arm, plan.second.derivative) - in_parent(force, plan.second.average)
-        J[:, index, accel] += changes - cross(turn[at] @ R_centre, still)
-    for part, size in channels.times:
+        J[:, index, accel] += moved - cross(turn[at] @ R_centre, still)
+    for part, size in channels["times"]:
         J[:, part] *= size[at, None, None]
-    for part, change in channels.gravity:
+    for part, change in channels["gravity"]:
         J[:, part, accel] -= change @ R_centre
-    if channels.clock:
-        # A later stamp means an earlier pose: one column, times what each entry says.
-        turn, shift = -nodes.turning[:, None], -nodes.moving[:, None]
-        read = cross(turn, nodes.force[:, None])
-        by_time = in_parent(shift, plan.second.derivative) - in_parent(read, plan.second.average)
-        turned = in_parent(turn, plan.first.derivative)
-        grid = model.windowing.grid
-        age = np.asarray(grid.dt * centres + (grid.t0 - model.middle))
-        for part, clock in channels.clock:
-            J[:, part.start, accel] += by_time[:, 0] * clock.accel(age)[:, None]
-            J[:, part.start, gyro] += turned[:, 0] * clock.gyro(age)[:, None]
-    for each in (
-        each for each in model.layout.placed if each.hidden
-    ):  # exactly, for a log that is sharp enough would tell a difference
-        J[:, each.part] = nodes.as_mount(each) @ J[:, model.layout.pose]
+    # A later stamp means an earlier pose: one column, times what each entry says.
+    turn, shift = -nodes.turning[:, None], -nodes.moving[:, None]
+    read = cross(turn, nodes.force[:, None])
+    by_time = in_parent(shift, plan.second.derivative) - in_parent(read, plan.second.average)
+    turned = in_parent(turn, plan.first.derivative)
+    grid = model.windowing.grid
+    age = np.asarray(grid.dt * centres + (grid.t0 - model.middle))
+    for each, clock in model.layout.of(Clock):
+        J[:, each.part.start, accel] += by_time[:, 0] * clock.accel(age)[:, None]
+        J[:, each.part.start, gyro] += turned[:, 0] * clock.gyro(age)[:, None]
+    for each in model.layout.placed:
+        if each.hidden:  # exactly, for a log that is sharp enough would tell a difference
+            J[:, each.part] = nodes.as_mount(each) @ J[:, model.layout.pose]
     return np.swapaxes(J, 1, 2)
 
 
-def _add(placed: Placed, nodes: _Nodes, channels: _Channels) -> None:  # noqa: C901 a table
+def _channels(layout: Layout, nodes: _Nodes) -> Channels:
+    """What the entries of a layout do, but for those that the mount hides."""
+    channels: Channels = defaultdict(list)
+    for placed in layout.placed:
+        if not placed.hidden:
+            _add(placed, nodes, channels)
+    return channels
+
+
+def _add(placed: Placed, nodes: _Nodes, channels: Channels) -> None:  # noqa: C901 a table
     """Add what one entry of the table does along the nodes."""
     part, effect = placed.part, placed.unknown.effect
     match effect:
@@ -249,69 +239,66 @@ def _add(placed: Placed, nodes: _Nodes, channels: _Channels) -> None:  # noqa: C
             basis = np.swapaxes(effect.basis(nodes.samples), 0, 1)
             # Taking the error off lowers the reading.
             seen = -(basis @ np.swapaxes(nodes.R_world_imu, 1, 2))
-            read = channels.force if effect.sensor == "accel" else channels.rate
-            read.append((part, seen))
+            channels["force" if effect.sensor == "accel" else "rate"].append((part, seen))
         case BaseReading() | BaseMount() | BaseClock() if nodes.base is not None:
             _add_of_base(placed, nodes, nodes.base, channels)
-        case Clock():
-            channels.clock.append((part, effect))
         case Gravity():
             down = nodes.gravity[None] / np.linalg.norm(nodes.gravity)
             turned = cross(gravity_axes(nodes.gravity), nodes.gravity)
-            channels.gravity.append((part, turned if effect.what == "direction" else down))
+            channels["gravity"].append((part, turned if effect.what == "direction" else down))
         case Mount(what="translation"):
-            channels.shift.append((part, np.swapaxes(nodes.R, 1, 2)))
+            channels["shift"].append((part, np.swapaxes(nodes.R, 1, 2)))
         case Mount():
             axes = np.swapaxes(nodes.R, 1, 2)  # rows: the parent's axes in the world
-            channels.force.append((part, cross(axes, nodes.force[:, None])))
+            channels["force"].append((part, cross(axes, nodes.force[:, None])))
             # As a joint turns the link: where the two look alike, no rounding tells them apart.
-            channels.turn.append((part, axes))
+            channels["turn"].append((part, axes))
         case Origin():
             R, _ = nodes.frames[placed.index]
-            channels.shift.append((part, placed.directions @ np.swapaxes(R, 1, 2)))
+            channels["shift"].append((part, placed.directions @ np.swapaxes(R, 1, 2)))
         case PoseScale():
             shift = np.zeros((len(nodes.p), 1, 3))
             for index, step in enumerate(nodes.path.steps):
                 if isinstance(step, PoseStep) and step.track == placed.index:
                     shift[:, 0] += nodes.frames[index + 1][1] - nodes.frames[index][1]
-            channels.shift.append((part, shift))
+            channels["shift"].append((part, shift))
         case JointCurve() if placed.joint is not None:
             track, column = placed.joint.track, placed.joint.column
             q, rate = nodes.values[track][:, column], nodes.rates[track][:, column]
             curve = effect.basis(q, rate).T[:, :, None]
-            twist = (channels.turn, channels.shift, channels.force)
-            for channel, along in zip(twist, nodes.twist(placed.joint), strict=True):
-                channel.append((part, curve * along[:, None]))
+            twist = zip(("turn", "shift", "force"), nodes.twist(placed.joint), strict=True)
+            for name, along in twist:
+                channels[name].append((part, curve * along[:, None]))
 
 
-def _add_of_base(placed: Placed, nodes: _Nodes, base: BaseNodes, channels: _Channels) -> None:
+def _add_of_base(placed: Placed, nodes: _Nodes, base: BaseNodes, channels: Channels) -> None:
     """Add what an error of the IMU does that tells how the base moves."""
     part = placed.part
     match placed.unknown.effect:
         case BaseReading(reading):
             seen = np.swapaxes(reading.basis(base.samples), 0, 1) @ np.swapaxes(base.R, 1, 2)
             if reading.sensor == "accel":  # what is taken off moves the base less
-                channels.force.append((part, seen))
+                channels["force"].append((part, seen))
             else:
-                channels.rate.append((part, seen))
-                channels.base_turn.append((part, _integral(-seen, base.samples.dt)))
+                channels["rate"].append((part, seen))
+                channels["base turn"].append((part, _integral(-seen, base.samples.dt)))
             return
         case BaseMount(what="translation"):
             # Farther from the link's origin, and the link begins so much farther back.
             axes = np.swapaxes(nodes.frames[placed.index + 1][0], 1, 2)
-            channels.shift.append((part, -axes))
+            channels["shift"].append((part, -axes))
             return
         case BaseMount():
             turn = -np.swapaxes(nodes.frames[placed.index + 1][0], 1, 2)
             shift = np.zeros_like(turn)
         case BaseClock(basis):  # a later stamp means a later pose
             turn, shift = base.turning[:, None], base.moving[:, None]
-            channels.times.append((part, basis(base.later)))
+            channels["times"].append((part, basis(base.later)))
         case _:
             return
-    channels.turn.append((part, turn))
-    channels.shift.append((part, shift + cross(turn, base.arm[:, None])))
-    channels.force.append((part, cross(turn, nodes.force[:, None])))
+    channels["turn"].append((part, turn))
+    channels["shift"].append((part, shift + cross(turn, base.arm[:, None])))
+    channels["force"].append((part, cross(turn, nodes.force[:, None])))
 
 
 def _integral(values: Floats, dt: float) -> Floats:
@@ -350,8 +337,8 @@ def _nodes(model: Model, plan: NodePlan, chain: Chain, state: State, centres: In
     R_world_imu = R @ state.R
     base = None
     if chain.base is not None:
-        step = chain.path.base_step
-        base = base_nodes(chain.base, t, dt, frames[step + 1], place)
+        of_base = frames[chain.path.base_step + 1]
+        base = base_nodes(chain.base, t, dt, of_base, place)
     return _Nodes(
         first=first,
         samples=samples,

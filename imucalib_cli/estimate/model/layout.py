@@ -158,36 +158,23 @@ def places_of(parts: Iterable[slice]) -> Indices:
 def lay_out(
     trajectory: Trajectory, options: MatchedOptions, table: tuple[Unknown, ...] = TABLE
 ) -> Layout:
-    """Place every entry of the table that this robot and this request have.
-
-    Args:
-        trajectory: The robot's motion.
-        options: What is known beforehand.
-        table: Of unknowns.
-    """
+    """Place every entry of a table that this robot and this request have."""
     chain = _Chain(trajectory)
     placed = [
         place
         for unknown in table
-        if isinstance(unknown.effect, Mount) or not _is_removed(options.prior_std(unknown))
+        if isinstance(unknown.effect, Mount) or np.any(options.prior_std(unknown) != 0.0)
         for place in chain.places(unknown)
     ]
     return with_priors(placed, options, chain.still)
 
 
-def _is_removed(std: Floats | None) -> bool:
-    return std is not None and not np.any(std)
-
-
 def with_priors(
     places: Iterable[Placed], options: MatchedOptions, still: tuple[str, ...] = ()
 ) -> Layout:
-    """Entries in one vector, each with its prior.
+    """Entries in one vector, in their order, each with its prior.
 
-    Args:
-        places: In order.
-        options: What is known beforehand.
-        still: Joints that do not move behind the last that does.
+    ``still`` are joints that do not move behind the last that does.
     """
     placed: list[Placed] = []
     stds: list[Floats] = []

@@ -11,7 +11,6 @@ R_c' as well, so that all residuals read in the parent frame.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -76,27 +75,25 @@ class WindowPlan:
         return self.second_derivative, self.first_derivative
 
     @property
-    def noise_gains(self) -> tuple[float, float]:
-        """Residual scale of accelerometer and gyroscope over the scale to weight windows by.
+    def gains(self) -> Floats:
+        """(2,), what white noise of the grid's samples leaves in a window, over it."""
+        return np.array([np.linalg.norm(pair.average) for pair in self.filters])
+
+    @property
+    def noise_gains(self) -> Floats:
+        """(2,), residual scale of accelerometer and gyroscope over the one to weight windows by.
 
         A window averages its samples' white noise, and stands for as many samples as lie between
         it and the next. Weighted so, overlapping windows count every sample once, and the two
         sensors by the densities of their noise, whatever their kernels let through.
         """
-        accel, gyro = (
-            float(np.linalg.norm(pair.average) * np.sqrt(self.hop)) for pair in self.filters
-        )
-        return accel, gyro
+        return np.asarray(self.gains * np.sqrt(self.hop))
 
 
 def plan_windows(length: int, degree: int, dt: float, hop: int | None = None) -> WindowPlan:
-    """Filters for windows of ``length`` samples spaced ``dt`` seconds.
+    """Filters for windows of ``length`` samples, odd, spaced ``dt`` seconds.
 
-    Args:
-        length: Grid samples, odd.
-        degree: Of the fitted polynomial.
-        dt: s.
-        hop: Grid samples between windows; a third of a window by default.
+    The hop between windows is a third of a window by default.
     """
     node = max((length - 1) // NODES, 1)
     if hop is None:
@@ -138,11 +135,11 @@ class WindowRows:
         """Accelerometer and gyroscope residuals (W, 3), in the parent frame."""
         return self.accel @ x, self.gyro @ x
 
-    def normal_matrix(self, accel_std: float, gyro_std: float, weights: Floats) -> Floats:
-        """(COUNT, COUNT), the sensors weighted by their residuals' scale."""
+    def normal_matrix(self, stds: Floats, weights: Floats) -> Floats:
+        """(COUNT, COUNT), the sensors weighted by their residuals' scales (2,)."""
         root = np.sqrt(weights)[:, None, None]
         total = np.zeros((columns.COUNT, columns.COUNT))
-        for rows, std in ((self.accel, accel_std), (self.gyro, gyro_std)):
+        for rows, std in zip((self.accel, self.gyro), stds, strict=True):
             flat = (rows * (root / std)).reshape(-1, columns.COUNT)
             total += flat.T @ flat
         return total
@@ -157,31 +154,26 @@ class Windowing:
     plan: WindowPlan
 
     @property
-    def white_gains(self) -> tuple[float, float]:
-        """What white noise of the IMU's samples leaves in a window, over it: each sensor's."""
-        accel, gyro = (
-            float(np.linalg.norm(pair.average) * np.sqrt(self.grid.refine))
-            for pair in self.plan.filters
-        )
-        return accel, gyro
+    def white_gains(self) -> Floats:
+        """(2,), what white noise of the IMU's samples leaves in a window, over it."""
+        return np.asarray(self.plan.gains * np.sqrt(self.grid.refine))
 
     @property
-    def base_noise(self) -> tuple[float, float]:
-        """White noise of the IMU that tells the base's motion, m/s² and rad/s; zero without one.
+    def base_noise(self) -> Floats:
+        """(2,), white noise of the IMU that tells the base's motion, m/s² and rad/s; zero if none.
 
         As samples at the other IMU's rate would have it.
         """
         base = self.trajectory.base_readings
         if base is None:
-            return 0.0, 0.0
-        share = math.sqrt(base.dt / (self.grid.dt * self.grid.refine))
-        return base.noise[0] * share, base.noise[1] * share
+            return np.zeros(2)
+        share = np.sqrt(base.dt / (self.grid.dt * self.grid.refine))
+        return np.asarray(np.array(base.noise) * share)
 
     @property
-    def noise(self) -> tuple[float, float]:
-        """White noise of a sample of both IMUs together: a window sees either in the same way."""
-        (accel, gyro), (base_accel, base_gyro) = self.grid.noise, self.base_noise
-        return math.hypot(accel, base_accel), math.hypot(gyro, base_gyro)
+    def noise(self) -> Floats:
+        """(2,), white noise of a sample of both IMUs: a window sees either in the same way."""
+        return np.asarray(np.hypot(self.grid.noise, self.base_noise))
 
     def overlap(self, time_offset: float) -> float:
         """Share of the shorter stream that overlaps the other, for an offset, s."""
@@ -195,12 +187,7 @@ class Windowing:
         return window_centres(self.plan, self.grid.usable & covered)
 
     def rows(self, time_offset: float, centres: Indices) -> WindowRows:
-        """Fill the columns of the lean system.
-
-        Args:
-            time_offset: IMU stamp - robot stamp, s: the pose is taken that much earlier.
-            centres: (W,), grid indices of window centres, ascending.
-        """
+        """The lean system of windows about centres (W,), ascending, at a time offset, s."""
         accel = np.zeros((len(centres), 3, columns.COUNT))
         gyro = np.zeros((len(centres), 3, columns.COUNT))
         reach = self.plan.length // 2 + MARGIN

@@ -62,21 +62,15 @@ class Instants:
     def accelerations(self, x: Floats, gravity_norm: float) -> tuple[Floats, Floats]:
         """Derived and measured acceleration of the IMU in the world, (N, 3) each, m/s².
 
-        Args:
-            x: (6,), t_parent_imu, m, and the rotation vector of R_parent_imu, rad.
-            gravity_norm: m/s², along +z of the world as an accelerometer at rest reads it.
+        At x (6,): t_parent_imu, m, and the rotation vector of R_parent_imu, rad. Gravity, m/s², is
+        along +z of the world, as an accelerometer at rest reads it.
         """
         accel = np.einsum("nij,nj->ni", self.R @ matrix_from_rotvec(x[3:]), self.accel)
         accel[:, 2] -= gravity_norm
         return self.p_acceleration + self.R_acceleration @ x[:3], accel
 
     def differences(self, x: Floats, gravity_norm: float) -> Floats:
-        """Derived minus measured acceleration and angular rate in the world, (N, 6).
-
-        Args:
-            x: (6,), t_parent_imu, m, and the rotation vector of R_parent_imu, rad.
-            gravity_norm: m/s², along +z of the world as an accelerometer at rest reads it.
-        """
+        """Derived minus measured acceleration and rate, (N, 6), as :meth:`accelerations`."""
         constant, slope = self.linear
         at = np.concatenate([x[:3], matrix_from_rotvec(x[3:]).ravel()])
         differences = (slope.reshape(-1, len(at)) @ at).reshape(-1, 6)
@@ -86,11 +80,7 @@ class Instants:
 
     @cached_property
     def linear(self) -> tuple[Floats, Floats]:
-        """The differences without gravity as constant + slope @ (t, vec R row by row).
-
-        Returns:
-            (N, 6), m/s² and rad/s; (N, 6, 12).
-        """
+        """(N, 6) and (N, 6, 12): without gravity constant + slope @ (t, vec R row by row)."""
         # [omega]x = dR/dt R' of the IMU's orientation, in which R_parent_imu cancels.
         spin = self.R_rate @ np.swapaxes(self.R, 1, 2)
         derived_gyro = np.stack([spin[:, 2, 1], spin[:, 0, 2], spin[:, 1, 0]], axis=1)
@@ -109,14 +99,7 @@ def filtered_instants(
     R_initial: Floats,
     t_initial: Floats,
 ) -> tuple[Instants, Window, int]:
-    """Filter both sides, pair them, mark starts and stops.
-
-    Args:
-        imu: As stamped.
-        path: Kinematics of the parent link, as stamped.
-        options: Window, degree and exclusion.
-        R_initial: (3, 3), guess with which starts and stops are told.
-        t_initial: (3,), m, likewise.
+    """Filter both sides, pair them, mark starts and stops as a first guess of the pose tells them.
 
     Returns:
         All instants, the window, and the number of gaps in the streams.

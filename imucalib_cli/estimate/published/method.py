@@ -37,13 +37,7 @@ _SINGULAR = 1e-6
 def calibrate_paper(imu: ImuSamples, path: KinematicPath, options: PaperOptions) -> Estimate:
     """Find the IMU's pose in its parent link by the published method.
 
-    Args:
-        imu: As stamped.
-        path: Kinematics of the parent link, as stamped.
-        options: Window, degree, exclusion, initial guess, kind of residual.
-
-    Returns:
-        The estimate: no covariance, no biases, no time offset, as the method has none.
+    Stamps of both are as they were recorded. There is no covariance, no bias and no time offset.
 
     Raises:
         InputError: Too few samples, or too few left after the exclusion.

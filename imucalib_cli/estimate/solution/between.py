@@ -128,12 +128,7 @@ class Together:
         )
 
     def differences(self, u: Floats, step: Floats) -> Floats:
-        """(K, p), each log's pose less the common one, given what is shared.
-
-        Args:
-            u: Logarithms of the scales and the scatters.
-            step: (m,), of what is shared.
-        """
+        """(K, p), each log's pose less the common one, for a step (m,) of what is shared."""
         p = len(self.scattered)
         precision = np.linalg.inv(self._spread(u))
         inner = self.information[:, :p, :p] + precision
@@ -192,11 +187,7 @@ class Reduced:
 
 
 def most_likely_together(logs: Together) -> tuple[Together, Floats]:
-    """The mode of the learnt scales and the scatters; and bounds within which these are likely.
-
-    Returns:
-        The logs with narrower bounds of the scatters, and (k + 2,) the logarithms at the mode.
-    """
+    """The logs, their bounds within which scatters are likely, and the mode (k + 2,)."""
     u = logs.bounds.mean(axis=1)
     bounds = logs.scatter_bounds.copy()
     for _ in range(_ROUNDS):
@@ -225,11 +216,8 @@ def combine(logs: Together) -> Posterior:
 def disagreeing(logs: Together, u: Floats) -> dict[int, float]:
     """Logs whose pose neither chance nor the scatter of the others explains, with its square.
 
-    The most distant first: the scatter is found anew from the others, which it no longer widens.
-
-    Args:
-        logs: All of them.
-        u: (k + 2,), where to begin.
+    The most distant first, from scales u (k + 2,) on: the scatter is found anew from the others,
+    which it no longer widens.
     """
     from scipy.special import fdtrc  # slow to import
 

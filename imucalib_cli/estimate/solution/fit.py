@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Final
@@ -56,7 +55,7 @@ if TYPE_CHECKING:
 
     from imucalib_cli.arrays import Floats, Indices
     from imucalib_cli.estimate.model.layout import Layout
-    from imucalib_cli.estimate.model.windows import Windowing, WindowPlan, WindowRows
+    from imucalib_cli.estimate.model.windows import Windowing
     from imucalib_cli.estimate.options import MatchedOptions
 
 
@@ -98,8 +97,8 @@ class Linearised:
     """(W, 6), e."""
     weights: Floats
     """(W,), robust."""
-    scales: tuple[float, float]
-    """Of the residuals, that they are whitened by, accelerometer m/s², gyroscope rad/s."""
+    scales: Floats
+    """(2,), of the residuals, that they are whitened by, accelerometer m/s², gyroscope rad/s."""
     noise: NoiseSpectrum
     """Of the residuals, of whatever windows."""
 
@@ -110,7 +109,7 @@ class Linearised:
 
     def rows(self) -> Iterator[tuple[slice, Floats]]:
         """[e J] of windows, (w, 6, n + 1): overlapping windows then count every sample once."""
-        gains = np.array(self.model.windowing.plan.noise_gains) / np.array(self.scales)
+        gains = self.model.windowing.plan.noise_gains / self.scales
         root = np.sqrt(self.weights)[:, None] * np.repeat(gains, 3)
         for part, J in columns(self.model, self.state, self.centres):
             rows = np.concatenate([self.residuals[part, :, None], J], axis=2)
@@ -126,9 +125,6 @@ class Linearised:
         """What noisy columns are multiplied by to be the mean of what the true ones may be.
 
         Where a column is all noise nothing is left of it, and what it seems to tell weighs nothing.
-
-        Args:
-            total: (n + 1, n + 1), normal matrix of [e J].
 
         Returns:
             (n + 1, n + 1), T of [e J] T', and (n,), what noise adds to their score.
@@ -168,7 +164,8 @@ class Linearised:
         own = list(layout.of(Reading))
         of_base = [(each, effect.reading) for each, effect in layout.of(BaseReading)]
         for (sensor, name), (errors, noise) in itertools.product(
-            enumerate(SENSORS), ((own, windowing.grid.noise), (of_base, windowing.base_noise))
+            enumerate(SENSORS),
+            ((own, np.array(windowing.grid.noise)), (of_base, windowing.base_noise)),
         ):
             found = [pairs for pairs in errors if pairs[1].sensor == name]
             if not found:
@@ -211,19 +208,15 @@ class Fit(Answer):
     residuals: Residuals
     weights: Floats
     """(W,), robust."""
-    residual_scales: tuple[float, float]
+    residual_scales: Floats
+    """(2,)."""
     runner_up_rise: float
     """How much worse the best other rotation fits, in chi-squared; inf where there is none."""
     beside: tuple[Floats, Floats]
     """Information (n, n) and score (n,) of what is known beside the windows."""
 
     def problem(self, total: Floats, noise_score: Floats) -> Problem:
-        """Normal equations about the point of linearisation, in units of the noise.
-
-        Args:
-            total: (n + 1, n + 1), normal matrix of [e J].
-            noise_score: (n,), of J'e, that is noise.
-        """
+        """From [e J] (n + 1, n + 1) and the noise (n,) in J'e, in units of the noise."""
         information, score = (self.equations.level * each for each in self.beside)
         equations = replace(
             self.equations,
@@ -263,16 +256,24 @@ class Fit(Answer):
             self.noise,
         )
 
-    def scales_at(self, plan: WindowPlan) -> tuple[float, float]:
-        """Residual scales that the same noise leaves in other windows, m/s² and rad/s."""
-        own = self.model.windowing.plan
-        accel, gyro = (
-            scale * float(np.linalg.norm(other.average) / np.linalg.norm(mine.average))
-            for scale, other, mine in zip(
-                self.residual_scales, plan.filters, own.filters, strict=True
-            )
+    def equations_in(
+        self, layout: Layout, state: State, residuals: Floats | None = None
+    ) -> tuple[NormalEquations, float]:
+        """Equations of its windows about a state of another layout, and e'e there."""
+        there = replace(
+            self.linearised,
+            model=replace(self.model, layout=layout),
+            state=state,
+            residuals=self.residuals.values if residuals is None else residuals,
         )
-        return accel, gyro
+        matrices, noise_score = there.parts()
+        total = matrices.sum(axis=0)
+        A, b = total[1:, 1:], total[1:, 0] - noise_score
+        white = A * self.equations.level
+        equations = replace(
+            self.equations, layout=layout, at=state, information=A, score=b, noise=white, motion=A
+        )
+        return equations, float(total[0, 0])
 
     def evidence_over(self, other: Fit) -> float:
         """Fall of the information criterion against another model with as many unknowns."""
@@ -335,8 +336,9 @@ def _globally(
     centres = windowing.centres(time_offset)
     _see_enough(windowing, centres, time_offset)
     rows = windowing.rows(time_offset, thinned(centres, _FEW))
-    known, scales = Known.of(options), _FIRST_SCALES
-    normal = _normal(windowing, rows, np.ones(len(rows.centres)), scales)
+    known, scales = Known.of(options), np.array(_FIRST_SCALES)
+    gains = windowing.plan.noise_gains
+    normal = rows.normal_matrix(scales / gains, np.ones(len(rows.centres)))
     found = solve_globally(normal, known)
     lean, runner_up = found, found.runner_up
     for turn in range(_REWEIGHTS):
@@ -344,7 +346,7 @@ def _globally(
         scales = residual_scales(residuals)
         motion = (rows.accel[:, :, lean_columns.T] ** 2).sum(axis=(1, 2))
         weights = window_weights(residuals, motion, redescend=turn > 0)
-        normal = _normal(windowing, rows, weights, scales)
+        normal = rows.normal_matrix(scales / gains, weights)
         lean = _refined(normal, known, lean.x)
     rise = np.inf
     if runner_up is not None:
@@ -379,11 +381,7 @@ def transferred(
 ) -> State:
     """The values of a fit in another layout; a time offset that is told is as it is told.
 
-    Args:
-        fit: Where they are from.
-        layout: Where they go.
-        options: Of that layout.
-        state: Another than the fit's, in its layout.
+    ``state`` is another than the fit's, in its layout.
     """
     state, old = state or fit.state, fit.layout
     x = np.zeros(layout.size)
@@ -397,12 +395,6 @@ def transferred(
     return replace(state, x=x, held_offset=0.0)
 
 
-def _enough(model: Model, state: State) -> Indices:
-    centres = model.centres(state)
-    _see_enough(model.windowing, centres, model.shifts(state)[1][0])
-    return centres
-
-
 def _see_enough(windowing: Windowing, centres: Indices, offset: float) -> None:
     if len(centres) < MIN_WINDOWS:
         grid, (first, last) = windowing.grid, windowing.trajectory.span
@@ -413,18 +405,6 @@ def _see_enough(windowing: Windowing, centres: Indices, offset: float) -> None:
             f"({grid.gaps} in the IMU's stamps, {windowing.trajectory.gaps} in the robot's), need "
             f"{MIN_WINDOWS}: record a longer log, choose a shorter --window or another --clock"
         )
-
-
-def _normal(
-    windowing: Windowing, rows: WindowRows, weights: Floats, scales: tuple[float, float]
-) -> Floats:
-    accel, gyro = windowing.plan.noise_gains
-    return rows.normal_matrix(scales[0] / accel, scales[1] / gyro, weights)
-
-
-def _floored(scales: tuple[float, float]) -> tuple[float, float]:
-    """Scales no smaller than any IMU's: a log without noise is no reason to doubt the priors."""
-    return max(scales[0], SCALE_FLOOR[0]), max(scales[1], SCALE_FLOOR[1])
 
 
 def _fitted(
@@ -440,17 +420,25 @@ def _fitted(
     layout, windowing = model.layout, model.windowing
     u = layout.bounds.mean(axis=1)
     seconds = windowing.plan.length * windowing.grid.dt
-    curvature = _curvature(layout, seconds)[layout.free]
+    # Steps at which the model is bent: a radian, a metre, a tenth of a window's seconds.
+    curvature = np.ones(layout.size)
+    for each in layout.placed:
+        if each.unknown.unit == "s":
+            curvature[each.part] = 0.1 * seconds
     clock = layout.part("time_offset")
-    scales = (math.inf, math.inf)
-    accel, gyro = (each * math.sqrt(windowing.grid.refine) for each in windowing.noise)
-    noise = NoiseSpectrum.white((accel, gyro))
+    scales = np.full(2, np.inf)
+    noise = NoiseSpectrum.white(windowing.noise * np.sqrt(windowing.grid.refine))
     for turn in range(_PASSES):
-        every = _enough(model, state)
+        every = model.centres(state)
+        _see_enough(windowing, every, model.shifts(state)[1][0])
         centres = thinned(every, _FEW * more**turn)
         (residuals,) = model.residuals(state, centres)
-        before, scales = scales, _floored(residual_scales(residuals.values))
-        falls = min(new / old for new, old in zip(scales, before, strict=True)) < _FALLS
+        # A log without noise is no reason to doubt the priors.
+        own, before = residual_scales(residuals.values), scales
+        scales = np.maximum(own, SCALE_FLOOR)
+        # Below it the noise is less than any IMU's.
+        least_level = min(1.0, float(((SCALE_FLOOR / own) ** 2).min()))
+        falls = (scales / before).min() < _FALLS
         # While a first solution may still be far off, no window is left out.
         sure = more > 1 or turn >= _UNSURE
         weights = window_weights(residuals.values, residuals.motion, redescend=sure)
@@ -469,10 +457,10 @@ def _fitted(
                 embedded(step, layout.free), embedded_matrix(inverse, layout) / level
             )
             noise = _noise(stats, levels, model, centres, scales)
-            level = max(_level(stats, layout, levels, inverse), _least_level(residuals.values))
+            level = max(_level(stats, layout, levels, inverse), least_level)
         sigmas = np.abs(step) / np.sqrt(np.diag(inverse))
         # What a step leaves is of second order: as small beside it as it is beside its curvature.
-        bent = float((np.abs(step) / curvature).max(initial=0.0))
+        bent = float((np.abs(step) / curvature[layout.free]).max(initial=0.0))
         settled = sigmas.max(initial=0.0) * bent < _SETTLED
         all_heard = more == 1 or len(centres) == len(every)
         if turn == _PASSES - 1 or (turn and settled and all_heard):
@@ -524,18 +512,17 @@ def _symmetric(matrix: Floats) -> Floats:
     return np.asarray(0.5 * (matrix + matrix.T))
 
 
-def _motion(model: Model, stats: Statistics, scales: tuple[float, float]) -> Floats:
+def _motion(model: Model, stats: Statistics, scales: Floats) -> Floats:
     """Information (n, n) for residuals of a common IMU, or their own if larger.
 
     Noise in a regressor looks like motion: the measurements' in the rotation's, the encoders' in
     the lever arm's. Twice what is expected of it is taken off.
     """
     layout, windowing = model.layout, model.windowing
-    plan, taken = windowing.plan, [max(a, b) for a, b in zip(scales, COMMON_IMU, strict=True)]
-    share = [(a / b) ** 2 for a, b in zip(scales, taken, strict=True)]
-    gains = plan.noise_gains
+    plan, taken = windowing.plan, np.maximum(scales, COMMON_IMU)
+    share, gains = (scales / taken) ** 2, windowing.plan.noise_gains
     noise = np.zeros(layout.size)
-    noise[layout.part("rotation")] = 2.0 * sum(s * g**2 for s, g in zip(share, gains, strict=True))
+    noise[layout.part("rotation")] = 2.0 * share @ gains**2
     rotation, _ = kinematic_noise(windowing.trajectory)
     seconds = plan.length * windowing.grid.dt
     noise[layout.part("translation")] = (
@@ -545,28 +532,15 @@ def _motion(model: Model, stats: Statistics, scales: tuple[float, float]) -> Flo
     return np.asarray(seen - 2.0 * stats.windows * np.diag(noise))
 
 
-def _curvature(layout: Layout, seconds: float) -> Floats:
-    """(n,), steps at which the model is bent: a radian, a metre, a tenth of a window's seconds."""
-    sizes = np.ones(layout.size)
-    for each in layout.placed:
-        if each.unknown.unit == "s":
-            sizes[each.part] = 0.1 * seconds
-    return sizes
-
-
 def _noise(
-    stats: Statistics,
-    levels: Floats,
-    model: Model,
-    centres: Indices,
-    scales: tuple[float, float],
+    stats: Statistics, levels: Floats, model: Model, centres: Indices, scales: Floats
 ) -> NoiseSpectrum:
     """Of residuals whose levels these are."""
     plan = model.windowing.plan
     # Levels are of rows that stand for the samples up to the next window.
-    accel, gyro = (a / b for a, b in zip(scales, plan.noise_gains, strict=True))
+    white = scales / plan.noise_gains
     return stats.noise_spectrum(
-        levels, band_frequencies(plan, centres, model.windowing.grid.dt), (accel, gyro)
+        levels, band_frequencies(plan, centres, model.windowing.grid.dt), white
     )
 
 
@@ -576,14 +550,3 @@ def _level(stats: Statistics, layout: Layout, levels: Floats, inverse: Floats) -
     B, A = stats.score_covariance(levels)[free], stats.information[free]
     # Where all is held there is nothing that meets the noise.
     return float(np.sum(inverse * B) / np.sum(inverse * A)) if layout.free.any() else 1.0
-
-
-def _least_level(residuals: Floats) -> float:
-    """Level below which the noise is less than any IMU's."""
-    return min(
-        1.0,
-        *(
-            (floor / scale) ** 2
-            for floor, scale in zip(SCALE_FLOOR, residual_scales(residuals), strict=True)
-        ),
-    )

@@ -15,6 +15,8 @@ from imucalib_cli.robot.rotations import rotvec_from_matrix
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats
+    from imucalib_cli.estimate.checks.specification import OtherWindow
+    from imucalib_cli.estimate.details import Spectrum
     from imucalib_cli.estimate.model.layout import Layout, Placed
     from imucalib_cli.estimate.options import MatchedOptions
 
@@ -39,12 +41,7 @@ class NormalEquations:
     """(n, n), information that the motion gives an IMU of common noise, whatever this one's is."""
 
     def problem(self, layout: Layout, options: MatchedOptions) -> Problem:
-        """In units of the noise, of the free components; the others are where they are held.
-
-        Args:
-            layout: Of the same components.
-            options: Whose priors they are.
-        """
+        """In units of the noise, of the free components; the others are where they are held."""
         offset = prior_offset(layout, options, self.at)
         held = np.where(layout.free, 0.0, -offset)
         return Problem(
@@ -103,6 +100,32 @@ class Answer:
         """Value and standard deviation of an entry of the table; empty where it is not free."""
         part = self.layout.part(name)
         return self.state.x[part], np.sqrt(np.maximum(np.diag(self.covariance)[part], 0.0))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LogStatistics:
+    """The normal equations of one IMU in one log, and what its data add to them."""
+
+    equations: NormalEquations
+    options: MatchedOptions
+    """Of the run."""
+    parts: Floats
+    """(p, n + 1, n + 1), normal matrices of [e J] of parts of equal duration; without rounding
+    their sum is that of the equations, but where parts were heard that the fit left out."""
+    edges: Floats
+    """(p + 1,), s of the log."""
+    spectra: tuple[Spectrum, Spectrum]
+    """Accelerometer, gyroscope."""
+    windows: tuple[OtherWindow, ...]
+    """What other windows say of every component."""
+    widened: Floats
+    """(6, 6), what findings about the data add to the covariance of the pose."""
+    offset_variance: float
+    """s², what stamps add to the variance of the time offset."""
+    seconds: float
+    """Of the log."""
+    clock_stepped: bool
+    """Whether the clocks were set within the log: a drift is then what the step looks like."""
 
 
 def admitted(state: State, layout: Layout, options: MatchedOptions) -> State:

@@ -23,39 +23,23 @@ _NONE = 100.0
 _BINS = 8
 
 
-def residual_scales(residuals: Floats) -> tuple[float, float]:
-    """Robust standard deviation of accelerometer and gyroscope residuals, m/s² and rad/s.
-
-    Args:
-        residuals: (W, 6).
-    """
-    accel, gyro = (
-        max(float(np.median(np.abs(part))) * MAD_TO_STD, least)
-        for part, least in ((residuals[:, :3], _LEAST[0]), (residuals[:, 3:], _LEAST[1]))
-    )
-    return accel, gyro
+def residual_scales(residuals: Floats) -> Floats:
+    """(2,), robust standard deviation of accelerometer and gyroscope residuals (W, 6)."""
+    size = np.median(np.abs(residuals).reshape(-1, 2, 3), axis=(0, 2))
+    return np.asarray(np.maximum(size * MAD_TO_STD, _LEAST))
 
 
 def window_weights(residuals: Floats, motion: Floats, *, redescend: bool) -> Floats:
-    """Weight of each window, from its residual against windows that move alike.
+    """Weights (W,), 0 to 1, of residuals (W, 6) against windows that move alike.
 
-    Vibration, encoder noise and model errors grow with motion. A window is an outlier among
-    those of like motion, never merely because it moves: it is the moving ones that inform.
-
-    Args:
-        residuals: (W, 6).
-        motion: (W,), how much each window moves, in any unit.
-        redescend: Whether far windows lose all weight (Tukey) or only influence (Huber): the
-            latter first, while the solution may still be off.
-
-    Returns:
-        (W,), in [0, 1].
+    Vibration, encoder noise and model errors grow with motion (W,), in any unit. A window is an
+    outlier among those of like motion, never merely because it moves: it is the moving ones that
+    inform. With ``redescend`` far windows lose all weight (Tukey), else only influence (Huber), as
+    long as the solution may still be off.
     """
-    scale_a, scale_g = (
-        max(s, floor) for s, floor in zip(residual_scales(residuals), SCALE_FLOOR, strict=True)
-    )
-    squares = residuals**2
-    distance = squares[:, :3].sum(axis=1) / scale_a**2 + squares[:, 3:].sum(axis=1) / scale_g**2
+    scales = np.maximum(residual_scales(residuals), SCALE_FLOOR)
+    squares = (residuals**2).reshape(-1, 2, 3).sum(axis=2)
+    distance = (squares / scales**2).sum(axis=1)
     order = np.argsort(motion)
     relative = np.empty(len(distance))
     for part in np.array_split(order, min(_BINS, max(len(order) // 32, 1))):

@@ -108,13 +108,12 @@ class Solution:
 
 
 def solve_globally(normal: Floats, known: Known) -> Solution:
-    """Least cost over all rotations: start from the relaxed solution and the cube's rotations.
-
-    Args:
-        normal: (COUNT, COUNT), normal matrix; cost = x' normal x.
-        known: Beforehand.
-    """
-    rotations = _start_rotations(normal, known)
+    """Least x' normal x over all rotations: from the relaxed solution and the cube's rotations."""
+    _, S = _eliminated(normal, known)
+    # The rotation nearest to the unconstrained 3x3 matrix that fits best, and the cube's.
+    relaxed = nearest_rotation(_least_squares(S[1:, 1:], S[1:, :1]).reshape(3, 3))
+    rotations = np.array([relaxed, *(cube_rotations() @ known.R)])
+    rotations = turned_about(rotations, known.R, known.turns)
     starts = np.zeros((len(rotations), columns.COUNT))
     starts[:, columns.ONE], starts[:, columns.R] = 1.0, rotations.reshape(-1, 9)
     found = refine(normal, known, starts)
@@ -188,18 +187,6 @@ def _least_squares(matrix: Floats, rhs: Floats) -> Floats:
     scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
     inverse = np.linalg.pinv(matrix / np.outer(scale, scale), rcond=1e-10, hermitian=True)
     return np.asarray(-(inverse / np.outer(scale, scale)) @ rhs)
-
-
-def _start_rotations(normal: Floats, known: Known) -> Floats:
-    """(n, 3, 3), rotations of which one is in the basin of the least cost."""
-    starts = np.array([_relaxed_rotation(normal, known), *(cube_rotations() @ known.R)])
-    return turned_about(starts, known.R, known.turns)
-
-
-def _relaxed_rotation(normal: Floats, known: Known) -> Floats:
-    """Rotation nearest to the unconstrained 3x3 matrix that fits best."""
-    _, S = _eliminated(normal, known)
-    return nearest_rotation(_least_squares(S[1:, 1:], S[1:, :1]).reshape(3, 3))
 
 
 def cube_rotations() -> Floats:

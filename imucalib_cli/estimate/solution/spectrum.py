@@ -118,10 +118,9 @@ class NoiseSpectrum:
     """(m/s²)² and (rad/s)², in these bands."""
 
     @classmethod
-    def white(cls, std: tuple[float, float]) -> NoiseSpectrum:
-        """Of samples with a standard deviation, m/s² and rad/s."""
-        accel, gyro = (np.array([each**2]) for each in std)
-        return cls((np.zeros(1), np.zeros(1)), (accel, gyro))
+    def white(cls, std: Floats) -> NoiseSpectrum:
+        """Of samples with standard deviations (2,), m/s² and rad/s."""
+        return cls((np.zeros(1), np.zeros(1)), (std[:1] ** 2, std[1:] ** 2))
 
     def at(self, sensor: int, frequency: Floats) -> Floats:
         """(F,), a sensor's power at frequencies; outside the bands that of the nearest."""
@@ -180,23 +179,18 @@ class Statistics:
         left = np.maximum(self.freedom - lost, _LEAST_FREEDOM * self.freedom)
         return np.asarray(power / np.maximum(left * self.response, 1e-300))
 
-    def noise_spectrum(
-        self, levels: Floats, frequency: Floats, white: tuple[float, float]
-    ) -> NoiseSpectrum:
+    def noise_spectrum(self, levels: Floats, frequency: Floats, white: Floats) -> NoiseSpectrum:
         """Levels as powers of the sensors' samples.
 
         Args:
             levels: (2, bands).
             frequency: (bands,), Hz, of the bands.
-            white: Standard deviation of a sample, m/s² and rad/s, whose level is 1.
+            white: (2,), standard deviation of a sample, m/s² and rad/s, whose level is 1.
         """
-        pairs = [
-            # Without noise a level may be below zero by rounding.
-            (frequency[heard], np.maximum(level[heard], 0.0) * std**2)
-            for heard, level, std in zip(self.heard, levels, white, strict=True)
-        ]
-        (f_accel, accel), (f_gyro, gyro) = pairs
-        return NoiseSpectrum((f_accel, f_gyro), (accel, gyro))
+        accel, gyro = self.heard
+        # Without noise a level may be below zero by rounding.
+        power = np.maximum(levels, 0.0) * (white**2)[:, None]
+        return NoiseSpectrum((frequency[accel], frequency[gyro]), (power[0, accel], power[1, gyro]))
 
     def score_covariance(self, levels: Floats) -> Floats:
         """B, (n, n), of the score J' e for noise of these levels."""

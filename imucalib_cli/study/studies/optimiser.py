@@ -204,8 +204,7 @@ def _weighted(windowing: Windowing, gravity_world: Floats) -> PoseCost:
     rows = windowing.rows(0.0, centres)
     gains = windowing.plan.noise_gains
     known = Known.of(pose_only(float(np.linalg.norm(gravity_world))))
-    accel, gyro = (scale / gain for scale, gain in zip(_FIRST_SCALES, gains, strict=True))
-    normal = rows.normal_matrix(accel, gyro, np.ones(len(centres)))
+    normal = rows.normal_matrix(np.array(_FIRST_SCALES) / gains, np.ones(len(centres)))
     x = solve_globally(normal, known).x
     accel, gyro = residual_scales(np.concatenate(rows.residuals(x), axis=1))
     return matched_cost(rows, x[columns.G], accel / gains[0], gyro / gains[1])
