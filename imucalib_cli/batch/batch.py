@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import msgspec
 
@@ -18,13 +18,24 @@ if TYPE_CHECKING:
     from collections.abc import Set as AbstractSet
     from pathlib import Path
 
-    from imucalib_cli.batch.engine import Engine
     from imucalib_cli.batch.logs import BatchLog
     from imucalib_cli.batch.record import Record
-    from imucalib_cli.batch.task import Task
+    from imucalib_cli.batch.task import Done, Task
     from imucalib_cli.findings import Finding
 
     Report = Callable[[int, int], None]
+
+
+class Engine(Protocol):
+    """Runs a task on each log and hands over what came of it, in the order of completion.
+
+    A worker that is lost costs its log another try, then an error record; a log that takes longer
+    than it may an error record at once. Closing the generator ends what still runs.
+    """
+
+    def __call__(self, task: Task, logs: Sequence[BatchLog]) -> Generator[tuple[BatchLog, Done]]:
+        """Run the task."""
+
 
 SUMMARY = "summary.csv"
 RESULT = ".yaml"

@@ -17,7 +17,6 @@ from pathlib import Path
 from secrets import token_hex
 from typing import TYPE_CHECKING, Any
 
-from imucalib_cli.batch.engine import over_time
 from imucalib_cli.errors import InputError
 from imucalib_cli.optional import optional
 from imucalib_cli.process import children_ignore_interruptions
@@ -185,7 +184,7 @@ def within(seconds: float | None, task: Task, log: BatchLog) -> Done:
         while True:  # it is on its way, and must not come later
             time.sleep(_SOON)
     except _OverTimeError:
-        return task.lost(log, over_time(seconds))
+        return task.late(log, seconds)
     finally:
         timer.cancel()
 

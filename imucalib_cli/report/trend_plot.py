@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from imucalib_cli.arrays import Floats
-    from imucalib_cli.results.trend.answer import TrendAnswer
+    from imucalib_cli.results.comparison.answers import TrendAnswer
 
 _WIDTH, _HEIGHT = 7.2, 2.1
 """Inches: of the page, of a panel."""

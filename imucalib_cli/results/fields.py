@@ -87,9 +87,8 @@ def judgement(result: Result) -> tuple[Status, str]:
 
     The gravest is the cause of a poor fit, where one was found, before what comes of it.
     """
-    reasons = [*result.diagnostics.distrust, *map(str, unobservable_fields(result))]
     if result.status != "ok":
-        reason = f": {reasons[0]}" if reasons else ""
+        reason = "".join(f": {each}" for each in reasons(result)[:1])
         return result.status, f"do not use as it stands{reason}"
     place = f"{result.child} in {result.parent} is"
     if result.std is None:
@@ -100,6 +99,11 @@ def judgement(result: Result) -> tuple[Status, str]:
     if not known:
         return result.status, f"{place} held as told by --fix"
     return result.status, f"{place} known to {known} (1 sigma, of the axis known least)"
+
+
+def reasons(result: Result) -> list[str]:
+    """Why a result should not be used, the gravest first; empty for one that may be."""
+    return [*result.diagnostics.distrust, *map(str, unobservable_fields(result))]
 
 
 def findings_of(results: Sequence[Result]) -> list[Field]:

@@ -209,7 +209,6 @@ def compare_with_kalibr(
         }
 
     apart = compare_poses(found, found.exactly(*kalibr_pose))
-    translation, rotation = apart.entries()
     times = None if shift is None else _time_shifts(ours, shift, true)
     offset = plain(ours.time_offset.seconds)
     answer = KalibrAnswer(
@@ -221,8 +220,7 @@ def compare_with_kalibr(
         child=ours.child,
         camera_link=camera_link,
         urdf=str(robot.source),
-        translation=translation,
-        rotation=rotation,
+        **apart.entries(),
         test=apart.test(),
         time=times,
         warnings=_warnings(apart, camera_link, robot),

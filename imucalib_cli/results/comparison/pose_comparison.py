@@ -134,10 +134,6 @@ class Part:
             return "anything"
         return f"{' to '.join(map(self._rounded, self.bounds))} {self.unit}"
 
-    def bound_words(self, within: Tolerance) -> str:
-        """The bound on it in its unit."""
-        return f"{within.of(self.kind) * self.scale:.6g} {self.unit}"
-
     def _rounded(self, value: float) -> str:
         """A value in the unit, to the decimals that the norm's sigma earns."""
         sigma = self.sigma or 0.0
@@ -229,28 +225,26 @@ class PoseComparison:
             return "no"
         return "yes" if all(part.determined for part in self.parts) else "unknown"
 
-    def entries(self, *verdicts: Verdict) -> tuple[TranslationEntry, RotationEntry]:
+    def entries(self, *verdicts: Verdict) -> dict[str, Any]:
         """Both parts as answers write them, with the verdicts on them where there are any."""
         translation, rotation = verdicts or (UNSET, UNSET)
-        return (
-            TranslationEntry(verdict=translation, **self._entry(self.translation)),
-            RotationEntry(verdict=rotation, **self._entry(self.rotation)),
-        )
+        return {
+            "translation": TranslationEntry(verdict=translation, **self._entry(self.translation)),
+            "rotation": RotationEntry(verdict=rotation, **self._entry(self.rotation)),
+        }
 
     def _entry(self, part: Part) -> dict[str, Any]:
-        scale, unit = part.scale, part.unit
-        std = None if part.covariance is None else plain(np.sqrt(np.diag(part.covariance)) * scale)
-        return {
-            f"difference_{unit}": plain(part.norm * scale),
-            f"sigma_{unit}": None if part.sigma is None else plain(part.sigma * scale),
-            f"between_{unit}": None
-            if part.bounds is None
-            else plain(np.array(part.bounds) * scale),
-            f"vector_{unit}": plain(part.vector * scale),
-            f"std_{unit}": std,
-            "unknown_directions": plain(part.unknown),
-            "test": self.test(part),
+        sizes = {
+            "difference": part.norm,
+            "sigma": part.sigma,
+            "between": part.bounds,
+            "vector": part.vector,
+            "std": None if part.covariance is None else np.sqrt(np.diag(part.covariance)),
         }
+        return {
+            f"{name}_{part.unit}": None if size is None else plain(np.multiply(size, part.scale))
+            for name, size in sizes.items()
+        } | {"unknown_directions": plain(part.unknown), "test": self.test(part)}
 
     def significance(self) -> Significance | None:
         """How many sigma the difference is, and which part is so many."""

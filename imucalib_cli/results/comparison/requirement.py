@@ -35,6 +35,16 @@ class Tolerance:
         """The bound on one of the two."""
         return self.translation if kind == "translation" else self.rotation
 
+    def words_of(self, kind: Kind) -> str:
+        """Such as ``5 mm`` or ``0.5 deg``."""
+        if kind == "translation":
+            return f"{self.translation * 1e3:.6g} mm"
+        return f"{math.degrees(self.rotation):.6g} deg"
+
+    def __str__(self) -> str:
+        """Such as ``5 mm and 0.5 deg``."""
+        return f"{self.words_of('translation')} and {self.words_of('rotation')}"
+
 
 def require(estimate: Estimate, parent: str, tolerance: Tolerance) -> Estimate:
     """Distrust an estimate whose largest 1 sigma over the parent's axes exceeds a tolerance.

@@ -22,7 +22,7 @@ from imucalib_cli.results.comparison.answers import (
 from imucalib_cli.results.comparison.pose_comparison import PoseComparison, compare_poses
 from imucalib_cli.results.comparison.requirement import CODES, Tolerance
 from imucalib_cli.results.fields import unobservable_fields
-from imucalib_cli.results.from_estimate import plain, pose_entry
+from imucalib_cli.results.from_estimate import copied, plain, pose_entry
 from imucalib_cli.results.result import SCHEMA
 
 if TYPE_CHECKING:
@@ -72,26 +72,23 @@ def verify(
     verdicts = [apart.judge(part, within) for part in apart.parts]
     doubts = _contradictions(result)
     verdict: Verdict = "unknown" if doubts else apart.verdict(within)
-    asked = tolerance_words(within)
     place = f"{result.child} in {result.parent}"
     source = "the log's own frames say" if urdf is None else f"{urdf.path} says"
     by = f"{source} (joint '{told.joint}')" if told.joint else source
     match verdict:
         case "yes":
-            said = f"{place} is where {by}, within {asked}: {apart} away"
+            said = f"{place} is where {by}, within {within}: {apart} away"
         case "no":
             faults = (
                 f"the {part.kind} is off by {part} ({part.in_sigmas}), more than "
-                f"{part.bound_words(within)}; as a vector in {found.parent} {part.vector_words}"
+                f"{within.words_of(part.kind)}; as a vector in {found.parent} {part.vector_words}"
                 for part, answer in zip(apart.parts, verdicts, strict=True)
                 if answer == "no"
             )
             said = f"{place} is not where {by}: {'; '.join(faults)}"
         case "unknown":
             why = doubts or _open_questions(result, apart, within)
-            said = f"cannot tell whether {place} is where {by}, within {asked}: {'; '.join(why)}"
-    translation, rotation = apart.entries(*verdicts)
-    pose = pose_entry(told.R_parent_imu, told.t_parent_imu)
+            said = f"cannot tell whether {place} is where {by}, within {within}: {'; '.join(why)}"
     return VerifyAnswer(
         schema=SCHEMA,
         comparison="verify",
@@ -100,14 +97,12 @@ def verify(
         parent=result.parent,
         child=result.child,
         within=within_entry(within),
-        translation=translation,
-        rotation=rotation,
+        **apart.entries(*verdicts),
         significance=apart.significance(),
-        told=ToldPose(
+        told=copied(
+            ToldPose,
+            pose_entry(told.R_parent_imu, told.t_parent_imu),
             joint=told.joint,
-            translation=pose.translation,
-            rotation_xyzw=pose.rotation_xyzw,
-            rotation_rpy=pose.rotation_rpy,
             urdf=urdf,
         ),
         found=result,
@@ -140,7 +135,7 @@ def diff(
     verdict: Verdict = "unknown" if doubts else apart.verdict(within)
     place = f"{poses[0].child} in {poses[0].parent}"
     figures_said = f"{apart} apart{_chance(test)}"
-    allowed = "" if within is None else f", within {tolerance_words(within)}"
+    allowed = "" if within is None else f", within {within}"
     match verdict:
         case "no":
             said = f"{place} has moved: {figures_said}{allowed}"
@@ -153,8 +148,6 @@ def diff(
             why = doubts or [f"{n}: {gap}" for n, r in sides for gap in _gaps(r)]
             why = why or [_too_wide(apart, within)]
             said = f"cannot tell whether {place} has moved: {figures_said}; {'; '.join(why)}"
-    translation, rotation = apart.entries()
-    covariance = apart.covariance
     return DiffAnswer(
         schema=SCHEMA,
         comparison="diff",
@@ -163,12 +156,13 @@ def diff(
         parent=poses[0].parent,
         child=poses[0].child,
         within=None if within is None else within_entry(within),
-        translation=translation,
-        rotation=rotation,
+        **apart.entries(),
         significance=apart.significance(),
         test=test,
-        covariance=plain(covariance),
-        warnings=_warnings(first, second),
+        covariance=plain(apart.covariance),
+        warnings=[warning("diff.same_log", first=first[0], second=second[0]).message]
+        if first[1].provenance.shares_data_with(second[1].provenance)
+        else [],
         first=_side(*first),
         second=_side(*second),
     )
@@ -218,7 +212,7 @@ def _open_questions(result: Result, apart: PoseComparison, within: Tolerance) ->
         if part.determined and apart.judge(part, within) == "unknown":
             yield (
                 f"the {part.kind} is off by {part}, so by {part.range_words} within two sigma, "
-                f"and the tolerance of {part.bound_words(within)} lies in between: {remedy}, or "
+                f"and the tolerance of {within.words_of(part.kind)} lies in between: {remedy}, or "
                 "ask for another tolerance"
             )
 
@@ -239,11 +233,6 @@ def _given_beforehand(result: Result) -> str:
     return f"; told beforehand, not found by the log alone: {', '.join(names)}" if names else ""
 
 
-def tolerance_words(within: Tolerance) -> str:
-    """Such as ``5 mm and 0.5 deg``."""
-    return f"{within.translation * 1e3:.6g} mm and {math.degrees(within.rotation):.6g} deg"
-
-
 def _chance(test: TestEntry | None) -> str:
     if test is None:
         return ""
@@ -256,18 +245,11 @@ def _chance(test: TestEntry | None) -> str:
 
 
 def _too_wide(apart: PoseComparison, within: Tolerance | None) -> str:
-    asked = "" if within is None else f", and {tolerance_words(within)} is allowed"
+    asked = "" if within is None else f", and {within} is allowed"
     return (
         f"within two sigma it is up to {apart.farthest_words}{asked}: record longer or livelier "
         "motion"
     )
-
-
-def _warnings(first: tuple[str, Result], second: tuple[str, Result]) -> list[str]:
-    """What sigma cannot know of two results."""
-    if not first[1].provenance.shares_data_with(second[1].provenance):
-        return []
-    return [warning("diff.same_log", first=first[0], second=second[0]).message]
 
 
 def _side(name: str, result: Result) -> Side:
