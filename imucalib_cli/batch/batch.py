@@ -61,15 +61,10 @@ class Batch:
     def run(self, report: Report = lambda _done, _all: None) -> Generator[tuple[BatchLog, Record]]:
         """Each log with its record, those first that were finished before.
 
-        Closed or broken off, it leaves what is finished, and a summary of it.
-
-        Args:
-            report: Called with the number of logs that are done, and of all: first with those that
-                were finished before.
-
-        Raises:
-            ChoiceError: Another batch writes to the folder.
-            InputError: The folder cannot be written to, or there is no such scheduler.
+        Closed or broken off, it leaves what is finished, and a summary of it. The report is called
+        with the number of logs that are done, and of all: first with those of earlier. Raises
+        ChoiceError where another batch writes to the folder; InputError where the folder cannot be
+        written to, or there is no such scheduler.
         """
         if self.folder is None:
             yield from self._done({log: log for log in self.logs}, None, report)
@@ -94,13 +89,7 @@ class Batch:
     def _done(
         self, logs: Mapping[BatchLog, BatchLog], folder: ResultFolder | None, report: Report
     ) -> Iterator[tuple[BatchLog, Record]]:
-        """Do logs.
-
-        Args:
-            logs: As they were found, by those that have their name in the folder.
-            folder: Where results are kept.
-            report: As for :meth:`run`.
-        """
+        """Do logs, given as they were found by those that have their name in the folder."""
         already = len(self.logs) - len(logs)
         report(already, len(self.logs))
         if not logs:
@@ -125,11 +114,8 @@ class Batch:
     ) -> Record | None:
         """The record of a log that is finished, with its files as they lie now.
 
-        Args:
-            log: The log.
-            folder: Of the results.
-            known: Sizes of the files of each record: a log of others is new, and is not hashed.
-            places: Of all logs.
+        A log whose files have other sizes than those of each known record is new, and is not
+        hashed. Places are those of all logs.
         """
         if self.fresh:
             return None

@@ -51,11 +51,7 @@ _TRIES = 2
 
 
 def default_workers(memory: int) -> int:
-    """As many as there are processors, fewer where the machine's memory does not hold them.
-
-    Args:
-        memory: Bytes for each.
-    """
+    """As many as there are processors, fewer where memory does not hold so many bytes for each."""
     processors = (
         len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     )

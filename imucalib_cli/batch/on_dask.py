@@ -52,19 +52,11 @@ class DaskWorkers:
     """s that a log may take; None is any time."""
 
     def __post_init__(self) -> None:
-        """See that Dask is installed.
-
-        Raises:
-            InputError: It is not.
-        """
+        """See that Dask is installed; else InputError."""
         optional("distributed", "--dask needs", "dask")
 
     def __call__(self, task: Task, logs: Sequence[BatchLog]) -> Generator[tuple[BatchLog, Done]]:
-        """Run the task, as the interface has it.
-
-        Raises:
-            InputError: There is no such scheduler, or it goes away.
-        """
+        """Run the task, as the interface has it; InputError where the scheduler is not there."""
         distributed = optional("distributed", "--dask needs", "dask")
         _be_quiet()
         task = replace(task, folder=Path.cwd())
@@ -155,15 +147,10 @@ class _OverTimeError(BaseException):
 
 
 def within(seconds: float | None, task: Task, log: BatchLog) -> Done:
-    """Do a task in the thread of a worker, which cannot be killed as a process can.
+    """Do a task in the thread of a worker, which cannot be killed as a process can, within s.
 
     Between two steps of the interpreter the time is seen to be up, so not within a call of a
     compiled library.
-
-    Args:
-        seconds: That it may take; None is any time.
-        task: To be done.
-        log: With which.
     """
     if seconds is None:
         return task(log)

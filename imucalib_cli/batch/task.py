@@ -169,10 +169,9 @@ class Task:
                 errors.append(error)
 
     def _see_worker(self, log: BatchLog) -> None:
-        """See that this worker can do what the command's own process would.
+        """See that this worker does what the command's own process would.
 
-        Raises:
-            InputError: It runs another version, or does not see the files.
+        Raises InputError where it runs another version, or does not see the files.
         """
         if self.folder is None:
             return

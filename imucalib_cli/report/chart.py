@@ -111,13 +111,9 @@ def plain(values: Floats, digits: int = _FIGURES) -> list[float | None]:
 
 
 def thinned(series: Floats, bins: int = _BINS) -> Indices:
-    """Places of the samples to draw: the least and the greatest of each column in each bin.
+    """Places of the samples of (N, C) to draw: least and greatest of each column in each bin.
 
-    Peaks of a single sample stay.
-
-    Args:
-        series: (N, C).
-        bins: Parts of equal number of samples.
+    Peaks of a single sample stay. Bins have equal numbers of samples.
     """
     count = len(series)
     size = max(math.ceil(count / bins), 1)
@@ -132,12 +128,9 @@ def thinned(series: Floats, bins: int = _BINS) -> Indices:
 
 
 def ranges(t: Floats, values: Floats, at: Floats) -> Floats:
-    """(M, C, 2), least and greatest of the samples nearest to each of some instants.
+    """(M, C, 2), least and greatest of the samples (N, C) nearest to each of some instants (M,).
 
-    Args:
-        t: (N,), ascending.
-        values: (N, C).
-        at: (M,), ascending; an instant that has no sample takes the next one.
+    Instants ascend as t (N,) does; one that has no sample takes the next one.
     """
     edges = np.concatenate([[-np.inf], 0.5 * (at[1:] + at[:-1])])
     starts = np.minimum(np.searchsorted(t, edges), len(t) - 1)

@@ -83,14 +83,9 @@ def debug_mcap(
 ) -> bytes:
     """An MCAP with readings, predictions, residuals, weights, frames, URDF and results.
 
-    Args:
-        seen: At least one IMU; the robot moves as its windows have it.
-        robot: Of the URDF, if there is one.
-        joints: Tracks of joint states in the log.
-        origin_ns: Stamp of the log's second 0, ns.
-
-    Raises:
-        InputError: Stamps are later than ROS 2 can tell.
+    At least one IMU with its windows, by which the robot moves; tracks of the log's joint states;
+    the stamp of the log's second 0, ns. Raises InputError where stamps are later than ROS 2 can
+    tell.
     """
     results = [each.result for each in seen]
     ends = np.concatenate([stamps_ns(windows.t[[0, -1]], origin_ns) for _, windows in seen])
@@ -209,12 +204,7 @@ def frames_of(
 ) -> list[FrameSeries]:
     """How the robot moves: every joint of its URDF, or the parent link alone.
 
-    Args:
-        result: Of the IMU.
-        windows: Which tell where its parent is.
-        robot: Of the URDF.
-        joints: Tracks of joint states.
-        t: (W,), s of the log by the robot's stamps: the windows' instants.
+    The windows tell where the parent is, at t (W,), s of the log by the robot's stamps.
     """
     world, parent = result.provenance.world, result.parent
     R, p = windows.R_world_parent, windows.p_world_parent

@@ -32,11 +32,7 @@ _FIRST = "urdf"
 
 
 def page(materials: Sequence[Material]) -> str:
-    """The whole page.
-
-    Args:
-        materials: Of the IMUs, at least one.
-    """
+    """The whole page, about at least one IMU."""
     names = [f"{each.result.child} in {each.result.parent}" for each in materials]
     data: dict[str, Any] = {"plots": {}, "mounts": {}}
     articles = [_article(each, number, data) for number, each in enumerate(materials)]

@@ -49,15 +49,9 @@ _NO_DATES: dict[str, dict[str, Any]] = {
 
 
 def drawn(draw: Callable[[Figure], None], size: tuple[float, float], suffix: str) -> bytes:
-    """A page on which something is drawn.
+    """A page on which something is drawn, of a size in inches, as one of SUFFIXES.
 
-    Args:
-        draw: What draws it.
-        size: Width and height, inches.
-        suffix: One of SUFFIXES.
-
-    Raises:
-        InputError: matplotlib is not installed.
+    Raises InputError where matplotlib is not installed.
     """
     style = optional("matplotlib.style", "--plot needs", "plot")
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -73,15 +67,7 @@ def drawn(draw: Callable[[Figure], None], size: tuple[float, float], suffix: str
 
 
 def draw_residuals(windows: WindowSeries, suffix: str) -> bytes:
-    """Measured and predicted per axis of both sensors over time, a strip of residuals below each.
-
-    Args:
-        windows: Of an estimate.
-        suffix: One of SUFFIXES.
-
-    Raises:
-        InputError: matplotlib is not installed.
-    """
+    """Measured and predicted of both sensors by axis over time, residuals below each."""
 
     def draw(figure: Figure) -> None:
         panels = figure.subplots(

@@ -32,12 +32,7 @@ _BESIDE = 0.003
 def draw_trends(answers: Sequence[TrendAnswer], suffix: str) -> bytes:
     """Shift and turn of every recording from the first mount, and what the mounts agree on.
 
-    Args:
-        answers: Of the IMUs; those without recordings are left out.
-        suffix: One of paper_plot.SUFFIXES.
-
-    Raises:
-        InputError: matplotlib is not installed.
+    IMUs without recordings are left out.
     """
     shown = [each for each in answers if each.recordings]
 

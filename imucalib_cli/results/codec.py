@@ -119,14 +119,10 @@ def to_jsonl(documents: Sequence[Tree | Document]) -> str:
 
 
 def read_results(text: str, name: str) -> list[Result]:
-    """Results of one file: a YAML stream, a JSON object or a JSON array.
+    """Results of the text of one file: a YAML stream, a JSON object or a JSON array.
 
-    Args:
-        text: Content of the file.
-        name: What to call the file in a message.
-
-    Raises:
-        InputError: It is not a result of this tool, is damaged, or is of a newer schema.
+    Raises InputError, which calls the file by its name, where it is no result of this tool, is
+    damaged, or is of a newer schema.
     """
     try:
         # JSON is YAML 1.2, so one parser reads both
@@ -141,11 +137,7 @@ def read_results(text: str, name: str) -> list[Result]:
 
 
 def result_from(document: object, name: str) -> Result:
-    """One result from its parsed document, checked.
-
-    Raises:
-        InputError: A key is missing or has a value that cannot be; it is named.
-    """
+    """One result from its parsed document, checked; InputError names the key that is at fault."""
     if not isinstance(document, dict):
         _fail(name, "", f"should be a mapping; is this {RESULT}?")
     if "schema" not in document:  # it says what the rest should be, so it comes first
@@ -170,15 +162,8 @@ def result_from(document: object, name: str) -> Result:
 def convert(document: object, kind: type[T], name: str, what: str, where: str = "") -> T:
     """A tree from a parsed document, all of which can be written again.
 
-    Args:
-        document: Of dicts, lists and scalars.
-        kind: Of the tree.
-        name: What to call the file in a message.
-        what: What the file should be, for a message.
-        where: Of the document in the file.
-
-    Raises:
-        InputError: A key is missing or has a value that cannot be; it is named.
+    Messages call the file by its name, say what it should be, and where in it the document stands.
+    Raises InputError, which names the key, where one is missing or has a value that cannot be.
     """
     try:
         tree = msgspec.convert(document, kind)

@@ -39,15 +39,7 @@ def result_of(
     nominal: Nominal | None,
     provenance: tree.Provenance,
 ) -> tree.Result:
-    """The result of one IMU.
-
-    Args:
-        estimate: What was found.
-        parent: Link that carries the IMU.
-        child: The IMU's frame.
-        nominal: What the URDF, or the log's own frames, say about the same pose.
-        provenance: Where the estimate came from.
-    """
+    """The result of one IMU; ``nominal`` is what the URDF, or the log's own frames, say of it."""
     estimate = _with_nominal(estimate, nominal)
     pose = pose_entry(estimate.R_parent_imu, estimate.t_parent_imu)
     lost = [each.direction_parent for each in estimate.unobservable if each.kind == "translation"]
@@ -94,12 +86,8 @@ def known_directions(
 ) -> list[tree.Observable]:
     """What the motion determined all the same, where it left something undetermined.
 
-    Across the undetermined directions, in which the covariance is that of the estimate.
-
-    Args:
-        t_parent_imu: (3,), m.
-        covariance: (6, 6); None where there is none.
-        unobservable: Directions that were not determined.
+    Across the undetermined directions, in which the covariance (6, 6) is that of the estimate;
+    t_parent_imu is (3,), m.
     """
     if covariance is None or not unobservable:
         return []

@@ -119,16 +119,10 @@ class Truth(Tree, frozen=True):
 
 
 def read_kalibr(text: str, name: str, camera: str = "cam0") -> Camera:
-    """Read one camera of Kalibr's result.
+    """One camera of Kalibr's result, of the text of a file that messages call by its name.
 
-    Args:
-        text: Content of the file.
-        name: What to call the file in a message.
-        camera: Which of the chain.
-
-    Raises:
-        InputError: It is no such file, or a value in it cannot be.
-        ChoiceError: It has no such camera.
+    Raises InputError where it is no such file or a value in it cannot be, ChoiceError where it has
+    no such camera.
     """
     loaded = _mapping(text, name)
     cameras = [str(key) for key in loaded if str(key).startswith("cam")]
@@ -140,11 +134,7 @@ def read_kalibr(text: str, name: str, camera: str = "cam0") -> Camera:
 
 
 def read_truth(text: str, name: str) -> Truth:
-    """Read ``<log>.truth.yaml`` of ``imucalib simulate``.
-
-    Raises:
-        InputError: It is no such file, or a value in it cannot be.
-    """
+    """``<log>.truth.yaml`` of ``imucalib simulate``; InputError where it is none or is damaged."""
     return convert(_mapping(text, name), Truth, name, TRUTH)
 
 
@@ -165,23 +155,15 @@ def compare_with_kalibr(
     camera_link: str,
     truth: tuple[str, Truth] | None = None,
 ) -> tuple[KalibrAnswer, tuple[Block, ...]]:
-    """Express both results in both frames through the URDF's fixed joints.
+    """Express both results in both frames through the URDF's fixed joints, in words too.
 
-    Args:
-        result: Ours, after the name of its file.
-        kalibr: Kalibr's, after the names of its file and of the camera.
-        robot: The URDF, whose fixed joints lead from the parent link to the camera.
-        camera_link: The camera's optical frame in it.
-        truth: What is true, if anybody knows, after the name of its file. Each is held against it
-            in the frame that it was estimated in, so that a camera that is drawn wrong counts
-            against neither.
+    Ours stands after the name of its file, Kalibr's after those of its file and of the camera,
+    whose optical frame is ``camera_link``, and the truth, if anybody knows it, after that of its
+    file. Each is held against the truth in the frame that it was estimated in, so that a camera
+    that is drawn wrong counts against neither.
 
-    Returns:
-        The answer, and it in a dozen lines for people.
-
-    Raises:
-        ChoiceError: A frame is not in the URDF, or a joint between them moves; or the truth is of
-            another IMU or parent.
+    Raises ChoiceError where a frame is not in the URDF, or a joint between them moves; or the truth
+    is of another IMU or parent.
     """
     (file, ours), (kalibr_file, camera_name, camera) = result, kalibr
     found, shift = ours.uncertain_pose, camera.timeshift_cam_imu

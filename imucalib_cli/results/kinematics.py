@@ -49,19 +49,12 @@ def clear_entries(result: Result) -> list[ParameterEntry]:
 
 
 def corrected_origins(robot: Robot, results: Sequence[Result]) -> tuple[JointOrigin, ...]:
-    """New origins of the joints whose errors stand clear of zero.
+    """New origins of the joints whose errors, by results of one IMU or several, are clear of zero.
 
     The zero of a joint becomes a rotation of its origin about its axis, so that the values that
-    the robot reports stay as they are.
-
-    Args:
-        robot: Of the URDF that the results are of.
-        results: Of one IMU or several, with what they found of the robot.
-
-    Raises:
-        ChoiceError: A result is of another URDF, to whose origins the errors belong; or two IMUs
-            hang on a joint that they correct otherwise, of which the mount of each has a part.
-        InputError: An error cannot be written into this URDF.
+    the robot reports stay as they are. Raises ChoiceError where a result is of another URDF, to
+    whose origins the errors belong, or two IMUs hang on a joint that they correct otherwise, of
+    which the mount of each has a part; InputError where an error cannot be written into this URDF.
     """
     by_result = [_corrections(robot, each) for each in results]
     found: dict[str, JointOrigin] = {}

@@ -41,12 +41,7 @@ def fitted(label: str, unfit: str = FILE) -> str:
 
 
 def names_of(results: Sequence[Result], unfit: str = FILE) -> list[str]:
-    """A name for each IMU after its label; all differ, to every file system.
-
-    Args:
-        results: One for each IMU.
-        unfit: Pattern of letters that become an underscore.
-    """
+    """A name for each IMU after its label, of fitting letters; all differ, to every file system."""
     names: list[str] = []
     taken: set[str] = set()
     for label in labels_of(results):

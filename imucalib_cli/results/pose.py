@@ -55,11 +55,7 @@ class UncertainPose:
         )
 
     def seen_from(self, parent: str, robot: Robot) -> UncertainPose:
-        """Express the pose in another parent, through fixed joints alone.
-
-        Raises:
-            ChoiceError: A frame is not in the URDF, or a joint between the parents moves.
-        """
+        """The pose in another parent, through fixed joints alone; else ChoiceError."""
         if self.parent == parent:
             return self
         R, p = fixed_transform(robot, parent, self.parent)
@@ -78,11 +74,7 @@ class UncertainPose:
         """The pose of another frame of the same sensor, on fixed joints below or above it.
 
         Frames of which neither is below the other are two mounts, and the URDF's opinion of both
-        is just what is in question.
-
-        Raises:
-            ChoiceError: They are such frames, or a frame is not in the URDF, or a joint between
-                them moves.
+        is just what is in question: ChoiceError, as where a frame is missing or a joint moves.
         """
         if self.child == child:
             return self
@@ -150,14 +142,7 @@ class PoseError:
 
 
 def pose_error(R: Floats, t: Floats, R_true: Floats, t_true: Floats) -> PoseError:
-    """Compare two poses of the same frame in the same parent; which parent makes no difference.
-
-    Args:
-        R: (3, 3), estimated.
-        t: (3,), estimated, m.
-        R_true: (3, 3).
-        t_true: (3,), m.
-    """
+    """Compare two poses, (3, 3) and (3,), m, of one frame in one parent, whichever it is."""
     # inv(T_true) T: the difference as seen in the true frame
     t_apart, R_apart = R_true.T @ (t - t_true), R_true.T @ R
     return PoseError(

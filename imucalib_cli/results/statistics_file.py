@@ -136,11 +136,7 @@ def statistics_bytes(result: Result, statistics: LogStatistics) -> bytes:
 
 
 def read_statistics(path: Path) -> StoredLog:
-    """The statistics of one IMU.
-
-    Raises:
-        InputError: The file cannot be read, is something else, or is damaged.
-    """
+    """The statistics of one IMU; InputError where the file is something else or damaged."""
     try:
         with zipfile.ZipFile(path) as archive:
             if sum(each.file_size for each in archive.infolist()) > _LARGEST:
@@ -175,9 +171,7 @@ def _see_they_agree(log: StoredLog) -> None:
     """See that statistics give the pose of the result that they are said to belong to.
 
     Not where other IMUs of the log have a part in it: these are the statistics of its own fit.
-
-    Raises:
-        ValueError: They do not.
+    Else ValueError.
     """
     equations = log.statistics.equations
     if not (equations.level > 0.0 and math.isfinite(equations.level)):

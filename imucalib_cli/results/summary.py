@@ -17,12 +17,7 @@ _GREEN, _RED, _RESET = "\x1b[32m", "\x1b[31m", "\x1b[0m"
 
 
 def summarise(result: Result, *, colour: bool = False) -> str:
-    """Some thirty lines about one IMU, with a newline at the end.
-
-    Args:
-        result: Of the IMU.
-        colour: Whether to colour the verdict with ANSI codes.
-    """
+    """Some thirty lines about one IMU, the verdict perhaps in colour (ANSI codes)."""
     trusted = result.status == "ok"
     verdict = "ok" if trusted else "UNTRUSTED, do not use as it stands"
     if colour:

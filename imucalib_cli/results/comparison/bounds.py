@@ -25,13 +25,7 @@ points, to a side."""
 
 
 def norm_bounds(vector: Floats, covariance: Floats, sigmas: float) -> tuple[float, float]:
-    """Norms of the nearest and the farthest vector within some sigma.
-
-    Args:
-        vector: (n,).
-        covariance: (n, n), finite.
-        sigmas: Half-width of the ellipsoid in standard deviations.
-    """
+    """Norms of the nearest and the farthest vector (n,) within so many sigmas; finite (n, n)."""
     variances, axes = np.linalg.eigh(covariance)
     half = sigmas * np.sqrt(np.maximum(variances, 0.0))
     centre = axes.T @ vector
@@ -81,13 +75,10 @@ def _root(levers: Floats, offsets: Floats, high: float) -> float:
 
 
 def chance_of_more(chi2: float, freedom: int) -> float:
-    """Probability that chi-squared with these degrees of freedom exceeds a value.
+    """Probability that chi-squared with these degrees of freedom exceeds a value, both at least 0.
 
     The regularised gamma function Q(k/2, x/2) for whole k (Abramowitz and Stegun 26.4.4, 26.4.5).
-
-    Args:
-        chi2: At least zero.
-        freedom: At least zero; with none there is nothing to exceed and the answer is 1.
+    Without freedom there is nothing to exceed and the answer is 1.
     """
     if freedom == 0 or chi2 <= 0.0:
         return 1.0

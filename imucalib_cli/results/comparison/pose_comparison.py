@@ -179,8 +179,7 @@ class PoseComparison:
     def test(self, *chosen: Part) -> TestEntry | None:
         """Test parts of the difference (default: both) together against no difference.
 
-        Returns:
-            None where neither says anything: no covariance, or no direction known in both poses.
+        None where neither says anything: no covariance, or no direction known in both poses.
         """
         if self.covariance is None:
             return None

@@ -51,20 +51,13 @@ def verify(
     *,
     ignored: frozenset[int] = frozenset(),
 ) -> VerifyAnswer:
-    """Decide whether a told pose is right within a tolerance.
+    """Decide whether a told pose, in the result's parent frame, is right within a tolerance.
 
     For translation and rotation alike: yes if everything within two sigma of what was found lies
     within the tolerance of what was told, no if nothing does, else unknown. A no from one of them
-    is a no; a yes takes both. A result that contradicts itself answers nothing.
-
-    Args:
-        result: What a log shows.
-        told: The pose in question, in the result's parent frame.
-        within: What is near enough; finite.
-        urdf: Where it was told; None where the log's own frames did.
-        file: Of the result; empty where it is of a log that was just read.
-        ignored: Components of the pose, of tx ty tz rx ry rz in the parent frame, that need not be
-            right.
+    is a no; a yes takes both. A result that contradicts itself answers nothing. ``ignored`` are
+    components of the pose, of tx ty tz rx ry rz in the parent frame, that need not be right. There
+    is no ``urdf`` where the log's own frames told the pose, no ``file`` where a log was just read.
     """
     found = result.uncertain_pose
     apart = compare_poses(found.exactly(told.R_parent_imu, told.t_parent_imu), found)
@@ -117,16 +110,10 @@ def diff(
     poses: tuple[UncertainPose, UncertainPose],
     within: Tolerance | None = None,
 ) -> DiffAnswer:
-    """Decide whether the mount moved between two results.
+    """Decide whether the mount moved between two results, each after the name of its file.
 
     With a tolerance, as ``verify`` does; without one, by the significance of the difference
-    (:meth:`PoseComparison.verdict`).
-
-    Args:
-        first: The earlier result, after the name of its file.
-        second: The later one, likewise.
-        poses: Of both, expressed in the same frames.
-        within: How far a mount may move.
+    (:meth:`PoseComparison.verdict`). Their poses are expressed in the same frames.
     """
     apart = compare_poses(*poses)
     test = apart.test()

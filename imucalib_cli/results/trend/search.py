@@ -275,10 +275,9 @@ def without_a_change(series: Series, found: Explained[Mounts]) -> Iterator[Expla
 def with_an_odd_one(
     series: Series, found: Explained[Mounts]
 ) -> dict[int, tuple[int, Explained[Mounts]]]:
-    """A partition with a recording that is alone put to the mount before or after it.
+    """A partition with a recording that is alone put to the mount before or after it, by its place.
 
-    Returns:
-        By its place: the number of that mount, and the partition.
+    Each after the number of that mount.
     """
     simpler = {}
     numbers, odd = found.model.numbers, found.model.odd

@@ -94,11 +94,9 @@ def trend(
 ) -> TrendAnswer:
     """Decide whether the mount of one IMU moved over its recordings, and between which.
 
-    Args:
-        given: Results of the same parent, child and topic after the names of their files, at
-            least one.
-        within: How far a mount may move; None makes an alarm of every decisive change.
-        since: Recordings from before that count no more.
+    Results, at least one, are of the same parent, child and topic, after the names of their files.
+    Without a tolerance every decisive change is an alarm; recordings from before ``since`` count no
+    more.
     """
     used, left_out = _usable(given, since)
     order: Order = "recording time"
