@@ -105,7 +105,7 @@ class ResultFolder:
             taken.add(sameness(name))
             self._owners[name] = log.place
             named.append(BatchLog(log.paths, name))
-        self._keep_names()
+        write_whole(self._records / _NAMES, msgspec.json.encode(self._owners) + b"\n")
         return named
 
     def keep(self, name: str, done: Done) -> Record:
@@ -122,7 +122,8 @@ class ResultFolder:
         for old in () if before is None else set(before.written) - set(done.record.written):
             with contextlib.suppress(OSError):
                 (self._folder / Path(old).name).unlink()
-        hashes = tuple(_sha256(content) for _, content in done.contents)
+        contents = (each.encode() if isinstance(each, str) else each for _, each in done.contents)
+        hashes = tuple(hashlib.sha256(content).hexdigest() for content in contents)
         record = msgspec.structs.replace(done.record, written_sha256=hashes)
         self.keep_record(name, record)
         return record
@@ -158,9 +159,6 @@ class ResultFolder:
         except OSError:
             return False
         return hashes == record.written_sha256
-
-    def _keep_names(self) -> None:
-        write_whole(self._records / _NAMES, msgspec.json.encode(self._owners) + b"\n")
 
 
 def _decoded(path: Path, kind: type[T]) -> T | None:
@@ -199,11 +197,6 @@ def _free_name(
         if sameness(name) not in taken and all(_is_of(path, log) for path in others):
             break
     return name
-
-
-def _sha256(content: str | bytes) -> str:
-    data = content.encode() if isinstance(content, str) else content
-    return hashlib.sha256(data).hexdigest()
 
 
 def _is_of(path: Path, log: BatchLog) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import platform
 import time
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -99,7 +100,8 @@ class Task:
             errors.append(_in_our_words(error))
         is_whole = sizes == _sizes(log) and self._has_its_urdf()
         is_lasting = not any(map(_is_passing, errors))
-        stamps = stamps or _stamps(sizes)
+        with suppress(OSError):  # none of a log that cannot be read
+            stamps = stamps or stamps_of(sizes)
         record = self._record(
             log,
             errors,
@@ -227,11 +229,3 @@ def _sizes(log: BatchLog) -> Sizes:
         return sizes_of(log)
     except OSError:
         return {}
-
-
-def _stamps(sizes: Sizes) -> list[FileStamp]:
-    """Of a log that could not be used; none where it cannot be read."""
-    try:
-        return stamps_of(sizes)
-    except OSError:
-        return []

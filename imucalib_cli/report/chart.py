@@ -25,7 +25,7 @@ _FIGURES = 5
 """Significant figures of a number on a page: finer than a pixel at any useful zoom."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Trace:
     """One line, band or row of error bars."""
 

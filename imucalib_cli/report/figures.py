@@ -32,9 +32,11 @@ if TYPE_CHECKING:
 _AXES = "xyz"
 _TIME = "time of the log, s"
 _LOG_TIME = "time"
-_UNITS = {"accel": "m/s²", "gyro": "rad/s"}
-_NAMES = {"accel": "Acceleration", "gyro": "Angular rate"}
-_SENSORS = {"accel": "Accelerometer", "gyro": "Gyroscope"}
+_SENSORS = {
+    "accel": ("Accelerometer", "Acceleration", "m/s²"),
+    "gyro": ("Gyroscope", "Angular rate", "rad/s"),
+}
+"""Name, quantity and unit of each."""
 _LONGEST_NAME = 70
 """Letters of a stream's name that fit above a plot."""
 _SILENT = 1e-12
@@ -72,19 +74,33 @@ def figures(material: Material) -> Iterator[Figure]:
     if details is not None and details.dependence:
         yield _window(details)
     if stretches is not None:
-        yield _segments(stretches)
+        edges = stretches.fold_edges
+        yield _figure(
+            "segments",
+            count=len(edges) - 1,
+            plots=_pose_plots(
+                0.5 * (edges[1:] + edges[:-1]),
+                stretches.fold_difference,
+                stretches.fold_std,
+                x_label=_TIME,
+                shared=_LOG_TIME,
+            ),
+        )
         yield _so_far(stretches)
-        yield _taught(stretches)
+        rows = tuple(f"{kind} {axis}" for kind in ("along", "about") for axis in _AXES)
+        drawing = heat_map(stretches.share, rows=rows, edges=stretches.edges, unit="s")
+        yield _figure("taught", drawing=drawing)
     if details is not None and details.offset is not None:
         yield _offset(details.offset, material.result.time_offset)
     if material.stamps:
         yield _stamps(material.stamps)
-    if material.result.diagnostics.parameters:
-        yield _parameters(material.result)
+    if parameters := material.result.diagnostics.parameters:
+        yield _figure("parameters", drawing=parameter_table(parameters))
 
 
 def _motion(material: Material, details: Details, sensor: str) -> Figure:
     series, result = details.windows, material.result
+    _, quantity, unit = _SENSORS[sensor]
     measured = np.asarray(getattr(series, f"{sensor}_measured"))
     predicted = np.asarray(getattr(series, f"{sensor}_predicted"))
     bias = result.accel_bias if sensor == "accel" else result.gyro_bias
@@ -100,29 +116,19 @@ def _motion(material: Material, details: Details, sensor: str) -> Figure:
                 title=name,
                 x=t,
                 traces=(
-                    Trace(
-                        label="samples, less bias",
-                        values=band,
-                        style="band",
-                        colour="faint",
-                    ),
-                    Trace(label="measured", values=measured[at, axis]),
-                    Trace(
-                        label="predicted",
-                        values=predicted[at, axis],
-                        style="dashed",
-                        colour="second",
-                    ),
+                    Trace("samples, less bias", band, "band", "faint"),
+                    Trace("measured", measured[at, axis]),
+                    Trace("predicted", predicted[at, axis], "dashed", "second"),
                 ),
                 x_label=_TIME,
-                y_label=_UNITS[sensor],
+                y_label=unit,
                 shared_x=_LOG_TIME,
                 shaded=series.left_out,
             )
         )
     return _figure(
         sensor,
-        quantity=_NAMES[sensor],
+        quantity=quantity,
         seconds=f"{2.0 * details.half_window:.3g}",
         plots=tuple(plots),
     )
@@ -130,7 +136,7 @@ def _motion(material: Material, details: Details, sensor: str) -> Figure:
 
 def _residuals(series: WindowSeries) -> Figure:
     plots = []
-    for sensor, name in _SENSORS.items():
+    for sensor, (name, _, unit) in _SENSORS.items():
         values = np.asarray(getattr(series, f"{sensor}_residual"))
         at = thinned(values)
         plots.append(
@@ -139,34 +145,28 @@ def _residuals(series: WindowSeries) -> Figure:
                 x=series.t[at],
                 traces=_by_axis(values[at]),
                 x_label=_TIME,
-                y_label=_UNITS[sensor],
+                y_label=unit,
                 shared_x=_LOG_TIME,
                 shaded=series.left_out,
             )
         )
-    return _figure(
-        "residuals",
-        plots=tuple(plots),
-    )
+    return _figure("residuals", plots=tuple(plots))
 
 
 def _spectra(spectra: tuple[Spectrum, Spectrum]) -> Figure:
     plots = tuple(
         Plot(
-            title=_SENSORS[sensor],
+            title=name,
             x=spectrum.frequency,
-            traces=(Trace(label="residual", values=spectrum.density, style="points"),),
+            traces=(Trace("residual", spectrum.density, "points"),),
             x_label="frequency, Hz",
-            y_label=f"{_UNITS[sensor]}/√Hz",
+            y_label=f"{unit}/√Hz",
             log="xy",
             levels=(("the IMU's own noise", spectrum.own),) if spectrum.own > _SILENT else (),
         )
-        for sensor, spectrum in zip(_SENSORS, spectra, strict=True)
+        for (name, _, unit), spectrum in zip(_SENSORS.values(), spectra, strict=True)
     )
-    return _figure(
-        "spectra",
-        plots=plots,
-    )
+    return _figure("spectra", plots=plots)
 
 
 def _window(details: Details) -> Figure:
@@ -188,17 +188,6 @@ def _window(details: Details) -> Figure:
     )
 
 
-def _segments(stretches: LogParts) -> Figure:
-    middle = 0.5 * (stretches.fold_edges[1:] + stretches.fold_edges[:-1])
-    return _figure(
-        "segments",
-        count=len(middle),
-        plots=_pose_plots(
-            middle, stretches.fold_difference, stretches.fold_std, x_label=_TIME, shared=_LOG_TIME
-        ),
-    )
-
-
 def _so_far(stretches: LogParts) -> Figure:
     return _figure(
         "enough",
@@ -216,18 +205,6 @@ def _so_far(stretches: LogParts) -> Figure:
     )
 
 
-def _taught(stretches: LogParts) -> Figure:
-    return _figure(
-        "taught",
-        drawing=heat_map(
-            stretches.share,
-            rows=tuple(f"{kind} {axis}" for kind in ("along", "about") for axis in _AXES),
-            edges=stretches.edges,
-            unit="s",
-        ),
-    )
-
-
 def _offset(profile: OffsetProfile, found: TimeOffset) -> Figure:
     value, std = found.seconds * 1e3, (found.std or 0.0) * 1e3
     return _figure(
@@ -237,7 +214,7 @@ def _offset(profile: OffsetProfile, found: TimeOffset) -> Figure:
             Plot(
                 title="Time offset",
                 x=profile.seconds * 1e3,
-                traces=(Trace(label="worse by", values=profile.sigmas),),
+                traces=(Trace("worse by", profile.sigmas),),
                 x_label="IMU stamp less robot stamp, ms",
                 y_label="σ",
                 shaded=[(value - std, value + std)],
@@ -255,24 +232,14 @@ def _stamps(stamps: Mapping[str, Floats]) -> Figure:
             Plot(
                 title=name if len(name) <= _LONGEST_NAME else f"{name[:_LONGEST_NAME]}…",
                 x=np.maximum.accumulate(t[1:])[at],
-                traces=(Trace(label="interval", values=intervals[at]),),
+                traces=(Trace("interval", intervals[at]),),
                 x_label=_TIME,
                 y_label="ms",
                 shared_x=_LOG_TIME,
                 levels=(("median", float(np.median(intervals))),),
             )
         )
-    return _figure(
-        "stamps",
-        plots=tuple(plots),
-    )
-
-
-def _parameters(result: Result) -> Figure:
-    return _figure(
-        "parameters",
-        drawing=parameter_table(result.diagnostics.parameters),
-    )
+    return _figure("stamps", plots=tuple(plots))
 
 
 def _figure(
@@ -305,14 +272,14 @@ def _pose_plots(
             title=name,
             x=x,
             traces=tuple(
-                Trace(
-                    label=axis,
-                    values=values[:, part][:, place] * factor,
-                    half_width=std[:, part][:, place] * factor,
-                    style="bars",
-                    colour=AXIS_COLOURS[place],
+                Trace(axis, value, "bars", colour, half_width)
+                for axis, value, colour, half_width in zip(
+                    _AXES,
+                    factor * values[:, part].T,
+                    AXIS_COLOURS,
+                    factor * std[:, part].T,
+                    strict=True,
                 )
-                for place, axis in enumerate(_AXES)
             ),
             x_label=x_label,
             y_label=unit,
@@ -335,6 +302,6 @@ def _shown_range(values: Floats, half_width: Floats) -> tuple[float, float]:
 
 def _by_axis(values: Floats, styles: Sequence[Style] = ("line",) * 3) -> tuple[Trace, ...]:
     return tuple(
-        Trace(label=axis, values=column, style=style, colour=colour)
+        Trace(axis, column, style, colour)
         for axis, column, style, colour in zip(_AXES, values.T, styles, AXIS_COLOURS, strict=True)
     )

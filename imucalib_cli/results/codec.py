@@ -9,7 +9,7 @@ import math
 import re
 import reprlib
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, Literal, NoReturn, TypeVar
+from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
 import msgspec
 import numpy as np
@@ -22,10 +22,12 @@ from imucalib_cli.guarded_yaml import NUMBERS, YamlError, load_yaml
 from imucalib_cli.results.from_estimate import known_directions
 from imucalib_cli.results.pose import is_covariance
 from imucalib_cli.results.result import SCHEMA, FindingEntry, Pose, Result, Tree
-from imucalib_cli.robot.rotations import matrix_from_rpy, rotvec_from_matrix
+from imucalib_cli.robot.rotations import matrix_from_quaternion, matrix_from_rpy, rotvec_from_matrix
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
+
+    from imucalib_cli.results.result import NominalEntry
 
 Document = dict[str, Any]
 T = TypeVar("T")
@@ -287,26 +289,26 @@ def _pose_contradictions(result: Result) -> Iterator[tuple[str, str]]:
     if math.hypot(*result.pose.translation) > FARTHEST:
         yield f"{place}.translation", f"should be within {FARTHEST:g} m of the parent frame"
     if nominal is not None:
-        pose = Pose(nominal.translation, nominal.rotation_xyzw, nominal.rotation_rpy)
-        yield from _rotation_contradictions(pose, "diagnostics.nominal")
+        yield from _rotation_contradictions(nominal, "diagnostics.nominal")
 
 
-def _rotation_contradictions(pose: Pose, place: str) -> Iterator[tuple[str, str]]:
+def _rotation_contradictions(pose: Pose | NominalEntry, place: str) -> Iterator[tuple[str, str]]:
     norm = math.hypot(*pose.rotation_xyzw)
     if abs(norm - 1.0) > 1e-6:
         yield f"{place}.rotation_xyzw", f"should have norm 1, not {norm:.6g}"
         return
     # the angles are for readers only, so whoever edits them alone would wonder why nothing happens
-    turn = rotvec_from_matrix(matrix_from_rpy(pose.rotation_rpy).T @ pose.R)
+    turn = rotvec_from_matrix(
+        matrix_from_rpy(pose.rotation_rpy).T @ matrix_from_quaternion(pose.rotation_xyzw)
+    )
     if float(np.linalg.norm(turn)) > ROTATIONS_AGREE:
         said = "is not the rotation of rotation_xyzw, which is the one that counts: edit both or "
         yield f"{place}.rotation_rpy", f"{said}neither"
 
 
-def _with(result: Result, **changes: Any) -> Result:
-    """A result with other diagnostics."""
-    diagnostics = msgspec.structs.replace(result.diagnostics, **changes)
-    return msgspec.structs.replace(result, diagnostics=diagnostics)
+def _with(result: Result, **diagnostics: Any) -> Result:
+    changed = msgspec.structs.replace(result.diagnostics, **diagnostics)
+    return msgspec.structs.replace(result, diagnostics=changed)
 
 
 def _uncoded(result: Result) -> list[FindingEntry]:
@@ -315,15 +317,12 @@ def _uncoded(result: Result) -> list[FindingEntry]:
     A result that misses --require is not wrong, and must still answer `verify` and `diff`.
     """
 
-    def entry(severity: Literal["warning", "untrusted"], said: str) -> FindingEntry:
-        missed = severity == "untrusted" and said.startswith(_OLD_REQUIREMENT)
-        return FindingEntry("require.text" if missed else TEXT, severity, {"text": said}, said)
+    def code(said: str) -> str:
+        return "require.text" if said.startswith(_OLD_REQUIREMENT) else TEXT
 
-    diagnostics = result.diagnostics
-    return [
-        *(entry("untrusted", reason) for reason in diagnostics.distrust),
-        *(entry("warning", warning) for warning in diagnostics.warnings),
-    ]
+    said = result.diagnostics
+    reasons = [FindingEntry(code(x), "untrusted", {"text": x}, x) for x in said.distrust]
+    return reasons + [FindingEntry(TEXT, "warning", {"text": x}, x) for x in said.warnings]
 
 
 def json_schema(title: str, description: str, *kinds: type[Tree]) -> str:

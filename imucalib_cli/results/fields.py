@@ -15,7 +15,6 @@ import numpy as np
 
 from imucalib_cli.digits import figures, fixed, sigma, with_std
 from imucalib_cli.robot.rotations import (
-    matrix_from_quaternion,
     quaternion_from_matrix,
     rotvec_from_matrix,
     rpy_from_matrix,
@@ -414,15 +413,15 @@ def _logs(result: Result) -> Iterator[Field]:
 
 
 def _nominal(result: Result) -> Iterator[Field]:
-    if (nominal := result.diagnostics.nominal) is None:
+    told, pose = result.diagnostics.nominal, result.nominal
+    if told is None or pose is None:
         return
-    where = f"joint {nominal.joint}" if nominal.joint else "what URDF or tf say"
-    shift = (result.pose.t - nominal.translation) * 1e3
-    R_nominal = matrix_from_quaternion(nominal.rotation_xyzw)
-    turn = np.degrees(rotvec_from_matrix(result.pose.R @ R_nominal.T))
+    where = f"joint {told.joint}" if told.joint else "what URDF or tf say"
+    shift = (result.pose.t - pose.t_parent_imu) * 1e3
+    turn = np.degrees(rotvec_from_matrix(result.pose.R @ pose.R_parent_imu.T))
     yield Field(
         "from nominal",
-        f"{figures(nominal.distance_mm, 3)} mm and {figures(nominal.distance_deg, 3)} deg away "
+        f"{figures(told.distance_mm, 3)} mm and {figures(told.distance_deg, 3)} deg away "
         f"from {where}: ({_numbers(shift, 2)}) mm, ({_numbers(turn, 3)}) deg in {result.parent}",
     )
 

@@ -192,7 +192,9 @@ def compare_with_kalibr(
 
     apart = compare_poses(found, found.exactly(*kalibr_pose))
     times = None if shift is None else _time_shifts(ours, shift, true)
-    offset = plain(ours.time_offset.seconds)
+    far = any(part.norm > _FAR[part.kind] for part in apart.parts if not len(part.unknown))
+    others = [link for link in robot.links if link.endswith(OPTICAL) and link != camera_link]
+    doubt = warning("compare.frames_far", camera_link=camera_link, others=others).message
     answer = KalibrAnswer(
         schema=SCHEMA,
         comparison="kalibr",
@@ -205,8 +207,10 @@ def compare_with_kalibr(
         **apart.entries(),
         test=apart.test(),
         time=times,
-        warnings=_warnings(apart, camera_link, robot),
-        imucalib=OurPose(file=file, time_offset=offset, **entries(our_pose, error)),
+        warnings=[doubt] if far else [],
+        imucalib=OurPose(
+            file=file, time_offset=plain(ours.time_offset.seconds), **entries(our_pose, error)
+        ),
         kalibr=KalibrPose(
             file=kalibr_file,
             camera=camera_name,
@@ -263,15 +267,6 @@ def _time_shifts(result: Result, shift: float, truth: TruthPose | None) -> TimeS
         imucalib_error_ms=milliseconds(offset, None if truth is None else truth.time_offset),
         kalibr_error_ms=milliseconds(shift, None if truth is None else truth.timeshift_cam_imu),
     )
-
-
-def _warnings(apart: PoseComparison, camera_link: str, robot: Robot) -> list[str]:
-    """What makes it likely that a frame was taken for another."""
-    known = [part for part in apart.parts if not len(part.unknown)]
-    if not any(part.norm > _FAR[part.kind] for part in known):
-        return []
-    others = [link for link in robot.links if link.endswith(OPTICAL) and link != camera_link]
-    return [warning("compare.frames_far", camera_link=camera_link, others=others).message]
 
 
 def _reason(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -66,20 +65,19 @@ def corrected_origins(robot: Robot, results: Sequence[Result]) -> tuple[JointOri
             for each, own in zip(results, by_result, strict=True)
             if joint in _chain(robot, each)
         ]
-        if not all(map(partial(_is_same, origin), (other for _, other in carried))):
+        if not all(
+            other is not None
+            and np.allclose(
+                origin.xyz + origin.rpy, other.xyz + other.rpy, rtol=0.0, atol=_ROUNDING
+            )
+            for _, other in carried
+        ):
             topics = ", ".join(topic for topic, _ in carried)
             raise ChoiceError(
                 f"--kinematics: joint '{joint}' carries several IMUs, which do not tell the same "
                 f"of it: choose one with --imu, of: {topics}"
             )
     return tuple(found.values())
-
-
-def _is_same(origin: JointOrigin, other: JointOrigin | None) -> bool:
-    """Whether two corrections of a joint are of one solution."""
-    return other is not None and np.allclose(
-        (*origin.xyz, *origin.rpy), (*other.xyz, *other.rpy), rtol=0.0, atol=_ROUNDING
-    )
 
 
 def _chain(robot: Robot, result: Result) -> dict[str, Joint]:
@@ -105,7 +103,7 @@ def _corrections(robot: Robot, result: Result) -> dict[str, JointOrigin]:
         by_joint.setdefault(joint_of(entry), []).append(entry)
     found = {}
     for name, errors in by_joint.items():
-        if not all(map(_has_axis, errors)):
+        if any(each.name == ORIGIN and each.axis is UNSET for each in errors):
             raise InputError(
                 f"the result does not say which way '{errors[0].label}' goes, being of an earlier "
                 "version: run again"
@@ -122,11 +120,6 @@ def _corrections(robot: Robot, result: Result) -> dict[str, JointOrigin]:
             )
         found[name] = _corrected(chain[name], errors)
     return found
-
-
-def _has_axis(entry: ParameterEntry) -> bool:
-    """Whether a result says which way an error goes; results of earlier versions do not."""
-    return entry.name == ZERO or entry.axis is not UNSET
 
 
 def _corrected(joint: Joint, errors: Sequence[ParameterEntry]) -> JointOrigin:

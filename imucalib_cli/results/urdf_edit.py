@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from itertools import count
 from typing import TYPE_CHECKING
 from xml.parsers import expat
 from xml.sax.saxutils import quoteattr
 
 from imucalib_cli.errors import InputError
+from imucalib_cli.results.names import numbered
 from imucalib_cli.robot.mount import rigid_transform
 from imucalib_cli.robot.rotations import rpy_from_matrix
 
@@ -175,8 +175,7 @@ def joint_snippet(
     Without a name it gets one that is not taken, and a new link.
     """
     link = "" if joint else f"<link name={quoteattr(child)}/>\n"
-    names = (f"{child}_joint{number if number > 1 else ''}" for number in count(1))
-    name = joint or next(name for name in names if name not in taken)
+    name = joint or next(each for each in numbered(f"{child}_joint", "") if each not in taken)
     return (
         f'{link}<joint name={quoteattr(name)} type="fixed">\n'
         f"  <parent link={quoteattr(parent)}/>\n"

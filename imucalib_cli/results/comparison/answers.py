@@ -18,6 +18,7 @@ from imucalib_cli.results.result import (
     Matrix6,
     Pose,
     Quaternion,
+    Range,
     Result,
     SourceFile,
     Status,
@@ -31,7 +32,6 @@ if TYPE_CHECKING:
 Verdict = Literal["yes", "no", "unknown"]
 """Whether two poses are one."""
 Size = Annotated[float, Meta(ge=0)]
-Range = Annotated[list[float], Meta(min_length=2, max_length=2)]
 Time = Annotated[datetime, Meta(tz=True)]
 Moved = Literal["not moved", "moved", "drifting", "unknown"]
 Order = Literal["recording time", "as given"]

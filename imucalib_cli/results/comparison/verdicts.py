@@ -26,7 +26,7 @@ from imucalib_cli.results.from_estimate import copied, plain, pose_entry
 from imucalib_cli.results.result import SCHEMA
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from imucalib_cli.results.pose import UncertainPose
     from imucalib_cli.results.result import Result, SourceFile
@@ -62,6 +62,7 @@ def verify(
     found = result.uncertain_pose
     apart = compare_poses(found.exactly(told.R_parent_imu, told.t_parent_imu), found)
     apart = apart.without(ignored)
+    left_out = tuple(POSE_NAMES[place] for place in sorted(ignored))
     verdicts = [apart.judge(part, within) for part in apart.parts]
     doubts = _contradictions(result)
     verdict: Verdict = "unknown" if doubts else apart.verdict(within)
@@ -86,7 +87,7 @@ def verify(
         schema=SCHEMA,
         comparison="verify",
         verdict=verdict,
-        reason=said + _left_out(ignored) + _given_beforehand(result),
+        reason=said + _names_words("not checked", left_out) + _given_beforehand(result),
         parent=result.parent,
         child=result.child,
         within=within_entry(within),
@@ -99,7 +100,7 @@ def verify(
             urdf=urdf,
         ),
         found=result,
-        ignored=tuple(POSE_NAMES[place] for place in sorted(ignored)),
+        ignored=left_out,
         file=file or UNSET,
     )
 
@@ -133,7 +134,9 @@ def diff(
             )
         case "unknown":
             why = doubts or [f"{n}: {gap}" for n, r in sides for gap in _gaps(r)]
-            why = why or [_too_wide(apart, within)]
+            asked = "" if within is None else f", and {within} is allowed"
+            too_wide = f"within two sigma it is up to {apart.farthest_words}{asked}"
+            why = why or [f"{too_wide}: record longer or livelier motion"]
             said = f"cannot tell whether {place} has moved: {figures_said}; {'; '.join(why)}"
     return DiffAnswer(
         schema=SCHEMA,
@@ -204,10 +207,9 @@ def _open_questions(result: Result, apart: PoseComparison, within: Tolerance) ->
             )
 
 
-def _left_out(ignored: frozenset[int]) -> str:
-    """A clause on components that were not checked."""
-    names = ", ".join(POSE_NAMES[place] for place in sorted(ignored))
-    return f"; not checked: {names}" if names else ""
+def _names_words(what: str, names: Sequence[str]) -> str:
+    """A clause on components of the pose, where there are any."""
+    return f"; {what}: {', '.join(names)}" if names else ""
 
 
 def _given_beforehand(result: Result) -> str:
@@ -217,7 +219,7 @@ def _given_beforehand(result: Result) -> str:
     """
     stds = str(result.provenance.options.get("pose.std", "")).split()
     names = [name for name, std in zip(POSE_NAMES, stds, strict=False) if std != "inf"]
-    return f"; told beforehand, not found by the log alone: {', '.join(names)}" if names else ""
+    return _names_words("told beforehand, not found by the log alone", names)
 
 
 def _chance(test: TestEntry | None) -> str:
@@ -228,14 +230,6 @@ def _chance(test: TestEntry | None) -> str:
     return (
         f" (chi-squared {figures(chi2, 3)} with {test.degrees_of_freedom} degrees of freedom, "
         f"p {chance})"
-    )
-
-
-def _too_wide(apart: PoseComparison, within: Tolerance | None) -> str:
-    asked = "" if within is None else f", and {within} is allowed"
-    return (
-        f"within two sigma it is up to {apart.farthest_words}{asked}: record longer or livelier "
-        "motion"
     )
 
 
