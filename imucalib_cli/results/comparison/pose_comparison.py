@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from msgspec import UNSET
@@ -29,9 +29,12 @@ from imucalib_cli.robot.rotations import (
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from imucalib_cli.arrays import Floats
     from imucalib_cli.results.comparison.requirement import Tolerance
     from imucalib_cli.results.pose import UncertainPose
+    from imucalib_cli.results.result import Kind
 
 
 SIGMAS = 2.0
@@ -45,15 +48,18 @@ RARE = 0.01
 hundred comparisons."""
 _NOTHING = 1e-9
 """m or rad, 1 sigma of a component that is left out of a comparison: far below any tolerance."""
-_UNITS = {"translation": ("mm", 1e3), "rotation": ("deg", math.degrees(1.0))}
-"""Of each part: its unit, and how many of it a metre or a radian is."""
+_PARTS: dict[Kind, tuple[slice, str, float]] = {
+    "translation": (slice(0, 3), "mm", 1e3),
+    "rotation": (slice(3, 6), "deg", math.degrees(1.0)),
+}
+"""Of each part: its place among six, its unit, and how many of it a metre or a radian is."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Part:
     """The translation or the rotation of a difference, with its figures in words."""
 
-    kind: Literal["translation", "rotation"]
+    kind: Kind
     vector: Floats
     """(3,), in the first pose's parent frame, m; or rotation vector, rad."""
     covariance: Floats | None
@@ -67,12 +73,12 @@ class Part:
     @property
     def unit(self) -> str:
         """For people."""
-        return _UNITS[self.kind][0]
+        return _PARTS[self.kind][1]
 
     @property
     def scale(self) -> float:
         """How many of the unit a metre or a radian is."""
-        return _UNITS[self.kind][1]
+        return _PARTS[self.kind][2]
 
     @property
     def norm(self) -> float:
@@ -105,8 +111,11 @@ class Part:
 
     @property
     def basis(self) -> Floats:
-        """(3 - k, 3), orthonormal directions in which both poses are known."""
-        return across(self.unknown) if self.meaningful else np.zeros((0, 3))
+        """(3 - k, 6), orthonormal directions in which both poses are known."""
+        known = across(self.unknown) if self.meaningful else np.zeros((0, 3))
+        rows = np.zeros((len(known), 6))
+        rows[:, _PARTS[self.kind][0]] = known
+        return rows
 
     def __str__(self) -> str:
         """Such as ``4.389 ± 0.010 mm``."""
@@ -144,10 +153,12 @@ class Part:
 class PoseComparison:
     """Second pose less the first, in the first one's parent frame."""
 
+    vector: Floats
+    """(6,), translation first, m and rad."""
+    covariance: Floats | None
+    """(6, 6); None where a pose has none."""
     translation: Part
     rotation: Part
-    covariance: Floats | None
-    """(6, 6), translation first; None where a pose has none."""
 
     @property
     def parts(self) -> tuple[Part, Part]:
@@ -163,37 +174,24 @@ class PoseComparison:
         if covariance is not None:
             covariance[places, :] = covariance[:, places] = 0.0
             covariance[places, places] = _NOTHING**2
-        parts = {}
-        for part, block in zip(self.parts, (slice(0, 3), slice(3, 6)), strict=True):
+        vector = self.vector.copy()
+        vector[places] = 0.0
+        unknown = []
+        for part, (block, *_) in zip(self.parts, _PARTS.values(), strict=True):
             gone = np.isin(np.arange(6)[block], places)
-            parts[part.kind] = replace(
-                part,
-                vector=np.where(gone, 0.0, part.vector),
-                covariance=None if covariance is None else covariance[block, block],
-                unknown=_distinct(np.where(gone, 0.0, part.unknown)),
-            )
-        return PoseComparison(
-            translation=parts["translation"], rotation=parts["rotation"], covariance=covariance
-        )
+            unknown.append(_distinct(np.where(gone, 0.0, part.unknown)))
+        meaningful = [part.meaningful for part in self.parts]
+        return _comparison(vector, covariance, unknown, meaningful)
 
     def test(self, *chosen: Part) -> TestEntry | None:
         """Test parts of the difference (default: both) together against no difference.
 
         None where neither says anything: no covariance, or no direction known in both poses.
         """
-        if self.covariance is None:
+        rows = np.concatenate([part.basis for part in chosen or self.parts])
+        if self.covariance is None or not len(rows):
             return None
-        bases = [
-            part.basis if part in (chosen or self.parts) else np.zeros((0, 3))
-            for part in self.parts
-        ]
-        sizes = [len(basis) for basis in bases]
-        if not sum(sizes):
-            return None
-        rows = np.zeros((sum(sizes), 6))
-        rows[: sizes[0], :3], rows[sizes[0] :, 3:] = bases
-        value = rows @ np.concatenate([part.vector for part in self.parts])
-        chi2 = _squared(value, rows @ self.covariance @ rows.T)
+        chi2 = _squared(rows @ self.vector, rows @ self.covariance @ rows.T)
         return TestEntry(plain(chi2), len(rows), chance_of_more(chi2, len(rows)))
 
     def judge(self, part: Part, within: Tolerance) -> Verdict:
@@ -304,22 +302,37 @@ def compare_poses(first: UncertainPose, second: UncertainPose) -> PoseComparison
         E = np.eye(6)
         E[3:, 3:] = turn
         covariance = J @ (second.covariance + E @ first.covariance @ E.T) @ J.T
+    return _comparison(
+        np.concatenate([second.t - first.t, phi]),
+        covariance,
+        unknown=(
+            _distinct(first.unknown_translation, second.unknown_translation),
+            _distinct(seen @ J[3:, 3:].T),
+        ),
+        meaningful=(len(axes) == 0, len(axes) < 2),
+    )
+
+
+def _comparison(
+    vector: Floats,
+    covariance: Floats | None,
+    unknown: Sequence[Floats],
+    meaningful: Sequence[bool],
+) -> PoseComparison:
+    translation, rotation = (
+        Part(
+            kind=kind,
+            vector=vector[block],
+            covariance=None if covariance is None else covariance[block, block],
+            unknown=directions,
+            meaningful=means_something,
+        )
+        for (kind, (block, *_)), directions, means_something in zip(
+            _PARTS.items(), unknown, meaningful, strict=True
+        )
+    )
     return PoseComparison(
-        translation=Part(
-            kind="translation",
-            vector=second.t - first.t,
-            covariance=None if covariance is None else covariance[:3, :3],
-            unknown=_distinct(first.unknown_translation, second.unknown_translation),
-            meaningful=len(axes) == 0,
-        ),
-        rotation=Part(
-            kind="rotation",
-            vector=phi,
-            covariance=None if covariance is None else covariance[3:, 3:],
-            unknown=_distinct(seen @ J[3:, 3:].T),
-            meaningful=len(axes) < 2,
-        ),
-        covariance=covariance,
+        vector=vector, covariance=covariance, translation=translation, rotation=rotation
     )
 
 

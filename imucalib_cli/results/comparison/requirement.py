@@ -62,8 +62,8 @@ def _shortfall(estimate: Estimate, parent: str, tolerance: Tolerance) -> Finding
     if estimate.covariance is None:
         return untrusted(
             "require.no_sigma",
-            translation=_finite(tolerance.translation),
-            rotation=_finite(tolerance.rotation),
+            translation=tolerance.translation if math.isfinite(tolerance.translation) else None,
+            rotation=tolerance.rotation if math.isfinite(tolerance.rotation) else None,
             method=estimate.method,
         )
     stds = np.sqrt(np.diag(estimate.covariance))
@@ -80,17 +80,10 @@ def _shortfall(estimate: Estimate, parent: str, tolerance: Tolerance) -> Finding
             excess = max(excess, worst / bound if math.isfinite(worst) else math.inf)
     if not missed:
         return None
-    remedy, longer = _remedy(estimate, excess)
-    return untrusted("require.sigma", parent=parent, remedy=remedy, longer=longer, **missed)
-
-
-def _finite(bound: float) -> float | None:
-    return bound if math.isfinite(bound) else None
-
-
-def _remedy(estimate: Estimate, excess: float) -> tuple[str, float | None]:
-    """Which remedy helps, and how many times as long a log must be where that is one."""
+    longer = max(excess**2, 1.1)
+    told: dict[str, str | float | None] = {"remedy": "livelier", "longer": None}
     if estimate.unobservable:
-        return "motion", None
-    longer = excess**2
-    return ("longer", max(longer, 1.1)) if longer <= _WORTH_RECORDING else ("livelier", None)
+        told["remedy"] = "motion"
+    elif longer <= _WORTH_RECORDING:
+        told = {"remedy": "longer", "longer": longer}
+    return untrusted("require.sigma", parent=parent, **told, **missed)

@@ -247,7 +247,7 @@ def _vectors_of(poses: Sequence[UncertainPose], times: Floats) -> _Vectors:
     R = _middle(np.array([pose.R for pose in poses]))
     reference = poses[0].exactly(R, poses[0].t)
     apart = [compare_poses(reference, pose) for pose in poses]
-    values = np.array([[*each.translation.vector, *each.rotation.vector] for each in apart])
+    values = np.array([each.vector for each in apart])
     covariances = np.array([each.covariance for each in apart])
     free = np.diag(np.asarray(poses[0].covariance)) > 0.0
     return _Vectors(
@@ -410,7 +410,7 @@ def _recordings(
     found = []
     for place, (name, result) in enumerate(used):
         pose, recording = result.uncertain_pose, result.provenance.recording
-        apart = compare_poses(start, pose)
+        shift_mm, turn_deg = tangent(compare_poses(start, pose).vector)
         std_mm, std_deg = tangent(np.sqrt(np.diag(np.asarray(pose.covariance))))
         found.append(
             TrendRecording(
@@ -421,8 +421,8 @@ def _recordings(
                 odd=place in odd,
                 translation=result.pose.translation,
                 rotation_xyzw=result.pose.rotation_xyzw,
-                shift_mm=plain(apart.translation.vector * apart.translation.scale),
-                turn_deg=plain(apart.rotation.vector * apart.rotation.scale),
+                shift_mm=shift_mm,
+                turn_deg=turn_deg,
                 std_mm=std_mm,
                 std_deg=std_deg,
             )
