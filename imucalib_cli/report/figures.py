@@ -12,13 +12,14 @@ from imucalib_cli.report.chart import (
     AXIS_COLOURS,
     AXIS_STYLES,
     Figure,
-    Plot,
-    Trace,
+    plot,
     ranges,
     thinned,
+    trace,
 )
 from imucalib_cli.report.drawings import heat_map, parameter_table
 from imucalib_cli.report.words import WORDS
+from imucalib_cli.results.pose import PARTS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.checks.segments import LogParts
     from imucalib_cli.estimate.details import Details, OffsetProfile, Spectrum, WindowSeries
-    from imucalib_cli.report.chart import Style
+    from imucalib_cli.report.chart import Data, Style
     from imucalib_cli.results.result import Result, TimeOffset
 
 _AXES = "xyz"
@@ -112,13 +113,13 @@ def _motion(material: Material, details: Details, sensor: str) -> Figure:
         band = ranges(details.imu_t, samples[:, axis : axis + 1], t)[:, 0]
         band[np.isnan(measured[at, axis])] = np.nan
         plots.append(
-            Plot(
+            plot(
                 title=name,
                 x=t,
                 traces=(
-                    Trace("samples, less bias", band, "band", "faint"),
-                    Trace("measured", measured[at, axis]),
-                    Trace("predicted", predicted[at, axis], "dashed", "second"),
+                    trace("samples, less bias", band, "band", "faint"),
+                    trace("measured", measured[at, axis]),
+                    trace("predicted", predicted[at, axis], "dashed", "second"),
                 ),
                 x_label=_TIME,
                 y_label=unit,
@@ -130,7 +131,7 @@ def _motion(material: Material, details: Details, sensor: str) -> Figure:
         sensor,
         quantity=quantity,
         seconds=f"{2.0 * details.half_window:.3g}",
-        plots=tuple(plots),
+        plots=plots,
     )
 
 
@@ -140,7 +141,7 @@ def _residuals(series: WindowSeries) -> Figure:
         values = np.asarray(getattr(series, f"{sensor}_residual"))
         at = thinned(values)
         plots.append(
-            Plot(
+            plot(
                 title=name,
                 x=series.t[at],
                 traces=_by_axis(values[at]),
@@ -150,15 +151,15 @@ def _residuals(series: WindowSeries) -> Figure:
                 shaded=series.left_out,
             )
         )
-    return _figure("residuals", plots=tuple(plots))
+    return _figure("residuals", plots=plots)
 
 
 def _spectra(spectra: tuple[Spectrum, Spectrum]) -> Figure:
     plots = tuple(
-        Plot(
+        plot(
             title=name,
             x=spectrum.frequency,
-            traces=(Trace("residual", spectrum.density, "points"),),
+            traces=(trace("residual", spectrum.density, "points"),),
             x_label="frequency, Hz",
             y_label=f"{unit}/√Hz",
             log="xy",
@@ -192,15 +193,15 @@ def _so_far(stretches: LogParts) -> Figure:
     return _figure(
         "enough",
         plots=tuple(
-            Plot(
-                title=name,
+            plot(
+                title=kind.capitalize(),
                 x=stretches.edges[1:] - stretches.edges[0],
                 traces=_by_axis(stretches.std_so_far[:, part] * factor, AXIS_STYLES),
                 x_label="duration, s",
                 y_label=f"1 σ, {unit}",
                 log="xy",
             )
-            for name, unit, factor, part in _POSE_PARTS
+            for kind, (part, unit, factor) in PARTS.items()
         ),
     )
 
@@ -211,10 +212,10 @@ def _offset(profile: OffsetProfile, found: TimeOffset) -> Figure:
         "offset",
         found=with_std(value, std),
         plots=(
-            Plot(
+            plot(
                 title="Time offset",
                 x=profile.seconds * 1e3,
-                traces=(Trace("worse by", profile.sigmas),),
+                traces=(trace("worse by", profile.sigmas),),
                 x_label="IMU stamp less robot stamp, ms",
                 y_label="σ",
                 shaded=[(value - std, value + std)],
@@ -229,22 +230,20 @@ def _stamps(stamps: Mapping[str, Floats]) -> Figure:
         intervals = np.diff(t) * 1e3
         at = thinned(intervals[:, None])
         plots.append(
-            Plot(
+            plot(
                 title=name if len(name) <= _LONGEST_NAME else f"{name[:_LONGEST_NAME]}…",
                 x=np.maximum.accumulate(t[1:])[at],
-                traces=(Trace("interval", intervals[at]),),
+                traces=(trace("interval", intervals[at]),),
                 x_label=_TIME,
                 y_label="ms",
                 shared_x=_LOG_TIME,
                 levels=(("median", float(np.median(intervals))),),
             )
         )
-    return _figure("stamps", plots=tuple(plots))
+    return _figure("stamps", plots=plots)
 
 
-def _figure(
-    key: str, *, plots: tuple[Plot, ...] = (), drawing: str = "", **values: object
-) -> Figure:
+def _figure(key: str, *, plots: Sequence[Data] = (), drawing: str = "", **values: object) -> Figure:
     """A figure with its words, the values of this log filled in."""
     words = WORDS[key]
     return Figure(
@@ -257,30 +256,15 @@ def _figure(
     )
 
 
-_POSE_PARTS = (
-    ("Translation", "mm", 1e3, slice(0, 3)),
-    ("Rotation", "deg", float(np.degrees(1.0)), slice(3, 6)),
-)
-
-
 def _pose_plots(
     x: Floats, values: Floats, std: Floats, *, x_label: str, shared: str = "", log: str = ""
-) -> tuple[Plot, ...]:
+) -> list[Data]:
     """Translation and rotation with error bars: values and std are (N, 6), m and rad."""
-    return tuple(
-        Plot(
-            title=name,
+    return [
+        plot(
+            title=kind.capitalize(),
             x=x,
-            traces=tuple(
-                Trace(axis, value, "bars", colour, half_width)
-                for axis, value, colour, half_width in zip(
-                    _AXES,
-                    factor * values[:, part].T,
-                    AXIS_COLOURS,
-                    factor * std[:, part].T,
-                    strict=True,
-                )
-            ),
+            traces=_by_axis(values[:, part] * factor, ("bars",) * 3, std[:, part] * factor),
             x_label=x_label,
             y_label=unit,
             shared_x=shared,
@@ -289,8 +273,8 @@ def _pose_plots(
             levels=(("", 0.0),),
             y_range=_shown_range(values[:, part] * factor, std[:, part] * factor),
         )
-        for name, unit, factor, part in _POSE_PARTS
-    )
+        for kind, (part, unit, factor) in PARTS.items()
+    ]
 
 
 def _shown_range(values: Floats, half_width: Floats) -> tuple[float, float]:
@@ -300,8 +284,11 @@ def _shown_range(values: Floats, half_width: Floats) -> tuple[float, float]:
     return (-1.1 * most, 1.1 * most) if most > 0.0 else (-1.0, 1.0)
 
 
-def _by_axis(values: Floats, styles: Sequence[Style] = ("line",) * 3) -> tuple[Trace, ...]:
-    return tuple(
-        Trace(axis, column, style, colour)
-        for axis, column, style, colour in zip(_AXES, values.T, styles, AXIS_COLOURS, strict=True)
-    )
+def _by_axis(
+    values: Floats,
+    styles: Sequence[Style] = ("line",) * 3,
+    half_width: Floats | None = None,
+) -> list[Data]:
+    bars = [None] * 3 if half_width is None else half_width.T
+    rows = zip(_AXES, values.T, styles, AXIS_COLOURS, bars, strict=True)
+    return [trace(*row) for row in rows]

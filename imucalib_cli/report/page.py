@@ -169,10 +169,10 @@ def _figure(figure: Figure, prefix: str, data: dict[str, Any]) -> str:
     words, places = figure.words, []
     for number, plot in enumerate(figure.plots):
         key = f"{prefix}{figure.key}-{number}"
-        data["plots"][key] = plot.data()
+        data["plots"][key] = plot
         places.append(
             f'<div class="plot" data-plot="{key}" tabindex="0" role="application" '
-            f'aria-label="{as_html(words.title)}, {as_html(plot.title)}. Keys: plus and minus '
+            f'aria-label="{as_html(words.title)}, {as_html(plot["title"])}. Keys: plus and minus '
             'zoom, left and right move, 0 shows all."></div>'
         )
     faults = "".join(f"<li>{as_html(each)}</li>" for each in words.faults)

@@ -1,6 +1,6 @@
 """What a person is told about a result: one list of fields, from which every form is rendered.
 
-The text summary is one renderer of it (results.summary), the HTML report another.
+The text summary is one renderer of it, the HTML report another.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from imucalib_cli.robot.rotations import (
     rotvec_from_matrix,
     rpy_from_matrix,
 )
+from imucalib_cli.shown import shown
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
         Unobservable,
     )
 
+_GREEN, _RED, _RESET = "\x1b[32m", "\x1b[31m", "\x1b[0m"
 _AXES = "xyz"
 _MANY = 3
 """Directions that are told one by one."""
@@ -186,6 +188,31 @@ def sections(result: Result) -> tuple[Section, ...]:
         )
         if section.fields
     )
+
+
+def summarise(result: Result, *, colour: bool = False) -> str:
+    """Some thirty lines about one IMU, the verdict perhaps in colour (ANSI codes)."""
+    trusted = result.status == "ok"
+    verdict = "ok" if trusted else "UNTRUSTED, do not use as it stands"
+    if colour:
+        verdict = f"{_GREEN if trusted else _RED}{verdict}{_RESET}"
+    head = f"{shown(f'{result.child} in {result.parent}')}: {verdict}"
+    return "\n".join((head, *(shown(line) for line in _lines(result)))) + "\n"
+
+
+def _lines(result: Result) -> Iterator[str]:
+    """Values in a column, sentences as they are; the poses stand apart, each below its formula."""
+    is_pose = False
+    for section in sections(result):
+        if bool(section.formula) != is_pose:
+            yield ""
+        is_pose = bool(section.formula)
+        if is_pose:
+            yield f"  {section.title}: {section.formula}"
+        for field in section.fields:
+            is_sentence = field.severity or not field.label
+            said = str(field) if is_sentence else f"{field.label:<15} {field.text}"
+            yield f"{'    ' if is_pose else '  '}{said}"
 
 
 def unobservable_fields(result: Result) -> Iterator[Field]:

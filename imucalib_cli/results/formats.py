@@ -60,7 +60,7 @@ def _json(results: Sequence[Result]) -> str:
 
 
 def _summary(results: Sequence[Result]) -> str:
-    from imucalib_cli.results.summary import summarise
+    from imucalib_cli.results.fields import summarise
 
     return "\n".join(summarise(result) for result in results)
 

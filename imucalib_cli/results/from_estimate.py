@@ -15,7 +15,7 @@ from msgspec import UNSET
 
 from imucalib_cli.findings import Finding, Severity
 from imucalib_cli.results import result as tree
-from imucalib_cli.results.pose import AFFECTED, across
+from imucalib_cli.results.pose import AFFECTED, PARTS, across
 from imucalib_cli.robot.rotations import quaternion_from_matrix, rotation_angle, rpy_from_matrix
 
 if TYPE_CHECKING:
@@ -92,11 +92,7 @@ def known_directions(
     if covariance is None or not unobservable:
         return []
     found: list[tree.Observable] = []
-    kinds: tuple[tuple[tree.Kind, slice], ...] = (
-        ("translation", slice(0, 3)),
-        ("rotation", slice(3, 6)),
-    )
-    for kind, part in kinds:
+    for kind, (part, *_) in PARTS.items():
         basis = across([each.direction_parent for each in unobservable if each.kind == kind]).T
         values, vectors = np.linalg.eigh(basis.T @ covariance[part, part] @ basis)
         for variance, vector in zip(values, (basis @ vectors).T, strict=True):

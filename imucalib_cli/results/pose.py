@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -15,9 +16,15 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from imucalib_cli.arrays import Floats
+    from imucalib_cli.results.result import Kind
     from imucalib_cli.robot.urdf import Robot
 
 
+PARTS: dict[Kind, tuple[slice, str, float]] = {
+    "translation": (slice(0, 3), "mm", 1e3),
+    "rotation": (slice(3, 6), "deg", math.degrees(1.0)),
+}
+"""Of a pose: place among six, unit, and how many of the unit a metre or a radian is."""
 AFFECTED = 0.05
 """A translation component is unknown if an undetermined direction has at least this share of it
 (3 degrees off the axis): less is the noise of the direction itself."""

@@ -36,7 +36,7 @@ from imucalib_cli.findings import Severity, note, texts, untrusted, warning
 from imucalib_cli.results.codec import read_results, result_from, to_document, to_json, to_yaml
 from imucalib_cli.results.comparison.answers import schema_of
 from imucalib_cli.results.comparison.requirement import Tolerance, require
-from imucalib_cli.results.fields import sections, verdict
+from imucalib_cli.results.fields import sections, summarise, verdict
 from imucalib_cli.results.formats import FORMATS, refuse_untrusted
 from imucalib_cli.results.from_estimate import result_of, scalars
 from imucalib_cli.results.result import (
@@ -46,7 +46,6 @@ from imucalib_cli.results.result import (
     SourceFile,
     Topics,
 )
-from imucalib_cli.results.summary import summarise
 from imucalib_cli.robot.mount import Nominal
 
 ROOT = Path(__file__).parents[2]

@@ -20,7 +20,7 @@ from imucalib_cli.results.comparison.answers import (
 )
 from imucalib_cli.results.comparison.bounds import chance_of_more, norm_bounds
 from imucalib_cli.results.from_estimate import plain
-from imucalib_cli.results.pose import AFFECTED, across, correlation
+from imucalib_cli.results.pose import AFFECTED, PARTS, across, correlation
 from imucalib_cli.robot.rotations import (
     left_jacobian_inverse,
     matrix_from_rotvec,
@@ -48,11 +48,6 @@ RARE = 0.01
 hundred comparisons."""
 _NOTHING = 1e-9
 """m or rad, 1 sigma of a component that is left out of a comparison: far below any tolerance."""
-_PARTS: dict[Kind, tuple[slice, str, float]] = {
-    "translation": (slice(0, 3), "mm", 1e3),
-    "rotation": (slice(3, 6), "deg", math.degrees(1.0)),
-}
-"""Of each part: its place among six, its unit, and how many of it a metre or a radian is."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -73,12 +68,12 @@ class Part:
     @property
     def unit(self) -> str:
         """For people."""
-        return _PARTS[self.kind][1]
+        return PARTS[self.kind][1]
 
     @property
     def scale(self) -> float:
         """How many of the unit a metre or a radian is."""
-        return _PARTS[self.kind][2]
+        return PARTS[self.kind][2]
 
     @property
     def norm(self) -> float:
@@ -114,7 +109,7 @@ class Part:
         """(3 - k, 6), orthonormal directions in which both poses are known."""
         known = across(self.unknown) if self.meaningful else np.zeros((0, 3))
         rows = np.zeros((len(known), 6))
-        rows[:, _PARTS[self.kind][0]] = known
+        rows[:, PARTS[self.kind][0]] = known
         return rows
 
     def __str__(self) -> str:
@@ -177,7 +172,7 @@ class PoseComparison:
         vector = self.vector.copy()
         vector[places] = 0.0
         unknown = []
-        for part, (block, *_) in zip(self.parts, _PARTS.values(), strict=True):
+        for part, (block, *_) in zip(self.parts, PARTS.values(), strict=True):
             gone = np.isin(np.arange(6)[block], places)
             unknown.append(_distinct(np.where(gone, 0.0, part.unknown)))
         meaningful = [part.meaningful for part in self.parts]
@@ -328,7 +323,7 @@ def _comparison(
             meaningful=means_something,
         )
         for (kind, (block, *_)), directions, means_something in zip(
-            _PARTS.items(), unknown, meaningful, strict=True
+            PARTS.items(), unknown, meaningful, strict=True
         )
     )
     return PoseComparison(

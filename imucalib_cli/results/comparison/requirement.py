@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from imucalib_cli.findings import Finding, untrusted
+from imucalib_cli.results.pose import PARTS
 
 if TYPE_CHECKING:
-    from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.estimate import Estimate
     from imucalib_cli.results.result import Kind
 
@@ -37,9 +37,8 @@ class Tolerance:
 
     def words_of(self, kind: Kind) -> str:
         """Such as ``5 mm`` or ``0.5 deg``."""
-        if kind == "translation":
-            return f"{self.translation * 1e3:.6g} mm"
-        return f"{math.degrees(self.rotation):.6g} deg"
+        _, unit, scale = PARTS[kind]
+        return f"{self.of(kind) * scale:.6g} {unit}"
 
     def __str__(self) -> str:
         """Such as ``5 mm and 0.5 deg``."""
@@ -69,9 +68,8 @@ def _shortfall(estimate: Estimate, parent: str, tolerance: Tolerance) -> Finding
     stds = np.sqrt(np.diag(estimate.covariance))
     missed: dict[str, float | str] = {}
     excess = 1.0
-    parts: tuple[tuple[Kind, Floats], ...] = ("translation", stds[:3]), ("rotation", stds[3:])
-    for kind, std in parts:
-        bound = tolerance.of(kind)
+    for kind, (part, *_) in PARTS.items():
+        std, bound = stds[part], tolerance.of(kind)
         # negated comparison, so that a sigma that is not a number does not pass
         if not float(np.max(std)) <= bound:
             axis = int(np.argmax(np.nan_to_num(std, nan=np.inf)))
