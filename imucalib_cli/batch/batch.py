@@ -75,7 +75,10 @@ class Batch:
             stack.callback(lambda: folder.summarise(SUMMARY, csv_table))
             left = []
             places = frozenset(log.place for log in self.logs)
-            sizes = {_sizes(record) for record in folder.records.values()}
+            sizes = {
+                tuple(sorted(stamp.size for stamp in record.files))
+                for record in folder.records.values()
+            }
             for log in self.logs:
                 record = self._finished(log, folder, sizes, places)
                 if record is None:
@@ -140,7 +143,3 @@ def _is_another(record: Record, before: Record) -> bool:
     """Whether a log holds something else than before, as far as both could be read."""
     now, then = ([stamp.identity for stamp in each.files] for each in (record, before))
     return bool(now) and bool(then) and now != then
-
-
-def _sizes(record: Record) -> tuple[int, ...]:
-    return tuple(sorted(stamp.size for stamp in record.files))

@@ -58,7 +58,8 @@ class DaskWorkers:
     def __call__(self, task: Task, logs: Sequence[BatchLog]) -> Generator[tuple[BatchLog, Done]]:
         """Run the task, as the interface has it; InputError where the scheduler is not there."""
         distributed = optional("distributed", "--dask needs", "dask")
-        _be_quiet()
+        for name in ("distributed", "tornado"):  # lost workers are told in our words
+            logging.getLogger(name).setLevel(logging.CRITICAL)
         task = replace(task, folder=Path.cwd())
         with self._client(distributed) as client:
             waiting = iter(logs)
@@ -174,12 +175,6 @@ def within(seconds: float | None, task: Task, log: BatchLog) -> Done:
         return task.late(log, seconds)
     finally:
         timer.cancel()
-
-
-def _be_quiet() -> None:
-    """Lost workers are told in our words."""
-    for name in ("distributed", "tornado"):
-        logging.getLogger(name).setLevel(logging.CRITICAL)
 
 
 def _why(error: BaseException) -> str:

@@ -31,6 +31,7 @@ from imucalib_cli.estimate.statistics import LogStatistics
 from imucalib_cli.results.codec import result_from, to_document
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
 
     from imucalib_cli.arrays import Floats
@@ -60,6 +61,12 @@ _DAMAGED: Final = (
     StopIteration,
 )
 """What reading and taking apart an archive that is no such file raises."""
+_NUMBERS: Final[dict[str, Callable[[Any], Any]]] = {
+    "seconds": float,
+    "clock_stepped": bool,
+    "offset_variance": float,
+}
+"""Of the statistics, as the header has them."""
 _SYMMETRIC: Final = ("information", "noise", "motion")
 
 
@@ -88,26 +95,17 @@ def statistics_bytes(result: Result, statistics: LogStatistics) -> bytes:
         "result": to_document(result),
         "options": msgspec.to_builtins(statistics.options, enc_hook=lambda each: each.tolist()),
         "unknowns": [
-            {
-                "name": each.unknown.name,
-                "labels": list(each.labels),
-                "unit": each.unit,
-                "hidden": each.hidden,
-            }
+            {"name": each.unknown.name}
+            | {key: getattr(each, key) for key in ("labels", "unit", "hidden")}
             for each in layout.placed
         ],
-        "still": list(layout.still),
+        "still": layout.still,
         "held_offset": equations.at.held_offset,
         "level": equations.level,
-        "seconds": statistics.seconds,
-        "clock_stepped": statistics.clock_stepped,
-        "offset_variance": statistics.offset_variance,
+        **{name: getattr(statistics, name) for name in _NUMBERS},
     }
     arrays: dict[str, Any] = {
-        "R": equations.at.R,
-        "t": equations.at.t,
-        "gravity": equations.at.gravity,
-        "x": equations.at.x,
+        **{name: getattr(equations.at, name) for name in ("R", "t", "gravity", "x")},
         "score": equations.score,
         **{name: _packed(getattr(equations, name)) for name in _SYMMETRIC},
         "directions": np.concatenate(
@@ -124,10 +122,8 @@ def statistics_bytes(result: Result, statistics: LogStatistics) -> bytes:
         **_joined(statistics.parts, statistics.edges),
     }
     for sensor, spectrum in zip(("accel", "gyro"), statistics.spectra, strict=True):
-        arrays[f"{sensor}_frequency"], arrays[f"{sensor}_density"] = (
-            spectrum.frequency,
-            spectrum.density,
-        )
+        arrays[f"{sensor}_frequency"] = spectrum.frequency
+        arrays[f"{sensor}_density"] = spectrum.density
         arrays[f"{sensor}_own_density"] = np.array(spectrum.own)
     text = np.frombuffer(json.dumps(header, ensure_ascii=False).encode(), dtype=np.uint8)
     file = io.BytesIO()
@@ -151,19 +147,15 @@ def read_statistics(path: Path) -> StoredLog:
                 f"{path}: is of schema {header['schema']}, this version reads {_SCHEMA}: use the "
                 "imucalib it came from"
             )
-        return _stored(str(path), header, arrays)
+        result = result_from(header["result"], str(path))
+        log = StoredLog(name=str(path), result=result, statistics=_statistics(header, arrays))
+        _see_they_agree(log)
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}): check the path") from error
     except _DAMAGED as error:
         raise InputError(
             f"{path}: is damaged or no {_WHAT}: write it again by `imucalib run --statistics`"
         ) from error
-
-
-def _stored(name: str, header: dict[str, Any], arrays: dict[str, Floats]) -> StoredLog:
-    result = result_from(header["result"], name)
-    log = StoredLog(name=name, result=result, statistics=_statistics(header, arrays))
-    _see_they_agree(log)
     return log
 
 
@@ -221,9 +213,7 @@ def _statistics(header: dict[str, Any], arrays: dict[str, Floats]) -> LogStatist
             )
         ),
         widened=arrays["widened"].reshape(6, 6),
-        offset_variance=float(header["offset_variance"]),
-        seconds=float(header["seconds"]),
-        clock_stepped=bool(header["clock_stepped"]),
+        **{name: kind(header[name]) for name, kind in _NUMBERS.items()},
     )
 
 
