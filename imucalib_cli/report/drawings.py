@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 _LABELS, _CELLS, _ROW, _FOOT = 90, 700, 26, 40
 """Widths of labels and cells, heights of a row and the axis, in units of the drawing."""
 _MOST_TICKS = 6
+"""That fit side by side."""
 _REACH = 2.0
 """Prior sigmas that a bar's scale reaches to either side."""
 _TINY = 1e-100

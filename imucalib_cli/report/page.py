@@ -123,7 +123,8 @@ def _is_told_first(section: Section) -> bool:
 def _section(section: Section) -> str:
     rows = "".join(map(_field, section.fields))
     formula = f"<p><code>{as_html(section.formula)}</code></p>" if section.formula else ""
-    return f"<h3>{as_html(_capital(section.title))}</h3>{formula}<dl>{rows}</dl>"
+    title = section.title[:1].upper() + section.title[1:]
+    return f"<h3>{as_html(title)}</h3>{formula}<dl>{rows}</dl>"
 
 
 def _field(field: Field) -> str:
@@ -235,10 +236,6 @@ def _source(result: Result, prefix: str) -> str:
     rows += [(name, "default" if v is None else str(v)) for name, v in source.options.items()]
     text = "".join(f"<dt>{as_html(name)}</dt><dd>{as_html(value)}</dd>" for name, value in rows)
     return f'<section id="{prefix}source"><h2>Where this is from</h2><dl>{text}</dl></section>'
-
-
-def _capital(text: str) -> str:
-    return text[:1].upper() + text[1:]
 
 
 def _asset(name: str) -> str:

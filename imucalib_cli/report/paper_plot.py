@@ -28,6 +28,7 @@ SUFFIXES = (".svg", ".pdf", ".png")
 _WIDTH, _HEIGHT = 7.2, 8.6
 """Inches: the width of a page's text, and the height of a page of residuals."""
 _DPI = 200
+"""Of a PNG: pixels of a good print."""
 _MEASURED, _PREDICTED, _RESIDUAL = "#56b4e9", "#d55e00", "#444444"
 """Two of Okabe and Ito's, told apart by colour-blind readers too, and a grey."""
 _LEFT_OUT = "#cccccc"

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from typing import IO
 
 _WRITABLE = 0o222
+"""Bits of a mode that let anybody write."""
 _PARTIAL = ".imucalib-{}.part"
 _ABANDONED = 60.0
 """s without a change, after which nobody writes to a partial file any more."""

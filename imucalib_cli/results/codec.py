@@ -35,7 +35,7 @@ T = TypeVar("T")
 FARTHEST = 100.0
 """m; no IMU sits farther from the frame that carries it."""
 ROTATIONS_AGREE = 1e-6
-"""rad between the quaternion and the angles of one rotation."""
+"""rad between the quaternion and the angles of one rotation, and of its norm from 1."""
 RESULT = "a result of `imucalib run`"
 _OLD_REQUIREMENT = "--require asks for "
 """How the reasons of --require begin in results that were written without codes."""
@@ -294,7 +294,7 @@ def _pose_contradictions(result: Result) -> Iterator[tuple[str, str]]:
 
 def _rotation_contradictions(pose: Pose | NominalEntry, place: str) -> Iterator[tuple[str, str]]:
     norm = math.hypot(*pose.rotation_xyzw)
-    if abs(norm - 1.0) > 1e-6:
+    if abs(norm - 1.0) > ROTATIONS_AGREE:
         yield f"{place}.rotation_xyzw", f"should have norm 1, not {norm:.6g}"
         return
     # the angles are for readers only, so whoever edits them alone would wonder why nothing happens

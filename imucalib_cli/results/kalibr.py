@@ -19,17 +19,8 @@ from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.findings import warning
 from imucalib_cli.guarded_yaml import YamlError, load_one
 from imucalib_cli.layout import Table
-from imucalib_cli.results.codec import FARTHEST, convert
-from imucalib_cli.results.comparison.answers import (
-    Averaged,
-    Distance,
-    FramePoses,
-    KalibrAnswer,
-    KalibrPose,
-    OurPose,
-    TimeShifts,
-    TruthPose,
-)
+from imucalib_cli.results.codec import FARTHEST, ROTATIONS_AGREE, convert
+from imucalib_cli.results.comparison import answers
 from imucalib_cli.results.comparison.pose_comparison import compare_poses
 from imucalib_cli.results.from_estimate import plain, pose_entry
 from imucalib_cli.results.pose import pose_error
@@ -100,7 +91,7 @@ class TrueTransform(Tree, frozen=True):
     rotation_xyzw: _Four
 
     def __post_init__(self) -> None:
-        if abs(math.hypot(*self.rotation_xyzw) - 1.0) > 1e-6:
+        if abs(math.hypot(*self.rotation_xyzw) - 1.0) > ROTATIONS_AGREE:
             raise ValueError("rotation_xyzw should have norm 1")
 
     @property
@@ -154,7 +145,7 @@ def compare_with_kalibr(
     *,
     camera_link: str,
     truth: tuple[str, Truth] | None = None,
-) -> tuple[KalibrAnswer, tuple[Block, ...]]:
+) -> tuple[answers.KalibrAnswer, tuple[Block, ...]]:
     """Express both results in both frames through the URDF's fixed joints, in words too.
 
     Ours stands after the name of its file, Kalibr's after those of its file and of the camera,
@@ -180,10 +171,10 @@ def compare_with_kalibr(
         if truth[1].camera is not None:
             kalibr_error = _distance((R_camera, t_camera), truth[1].camera.pose)
 
-    def poses(pose: Pose) -> FramePoses:
-        return FramePoses(pose_entry(R.T @ pose[0], R.T @ (pose[1] - p)), pose_entry(*pose))
+    def poses(pose: Pose) -> answers.FramePoses:
+        return answers.FramePoses(pose_entry(R.T @ pose[0], R.T @ (pose[1] - p)), pose_entry(*pose))
 
-    def entries(pose: Pose, error: Distance | None) -> dict[str, Any]:
+    def entries(pose: Pose, error: answers.Distance | None) -> dict[str, Any]:
         return {
             **msgspec.structs.asdict(poses(pose)),
             "from_nominal": _distance(pose, nominal),
@@ -195,7 +186,7 @@ def compare_with_kalibr(
     far = any(part.norm > _FAR[part.kind] for part in apart.parts if not len(part.unknown))
     others = [link for link in robot.links if link.endswith(OPTICAL) and link != camera_link]
     doubt = warning("compare.frames_far", camera_link=camera_link, others=others).message
-    answer = KalibrAnswer(
+    answer = answers.KalibrAnswer(
         schema=SCHEMA,
         comparison="kalibr",
         status=ours.status,
@@ -208,10 +199,10 @@ def compare_with_kalibr(
         test=apart.test(),
         time=times,
         warnings=[doubt] if far else [],
-        imucalib=OurPose(
+        imucalib=answers.OurPose(
             file=file, time_offset=plain(ours.time_offset.seconds), **entries(our_pose, error)
         ),
-        kalibr=KalibrPose(
+        kalibr=answers.KalibrPose(
             file=kalibr_file,
             camera=camera_name,
             timeshift_cam_imu=plain(shift),
@@ -223,7 +214,7 @@ def compare_with_kalibr(
     return answer, tuple(_blocks(answer, apart))
 
 
-def _true_pose(name: str, truth: Truth, file: str, found: UncertainPose) -> TruthPose:
+def _true_pose(name: str, truth: Truth, file: str, found: UncertainPose) -> answers.TruthPose:
     """What is true as answers write it, if it is of the same IMU as a result."""
     true, camera = truth.transform, truth.camera
     if (true.parent, true.child) != (found.parent, found.child):
@@ -231,7 +222,7 @@ def _true_pose(name: str, truth: Truth, file: str, found: UncertainPose) -> Trut
             f"{name} is of {true.child} in {true.parent}, {file} of {found.child} in "
             f"{found.parent}: give the truth of the same log, or run with the same --parent"
         )
-    return TruthPose(
+    return answers.TruthPose(
         file=name,
         T_camera_imu=None if camera is None else pose_entry(*camera.pose),
         T_parent_imu=pose_entry(*true.pose),
@@ -240,14 +231,14 @@ def _true_pose(name: str, truth: Truth, file: str, found: UncertainPose) -> Trut
     )
 
 
-def _distance(pose: Pose, other: Pose | None) -> Distance | None:
+def _distance(pose: Pose, other: Pose | None) -> answers.Distance | None:
     if other is None:
         return None
     error = pose_error(*pose, *other)
-    return Distance(
+    return answers.Distance(
         distance_mm=plain(error.translation * 1e3),
         angle_deg=plain(math.degrees(error.rotation)),
-        averaged=Averaged(
+        averaged=answers.Averaged(
             metric="ATOM compareTransforms: |mean of x y z|, mean of |roll| |pitch| |yaw|",
             translation_mm=plain(error.averaged_translation * 1e3),
             rotation_deg=plain(math.degrees(error.averaged_rotation)),
@@ -255,12 +246,14 @@ def _distance(pose: Pose, other: Pose | None) -> Distance | None:
     )
 
 
-def _time_shifts(result: Result, shift: float, truth: TruthPose | None) -> TimeShifts:
+def _time_shifts(
+    result: Result, shift: float, truth: answers.TruthPose | None
+) -> answers.TimeShifts:
     def milliseconds(value: float | None, true: float | None = 0.0) -> Any:
         return None if value is None or true is None else plain((value - true) * 1e3)
 
     offset = result.time_offset.seconds
-    return TimeShifts(
+    return answers.TimeShifts(
         difference_ms=milliseconds(shift, offset),
         sigma_ms=milliseconds(result.time_offset.std),
         camera_offset_ms=milliseconds(offset - shift),
@@ -272,8 +265,8 @@ def _time_shifts(result: Result, shift: float, truth: TruthPose | None) -> TimeS
 def _reason(
     result: Result,
     apart: PoseComparison,
-    errors: tuple[Distance | None, Distance | None],
-    times: TimeShifts | None,
+    errors: tuple[answers.Distance | None, answers.Distance | None],
+    times: answers.TimeShifts | None,
 ) -> str:
     """One sentence with the figures."""
     said = f"{result.child} in {result.parent}: Kalibr's pose is {apart} from ours"
@@ -285,12 +278,12 @@ def _reason(
     return said if times is None else f"{said}; {_camera_clock_words(times)}"
 
 
-def _distance_words(distance: Distance) -> str:
+def _distance_words(distance: answers.Distance) -> str:
     """Such as ``0.12 mm and 0.003 deg``."""
     return f"{figures(distance.distance_mm, 3)} mm and {figures(distance.angle_deg, 3)} deg"
 
 
-def _camera_clock_words(times: TimeShifts) -> str:
+def _camera_clock_words(times: answers.TimeShifts) -> str:
     """What both time shifts together say about the camera's clock."""
     late = times.camera_offset_ms
     return (
@@ -299,7 +292,7 @@ def _camera_clock_words(times: TimeShifts) -> str:
     )
 
 
-def _blocks(answer: KalibrAnswer, apart: PoseComparison) -> Iterator[Block]:
+def _blocks(answer: answers.KalibrAnswer, apart: PoseComparison) -> Iterator[Block]:
     """Two columns, then what is between them."""
     ours, theirs, times = answer.imucalib, answer.kalibr, answer.time
     yield f"{answer.child} in {answer.parent}: Kalibr's pose beside ours"

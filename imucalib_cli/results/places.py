@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 _COMPANIONS = ("-wal", "-journal", "-shm")
 """What SQLite keeps beside a database, and reads with it."""
 _HEAD = 1 << 16
+"""Bytes in which a URDF says what it is, long comments before it."""
 _ROBOT = re.compile(rb"<robot[\s>/]")
 
 

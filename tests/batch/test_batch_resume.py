@@ -7,6 +7,7 @@ import random
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +18,7 @@ from imucalib_cli.batch.folder import ResultFolder
 from imucalib_cli.batch.logs import BatchLog
 from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.results.atomic import write_whole
-from tests.batch.batch_tasks import Copying, batch, copying, with_context
+from tests.batch.batch_tasks import Copying, batch, copying
 
 if TYPE_CHECKING:
     from imucalib_cli.batch.batch import Batch
@@ -87,7 +88,7 @@ def test_another_log_or_other_options_are_done(scene: Scene) -> None:
     scene.log("a", "changed")
     assert scene.run() == ["a"]
     assert scene.results_of()["a.a.yaml"] == "changed"
-    other = with_context(scene.task, "other options")
+    other = replace(scene.task, context="other options")
     assert scene.run(task=other) == ["a", "b"]
     # the results are of these options now
     assert scene.run() == ["a", "b"]
@@ -252,7 +253,7 @@ def test_killed_before_or_after_any_write_nothing_is_lost_or_doubled(
         scene = Scene(tmp_path / str(moment))
         scene.log("a", "1")
         scene.log("b", "2")
-        other = with_context(scene.task, "other options")
+        other = replace(scene.task, context="other options")
         scene.run(task=other)
         scene.log("a", "one result")
         scene.log("c", "3")

@@ -10,15 +10,7 @@ from msgspec import UNSET
 from imucalib_cli.digits import figures
 from imucalib_cli.estimate.checks.stated import POSE_NAMES
 from imucalib_cli.findings import warning
-from imucalib_cli.results.comparison.answers import (
-    DiffAnswer,
-    Side,
-    TestEntry,
-    ToldPose,
-    Verdict,
-    VerifyAnswer,
-    Within,
-)
+from imucalib_cli.results.comparison import answers
 from imucalib_cli.results.comparison.pose_comparison import PoseComparison, compare_poses
 from imucalib_cli.results.comparison.requirement import CODES, Tolerance
 from imucalib_cli.results.fields import unobservable_fields
@@ -32,7 +24,7 @@ if TYPE_CHECKING:
     from imucalib_cli.results.result import Result, SourceFile
     from imucalib_cli.robot.mount import Nominal
 
-_MOVED: dict[Verdict, Literal["moved", "not moved", "unknown"]] = {
+_MOVED: dict[answers.Verdict, Literal["moved", "not moved", "unknown"]] = {
     "yes": "not moved",
     "no": "moved",
     "unknown": "unknown",
@@ -50,7 +42,7 @@ def verify(
     file: str = "",
     *,
     ignored: frozenset[int] = frozenset(),
-) -> VerifyAnswer:
+) -> answers.VerifyAnswer:
     """Decide whether a told pose, in the result's parent frame, is right within a tolerance.
 
     For translation and rotation alike: yes if everything within two sigma of what was found lies
@@ -65,7 +57,7 @@ def verify(
     left_out = tuple(POSE_NAMES[place] for place in sorted(ignored))
     verdicts = [apart.judge(part, within) for part in apart.parts]
     doubts = _contradictions(result)
-    verdict: Verdict = "unknown" if doubts else apart.verdict(within)
+    verdict: answers.Verdict = "unknown" if doubts else apart.verdict(within)
     place = f"{result.child} in {result.parent}"
     source = "the log's own frames say" if urdf is None else f"{urdf.path} says"
     by = f"{source} (joint '{told.joint}')" if told.joint else source
@@ -83,7 +75,7 @@ def verify(
         case "unknown":
             why = doubts or _open_questions(result, apart, within)
             said = f"cannot tell whether {place} is where {by}, within {within}: {'; '.join(why)}"
-    return VerifyAnswer(
+    return answers.VerifyAnswer(
         schema=SCHEMA,
         comparison="verify",
         verdict=verdict,
@@ -94,7 +86,7 @@ def verify(
         **apart.entries(*verdicts),
         significance=apart.significance(),
         told=copied(
-            ToldPose,
+            answers.ToldPose,
             pose_entry(told.R_parent_imu, told.t_parent_imu),
             joint=told.joint,
             urdf=urdf,
@@ -110,7 +102,7 @@ def diff(
     second: tuple[str, Result],
     poses: tuple[UncertainPose, UncertainPose],
     within: Tolerance | None = None,
-) -> DiffAnswer:
+) -> answers.DiffAnswer:
     """Decide whether the mount moved between two results, each after the name of its file.
 
     With a tolerance, as ``verify`` does; without one, by the significance of the difference
@@ -120,7 +112,7 @@ def diff(
     test = apart.test()
     sides = (first, second)
     doubts = [f"{name}: {said}" for name, result in sides for said in _contradictions(result)]
-    verdict: Verdict = "unknown" if doubts else apart.verdict(within)
+    verdict: answers.Verdict = "unknown" if doubts else apart.verdict(within)
     place = f"{poses[0].child} in {poses[0].parent}"
     figures_said = f"{apart} apart{_chance(test)}"
     allowed = "" if within is None else f", within {within}"
@@ -138,7 +130,7 @@ def diff(
             too_wide = f"within two sigma it is up to {apart.farthest_words}{asked}"
             why = why or [f"{too_wide}: record longer or livelier motion"]
             said = f"cannot tell whether {place} has moved: {figures_said}; {'; '.join(why)}"
-    return DiffAnswer(
+    return answers.DiffAnswer(
         schema=SCHEMA,
         comparison="diff",
         verdict=_MOVED[verdict],
@@ -158,9 +150,9 @@ def diff(
     )
 
 
-def within_entry(within: Tolerance) -> Within:
+def within_entry(within: Tolerance) -> answers.Within:
     """A tolerance as answers write it."""
-    return Within(plain(within.translation * 1e3), plain(math.degrees(within.rotation)))
+    return answers.Within(plain(within.translation * 1e3), plain(math.degrees(within.rotation)))
 
 
 def _contradictions(result: Result) -> list[str]:
@@ -222,7 +214,7 @@ def _given_beforehand(result: Result) -> str:
     return _names_words("told beforehand, not found by the log alone", names)
 
 
-def _chance(test: TestEntry | None) -> str:
+def _chance(test: answers.TestEntry | None) -> str:
     if test is None:
         return ""
     chance = "less than 1e-12" if test.p_value < 1e-12 else figures(test.p_value, 2)
@@ -233,8 +225,8 @@ def _chance(test: TestEntry | None) -> str:
     )
 
 
-def _side(name: str, result: Result) -> Side:
-    return Side(
+def _side(name: str, result: Result) -> answers.Side:
+    return answers.Side(
         file=name,
         status=result.status,
         parent=result.parent,

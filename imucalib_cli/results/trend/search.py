@@ -35,6 +35,7 @@ _ROUNDS = 10
 _SAME = 0.01
 """Relative difference of two variances that part the recordings alike."""
 _STEPS = 50
+"""Of scoring; ten or so settle."""
 _TOLD = 1e-9
 """Share of a recording's own variance, of what the fit leaves of it: less is rounding."""
 _SETTLED = 1e-3

@@ -14,16 +14,7 @@ from imucalib_cli.digits import figures, sigma
 from imucalib_cli.estimate.checks.segments import DECISIVE
 from imucalib_cli.estimate.checks.stated import POSE_NAMES
 from imucalib_cli.findings import warning
-from imucalib_cli.results.comparison.answers import (
-    ChangeEntry,
-    DriftEntry,
-    MountEntry,
-    OddEntry,
-    Scatter,
-    TrendAnswer,
-    TrendRecording,
-    UnusedResult,
-)
+from imucalib_cli.results.comparison import answers
 from imucalib_cli.results.comparison.bounds import chance_of_more
 from imucalib_cli.results.comparison.pose_comparison import RARE, PoseComparison, compare_poses
 from imucalib_cli.results.comparison.verdicts import within_entry
@@ -31,22 +22,7 @@ from imucalib_cli.results.fields import instant, judgement
 from imucalib_cli.results.from_estimate import copied, plain, pose_entry, tangent
 from imucalib_cli.results.pose import correlation
 from imucalib_cli.results.result import SCHEMA
-from imucalib_cli.results.trend.search import (
-    LEAST,
-    Explained,
-    Line,
-    Mounts,
-    Series,
-    certainty_of_place,
-    chi2_about_one,
-    explained,
-    find_line,
-    find_mounts,
-    means,
-    weights_of,
-    with_an_odd_one,
-    without_a_change,
-)
+from imucalib_cli.results.trend import search
 from imucalib_cli.robot.rotations import left_jacobian_inverse, matrix_from_rotvec, rotation_angle
 from imucalib_cli.shown import natural
 
@@ -56,7 +32,6 @@ if TYPE_CHECKING:
 
     from imucalib_cli.arrays import Bools, Floats, Indices
     from imucalib_cli.findings import Finding
-    from imucalib_cli.results.comparison.answers import Moved, Order
     from imucalib_cli.results.comparison.requirement import Tolerance
     from imucalib_cli.results.pose import UncertainPose
     from imucalib_cli.results.result import Result
@@ -78,20 +53,20 @@ class _Seen:
     """What the recordings show, with the poses that it was told of; nothing if fewer than two."""
 
     used: Sequence[Named] = ()
-    recordings: Sequence[TrendRecording] = ()
-    mounts: Sequence[MountEntry] = ()
-    changes: Sequence[tuple[PoseComparison, ChangeEntry]] = ()
-    odd: Mapping[int, tuple[PoseComparison, OddEntry]] = field(default_factory=dict)
+    recordings: Sequence[answers.TrendRecording] = ()
+    mounts: Sequence[answers.MountEntry] = ()
+    changes: Sequence[tuple[PoseComparison, answers.ChangeEntry]] = ()
+    odd: Mapping[int, tuple[PoseComparison, answers.OddEntry]] = field(default_factory=dict)
     """By their places."""
-    drift: tuple[PoseComparison, DriftEntry] | None = None
-    scatter: Scatter | None = None
+    drift: tuple[PoseComparison, answers.DriftEntry] | None = None
+    scatter: answers.Scatter | None = None
     chance: float = 1.0
     """That sigma alone makes the recordings as different as they are."""
 
 
 def trend(
     given: Sequence[Named], within: Tolerance | None = None, since: datetime | None = None
-) -> TrendAnswer:
+) -> answers.TrendAnswer:
     """Decide whether the mount of one IMU moved over its recordings, and between which.
 
     Results, at least one, are of the same parent, child and topic, after the names of their files.
@@ -99,7 +74,7 @@ def trend(
     more.
     """
     used, left_out = _usable(given, since)
-    order: Order = "recording time"
+    order: answers.Order = "recording time"
     warnings: list[Finding] = []
     times = np.arange(len(used), dtype=np.float64)
     if untimed := [name for name, result in used if result.recorded_at is None]:
@@ -118,7 +93,7 @@ def trend(
         seen, verdict = _Seen(), "unknown"
         count = "one recording" if used else "no recording"
         reason = f"cannot tell whether {place} has moved: {count} can be used, two are needed"
-    return TrendAnswer(
+    return answers.TrendAnswer(
         schema=SCHEMA,
         comparison="trend",
         verdict=verdict,
@@ -159,7 +134,7 @@ def _at_once(used: Sequence[Named]) -> Iterator[Finding]:
 
 def _usable(
     given: Sequence[Named], since: datetime | None
-) -> tuple[list[Named], list[UnusedResult]]:
+) -> tuple[list[Named], list[answers.UnusedResult]]:
     """Results that tell where the mount was, each log once; and why the others do not."""
     used: list[Named] = []
     left_out = []
@@ -172,7 +147,7 @@ def _usable(
         if not why and log and log in logs:
             why = f"it is of the same log as {logs[log]}"
         if why:
-            left_out.append(UnusedResult(name, why))
+            left_out.append(answers.UnusedResult(name, why))
         else:
             logs[log] = name
             used.append((name, result))
@@ -225,7 +200,7 @@ class _Vectors:
     """(6,), of the first pose."""
     free: Bools
     """(6,), components that the results found: what --fix holds says nothing about the mount."""
-    series: Series
+    series: search.Series
 
     def pose(self, value: Floats, covariance: Floats) -> UncertainPose:
         """The pose of a vector (m,) with its covariance (m, m); what is held is the first one's."""
@@ -254,7 +229,7 @@ def _vectors_of(poses: Sequence[UncertainPose], times: Floats) -> _Vectors:
         reference=reference,
         first=values[0],
         free=free,
-        series=Series(
+        series=search.Series(
             values=values[:, free],
             covariances=covariances[:, free][:, :, free],
             parts=np.repeat([0, 1], 3)[free],
@@ -281,49 +256,51 @@ def _middle(rotations: Floats) -> Floats:
 def _seen(used: Sequence[Named], times: Floats, unit: Literal["day", "recording"]) -> _Seen:
     vectors = _vectors_of([result.uncertain_pose for _, result in used], times)
     series = vectors.series
-    if len(series) < LEAST:
-        one = Mounts(numbers=np.zeros(len(series), dtype=np.intp))
-        found = Explained(model=one, variances=np.zeros(2), score=0.0)
+    if len(series) < search.LEAST:
+        one = search.Mounts(numbers=np.zeros(len(series), dtype=np.intp))
+        found = search.Explained(model=one, variances=np.zeros(2), score=0.0)
         return replace(_steps(used, vectors, found), scatter=None)
-    found, line = find_mounts(series), find_line(series)
+    found, line = search.find_mounts(series), search.find_line(series)
     if line is not None and line.score < found.score:
         return _drifting(used, vectors, line, unit)
     return _steps(used, vectors, found)
 
 
-def _steps(used: Sequence[Named], vectors: _Vectors, found: Explained[Mounts]) -> _Seen:
+def _steps(
+    used: Sequence[Named], vectors: _Vectors, found: search.Explained[search.Mounts]
+) -> _Seen:
     """Mounts that stand still, and what lies between them."""
     series, numbers, rows = vectors.series, found.model.numbers, found.model.rows
-    weights = weights_of(series, found.variances)
-    values, covariances = means(series, weights, numbers)
+    weights = search.weights_of(series, found.variances)
+    values, covariances = search.means(series, weights, numbers)
     poses = [vectors.pose(*each) for each in zip(values, covariances, strict=True)]
     mounts = [poses[numbers[each[0]]] for each in rows]
     changes = []
-    for k, without in enumerate(without_a_change(series, found)):
+    for k, without in enumerate(search.without_a_change(series, found)):
         (name, last), (next_name, first) = used[rows[k][-1]], used[rows[k + 1][0]]
         apart = compare_poses(mounts[k], mounts[k + 1])
-        entry = ChangeEntry(
+        entry = answers.ChangeEntry(
             after=name,
             before=next_name,
             after_start=last.recorded_at,
             before_start=first.recorded_at,
             **apart.entries(),
             evidence=_evidence(without, found),
-            place_probability=plain(certainty_of_place(series, found, rows[k], rows[k + 1])),
+            place_probability=plain(search.certainty_of_place(series, found, rows[k], rows[k + 1])),
             other_urdf=_urdf(last) != _urdf(first),
         )
         changes.append((apart, entry))
     odd = {
         place: _odd(used[place], poses[other], poses[numbers[place]], _evidence(joined, found))
-        for place, (other, joined) in with_an_odd_one(series, found).items()
+        for place, (other, joined) in search.with_an_odd_one(series, found).items()
     }
-    chi2 = chi2_about_one(series)
+    chi2 = search.chi2_about_one(series)
     return _Seen(
         used=used,
         recordings=_recordings(used, mounts[0], rows, odd),
         mounts=[
             copied(
-                MountEntry,
+                answers.MountEntry,
                 pose_entry(mount.R, mount.t),
                 first=used[row[0]][0],
                 last=used[row[-1]][0],
@@ -342,18 +319,18 @@ def _steps(used: Sequence[Named], vectors: _Vectors, found: Explained[Mounts]) -
 def _drifting(
     used: Sequence[Named],
     vectors: _Vectors,
-    found: Explained[Line],
+    found: search.Explained[search.Line],
     unit: Literal["day", "recording"],
 ) -> _Seen:
     """A pose that changes steadily."""
     series, line = vectors.series, found.model
-    weights = weights_of(series, found.variances)
+    weights = search.weights_of(series, found.variances)
     values, spreads = line.through(series, weights, series.times)
     poses = [vectors.pose(*each) for each in zip(values, spreads, strict=True)]
     odd = {}
     for place in line.odd.tolist():
         own = vectors.pose(series.values[place], np.linalg.inv(weights[place]))
-        without = explained(series, Line(odd=line.odd[line.odd != place]))
+        without = search.explained(series, search.Line(odd=line.odd[line.odd != place]))
         odd[place] = _odd(used[place], poses[place], own, _evidence(without, found))
     last = vectors.pose(values[-1], line.difference(series, weights))
     apart = compare_poses(poses[0].exactly(poses[0].R, poses[0].t), last)
@@ -361,14 +338,14 @@ def _drifting(
     std = np.sqrt(np.diag(np.asarray(apart.covariance))) / per
     still = np.zeros(len(series), dtype=np.intp)
     still[line.odd] = 1 + np.arange(len(line.odd))
-    drift = DriftEntry(
+    drift = answers.DriftEntry(
         per=unit,
         translation_mm=plain(apart.translation.vector * apart.translation.scale / per),
         translation_std_mm=plain(apart.translation.scale * std[:3]),
         rotation_deg=plain(apart.rotation.vector * apart.rotation.scale / per),
         rotation_std_deg=plain(apart.rotation.scale * std[3:]),
         **apart.entries(),
-        evidence=_evidence(explained(series, Mounts(numbers=still)), found),
+        evidence=_evidence(search.explained(series, search.Mounts(numbers=still)), found),
     )
     return _Seen(
         used=used,
@@ -379,17 +356,17 @@ def _drifting(
     )
 
 
-def _evidence(simpler: Explained[Any], found: Explained[Any]) -> float:
+def _evidence(simpler: search.Explained[Any], found: search.Explained[Any]) -> float:
     """Fall of the Bayesian information criterion from a simpler model to that which was found."""
     return float(plain(simpler.score - found.score + DECISIVE))
 
 
 def _odd(
     named: Named, usual: UncertainPose, own: UncertainPose, evidence: float
-) -> tuple[PoseComparison, OddEntry]:
+) -> tuple[PoseComparison, answers.OddEntry]:
     """A recording that is alone, and how far it is off what lies around it."""
     apart = compare_poses(usual, own)
-    return apart, OddEntry(
+    return apart, answers.OddEntry(
         file=named[0],
         start=named[1].recorded_at,
         **apart.entries(),
@@ -397,14 +374,14 @@ def _odd(
     )
 
 
-def _scatter(variances: Floats) -> Scatter:
+def _scatter(variances: Floats) -> answers.Scatter:
     mm, deg = 1e3 * np.sqrt(variances[0]), np.degrees(np.sqrt(variances[1]))
-    return Scatter(plain(mm), plain(deg))
+    return answers.Scatter(plain(mm), plain(deg))
 
 
 def _recordings(
     used: Sequence[Named], start: UncertainPose, rows: Sequence[Indices], odd: Collection[int]
-) -> list[TrendRecording]:
+) -> list[answers.TrendRecording]:
     """Each recording with its distance from a pose; rows are the places of each mount's."""
     number = {int(row): k + 1 for k, each in enumerate(rows) for row in each}
     found = []
@@ -413,7 +390,7 @@ def _recordings(
         shift_mm, turn_deg = tangent(compare_poses(start, pose).vector)
         std_mm, std_deg = tangent(np.sqrt(np.diag(np.asarray(pose.covariance))))
         found.append(
-            TrendRecording(
+            answers.TrendRecording(
                 file=name,
                 start=result.recorded_at,
                 duration=None if recording is None else recording.duration,
@@ -430,7 +407,7 @@ def _recordings(
     return found
 
 
-def _judged(seen: _Seen, place: str, within: Tolerance | None) -> tuple[Moved, str]:
+def _judged(seen: _Seen, place: str, within: Tolerance | None) -> tuple[answers.Moved, str]:
     """The verdict, and its reason in a sentence."""
     first, last = (
         _told(name, result.recorded_at) for name, result in (seen.used[0], seen.used[-1])
@@ -447,7 +424,7 @@ def _judged(seen: _Seen, place: str, within: Tolerance | None) -> tuple[Moved, s
     else:
         said = "; ".join(_change_words(*each) for each in seen.changes)
     if "no" in verdicts:
-        moved: Moved = "moved" if seen.drift is None else "drifting"
+        moved: answers.Moved = "moved" if seen.drift is None else "drifting"
         how = "has moved" if seen.drift is None else "moves steadily"
         return moved, f"{place} {how}{allowed}: {said}; {span}"
     doubt = _doubt(seen, within)
@@ -472,12 +449,12 @@ def _doubt(seen: _Seen, within: Tolerance | None) -> str:
     if seen.scatter is None and seen.chance < RARE:
         return (
             f"they differ by more than sigma (p {figures(seen.chance, 2)}), and so few do not tell "
-            f"a move from a scatter between recordings: {LEAST} do"
+            f"a move from a scatter between recordings: {search.LEAST} do"
         )
     return ""
 
 
-def _agreement(scatter: Scatter | None) -> str:
+def _agreement(scatter: answers.Scatter | None) -> str:
     """How well recordings of one mount agree."""
     if scatter is None or not (scatter.translation_mm or scatter.rotation_deg):
         return "which agree within sigma"
@@ -486,7 +463,7 @@ def _agreement(scatter: Scatter | None) -> str:
     return f"which scatter by {said} (1 sigma of an axis) beyond their own sigma"
 
 
-def _change_words(apart: PoseComparison, change: ChangeEntry) -> str:
+def _change_words(apart: PoseComparison, change: answers.ChangeEntry) -> str:
     where = (
         f"{_told(change.after, change.after_start)} and {_told(change.before, change.before_start)}"
     )
@@ -497,7 +474,7 @@ def _change_words(apart: PoseComparison, change: ChangeEntry) -> str:
     return f"by {apart} between {where}{urdf} ({sure})"
 
 
-def _drift_words(apart: PoseComparison, drift: DriftEntry) -> str:
+def _drift_words(apart: PoseComparison, drift: answers.DriftEntry) -> str:
     rates = {"mm": drift.translation_mm, "deg": drift.rotation_deg}
     each = " and ".join(f"{figures(math.hypot(*rate), 2)} {unit}" for unit, rate in rates.items())
     return f"by {apart} in all, {each} a {drift.per} ({_evidence_words(drift.evidence)})"
