@@ -153,7 +153,6 @@ class ResultFolder:
         self._by_key.pop(None, None)
 
     def _is_whole(self, record: Record) -> bool:
-        """Whether the files of a log are as they were written."""
         try:
             hashes = tuple(sha256_of(self._folder / Path(file).name) for file in record.written)
         except OSError:

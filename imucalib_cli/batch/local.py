@@ -172,7 +172,6 @@ def _received(ours: Connection) -> Done | None:
 
 
 def _why(exitcode: int | None) -> str:
-    """Why the processes of a log were lost, in words."""
     reason = f"exit code {exitcode}"
     if exitcode is not None and exitcode < 0:
         with contextlib.suppress(ValueError):

@@ -178,7 +178,6 @@ def within(seconds: float | None, task: Task, log: BatchLog) -> Done:
 
 
 def _why(error: BaseException) -> str:
-    """Why a log was given up, in words."""
     if type(error).__name__ == "KilledWorker":
         return (
             "the workers that had it were killed, for want of memory perhaps: give them more, and "

@@ -242,7 +242,6 @@ def github_lines(record: Record) -> list[str]:
 
 
 def _data(text: str) -> str:
-    """As the commands of GitHub's workflows have it."""
     return text.replace("%", "%25").replace("\r", "%0D").replace("\n", "%0A")
 
 

@@ -269,6 +269,5 @@ def _headers(log: McapWriter) -> Callable[[int, str], Any]:
 
 
 def _text(xml: bytes) -> str:
-    """A URDF's letters."""
     is_wide = xml.startswith((b"\xff\xfe", b"\xfe\xff"))
     return xml.decode("utf-16" if is_wide else "utf-8-sig", "replace")

@@ -244,7 +244,6 @@ def _stamps(stamps: Mapping[str, Floats]) -> Figure:
 
 
 def _figure(key: str, *, plots: Sequence[Data] = (), drawing: str = "", **values: object) -> Figure:
-    """A figure with its words, the values of this log filled in."""
     words = WORDS[key]
     return Figure(
         key=key,

@@ -421,7 +421,6 @@ def _fit(result: Result) -> Iterator[Field]:
 
 
 def _logs(result: Result) -> Iterator[Field]:
-    """How far each of several logs is from the others."""
     combined = result.diagnostics.combined
     if combined is None:
         return

@@ -268,7 +268,6 @@ def _reason(
     errors: tuple[answers.Distance | None, answers.Distance | None],
     times: answers.TimeShifts | None,
 ) -> str:
-    """One sentence with the figures."""
     said = f"{result.child} in {result.parent}: Kalibr's pose is {apart} from ours"
     if apart.in_sigmas:
         said += f", which is {apart.in_sigmas} of ours"

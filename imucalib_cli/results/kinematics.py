@@ -81,7 +81,6 @@ def corrected_origins(robot: Robot, results: Sequence[Result]) -> tuple[JointOri
 
 
 def _chain(robot: Robot, result: Result) -> dict[str, Joint]:
-    """The joints that carry a result's IMU."""
     return {joint.name: joint for joint, _ in robot.route(robot.root, result.parent)}
 
 

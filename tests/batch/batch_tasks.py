@@ -7,7 +7,7 @@ import signal
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 from imucalib_cli.batch.batch import Batch
 from imucalib_cli.batch.content_key import context_of, key_of, sizes_of, stamps_of, urdf_hash
@@ -22,25 +22,25 @@ if TYPE_CHECKING:
     from imucalib_cli.batch.logs import BatchLog
 
 
-T = TypeVar("T", bound=Task)
-
-
 def here(task: Task, logs: Sequence[BatchLog]) -> Generator[tuple[BatchLog, Done]]:
     """An engine without processes."""
     for log in logs:
         yield log, task(log)
 
 
-def task_for(request: CalibrationRequest | None = None, kind: type[T] = Task, **changes: Any) -> T:
-    """What the command makes of its options."""
-    request = request or CalibrationRequest(logs=())
-    return kind(
-        request=request,
-        context=context_of(request, [suffix for suffix, _ in changes.get("extras", ())]),
-        urdf_sha256=urdf_hash(request),
-        exit_code=exit_code_of,
+def given(request: CalibrationRequest, **changes: Any) -> dict[str, Any]:
+    """What the command makes of its options, for a task."""
+    return {
+        "request": request,
+        "context": context_of(request, [suffix for suffix, _ in changes.get("extras", ())]),
+        "urdf_sha256": urdf_hash(request),
+        "exit_code": exit_code_of,
         **changes,
-    )
+    }
+
+
+def task_for(request: CalibrationRequest | None = None, **changes: Any) -> Task:
+    return Task(**given(request or CalibrationRequest(logs=()), **changes))
 
 
 def batch(folder: Path | None, *names: object, task: Task, **changes: Any) -> Batch:
@@ -85,7 +85,7 @@ class Copying(Task):
 
 def copying(traces: Path, **changes: Any) -> Copying:
     traces.mkdir(exist_ok=True)
-    return task_for(kind=Copying, traces=traces, **changes)
+    return Copying(**given(CalibrationRequest(logs=()), traces=traces, **changes))
 
 
 def main(folder: str, logs: str, traces: str, pause: str) -> None:

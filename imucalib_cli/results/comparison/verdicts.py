@@ -176,7 +176,6 @@ def _gaps(result: Result) -> Iterator[str]:
 
 
 def _open_questions(result: Result, apart: PoseComparison, within: Tolerance) -> Iterator[str]:
-    """Why neither yes nor no."""
     if apart.covariance is None:
         yield (
             f"--method {result.diagnostics.method} states no sigma, and the pose found is "

@@ -59,7 +59,6 @@ def as_csv(answers: Sequence[TrendAnswer]) -> str:
 
 
 def _evidence(answer: TrendAnswer, each: TrendRecording) -> float | str:
-    """Of a change just before a recording."""
     return {change.before: change.evidence for change in answer.changes}.get(each.file, "")
 
 

@@ -408,7 +408,6 @@ def _recordings(
 
 
 def _judged(seen: _Seen, place: str, within: Tolerance | None) -> tuple[answers.Moved, str]:
-    """The verdict, and its reason in a sentence."""
     first, last = (
         _told(name, result.recorded_at) for name, result in (seen.used[0], seen.used[-1])
     )
@@ -455,7 +454,6 @@ def _doubt(seen: _Seen, within: Tolerance | None) -> str:
 
 
 def _agreement(scatter: answers.Scatter | None) -> str:
-    """How well recordings of one mount agree."""
     if scatter is None or not (scatter.translation_mm or scatter.rotation_deg):
         return "which agree within sigma"
     sizes = ((scatter.translation_mm, "mm"), (scatter.rotation_deg, "deg"))
