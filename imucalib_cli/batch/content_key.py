@@ -42,14 +42,8 @@ def context_of(request: CalibrationRequest, extras: Iterable[str]) -> str:
     The request has no log; extras are names of the files that are made beside each result.
     """
     options = replace(request, logs=(), urdf=None, details=False)
-    return _digest(
-        [
-            __version__,
-            urdf_hash(request),
-            sorted(extras),
-            msgspec.to_builtins(options, enc_hook=_plain),
-        ]
-    )
+    plain = msgspec.to_builtins(options, enc_hook=_plain)
+    return _digest([__version__, urdf_hash(request), sorted(extras), plain])
 
 
 def urdf_hash(request: CalibrationRequest) -> str | None:
@@ -104,10 +98,7 @@ def stamps_of(
     stamps = []
     for path, (size, mtime) in sorted(sizes.items(), key=lambda each: str(each[0])):
         if isinstance(path, RemoteFile):
-            version = str(mtime)
-            stamps.append(
-                FileStamp(path=str(path), size=size, mtime_ns=0, sha256=None, version=version)
-            )
+            stamps.append(FileStamp(str(path), size, 0, sha256=None, version=str(mtime)))
             continue
         place = absolute(path)
         earlier = (known or {}).get(place)

@@ -15,6 +15,7 @@ from imucalib_cli.jobs.input.reading import printable
 from imucalib_cli.logs.open import holds_log, is_made_here
 from imucalib_cli.logs.remote.file import RemoteFile, path_or_url
 from imucalib_cli.logs.tum_euroc import TABLES
+from imucalib_cli.results.atomic import identity
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -162,9 +163,4 @@ def _identity(path: LogPath) -> object:
     """The same for all names and links that lead to one file or folder."""
     if isinstance(path, RemoteFile):
         return path.address
-    target = path.parent if path.name == "metadata.yaml" else path
-    try:
-        found = target.stat()
-    except (OSError, ValueError):
-        return absolute(target)
-    return found.st_dev, found.st_ino
+    return identity(path.parent if path.name == "metadata.yaml" else path)

@@ -67,11 +67,7 @@ COLUMNS: tuple[tuple[str, str, Callable[[Entry], Any]], ...] = (
     ("imu", "frame of the IMU; empty where there is no result", lambda entry: entry.imu),
     ("topic", "its topic", _of(lambda result: result.imu_topic)),
     ("parent", "link that carries it", _of(lambda result: result.parent)),
-    (
-        "status",
-        "ok, untrusted, or failed: there is no result",
-        lambda entry: entry.status,
-    ),
+    ("status", "ok, untrusted, or failed: there is no result", lambda entry: entry.status),
     ("exit_code", "of `imucalib run` on the log", lambda entry: entry.record.exit_code),
     (
         "tx_m ty_m tz_m",

@@ -284,9 +284,7 @@ def _shown_range(values: Floats, half_width: Floats) -> tuple[float, float]:
 
 
 def _by_axis(
-    values: Floats,
-    styles: Sequence[Style] = ("line",) * 3,
-    half_width: Floats | None = None,
+    values: Floats, styles: Sequence[Style] = ("line",) * 3, half_width: Floats | None = None
 ) -> list[Data]:
     bars = [None] * 3 if half_width is None else half_width.T
     rows = zip(_AXES, values.T, styles, AXIS_COLOURS, bars, strict=True)

@@ -122,15 +122,15 @@ def _told(path: Path) -> Iterator[None]:
         raise InputError(f"{path}: cannot be written: {reason}") from error
 
 
-def is_same_file(a: Path, b: Path) -> bool:
-    """Whether two paths lead to one file, by whichever names and links; it need not be there."""
+def identity(path: Path) -> object:
+    """The same for all names and links that lead to one file, which need not be there."""
     try:
-        same = a.resolve() == b.resolve()
-        with contextlib.suppress(OSError):
-            same = same or a.samefile(b)  # hard links
-    except (OSError, RuntimeError):  # a circle of links
-        return False
-    return same
+        found = path.stat()
+    except OSError:
+        return os.path.realpath(path)
+    except ValueError:  # no name that a file could have
+        return str(path)
+    return found.st_dev, found.st_ino
 
 
 def _replace(target: Path, data: bytes) -> None:

@@ -145,12 +145,8 @@ def _words(values: Iterable[object]) -> Iterator[str]:
 
 def sections(result: Result) -> tuple[Section, ...]:
     """All that is told about one IMU, in the order in which it is read."""
-    diagnostics = result.diagnostics
-    parent, child = result.parent, result.child
+    diagnostics, parent, child = result.diagnostics, result.parent, result.child
     R, t = result.pose.R, result.pose.t
-    files = ", ".join(file.path for file in result.provenance.files) or "arrays"
-    topics, used = result.provenance.topics, result.provenance.part
-    part = f", {used[0]:.3f} to {used[1]:.3f} s of the log" if used else ""
     distrust = (Field("not trusted", reason, "untrusted") for reason in diagnostics.distrust)
     warnings = (
         Field(each.severity, each.message, each.severity)
@@ -158,35 +154,23 @@ def sections(result: Result) -> tuple[Section, ...]:
         if each.severity != "untrusted"
     )
     given = "  (conditional: some of it is not determined, see above)" if result.partial else ""
+    there, back = f"p_{parent} = R p_{child} + t{given}", f"p_{child} = R p_{parent} + t{given}"
+    told: tuple[tuple[str, str, Iterable[Field]], ...] = (
+        ("log", "", _recorded(result)),
+        ("reasons against it", "", (*distrust, *unobservable_fields(result))),
+        (f"pose of {child} in {parent}", there, (*_paste(R, t), *_use(result))),
+        (f"the other way, pose of {parent} in {child}", back, _paste(R.T, -R.T @ t)),
+        ("uncertainty", "", _sigmas(result)),
+        ("time offset, biases and gravity", "", _nuisances(result)),
+        ("fit", "", _fit(result)),
+        ("logs", "", _logs(result)),
+        ("nominal pose", "", _nominal(result)),
+        ("warnings", "", warnings),
+    )
     return tuple(
-        section
-        for section in (
-            Section(
-                "log",
-                (
-                    Field("", f"from {files}: {topics.imu} with {', '.join(topics.motion)}{part}"),
-                    *_recorded(result),
-                ),
-            ),
-            Section("reasons against it", (*distrust, *unobservable_fields(result))),
-            Section(
-                f"pose of {child} in {parent}",
-                (*_paste(R, t), *_use(result)),
-                f"p_{parent} = R p_{child} + t{given}",
-            ),
-            Section(
-                f"the other way, pose of {parent} in {child}",
-                tuple(_paste(R.T, -R.T @ t)),
-                f"p_{child} = R p_{parent} + t{given}",
-            ),
-            Section("uncertainty", tuple(_sigmas(result))),
-            Section("time offset, biases and gravity", tuple(_nuisances(result))),
-            Section("fit", tuple(_fit(result))),
-            Section("logs", tuple(_logs(result))),
-            Section("nominal pose", tuple(_nominal(result))),
-            Section("warnings", tuple(warnings)),
-        )
-        if section.fields
+        Section(title, fields, formula)
+        for title, formula, yielded in told
+        if (fields := tuple(yielded))
     )
 
 
@@ -258,7 +242,11 @@ def _direction_std(direction: Unobservable) -> str:
 
 
 def _recorded(result: Result) -> Iterator[Field]:
-    recording = result.provenance.recording
+    source, topics = result.provenance, result.provenance.topics
+    files = ", ".join(file.path for file in source.files) or "arrays"
+    part = f", {source.part[0]:.3f} to {source.part[1]:.3f} s of the log" if source.part else ""
+    yield Field("", f"from {files}: {topics.imu} with {', '.join(topics.motion)}{part}")
+    recording = source.recording
     if recording is None:
         return
     when = "at an unknown time" if recording.start is None else instant(recording.start)
