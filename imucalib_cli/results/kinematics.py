@@ -38,15 +38,6 @@ def sigmas(entry: ParameterEntry) -> float:
     return abs(entry.value) / entry.std
 
 
-def clear_entries(result: Result) -> list[ParameterEntry]:
-    """Joint zeros and components of origins that stand clear of zero."""
-    return [
-        entry
-        for entry in result.diagnostics.parameters
-        if entry.name in {ZERO, ORIGIN} and sigmas(entry) >= CLEAR
-    ]
-
-
 def corrected_origins(robot: Robot, results: Sequence[Result]) -> tuple[JointOrigin, ...]:
     """New origins of the joints whose errors, by results of one IMU or several, are clear of zero.
 
@@ -85,8 +76,11 @@ def _chain(robot: Robot, result: Result) -> dict[str, Joint]:
 
 
 def _corrections(robot: Robot, result: Result) -> dict[str, JointOrigin]:
-    entries = clear_entries(result)
-    if not entries:
+    by_joint: dict[str, list[ParameterEntry]] = {}
+    for entry in result.diagnostics.parameters:
+        if entry.name in {ZERO, ORIGIN} and sigmas(entry) >= CLEAR:
+            by_joint.setdefault(joint_of(entry), []).append(entry)
+    if not by_joint:
         return {}
     source = result.provenance.urdf
     if source is None or source.sha256 != robot.sha256:
@@ -97,9 +91,6 @@ def _corrections(robot: Robot, result: Result) -> dict[str, JointOrigin]:
         )
     chain = _chain(robot, result)
     followed = {joint.mimic.joint for joint in robot.joints if joint.mimic is not None}
-    by_joint: dict[str, list[ParameterEntry]] = {}
-    for entry in entries:
-        by_joint.setdefault(joint_of(entry), []).append(entry)
     found = {}
     for name, errors in by_joint.items():
         if any(each.name == ORIGIN and each.axis is UNSET for each in errors):

@@ -55,6 +55,11 @@ class Part:
     """The translation or the rotation of a difference, with its figures in words."""
 
     kind: Kind
+    block: slice
+    """Its place among six."""
+    unit: str
+    scale: float
+    """How many of the unit a metre or a radian is."""
     vector: Floats
     """(3,), in the first pose's parent frame, m; or rotation vector, rad."""
     covariance: Floats | None
@@ -64,16 +69,6 @@ class Part:
     meaningful: bool
     """Whether its covariance means anything: none does that was propagated from a rotation which
     is not known."""
-
-    @property
-    def unit(self) -> str:
-        """For people."""
-        return PARTS[self.kind][1]
-
-    @property
-    def scale(self) -> float:
-        """How many of the unit a metre or a radian is."""
-        return PARTS[self.kind][2]
 
     @property
     def norm(self) -> float:
@@ -109,7 +104,7 @@ class Part:
         """(3 - k, 6), orthonormal directions in which both poses are known."""
         known = across(self.unknown) if self.meaningful else np.zeros((0, 3))
         rows = np.zeros((len(known), 6))
-        rows[:, PARTS[self.kind][0]] = known
+        rows[:, self.block] = known
         return rows
 
     def __str__(self) -> str:
@@ -172,8 +167,8 @@ class PoseComparison:
         vector = self.vector.copy()
         vector[places] = 0.0
         unknown = []
-        for part, (block, *_) in zip(self.parts, PARTS.values(), strict=True):
-            gone = np.isin(np.arange(6)[block], places)
+        for part in self.parts:
+            gone = np.isin(np.arange(6)[part.block], places)
             unknown.append(_distinct(np.where(gone, 0.0, part.unknown)))
         meaningful = [part.meaningful for part in self.parts]
         return _comparison(vector, covariance, unknown, meaningful)
@@ -317,12 +312,15 @@ def _comparison(
     translation, rotation = (
         Part(
             kind=kind,
+            block=block,
+            unit=unit,
+            scale=scale,
             vector=vector[block],
             covariance=None if covariance is None else covariance[block, block],
             unknown=directions,
             meaningful=means_something,
         )
-        for (kind, (block, *_)), directions, means_something in zip(
+        for (kind, (block, unit, scale)), directions, means_something in zip(
             PARTS.items(), unknown, meaningful, strict=True
         )
     )
