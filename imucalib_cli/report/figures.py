@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
 _AXES = "xyz"
 _TIME = "time of the log, s"
 _LOG_TIME = "time"
+_over_time = partial(plot, x_label=_TIME, shared_x=_LOG_TIME)
 _SENSORS = {
     "accel": ("Accelerometer", "Acceleration", "m/s²"),
     "gyro": ("Gyroscope", "Angular rate", "rad/s"),
@@ -113,7 +115,7 @@ def _motion(material: Material, details: Details, sensor: str) -> Figure:
         band = ranges(details.imu_t, samples[:, axis : axis + 1], t)[:, 0]
         band[np.isnan(measured[at, axis])] = np.nan
         plots.append(
-            plot(
+            _over_time(
                 title=name,
                 x=t,
                 traces=(
@@ -121,9 +123,7 @@ def _motion(material: Material, details: Details, sensor: str) -> Figure:
                     trace("measured", measured[at, axis]),
                     trace("predicted", predicted[at, axis], "dashed", "second"),
                 ),
-                x_label=_TIME,
                 y_label=unit,
-                shared_x=_LOG_TIME,
                 shaded=series.left_out,
             )
         )
@@ -141,13 +141,11 @@ def _residuals(series: WindowSeries) -> Figure:
         values = np.asarray(getattr(series, f"{sensor}_residual"))
         at = thinned(values)
         plots.append(
-            plot(
+            _over_time(
                 title=name,
                 x=series.t[at],
                 traces=_by_axis(values[at]),
-                x_label=_TIME,
                 y_label=unit,
-                shared_x=_LOG_TIME,
                 shaded=series.left_out,
             )
         )
@@ -230,13 +228,11 @@ def _stamps(stamps: Mapping[str, Floats]) -> Figure:
         intervals = np.diff(t) * 1e3
         at = thinned(intervals[:, None])
         plots.append(
-            plot(
+            _over_time(
                 title=name if len(name) <= _LONGEST_NAME else f"{name[:_LONGEST_NAME]}…",
                 x=np.maximum.accumulate(t[1:])[at],
                 traces=(trace("interval", intervals[at]),),
-                x_label=_TIME,
                 y_label="ms",
-                shared_x=_LOG_TIME,
                 levels=(("median", float(np.median(intervals))),),
             )
         )

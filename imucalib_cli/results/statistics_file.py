@@ -9,7 +9,6 @@ import io
 import json
 import math
 import zipfile
-import zlib
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
@@ -17,7 +16,7 @@ import msgspec
 import numpy as np
 
 from imucalib_cli import __version__
-from imucalib_cli.errors import InputError
+from imucalib_cli.errors import ImucalibError, InputError
 from imucalib_cli.estimate.checks.segments import FOLDS
 from imucalib_cli.estimate.checks.specification import OtherWindow
 from imucalib_cli.estimate.details import Spectrum
@@ -47,20 +46,6 @@ _LARGEST: Final = 64 << 20
 _KINDS: Final = {each.name: each for each in TABLE}
 _ALIKE: Final = 1e-6
 """m and rad: statistics give the pose of their result to far more digits."""
-_DAMAGED: Final = (
-    msgspec.MsgspecError,
-    zipfile.BadZipFile,
-    zlib.error,
-    ValueError,
-    LookupError,
-    TypeError,
-    AttributeError,
-    EOFError,
-    ArithmeticError,
-    RuntimeError,
-    StopIteration,
-)
-"""What reading and taking apart an archive that is no such file raises."""
 _NUMBERS: Final[dict[str, Callable[[Any], Any]]] = {
     "seconds": float,
     "clock_stepped": bool,
@@ -134,28 +119,34 @@ def statistics_bytes(result: Result, statistics: LogStatistics) -> bytes:
 def read_statistics(path: Path) -> StoredLog:
     """The statistics of one IMU; InputError where the file is something else or damaged."""
     try:
-        with zipfile.ZipFile(path) as archive:
-            if sum(each.file_size for each in archive.infolist()) > _LARGEST:
-                raise InputError(f"{path}: is too large to be {_WHAT}")
-        with np.load(path, allow_pickle=False) as file:
-            arrays = {name: np.asarray(file[name]) for name in file.files}
-        header = json.loads(arrays.pop("header").tobytes())
-        if header.get("what") != _WHAT:
-            raise InputError(f"{path}: is no {_WHAT}: write one by `imucalib run --statistics`")
-        if header["schema"] != _SCHEMA:
-            raise InputError(
-                f"{path}: is of schema {header['schema']}, this version reads {_SCHEMA}: use the "
-                "imucalib it came from"
-            )
-        result = result_from(header["result"], str(path))
-        log = StoredLog(name=str(path), result=result, statistics=_statistics(header, arrays))
-        _see_they_agree(log)
+        return _read(path)
+    except (ImucalibError, MemoryError):
+        raise
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}): check the path") from error
-    except _DAMAGED as error:
+    except Exception as error:  # an archive that is no such file may raise anything
         raise InputError(
             f"{path}: is damaged or no {_WHAT}: write it again by `imucalib run --statistics`"
         ) from error
+
+
+def _read(path: Path) -> StoredLog:
+    with zipfile.ZipFile(path) as archive:
+        if sum(each.file_size for each in archive.infolist()) > _LARGEST:
+            raise InputError(f"{path}: is too large to be {_WHAT}")
+    with np.load(path, allow_pickle=False) as file:
+        arrays = {name: np.asarray(file[name]) for name in file.files}
+    header = json.loads(arrays.pop("header").tobytes())
+    if header.get("what") != _WHAT:
+        raise InputError(f"{path}: is no {_WHAT}: write one by `imucalib run --statistics`")
+    if header["schema"] != _SCHEMA:
+        raise InputError(
+            f"{path}: is of schema {header['schema']}, this version reads {_SCHEMA}: use the "
+            "imucalib it came from"
+        )
+    result = result_from(header["result"], str(path))
+    log = StoredLog(name=str(path), result=result, statistics=_statistics(header, arrays))
+    _see_they_agree(log)
     return log
 
 
