@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from imucalib_cli.digits import figures, fixed, sigma, with_std
+from imucalib_cli.results.pose import PARTS
 from imucalib_cli.robot.rotations import (
     quaternion_from_matrix,
     rotvec_from_matrix,
@@ -236,9 +237,8 @@ def _known(direction: Observable) -> str:
 def _direction_std(direction: Unobservable) -> str:
     if direction.std is None:
         return "unbounded"
-    if direction.kind == "translation":
-        return f"{figures(direction.std * 1e3, 2)} mm"
-    return f"{figures(math.degrees(direction.std), 2)} deg"
+    _, unit, scale = PARTS[direction.kind]
+    return f"{figures(direction.std * scale, 2)} {unit}"
 
 
 def _recorded(result: Result) -> Iterator[Field]:
