@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from msgspec import UNSET, Meta, UnsetType
 
-from imucalib_cli.layout import csv_text
+from imucalib_cli.layout import csv_columns
 from imucalib_cli.results.codec import json_schema
 from imucalib_cli.results.result import (
     Matrix6,
@@ -27,7 +27,7 @@ from imucalib_cli.results.result import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
 Verdict = Literal["yes", "no", "unknown"]
 """Whether two poses are one."""
@@ -423,21 +423,19 @@ class KalibrAnswer(Tree, frozen=True):
 
 def as_csv(answers: Sequence[VerifyAnswer | DiffAnswer]) -> str:
     """One row for each answer; what is not known is empty."""
-    head = (
-        *("file", "first", "parent", "child", "verdict", "distance_mm", "distance_sigma_mm"),
-        *("angle_deg", "angle_sigma_deg", "reason"),
-    )
-    rows = (
-        (
-            answer.about,
-            answer.first.file if isinstance(answer, DiffAnswer) else "",
-            *(answer.parent, answer.child, answer.verdict),
-            *(answer.translation.difference_mm, answer.translation.sigma_mm),
-            *(answer.rotation.difference_deg, answer.rotation.sigma_deg, answer.reason),
-        )
-        for answer in answers
-    )
-    return csv_text(head, rows)
+    columns: dict[str, Callable[[VerifyAnswer | DiffAnswer], object]] = {
+        "file": lambda answer: answer.about,
+        "first": lambda answer: answer.first.file if isinstance(answer, DiffAnswer) else "",
+        "parent": lambda answer: answer.parent,
+        "child": lambda answer: answer.child,
+        "verdict": lambda answer: answer.verdict,
+        "distance_mm": lambda answer: answer.translation.difference_mm,
+        "distance_sigma_mm": lambda answer: answer.translation.sigma_mm,
+        "angle_deg": lambda answer: answer.rotation.difference_deg,
+        "angle_sigma_deg": lambda answer: answer.rotation.sigma_deg,
+        "reason": lambda answer: answer.reason,
+    }
+    return csv_columns(columns, ((answer,) for answer in answers))
 
 
 def schema_of(which: Literal["result", "comparison"]) -> str:
