@@ -316,13 +316,19 @@ def _uncoded(result: Result) -> list[FindingEntry]:
 
     A result that misses --require is not wrong, and must still answer `verify` and `diff`.
     """
-
-    def code(said: str) -> str:
-        return "require.text" if said.startswith(_OLD_REQUIREMENT) else TEXT
-
-    said = result.diagnostics
-    reasons = [FindingEntry(code(x), "untrusted", {"text": x}, x) for x in said.distrust]
-    return reasons + [FindingEntry(TEXT, "warning", {"text": x}, x) for x in said.warnings]
+    missed, said = _OLD_REQUIREMENT, result.diagnostics
+    return [
+        *(
+            FindingEntry(
+                "require.text" if reason.startswith(missed) else TEXT,
+                "untrusted",
+                {"text": reason},
+                reason,
+            )
+            for reason in said.distrust
+        ),
+        *(FindingEntry(TEXT, "warning", {"text": each}, each) for each in said.warnings),
+    ]
 
 
 def json_schema(title: str, description: str, *kinds: type[Tree]) -> str:
