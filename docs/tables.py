@@ -69,11 +69,9 @@ def exit_codes() -> str:
 
 
 def batch_columns() -> str:
-    """Columns of the table of a batch; neighbours that mean the same in one row."""
-    told: dict[str, list[str]] = {}
-    for name, column in COLUMNS.items():
-        told.setdefault(column.meaning, []).append(f"`{name}`")
-    return _table(("column", "what it holds"), ((", ".join(n), what) for what, n in told.items()))
+    """Columns of the table of a batch."""
+    rows = ((", ".join(f"`{each}`" for each in names.split()), what) for names, what, _ in COLUMNS)
+    return _table(("column", "what it holds"), rows)
 
 
 def motors() -> str:

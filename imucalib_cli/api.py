@@ -24,10 +24,9 @@ from imucalib_cli.logs.messages.columns import joint_columns
 from imucalib_cli.logs.part import Part
 from imucalib_cli.logs.remote.file import path_or_url, without_copies
 from imucalib_cli.results.comparison.requirement import Tolerance
-from imucalib_cli.results.fields import sections, verdict
+from imucalib_cli.results.fields import sections, summarise, verdict
 from imucalib_cli.results.formats import FORMATS, refuse_untrusted
 from imucalib_cli.results.result import Result
-from imucalib_cli.results.summary import summarise
 from imucalib_cli.shown import as_html, shown
 from imucalib_cli.signals.imu.data_sheet import load_imu_model
 from imucalib_cli.signals.imu.units import Units

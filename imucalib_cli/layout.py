@@ -6,12 +6,12 @@ import csv
 import io
 import re
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from imucalib_cli.shown import shown
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Callable, Iterable, Iterator, Mapping
 
 _FORMULA = ("=", "+", "-", "@")
 _NUMBER = re.compile(r"[-+]?[\d.]+(?:e[-+]?\d+)?")
@@ -45,6 +45,22 @@ def csv_text(head: Iterable[str], rows: Iterable[Iterable[object]]) -> str:
     writer.writerow(head)
     writer.writerows(map(_cell, row) for row in rows)
     return text.getvalue()
+
+
+def csv_columns(
+    columns: Mapping[str, Callable[..., Any]], rows: Iterable[tuple[object, ...]]
+) -> str:
+    """CSV of what each column takes of a row.
+
+    Names with blanks between are columns of a vector, empty where there is none.
+    """
+
+    def cells(row: tuple[object, ...]) -> Iterator[object]:
+        for names, take in columns.items():
+            value, count = take(*row), len(names.split())
+            yield from [value] if count == 1 else value or [None] * count
+
+    return csv_text(" ".join(columns).split(), map(cells, rows))
 
 
 def _cell(value: object) -> object:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import msgspec
 
@@ -18,13 +18,24 @@ if TYPE_CHECKING:
     from collections.abc import Set as AbstractSet
     from pathlib import Path
 
-    from imucalib_cli.batch.engine import Engine
     from imucalib_cli.batch.logs import BatchLog
     from imucalib_cli.batch.record import Record
-    from imucalib_cli.batch.task import Task
+    from imucalib_cli.batch.task import Done, Task
     from imucalib_cli.findings import Finding
 
     Report = Callable[[int, int], None]
+
+
+class Engine(Protocol):
+    """Runs a task on each log and hands over what came of it, in the order of completion.
+
+    A worker that is lost costs its log another try, then an error record; a log that takes longer
+    than it may an error record at once. Closing the generator ends what still runs.
+    """
+
+    def __call__(self, task: Task, logs: Sequence[BatchLog]) -> Generator[tuple[BatchLog, Done]]:
+        """Run the task."""
+
 
 SUMMARY = "summary.csv"
 RESULT = ".yaml"
@@ -50,15 +61,10 @@ class Batch:
     def run(self, report: Report = lambda _done, _all: None) -> Generator[tuple[BatchLog, Record]]:
         """Each log with its record, those first that were finished before.
 
-        Closed or broken off, it leaves what is finished, and a summary of it.
-
-        Args:
-            report: Called with the number of logs that are done, and of all: first with those that
-                were finished before.
-
-        Raises:
-            ChoiceError: Another batch writes to the folder.
-            InputError: The folder cannot be written to, or there is no such scheduler.
+        Closed or broken off, it leaves what is finished, and a summary of it. The report is called
+        with the number of logs that are done, and of all: first with those of earlier. Raises
+        ChoiceError where another batch writes to the folder; InputError where the folder cannot be
+        written to, or there is no such scheduler.
         """
         if self.folder is None:
             yield from self._done({log: log for log in self.logs}, None, report)
@@ -69,7 +75,10 @@ class Batch:
             stack.callback(lambda: folder.summarise(SUMMARY, csv_table))
             left = []
             places = frozenset(log.place for log in self.logs)
-            sizes = {_sizes(record) for record in folder.records.values()}
+            sizes = {
+                tuple(sorted(stamp.size for stamp in record.files))
+                for record in folder.records.values()
+            }
             for log in self.logs:
                 record = self._finished(log, folder, sizes, places)
                 if record is None:
@@ -83,13 +92,7 @@ class Batch:
     def _done(
         self, logs: Mapping[BatchLog, BatchLog], folder: ResultFolder | None, report: Report
     ) -> Iterator[tuple[BatchLog, Record]]:
-        """Do logs.
-
-        Args:
-            logs: As they were found, by those that have their name in the folder.
-            folder: Where results are kept.
-            report: As for :meth:`run`.
-        """
+        """Do logs, given as they were found by those that have their name in the folder."""
         already = len(self.logs) - len(logs)
         report(already, len(self.logs))
         if not logs:
@@ -114,11 +117,8 @@ class Batch:
     ) -> Record | None:
         """The record of a log that is finished, with its files as they lie now.
 
-        Args:
-            log: The log.
-            folder: Of the results.
-            known: Sizes of the files of each record: a log of others is new, and is not hashed.
-            places: Of all logs.
+        A log whose files have other sizes than those of each known record is new, and is not
+        hashed. Places are those of all logs.
         """
         if self.fresh:
             return None
@@ -143,7 +143,3 @@ def _is_another(record: Record, before: Record) -> bool:
     """Whether a log holds something else than before, as far as both could be read."""
     now, then = ([stamp.identity for stamp in each.files] for each in (record, before))
     return bool(now) and bool(then) and now != then
-
-
-def _sizes(record: Record) -> tuple[int, ...]:
-    return tuple(sorted(stamp.size for stamp in record.files))

@@ -39,29 +39,17 @@ _SETTLED_NS = 2_000_000_000
 def context_of(request: CalibrationRequest, extras: Iterable[str]) -> str:
     """SHA-256 of what all logs of a batch share: the URDF, the options, the version.
 
-    Args:
-        request: Without a log.
-        extras: Names of the files that are made beside each result.
-
-    Raises:
-        InputError: The URDF cannot be read.
+    The request has no log; extras are names of the files that are made beside each result.
     """
     options = replace(request, logs=(), urdf=None, details=False)
-    return _digest(
-        [
-            __version__,
-            urdf_hash(request),
-            sorted(extras),
-            msgspec.to_builtins(options, enc_hook=_plain),
-        ]
-    )
+    plain = msgspec.to_builtins(options, enc_hook=_plain)
+    return _digest([__version__, urdf_hash(request), sorted(extras), plain])
 
 
 def urdf_hash(request: CalibrationRequest) -> str | None:
     """SHA-256 of the URDF's bytes, of a xacro of what it expands to; None where none is on disk.
 
-    Raises:
-        InputError: It cannot be read.
+    Raises InputError where it cannot be read.
     """
     urdf = request.urdf
     if isinstance(urdf, Path) and urdf.suffix == ".xacro":
@@ -101,24 +89,16 @@ def stamps_of(
     hashes: Mapping[str, str] | None = None,
     known: Mapping[str, FileStamp] | None = None,
 ) -> list[FileStamp]:
-    """What the files of a log hold.
+    """What the files of a log hold; OSError where one cannot be read.
 
-    Args:
-        sizes: As :func:`sizes_of` has them.
-        hashes: By path as text, of files that were hashed since.
-        known: By absolute path, of earlier times: trusted for files of the same size and time.
-
-    Raises:
-        OSError: A file cannot be read.
+    ``hashes``, by path as text, are of files that were hashed since; stamps that are known of
+    earlier times, by absolute path, are trusted for files of the same size and time.
     """
     now = time.time_ns()
     stamps = []
     for path, (size, mtime) in sorted(sizes.items(), key=lambda each: str(each[0])):
         if isinstance(path, RemoteFile):
-            version = str(mtime)
-            stamps.append(
-                FileStamp(path=str(path), size=size, mtime_ns=0, sha256=None, version=version)
-            )
+            stamps.append(FileStamp(str(path), size, 0, sha256=None, version=str(mtime)))
             continue
         place = absolute(path)
         earlier = (known or {}).get(place)

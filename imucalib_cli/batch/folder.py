@@ -57,9 +57,7 @@ class ResultFolder:
     def opened(self) -> Iterator[None]:
         """Make the folder where it is not there, and read what it holds; no other batch may.
 
-        Raises:
-            ChoiceError: Another batch writes to it.
-            InputError: It cannot be made or written to.
+        Raises ChoiceError where another batch writes to it, InputError where it cannot be made.
         """
         try:
             self._records.mkdir(parents=True, exist_ok=True)
@@ -80,10 +78,8 @@ class ResultFolder:
     def finished(self, log: BatchLog, key: str | None, places: Collection[str]) -> str | None:
         """Name under which a log is finished; None where it is to be done.
 
-        Args:
-            log: The log.
-            key: Of its contents and the options.
-            places: Of all logs of the batch: what is there still is not what was moved.
+        The key is that of its contents and the options; what is still at one of the places, those
+        of all logs of the batch, was not moved.
         """
         for name in self._by_key.get(key, ()):
             record = self.records[name]
@@ -95,12 +91,7 @@ class ResultFolder:
     def named(self, logs: Iterable[BatchLog], suffixes: Iterable[str]) -> list[BatchLog]:
         """Give each log a name of its own, the one it had before if there is one, and keep them.
 
-        Args:
-            logs: To be done.
-            suffixes: Of files that the batch makes: a name with such files of others is not free.
-
-        Raises:
-            InputError: The folder cannot be written to.
+        A name with files of others that end as the batch's files do is not free.
         """
         theirs = {place: name for name, place in self._owners.items()}
         files = _by_beginning(
@@ -114,17 +105,13 @@ class ResultFolder:
             taken.add(sameness(name))
             self._owners[name] = log.place
             named.append(BatchLog(log.paths, name))
-        self._keep_names()
+        write_whole(self._records / _NAMES, msgspec.json.encode(self._owners) + b"\n")
         return named
 
     def keep(self, name: str, done: Done) -> Record:
         """Write the files of a log, take away those of an earlier time, then write its record.
 
-        Returns:
-            The record, with the hashes of the files.
-
-        Raises:
-            InputError: They cannot be written.
+        The record comes back with the hashes of the files.
         """
         before = self.records.get(name)
         if before is not None and before.key is not None:
@@ -135,27 +122,20 @@ class ResultFolder:
         for old in () if before is None else set(before.written) - set(done.record.written):
             with contextlib.suppress(OSError):
                 (self._folder / Path(old).name).unlink()
-        hashes = tuple(_sha256(content) for _, content in done.contents)
+        contents = (each.encode() if isinstance(each, str) else each for _, each in done.contents)
+        hashes = tuple(hashlib.sha256(content).hexdigest() for content in contents)
         record = msgspec.structs.replace(done.record, written_sha256=hashes)
         self.keep_record(name, record)
         return record
 
     def keep_record(self, name: str, record: Record) -> None:
-        """Write a record.
-
-        Raises:
-            InputError: It cannot be written.
-        """
+        """Write a record."""
         write_whole(self._records / f"{name}.json", msgspec.json.encode(record) + b"\n")
         self.records[name] = record
         self._owners[name] = record.place
 
     def summarise(self, file: str, table: Callable[[Iterable[Record]], str]) -> None:
-        """Write a table of all records, in the order of their logs' names.
-
-        Raises:
-            InputError: It cannot be written.
-        """
+        """Write a table of all records, in the order of their logs' names."""
         records = sorted(self.records.values(), key=lambda record: record.log)
         write_whole(self._folder / file, table(records))
 
@@ -173,15 +153,11 @@ class ResultFolder:
         self._by_key.pop(None, None)
 
     def _is_whole(self, record: Record) -> bool:
-        """Whether the files of a log are as they were written."""
         try:
             hashes = tuple(sha256_of(self._folder / Path(file).name) for file in record.written)
         except OSError:
             return False
         return hashes == record.written_sha256
-
-    def _keep_names(self) -> None:
-        write_whole(self._records / _NAMES, msgspec.json.encode(self._owners) + b"\n")
 
 
 def _decoded(path: Path, kind: type[T]) -> T | None:
@@ -210,11 +186,8 @@ def _free_name(
 ) -> str:
     """A name that no other log has, and no file of others; results of the log itself stay.
 
-    Args:
-        log: To be named.
-        taken: Names, as sameness has them.
-        files: By what their names begin with.
-        counts: Numbers that logs of one name have not had yet.
+    Names are taken as sameness has them; files stand by what their names begin with, numbers that
+    logs of one name have not had yet by that name.
     """
     stem = file_name(log_name(log.paths[0]))
     for number in counts[sameness(stem)]:
@@ -223,11 +196,6 @@ def _free_name(
         if sameness(name) not in taken and all(_is_of(path, log) for path in others):
             break
     return name
-
-
-def _sha256(content: str | bytes) -> str:
-    data = content.encode() if isinstance(content, str) else content
-    return hashlib.sha256(data).hexdigest()
 
 
 def _is_of(path: Path, log: BatchLog) -> bool:

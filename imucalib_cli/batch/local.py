@@ -16,7 +16,6 @@ from dataclasses import dataclass
 from multiprocessing import connection
 from typing import TYPE_CHECKING, Any
 
-from imucalib_cli.batch.engine import over_time
 from imucalib_cli.process import fresh_processes, prepare_worker
 
 if TYPE_CHECKING:
@@ -28,6 +27,8 @@ if TYPE_CHECKING:
     from imucalib_cli.batch.logs import BatchLog
     from imucalib_cli.batch.task import Done, Task
 
+MEMORY = 2 << 30
+"""Bytes a worker may take by default: half an hour of 500 Hz takes a fifth of it."""
 _NEEDED = (
     "imucalib_cli.batch.task",
     "imucalib_cli.estimate.checks.specification",
@@ -47,6 +48,18 @@ _NEEDED = (
 """What is imported where it is used, and every log uses: a tenth of a second each."""
 _TRIES = 2
 """Of a log whose process is killed: what killed it may have been the others' memory."""
+
+
+def default_workers(memory: int) -> int:
+    """As many as there are processors, fewer where memory does not hold so many bytes for each."""
+    processors = (
+        len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    )
+    try:
+        there = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    except (AttributeError, ValueError, OSError):  # Windows does not tell
+        return processors
+    return max(1, min(processors, there // memory))
 
 
 @dataclass(frozen=True)
@@ -85,7 +98,7 @@ class LocalProcesses:
                         ours.close()
                         each.process.kill()
                         each.process.join()
-                        yield each.log, task.lost(each.log, over_time(self.timeout))
+                        yield each.log, task.late(each.log, self.timeout)
         finally:
             for each in running.values():
                 each.process.terminate()
@@ -159,7 +172,6 @@ def _received(ours: Connection) -> Done | None:
 
 
 def _why(exitcode: int | None) -> str:
-    """Why the processes of a log were lost, in words."""
     reason = f"exit code {exitcode}"
     if exitcode is not None and exitcode < 0:
         with contextlib.suppress(ValueError):

@@ -15,6 +15,7 @@ from imucalib_cli.jobs.input.reading import printable
 from imucalib_cli.logs.open import holds_log, is_made_here
 from imucalib_cli.logs.remote.file import RemoteFile, path_or_url
 from imucalib_cli.logs.tum_euroc import TABLES
+from imucalib_cli.results.atomic import identity
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -118,6 +119,7 @@ def _is_recording(folder: Path) -> bool:
 
 def _inside(folder: Path, left_out: Path | None) -> Iterator[tuple[Path, ...]]:
     """Recordings in a folder and below it; hidden files and folders are passed over."""
+    left_out = left_out and left_out.resolve()
     unreadable: list[Path] = []
     walk = os.walk(folder, onerror=lambda error: unreadable.append(Path(error.filename)))
     for here, inner, names in walk:
@@ -126,15 +128,14 @@ def _inside(folder: Path, left_out: Path | None) -> Iterator[tuple[Path, ...]]:
             inner.clear()
             yield (place,)
             continue
-        inner[:] = sorted(each for each in inner if _is_searched(place / each, left_out))
+        inner[:] = sorted(
+            each
+            for each in inner
+            if not each.startswith(".") and (place / each).resolve() != left_out
+        )
         paths = [place / each for each in sorted(names) if not each.startswith(".")]
         yield from _joined([path for path in paths if _is_log(path)])
     yield from ((path,) for path in unreadable)
-
-
-def _is_searched(folder: Path, left_out: Path | None) -> bool:
-    is_left_out = left_out is not None and folder.resolve() == left_out.resolve()
-    return not (folder.name.startswith(".") or is_left_out)
 
 
 def _is_log(path: Path) -> bool:
@@ -162,9 +163,4 @@ def _identity(path: LogPath) -> object:
     """The same for all names and links that lead to one file or folder."""
     if isinstance(path, RemoteFile):
         return path.address
-    target = path.parent if path.name == "metadata.yaml" else path
-    try:
-        found = target.stat()
-    except (OSError, ValueError):
-        return absolute(target)
-    return found.st_dev, found.st_ino
+    return identity(path.parent if path.name == "metadata.yaml" else path)

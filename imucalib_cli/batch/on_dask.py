@@ -17,7 +17,6 @@ from pathlib import Path
 from secrets import token_hex
 from typing import TYPE_CHECKING, Any
 
-from imucalib_cli.batch.engine import over_time
 from imucalib_cli.errors import InputError
 from imucalib_cli.optional import optional
 from imucalib_cli.process import children_ignore_interruptions
@@ -53,21 +52,14 @@ class DaskWorkers:
     """s that a log may take; None is any time."""
 
     def __post_init__(self) -> None:
-        """See that Dask is installed.
-
-        Raises:
-            InputError: It is not.
-        """
+        """See that Dask is installed; else InputError."""
         optional("distributed", "--dask needs", "dask")
 
     def __call__(self, task: Task, logs: Sequence[BatchLog]) -> Generator[tuple[BatchLog, Done]]:
-        """Run the task, as the interface has it.
-
-        Raises:
-            InputError: There is no such scheduler, or it goes away.
-        """
+        """Run the task, as the interface has it; InputError where the scheduler is not there."""
         distributed = optional("distributed", "--dask needs", "dask")
-        _be_quiet()
+        for name in ("distributed", "tornado"):  # lost workers are told in our words
+            logging.getLogger(name).setLevel(logging.CRITICAL)
         task = replace(task, folder=Path.cwd())
         with self._client(distributed) as client:
             waiting = iter(logs)
@@ -156,15 +148,10 @@ class _OverTimeError(BaseException):
 
 
 def within(seconds: float | None, task: Task, log: BatchLog) -> Done:
-    """Do a task in the thread of a worker, which cannot be killed as a process can.
+    """Do a task in the thread of a worker, which cannot be killed as a process can, within s.
 
     Between two steps of the interpreter the time is seen to be up, so not within a call of a
     compiled library.
-
-    Args:
-        seconds: That it may take; None is any time.
-        task: To be done.
-        log: With which.
     """
     if seconds is None:
         return task(log)
@@ -185,19 +172,12 @@ def within(seconds: float | None, task: Task, log: BatchLog) -> Done:
         while True:  # it is on its way, and must not come later
             time.sleep(_SOON)
     except _OverTimeError:
-        return task.lost(log, over_time(seconds))
+        return task.late(log, seconds)
     finally:
         timer.cancel()
 
 
-def _be_quiet() -> None:
-    """Lost workers are told in our words."""
-    for name in ("distributed", "tornado"):
-        logging.getLogger(name).setLevel(logging.CRITICAL)
-
-
 def _why(error: BaseException) -> str:
-    """Why a log was given up, in words."""
     if type(error).__name__ == "KilledWorker":
         return (
             "the workers that had it were killed, for want of memory perhaps: give them more, and "

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 from msgspec import Meta
 
 from imucalib_cli.results.codec import json_schema
 from imucalib_cli.results.result import Result, Tree
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 SCHEMA: Literal[1] = 1
 """Version of the record; adding a key keeps it, changing one raises it."""
@@ -64,12 +61,6 @@ class Record(Tree, frozen=True, kw_only=True):
     """One for each IMU, as its YAML file has it."""
     files: list[FileStamp]
     """Of the log."""
-
-
-def by_imu(record: Record) -> Iterator[Result | str]:
-    """Its results, then why others are not there."""
-    yield from record.results
-    yield from record.errors
 
 
 def schema_of_record() -> str:

@@ -6,13 +6,12 @@ Names in a log, and of one, may hold anything: each form escapes what has a mean
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import msgspec
 
-from imucalib_cli.batch.record import by_imu
-from imucalib_cli.layout import Table, csv_text
-from imucalib_cli.results.fields import unobservable_fields
+from imucalib_cli.layout import Table, csv_columns
+from imucalib_cli.results.fields import reasons
 from imucalib_cli.shown import as_html, shown
 
 if TYPE_CHECKING:
@@ -22,113 +21,103 @@ if TYPE_CHECKING:
     from imucalib_cli.layout import Block
     from imucalib_cli.results.result import Result
 
-    Cell = str | int | float | None
-    Entry = Result | str
-    """Of an IMU, or why there is none."""
-
 _LONGEST_SUMMARY = 1_000_000
 """Bytes of markdown: GitHub takes 1 MiB as the summary of a step."""
-_BETWEEN = "; "
+_FROM_WORST = ("failed", "untrusted", "ok")
 
 
-class Column(NamedTuple):
-    """A column of the CSV table."""
+class Entry(NamedTuple):
+    """An IMU of a log, or why there is none."""
 
-    meaning: str
-    of_log: Callable[[Record], Cell] | None = None
-    of_result: Callable[[Result], Cell] | None = None
-    of_failure: Callable[[str], Cell] = lambda _: None
-
-
-def reasons(entry: Entry) -> list[str]:
+    record: Record
+    result: Result | None
+    reasons: list[str]
     """Why there is no result, or why it should not be used; the gravest first."""
-    if isinstance(entry, str):
-        return [entry]
-    return [*entry.diagnostics.distrust, *map(str, unobservable_fields(entry))]
+
+    @property
+    def status(self) -> str:
+        """One of _FROM_WORST."""
+        return "failed" if self.result is None else self.result.status
+
+    @property
+    def imu(self) -> str:
+        """Its frame; empty where there is no result."""
+        return "" if self.result is None else self.result.child
+
+    @property
+    def why(self) -> str:
+        """The reasons in one line."""
+        return "; ".join(self.reasons)
 
 
-def _vector(
-    names: Sequence[str], what: str, values: Callable[[Result], Sequence[float | None] | None]
-) -> dict[str, Column]:
-    """A column for each component of a vector, empty where it is not known."""
-
-    def component(place: int) -> Callable[[Result], Cell]:
-        return lambda result: (values(result) or [None] * len(names))[place]
-
-    return {name: Column(what, of_result=component(place)) for place, name in enumerate(names)}
+def entries(records: Iterable[Record]) -> Iterator[Entry]:
+    """The results of each log, then why others are not there."""
+    for record in records:
+        yield from (Entry(record, result, reasons(result)) for result in record.results)
+        yield from (Entry(record, None, [error]) for error in record.errors)
 
 
-COLUMNS: dict[str, Column] = {
-    "log": Column("the log, as it was named", lambda record: record.log),
-    "imu": Column("frame of the IMU; empty where there is no result", None, lambda r: r.child),
-    "topic": Column("its topic", None, lambda result: result.imu_topic),
-    "parent": Column("link that carries it", None, lambda result: result.parent),
-    "status": Column(
-        "ok, untrusted, or failed: there is no result",
-        None,
-        lambda result: result.status,
-        lambda _: "failed",
-    ),
-    "exit_code": Column("of `imucalib run` on the log", lambda record: record.exit_code),
-    **_vector(
-        ("tx_m", "ty_m", "tz_m"),
+def _of(take: Callable[[Result], Any]) -> Callable[[Entry], Any]:
+    """What a column holds where there is a result; empty elsewhere."""
+    return lambda entry: None if entry.result is None else take(entry.result)
+
+
+COLUMNS: tuple[tuple[str, str, Callable[[Entry], Any]], ...] = (
+    ("log", "the log, as it was named", lambda entry: entry.record.log),
+    ("imu", "frame of the IMU; empty where there is no result", lambda entry: entry.imu),
+    ("topic", "its topic", _of(lambda result: result.imu_topic)),
+    ("parent", "link that carries it", _of(lambda result: result.parent)),
+    ("status", "ok, untrusted, or failed: there is no result", lambda entry: entry.status),
+    ("exit_code", "of `imucalib run` on the log", lambda entry: entry.record.exit_code),
+    (
+        "tx_m ty_m tz_m",
         "translation, m; empty where the motion did not determine it",
-        lambda result: result.transform.translation,
+        _of(lambda result: result.transform.translation),
     ),
-    **_vector(("qx", "qy", "qz", "qw"), "rotation", lambda result: result.transform.rotation_xyzw),
-    **_vector(
-        ("roll_rad", "pitch_rad", "yaw_rad"),
+    ("qx qy qz qw", "rotation", _of(lambda result: result.transform.rotation_xyzw)),
+    (
+        "roll_rad pitch_rad yaw_rad",
         "the same as URDF has it, rad",
-        lambda result: result.transform.rotation_rpy,
+        _of(lambda result: result.transform.rotation_rpy),
     ),
-    **_vector(
-        ("std_tx_mm", "std_ty_mm", "std_tz_mm"),
+    (
+        "std_tx_mm std_ty_mm std_tz_mm",
         "1 sigma along the parent's axes, mm",
-        lambda result: None if result.std is None else result.std.translation_mm,
+        _of(lambda result: result.std and result.std.translation_mm),
     ),
-    **_vector(
-        ("std_rx_deg", "std_ry_deg", "std_rz_deg"),
+    (
+        "std_rx_deg std_ry_deg std_rz_deg",
         "1 sigma about the parent's axes, deg",
-        lambda result: None if result.std is None else result.std.rotation_deg,
+        _of(lambda result: result.std and result.std.rotation_deg),
     ),
-    "time_offset_s": Column(
-        "IMU stamp - robot stamp of the same instant, s", None, lambda r: r.time_offset.seconds
+    (
+        "time_offset_s",
+        "IMU stamp - robot stamp of the same instant, s",
+        _of(lambda result: result.time_offset.seconds),
     ),
-    "time_offset_std_s": Column("its 1 sigma", None, lambda result: result.time_offset.std),
-    "reasons": Column(
+    ("time_offset_std_s", "its 1 sigma", _of(lambda result: result.time_offset.std)),
+    (
+        "reasons",
         "why there is no result, or why it should not be used; by `; `",
-        None,
-        lambda result: _BETWEEN.join(reasons(result)),
-        lambda failure: failure,
+        lambda entry: entry.why,
     ),
-    "seconds": Column("the log took, in a worker", lambda record: record.seconds),
-    "key": Column(
-        "SHA-256 of the contents of log and URDF, the options and the version; empty where the "
-        "log is done again the next time",
-        lambda record: record.key,
+    ("seconds", "the log took, in a worker", lambda entry: entry.record.seconds),
+    (
+        "key",
+        (
+            "SHA-256 of the contents of log and URDF, the options and the version; empty where the "
+            "log is done again the next time"
+        ),
+        lambda entry: entry.record.key,
     ),
-}
-"""Of summary.csv and ``--format csv``, in their order: a row for each IMU, and for each failure."""
+)
+"""Of summary.csv and ``--format csv``, in their order: names, what they hold, from where."""
 
 
 def csv_table(records: Iterable[Record]) -> str:
     """A header, then a row for each IMU and each failure."""
-    return csv_text(
-        COLUMNS,
-        (
-            [_value(column, record, entry) for column in COLUMNS.values()]
-            for record in records
-            for entry in by_imu(record)
-        ),
-    )
-
-
-def _value(column: Column, record: Record, entry: Entry) -> Cell:
-    if column.of_log is not None:
-        return column.of_log(record)
-    if isinstance(entry, str):
-        return column.of_failure(entry)
-    return None if column.of_result is None else column.of_result(entry)
+    columns = {names: take for names, _, take in COLUMNS}
+    return csv_columns(columns, ((entry,) for entry in entries(records)))
 
 
 def json_line(record: Record) -> str:
@@ -136,28 +125,23 @@ def json_line(record: Record) -> str:
     return msgspec.json.encode(record).decode() + "\n"
 
 
-def json_lines(records: Iterable[Record]) -> str:
-    """A line for each record."""
-    return "".join(map(json_line, records))
-
-
 _HEADS = ("log", "IMU", "status", "translation mm", "± mm", "± deg", "why not")
 
 
-def _row(record: Record, entry: Entry) -> tuple[str, ...]:
+def _row(entry: Entry) -> tuple[str, ...]:
     """What a person looks at first."""
-    why = _BETWEEN.join(reasons(entry))
-    if isinstance(entry, str):
-        return (record.log, "", "failed", "", "", "", why)
+    log, result = entry.record.log, entry.result
+    if result is None:
+        return (log, "", entry.status, "", "", "", entry.why)
     place = " ".join(
-        "?" if value is None else f"{value * 1e3:.2f}" for value in entry.transform.translation
+        "?" if value is None else f"{value * 1e3:.2f}" for value in result.transform.translation
     )
-    std = entry.std
+    std = result.std
     sigmas = [] if std is None else [std.translation_mm, std.rotation_deg]
     largest = [
         "" if None in each else f"{max(filter(None, each), default=0.0):.2g}" for each in sigmas
     ]
-    return (record.log, entry.child, entry.status, place, *(largest or ["", ""]), why)
+    return (log, entry.imu, entry.status, place, *(largest or ["", ""]), entry.why)
 
 
 def counted(records: Sequence[Record]) -> str:
@@ -171,34 +155,23 @@ def counted(records: Sequence[Record]) -> str:
 
 def words(records: Sequence[Record]) -> tuple[Block, ...]:
     """For people: how many logs are what, and a table of them."""
-    rows = tuple(_row(record, entry) for record in records for entry in by_imu(record))
+    rows = tuple(map(_row, entries(records)))
     return counted(records), Table(_HEADS, rows, frozenset(_HEADS[4:6]))
 
 
 def markdown(records: Sequence[Record]) -> str:
     """A table as GitHub and GitLab show it; the worst first, as far as a summary may be long."""
-    rows = [
-        (entry_status(entry), _row(record, entry)) for record in records for entry in by_imu(record)
-    ]
-    rows.sort(key=lambda row: _FROM_WORST.index(row[0]))
+    worst_first = sorted(entries(records), key=lambda entry: _FROM_WORST.index(entry.status))
     lines = [f"**{counted(records)}**", "", _piped(_HEADS), _piped(["---"] * len(_HEADS))]
     size = 0
-    for number, (_, row) in enumerate(rows):
-        line = _piped([_marked_down(cell) for cell in row])
+    for number, entry in enumerate(worst_first):
+        line = _piped(map(_marked_down, _row(entry)))
         size += len(line.encode())
         if size > _LONGEST_SUMMARY:
-            lines += ["", f"and {len(rows) - number} more"]
+            lines += ["", f"and {len(worst_first) - number} more"]
             break
         lines.append(line)
     return "\n".join([*lines, ""])
-
-
-_FROM_WORST = ("failed", "untrusted", "ok")
-
-
-def entry_status(entry: Entry) -> str:
-    """ok, untrusted or failed."""
-    return "failed" if isinstance(entry, str) else entry.status
 
 
 def _piped(cells: Iterable[str]) -> str:
@@ -216,22 +189,19 @@ def junit(records: Sequence[Record]) -> str:
 
     suite = ET.Element("testsuite", name="imucalib batch")
     counts = dict.fromkeys(_FROM_WORST, 0)
-    for record in records:
-        entries = list(by_imu(record))
-        for entry in entries:
-            status = entry_status(entry)
-            counts[status] += 1
-            case = ET.SubElement(
-                suite,
-                "testcase",
-                classname=shown(record.log),
-                name="no result" if isinstance(entry, str) else shown(entry.child),
-                time=f"{record.seconds / len(entries):.3f}",
-            )
-            if status != "ok":
-                why = shown(_BETWEEN.join(reasons(entry)))
-                kind = "error" if status == "failed" else "failure"
-                ET.SubElement(case, kind, message=why, type=status).text = why
+    for entry in entries(records):
+        record, status, why = entry.record, entry.status, shown(entry.why)
+        counts[status] += 1
+        case = ET.SubElement(
+            suite,
+            "testcase",
+            classname=shown(record.log),
+            name=shown(entry.imu) or "no result",
+            time=f"{record.seconds / (len(record.results) + len(record.errors)):.3f}",
+        )
+        if status != "ok":
+            kind = "error" if status == "failed" else "failure"
+            ET.SubElement(case, kind, message=why, type=status).text = why
     suite.attrib |= {
         "tests": str(sum(counts.values())),
         "failures": str(counts["untrusted"]),
@@ -244,30 +214,30 @@ def junit(records: Sequence[Record]) -> str:
 
 def complaints(record: Record) -> Iterator[tuple[str, str]]:
     """What is wrong with a log, for people: a word, and a sentence that names it."""
-    for entry in by_imu(record):
-        if isinstance(entry, str):
-            yield "error", entry if entry.startswith(record.log) else f"{record.log}: {entry}"
-        else:
-            for reason in reasons(entry):
-                yield "untrusted", f"{record.log}: {entry.child}: {reason}"
+    for entry in entries([record]):
+        for reason in entry.reasons:
+            if entry.result is not None:
+                yield "untrusted", f"{record.log}: {entry.imu}: {reason}"
+            else:
+                yield (
+                    "error",
+                    reason if reason.startswith(record.log) else f"{record.log}: {reason}",
+                )
 
 
 def github_lines(record: Record) -> list[str]:
     """Lines that GitHub Actions shows beside the files of a run: errors and warnings."""
     lines = []
-    for entry in by_imu(record):
-        status = entry_status(entry)
-        if status == "ok":
-            continue
-        level = "error" if status == "failed" else "warning"
-        title = "no result" if isinstance(entry, str) else f"{entry.child}: untrusted"
-        properties = f"file={_property(record.log)},title={_property(title)}"
-        lines.append(f"::{level} {properties}::{_data(shown(_BETWEEN.join(reasons(entry))))}")
+    for entry in entries([record]):
+        if entry.status != "ok":
+            level = "error" if entry.status == "failed" else "warning"
+            title = f"{entry.imu}: untrusted" if entry.imu else "no result"
+            properties = f"file={_property(record.log)},title={_property(title)}"
+            lines.append(f"::{level} {properties}::{_data(shown(entry.why))}")
     return lines
 
 
 def _data(text: str) -> str:
-    """As the commands of GitHub's workflows have it."""
     return text.replace("%", "%25").replace("\r", "%0D").replace("\n", "%0A")
 
 
@@ -276,7 +246,7 @@ def _property(text: str) -> str:
 
 
 TABLES: dict[str, Callable[[Sequence[Record]], str]] = {
-    "jsonl": json_lines,
+    "jsonl": lambda records: "".join(map(json_line, records)),
     "csv": csv_table,
     "markdown": markdown,
     "junit": junit,

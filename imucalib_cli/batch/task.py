@@ -5,9 +5,10 @@ from __future__ import annotations
 import os
 import platform
 import time
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from threadpoolctl import threadpool_limits
 
@@ -99,38 +100,47 @@ class Task:
             errors.append(_in_our_words(error))
         is_whole = sizes == _sizes(log) and self._has_its_urdf()
         is_lasting = not any(map(_is_passing, errors))
-        stamps = stamps or _stamps(sizes)
-        untrusted = any(result.status != "ok" for result in results)
-        record = Record(
-            log=log.label,
-            place=log.place,
-            status="failed" if errors else "untrusted" if untrusted else "ok",
-            exit_code=self.exit_code(errors, results),
+        with suppress(OSError):  # none of a log that cannot be read
+            stamps = stamps or stamps_of(sizes)
+        record = self._record(
+            log,
+            errors,
+            results,
             seconds=round(time.perf_counter() - begun, 3),
             key=key_of(self.context, stamps) if is_whole and is_lasting else None,
-            errors=list(map(str, errors)),
             written=list(contents),
-            results=list(results),
             files=stamps,
         )
         return Done(record=record, contents=tuple(contents.items()))
 
     def lost(self, log: BatchLog, reason: str) -> Done:
         """What is told of a log whose worker was lost; it is done again the next time."""
-        error = InputError(reason)
-        record = Record(
+        return Done(record=self._record(log, [InputError(reason)]), contents=())
+
+    def late(self, log: BatchLog, seconds: float) -> Done:
+        """The same of a log that took longer than it may."""
+        reason = (
+            f"not finished within --timeout {seconds:g} s: run the same command again with more"
+        )
+        return self.lost(log, reason)
+
+    def _record(
+        self,
+        log: BatchLog,
+        errors: Sequence[ImucalibError],
+        results: Sequence[Result] = (),
+        **more: Any,
+    ) -> Record:
+        untrusted = any(result.status != "ok" for result in results)
+        return Record(
             log=log.label,
             place=log.place,
-            status="failed",
-            exit_code=self.exit_code([error], ()),
-            seconds=0.0,
-            key=None,
-            errors=[reason],
-            written=[],
-            results=[],
-            files=[],
+            status="failed" if errors else "untrusted" if untrusted else "ok",
+            exit_code=self.exit_code(errors, results),
+            errors=list(map(str, errors)),
+            results=list(results),
+            **{"seconds": 0.0, "key": None, "written": [], "files": []} | more,
         )
-        return Done(record=record, contents=())
 
     def _outcome(self, log: BatchLog) -> Outcome:
         request = replace(self.request, logs=log.paths, details=bool(self.extras))
@@ -161,10 +171,9 @@ class Task:
                 errors.append(error)
 
     def _see_worker(self, log: BatchLog) -> None:
-        """See that this worker can do what the command's own process would.
+        """See that this worker does what the command's own process would.
 
-        Raises:
-            InputError: It runs another version, or does not see the files.
+        Raises InputError where it runs another version, or does not see the files.
         """
         if self.folder is None:
             return
@@ -220,11 +229,3 @@ def _sizes(log: BatchLog) -> Sizes:
         return sizes_of(log)
     except OSError:
         return {}
-
-
-def _stamps(sizes: Sizes) -> list[FileStamp]:
-    """Of a log that could not be used; none where it cannot be read."""
-    try:
-        return stamps_of(sizes)
-    except OSError:
-        return []

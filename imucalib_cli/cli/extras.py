@@ -125,12 +125,12 @@ def _plot(path: Path, outcome: Outcome) -> Files:
 
 
 def _debug_mcap(path: Path, outcome: Outcome) -> Files:
-    from imucalib_cli.report.debug_mcap import SeenImu, debug_mcap
+    from imucalib_cli.report.debug_mcap import debug_mcap
     from imucalib_cli.report.foxglove import foxglove_layout
 
     recording = outcome.recording
     seen = [
-        SeenImu(each.result, each.estimate.details.windows)
+        (each.result, each.estimate.details.windows)
         for each in outcome.calibrated
         if each.estimate.details is not None
     ]
@@ -138,7 +138,7 @@ def _debug_mcap(path: Path, outcome: Outcome) -> Files:
     yield path, debug_mcap(seen, robot, joints, recording.clock.origin_ns)
     yield (
         _layout_of(path),
-        foxglove_layout([each.result for each in seen], with_urdf=robot is not None),
+        foxglove_layout([result for result, _ in seen], with_urdf=robot is not None),
     )
 
 

@@ -12,9 +12,9 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from datetime import datetime
 
+    from imucalib_cli.results.comparison.answers import TrendAnswer
     from imucalib_cli.results.comparison.requirement import Tolerance
     from imucalib_cli.results.result import Result
-    from imucalib_cli.results.trend.answer import TrendAnswer
 
 
 def trend_of(

@@ -9,11 +9,13 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
 
     from imucalib_cli.arrays import Floats, Indices
     from imucalib_cli.report.words import Words
 
+Data = dict[str, Any]
+"""For the page's script."""
 Style = Literal["line", "dashed", "dotted", "points", "band", "bars"]
 Colour = Literal["first", "second", "third", "faint"]
 AXIS_COLOURS: tuple[Colour, Colour, Colour] = ("first", "second", "third")
@@ -25,70 +27,58 @@ _FIGURES = 5
 """Significant figures of a number on a page: finer than a pixel at any useful zoom."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Trace:
-    """One line, band or row of error bars."""
-
-    label: str
-    values: Floats
-    """(N,), or (N, 2) lower and upper edge of a band."""
-    style: Style = "line"
-    colour: Colour = "first"
-    half_width: Floats | None = None
-    """(N,), of error bars."""
-
-    def data(self) -> dict[str, Any]:
-        """For the script."""
-        columns = self.values.T if self.values.ndim == 2 else self.values[None]
-        if self.half_width is not None:
-            columns = np.stack(
-                [self.values, self.values - self.half_width, self.values + self.half_width]
-            )
-        return {
-            "label": self.label,
-            "style": self.style,
-            "colour": self.colour,
-            "columns": [plain(column) for column in columns],
-        }
+def trace(
+    label: str,
+    values: Floats,
+    style: Style = "line",
+    colour: Colour = "first",
+    half_width: Floats | None = None,
+) -> Data:
+    """One line (N,), band (N, 2) between its edges, or row of error bars (N,) with half widths."""
+    columns = [*values.T] if values.ndim == 2 else [values]
+    if half_width is not None:
+        columns += [values - half_width, values + half_width]
+    return {
+        "label": label,
+        "style": style,
+        "colour": colour,
+        "columns": [plain(column) for column in columns],
+    }
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Plot:
-    """Traces over one x."""
+def plot(
+    title: str,
+    x: Floats,
+    traces: Iterable[Data],
+    x_label: str,
+    y_label: str,
+    *,
+    shared_x: str = "",
+    log: str = "",
+    shaded: Sequence[tuple[float, float]] = (),
+    levels: Sequence[tuple[str, float]] = (),
+    ticks_at_x: bool = False,
+    y_range: tuple[float, float] | None = None,
+) -> Data:
+    """Traces over one x, (N,), ascending.
 
-    title: str
-    x: Floats
-    """(N,), ascending."""
-    traces: tuple[Trace, ...]
-    x_label: str
-    y_label: str
-    shared_x: str = ""
-    """Plots of the same name zoom together."""
-    log: str = ""
-    """Axes with a logarithmic scale: x, y or xy."""
-    shaded: Sequence[tuple[float, float]] = ()
-    """Stretches of x that are marked."""
-    levels: Sequence[tuple[str, float]] = ()
-    """Horizontal lines with their names."""
-    y_range: tuple[float, float] | None = None
-    ticks_at_x: bool = False
-    """Whether x has few values, which are labelled."""
-
-    def data(self) -> dict[str, Any]:
-        """For the script."""
-        return {
-            "title": self.title,
-            "x": plain(self.x, _FIGURES + 2),
-            "traces": [each.data() for each in self.traces],
-            "xLabel": self.x_label,
-            "yLabel": self.y_label,
-            "sharedX": self.shared_x,
-            "log": self.log,
-            "shaded": [plain(np.array(each), _FIGURES + 2) for each in self.shaded],
-            "levels": [[name, *plain(np.array([value]))] for name, value in self.levels],
-            "ticksAtX": self.ticks_at_x,
-            "yRange": None if self.y_range is None else plain(np.array(self.y_range)),
-        }
+    Plots of the same ``shared_x`` zoom together; ``log`` names axes with a logarithmic scale: x, y
+    or xy. Stretches of x are shaded; levels are horizontal lines with their names. Where x has few
+    values, they are labelled.
+    """
+    return {
+        "title": title,
+        "x": plain(x, _FIGURES + 2),
+        "traces": list(traces),
+        "xLabel": x_label,
+        "yLabel": y_label,
+        "sharedX": shared_x,
+        "log": log,
+        "shaded": [plain(np.array(each), _FIGURES + 2) for each in shaded],
+        "levels": [[name, *plain(np.array([value]))] for name, value in levels],
+        "ticksAtX": ticks_at_x,
+        "yRange": None if y_range is None else plain(np.array(y_range)),
+    }
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -98,7 +88,7 @@ class Figure:
     key: str
     """Short, for links."""
     words: Words
-    plots: tuple[Plot, ...] = ()
+    plots: Sequence[Data] = ()
     drawing: str = ""
     """HTML that needs no script, instead of plots."""
 
@@ -111,13 +101,9 @@ def plain(values: Floats, digits: int = _FIGURES) -> list[float | None]:
 
 
 def thinned(series: Floats, bins: int = _BINS) -> Indices:
-    """Places of the samples to draw: the least and the greatest of each column in each bin.
+    """Places of the samples of (N, C) to draw: least and greatest of each column in each bin.
 
-    Peaks of a single sample stay.
-
-    Args:
-        series: (N, C).
-        bins: Parts of equal number of samples.
+    Peaks of a single sample stay. Bins have equal numbers of samples.
     """
     count = len(series)
     size = max(math.ceil(count / bins), 1)
@@ -132,12 +118,9 @@ def thinned(series: Floats, bins: int = _BINS) -> Indices:
 
 
 def ranges(t: Floats, values: Floats, at: Floats) -> Floats:
-    """(M, C, 2), least and greatest of the samples nearest to each of some instants.
+    """(M, C, 2), least and greatest of the samples (N, C) nearest to each of some instants (M,).
 
-    Args:
-        t: (N,), ascending.
-        values: (N, C).
-        at: (M,), ascending; an instant that has no sample takes the next one.
+    Instants ascend as t (N,) does; one that has no sample takes the next one.
     """
     edges = np.concatenate([[-np.inf], 0.5 * (at[1:] + at[:-1])])
     starts = np.minimum(np.searchsorted(t, edges), len(t) - 1)

@@ -30,6 +30,8 @@ if TYPE_CHECKING:
     from imucalib_cli.robot.path import Track
     from imucalib_cli.robot.urdf import Joint, Robot
 
+    SeenImu = tuple[Result, WindowSeries]
+    """One IMU and what its windows saw."""
     Row = tuple[int, Callable[[int, Any], None], Any]
     """Instant, ns; where a message goes; the message."""
 
@@ -45,13 +47,6 @@ _NUMBERS = "std_msgs/msg/Float64MultiArray"
 """Of the messages without a header the one that Rerun plots unasked; Foxglove plots all."""
 
 
-class SeenImu(NamedTuple):
-    """One IMU and what its windows saw."""
-
-    result: Result
-    windows: WindowSeries
-
-
 class FrameSeries(NamedTuple):
     """Pose of one frame in another."""
 
@@ -61,14 +56,6 @@ class FrameSeries(NamedTuple):
     """(M, 3, 3), or (1, 3, 3) where it stands still."""
     p: Floats
     """(M, 3) or (1, 3), m."""
-
-
-class Moving(NamedTuple):
-    """Frames that move together."""
-
-    t: Floats
-    """(M,), s of the log, by the robot's stamps."""
-    frames: list[FrameSeries]
 
 
 def topics_of(results: Sequence[Result]) -> list[str]:
@@ -83,16 +70,11 @@ def debug_mcap(
 ) -> bytes:
     """An MCAP with readings, predictions, residuals, weights, frames, URDF and results.
 
-    Args:
-        seen: At least one IMU; the robot moves as its windows have it.
-        robot: Of the URDF, if there is one.
-        joints: Tracks of joint states in the log.
-        origin_ns: Stamp of the log's second 0, ns.
-
-    Raises:
-        InputError: Stamps are later than ROS 2 can tell.
+    At least one IMU with its windows, by which the robot moves; tracks of the log's joint states;
+    the stamp of the log's second 0, ns. Raises InputError where stamps are later than ROS 2 can
+    tell.
     """
-    results = [each.result for each in seen]
+    results = [result for result, _ in seen]
     ends = np.concatenate([stamps_ns(windows.t[[0, -1]], origin_ns) for _, windows in seen])
     start_ns = max(int(ends.min()), 0)
     if int(ends.max()) + _NS > _LATEST_NS:
@@ -107,9 +89,14 @@ def debug_mcap(
     still, moving = _frames(seen, names, robot, joints)
     stand = log.connect("/tf_static", _TF, latched=True)
     stand(start_ns, _transforms(log, still)(0, start_ns))
-    rows = list(_moves(log, moving, origin_ns))
-    for topic, name, each in zip(topics_of(results), names, seen, strict=True):
-        rows += _readings(log, topic, name, each.windows, origin_ns)
+    rows: list[Row] = []
+    write = log.connect("/tf", _TF)
+    for t, frames in moving:
+        make = _transforms(log, frames)
+        stamps = stamps_ns(t, origin_ns).tolist()
+        rows += ((ns, write, make(row, ns)) for row, ns in enumerate(stamps))
+    for topic, name, (_, windows) in zip(topics_of(results), names, seen, strict=True):
+        rows += _readings(log, topic, name, windows, origin_ns)
     for ns, write, message in sorted(rows, key=lambda row: row[0]):
         if ns >= 0:  # simulated time begins at 0, and the robot's stamps may be late
             write(ns, message)
@@ -146,23 +133,20 @@ def _readings(
         yield ns, write, numbers(layout, np.array([weight]))
 
 
-def _moves(log: McapWriter, moving: Sequence[Moving], origin_ns: int) -> Iterator[Row]:
-    write = log.connect("/tf", _TF)
-    for t, frames in moving:
-        make = _transforms(log, frames)
-        for row, ns in enumerate(stamps_ns(t, origin_ns).tolist()):
-            yield ns, write, make(row, ns)
-
-
 def _frames(
     seen: Sequence[SeenImu], names: Sequence[str], robot: Robot | None, joints: Sequence[Track]
-) -> tuple[list[FrameSeries], list[Moving]]:
-    """Frames that stand still in others, and those that move, by the robot's stamps."""
-    still = [
-        mount
-        for each, name in zip(seen, names, strict=True)
-        for mount in mounts_of(each.result, name)
-    ]
+) -> tuple[list[FrameSeries], list[tuple[Floats, list[FrameSeries]]]]:
+    """Frames that stand still in others; those that move, at (M,), s by the robot's stamps.
+
+    Each IMU stands where it was found, and as ``<name>_nominal`` where it was said to be.
+    """
+    still = []
+    for (result, _), name in zip(seen, names, strict=True):
+        parent, nominal = result.parent, result.nominal
+        still.append(FrameSeries(parent, name, result.pose.R[None], result.pose.t[None]))
+        if nominal is not None:
+            R, p = nominal.R_parent_imu[None], nominal.t_parent_imu[None]
+            still.append(FrameSeries(parent, f"{name}_nominal", R, p))
     moving = []
     told = {frame.child for frame in still}
     for result, windows in seen:
@@ -175,7 +159,7 @@ def _frames(
         told |= {frame.child for frame in frames}
         still += [frame for frame in frames if len(frame.p) == 1]
         moves = [frame for frame in frames if len(frame.p) > 1]
-        moving += [Moving(t, moves)] if moves else []
+        moving += [(t, moves)] if moves else []
     return still, moving
 
 
@@ -190,16 +174,6 @@ def imu_frames(results: Sequence[Result]) -> list[str]:
     return frames
 
 
-def mounts_of(result: Result, name: str) -> list[FrameSeries]:
-    """The IMU where it was found, and ``<name>_nominal`` where it was said to be."""
-    pose, nominal = result.pose, result.nominal
-    found = FrameSeries(result.parent, name, pose.R[None], pose.t[None])
-    if nominal is None:
-        return [found]
-    R, t = nominal.R_parent_imu[None], nominal.t_parent_imu[None]
-    return [found, FrameSeries(result.parent, f"{name}_nominal", R, t)]
-
-
 def frames_of(
     result: Result,
     windows: WindowSeries,
@@ -209,12 +183,7 @@ def frames_of(
 ) -> list[FrameSeries]:
     """How the robot moves: every joint of its URDF, or the parent link alone.
 
-    Args:
-        result: Of the IMU.
-        windows: Which tell where its parent is.
-        robot: Of the URDF.
-        joints: Tracks of joint states.
-        t: (W,), s of the log by the robot's stamps: the windows' instants.
+    The windows tell where the parent is, at t (W,), s of the log by the robot's stamps.
     """
     world, parent = result.provenance.world, result.parent
     R, p = windows.R_world_parent, windows.p_world_parent
@@ -300,6 +269,5 @@ def _headers(log: McapWriter) -> Callable[[int, str], Any]:
 
 
 def _text(xml: bytes) -> str:
-    """A URDF's letters."""
     is_wide = xml.startswith((b"\xff\xfe", b"\xfe\xff"))
     return xml.decode("utf-16" if is_wide else "utf-8-sig", "replace")

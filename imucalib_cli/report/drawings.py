@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 _LABELS, _CELLS, _ROW, _FOOT = 90, 700, 26, 40
 """Widths of labels and cells, heights of a row and the axis, in units of the drawing."""
 _MOST_TICKS = 6
+"""That fit side by side."""
 _REACH = 2.0
 """Prior sigmas that a bar's scale reaches to either side."""
 _TINY = 1e-100
@@ -29,13 +30,9 @@ _FARTHEST = 20.0
 
 
 def heat_map(share: Floats, rows: Sequence[str], edges: Floats, unit: str) -> str:
-    """Cells (columns, rows), darker for a greater share; the darkest of a row is its greatest.
+    """Cells of (C, R) shares, 0 to 1: darker for a greater one, the darkest of a row its greatest.
 
-    Args:
-        share: (C, R), 0 to 1.
-        rows: Their names.
-        edges: (C + 1,), of the columns along x.
-        unit: Of the edges.
+    The columns lie between edges (C + 1,) along x.
     """
     span = float(edges[-1] - edges[0])
     x = _LABELS + _CELLS * (edges - edges[0]) / span

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,13 +13,14 @@ from imucalib_cli.report.chart import (
     AXIS_COLOURS,
     AXIS_STYLES,
     Figure,
-    Plot,
-    Trace,
+    plot,
     ranges,
     thinned,
+    trace,
 )
 from imucalib_cli.report.drawings import heat_map, parameter_table
 from imucalib_cli.report.words import WORDS
+from imucalib_cli.results.pose import PARTS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -26,15 +28,18 @@ if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.checks.segments import LogParts
     from imucalib_cli.estimate.details import Details, OffsetProfile, Spectrum, WindowSeries
-    from imucalib_cli.report.chart import Style
+    from imucalib_cli.report.chart import Data, Style
     from imucalib_cli.results.result import Result, TimeOffset
 
 _AXES = "xyz"
 _TIME = "time of the log, s"
 _LOG_TIME = "time"
-_UNITS = {"accel": "m/s²", "gyro": "rad/s"}
-_NAMES = {"accel": "Acceleration", "gyro": "Angular rate"}
-_SENSORS = {"accel": "Accelerometer", "gyro": "Gyroscope"}
+_over_time = partial(plot, x_label=_TIME, shared_x=_LOG_TIME)
+_SENSORS = {
+    "accel": ("Accelerometer", "Acceleration", "m/s²"),
+    "gyro": ("Gyroscope", "Angular rate", "rad/s"),
+}
+"""Name, quantity and unit of each."""
 _LONGEST_NAME = 70
 """Letters of a stream's name that fit above a plot."""
 _SILENT = 1e-12
@@ -72,19 +77,33 @@ def figures(material: Material) -> Iterator[Figure]:
     if details is not None and details.dependence:
         yield _window(details)
     if stretches is not None:
-        yield _segments(stretches)
+        edges = stretches.fold_edges
+        yield _figure(
+            "segments",
+            count=len(edges) - 1,
+            plots=_pose_plots(
+                0.5 * (edges[1:] + edges[:-1]),
+                stretches.fold_difference,
+                stretches.fold_std,
+                x_label=_TIME,
+                shared=_LOG_TIME,
+            ),
+        )
         yield _so_far(stretches)
-        yield _taught(stretches)
+        rows = tuple(f"{kind} {axis}" for kind in ("along", "about") for axis in _AXES)
+        drawing = heat_map(stretches.share, rows=rows, edges=stretches.edges, unit="s")
+        yield _figure("taught", drawing=drawing)
     if details is not None and details.offset is not None:
         yield _offset(details.offset, material.result.time_offset)
     if material.stamps:
         yield _stamps(material.stamps)
-    if material.result.diagnostics.parameters:
-        yield _parameters(material.result)
+    if parameters := material.result.diagnostics.parameters:
+        yield _figure("parameters", drawing=parameter_table(parameters))
 
 
 def _motion(material: Material, details: Details, sensor: str) -> Figure:
     series, result = details.windows, material.result
+    _, quantity, unit = _SENSORS[sensor]
     measured = np.asarray(getattr(series, f"{sensor}_measured"))
     predicted = np.asarray(getattr(series, f"{sensor}_predicted"))
     bias = result.accel_bias if sensor == "accel" else result.gyro_bias
@@ -96,77 +115,57 @@ def _motion(material: Material, details: Details, sensor: str) -> Figure:
         band = ranges(details.imu_t, samples[:, axis : axis + 1], t)[:, 0]
         band[np.isnan(measured[at, axis])] = np.nan
         plots.append(
-            Plot(
+            _over_time(
                 title=name,
                 x=t,
                 traces=(
-                    Trace(
-                        label="samples, less bias",
-                        values=band,
-                        style="band",
-                        colour="faint",
-                    ),
-                    Trace(label="measured", values=measured[at, axis]),
-                    Trace(
-                        label="predicted",
-                        values=predicted[at, axis],
-                        style="dashed",
-                        colour="second",
-                    ),
+                    trace("samples, less bias", band, "band", "faint"),
+                    trace("measured", measured[at, axis]),
+                    trace("predicted", predicted[at, axis], "dashed", "second"),
                 ),
-                x_label=_TIME,
-                y_label=_UNITS[sensor],
-                shared_x=_LOG_TIME,
+                y_label=unit,
                 shaded=series.left_out,
             )
         )
     return _figure(
         sensor,
-        quantity=_NAMES[sensor],
+        quantity=quantity,
         seconds=f"{2.0 * details.half_window:.3g}",
-        plots=tuple(plots),
+        plots=plots,
     )
 
 
 def _residuals(series: WindowSeries) -> Figure:
     plots = []
-    for sensor, name in _SENSORS.items():
+    for sensor, (name, _, unit) in _SENSORS.items():
         values = np.asarray(getattr(series, f"{sensor}_residual"))
         at = thinned(values)
         plots.append(
-            Plot(
+            _over_time(
                 title=name,
                 x=series.t[at],
                 traces=_by_axis(values[at]),
-                x_label=_TIME,
-                y_label=_UNITS[sensor],
-                shared_x=_LOG_TIME,
+                y_label=unit,
                 shaded=series.left_out,
             )
         )
-    return _figure(
-        "residuals",
-        plots=tuple(plots),
-    )
+    return _figure("residuals", plots=plots)
 
 
 def _spectra(spectra: tuple[Spectrum, Spectrum]) -> Figure:
     plots = tuple(
-        Plot(
-            title=_SENSORS[sensor],
+        plot(
+            title=name,
             x=spectrum.frequency,
-            traces=(Trace(label="residual", values=spectrum.density, style="points"),),
+            traces=(trace("residual", spectrum.density, "points"),),
             x_label="frequency, Hz",
-            y_label=f"{_UNITS[sensor]}/√Hz",
+            y_label=f"{unit}/√Hz",
             log="xy",
             levels=(("the IMU's own noise", spectrum.own),) if spectrum.own > _SILENT else (),
         )
-        for sensor, spectrum in zip(_SENSORS, spectra, strict=True)
+        for (name, _, unit), spectrum in zip(_SENSORS.values(), spectra, strict=True)
     )
-    return _figure(
-        "spectra",
-        plots=plots,
-    )
+    return _figure("spectra", plots=plots)
 
 
 def _window(details: Details) -> Figure:
@@ -188,42 +187,19 @@ def _window(details: Details) -> Figure:
     )
 
 
-def _segments(stretches: LogParts) -> Figure:
-    middle = 0.5 * (stretches.fold_edges[1:] + stretches.fold_edges[:-1])
-    return _figure(
-        "segments",
-        count=len(middle),
-        plots=_pose_plots(
-            middle, stretches.fold_difference, stretches.fold_std, x_label=_TIME, shared=_LOG_TIME
-        ),
-    )
-
-
 def _so_far(stretches: LogParts) -> Figure:
     return _figure(
         "enough",
         plots=tuple(
-            Plot(
-                title=name,
+            plot(
+                title=kind.capitalize(),
                 x=stretches.edges[1:] - stretches.edges[0],
                 traces=_by_axis(stretches.std_so_far[:, part] * factor, AXIS_STYLES),
                 x_label="duration, s",
                 y_label=f"1 σ, {unit}",
                 log="xy",
             )
-            for name, unit, factor, part in _POSE_PARTS
-        ),
-    )
-
-
-def _taught(stretches: LogParts) -> Figure:
-    return _figure(
-        "taught",
-        drawing=heat_map(
-            stretches.share,
-            rows=tuple(f"{kind} {axis}" for kind in ("along", "about") for axis in _AXES),
-            edges=stretches.edges,
-            unit="s",
+            for kind, (part, unit, factor) in PARTS.items()
         ),
     )
 
@@ -234,10 +210,10 @@ def _offset(profile: OffsetProfile, found: TimeOffset) -> Figure:
         "offset",
         found=with_std(value, std),
         plots=(
-            Plot(
+            plot(
                 title="Time offset",
                 x=profile.seconds * 1e3,
-                traces=(Trace(label="worse by", values=profile.sigmas),),
+                traces=(trace("worse by", profile.sigmas),),
                 x_label="IMU stamp less robot stamp, ms",
                 y_label="σ",
                 shaded=[(value - std, value + std)],
@@ -252,33 +228,18 @@ def _stamps(stamps: Mapping[str, Floats]) -> Figure:
         intervals = np.diff(t) * 1e3
         at = thinned(intervals[:, None])
         plots.append(
-            Plot(
+            _over_time(
                 title=name if len(name) <= _LONGEST_NAME else f"{name[:_LONGEST_NAME]}…",
                 x=np.maximum.accumulate(t[1:])[at],
-                traces=(Trace(label="interval", values=intervals[at]),),
-                x_label=_TIME,
+                traces=(trace("interval", intervals[at]),),
                 y_label="ms",
-                shared_x=_LOG_TIME,
                 levels=(("median", float(np.median(intervals))),),
             )
         )
-    return _figure(
-        "stamps",
-        plots=tuple(plots),
-    )
+    return _figure("stamps", plots=plots)
 
 
-def _parameters(result: Result) -> Figure:
-    return _figure(
-        "parameters",
-        drawing=parameter_table(result.diagnostics.parameters),
-    )
-
-
-def _figure(
-    key: str, *, plots: tuple[Plot, ...] = (), drawing: str = "", **values: object
-) -> Figure:
-    """A figure with its words, the values of this log filled in."""
+def _figure(key: str, *, plots: Sequence[Data] = (), drawing: str = "", **values: object) -> Figure:
     words = WORDS[key]
     return Figure(
         key=key,
@@ -290,30 +251,15 @@ def _figure(
     )
 
 
-_POSE_PARTS = (
-    ("Translation", "mm", 1e3, slice(0, 3)),
-    ("Rotation", "deg", float(np.degrees(1.0)), slice(3, 6)),
-)
-
-
 def _pose_plots(
     x: Floats, values: Floats, std: Floats, *, x_label: str, shared: str = "", log: str = ""
-) -> tuple[Plot, ...]:
+) -> list[Data]:
     """Translation and rotation with error bars: values and std are (N, 6), m and rad."""
-    return tuple(
-        Plot(
-            title=name,
+    return [
+        plot(
+            title=kind.capitalize(),
             x=x,
-            traces=tuple(
-                Trace(
-                    label=axis,
-                    values=values[:, part][:, place] * factor,
-                    half_width=std[:, part][:, place] * factor,
-                    style="bars",
-                    colour=AXIS_COLOURS[place],
-                )
-                for place, axis in enumerate(_AXES)
-            ),
+            traces=_by_axis(values[:, part] * factor, ("bars",) * 3, std[:, part] * factor),
             x_label=x_label,
             y_label=unit,
             shared_x=shared,
@@ -322,8 +268,8 @@ def _pose_plots(
             levels=(("", 0.0),),
             y_range=_shown_range(values[:, part] * factor, std[:, part] * factor),
         )
-        for name, unit, factor, part in _POSE_PARTS
-    )
+        for kind, (part, unit, factor) in PARTS.items()
+    ]
 
 
 def _shown_range(values: Floats, half_width: Floats) -> tuple[float, float]:
@@ -333,8 +279,9 @@ def _shown_range(values: Floats, half_width: Floats) -> tuple[float, float]:
     return (-1.1 * most, 1.1 * most) if most > 0.0 else (-1.0, 1.0)
 
 
-def _by_axis(values: Floats, styles: Sequence[Style] = ("line",) * 3) -> tuple[Trace, ...]:
-    return tuple(
-        Trace(label=axis, values=column, style=style, colour=colour)
-        for axis, column, style, colour in zip(_AXES, values.T, styles, AXIS_COLOURS, strict=True)
-    )
+def _by_axis(
+    values: Floats, styles: Sequence[Style] = ("line",) * 3, half_width: Floats | None = None
+) -> list[Data]:
+    bars = [None] * 3 if half_width is None else half_width.T
+    rows = zip(_AXES, values.T, styles, AXIS_COLOURS, bars, strict=True)
+    return [trace(*row) for row in rows]

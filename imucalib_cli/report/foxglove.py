@@ -38,12 +38,7 @@ Layout = Any
 
 
 def foxglove_layout(results: Sequence[Result], *, with_urdf: bool) -> str:
-    """The layout of a debug MCAP, JSON.
-
-    Args:
-        results: Of the IMUs in it, in the same order.
-        with_urdf: Whether the robot's description is in it.
-    """
+    """The layout of a debug MCAP with these IMUs in their order, JSON."""
     panels: dict[str, Any] = {"3D!robot": _scene(results, with_urdf=with_urdf)}
     tabs = []
     for result, topic in zip(results, topics_of(results), strict=True):

@@ -32,11 +32,7 @@ _FIRST = "urdf"
 
 
 def page(materials: Sequence[Material]) -> str:
-    """The whole page.
-
-    Args:
-        materials: Of the IMUs, at least one.
-    """
+    """The whole page, about at least one IMU."""
     names = [f"{each.result.child} in {each.result.parent}" for each in materials]
     data: dict[str, Any] = {"plots": {}, "mounts": {}}
     articles = [_article(each, number, data) for number, each in enumerate(materials)]
@@ -127,7 +123,8 @@ def _is_told_first(section: Section) -> bool:
 def _section(section: Section) -> str:
     rows = "".join(map(_field, section.fields))
     formula = f"<p><code>{as_html(section.formula)}</code></p>" if section.formula else ""
-    return f"<h3>{as_html(_capital(section.title))}</h3>{formula}<dl>{rows}</dl>"
+    title = section.title[:1].upper() + section.title[1:]
+    return f"<h3>{as_html(title)}</h3>{formula}<dl>{rows}</dl>"
 
 
 def _field(field: Field) -> str:
@@ -173,10 +170,10 @@ def _figure(figure: Figure, prefix: str, data: dict[str, Any]) -> str:
     words, places = figure.words, []
     for number, plot in enumerate(figure.plots):
         key = f"{prefix}{figure.key}-{number}"
-        data["plots"][key] = plot.data()
+        data["plots"][key] = plot
         places.append(
             f'<div class="plot" data-plot="{key}" tabindex="0" role="application" '
-            f'aria-label="{as_html(words.title)}, {as_html(plot.title)}. Keys: plus and minus '
+            f'aria-label="{as_html(words.title)}, {as_html(plot["title"])}. Keys: plus and minus '
             'zoom, left and right move, 0 shows all."></div>'
         )
     faults = "".join(f"<li>{as_html(each)}</li>" for each in words.faults)
@@ -239,10 +236,6 @@ def _source(result: Result, prefix: str) -> str:
     rows += [(name, "default" if v is None else str(v)) for name, v in source.options.items()]
     text = "".join(f"<dt>{as_html(name)}</dt><dd>{as_html(value)}</dd>" for name, value in rows)
     return f'<section id="{prefix}source"><h2>Where this is from</h2><dl>{text}</dl></section>'
-
-
-def _capital(text: str) -> str:
-    return text[:1].upper() + text[1:]
 
 
 def _asset(name: str) -> str:

@@ -1,4 +1,4 @@
-"""A page for papers: what the IMU reads against what the motion predicts, and what is left.
+"""Pages for papers: readings against predictions with what is left, and mounts over time.
 
 matplotlib is an optional dependency (extra ``plot``) and slow to import: only when drawn. The same
 series give the same bytes.
@@ -12,19 +12,23 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from imucalib_cli.optional import optional
+from imucalib_cli.robot.rotations import matrix_from_quaternion, rotvec_from_matrix
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.details import WindowSeries
+    from imucalib_cli.results.comparison.answers import TrendAnswer
 
 SUFFIXES = (".svg", ".pdf", ".png")
-_SIZE = (7.2, 8.6)
-"""Inches: the width of a page's text."""
+_WIDTH, _HEIGHT = 7.2, 8.6
+"""Inches: the width of a page's text, and the height of a page of residuals."""
 _DPI = 200
+"""Of a PNG: pixels of a good print."""
 _MEASURED, _PREDICTED, _RESIDUAL = "#56b4e9", "#d55e00", "#444444"
 """Two of Okabe and Ito's, told apart by colour-blind readers too, and a grey."""
 _LEFT_OUT = "#cccccc"
@@ -41,6 +45,14 @@ _STYLE = {
     "lines.linewidth": 0.7,
 }
 """Text stays text, so that it can be searched and edited."""
+_PANEL = 2.1
+"""Inches: height of a panel of a trend."""
+_AXES = (("x", "#0072b2", "o"), ("y", "#d55e00", "s"), ("z", "#009e73", "^"))
+"""Colours of Okabe and Ito; marks tell them apart without colours."""
+_EDGE = 0.9
+"""Of the margin above and below: where an odd recording is drawn that lies beyond."""
+_BESIDE = 0.003
+"""Of what the panel spans, by which the marks of two axes stand apart."""
 _NO_DATES: dict[str, dict[str, Any]] = {
     ".svg": {"Date": None, "Creator": "imucalib"},
     ".pdf": {"CreationDate": None, "Creator": "imucalib", "Producer": None},
@@ -48,16 +60,10 @@ _NO_DATES: dict[str, dict[str, Any]] = {
 }
 
 
-def drawn(draw: Callable[[Figure], None], size: tuple[float, float], suffix: str) -> bytes:
-    """A page on which something is drawn.
+def _drawn(draw: Callable[[Figure], None], size: tuple[float, float], suffix: str) -> bytes:
+    """A page on which something is drawn, of a size in inches, as one of SUFFIXES.
 
-    Args:
-        draw: What draws it.
-        size: Width and height, inches.
-        suffix: One of SUFFIXES.
-
-    Raises:
-        InputError: matplotlib is not installed.
+    Raises InputError where matplotlib is not installed.
     """
     style = optional("matplotlib.style", "--plot needs", "plot")
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -73,15 +79,7 @@ def drawn(draw: Callable[[Figure], None], size: tuple[float, float], suffix: str
 
 
 def draw_residuals(windows: WindowSeries, suffix: str) -> bytes:
-    """Measured and predicted per axis of both sensors over time, a strip of residuals below each.
-
-    Args:
-        windows: Of an estimate.
-        suffix: One of SUFFIXES.
-
-    Raises:
-        InputError: matplotlib is not installed.
-    """
+    """Measured and predicted of both sensors by axis over time, residuals below each."""
 
     def draw(figure: Figure) -> None:
         panels = figure.subplots(
@@ -98,7 +96,7 @@ def draw_residuals(windows: WindowSeries, suffix: str) -> bytes:
         handles = [line for panel in panels[:2, 0] for line in panel.get_legend_handles_labels()[0]]
         figure.legend(handles=handles, loc="outside upper center", ncols=4, frameon=False)
 
-    return drawn(draw, _SIZE, suffix)
+    return _drawn(draw, (_WIDTH, _HEIGHT), suffix)
 
 
 def _draw_axis(upper: Axes, lower: Axes, windows: WindowSeries, sensor: str, axis: int) -> None:
@@ -123,3 +121,104 @@ def _draw_axis(upper: Axes, lower: Axes, windows: WindowSeries, sensor: str, axi
     for panel in (upper, lower):
         panel.margins(x=0.0)
         panel.grid(visible=True, linewidth=0.3, alpha=0.5)
+
+
+def draw_trends(answers: Sequence[TrendAnswer], suffix: str) -> bytes:
+    """Shift and turn of every recording from the first mount, and what the mounts agree on.
+
+    IMUs without recordings are left out.
+    """
+    shown = [each for each in answers if each.recordings]
+
+    def draw(figure: Figure) -> None:
+        panels = figure.subplots(2 * max(len(shown), 1), 1, squeeze=False)[:, 0]
+        for place, answer in enumerate(shown):
+            upper, lower = panels[2 * place : 2 * place + 2]
+            lower.sharex(upper)
+            upper.tick_params(labelbottom=False)
+            upper.set_title(f"{answer.child} in {answer.parent}: {answer.verdict}", loc="left")
+            upper.set_ylabel("shift, mm")
+            lower.set_ylabel("turn, deg")
+            timed = answer.order == "recording time"
+            lower.set_xlabel("recorded, UTC" if timed else "recording")
+            x = _places(answer, upper)
+            for panel, what, unit in ((upper, "shift", "mm"), (lower, "turn", "deg")):
+                _draw_trend(panel, answer, x, what, unit)
+        figure.align_ylabels()
+        if shown:
+            handles, labels = panels[0].get_legend_handles_labels()
+            figure.legend(handles, labels, loc="outside upper right", ncols=6, frameon=False)
+
+    return _drawn(draw, (_WIDTH, 0.6 + 2 * _PANEL * max(len(shown), 1)), suffix)
+
+
+def _places(answer: TrendAnswer, panel: Axes) -> Floats:
+    """(k,), where each recording stands: days, or its number."""
+    if answer.order == "as given":
+        return np.arange(1.0, len(answer.recordings) + 1.0)
+    dates = optional("matplotlib.dates", "--plot needs", "plot")
+    locator = dates.AutoDateLocator()
+    panel.xaxis.set_major_locator(locator)
+    panel.xaxis.set_major_formatter(dates.ConciseDateFormatter(locator))
+    return np.array([dates.date2num(each.start) for each in answer.recordings])
+
+
+def _draw_trend(panel: Axes, answer: TrendAnswer, x: Floats, what: str, unit: str) -> None:
+    values, std = (
+        np.array([getattr(each, f"{name}_{unit}") for each in answer.recordings])
+        for name in (what, "std")
+    )
+    odd = np.array([each.odd for each in answer.recordings])
+    if not odd.all():  # one that is far off would hide a move
+        low, high = (values - std)[~odd].min(), (values + std)[~odd].max()
+        margin = 0.5 * float(high - low) or 1.0
+        panel.set_ylim(low - margin, high + margin)
+        values[odd] = np.clip(values[odd], low - _EDGE * margin, high + _EDGE * margin)
+    span = float(np.ptp(x)) or 1.0
+    for axis, (letter, colour, mark) in enumerate(_AXES):
+        beside = x + _BESIDE * span * (axis - 1)
+        style: dict[str, Any] = {"fmt": mark, "color": colour, "ms": 3.0, "elinewidth": 0.7}
+        panel.errorbar(
+            beside[~odd], values[~odd, axis], std[~odd, axis], label=f"{letter} ± 1 σ", **style
+        )
+        panel.errorbar(beside[odd], values[odd, axis], std[odd, axis], mfc="white", **style)
+        for where, level, half in _levels(answer, x, what, axis):
+            panel.plot(where, level, color=colour, linewidth=0.8, zorder=1)
+            panel.fill_between(
+                where, level - half, level + half, color=colour, alpha=0.15, linewidth=0, zorder=0
+            )
+    if odd.any():
+        panel.plot([], [], "o", mfc="white", mec="#444444", ms=3.0, label="odd")
+    after = {each.before for each in answer.changes}
+    moved = [k for k, each in enumerate(answer.recordings) if each.file in after]
+    for number, k in enumerate(moved):
+        label = "moved" if number == 0 else None
+        middle = 0.5 * (x[k - 1] + x[k])
+        panel.axvline(middle, color="black", linestyle="--", linewidth=0.8, label=label)
+    panel.grid(visible=True, linewidth=0.3, alpha=0.5)
+
+
+def _levels(
+    answer: TrendAnswer, x: Floats, what: str, axis: int
+) -> list[tuple[Floats, Floats, Floats]]:
+    """Where each mount, or the drift, lies on an axis: places, values, 1 sigma."""
+    part = "translation" if what == "shift" else "rotation"
+    unit = "mm" if what == "shift" else "deg"
+    if answer.drift is not None:
+        change = getattr(answer.drift, part)
+        ends = np.array([0.0, getattr(change, f"vector_{unit}")[axis]])
+        return [(x[[0, -1]], ends, np.array([0.0, getattr(change, f"std_{unit}")[axis]]))]
+    found = []
+    for number, mount in enumerate(answer.mounts):
+        first = answer.mounts[0]
+        if what == "shift":
+            value = 1e3 * (mount.translation[axis] - first.translation[axis])
+            variance, scale = mount.covariance[axis][axis], 1e3
+        else:
+            R, R_first = (matrix_from_quaternion(m.rotation_xyzw) for m in (mount, first))
+            value = float(np.degrees(rotvec_from_matrix(R @ R_first.T)[axis]))
+            variance, scale = mount.covariance[axis + 3][axis + 3], float(np.degrees(1.0))
+        rows = [k for k, each in enumerate(answer.recordings) if each.mount == number + 1]
+        half = scale * float(np.sqrt(variance or 0.0))
+        found.append((x[[rows[0], rows[-1]]], np.full(2, value), np.full(2, half)))
+    return found

@@ -30,12 +30,9 @@ def stamps_ns(t: Floats, origin_ns: int) -> Integers:
 def residual_table(windows: WindowSeries, origin_ns: int) -> dict[str, Column]:
     """One row for each instant, columns by name.
 
-    ``time_s`` is the seconds of the log, ``stamp_ns`` the same instant as the IMU stamps it. All
-    other columns are named <sensor>_<axis>_<measured|predicted|residual>_<unit>, IMU axes.
-
-    Args:
-        windows: Of an estimate.
-        origin_ns: Stamp of the log's second 0, ns.
+    ``time_s`` is the seconds of the log, ``stamp_ns`` the same instant as the IMU stamps it, which
+    stamps the log's second 0 with ``origin_ns``. All other columns are named
+    <sensor>_<axis>_<measured|predicted|residual>_<unit>, IMU axes.
     """
     table: dict[str, Column] = {
         "time_s": windows.t,
@@ -61,11 +58,7 @@ def as_csv(table: Mapping[str, Column]) -> bytes:
 
 
 def as_parquet(table: Mapping[str, Column]) -> bytes:
-    """A table as Parquet.
-
-    Raises:
-        InputError: pyarrow is not installed.
-    """
+    """A table as Parquet; InputError where pyarrow is not installed."""
     arrow = optional("pyarrow", "Parquet needs", "parquet")
     parquet = optional("pyarrow.parquet", "Parquet needs", "parquet")
     buffer = io.BytesIO()

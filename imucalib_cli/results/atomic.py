@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from typing import IO
 
 _WRITABLE = 0o222
+"""Bits of a mode that let anybody write."""
 _PARTIAL = ".imucalib-{}.part"
 _ABANDONED = 60.0
 """s without a change, after which nobody writes to a partial file any more."""
@@ -25,15 +26,9 @@ _ABANDONED = 60.0
 def write_whole(path: Path, content: str | bytes) -> None:
     """Write content so that a reader sees the old file or the new one, never half of it.
 
-    A symbolic link is kept and its target replaced. Devices and pipes are written to as they
-    are.
-
-    Args:
-        path: File to write; its folder must exist.
-        content: Bytes, or text to be written as UTF-8 with its line ends as they are.
-
-    Raises:
-        InputError: The path cannot be written (folder missing, no permission, disk full).
+    Text becomes UTF-8 with its line ends as they are. A symbolic link is kept and its target
+    replaced; devices and pipes are written to as they are. Raises InputError where the path cannot
+    be written (folder missing, no permission, disk full).
     """
     data = content.encode() if isinstance(content, str) else content
     with _told(path):
@@ -56,14 +51,8 @@ def clear_partial(folder: Path) -> None:
 def see_writable(path: Path, made: Path | None = None) -> None:
     """See before a long computation that :func:`write_whole` will be able to write a file.
 
-    Nothing is written; what changes meanwhile is found out later.
-
-    Args:
-        path: File to write.
-        made: A folder that will be there by then.
-
-    Raises:
-        InputError: As :func:`write_whole`, or the file is write-protected.
+    Nothing is written. The folder ``made`` will be there by then. Raises InputError as that does,
+    and where the file is write-protected.
     """
     with _told(path):
         target = _target(path)
@@ -80,11 +69,7 @@ def see_writable(path: Path, made: Path | None = None) -> None:
 
 
 def see_folder_writable(folder: Path) -> None:
-    """See that files can be put into a folder, which need not be there yet.
-
-    Raises:
-        InputError: Something on its way is no folder, or may not be written to.
-    """
+    """See that files can be put into a folder, which need not be there yet; else InputError."""
     with _told(folder):
         nearest = folder.resolve()
         while not nearest.exists() and nearest != nearest.parent:
@@ -93,11 +78,7 @@ def see_folder_writable(folder: Path) -> None:
 
 
 def lock(file: IO[bytes]) -> bool:
-    """Lock a file until it is closed; True also where locking is not supported.
-
-    Returns:
-        Whether no other process has locked it.
-    """
+    """Lock a file until it is closed, unless another has; True where locking is not supported."""
     try:
         import fcntl
     except ImportError:  # Windows
@@ -141,15 +122,15 @@ def _told(path: Path) -> Iterator[None]:
         raise InputError(f"{path}: cannot be written: {reason}") from error
 
 
-def is_same_file(a: Path, b: Path) -> bool:
-    """Whether two paths lead to one file, by whichever names and links; it need not be there."""
+def identity(path: Path) -> object:
+    """The same for all names and links that lead to one file, which need not be there."""
     try:
-        same = a.resolve() == b.resolve()
-        with contextlib.suppress(OSError):
-            same = same or a.samefile(b)  # hard links
-    except (OSError, RuntimeError):  # a circle of links
-        return False
-    return same
+        found = path.stat()
+    except OSError:
+        return os.path.realpath(path)
+    except ValueError:  # no name that a file could have
+        return str(path)
+    return found.st_dev, found.st_ino
 
 
 def _replace(target: Path, data: bytes) -> None:

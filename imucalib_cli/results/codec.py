@@ -9,7 +9,7 @@ import math
 import re
 import reprlib
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, Literal, NoReturn, TypeVar
+from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
 import msgspec
 import numpy as np
@@ -22,10 +22,12 @@ from imucalib_cli.guarded_yaml import NUMBERS, YamlError, load_yaml
 from imucalib_cli.results.from_estimate import known_directions
 from imucalib_cli.results.pose import is_covariance
 from imucalib_cli.results.result import SCHEMA, FindingEntry, Pose, Result, Tree
-from imucalib_cli.robot.rotations import matrix_from_rpy, rotvec_from_matrix
+from imucalib_cli.robot.rotations import matrix_from_quaternion, matrix_from_rpy, rotvec_from_matrix
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
+
+    from imucalib_cli.results.result import NominalEntry
 
 Document = dict[str, Any]
 T = TypeVar("T")
@@ -33,7 +35,7 @@ T = TypeVar("T")
 FARTHEST = 100.0
 """m; no IMU sits farther from the frame that carries it."""
 ROTATIONS_AGREE = 1e-6
-"""rad between the quaternion and the angles of one rotation."""
+"""rad between the quaternion and the angles of one rotation, and of its norm from 1."""
 RESULT = "a result of `imucalib run`"
 _OLD_REQUIREMENT = "--require asks for "
 """How the reasons of --require begin in results that were written without codes."""
@@ -119,14 +121,10 @@ def to_jsonl(documents: Sequence[Tree | Document]) -> str:
 
 
 def read_results(text: str, name: str) -> list[Result]:
-    """Results of one file: a YAML stream, a JSON object or a JSON array.
+    """Results of the text of one file: a YAML stream, a JSON object or a JSON array.
 
-    Args:
-        text: Content of the file.
-        name: What to call the file in a message.
-
-    Raises:
-        InputError: It is not a result of this tool, is damaged, or is of a newer schema.
+    Raises InputError, which calls the file by its name, where it is no result of this tool, is
+    damaged, or is of a newer schema.
     """
     try:
         # JSON is YAML 1.2, so one parser reads both
@@ -141,11 +139,7 @@ def read_results(text: str, name: str) -> list[Result]:
 
 
 def result_from(document: object, name: str) -> Result:
-    """One result from its parsed document, checked.
-
-    Raises:
-        InputError: A key is missing or has a value that cannot be; it is named.
-    """
+    """One result from its parsed document, checked; InputError names the key that is at fault."""
     if not isinstance(document, dict):
         _fail(name, "", f"should be a mapping; is this {RESULT}?")
     if "schema" not in document:  # it says what the rest should be, so it comes first
@@ -170,15 +164,8 @@ def result_from(document: object, name: str) -> Result:
 def convert(document: object, kind: type[T], name: str, what: str, where: str = "") -> T:
     """A tree from a parsed document, all of which can be written again.
 
-    Args:
-        document: Of dicts, lists and scalars.
-        kind: Of the tree.
-        name: What to call the file in a message.
-        what: What the file should be, for a message.
-        where: Of the document in the file.
-
-    Raises:
-        InputError: A key is missing or has a value that cannot be; it is named.
+    Messages call the file by its name, say what it should be, and where in it the document stands.
+    Raises InputError, which names the key, where one is missing or has a value that cannot be.
     """
     try:
         tree = msgspec.convert(document, kind)
@@ -302,26 +289,26 @@ def _pose_contradictions(result: Result) -> Iterator[tuple[str, str]]:
     if math.hypot(*result.pose.translation) > FARTHEST:
         yield f"{place}.translation", f"should be within {FARTHEST:g} m of the parent frame"
     if nominal is not None:
-        pose = Pose(nominal.translation, nominal.rotation_xyzw, nominal.rotation_rpy)
-        yield from _rotation_contradictions(pose, "diagnostics.nominal")
+        yield from _rotation_contradictions(nominal, "diagnostics.nominal")
 
 
-def _rotation_contradictions(pose: Pose, place: str) -> Iterator[tuple[str, str]]:
+def _rotation_contradictions(pose: Pose | NominalEntry, place: str) -> Iterator[tuple[str, str]]:
     norm = math.hypot(*pose.rotation_xyzw)
-    if abs(norm - 1.0) > 1e-6:
+    if abs(norm - 1.0) > ROTATIONS_AGREE:
         yield f"{place}.rotation_xyzw", f"should have norm 1, not {norm:.6g}"
         return
     # the angles are for readers only, so whoever edits them alone would wonder why nothing happens
-    turn = rotvec_from_matrix(matrix_from_rpy(pose.rotation_rpy).T @ pose.R)
+    turn = rotvec_from_matrix(
+        matrix_from_rpy(pose.rotation_rpy).T @ matrix_from_quaternion(pose.rotation_xyzw)
+    )
     if float(np.linalg.norm(turn)) > ROTATIONS_AGREE:
         said = "is not the rotation of rotation_xyzw, which is the one that counts: edit both or "
         yield f"{place}.rotation_rpy", f"{said}neither"
 
 
-def _with(result: Result, **changes: Any) -> Result:
-    """A result with other diagnostics."""
-    diagnostics = msgspec.structs.replace(result.diagnostics, **changes)
-    return msgspec.structs.replace(result, diagnostics=diagnostics)
+def _with(result: Result, **diagnostics: Any) -> Result:
+    changed = msgspec.structs.replace(result.diagnostics, **diagnostics)
+    return msgspec.structs.replace(result, diagnostics=changed)
 
 
 def _uncoded(result: Result) -> list[FindingEntry]:
@@ -329,15 +316,18 @@ def _uncoded(result: Result) -> list[FindingEntry]:
 
     A result that misses --require is not wrong, and must still answer `verify` and `diff`.
     """
-
-    def entry(severity: Literal["warning", "untrusted"], said: str) -> FindingEntry:
-        missed = severity == "untrusted" and said.startswith(_OLD_REQUIREMENT)
-        return FindingEntry("require.text" if missed else TEXT, severity, {"text": said}, said)
-
-    diagnostics = result.diagnostics
+    missed, said = _OLD_REQUIREMENT, result.diagnostics
     return [
-        *(entry("untrusted", reason) for reason in diagnostics.distrust),
-        *(entry("warning", warning) for warning in diagnostics.warnings),
+        *(
+            FindingEntry(
+                "require.text" if reason.startswith(missed) else TEXT,
+                "untrusted",
+                {"text": reason},
+                reason,
+            )
+            for reason in said.distrust
+        ),
+        *(FindingEntry(TEXT, "warning", {"text": each}, each) for each in said.warnings),
     ]
 
 

@@ -1,6 +1,6 @@
 """What a person is told about a result: one list of fields, from which every form is rendered.
 
-The text summary is one renderer of it (results.summary), the HTML report another.
+The text summary is one renderer of it, the HTML report another.
 """
 
 from __future__ import annotations
@@ -14,12 +14,13 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from imucalib_cli.digits import figures, fixed, sigma, with_std
+from imucalib_cli.results.pose import PARTS
 from imucalib_cli.robot.rotations import (
-    matrix_from_quaternion,
     quaternion_from_matrix,
     rotvec_from_matrix,
     rpy_from_matrix,
 )
+from imucalib_cli.shown import shown
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
         Unobservable,
     )
 
+_GREEN, _RED, _RESET = "\x1b[32m", "\x1b[31m", "\x1b[0m"
 _AXES = "xyz"
 _MANY = 3
 """Directions that are told one by one."""
@@ -87,9 +89,8 @@ def judgement(result: Result) -> tuple[Status, str]:
 
     The gravest is the cause of a poor fit, where one was found, before what comes of it.
     """
-    reasons = [*result.diagnostics.distrust, *map(str, unobservable_fields(result))]
     if result.status != "ok":
-        reason = f": {reasons[0]}" if reasons else ""
+        reason = "".join(f": {each}" for each in reasons(result)[:1])
         return result.status, f"do not use as it stands{reason}"
     place = f"{result.child} in {result.parent} is"
     if result.std is None:
@@ -100,6 +101,11 @@ def judgement(result: Result) -> tuple[Status, str]:
     if not known:
         return result.status, f"{place} held as told by --fix"
     return result.status, f"{place} known to {known} (1 sigma, of the axis known least)"
+
+
+def reasons(result: Result) -> list[str]:
+    """Why a result should not be used, the gravest first; empty for one that may be."""
+    return [*result.diagnostics.distrust, *map(str, unobservable_fields(result))]
 
 
 def findings_of(results: Sequence[Result]) -> list[Field]:
@@ -140,12 +146,8 @@ def _words(values: Iterable[object]) -> Iterator[str]:
 
 def sections(result: Result) -> tuple[Section, ...]:
     """All that is told about one IMU, in the order in which it is read."""
-    diagnostics = result.diagnostics
-    parent, child = result.parent, result.child
+    diagnostics, parent, child = result.diagnostics, result.parent, result.child
     R, t = result.pose.R, result.pose.t
-    files = ", ".join(file.path for file in result.provenance.files) or "arrays"
-    topics, used = result.provenance.topics, result.provenance.part
-    part = f", {used[0]:.3f} to {used[1]:.3f} s of the log" if used else ""
     distrust = (Field("not trusted", reason, "untrusted") for reason in diagnostics.distrust)
     warnings = (
         Field(each.severity, each.message, each.severity)
@@ -153,36 +155,49 @@ def sections(result: Result) -> tuple[Section, ...]:
         if each.severity != "untrusted"
     )
     given = "  (conditional: some of it is not determined, see above)" if result.partial else ""
-    return tuple(
-        section
-        for section in (
-            Section(
-                "log",
-                (
-                    Field("", f"from {files}: {topics.imu} with {', '.join(topics.motion)}{part}"),
-                    *_recorded(result),
-                ),
-            ),
-            Section("reasons against it", (*distrust, *unobservable_fields(result))),
-            Section(
-                f"pose of {child} in {parent}",
-                (*_paste(R, t), *_use(result)),
-                f"p_{parent} = R p_{child} + t{given}",
-            ),
-            Section(
-                f"the other way, pose of {parent} in {child}",
-                tuple(_paste(R.T, -R.T @ t)),
-                f"p_{child} = R p_{parent} + t{given}",
-            ),
-            Section("uncertainty", tuple(_sigmas(result))),
-            Section("time offset, biases and gravity", tuple(_nuisances(result))),
-            Section("fit", tuple(_fit(result))),
-            Section("logs", tuple(_logs(result))),
-            Section("nominal pose", tuple(_nominal(result))),
-            Section("warnings", tuple(warnings)),
-        )
-        if section.fields
+    there, back = f"p_{parent} = R p_{child} + t{given}", f"p_{child} = R p_{parent} + t{given}"
+    told: tuple[tuple[str, str, Iterable[Field]], ...] = (
+        ("log", "", _recorded(result)),
+        ("reasons against it", "", (*distrust, *unobservable_fields(result))),
+        (f"pose of {child} in {parent}", there, (*_paste(R, t), *_use(result))),
+        (f"the other way, pose of {parent} in {child}", back, _paste(R.T, -R.T @ t)),
+        ("uncertainty", "", _sigmas(result)),
+        ("time offset, biases and gravity", "", _nuisances(result)),
+        ("fit", "", _fit(result)),
+        ("logs", "", _logs(result)),
+        ("nominal pose", "", _nominal(result)),
+        ("warnings", "", warnings),
     )
+    return tuple(
+        Section(title, fields, formula)
+        for title, formula, yielded in told
+        if (fields := tuple(yielded))
+    )
+
+
+def summarise(result: Result, *, colour: bool = False) -> str:
+    """Some thirty lines about one IMU, the verdict perhaps in colour (ANSI codes)."""
+    trusted = result.status == "ok"
+    verdict = "ok" if trusted else "UNTRUSTED, do not use as it stands"
+    if colour:
+        verdict = f"{_GREEN if trusted else _RED}{verdict}{_RESET}"
+    head = f"{shown(f'{result.child} in {result.parent}')}: {verdict}"
+    return "\n".join((head, *(shown(line) for line in _lines(result)))) + "\n"
+
+
+def _lines(result: Result) -> Iterator[str]:
+    """Values in a column, sentences as they are; the poses stand apart, each below its formula."""
+    is_pose = False
+    for section in sections(result):
+        if bool(section.formula) != is_pose:
+            yield ""
+        is_pose = bool(section.formula)
+        if is_pose:
+            yield f"  {section.title}: {section.formula}"
+        for field in section.fields:
+            is_sentence = field.severity or not field.label
+            said = str(field) if is_sentence else f"{field.label:<15} {field.text}"
+            yield f"{'    ' if is_pose else '  '}{said}"
 
 
 def unobservable_fields(result: Result) -> Iterator[Field]:
@@ -222,13 +237,16 @@ def _known(direction: Observable) -> str:
 def _direction_std(direction: Unobservable) -> str:
     if direction.std is None:
         return "unbounded"
-    if direction.kind == "translation":
-        return f"{figures(direction.std * 1e3, 2)} mm"
-    return f"{figures(math.degrees(direction.std), 2)} deg"
+    _, unit, scale = PARTS[direction.kind]
+    return f"{figures(direction.std * scale, 2)} {unit}"
 
 
 def _recorded(result: Result) -> Iterator[Field]:
-    recording = result.provenance.recording
+    source, topics = result.provenance, result.provenance.topics
+    files = ", ".join(file.path for file in source.files) or "arrays"
+    part = f", {source.part[0]:.3f} to {source.part[1]:.3f} s of the log" if source.part else ""
+    yield Field("", f"from {files}: {topics.imu} with {', '.join(topics.motion)}{part}")
+    recording = source.recording
     if recording is None:
         return
     when = "at an unknown time" if recording.start is None else instant(recording.start)
@@ -391,7 +409,6 @@ def _fit(result: Result) -> Iterator[Field]:
 
 
 def _logs(result: Result) -> Iterator[Field]:
-    """How far each of several logs is from the others."""
     combined = result.diagnostics.combined
     if combined is None:
         return
@@ -410,15 +427,15 @@ def _logs(result: Result) -> Iterator[Field]:
 
 
 def _nominal(result: Result) -> Iterator[Field]:
-    if (nominal := result.diagnostics.nominal) is None:
+    told, pose = result.diagnostics.nominal, result.nominal
+    if told is None or pose is None:
         return
-    where = f"joint {nominal.joint}" if nominal.joint else "what URDF or tf say"
-    shift = (result.pose.t - nominal.translation) * 1e3
-    R_nominal = matrix_from_quaternion(nominal.rotation_xyzw)
-    turn = np.degrees(rotvec_from_matrix(result.pose.R @ R_nominal.T))
+    where = f"joint {told.joint}" if told.joint else "what URDF or tf say"
+    shift = (result.pose.t - pose.t_parent_imu) * 1e3
+    turn = np.degrees(rotvec_from_matrix(result.pose.R @ pose.R_parent_imu.T))
     yield Field(
         "from nominal",
-        f"{figures(nominal.distance_mm, 3)} mm and {figures(nominal.distance_deg, 3)} deg away "
+        f"{figures(told.distance_mm, 3)} mm and {figures(told.distance_deg, 3)} deg away "
         f"from {where}: ({_numbers(shift, 2)}) mm, ({_numbers(turn, 3)}) deg in {result.parent}",
     )
 

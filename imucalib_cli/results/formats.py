@@ -14,7 +14,6 @@ from imucalib_cli.shown import shown
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from imucalib_cli.arrays import Floats
     from imucalib_cli.results.result import Result
 
 
@@ -61,7 +60,7 @@ def _json(results: Sequence[Result]) -> str:
 
 
 def _summary(results: Sequence[Result]) -> str:
-    from imucalib_cli.results.summary import summarise
+    from imucalib_cli.results.fields import summarise
 
     return "\n".join(summarise(result) for result in results)
 
@@ -121,16 +120,16 @@ def _xacro(results: Sequence[Result]) -> str:
 
 def _matrix(result: Result) -> str:
     """T_parent_imu, four rows of four numbers."""
-    rows = [*_rows(result.pose.R, result.pose.t), (0.0, 0.0, 0.0, 1.0)]
-    return "".join(" ".join(map(_number, row)) + "\n" for row in rows)
+    return "".join(" ".join(map(_number, row)) + "\n" for row in _matrix4(result))
 
 
 def _kalibr(result: Result) -> str:
     """As a Kalibr camchain has it, for a parent that is a camera."""
-    rows = [*_rows(result.pose.R, result.pose.t), (0.0, 0.0, 0.0, 1.0)]
     offset = result.time_offset
     shift = {} if offset.std is None else {"timeshift_cam_imu": offset.seconds}
-    return _commented(result, "T_cam_imu, the camera being", {"T_cam_imu": rows} | shift)
+    return _commented(
+        result, "T_cam_imu, the camera being", {"T_cam_imu": _matrix4(result)} | shift
+    )
 
 
 def _fast_lio(result: Result) -> str:
@@ -160,8 +159,9 @@ def _rounded(value: Any) -> Any:
     return [_rounded(each) for each in value]
 
 
-def _rows(R: Floats, t: Floats) -> list[tuple[float, ...]]:
-    return [(*row, place) for row, place in zip(R.tolist(), t.tolist(), strict=True)]
+def _matrix4(result: Result) -> list[list[float]]:
+    rows = zip(result.pose.R.tolist(), result.pose.translation, strict=True)
+    return [*([*row, place] for row, place in rows), [0.0, 0.0, 0.0, 1.0]]
 
 
 def _number(value: float) -> str:

@@ -15,7 +15,7 @@ from msgspec import UNSET
 
 from imucalib_cli.findings import Finding, Severity
 from imucalib_cli.results import result as tree
-from imucalib_cli.results.pose import AFFECTED, across
+from imucalib_cli.results.pose import AFFECTED, PARTS, across
 from imucalib_cli.robot.rotations import quaternion_from_matrix, rotation_angle, rpy_from_matrix
 
 if TYPE_CHECKING:
@@ -39,15 +39,7 @@ def result_of(
     nominal: Nominal | None,
     provenance: tree.Provenance,
 ) -> tree.Result:
-    """The result of one IMU.
-
-    Args:
-        estimate: What was found.
-        parent: Link that carries the IMU.
-        child: The IMU's frame.
-        nominal: What the URDF, or the log's own frames, say about the same pose.
-        provenance: Where the estimate came from.
-    """
+    """The result of one IMU; ``nominal`` is what the URDF, or the log's own frames, say of it."""
     estimate = _with_nominal(estimate, nominal)
     pose = pose_entry(estimate.R_parent_imu, estimate.t_parent_imu)
     lost = [each.direction_parent for each in estimate.unobservable if each.kind == "translation"]
@@ -94,21 +86,13 @@ def known_directions(
 ) -> list[tree.Observable]:
     """What the motion determined all the same, where it left something undetermined.
 
-    Across the undetermined directions, in which the covariance is that of the estimate.
-
-    Args:
-        t_parent_imu: (3,), m.
-        covariance: (6, 6); None where there is none.
-        unobservable: Directions that were not determined.
+    Across the undetermined directions, in which the covariance (6, 6) is that of the estimate;
+    t_parent_imu is (3,), m.
     """
     if covariance is None or not unobservable:
         return []
     found: list[tree.Observable] = []
-    kinds: tuple[tuple[tree.Kind, slice], ...] = (
-        ("translation", slice(0, 3)),
-        ("rotation", slice(3, 6)),
-    )
-    for kind, part in kinds:
+    for kind, (part, *_) in PARTS.items():
         basis = across([each.direction_parent for each in unobservable if each.kind == kind]).T
         values, vectors = np.linalg.eigh(basis.T @ covariance[part, part] @ basis)
         for variance, vector in zip(values, (basis @ vectors).T, strict=True):
@@ -121,7 +105,7 @@ def known_directions(
 
 def _diagnostics(estimate: Estimate, nominal: Nominal | None) -> tree.Diagnostics:
     residuals, check = estimate.residuals, estimate.imu_check
-    unobservable = [_copied(tree.Unobservable, each) for each in estimate.unobservable]
+    unobservable = [copied(tree.Unobservable, each) for each in estimate.unobservable]
     # a sigma that something contradicts tells nothing about any direction
     covariance = None if estimate.distrust else estimate.covariance
     return tree.Diagnostics(
@@ -133,10 +117,10 @@ def _diagnostics(estimate: Estimate, nominal: Nominal | None) -> tree.Diagnostic
         warnings=list(estimate.warnings),
         sigma_source="noise",
         corrections={
-            each.name: _copied(tree.CorrectionEntry, each) for each in estimate.corrections
+            each.name: copied(tree.CorrectionEntry, each) for each in estimate.corrections
         },
         parameters=[
-            _copied(
+            copied(
                 tree.ParameterEntry,
                 each,
                 prior_learnt=each.learnt,
@@ -145,17 +129,17 @@ def _diagnostics(estimate: Estimate, nominal: Nominal | None) -> tree.Diagnostic
             for each in estimate.parameters
         ],
         nominal=None if nominal is None else _nominal(estimate, nominal),
-        window=_copied(tree.WindowEntry, estimate.window, samples=int(estimate.window.samples)),
+        window=copied(tree.WindowEntry, estimate.window, samples=int(estimate.window.samples)),
         residual_rms=tree.ResidualRms(plain(residuals.accel_rms), plain(residuals.gyro_rms)),
         residual_normalised=_normalised(residuals),
         consistency=None if estimate.consistency is None else _consistency(estimate.consistency),
         imu_model=None
         if check is None
-        else _copied(
+        else copied(
             tree.ImuModelEntry,
             check,
-            accel=_copied(tree.SensorCheckEntry, check.accel),
-            gyro=_copied(tree.SensorCheckEntry, check.gyro),
+            accel=copied(tree.SensorCheckEntry, check.accel),
+            gyro=copied(tree.SensorCheckEntry, check.gyro),
         ),
         windows_used=int(residuals.windows_used),
         windows_dropped=int(residuals.windows_dropped),
@@ -193,7 +177,7 @@ def _value(value: Any) -> Any:
 def _nominal(estimate: Estimate, nominal: Nominal) -> tree.NominalEntry:
     apart = np.linalg.norm(estimate.t_parent_imu - nominal.t_parent_imu)
     turn = rotation_angle(nominal.R_parent_imu.T @ estimate.R_parent_imu)
-    return _copied(
+    return copied(
         tree.NominalEntry,
         pose_entry(nominal.R_parent_imu, nominal.t_parent_imu),
         joint=nominal.joint,
@@ -210,7 +194,7 @@ def _normalised(residuals: Residuals) -> tree.ResidualNormalised | None:
 
 
 def _consistency(parts: Consistency) -> tree.ConsistencyEntry:
-    return _copied(
+    return copied(
         tree.ConsistencyEntry,
         parts,
         folds=parts.folds,
@@ -226,7 +210,7 @@ def tangent(values: ArrayLike) -> tuple[Any, Any]:
     return plain(six[:3] * 1e3), plain(np.degrees(six[3:]))
 
 
-def _copied(kind: type[T], source: object, **given: Any) -> T:
+def copied(kind: type[T], source: object, **given: Any) -> T:
     """A tree that takes from an object whatever has the same name, but what is given."""
     names = [name for name in kind.__struct_fields__ if name not in given]
     return kind(**given, **{name: plain(getattr(source, name)) for name in names})

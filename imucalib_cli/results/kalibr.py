@@ -19,17 +19,8 @@ from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.findings import warning
 from imucalib_cli.guarded_yaml import YamlError, load_one
 from imucalib_cli.layout import Table
-from imucalib_cli.results.codec import FARTHEST, convert
-from imucalib_cli.results.comparison.answers import (
-    Averaged,
-    Distance,
-    FramePoses,
-    KalibrAnswer,
-    KalibrPose,
-    OurPose,
-    TimeShifts,
-    TruthPose,
-)
+from imucalib_cli.results.codec import FARTHEST, ROTATIONS_AGREE, convert
+from imucalib_cli.results.comparison import answers
 from imucalib_cli.results.comparison.pose_comparison import compare_poses
 from imucalib_cli.results.from_estimate import plain, pose_entry
 from imucalib_cli.results.pose import pose_error
@@ -100,7 +91,7 @@ class TrueTransform(Tree, frozen=True):
     rotation_xyzw: _Four
 
     def __post_init__(self) -> None:
-        if abs(math.hypot(*self.rotation_xyzw) - 1.0) > 1e-6:
+        if abs(math.hypot(*self.rotation_xyzw) - 1.0) > ROTATIONS_AGREE:
             raise ValueError("rotation_xyzw should have norm 1")
 
     @property
@@ -119,16 +110,10 @@ class Truth(Tree, frozen=True):
 
 
 def read_kalibr(text: str, name: str, camera: str = "cam0") -> Camera:
-    """Read one camera of Kalibr's result.
+    """One camera of Kalibr's result, of the text of a file that messages call by its name.
 
-    Args:
-        text: Content of the file.
-        name: What to call the file in a message.
-        camera: Which of the chain.
-
-    Raises:
-        InputError: It is no such file, or a value in it cannot be.
-        ChoiceError: It has no such camera.
+    Raises InputError where it is no such file or a value in it cannot be, ChoiceError where it has
+    no such camera.
     """
     loaded = _mapping(text, name)
     cameras = [str(key) for key in loaded if str(key).startswith("cam")]
@@ -140,11 +125,7 @@ def read_kalibr(text: str, name: str, camera: str = "cam0") -> Camera:
 
 
 def read_truth(text: str, name: str) -> Truth:
-    """Read ``<log>.truth.yaml`` of ``imucalib simulate``.
-
-    Raises:
-        InputError: It is no such file, or a value in it cannot be.
-    """
+    """``<log>.truth.yaml`` of ``imucalib simulate``; InputError where it is none or is damaged."""
     return convert(_mapping(text, name), Truth, name, TRUTH)
 
 
@@ -164,24 +145,16 @@ def compare_with_kalibr(
     *,
     camera_link: str,
     truth: tuple[str, Truth] | None = None,
-) -> tuple[KalibrAnswer, tuple[Block, ...]]:
-    """Express both results in both frames through the URDF's fixed joints.
+) -> tuple[answers.KalibrAnswer, tuple[Block, ...]]:
+    """Express both results in both frames through the URDF's fixed joints, in words too.
 
-    Args:
-        result: Ours, after the name of its file.
-        kalibr: Kalibr's, after the names of its file and of the camera.
-        robot: The URDF, whose fixed joints lead from the parent link to the camera.
-        camera_link: The camera's optical frame in it.
-        truth: What is true, if anybody knows, after the name of its file. Each is held against it
-            in the frame that it was estimated in, so that a camera that is drawn wrong counts
-            against neither.
+    Ours stands after the name of its file, Kalibr's after those of its file and of the camera,
+    whose optical frame is ``camera_link``, and the truth, if anybody knows it, after that of its
+    file. Each is held against the truth in the frame that it was estimated in, so that a camera
+    that is drawn wrong counts against neither.
 
-    Returns:
-        The answer, and it in a dozen lines for people.
-
-    Raises:
-        ChoiceError: A frame is not in the URDF, or a joint between them moves; or the truth is of
-            another IMU or parent.
+    Raises ChoiceError where a frame is not in the URDF, or a joint between them moves; or the truth
+    is of another IMU or parent.
     """
     (file, ours), (kalibr_file, camera_name, camera) = result, kalibr
     found, shift = ours.uncertain_pose, camera.timeshift_cam_imu
@@ -198,10 +171,10 @@ def compare_with_kalibr(
         if truth[1].camera is not None:
             kalibr_error = _distance((R_camera, t_camera), truth[1].camera.pose)
 
-    def poses(pose: Pose) -> FramePoses:
-        return FramePoses(pose_entry(R.T @ pose[0], R.T @ (pose[1] - p)), pose_entry(*pose))
+    def poses(pose: Pose) -> answers.FramePoses:
+        return answers.FramePoses(pose_entry(R.T @ pose[0], R.T @ (pose[1] - p)), pose_entry(*pose))
 
-    def entries(pose: Pose, error: Distance | None) -> dict[str, Any]:
+    def entries(pose: Pose, error: answers.Distance | None) -> dict[str, Any]:
         return {
             **msgspec.structs.asdict(poses(pose)),
             "from_nominal": _distance(pose, nominal),
@@ -209,10 +182,11 @@ def compare_with_kalibr(
         }
 
     apart = compare_poses(found, found.exactly(*kalibr_pose))
-    translation, rotation = apart.entries()
     times = None if shift is None else _time_shifts(ours, shift, true)
-    offset = plain(ours.time_offset.seconds)
-    answer = KalibrAnswer(
+    far = any(part.norm > _FAR[part.kind] for part in apart.parts if not len(part.unknown))
+    others = [link for link in robot.links if link.endswith(OPTICAL) and link != camera_link]
+    doubt = warning("compare.frames_far", camera_link=camera_link, others=others).message
+    answer = answers.KalibrAnswer(
         schema=SCHEMA,
         comparison="kalibr",
         status=ours.status,
@@ -221,13 +195,14 @@ def compare_with_kalibr(
         child=ours.child,
         camera_link=camera_link,
         urdf=str(robot.source),
-        translation=translation,
-        rotation=rotation,
+        **apart.entries(),
         test=apart.test(),
         time=times,
-        warnings=_warnings(apart, camera_link, robot),
-        imucalib=OurPose(file=file, time_offset=offset, **entries(our_pose, error)),
-        kalibr=KalibrPose(
+        warnings=[doubt] if far else [],
+        imucalib=answers.OurPose(
+            file=file, time_offset=plain(ours.time_offset.seconds), **entries(our_pose, error)
+        ),
+        kalibr=answers.KalibrPose(
             file=kalibr_file,
             camera=camera_name,
             timeshift_cam_imu=plain(shift),
@@ -239,7 +214,7 @@ def compare_with_kalibr(
     return answer, tuple(_blocks(answer, apart))
 
 
-def _true_pose(name: str, truth: Truth, file: str, found: UncertainPose) -> TruthPose:
+def _true_pose(name: str, truth: Truth, file: str, found: UncertainPose) -> answers.TruthPose:
     """What is true as answers write it, if it is of the same IMU as a result."""
     true, camera = truth.transform, truth.camera
     if (true.parent, true.child) != (found.parent, found.child):
@@ -247,7 +222,7 @@ def _true_pose(name: str, truth: Truth, file: str, found: UncertainPose) -> Trut
             f"{name} is of {true.child} in {true.parent}, {file} of {found.child} in "
             f"{found.parent}: give the truth of the same log, or run with the same --parent"
         )
-    return TruthPose(
+    return answers.TruthPose(
         file=name,
         T_camera_imu=None if camera is None else pose_entry(*camera.pose),
         T_parent_imu=pose_entry(*true.pose),
@@ -256,14 +231,14 @@ def _true_pose(name: str, truth: Truth, file: str, found: UncertainPose) -> Trut
     )
 
 
-def _distance(pose: Pose, other: Pose | None) -> Distance | None:
+def _distance(pose: Pose, other: Pose | None) -> answers.Distance | None:
     if other is None:
         return None
     error = pose_error(*pose, *other)
-    return Distance(
+    return answers.Distance(
         distance_mm=plain(error.translation * 1e3),
         angle_deg=plain(math.degrees(error.rotation)),
-        averaged=Averaged(
+        averaged=answers.Averaged(
             metric="ATOM compareTransforms: |mean of x y z|, mean of |roll| |pitch| |yaw|",
             translation_mm=plain(error.averaged_translation * 1e3),
             rotation_deg=plain(math.degrees(error.averaged_rotation)),
@@ -271,12 +246,14 @@ def _distance(pose: Pose, other: Pose | None) -> Distance | None:
     )
 
 
-def _time_shifts(result: Result, shift: float, truth: TruthPose | None) -> TimeShifts:
+def _time_shifts(
+    result: Result, shift: float, truth: answers.TruthPose | None
+) -> answers.TimeShifts:
     def milliseconds(value: float | None, true: float | None = 0.0) -> Any:
         return None if value is None or true is None else plain((value - true) * 1e3)
 
     offset = result.time_offset.seconds
-    return TimeShifts(
+    return answers.TimeShifts(
         difference_ms=milliseconds(shift, offset),
         sigma_ms=milliseconds(result.time_offset.std),
         camera_offset_ms=milliseconds(offset - shift),
@@ -285,22 +262,12 @@ def _time_shifts(result: Result, shift: float, truth: TruthPose | None) -> TimeS
     )
 
 
-def _warnings(apart: PoseComparison, camera_link: str, robot: Robot) -> list[str]:
-    """What makes it likely that a frame was taken for another."""
-    known = [part for part in apart.parts if not len(part.unknown)]
-    if not any(part.norm > _FAR[part.kind] for part in known):
-        return []
-    others = [link for link in robot.links if link.endswith(OPTICAL) and link != camera_link]
-    return [warning("compare.frames_far", camera_link=camera_link, others=others).message]
-
-
 def _reason(
     result: Result,
     apart: PoseComparison,
-    errors: tuple[Distance | None, Distance | None],
-    times: TimeShifts | None,
+    errors: tuple[answers.Distance | None, answers.Distance | None],
+    times: answers.TimeShifts | None,
 ) -> str:
-    """One sentence with the figures."""
     said = f"{result.child} in {result.parent}: Kalibr's pose is {apart} from ours"
     if apart.in_sigmas:
         said += f", which is {apart.in_sigmas} of ours"
@@ -310,12 +277,12 @@ def _reason(
     return said if times is None else f"{said}; {_camera_clock_words(times)}"
 
 
-def _distance_words(distance: Distance) -> str:
+def _distance_words(distance: answers.Distance) -> str:
     """Such as ``0.12 mm and 0.003 deg``."""
     return f"{figures(distance.distance_mm, 3)} mm and {figures(distance.angle_deg, 3)} deg"
 
 
-def _camera_clock_words(times: TimeShifts) -> str:
+def _camera_clock_words(times: answers.TimeShifts) -> str:
     """What both time shifts together say about the camera's clock."""
     late = times.camera_offset_ms
     return (
@@ -324,7 +291,7 @@ def _camera_clock_words(times: TimeShifts) -> str:
     )
 
 
-def _blocks(answer: KalibrAnswer, apart: PoseComparison) -> Iterator[Block]:
+def _blocks(answer: answers.KalibrAnswer, apart: PoseComparison) -> Iterator[Block]:
     """Two columns, then what is between them."""
     ours, theirs, times = answer.imucalib, answer.kalibr, answer.time
     yield f"{answer.child} in {answer.parent}: Kalibr's pose beside ours"

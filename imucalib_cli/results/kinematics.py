@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -39,29 +38,13 @@ def sigmas(entry: ParameterEntry) -> float:
     return abs(entry.value) / entry.std
 
 
-def clear_entries(result: Result) -> list[ParameterEntry]:
-    """Joint zeros and components of origins that stand clear of zero."""
-    return [
-        entry
-        for entry in result.diagnostics.parameters
-        if entry.name in {ZERO, ORIGIN} and sigmas(entry) >= CLEAR
-    ]
-
-
 def corrected_origins(robot: Robot, results: Sequence[Result]) -> tuple[JointOrigin, ...]:
-    """New origins of the joints whose errors stand clear of zero.
+    """New origins of the joints whose errors, by results of one IMU or several, are clear of zero.
 
     The zero of a joint becomes a rotation of its origin about its axis, so that the values that
-    the robot reports stay as they are.
-
-    Args:
-        robot: Of the URDF that the results are of.
-        results: Of one IMU or several, with what they found of the robot.
-
-    Raises:
-        ChoiceError: A result is of another URDF, to whose origins the errors belong; or two IMUs
-            hang on a joint that they correct otherwise, of which the mount of each has a part.
-        InputError: An error cannot be written into this URDF.
+    the robot reports stay as they are. Raises ChoiceError where a result is of another URDF, to
+    whose origins the errors belong, or two IMUs hang on a joint that they correct otherwise, of
+    which the mount of each has a part; InputError where an error cannot be written into this URDF.
     """
     by_result = [_corrections(robot, each) for each in results]
     found: dict[str, JointOrigin] = {}
@@ -73,7 +56,13 @@ def corrected_origins(robot: Robot, results: Sequence[Result]) -> tuple[JointOri
             for each, own in zip(results, by_result, strict=True)
             if joint in _chain(robot, each)
         ]
-        if not all(map(partial(_is_same, origin), (other for _, other in carried))):
+        if not all(
+            other is not None
+            and np.allclose(
+                origin.xyz + origin.rpy, other.xyz + other.rpy, rtol=0.0, atol=_ROUNDING
+            )
+            for _, other in carried
+        ):
             topics = ", ".join(topic for topic, _ in carried)
             raise ChoiceError(
                 f"--kinematics: joint '{joint}' carries several IMUs, which do not tell the same "
@@ -82,21 +71,16 @@ def corrected_origins(robot: Robot, results: Sequence[Result]) -> tuple[JointOri
     return tuple(found.values())
 
 
-def _is_same(origin: JointOrigin, other: JointOrigin | None) -> bool:
-    """Whether two corrections of a joint are of one solution."""
-    return other is not None and np.allclose(
-        (*origin.xyz, *origin.rpy), (*other.xyz, *other.rpy), rtol=0.0, atol=_ROUNDING
-    )
-
-
 def _chain(robot: Robot, result: Result) -> dict[str, Joint]:
-    """The joints that carry a result's IMU."""
     return {joint.name: joint for joint, _ in robot.route(robot.root, result.parent)}
 
 
 def _corrections(robot: Robot, result: Result) -> dict[str, JointOrigin]:
-    entries = clear_entries(result)
-    if not entries:
+    by_joint: dict[str, list[ParameterEntry]] = {}
+    for entry in result.diagnostics.parameters:
+        if entry.name in {ZERO, ORIGIN} and sigmas(entry) >= CLEAR:
+            by_joint.setdefault(joint_of(entry), []).append(entry)
+    if not by_joint:
         return {}
     source = result.provenance.urdf
     if source is None or source.sha256 != robot.sha256:
@@ -107,12 +91,9 @@ def _corrections(robot: Robot, result: Result) -> dict[str, JointOrigin]:
         )
     chain = _chain(robot, result)
     followed = {joint.mimic.joint for joint in robot.joints if joint.mimic is not None}
-    by_joint: dict[str, list[ParameterEntry]] = {}
-    for entry in entries:
-        by_joint.setdefault(joint_of(entry), []).append(entry)
     found = {}
     for name, errors in by_joint.items():
-        if not all(map(_has_axis, errors)):
+        if any(each.name == ORIGIN and each.axis is UNSET for each in errors):
             raise InputError(
                 f"the result does not say which way '{errors[0].label}' goes, being of an earlier "
                 "version: run again"
@@ -129,11 +110,6 @@ def _corrections(robot: Robot, result: Result) -> dict[str, JointOrigin]:
             )
         found[name] = _corrected(chain[name], errors)
     return found
-
-
-def _has_axis(entry: ParameterEntry) -> bool:
-    """Whether a result says which way an error goes; results of earlier versions do not."""
-    return entry.name == ZERO or entry.axis is not UNSET
 
 
 def _corrected(joint: Joint, errors: Sequence[ParameterEntry]) -> JointOrigin:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from imucalib_cli.logs.remote.file import RemoteFile
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from imucalib_cli.logs.reader import LogPath
     from imucalib_cli.results.result import Result
@@ -41,23 +41,19 @@ def fitted(label: str, unfit: str = FILE) -> str:
 
 
 def names_of(results: Sequence[Result], unfit: str = FILE) -> list[str]:
-    """A name for each IMU after its label; all differ, to every file system.
-
-    Args:
-        results: One for each IMU.
-        unfit: Pattern of letters that become an underscore.
-    """
+    """A name for each IMU after its label, of fitting letters; all differ, to every file system."""
     names: list[str] = []
-    taken: set[str] = set()
     for label in labels_of(results):
+        taken = set(map(sameness, names))
         stem = fitted(label, unfit)
-        for number in count(1):
-            name = stem if number == 1 else f"{stem}_{number}"
-            if sameness(name) not in taken:
-                break
-        taken.add(sameness(name))
-        names.append(name)
+        names.append(next(name for name in numbered(stem, "_") if sameness(name) not in taken))
     return names
+
+
+def numbered(stem: str, between: str) -> Iterator[str]:
+    """A name, and with numbers from 2 on behind it."""
+    yield stem
+    yield from (f"{stem}{between}{number}" for number in count(2))
 
 
 def sameness(name: str) -> str:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from imucalib_cli.errors import ChoiceError
 from imucalib_cli.logs.open import holds_log
 from imucalib_cli.logs.tum_euroc import TABLES
-from imucalib_cli.results.atomic import is_same_file, see_writable
+from imucalib_cli.results.atomic import identity, see_writable
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 _COMPANIONS = ("-wal", "-journal", "-shm")
 """What SQLite keeps beside a database, and reads with it."""
 _HEAD = 1 << 16
+"""Bytes in which a URDF says what it is, long comments before it."""
 _ROBOT = re.compile(rb"<robot[\s>/]")
 
 
@@ -44,15 +45,15 @@ def see_places(
         ChoiceError: Something would be lost.
         InputError: A file cannot be written.
     """
-    sources = [file for path in read for file in files_read(path)]
-    seen: list[Path] = []
+    sources = {identity(file) for path in read for file in files_read(path)}
+    seen: set[object] = set()
     for path in written:
         see_writable(path, folder)
-        if any(is_same_file(path, source) for source in sources):
+        if identity(path) in sources:
             raise ChoiceError(f"{path} is an input and would be overwritten: name another file")
-        if any(is_same_file(path, other) for other in seen):
+        if identity(path) in seen:
             raise ChoiceError(f"{path} would be written twice: name two files")
-        seen.append(path)
+        seen.add(identity(path))
         kind = "" if force else _precious(path)
         if kind and not made_here(path):
             remedy = "" if force is None else ", or say --force"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -15,9 +16,15 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from imucalib_cli.arrays import Floats
+    from imucalib_cli.results.result import Kind
     from imucalib_cli.robot.urdf import Robot
 
 
+PARTS: dict[Kind, tuple[slice, str, float]] = {
+    "translation": (slice(0, 3), "mm", 1e3),
+    "rotation": (slice(3, 6), "deg", math.degrees(1.0)),
+}
+"""Of a pose: place among six, unit, and how many of the unit a metre or a radian is."""
 AFFECTED = 0.05
 """A translation component is unknown if an undetermined direction has at least this share of it
 (3 degrees off the axis): less is the noise of the direction itself."""
@@ -55,11 +62,7 @@ class UncertainPose:
         )
 
     def seen_from(self, parent: str, robot: Robot) -> UncertainPose:
-        """Express the pose in another parent, through fixed joints alone.
-
-        Raises:
-            ChoiceError: A frame is not in the URDF, or a joint between the parents moves.
-        """
+        """The pose in another parent, through fixed joints alone; else ChoiceError."""
         if self.parent == parent:
             return self
         R, p = fixed_transform(robot, parent, self.parent)
@@ -78,11 +81,7 @@ class UncertainPose:
         """The pose of another frame of the same sensor, on fixed joints below or above it.
 
         Frames of which neither is below the other are two mounts, and the URDF's opinion of both
-        is just what is in question.
-
-        Raises:
-            ChoiceError: They are such frames, or a frame is not in the URDF, or a joint between
-                them moves.
+        is just what is in question: ChoiceError, as where a frame is missing or a joint moves.
         """
         if self.child == child:
             return self
@@ -150,14 +149,7 @@ class PoseError:
 
 
 def pose_error(R: Floats, t: Floats, R_true: Floats, t_true: Floats) -> PoseError:
-    """Compare two poses of the same frame in the same parent; which parent makes no difference.
-
-    Args:
-        R: (3, 3), estimated.
-        t: (3,), estimated, m.
-        R_true: (3, 3).
-        t_true: (3,), m.
-    """
+    """Compare two poses, (3, 3) and (3,), m, of one frame in one parent, whichever it is."""
     # inv(T_true) T: the difference as seen in the true frame
     t_apart, R_apart = R_true.T @ (t - t_true), R_true.T @ R
     return PoseError(

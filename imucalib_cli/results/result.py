@@ -32,6 +32,7 @@ Quaternion = Annotated[
     list[float],
     Meta(min_length=4, max_length=4, extra_json_schema=_WITH_W_AT_LEAST_0),
 ]
+Range = Annotated[list[float], Meta(min_length=2, max_length=2)]
 UpTo3 = Annotated[list[float], Meta(min_length=1, max_length=3)]
 Matrix6 = Annotated[
     list[Annotated[list[float | None], Meta(min_length=6, max_length=6)]],
@@ -282,10 +283,10 @@ class BetweenLogs(Tree, frozen=True):
 
     translation_mm: float
     """The likely value."""
-    translation_mm_95: Annotated[list[float], Meta(min_length=2, max_length=2)]
+    translation_mm_95: Range
     """Between these it is, with 95 %."""
     rotation_deg: float
-    rotation_deg_95: Annotated[list[float], Meta(min_length=2, max_length=2)]
+    rotation_deg_95: Range
 
 
 class CombinedLog(Tree, frozen=True):
@@ -436,7 +437,7 @@ class Provenance(Tree, frozen=True):
     clock: str
     """Which stamps were used: header or log."""
     options: dict[str, Scalar]
-    part: Annotated[list[float], Meta(min_length=2, max_length=2)] | UnsetType = UNSET
+    part: Range | UnsetType = UNSET
     """From and to, seconds of the log, where only a part of it was used (--from, --to)."""
 
     @property
@@ -525,29 +526,22 @@ class Result(Tree, frozen=True, kw_only=True):
         said = self.diagnostics.nominal
         if said is None:
             return None
-        pose = Pose(said.translation, said.rotation_xyzw, said.rotation_rpy)
-        return Nominal(joint=said.joint, R_parent_imu=pose.R, t_parent_imu=pose.t)
+        R, t = matrix_from_quaternion(said.rotation_xyzw), np.array(said.translation)
+        return Nominal(joint=said.joint, R_parent_imu=R, t_parent_imu=t)
 
     @property
     def uncertain_pose(self) -> UncertainPose:
         """The pose with its covariance; one with numbers missing counts as none."""
-        covariance = None
-        if self.covariance is not None:
-            covariance = np.array(self.covariance, dtype=np.float64)
-            if not np.isfinite(covariance).all():
-                covariance = None
-        pose, directions = self.pose, self.diagnostics.unobservable
-
-        def axes(kind: Kind) -> Floats:
-            found = [each.direction_parent for each in directions if each.kind == kind]
-            return np.reshape(np.array(found, dtype=np.float64), (-1, 3))
-
+        covariance = np.array(self.covariance, dtype=np.float64)  # nan where there is none
+        unknown: dict[Kind, list[Vector3]] = {"translation": [], "rotation": []}
+        for each in self.diagnostics.unobservable:
+            unknown[each.kind].append(each.direction_parent)
         return UncertainPose(
             parent=self.parent,
             child=self.child,
-            R=pose.R,
-            t=pose.t,
-            covariance=covariance,
-            unknown_translation=axes("translation"),
-            unknown_rotation=axes("rotation"),
+            R=self.pose.R,
+            t=self.pose.t,
+            covariance=covariance if np.isfinite(covariance).all() else None,
+            unknown_translation=np.reshape(unknown["translation"], (-1, 3)),
+            unknown_rotation=np.reshape(unknown["rotation"], (-1, 3)),
         )

@@ -9,7 +9,6 @@ import io
 import json
 import math
 import zipfile
-import zlib
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
@@ -17,7 +16,7 @@ import msgspec
 import numpy as np
 
 from imucalib_cli import __version__
-from imucalib_cli.errors import InputError
+from imucalib_cli.errors import ImucalibError, InputError
 from imucalib_cli.estimate.checks.segments import FOLDS
 from imucalib_cli.estimate.checks.specification import OtherWindow
 from imucalib_cli.estimate.details import Spectrum
@@ -30,6 +29,7 @@ from imucalib_cli.estimate.solution.normal_equations import LogStatistics, Norma
 from imucalib_cli.results.codec import result_from, to_document
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
 
     from imucalib_cli.arrays import Floats
@@ -45,20 +45,12 @@ _LARGEST: Final = 64 << 20
 _KINDS: Final = {each.name: each for each in TABLE}
 _ALIKE: Final = 1e-6
 """m and rad: statistics give the pose of their result to far more digits."""
-_DAMAGED: Final = (
-    msgspec.MsgspecError,
-    zipfile.BadZipFile,
-    zlib.error,
-    ValueError,
-    LookupError,
-    TypeError,
-    AttributeError,
-    EOFError,
-    ArithmeticError,
-    RuntimeError,
-    StopIteration,
-)
-"""What reading and taking apart an archive that is no such file raises."""
+_NUMBERS: Final[dict[str, Callable[[Any], Any]]] = {
+    "seconds": float,
+    "clock_stepped": bool,
+    "offset_variance": float,
+}
+"""Of the statistics, as the header has them."""
 _SYMMETRIC: Final = ("information", "noise", "motion")
 
 
@@ -87,26 +79,17 @@ def statistics_bytes(result: Result, statistics: LogStatistics) -> bytes:
         "result": to_document(result),
         "options": msgspec.to_builtins(statistics.options, enc_hook=lambda each: each.tolist()),
         "unknowns": [
-            {
-                "name": each.unknown.name,
-                "labels": list(each.labels),
-                "unit": each.unit,
-                "hidden": each.hidden,
-            }
+            {"name": each.unknown.name}
+            | {key: getattr(each, key) for key in ("labels", "unit", "hidden")}
             for each in layout.placed
         ],
-        "still": list(layout.still),
+        "still": layout.still,
         "held_offset": equations.at.held_offset,
         "level": equations.level,
-        "seconds": statistics.seconds,
-        "clock_stepped": statistics.clock_stepped,
-        "offset_variance": statistics.offset_variance,
+        **{name: getattr(statistics, name) for name in _NUMBERS},
     }
     arrays: dict[str, Any] = {
-        "R": equations.at.R,
-        "t": equations.at.t,
-        "gravity": equations.at.gravity,
-        "x": equations.at.x,
+        **{name: getattr(equations.at, name) for name in ("R", "t", "gravity", "x")},
         "score": equations.score,
         **{name: _packed(getattr(equations, name)) for name in _SYMMETRIC},
         "directions": np.concatenate(
@@ -123,10 +106,8 @@ def statistics_bytes(result: Result, statistics: LogStatistics) -> bytes:
         **_joined(statistics.parts, statistics.edges),
     }
     for sensor, spectrum in zip(("accel", "gyro"), statistics.spectra, strict=True):
-        arrays[f"{sensor}_frequency"], arrays[f"{sensor}_density"] = (
-            spectrum.frequency,
-            spectrum.density,
-        )
+        arrays[f"{sensor}_frequency"] = spectrum.frequency
+        arrays[f"{sensor}_density"] = spectrum.density
         arrays[f"{sensor}_own_density"] = np.array(spectrum.own)
     text = np.frombuffer(json.dumps(header, ensure_ascii=False).encode(), dtype=np.uint8)
     file = io.BytesIO()
@@ -135,37 +116,35 @@ def statistics_bytes(result: Result, statistics: LogStatistics) -> bytes:
 
 
 def read_statistics(path: Path) -> StoredLog:
-    """The statistics of one IMU.
-
-    Raises:
-        InputError: The file cannot be read, is something else, or is damaged.
-    """
+    """The statistics of one IMU; InputError where the file is something else or damaged."""
     try:
-        with zipfile.ZipFile(path) as archive:
-            if sum(each.file_size for each in archive.infolist()) > _LARGEST:
-                raise InputError(f"{path}: is too large to be {_WHAT}")
-        with np.load(path, allow_pickle=False) as file:
-            arrays = {name: np.asarray(file[name]) for name in file.files}
-        header = json.loads(arrays.pop("header").tobytes())
-        if header.get("what") != _WHAT:
-            raise InputError(f"{path}: is no {_WHAT}: write one by `imucalib run --statistics`")
-        if header["schema"] != _SCHEMA:
-            raise InputError(
-                f"{path}: is of schema {header['schema']}, this version reads {_SCHEMA}: use the "
-                "imucalib it came from"
-            )
-        return _stored(str(path), header, arrays)
+        return _read(path)
+    except (ImucalibError, MemoryError):
+        raise
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}): check the path") from error
-    except _DAMAGED as error:
+    except Exception as error:  # an archive that is no such file may raise anything
         raise InputError(
             f"{path}: is damaged or no {_WHAT}: write it again by `imucalib run --statistics`"
         ) from error
 
 
-def _stored(name: str, header: dict[str, Any], arrays: dict[str, Floats]) -> StoredLog:
-    result = result_from(header["result"], name)
-    log = StoredLog(name=name, result=result, statistics=_statistics(header, arrays))
+def _read(path: Path) -> StoredLog:
+    with zipfile.ZipFile(path) as archive:
+        if sum(each.file_size for each in archive.infolist()) > _LARGEST:
+            raise InputError(f"{path}: is too large to be {_WHAT}")
+    with np.load(path, allow_pickle=False) as file:
+        arrays = {name: np.asarray(file[name]) for name in file.files}
+    header = json.loads(arrays.pop("header").tobytes())
+    if header.get("what") != _WHAT:
+        raise InputError(f"{path}: is no {_WHAT}: write one by `imucalib run --statistics`")
+    if header["schema"] != _SCHEMA:
+        raise InputError(
+            f"{path}: is of schema {header['schema']}, this version reads {_SCHEMA}: use the "
+            "imucalib it came from"
+        )
+    result = result_from(header["result"], str(path))
+    log = StoredLog(name=str(path), result=result, statistics=_statistics(header, arrays))
     _see_they_agree(log)
     return log
 
@@ -174,9 +153,7 @@ def _see_they_agree(log: StoredLog) -> None:
     """See that statistics give the pose of the result that they are said to belong to.
 
     Not where other IMUs of the log have a part in it: these are the statistics of its own fit.
-
-    Raises:
-        ValueError: They do not.
+    Else ValueError.
     """
     equations = log.statistics.equations
     if not (equations.level > 0.0 and math.isfinite(equations.level)):
@@ -226,9 +203,7 @@ def _statistics(header: dict[str, Any], arrays: dict[str, Floats]) -> LogStatist
             )
         ),
         widened=arrays["widened"].reshape(6, 6),
-        offset_variance=float(header["offset_variance"]),
-        seconds=float(header["seconds"]),
-        clock_stepped=bool(header["clock_stepped"]),
+        **{name: kind(header[name]) for name, kind in _NUMBERS.items()},
     )
 
 

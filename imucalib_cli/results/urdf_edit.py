@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from itertools import count
 from typing import TYPE_CHECKING
 from xml.parsers import expat
 from xml.sax.saxutils import quoteattr
 
 from imucalib_cli.errors import InputError
+from imucalib_cli.results.names import numbered
 from imucalib_cli.robot.mount import rigid_transform
 from imucalib_cli.robot.rotations import rpy_from_matrix
 
@@ -59,22 +59,11 @@ def joint_for(
     R_parent_imu: Floats,
     t_parent_imu: Floats,
 ) -> JointOrigin:
-    """Find the fixed joint that holds ``child`` and what its origin becomes.
+    """Find the fixed joint that holds ``child`` and what its origin becomes: (3, 3) and (3,), m.
 
     Where the joint has another parent than the result, the pose is re-expressed in it through
-    the fixed joints between the two.
-
-    Args:
-        robot: Of the URDF to be changed.
-        parent: The result's parent frame.
-        child: The result's IMU frame.
-        R_parent_imu: (3, 3).
-        t_parent_imu: (3,), m.
-
-    Raises:
-        MissingJointError: The URDF has no fixed joint to ``child``.
-        InputError: Its joint's parent moves relative to the result's parent, or the URDF has no
-            such parent.
+    the fixed joints between the two. Raises MissingJointError where no fixed joint holds ``child``;
+    InputError where its joint's parent moves relative to the result's, or that is not there.
     """
     joint = robot.joint_above.get(child)
     if joint is None or joint.kind != "fixed":
@@ -116,18 +105,11 @@ def joint_origin(joint: str, R: Floats, p: Floats) -> JointOrigin:
 
 
 def replace_origin(urdf: bytes, joint: str, xyz: Sequence[float], rpy: Sequence[float]) -> bytes:
-    """Set one joint's origin and leave every other byte as it was.
+    """Set one joint's origin (xyz m, rpy rad) and leave every other byte as it was.
 
-    A missing <origin> is put before the joint's first element, indented as that one is.
-
-    Args:
-        urdf: The file's bytes, in any encoding expat reads.
-        joint: Name of a joint that is a child of <robot>.
-        xyz: m.
-        rpy: rad, URDF convention.
-
-    Raises:
-        InputError: There is not exactly one such joint, or the XML is not sound.
+    The file may have any encoding that expat reads, the joint is a child of <robot>. A missing
+    <origin> is put before the joint's first element, indented as that one is. Raises InputError
+    where there is not exactly one such joint, or the XML is not sound.
     """
     elements = _elements(urdf, joint)
     if not elements:
@@ -153,14 +135,9 @@ def replace_origin(urdf: bytes, joint: str, xyz: Sequence[float], rpy: Sequence[
 
 
 def insert_last(urdf: bytes, elements: str) -> bytes:
-    """Put elements behind all others of <robot>, indented by two blanks.
+    """Put lines of XML behind all other elements of <robot>, indented by two blanks.
 
-    Args:
-        urdf: The file's bytes, in any encoding expat reads.
-        elements: Lines of XML, each with its line break.
-
-    Raises:
-        InputError: The XML is not sound, or <robot> has no end tag of its own.
+    Raises InputError where the XML is not sound, or <robot> has no end tag of its own.
     """
     at, depth = 0, 0
     parser = expat.ParserCreate()
@@ -193,19 +170,12 @@ def joint_snippet(
     joint: str = "",
     taken: Sequence[str] = (),
 ) -> str:
-    """Write a fixed joint, ready to paste into a URDF.
+    """A fixed joint (xyz m, rpy rad), ready to paste into a URDF.
 
-    Args:
-        parent: Link that carries the IMU.
-        child: The IMU's frame.
-        xyz: m.
-        rpy: rad, URDF convention.
-        joint: Its name in a URDF that has it; without one it gets a new name and a new link.
-        taken: Names of joints that are there already.
+    Without a name it gets one that is not taken, and a new link.
     """
     link = "" if joint else f"<link name={quoteattr(child)}/>\n"
-    names = (f"{child}_joint{number if number > 1 else ''}" for number in count(1))
-    name = joint or next(name for name in names if name not in taken)
+    name = joint or next(each for each in numbered(f"{child}_joint", "") if each not in taken)
     return (
         f'{link}<joint name={quoteattr(name)} type="fixed">\n'
         f"  <parent link={quoteattr(parent)}/>\n"

@@ -5,14 +5,13 @@ from __future__ import annotations
 import os
 import signal
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from imucalib_cli.batch.batch import Batch
 from imucalib_cli.batch.content_key import context_of, key_of, sizes_of, stamps_of, urdf_hash
 from imucalib_cli.batch.logs import find_logs
-from imucalib_cli.batch.record import Record
 from imucalib_cli.batch.task import Done, Task
 from imucalib_cli.cli.exit_codes import exit_code_of
 from imucalib_cli.jobs.input.request import CalibrationRequest
@@ -29,16 +28,19 @@ def here(task: Task, logs: Sequence[BatchLog]) -> Generator[tuple[BatchLog, Done
         yield log, task(log)
 
 
-def task_for(request: CalibrationRequest | None = None, **changes: Any) -> Task:
-    """What the command makes of its options."""
-    request = request or CalibrationRequest(logs=())
-    return Task(
-        request=request,
-        context=context_of(request, [suffix for suffix, _ in changes.get("extras", ())]),
-        urdf_sha256=urdf_hash(request),
-        exit_code=exit_code_of,
+def given(request: CalibrationRequest, **changes: Any) -> dict[str, Any]:
+    """What the command makes of its options, for a task."""
+    return {
+        "request": request,
+        "context": context_of(request, [suffix for suffix, _ in changes.get("extras", ())]),
+        "urdf_sha256": urdf_hash(request),
+        "exit_code": exit_code_of,
         **changes,
-    )
+    }
+
+
+def task_for(request: CalibrationRequest | None = None, **changes: Any) -> Task:
+    return Task(**given(request or CalibrationRequest(logs=()), **changes))
 
 
 def batch(folder: Path | None, *names: object, task: Task, **changes: Any) -> Batch:
@@ -72,19 +74,10 @@ class Copying(Task):
             return super().__call__(log)
         time.sleep(self.pause)
         stamps = stamps_of(sizes_of(log))
-        record = Record(
-            log=log.label,
-            place=log.place,
-            status="ok",
-            exit_code=0,
-            seconds=0.0,
-            key=key_of(self.context, stamps),
-            errors=[],
-            written=[f"{log.name}.{imu}.yaml" for imu in ("a" if "one" in text else "ab")],
-            results=[],
-            files=stamps,
-        )
-        return Done(record=record, contents=tuple((name, text) for name in record.written))
+        names = [f"{log.name}.{imu}.yaml" for imu in ("a" if "one" in text else "ab")]
+        key = key_of(self.context, stamps)
+        record = self._record(log, [], key=key, written=names, files=stamps)
+        return Done(record=record, contents=tuple((name, text) for name in names))
 
     def _outcome(self, log: BatchLog) -> Any:  # noqa: ARG002 - as it is overridden
         return bytearray(8 << 30)
@@ -92,20 +85,7 @@ class Copying(Task):
 
 def copying(traces: Path, **changes: Any) -> Copying:
     traces.mkdir(exist_ok=True)
-    request = CalibrationRequest(logs=())
-    return Copying(
-        request=request,
-        context=context_of(request, ()),
-        urdf_sha256=None,
-        exit_code=exit_code_of,
-        traces=traces,
-        **changes,
-    )
-
-
-def with_context(task: Copying, context: str) -> Copying:
-    """The same with other options."""
-    return replace(task, context=context)
+    return Copying(**given(CalibrationRequest(logs=()), traces=traces, **changes))
 
 
 def main(folder: str, logs: str, traces: str, pause: str) -> None:

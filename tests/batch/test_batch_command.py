@@ -7,7 +7,6 @@ import json
 import os
 import re
 import shutil
-import stat
 import subprocess
 import sys
 import time
@@ -19,6 +18,7 @@ import pytest
 import yaml
 
 from imucalib_cli.cli import progress
+from imucalib_cli.cli.extras import EXTRAS
 from imucalib_cli.cli.main import main
 from tests.batch.batch_tasks import here
 from tests.batch.test_batch_tables import rows_of
@@ -31,15 +31,20 @@ from tools.fuzz.cases import make, sound_case
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    Logs = Callable[..., list[str]]
+    """Makes logs, and gives their names with the robot's options."""
+
 ROOT = Path(__file__).parents[2]
 SAMPLES = ROOT / "sample_data"
 ROBOT = ("--urdf", str(SAMPLES / "rihibot.urdf"))
 
 
+Said = pytest.CaptureFixture[str]
+Patch = pytest.MonkeyPatch
+
+
 @pytest.fixture
-def logs(
-    tmp_path: Path, arm_urdf: Path, monkeypatch: pytest.MonkeyPatch
-) -> Callable[..., list[str]]:
+def logs(tmp_path: Path, arm_urdf: Path, monkeypatch: Patch) -> Logs:
     """Makes logs in the working folder; one process and no estimating, to be quick."""
     monkeypatch.setattr("imucalib_cli.cli.commands.batch._engine", lambda *_: here)
     monkeypatch.setattr("imucalib_cli.jobs.calibrate._estimate", Estimator())
@@ -59,13 +64,11 @@ def batch(*arguments: object) -> int:
     return main(["batch", *map(str, arguments)])
 
 
-def lines_of(capsys: pytest.CaptureFixture[str]) -> list[Any]:
+def lines_of(capsys: Said) -> list[Any]:
     return [json.loads(line) for line in capsys.readouterr().out.splitlines()]
 
 
-def test_damaged_logs_do_not_stop_the_others(
-    logs: Callable[..., list[str]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_damaged_logs_do_not_stop_the_others(logs: Logs, tmp_path: Path, capsys: Said) -> None:
     given = logs("a.mcap", "b.mcap", "locked.mcap")
     whole = Path("a.mcap").read_bytes()
     Path("empty.mcap").touch()
@@ -94,9 +97,7 @@ def test_damaged_logs_do_not_stop_the_others(
     assert "pipe.mcap is a pipe or a device" in err
 
 
-def test_a_result_is_the_one_of_run(
-    logs: Callable[..., list[str]], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_result_is_the_one_of_run(logs: Logs, capsys: Said) -> None:
     given = logs("a.mcap")
     assert batch(*given, "-o", "results") == main(["run", *given, "-o", "alone/"]) == 0
     assert (
@@ -106,9 +107,7 @@ def test_a_result_is_the_one_of_run(
 
 
 def test_as_a_filter_it_writes_lines_and_nothing_else(
-    logs: Callable[..., list[str]],
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    logs: Logs, monkeypatch: Patch, capsys: Said
 ) -> None:
     logs("a.mcap", "b\nc.mcap")
     before = sorted(Path().rglob("*"))
@@ -126,9 +125,7 @@ def test_as_a_filter_it_writes_lines_and_nothing_else(
     assert sorted(Path().rglob("*")) == before
 
 
-def test_lines_of_finished_logs_come_again(
-    logs: Callable[..., list[str]], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_lines_of_finished_logs_come_again(logs: Logs, capsys: Said) -> None:
     given = [*logs("a.mcap", "b.mcap"), "-o", "results", "--format", "jsonl"]
     batch(*given)
     first = capsys.readouterr().out
@@ -137,9 +134,7 @@ def test_lines_of_finished_logs_come_again(
     assert len(first.splitlines()) == 2
 
 
-def test_the_exit_code_is_the_worst(
-    logs: Callable[..., list[str]], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_exit_code_is_the_worst(logs: Logs, capsys: Said) -> None:
     given = logs("a.mcap", "b.mcap")
     assert batch(*given) == 0
     assert batch(*given, "--require", "1nm") == 2  # no such unit
@@ -150,9 +145,7 @@ def test_the_exit_code_is_the_worst(
     assert "untrusted: a.mcap: imu_link: " in err
 
 
-def test_options_make_another_result(
-    logs: Callable[..., list[str]], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_options_make_another_result(logs: Logs, capsys: Said) -> None:
     given = [*logs("a.mcap"), "-o", "results"]
     batch(*given)
     key = json.loads(Path("results/records/a.json").read_text())["key"]
@@ -168,9 +161,7 @@ def test_options_make_another_result(
     del capsys
 
 
-def test_the_same_log_twice_is_told_and_done_once(
-    logs: Callable[..., list[str]], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_same_log_twice_is_told_and_done_once(logs: Logs, capsys: Said) -> None:
     given = logs("a.mcap")
     Path("link.mcap").symlink_to("a.mcap")
     batch("link.mcap", *given, "--format", "jsonl")
@@ -180,9 +171,7 @@ def test_the_same_log_twice_is_told_and_done_once(
 
 
 def test_github_gets_its_lines_and_files_for_ci_are_written(
-    logs: Callable[..., list[str]],
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    logs: Logs, monkeypatch: Patch, capsys: Said
 ) -> None:
     monkeypatch.setenv("GITHUB_ACTIONS", "true")
     files = ["--markdown", "summary.md", "--junit", "junit.xml"]
@@ -195,15 +184,8 @@ def test_github_gets_its_lines_and_files_for_ci_are_written(
     assert ET.parse("junit.xml").getroot().get("errors") == "1"
 
 
-def test_a_report_for_each_log(
-    logs: Callable[..., list[str]], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("imucalib_cli.cli.extras._report", lambda path, _: [(path, "a page")])
-    monkeypatch.setitem(
-        __import__("imucalib_cli.cli.extras", fromlist=["EXTRAS"]).EXTRAS,
-        "report",
-        lambda path, _: [(path, "a page")],
-    )
+def test_a_report_for_each_log(logs: Logs, monkeypatch: Patch) -> None:
+    monkeypatch.setitem(EXTRAS, "report", lambda path, _: [(path, "a page")])
     given = logs("a.mcap", "b.mcap")
     assert batch(*given, "-o", "results") == 0
     assert batch(*given, "-o", "results", "--report") == 0  # asked for later
@@ -228,10 +210,7 @@ def test_a_report_for_each_log(
     ],
 )
 def test_what_is_wrong_for_all_is_one_line(
-    arguments: list[str],
-    words: str,
-    logs: Callable[..., list[str]],
-    capsys: pytest.CaptureFixture[str],
+    arguments: list[str], words: str, logs: Logs, capsys: Said
 ) -> None:
     logs("a.mcap")
     assert batch(*arguments) in {1, 2}
@@ -243,7 +222,7 @@ def test_what_is_wrong_for_all_is_one_line(
 
 
 def test_logs_behind_urls_are_finished_as_those_on_disk_are(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: Patch, capsys: Said
 ) -> None:
     """By size and version, whatever their signatures are; no secret is written anywhere."""
     monkeypatch.setattr("imucalib_cli.cli.commands.batch._engine", lambda *_: here)
@@ -270,19 +249,13 @@ def test_logs_behind_urls_are_finished_as_those_on_disk_are(
     assert not any(b"hidden" in path.read_bytes() for path in written)
 
 
-def test_an_empty_list_is_told(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_empty_list_is_told(monkeypatch: Patch, capsys: Said) -> None:
     monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(b"\n")))
     assert batch("-") == 1
     assert "the list of logs on stdin is empty" in capsys.readouterr().err
 
 
-def test_lines_of_progress_are_few(
-    logs: Callable[..., list[str]],
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_lines_of_progress_are_few(logs: Logs, monkeypatch: Patch, capsys: Said) -> None:
     monkeypatch.setattr(progress, "LINE_PATIENCE", 0.0)
     names = [f"{number}.mcap" for number in range(30)]
     given = [*logs(*names), "-o", "results"]
@@ -299,15 +272,6 @@ def test_help_imports_no_numpy() -> None:
     script = "import sys; from imucalib_cli.cli.main import main; main(['batch', '--help'])\n"
     script += "assert not {'numpy', 'distributed', 'msgspec'} & set(sys.modules)\n"
     subprocess.run([sys.executable, "-c", script], check=True, stdout=subprocess.DEVNULL)
-
-
-def test_results_obey_the_umask(logs: Callable[..., list[str]]) -> None:
-    before = os.umask(0o022)
-    try:
-        batch(*logs("a.mcap"), "-o", "results")
-    finally:
-        os.umask(before)
-    assert stat.S_IMODE(Path("results/a.imu_link.yaml").stat().st_mode) == 0o644
 
 
 @pytest.mark.parametrize("reader", ["whole", pytest.param("head", marks=pytest.mark.slow)])

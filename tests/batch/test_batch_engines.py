@@ -9,7 +9,9 @@ import subprocess
 import sys
 import time
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from pathlib import Path
+from threading import Thread
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -41,6 +43,10 @@ def records(of: Any) -> dict[str, Record]:
     return {Path(log.label).stem: record for log, record in of.run()}
 
 
+def statuses(found: dict[str, Record]) -> dict[str, str]:
+    return {name: record.status for name, record in found.items()}
+
+
 def wait_for(condition: Callable[[], object]) -> None:
     for _ in range(600):
         if condition():
@@ -62,13 +68,8 @@ def test_killed_processes_cost_their_own_log_one_more_try(tmp_path: Path) -> Non
     task = copying(tmp_path / "traces")
     engine = LocalProcesses(workers=2, memory=GIB)
     done = records(batch(tmp_path / "results", logs, task=task, engine=engine))
-    assert {name: record.status for name, record in done.items()} == {
-        "a": "ok",
-        "b": "ok",
-        "c": "failed",
-        "d": "ok",
-        "e": "failed",
-    }
+    told = {"a": "ok", "b": "ok", "c": "failed", "d": "ok", "e": "failed"}
+    assert statuses(done) == told
     assert "ended 2 times without a result (SIGKILL)" in done["c"].errors[0]
     assert "not enough memory for this log: raise --memory" in done["e"].errors[0]
     assert done["c"].key is done["e"].key is None
@@ -108,11 +109,7 @@ def test_a_log_that_takes_too_long_fails_alone(engine: Any, tmp_path: Path) -> N
     task = copying(tmp_path / "traces")
     kept = tmp_path / "results"
     found = records(batch(kept, logs, task=task, engine=engine(*where, 1, GIB, limit)))
-    assert {name: record.status for name, record in found.items()} == {
-        "slow": "failed",
-        "good": "ok",
-        "fine": "ok",
-    }
+    assert statuses(found) == {"slow": "failed", "good": "ok", "fine": "ok"}
     assert "--timeout 3 s" in found["slow"].errors[0]
     assert found["slow"].key is None
     (logs / "slow.mcap").write_text("3")
@@ -131,8 +128,6 @@ def test_no_more_processes_than_workers(tmp_path: Path) -> None:
     logs = texts(tmp_path / "logs", a="sleep", b="sleep", c="sleep")
     task = copying(tmp_path / "traces")
     run = batch(None, logs, task=task, engine=LocalProcesses(workers=2, memory=GIB)).run()
-    from threading import Thread
-
     thread = Thread(target=lambda: next(run, None), daemon=True)
     thread.start()
     wait_for(lambda: len(list(task.traces.iterdir())) == 2)
@@ -290,19 +285,13 @@ def test_a_log_that_kills_its_workers_is_given_up(tmp_path: Path) -> None:
     task = copying(tmp_path / "traces")
     engine = DaskWorkers("local", workers=1, memory=GIB)
     done = records(batch(tmp_path / "results", logs, task=task, engine=engine))
-    assert {name: record.status for name, record in done.items()} == {
-        "a": "ok",
-        "b": "failed",
-        "c": "ok",
-    }
+    assert statuses(done) == {"a": "ok", "b": "failed", "c": "ok"}
     assert "were killed, for want of memory" in done["b"].errors[0]
     assert len(list(task.traces.glob("b.*"))) == 2
 
 
 @pytest.mark.slow
 def test_what_workers_do_not_see_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from dataclasses import replace
-
     task = task_for(CalibrationRequest(logs=()))
     (tmp_path / "a.mcap").touch()
     away = batch(None, tmp_path / "a.mcap", task=replace(task, folder=tmp_path / "gone"))

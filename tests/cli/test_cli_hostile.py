@@ -12,8 +12,8 @@ import pytest
 from imucalib_cli.cli.main import main
 from imucalib_cli.cli.output import say
 from imucalib_cli.cli.progress import ProgressBar
+from imucalib_cli.results.fields import summarise
 from imucalib_cli.results.formats import FORMATS
-from imucalib_cli.results.summary import summarise
 from tests.conftest import LogWriter
 from tests.results.test_results_documents import make_result
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 import numpy as np
@@ -17,6 +18,10 @@ from imucalib_cli.report.words import WORDS
 from imucalib_cli.results.fields import sections, verdict
 from imucalib_cli.results.formats import FORMATS
 from tests.report.report_pages import data_of, outcome, page_of
+
+if TYPE_CHECKING:
+    from imucalib_cli.jobs.calibrate import Calibrated
+    from imucalib_cli.results.result import Result
 
 VOID = {"meta", "br", "hr", "img", "input", "link"}
 
@@ -49,6 +54,18 @@ class Outline(HTMLParser):
         self.texts.append(data)
 
 
+@pytest.fixture
+def calibrated() -> Calibrated:
+    (found,) = outcome("rihibot").calibrated
+    return found
+
+
+def changed(result: Result, **diagnostics: Any) -> Result:
+    """A result with other diagnostics."""
+    replaced = msgspec.structs.replace(result.diagnostics, **diagnostics)
+    return msgspec.structs.replace(result, diagnostics=replaced)
+
+
 def outline(text: str) -> Outline:
     found = Outline()
     found.feed(text)
@@ -69,8 +86,7 @@ def test_a_page_is_whole_and_small(name: str) -> None:
     assert "default-src 'none'" in text
 
 
-def test_a_page_tells_what_the_summary_tells() -> None:
-    (calibrated,) = outcome("rihibot").calibrated
+def test_a_page_tells_what_the_summary_tells(calibrated: Calibrated) -> None:
     result = calibrated.result
     texts = " ".join(outline(page_of("rihibot")).texts)
     for section in sections(result):
@@ -102,8 +118,7 @@ def test_every_figure_has_its_words_and_its_plots(name: str) -> None:
         assert plot["x"] == sorted(plot["x"])
 
 
-def test_what_is_drawn_is_what_was_measured() -> None:
-    (calibrated,) = outcome("rihibot").calibrated
+def test_what_is_drawn_is_what_was_measured(calibrated: Calibrated) -> None:
     details = calibrated.estimate.details
     assert details is not None
     plot = data_of(page_of("rihibot"))["plots"]["imu0-gyro-2"]
@@ -153,8 +168,7 @@ def test_numbers_that_are_not_finite_are_null() -> None:
 HOSTILE = '</script><img src=x onerror="alert(1)">\x1b[31m\u202e'
 
 
-def test_names_of_a_log_cannot_leave_their_place() -> None:
-    (calibrated,) = outcome("rihibot").calibrated
+def test_names_of_a_log_cannot_leave_their_place(calibrated: Calibrated) -> None:
     result = calibrated.result
     hostile = msgspec.structs.replace(
         result, transform=msgspec.structs.replace(result.transform, child=HOSTILE, parent=HOSTILE)
@@ -167,11 +181,11 @@ def test_names_of_a_log_cannot_leave_their_place() -> None:
     assert data_of(text)["mounts"]["imu0-mount"]["child"].startswith("</script>")
 
 
-def test_an_untrusted_result_says_so_first_and_opens_nothing_to_copy() -> None:
-    (calibrated,) = outcome("rihibot").calibrated
-    result = msgspec.structs.replace(calibrated.result, status="untrusted")
-    diagnostics = msgspec.structs.replace(result.diagnostics, distrust=["the mount moved"])
-    text = page([Material(result=msgspec.structs.replace(result, diagnostics=diagnostics))])
+def test_an_untrusted_result_says_so_first_and_opens_nothing_to_copy(
+    calibrated: Calibrated,
+) -> None:
+    result = changed(calibrated.result, distrust=["the mount moved"])
+    text = page([Material(result=msgspec.structs.replace(result, status="untrusted"))])
     assert '<p class="verdict untrusted"><strong>untrusted</strong>' in text
     assert "the mount moved" in text
     assert "<details open>" not in text
@@ -180,8 +194,7 @@ def test_an_untrusted_result_says_so_first_and_opens_nothing_to_copy() -> None:
     assert "&lt;joint" in page_of("rihibot")
 
 
-def test_a_result_alone_has_a_page_that_says_what_it_lacks() -> None:
-    (calibrated,) = outcome("rihibot").calibrated
+def test_a_result_alone_has_a_page_that_says_what_it_lacks(calibrated: Calibrated) -> None:
     text = page([Material(result=calibrated.result)])
     outline(text)
     assert "--report report.html" in text
@@ -190,24 +203,20 @@ def test_a_result_alone_has_a_page_that_says_what_it_lacks() -> None:
 
 
 @pytest.mark.parametrize("extreme", [5e-324, 1e-300, 1e300, 1.79e308])
-def test_numbers_beyond_all_measure_are_shown_all_the_same(extreme: float) -> None:
-    (calibrated,) = outcome("rihibot").calibrated
+def test_numbers_beyond_all_measure_are_shown_all_the_same(
+    extreme: float, calibrated: Calibrated
+) -> None:
     result = calibrated.result
     first, *others = result.diagnostics.parameters
     assert result.std is not None
     std = msgspec.structs.replace(result.std, translation_mm=[extreme] * 3)
     for field in ("value", "std", "prior_std"):
-        changed = msgspec.structs.replace(first, **{field: extreme})
-        diagnostics = msgspec.structs.replace(result.diagnostics, parameters=[changed, *others])
-        outline(
-            page(
-                [Material(result=msgspec.structs.replace(result, std=std, diagnostics=diagnostics))]
-            )
-        )
+        parameters = [msgspec.structs.replace(first, **{field: extreme}), *others]
+        spoilt = changed(msgspec.structs.replace(result, std=std), parameters=parameters)
+        outline(page([Material(result=spoilt)]))
 
 
-def test_a_sensor_that_shows_no_noise_has_no_line_of_it() -> None:
-    (calibrated,) = outcome("rihibot").calibrated
+def test_a_sensor_that_shows_no_noise_has_no_line_of_it(calibrated: Calibrated) -> None:
     details = calibrated.estimate.details
     assert details is not None
     silent = tuple(replace(each, own=0.0) for each in details.spectra)
@@ -216,8 +225,7 @@ def test_a_sensor_that_shows_no_noise_has_no_line_of_it() -> None:
     assert data_of(text)["plots"]["imu0-spectra-0"]["levels"] == []
 
 
-def test_two_imus_share_a_page_without_sharing_an_id() -> None:
-    (calibrated,) = outcome("rihibot").calibrated
+def test_two_imus_share_a_page_without_sharing_an_id(calibrated: Calibrated) -> None:
     material = Material(result=calibrated.result, details=calibrated.estimate.details, stamps={})
     found = outline(page([material, replace(material)]))
     assert len(set(found.ids)) == len(found.ids)

@@ -6,7 +6,7 @@ import io
 import zipfile
 from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 SAMPLE = Path(__file__).parents[2] / "sample_data/rihibot.mcap"
 URDF = SAMPLE.with_suffix(".urdf")
+Said = pytest.CaptureFixture[str]
 MOST = 1_000_000
 """Bytes of a file of an ordinary arm."""
 
@@ -40,6 +41,18 @@ def calibrated() -> Calibrated:
 def content(calibrated: Calibrated) -> bytes:
     assert calibrated.estimate.statistics is not None
     return statistics_bytes(calibrated.result, calibrated.estimate.statistics)
+
+
+def of_another(calibrated: Calibrated, **source: Any) -> bytes:
+    """The same statistics, of another IMU."""
+    assert calibrated.estimate.statistics is not None
+    result = calibrated.result
+    other = structs.replace(
+        result,
+        transform=structs.replace(result.transform, child="other"),
+        provenance=structs.replace(result.provenance, **source),
+    )
+    return statistics_bytes(other, calibrated.estimate.statistics)
 
 
 @pytest.fixture
@@ -81,9 +94,7 @@ def test_the_parts_of_the_log_are_those_of_the_report(file: Path, calibrated: Ca
     np.testing.assert_allclose(found.std_so_far[-1], details.stretches.std_so_far[-1])
 
 
-def test_the_command_says_the_same_again(
-    file: Path, calibrated: Calibrated, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_says_the_same_again(file: Path, calibrated: Calibrated, capsys: Said) -> None:
     assert main(["combine", str(file), "--format", "yaml"]) == 0
     again, first = yaml.safe_load(capsys.readouterr().out), calibrated.result
     for there, here in (
@@ -96,42 +107,26 @@ def test_the_command_says_the_same_again(
 
 
 def test_a_result_finds_its_statistics_under_the_names_of_a_batch(
-    file: Path, calibrated: Calibrated, capsys: pytest.CaptureFixture[str]
+    file: Path, calibrated: Calibrated, capsys: Said
 ) -> None:
     result = file.with_name("log.imu_link.yaml")
     result.write_text(to_yaml([calibrated.result]), encoding="utf-8")
     other = file.with_name("log.statistics.other.npz")
-    elsewhere = structs.replace(calibrated.result.transform, child="other")
-    assert calibrated.estimate.statistics is not None
-    other.write_bytes(
-        statistics_bytes(
-            structs.replace(calibrated.result, transform=elsewhere), calibrated.estimate.statistics
-        )
-    )
+    other.write_bytes(of_another(calibrated))
     assert main(["combine", str(result), "--format", "yaml"]) == 0
     (found,) = yaml.safe_load_all(capsys.readouterr().out)
     assert found["transform"]["child"] == calibrated.result.child
 
 
 def test_an_imu_that_cannot_be_solved_stops_no_other(
-    file: Path, calibrated: Calibrated, capsys: pytest.CaptureFixture[str]
+    file: Path, calibrated: Calibrated, capsys: Said
 ) -> None:
-    assert calibrated.estimate.statistics is not None
-    source, urdf = calibrated.result.provenance, calibrated.result.provenance.urdf
-    assert urdf is not None
+    source = calibrated.result.provenance
+    assert source.urdf is not None
     for name, sha in (("a", "0" * 64), ("b", "1" * 64)):
-        other = structs.replace(
-            calibrated.result,
-            transform=structs.replace(calibrated.result.transform, child="other"),
-            provenance=structs.replace(
-                source,
-                urdf=structs.replace(urdf, sha256=sha),
-                files=[structs.replace(source.files[0], sha256=sha)],
-            ),
-        )
-        file.with_name(f"{name}.npz").write_bytes(
-            statistics_bytes(other, calibrated.estimate.statistics)
-        )
+        urdf, log = (structs.replace(each, sha256=sha) for each in (source.urdf, source.files[0]))
+        content = of_another(calibrated, urdf=urdf, files=[log])
+        file.with_name(f"{name}.npz").write_bytes(content)
     assert main(["combine", str(file.parent), "--format", "yaml"]) == 2
     seen = capsys.readouterr()
     (found,) = yaml.safe_load_all(seen.out)
@@ -139,9 +134,7 @@ def test_an_imu_that_cannot_be_solved_stops_no_other(
     assert "different URDFs" in seen.err
 
 
-def test_what_cannot_be_used_of_a_folder_stops_no_other(
-    file: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_cannot_be_used_of_a_folder_stops_no_other(file: Path, capsys: Said) -> None:
     """An archive of something else is passed over, a damaged one is an error beside the result."""
     np.savez(file.with_name("weights.npz"), layer=np.eye(3))
     assert main(["combine", str(file.parent), "--format", "yaml"]) == 0
@@ -159,16 +152,14 @@ def test_what_cannot_be_used_of_a_folder_stops_no_other(
     assert "no statistics in it" in capsys.readouterr().err
 
 
-def test_a_list_comes_from_stdin(
-    file: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_list_comes_from_stdin(file: Path, capsys: Said, monkeypatch: pytest.MonkeyPatch) -> None:
     listed = io.TextIOWrapper(io.BytesIO(f"{file}\n".encode()))
     monkeypatch.setattr("sys.stdin", listed)
     assert main(["combine", "-", "--format", "yaml"]) == 0
     assert yaml.safe_load(capsys.readouterr().out)["status"] == "ok"
 
 
-def test_other_priors_need_no_log(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_other_priors_need_no_log(file: Path, capsys: Said) -> None:
     known = "-0.0225 0.1 0 3.14159265 0 1.57079633"
     argv = ["combine", str(file), "--initial", known, "--prior-std", "tz=1mm", "--robot", "exact"]
     assert main([*argv, "--format", "yaml"]) == 0

@@ -18,7 +18,7 @@ from imucalib_cli.results.urdf_edit import (
     joint_snippet,
     replace_origin,
 )
-from imucalib_cli.robot.urdf import load_robot
+from imucalib_cli.robot.urdf import Robot, load_robot
 
 XYZ = (0.1234567890123, -2.5e-7, 3.0)
 RPY = (np.pi, -0.7071067811865, 1.0e-3)
@@ -226,47 +226,46 @@ ROBOT = """<robot name="r">
 """
 
 
-def test_apply_reexpresses_the_pose_in_the_parent_of_the_urdfs_joint(tmp_path: Path) -> None:
+@pytest.fixture
+def robot(tmp_path: Path) -> Robot:
     source = tmp_path / "r.urdf"
     source.write_text(ROBOT)
+    return load_robot(source)
+
+
+def test_apply_reexpresses_the_pose_in_the_parent_of_the_urdfs_joint(robot: Robot) -> None:
     R_arm_imu = Rotation.from_rotvec((0.3, 0.2, -1.0))
     p_arm_imu = np.array([0.5, 0.6, 0.7])
-    origin = joint_for(load_robot(source), "arm", "imu", R_arm_imu.as_matrix(), p_arm_imu)
+    origin = joint_for(robot, "arm", "imu", R_arm_imu.as_matrix(), p_arm_imu)
     assert origin.joint == "f2"
-    changed = replace_origin(source.read_bytes(), origin.joint, origin.xyz, origin.rpy)
+    changed = replace_origin(ROBOT.encode(), origin.joint, origin.xyz, origin.rpy)
     model = yourdfpy.URDF.load(io.BytesIO(changed), load_meshes=False)
     found = model.get_transform("imu", "arm")
     np.testing.assert_allclose(found[:3, 3], p_arm_imu, atol=1e-12)
     np.testing.assert_allclose(found[:3, :3], R_arm_imu.as_matrix(), atol=1e-12)
 
 
-def test_apply_keeps_the_pose_where_the_parents_agree(tmp_path: Path) -> None:
-    source = tmp_path / "r.urdf"
-    source.write_text(ROBOT)
+def test_apply_keeps_the_pose_where_the_parents_agree(robot: Robot) -> None:
     R = Rotation.from_euler("xyz", (0.1, 0.2, 0.3)).as_matrix()
-    origin = joint_for(load_robot(source), "plate", "imu", R, np.array([0.5, 0.6, 0.7]))
+    origin = joint_for(robot, "plate", "imu", R, np.array([0.5, 0.6, 0.7]))
     assert origin.xyz == (0.5, 0.6, 0.7)
     np.testing.assert_allclose(origin.rpy, (0.1, 0.2, 0.3), atol=1e-15)
 
 
-def test_apply_refuses_a_parent_that_moves_relative_to_the_joints(tmp_path: Path) -> None:
-    source = tmp_path / "r.urdf"
-    source.write_text(ROBOT)
+def test_apply_refuses_a_parent_that_moves_relative_to_the_joints(robot: Robot) -> None:
     with pytest.raises(InputError, match="run again with --parent plate"):
-        joint_for(load_robot(source), "base", "imu", np.eye(3), np.zeros(3))
+        joint_for(robot, "base", "imu", np.eye(3), np.zeros(3))
 
 
 @pytest.mark.parametrize(
     ("child", "named"), [("new_imu", "new_imu"), ("arm", "arm_imu"), ("base", "base_imu")]
 )
 def test_a_missing_joint_comes_with_a_snippet_that_can_be_pasted(
-    tmp_path: Path, child: str, named: str
+    robot: Robot, child: str, named: str
 ) -> None:
-    source = tmp_path / "r.urdf"
-    source.write_text(ROBOT)
     R = Rotation.from_euler("xyz", RPY).as_matrix()
     with pytest.raises(MissingJointError) as caught:
-        joint_for(load_robot(source), "arm", child, R, np.array(XYZ))
+        joint_for(robot, "arm", child, R, np.array(XYZ))
     assert "\n" not in str(caught.value)
     pasted = ROBOT.replace("</robot>", caught.value.snippet + "</robot>").encode()
     assert_origin_is(pasted, f"{named}_joint")

@@ -90,34 +90,30 @@ def planar_askew(scene: Scene) -> Seen:
     return scene.cli("run", log, "--urdf", urdf, "--planar")
 
 
-def cut(name: str) -> Provocation:
-    """The first part of a log, as a full disk leaves it."""
+def at(name: str, prepare: Callable[[Path], object]) -> Provocation:
+    """`imucalib run` on a path where there is no sound log."""
 
     def provocation(scene: Scene) -> Seen:
-        log = scene.log(noisy(), name)
-        os.truncate(log, int(0.8 * log.stat().st_size))
+        prepare(scene.path(name))
+        return scene.run(scene.path(name))
+
+    return provocation
+
+
+def spoilt(change: Callable[[bytes], bytes], name: str = "log.mcap", **options: Any) -> Provocation:
+    """The arm's log with other bytes."""
+
+    def provocation(scene: Scene) -> Seen:
+        log = scene.log(noisy(), name, **options)
+        log.write_bytes(change(log.read_bytes()))
         return scene.run(log)
 
     return provocation
 
 
-def no_file(scene: Scene) -> Seen:
-    return scene.run(scene.path("log.mcap"))
-
-
-def pipe(scene: Scene) -> Seen:
-    os.mkfifo(scene.path("log.mcap"))
-    return scene.run(scene.path("log.mcap"))
-
-
-def empty(scene: Scene) -> Seen:
-    scene.path("log.mcap").touch()
-    return scene.run(scene.path("log.mcap"))
-
-
-def no_log_in_folder(scene: Scene) -> Seen:
-    scene.path("recording").mkdir()
-    return scene.run(scene.path("recording"))
+def cut(data: bytes) -> bytes:
+    """The first part of a log, as a full disk leaves it."""
+    return data[: int(0.8 * len(data))]
 
 
 def several_recordings(scene: Scene) -> Seen:
@@ -127,23 +123,17 @@ def several_recordings(scene: Scene) -> Seen:
     return scene.run(scene.folder)
 
 
-def unindexed(scene: Scene) -> Seen:
-    log = scene.log(noisy(), "log.bag", compression="none")
-    data = log.read_bytes()
-    # The bag header says where the index begins; 0 says that the bag was never closed.
+def unindexed(data: bytes) -> bytes:
+    """A bag whose header says that it was never closed: the index begins at 0."""
     at = data.index(b"index_pos=") + len(b"index_pos=")
     index = int.from_bytes(data[at : at + 8], "little")
-    log.write_bytes((data[:at] + bytes(8) + data[at + 8 :])[:index])
-    return scene.run(log)
+    return (data[:at] + bytes(8) + data[at + 8 :])[:index]
 
 
-def damaged_chunk(scene: Scene) -> Seen:
-    log = scene.log(noisy(), compression="none")
-    data = bytearray(log.read_bytes())
+def with_zeros(data: bytes) -> bytes:
+    """A log with damage in the middle."""
     middle = len(data) // 2
-    data[middle : middle + 64] = bytes(64)
-    log.write_bytes(data)
-    return scene.run(log)
+    return data[:middle] + bytes(64) + data[middle + 64 :]
 
 
 def overlap(scene: Scene) -> Seen:
@@ -217,17 +207,17 @@ REMOTE: dict[str, Provocation] = {
 }
 
 READING: dict[str, Provocation] = {
-    "no-file": no_file,
-    "pipe": pipe,
-    "empty": empty,
+    "no-file": at("log.mcap", lambda _: None),
+    "pipe": at("log.mcap", os.mkfifo),
+    "empty": at("log.mcap", lambda path: path.touch()),
     "not-a-log": lambda scene: scene.run(scene.urdf()),
-    "no-log-in-folder": no_log_in_folder,
+    "no-log-in-folder": at("recording", lambda path: path.mkdir()),
     "several-recordings": several_recordings,
-    "cut-short": cut("log.mcap"),
-    "cut-short-bag": cut("log.bag"),
-    "cut-short-db3": cut("log.db3"),
-    "unindexed": unindexed,
-    "damaged-chunk": damaged_chunk,
+    "cut-short": spoilt(cut),
+    "cut-short-bag": spoilt(cut, "log.bag"),
+    "cut-short-db3": spoilt(cut, "log.db3"),
+    "unindexed": spoilt(unindexed, "log.bag", compression="none"),
+    "damaged-chunk": spoilt(with_zeros, compression="none"),
     "two-recordings": lambda scene: scene.run(
         scene.log(noisy(), "a.mcap"), scene.log(noisy(), "b.mcap")
     ),
@@ -271,10 +261,6 @@ def arm_messages(
     return provocation
 
 
-def no_joint_states(scene: Scene) -> Seen:
-    return scene.run(scene.writer().imu().tf("map", "base_link").write())
-
-
 def prefix_extra(scene: Scene) -> Seen:
     scene.urdf(lambda text: text.replace('joint name="', 'joint name="left'))
     return arm_messages()(scene)
@@ -302,17 +288,6 @@ def description_unusable(scene: Scene) -> Seen:
     described = scene.writer().text("/robot_description", "<robot").write()
     log = scene.log(noisy(BODY), imu_frame="bar_link")
     return scene.cli("run", log, described, "--gravity", "none")
-
-
-def urdf_unused(scene: Scene) -> Seen:
-    recording = noisy(BODY)
-    log = scene.log(recording, imu_frame="bar_link")
-    return scene.run(log, "--gravity", "none")
-
-
-def two_imus_on_a_topic(*arguments: object) -> Provocation:
-    """Two IMUs whose messages share a topic."""
-    return arm_messages(*arguments, make=lambda log: log.imu(frame="tool0"))
 
 
 def frames_mixed(scene: Scene) -> Seen:
@@ -404,7 +379,7 @@ CHOICES: dict[str, Provocation] = {
     "topic-not-there": arm_messages("--imu-topic", "/imu"),
     "topic-of-another-type": arm_messages("--imu-topic", "/joint_states"),
     "no-urdf": messages(lambda log: log.imu().joints(names=NAMES)),
-    "no-joint-states": no_joint_states,
+    "no-joint-states": lambda scene: scene.run(scene.writer().imu().tf("map", "base_link").write()),
     "joint-missing": arm_messages(names=(*NAMES[:5], "wrist_4_joint")),
     "joint-prefix-missing": arm_messages(names=tuple(f"left{name}" for name in NAMES)),
     "joint-prefix-extra": prefix_extra,
@@ -422,7 +397,9 @@ CHOICES: dict[str, Provocation] = {
             "/right/robot_description": lambda text: text.replace("rihibot", "other"),
         }
     ),
-    "urdf-unused": urdf_unused,
+    "urdf-unused": lambda scene: scene.run(
+        scene.log(noisy(BODY), imu_frame="bar_link"), "--gravity", "none"
+    ),
     "frame-not-in-urdf": arm_messages(frame="imu"),
     "moves-like": lambda scene: scene.run(scene.log(noisy(), imu_frame="imu")),
     "still-unnamed": lambda scene: scene.run(scene.log(on_the_base(), imu_frame="imu")),
@@ -440,7 +417,9 @@ CHOICES: dict[str, Provocation] = {
     "robots-two": two_robots,
     "parent-twice": arm_messages("--parent", "wrist_3_link", "--parent", "wrist_2_link"),
     "parent-of-no-imu": arm_messages("--parent", "/imu/other=wrist_3_link"),
-    "imu-of-no-frame": two_imus_on_a_topic("--imu-topic", "/imu/data:tool1"),
+    "imu-of-no-frame": arm_messages(
+        "--imu-topic", "/imu/data:tool1", make=lambda log: log.imu(frame="tool0")
+    ),
     "part-empty": arm_messages("--from", "10"),
     "frame-empty": arm_messages(frame=""),
     "parent-misspelt": arm_messages("--parent", "wrist_3"),
@@ -489,11 +468,6 @@ def verified(*arguments: object, edit: Edit = lambda text: text, **options: str)
     return lambda scene: scene.cli(
         "verify", scene.log(noisy(), **options), "--urdf", scene.urdf(edit), *arguments
     )
-
-
-def verify_no_urdf(scene: Scene) -> Seen:
-    log = scene.log(noisy(BODY), imu_frame="imu")
-    return scene.cli("verify", log, "--parent", "bar_link", "--gravity", "none")
 
 
 def compared(*edits: tuple[str, str], seed: int = 4) -> Provocation:
@@ -552,9 +526,15 @@ def kinematics_of_two(scene: Scene) -> Seen:
     return scene.cli("apply", one, other, "--urdf", urdf, "--kinematics", "--add")
 
 
-def written(name: str) -> Provocation:
-    """`imucalib run -o` to that name in the folder."""
-    return lambda scene: scene.run(scene.log(noisy()), "-o", scene.path(name))
+def written(name: str, prepare: Callable[[Scene], object] = lambda _: None) -> Provocation:
+    """`imucalib run -o` to that name in the folder, where something may lie."""
+
+    def provocation(scene: Scene) -> Seen:
+        log = scene.log(noisy())
+        prepare(scene)
+        return scene.run(log, "-o", scene.path(name))
+
+    return provocation
 
 
 def output_full(scene: Scene) -> Seen:
@@ -570,30 +550,9 @@ def output_full(scene: Scene) -> Seen:
         signal.signal(signal.SIGXFSZ, before)
 
 
-def output_twice(scene: Scene) -> Seen:
-    log = scene.path("same.mcap")
-    return scene.cli("simulate", "barbot", "-o", log, "--urdf", log)
-
-
-def output_is_log(scene: Scene) -> Seen:
-    scene.path("other.mcap").write_bytes(scene.log(noisy()).read_bytes())
-    return scene.run(scene.path("log.mcap"), "-o", scene.path("other.mcap"))
-
-
-def output_is_urdf(scene: Scene) -> Seen:
-    scene.path("other.urdf").write_bytes(scene.urdf().read_bytes())
-    return written("other.urdf")(scene)
-
-
-def output_numbered(scene: Scene) -> Seen:
+def a_result_of_others(scene: Scene) -> None:
     scene.path("results").mkdir()
     scene.path("results/log.imu_link.yaml").write_text("something else")
-    return written("results")(scene)
-
-
-def output_protected(scene: Scene) -> Seen:
-    scene.path("result.yaml").touch(mode=0o444)
-    return written("result.yaml")(scene)
 
 
 _MOVED = (r"translation: \[-0\.02\d+", "translation: [-0.0245")
@@ -607,7 +566,10 @@ RESULTS: dict[str, Provocation] = {
         edit=joint("elbow_joint", 'axis xyz="0 0 1"', 'axis xyz="0 0 -1"')
     ),
     "verify-no-pose": verified("--parent", "wrist_3_link", imu_frame="imu"),
-    "verify-no-urdf": verify_no_urdf,
+    "verify-no-urdf": lambda scene: scene.cli(
+        *("verify", scene.log(noisy(BODY), imu_frame="imu")),
+        *("--parent", "bar_link", "--gravity", "none"),
+    ),
     "diff-moved": compared(_MOVED),
     "diff-same-log": compared(seed=3),
     "diff-unpaired": diff_unpaired,
@@ -629,13 +591,21 @@ RESULTS: dict[str, Provocation] = {
     "output-is-input": written("log.mcap"),
     "output-folder": written("missing/result.yaml"),
     "output-full": output_full,
-    "output-twice": output_twice,
-    "output-is-log": output_is_log,
-    "output-is-urdf": output_is_urdf,
+    "output-twice": lambda scene: scene.cli(
+        *("simulate", "barbot", "-o", scene.path("same.mcap"), "--urdf", scene.path("same.mcap"))
+    ),
+    "output-is-log": written(
+        "other.mcap", lambda scene: shutil.copy(scene.path("log.mcap"), scene.path("other.mcap"))
+    ),
+    "output-is-urdf": written(
+        "other.urdf", lambda scene: shutil.copy(scene.urdf(), scene.path("other.urdf"))
+    ),
     "output-empty": on_arm(noisy, "-o", ""),
-    "output-numbered": output_numbered,
+    "output-numbered": written("results", a_result_of_others),
     "output-older": lambda scene: scene.run(scene.path("missing.mcap"), "-o", scene.result()),
-    "output-protected": output_protected,
+    "output-protected": written(
+        "result.yaml", lambda scene: scene.path("result.yaml").touch(mode=0o444)
+    ),
 }
 
 

@@ -12,26 +12,22 @@ from tests.troubleshooting.provoke_recordings import moving_only
 from tests.troubleshooting.scene import ARM, RATE, Scene, Seen, noisy, with_imu
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable
     from pathlib import Path
 
     from imucalib_cli.simulate.recording import Recording
     from tests.troubleshooting.scene import Provocation
 
 
-def together(*recordings: Recording) -> Provocation:
-    """`imucalib run --joint` on recordings of the arm."""
+def together(*seeds: int, also: Callable[[], Recording] | None = None) -> Provocation:
+    """`imucalib run --joint` on recordings of the arm, and another one."""
 
     def provocation(scene: Scene) -> Seen:
+        recordings = [noisy(seed=seed) for seed in seeds] + ([also()] if also else [])
         logs = [scene.log(each, f"log{index}.mcap") for index, each in enumerate(recordings)]
-        return _joint(scene, logs)
+        return scene.run(*logs, "--joint")
 
     return provocation
-
-
-def _joint(scene: Scene, logs: Sequence[Path]) -> Seen:
-    first, *others = logs
-    return scene.run(first, *others, "--joint")
 
 
 def moved() -> Recording:
@@ -42,21 +38,8 @@ def moved() -> Recording:
     return corrupt(record(load_system(ARM), physics), load_grade("industrial"), seed=6)
 
 
-def disagree(scene: Scene) -> Seen:
-    return together(*(noisy(seed=seed) for seed in (3, 4, 5)), moved())(scene)
-
-
-def left_out(scene: Scene) -> Seen:
-    mirrored = with_imu(noisy(), gyro=-noisy().imu.gyro)
-    return together(noisy(), mirrored)(scene)
-
-
-def few(scene: Scene) -> Seen:
-    return together(noisy(seed=3), noisy(seed=4))(scene)
-
-
-def apart(scene: Scene) -> Seen:
-    return together(noisy(), moved())(scene)
+def mirrored() -> Recording:
+    return with_imu(noisy(), gyro=-noisy().imu.gyro)
 
 
 def other_priors(scene: Scene) -> Seen:
@@ -64,13 +47,10 @@ def other_priors(scene: Scene) -> Seen:
     return scene.cli("combine", one, _statistics(scene, "--robot", "exact", seed=4))
 
 
-def twice(scene: Scene) -> Seen:
-    return together(*(noisy(seed=seed) for seed in (3, 4, 5, 5)))(scene)
-
-
 def missing(scene: Scene) -> Seen:
+    logs = [scene.log(noisy(seed=seed), f"{seed}.mcap") for seed in (3, 4)]
     other = scene.log(noisy(seed=5), "other.mcap", imu_topic="/imu/other")
-    return _joint(scene, [*(scene.log(noisy(seed=seed), f"{seed}.mcap") for seed in (3, 4)), other])
+    return scene.run(*logs, other, "--joint")
 
 
 def batch_notes(scene: Scene) -> Seen:
@@ -84,10 +64,6 @@ def batch_notes(scene: Scene) -> Seen:
     scene.cli(*command)
     scene.log(noisy(seed=4), "logs/monday.mcap")
     return scene.cli(*command)
-
-
-def far(scene: Scene) -> Seen:
-    return together(*(noisy(seed=seed) for seed in (3, 4, 5)), moving_only(5)())(scene)
 
 
 def _statistics(scene: Scene, *options: object, seed: int = 3) -> Path:
@@ -109,10 +85,6 @@ def held(scene: Scene) -> Seen:
     return scene.cli("combine", one, "--robot", "nominal")
 
 
-def without_statistics(scene: Scene) -> Seen:
-    return scene.cli("combine", scene.result())
-
-
 def damaged(scene: Scene) -> Seen:
     path = _statistics(scene)
     path.write_bytes(path.read_bytes()[:-1000])
@@ -120,17 +92,17 @@ def damaged(scene: Scene) -> Seen:
 
 
 TOGETHER: dict[str, Provocation] = {
-    "together-disagree": disagree,
-    "together-left-out": left_out,
-    "together-apart": apart,
-    "together-far": far,
-    "together-few": few,
-    "together-twice": twice,
+    "together-disagree": together(3, 4, 5, also=moved),
+    "together-left-out": together(3, also=mirrored),
+    "together-apart": together(3, also=moved),
+    "together-far": together(3, 4, 5, also=moving_only(5)),
+    "together-few": together(3, 4),
+    "together-twice": together(3, 4, 5, 5),
     "together-missing": missing,
     "combine-robots": other_robot,
     "combine-priors": other_priors,
     "combine-held": held,
-    "combine-no-statistics": without_statistics,
+    "combine-no-statistics": lambda scene: scene.cli("combine", scene.result()),
     "combine-damaged": damaged,
 }
 UNLISTED: dict[str, Provocation] = {"batch-notes": batch_notes}

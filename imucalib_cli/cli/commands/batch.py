@@ -31,7 +31,7 @@ from imucalib_cli.logs.remote.file import RemoteFile
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from imucalib_cli.batch.engine import Engine
+    from imucalib_cli.batch.batch import Engine
     from imucalib_cli.batch.logs import BatchLog
     from imucalib_cli.batch.record import Record
     from imucalib_cli.findings import Finding
@@ -156,7 +156,7 @@ def batch_command(
     """Calibrate many logs with the same options, each on its own; interrupted, it goes on later."""
     from imucalib_cli.batch.batch import SUMMARY, Batch
     from imucalib_cli.batch.content_key import context_of, urdf_hash
-    from imucalib_cli.batch.engine import MEMORY, default_workers
+    from imucalib_cli.batch.local import MEMORY, default_workers
     from imucalib_cli.batch.logs import find_logs
     from imucalib_cli.batch.tables import TABLES, counted, json_line
     from imucalib_cli.batch.task import Task

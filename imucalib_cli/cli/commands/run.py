@@ -216,7 +216,7 @@ def deliverable(results: "Sequence[Result]", fmt: str, *, force: bool) -> "list[
 
 
 def _in_words(results: "Sequence[Result]", stream: "TextIO") -> str:
-    from imucalib_cli.results.summary import summarise
+    from imucalib_cli.results.fields import summarise
 
     return "\n".join(summarise(result, colour=wants_colour(stream)) for result in results)
 

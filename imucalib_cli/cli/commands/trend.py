@@ -80,7 +80,7 @@ def trend_command(
 
             deliver((as_csv if fmt == "csv" else to_jsonl)(answers), output, quiet=quiet)
         if plot is not None:
-            from imucalib_cli.report.trend_plot import draw_trends
+            from imucalib_cli.report.paper_plot import draw_trends
 
             deliver(draw_trends(answers, plot.suffix.lower()), plot, quiet=quiet)
         for answer in () if quiet else answers:

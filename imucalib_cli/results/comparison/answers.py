@@ -1,22 +1,24 @@
-"""The answers of verify, diff and compare: trees from which text and JSON Schema come.
+"""The answers of verify, diff, trend and compare: trees from which text and JSON Schema come.
 
 Fields are written in this order under these names. A text below a field is its description in
-the JSON Schema. Differences are found - told (verify), second - first (diff) or Kalibr's - ours
-(compare), in the parent frame.
+the JSON Schema. Differences are found - told (verify), second - first (diff), later - earlier
+(trend) or Kalibr's - ours (compare), in the parent frame.
 """
 
 from __future__ import annotations
 
+from datetime import datetime
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from msgspec import UNSET, Meta, UnsetType
 
-from imucalib_cli.layout import csv_text
+from imucalib_cli.layout import csv_columns
 from imucalib_cli.results.codec import json_schema
 from imucalib_cli.results.result import (
     Matrix6,
     Pose,
     Quaternion,
+    Range,
     Result,
     SourceFile,
     Status,
@@ -25,12 +27,14 @@ from imucalib_cli.results.result import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
 Verdict = Literal["yes", "no", "unknown"]
 """Whether two poses are one."""
 Size = Annotated[float, Meta(ge=0)]
-Range = Annotated[list[float], Meta(min_length=2, max_length=2)]
+Time = Annotated[datetime, Meta(tz=True)]
+Moved = Literal["not moved", "moved", "drifting", "unknown"]
+Order = Literal["recording time", "as given"]
 
 
 class Within(Tree, frozen=True):
@@ -183,6 +187,135 @@ class DiffAnswer(Tree, frozen=True):
         return self.second.file
 
 
+class TrendRecording(Tree, frozen=True, kw_only=True):
+    """One result of the mount."""
+
+    file: str
+    start: Time | None
+    """When it was recorded, UTC; null where the result does not know."""
+    duration: float | None
+    """s."""
+    mount: Annotated[int, Meta(ge=1)] | None
+    """Number in mounts, from 1 on; null where the recording is odd, and in a drift."""
+    odd: bool
+    translation: Vector3
+    """m, parent frame."""
+    rotation_xyzw: Quaternion
+    shift_mm: Vector3
+    """From the first of mounts, or from where a drift begins, along the parent's axes."""
+    turn_deg: Vector3
+    """Rotation vector likewise, about the parent's axes."""
+    std_mm: Vector3
+    """1 sigma, as the result states it: without the scatter between recordings."""
+    std_deg: Vector3
+
+
+class MountEntry(Tree, frozen=True, kw_only=True):
+    """A pose that several recordings in a row agree on."""
+
+    first: str
+    """File."""
+    last: str
+    recordings: int
+    translation: Vector3
+    """m."""
+    rotation_xyzw: Quaternion
+    rotation_rpy: Vector3
+    """rad, as URDF has it: Rz(yaw) Ry(pitch) Rx(roll)."""
+    covariance: Matrix6
+    """6x6, m2, m rad, rad2, of the weighted mean, with the scatter between recordings; zero where
+    every result holds the component."""
+
+
+class ChangeEntry(Tree, frozen=True, kw_only=True):
+    """A recording after which the mount has another pose."""
+
+    after: str
+    """File of the last recording before it."""
+    before: str
+    """File of the first recording after it."""
+    after_start: Time | None
+    before_start: Time | None
+    translation: TranslationEntry
+    rotation: RotationEntry
+    evidence: float
+    """Fall of the Bayesian information criterion by the change; from 20 on it is believed."""
+    place_probability: float
+    """That the change lies between these two recordings, rather than between two others of the same
+    mounts."""
+    other_urdf: bool
+    """Whether the results from here on were made with another URDF."""
+
+
+class OddEntry(Tree, frozen=True, kw_only=True):
+    """A recording that agrees with none of its neighbours."""
+
+    file: str
+    start: Time | None
+    translation: TranslationEntry
+    """Off the mount around it."""
+    rotation: RotationEntry
+    evidence: float
+    """Fall of the Bayesian information criterion where it is left out."""
+
+
+class DriftEntry(Tree, frozen=True, kw_only=True):
+    """A steady change, which explains the recordings better than steps do."""
+
+    per: Literal["day", "recording"]
+    translation_mm: Vector3
+    translation_std_mm: Vector3
+    rotation_deg: Vector3
+    """Rotation vector."""
+    rotation_std_deg: Vector3
+    translation: TranslationEntry
+    """Of all of it: last recording - first."""
+    rotation: RotationEntry
+    evidence: float
+    """Fall of the Bayesian information criterion against a mount that stands still."""
+
+
+class UnusedResult(Tree, frozen=True):
+    """A result that is not used."""
+
+    file: str
+    reason: str
+
+
+class Scatter(Tree, frozen=True):
+    """1 sigma of a component from recording to recording, beyond what the results state."""
+
+    translation_mm: float
+    rotation_deg: float
+
+
+class TrendAnswer(Tree, frozen=True, kw_only=True):
+    """Whether the mount of one IMU has moved over many recordings."""
+
+    schema: Literal[1]
+    comparison: Literal["trend"]
+    verdict: Moved
+    reason: str
+    """The verdict in a sentence with its figures."""
+    parent: str
+    child: str
+    imu: str
+    """Topic."""
+    order: Order
+    """Of the recordings: by recording time where every result knows it."""
+    within: Within | None
+    """What is no alarm; null: every change that is decisive is one."""
+    scatter: Scatter | None
+    """null where there are too few recordings to tell."""
+    mounts: list[MountEntry]
+    changes: list[ChangeEntry]
+    odd: list[OddEntry]
+    drift: DriftEntry | None
+    recordings: list[TrendRecording]
+    left_out: list[UnusedResult]
+    warnings: list[str]
+
+
 class Averaged(Tree, frozen=True):
     """The published comparison's metric: signs cancel in it."""
 
@@ -290,27 +423,23 @@ class KalibrAnswer(Tree, frozen=True):
 
 def as_csv(answers: Sequence[VerifyAnswer | DiffAnswer]) -> str:
     """One row for each answer; what is not known is empty."""
-    head = (
-        *("file", "first", "parent", "child", "verdict", "distance_mm", "distance_sigma_mm"),
-        *("angle_deg", "angle_sigma_deg", "reason"),
-    )
-    rows = (
-        (
-            answer.about,
-            answer.first.file if isinstance(answer, DiffAnswer) else "",
-            *(answer.parent, answer.child, answer.verdict),
-            *(answer.translation.difference_mm, answer.translation.sigma_mm),
-            *(answer.rotation.difference_deg, answer.rotation.sigma_deg, answer.reason),
-        )
-        for answer in answers
-    )
-    return csv_text(head, rows)
+    columns: dict[str, Callable[[VerifyAnswer | DiffAnswer], object]] = {
+        "file": lambda answer: answer.about,
+        "first": lambda answer: answer.first.file if isinstance(answer, DiffAnswer) else "",
+        "parent": lambda answer: answer.parent,
+        "child": lambda answer: answer.child,
+        "verdict": lambda answer: answer.verdict,
+        "distance_mm": lambda answer: answer.translation.difference_mm,
+        "distance_sigma_mm": lambda answer: answer.translation.sigma_mm,
+        "angle_deg": lambda answer: answer.rotation.difference_deg,
+        "angle_sigma_deg": lambda answer: answer.rotation.sigma_deg,
+        "reason": lambda answer: answer.reason,
+    }
+    return csv_columns(columns, ((answer,) for answer in answers))
 
 
 def schema_of(which: Literal["result", "comparison"]) -> str:
     """JSON Schema of what ``run`` writes, or of the answers of the commands that compare."""
-    from imucalib_cli.results.trend.answer import TrendAnswer
-
     several = "With --format json several IMUs give an array of these objects, with YAML a stream."
     if which == "result":
         return json_schema(

@@ -19,49 +19,41 @@ if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats
 
 _HALVINGS = 120
+"""Enough for all digits of a root that is 1e-20 of its bound."""
 _NUDGE = 1e-12
 """Of the longest half-axis: moves a centre that lies exactly across it, which has two farthest
 points, to a side."""
 
 
 def norm_bounds(vector: Floats, covariance: Floats, sigmas: float) -> tuple[float, float]:
-    """Norms of the nearest and the farthest vector within some sigma.
-
-    Args:
-        vector: (n,).
-        covariance: (n, n), finite.
-        sigmas: Half-width of the ellipsoid in standard deviations.
-    """
+    """Norms of the nearest and the farthest vector (n,) within so many sigmas; finite (n, n)."""
     variances, axes = np.linalg.eigh(covariance)
     half = sigmas * np.sqrt(np.maximum(variances, 0.0))
     centre = axes.T @ vector
+    if not half.any():
+        norm = float(np.linalg.norm(centre))
+        return norm, norm
     return _nearest(centre, half), _farthest(centre, half)
 
 
 def _nearest(centre: Floats, half: Floats) -> float:
     """Minimise |x|² on the ellipsoid: x_i = m d_i / (a_i² + m) with the multiplier m > 0."""
-    if not half.any():
-        return float(np.linalg.norm(centre))
     flat = half == 0.0
     if not centre[flat].any() and np.sum((centre[~flat] / half[~flat]) ** 2) <= 1.0:
         return 0.0
     squares = half**2
-
     m = _root(centre * half, squares, float(half.max() * np.linalg.norm(centre)))
     return float(np.linalg.norm(m * centre / (squares + m)))
 
 
 def _farthest(centre: Floats, half: Floats) -> float:
     """Maximise |x|² on the ellipsoid: x_i - d_i = a_i² d_i / (m + a_max² - a_i²), m > 0."""
-    if not half.any():
-        return float(np.linalg.norm(centre))
     longest = int(np.argmax(half))
     centre = centre.copy()
     if abs(centre[longest]) < _NUDGE * half[longest]:
         centre[longest] = _NUDGE * half[longest]
     squares = half**2
     gaps = squares[longest] - squares
-
     m = _root(centre * half, gaps, float(half[longest] * np.linalg.norm(centre)))
     return float(np.linalg.norm(centre + squares * centre / (m + gaps)))
 
@@ -81,13 +73,10 @@ def _root(levers: Floats, offsets: Floats, high: float) -> float:
 
 
 def chance_of_more(chi2: float, freedom: int) -> float:
-    """Probability that chi-squared with these degrees of freedom exceeds a value.
+    """Probability that chi-squared with these degrees of freedom exceeds a value, both at least 0.
 
     The regularised gamma function Q(k/2, x/2) for whole k (Abramowitz and Stegun 26.4.4, 26.4.5).
-
-    Args:
-        chi2: At least zero.
-        freedom: At least zero; with none there is nothing to exceed and the answer is 1.
+    Without freedom there is nothing to exceed and the answer is 1.
     """
     if freedom == 0 or chi2 <= 0.0:
         return 1.0

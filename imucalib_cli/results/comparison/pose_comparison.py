@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from msgspec import UNSET
@@ -20,7 +20,7 @@ from imucalib_cli.results.comparison.answers import (
 )
 from imucalib_cli.results.comparison.bounds import chance_of_more, norm_bounds
 from imucalib_cli.results.from_estimate import plain
-from imucalib_cli.results.pose import AFFECTED, across, correlation
+from imucalib_cli.results.pose import AFFECTED, PARTS, across, correlation
 from imucalib_cli.robot.rotations import (
     left_jacobian_inverse,
     matrix_from_rotvec,
@@ -29,9 +29,12 @@ from imucalib_cli.robot.rotations import (
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from imucalib_cli.arrays import Floats
     from imucalib_cli.results.comparison.requirement import Tolerance
     from imucalib_cli.results.pose import UncertainPose
+    from imucalib_cli.results.result import Kind
 
 
 SIGMAS = 2.0
@@ -45,15 +48,18 @@ RARE = 0.01
 hundred comparisons."""
 _NOTHING = 1e-9
 """m or rad, 1 sigma of a component that is left out of a comparison: far below any tolerance."""
-_UNITS = {"translation": ("mm", 1e3), "rotation": ("deg", math.degrees(1.0))}
-"""Of each part: its unit, and how many of it a metre or a radian is."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Part:
     """The translation or the rotation of a difference, with its figures in words."""
 
-    kind: Literal["translation", "rotation"]
+    kind: Kind
+    block: slice
+    """Its place among six."""
+    unit: str
+    scale: float
+    """How many of the unit a metre or a radian is."""
     vector: Floats
     """(3,), in the first pose's parent frame, m; or rotation vector, rad."""
     covariance: Floats | None
@@ -63,16 +69,6 @@ class Part:
     meaningful: bool
     """Whether its covariance means anything: none does that was propagated from a rotation which
     is not known."""
-
-    @property
-    def unit(self) -> str:
-        """For people."""
-        return _UNITS[self.kind][0]
-
-    @property
-    def scale(self) -> float:
-        """How many of the unit a metre or a radian is."""
-        return _UNITS[self.kind][1]
 
     @property
     def norm(self) -> float:
@@ -105,8 +101,11 @@ class Part:
 
     @property
     def basis(self) -> Floats:
-        """(3 - k, 3), orthonormal directions in which both poses are known."""
-        return across(self.unknown) if self.meaningful else np.zeros((0, 3))
+        """(3 - k, 6), orthonormal directions in which both poses are known."""
+        known = across(self.unknown) if self.meaningful else np.zeros((0, 3))
+        rows = np.zeros((len(known), 6))
+        rows[:, self.block] = known
+        return rows
 
     def __str__(self) -> str:
         """Such as ``4.389 ± 0.010 mm``."""
@@ -134,10 +133,6 @@ class Part:
             return "anything"
         return f"{' to '.join(map(self._rounded, self.bounds))} {self.unit}"
 
-    def bound_words(self, within: Tolerance) -> str:
-        """The bound on it in its unit."""
-        return f"{within.of(self.kind) * self.scale:.6g} {self.unit}"
-
     def _rounded(self, value: float) -> str:
         """A value in the unit, to the decimals that the norm's sigma earns."""
         sigma = self.sigma or 0.0
@@ -148,10 +143,12 @@ class Part:
 class PoseComparison:
     """Second pose less the first, in the first one's parent frame."""
 
+    vector: Floats
+    """(6,), translation first, m and rad."""
+    covariance: Floats | None
+    """(6, 6); None where a pose has none."""
     translation: Part
     rotation: Part
-    covariance: Floats | None
-    """(6, 6), translation first; None where a pose has none."""
 
     @property
     def parts(self) -> tuple[Part, Part]:
@@ -167,38 +164,24 @@ class PoseComparison:
         if covariance is not None:
             covariance[places, :] = covariance[:, places] = 0.0
             covariance[places, places] = _NOTHING**2
-        parts = {}
-        for part, block in zip(self.parts, (slice(0, 3), slice(3, 6)), strict=True):
-            gone = np.isin(np.arange(6)[block], places)
-            parts[part.kind] = replace(
-                part,
-                vector=np.where(gone, 0.0, part.vector),
-                covariance=None if covariance is None else covariance[block, block],
-                unknown=_distinct(np.where(gone, 0.0, part.unknown)),
-            )
-        return PoseComparison(
-            translation=parts["translation"], rotation=parts["rotation"], covariance=covariance
-        )
+        vector = self.vector.copy()
+        vector[places] = 0.0
+        unknown = []
+        for part in self.parts:
+            gone = np.isin(np.arange(6)[part.block], places)
+            unknown.append(_distinct(np.where(gone, 0.0, part.unknown)))
+        meaningful = [part.meaningful for part in self.parts]
+        return _comparison(vector, covariance, unknown, meaningful)
 
     def test(self, *chosen: Part) -> TestEntry | None:
         """Test parts of the difference (default: both) together against no difference.
 
-        Returns:
-            None where neither says anything: no covariance, or no direction known in both poses.
+        None where neither says anything: no covariance, or no direction known in both poses.
         """
-        if self.covariance is None:
+        rows = np.concatenate([part.basis for part in chosen or self.parts])
+        if self.covariance is None or not len(rows):
             return None
-        bases = [
-            part.basis if part in (chosen or self.parts) else np.zeros((0, 3))
-            for part in self.parts
-        ]
-        sizes = [len(basis) for basis in bases]
-        if not sum(sizes):
-            return None
-        rows = np.zeros((sum(sizes), 6))
-        rows[: sizes[0], :3], rows[sizes[0] :, 3:] = bases
-        value = rows @ np.concatenate([part.vector for part in self.parts])
-        chi2 = _squared(value, rows @ self.covariance @ rows.T)
+        chi2 = _squared(rows @ self.vector, rows @ self.covariance @ rows.T)
         return TestEntry(plain(chi2), len(rows), chance_of_more(chi2, len(rows)))
 
     def judge(self, part: Part, within: Tolerance) -> Verdict:
@@ -229,28 +212,26 @@ class PoseComparison:
             return "no"
         return "yes" if all(part.determined for part in self.parts) else "unknown"
 
-    def entries(self, *verdicts: Verdict) -> tuple[TranslationEntry, RotationEntry]:
+    def entries(self, *verdicts: Verdict) -> dict[str, Any]:
         """Both parts as answers write them, with the verdicts on them where there are any."""
         translation, rotation = verdicts or (UNSET, UNSET)
-        return (
-            TranslationEntry(verdict=translation, **self._entry(self.translation)),
-            RotationEntry(verdict=rotation, **self._entry(self.rotation)),
-        )
+        return {
+            "translation": TranslationEntry(verdict=translation, **self._entry(self.translation)),
+            "rotation": RotationEntry(verdict=rotation, **self._entry(self.rotation)),
+        }
 
     def _entry(self, part: Part) -> dict[str, Any]:
-        scale, unit = part.scale, part.unit
-        std = None if part.covariance is None else plain(np.sqrt(np.diag(part.covariance)) * scale)
-        return {
-            f"difference_{unit}": plain(part.norm * scale),
-            f"sigma_{unit}": None if part.sigma is None else plain(part.sigma * scale),
-            f"between_{unit}": None
-            if part.bounds is None
-            else plain(np.array(part.bounds) * scale),
-            f"vector_{unit}": plain(part.vector * scale),
-            f"std_{unit}": std,
-            "unknown_directions": plain(part.unknown),
-            "test": self.test(part),
+        sizes = {
+            "difference": part.norm,
+            "sigma": part.sigma,
+            "between": part.bounds,
+            "vector": part.vector,
+            "std": None if part.covariance is None else np.sqrt(np.diag(part.covariance)),
         }
+        return {
+            f"{name}_{part.unit}": None if size is None else plain(np.multiply(size, part.scale))
+            for name, size in sizes.items()
+        } | {"unknown_directions": plain(part.unknown), "test": self.test(part)}
 
     def significance(self) -> Significance | None:
         """How many sigma the difference is, and which part is so many."""
@@ -311,22 +292,40 @@ def compare_poses(first: UncertainPose, second: UncertainPose) -> PoseComparison
         E = np.eye(6)
         E[3:, 3:] = turn
         covariance = J @ (second.covariance + E @ first.covariance @ E.T) @ J.T
+    return _comparison(
+        np.concatenate([second.t - first.t, phi]),
+        covariance,
+        unknown=(
+            _distinct(first.unknown_translation, second.unknown_translation),
+            _distinct(seen @ J[3:, 3:].T),
+        ),
+        meaningful=(len(axes) == 0, len(axes) < 2),
+    )
+
+
+def _comparison(
+    vector: Floats,
+    covariance: Floats | None,
+    unknown: Sequence[Floats],
+    meaningful: Sequence[bool],
+) -> PoseComparison:
+    translation, rotation = (
+        Part(
+            kind=kind,
+            block=block,
+            unit=unit,
+            scale=scale,
+            vector=vector[block],
+            covariance=None if covariance is None else covariance[block, block],
+            unknown=directions,
+            meaningful=means_something,
+        )
+        for (kind, (block, unit, scale)), directions, means_something in zip(
+            PARTS.items(), unknown, meaningful, strict=True
+        )
+    )
     return PoseComparison(
-        translation=Part(
-            kind="translation",
-            vector=second.t - first.t,
-            covariance=None if covariance is None else covariance[:3, :3],
-            unknown=_distinct(first.unknown_translation, second.unknown_translation),
-            meaningful=len(axes) == 0,
-        ),
-        rotation=Part(
-            kind="rotation",
-            vector=phi,
-            covariance=None if covariance is None else covariance[3:, 3:],
-            unknown=_distinct(seen @ J[3:, 3:].T),
-            meaningful=len(axes) < 2,
-        ),
-        covariance=covariance,
+        vector=vector, covariance=covariance, translation=translation, rotation=rotation
     )
 
 

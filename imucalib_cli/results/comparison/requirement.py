@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from imucalib_cli.findings import Finding, untrusted
+from imucalib_cli.results.pose import PARTS
 
 if TYPE_CHECKING:
-    from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.estimate import Estimate
     from imucalib_cli.results.result import Kind
 
@@ -35,6 +35,15 @@ class Tolerance:
         """The bound on one of the two."""
         return self.translation if kind == "translation" else self.rotation
 
+    def words_of(self, kind: Kind) -> str:
+        """Such as ``5 mm`` or ``0.5 deg``."""
+        _, unit, scale = PARTS[kind]
+        return f"{self.of(kind) * scale:.6g} {unit}"
+
+    def __str__(self) -> str:
+        """Such as ``5 mm and 0.5 deg``."""
+        return f"{self.words_of('translation')} and {self.words_of('rotation')}"
+
 
 def require(estimate: Estimate, parent: str, tolerance: Tolerance) -> Estimate:
     """Distrust an estimate whose largest 1 sigma over the parent's axes exceeds a tolerance.
@@ -52,16 +61,15 @@ def _shortfall(estimate: Estimate, parent: str, tolerance: Tolerance) -> Finding
     if estimate.covariance is None:
         return untrusted(
             "require.no_sigma",
-            translation=_finite(tolerance.translation),
-            rotation=_finite(tolerance.rotation),
+            translation=tolerance.translation if math.isfinite(tolerance.translation) else None,
+            rotation=tolerance.rotation if math.isfinite(tolerance.rotation) else None,
             method=estimate.method,
         )
     stds = np.sqrt(np.diag(estimate.covariance))
     missed: dict[str, float | str] = {}
     excess = 1.0
-    parts: tuple[tuple[Kind, Floats], ...] = ("translation", stds[:3]), ("rotation", stds[3:])
-    for kind, std in parts:
-        bound = tolerance.of(kind)
+    for kind, (part, *_) in PARTS.items():
+        std, bound = stds[part], tolerance.of(kind)
         # negated comparison, so that a sigma that is not a number does not pass
         if not float(np.max(std)) <= bound:
             axis = int(np.argmax(np.nan_to_num(std, nan=np.inf)))
@@ -70,17 +78,10 @@ def _shortfall(estimate: Estimate, parent: str, tolerance: Tolerance) -> Finding
             excess = max(excess, worst / bound if math.isfinite(worst) else math.inf)
     if not missed:
         return None
-    remedy, longer = _remedy(estimate, excess)
-    return untrusted("require.sigma", parent=parent, remedy=remedy, longer=longer, **missed)
-
-
-def _finite(bound: float) -> float | None:
-    return bound if math.isfinite(bound) else None
-
-
-def _remedy(estimate: Estimate, excess: float) -> tuple[str, float | None]:
-    """Which remedy helps, and how many times as long a log must be where that is one."""
+    longer = max(excess**2, 1.1)
+    told: dict[str, str | float | None] = {"remedy": "livelier", "longer": None}
     if estimate.unobservable:
-        return "motion", None
-    longer = excess**2
-    return ("longer", max(longer, 1.1)) if longer <= _WORTH_RECORDING else ("livelier", None)
+        told["remedy"] = "motion"
+    elif longer <= _WORTH_RECORDING:
+        told = {"remedy": "longer", "longer": longer}
+    return untrusted("require.sigma", parent=parent, **told, **missed)

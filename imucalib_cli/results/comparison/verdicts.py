@@ -10,29 +10,21 @@ from msgspec import UNSET
 from imucalib_cli.digits import figures
 from imucalib_cli.estimate.checks.stated import POSE_NAMES
 from imucalib_cli.findings import warning
-from imucalib_cli.results.comparison.answers import (
-    DiffAnswer,
-    Side,
-    TestEntry,
-    ToldPose,
-    Verdict,
-    VerifyAnswer,
-    Within,
-)
+from imucalib_cli.results.comparison import answers
 from imucalib_cli.results.comparison.pose_comparison import PoseComparison, compare_poses
 from imucalib_cli.results.comparison.requirement import CODES, Tolerance
 from imucalib_cli.results.fields import unobservable_fields
-from imucalib_cli.results.from_estimate import plain, pose_entry
+from imucalib_cli.results.from_estimate import copied, plain, pose_entry
 from imucalib_cli.results.result import SCHEMA
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from imucalib_cli.results.pose import UncertainPose
     from imucalib_cli.results.result import Result, SourceFile
     from imucalib_cli.robot.mount import Nominal
 
-_MOVED: dict[Verdict, Literal["moved", "not moved", "unknown"]] = {
+_MOVED: dict[answers.Verdict, Literal["moved", "not moved", "unknown"]] = {
     "yes": "not moved",
     "no": "moved",
     "unknown": "unknown",
@@ -50,68 +42,57 @@ def verify(
     file: str = "",
     *,
     ignored: frozenset[int] = frozenset(),
-) -> VerifyAnswer:
-    """Decide whether a told pose is right within a tolerance.
+) -> answers.VerifyAnswer:
+    """Decide whether a told pose, in the result's parent frame, is right within a tolerance.
 
     For translation and rotation alike: yes if everything within two sigma of what was found lies
     within the tolerance of what was told, no if nothing does, else unknown. A no from one of them
-    is a no; a yes takes both. A result that contradicts itself answers nothing.
-
-    Args:
-        result: What a log shows.
-        told: The pose in question, in the result's parent frame.
-        within: What is near enough; finite.
-        urdf: Where it was told; None where the log's own frames did.
-        file: Of the result; empty where it is of a log that was just read.
-        ignored: Components of the pose, of tx ty tz rx ry rz in the parent frame, that need not be
-            right.
+    is a no; a yes takes both. A result that contradicts itself answers nothing. ``ignored`` are
+    components of the pose, of tx ty tz rx ry rz in the parent frame, that need not be right. There
+    is no ``urdf`` where the log's own frames told the pose, no ``file`` where a log was just read.
     """
     found = result.uncertain_pose
     apart = compare_poses(found.exactly(told.R_parent_imu, told.t_parent_imu), found)
     apart = apart.without(ignored)
+    left_out = tuple(POSE_NAMES[place] for place in sorted(ignored))
     verdicts = [apart.judge(part, within) for part in apart.parts]
     doubts = _contradictions(result)
-    verdict: Verdict = "unknown" if doubts else apart.verdict(within)
-    asked = tolerance_words(within)
+    verdict: answers.Verdict = "unknown" if doubts else apart.verdict(within)
     place = f"{result.child} in {result.parent}"
     source = "the log's own frames say" if urdf is None else f"{urdf.path} says"
     by = f"{source} (joint '{told.joint}')" if told.joint else source
     match verdict:
         case "yes":
-            said = f"{place} is where {by}, within {asked}: {apart} away"
+            said = f"{place} is where {by}, within {within}: {apart} away"
         case "no":
             faults = (
                 f"the {part.kind} is off by {part} ({part.in_sigmas}), more than "
-                f"{part.bound_words(within)}; as a vector in {found.parent} {part.vector_words}"
+                f"{within.words_of(part.kind)}; as a vector in {found.parent} {part.vector_words}"
                 for part, answer in zip(apart.parts, verdicts, strict=True)
                 if answer == "no"
             )
             said = f"{place} is not where {by}: {'; '.join(faults)}"
         case "unknown":
             why = doubts or _open_questions(result, apart, within)
-            said = f"cannot tell whether {place} is where {by}, within {asked}: {'; '.join(why)}"
-    translation, rotation = apart.entries(*verdicts)
-    pose = pose_entry(told.R_parent_imu, told.t_parent_imu)
-    return VerifyAnswer(
+            said = f"cannot tell whether {place} is where {by}, within {within}: {'; '.join(why)}"
+    return answers.VerifyAnswer(
         schema=SCHEMA,
         comparison="verify",
         verdict=verdict,
-        reason=said + _left_out(ignored) + _given_beforehand(result),
+        reason=said + _names_words("not checked", left_out) + _given_beforehand(result),
         parent=result.parent,
         child=result.child,
         within=within_entry(within),
-        translation=translation,
-        rotation=rotation,
+        **apart.entries(*verdicts),
         significance=apart.significance(),
-        told=ToldPose(
+        told=copied(
+            answers.ToldPose,
+            pose_entry(told.R_parent_imu, told.t_parent_imu),
             joint=told.joint,
-            translation=pose.translation,
-            rotation_xyzw=pose.rotation_xyzw,
-            rotation_rpy=pose.rotation_rpy,
             urdf=urdf,
         ),
         found=result,
-        ignored=tuple(POSE_NAMES[place] for place in sorted(ignored)),
+        ignored=left_out,
         file=file or UNSET,
     )
 
@@ -121,26 +102,20 @@ def diff(
     second: tuple[str, Result],
     poses: tuple[UncertainPose, UncertainPose],
     within: Tolerance | None = None,
-) -> DiffAnswer:
-    """Decide whether the mount moved between two results.
+) -> answers.DiffAnswer:
+    """Decide whether the mount moved between two results, each after the name of its file.
 
     With a tolerance, as ``verify`` does; without one, by the significance of the difference
-    (:meth:`PoseComparison.verdict`).
-
-    Args:
-        first: The earlier result, after the name of its file.
-        second: The later one, likewise.
-        poses: Of both, expressed in the same frames.
-        within: How far a mount may move.
+    (:meth:`PoseComparison.verdict`). Their poses are expressed in the same frames.
     """
     apart = compare_poses(*poses)
     test = apart.test()
     sides = (first, second)
     doubts = [f"{name}: {said}" for name, result in sides for said in _contradictions(result)]
-    verdict: Verdict = "unknown" if doubts else apart.verdict(within)
+    verdict: answers.Verdict = "unknown" if doubts else apart.verdict(within)
     place = f"{poses[0].child} in {poses[0].parent}"
     figures_said = f"{apart} apart{_chance(test)}"
-    allowed = "" if within is None else f", within {tolerance_words(within)}"
+    allowed = "" if within is None else f", within {within}"
     match verdict:
         case "no":
             said = f"{place} has moved: {figures_said}{allowed}"
@@ -151,11 +126,11 @@ def diff(
             )
         case "unknown":
             why = doubts or [f"{n}: {gap}" for n, r in sides for gap in _gaps(r)]
-            why = why or [_too_wide(apart, within)]
+            asked = "" if within is None else f", and {within} is allowed"
+            too_wide = f"within two sigma it is up to {apart.farthest_words}{asked}"
+            why = why or [f"{too_wide}: record longer or livelier motion"]
             said = f"cannot tell whether {place} has moved: {figures_said}; {'; '.join(why)}"
-    translation, rotation = apart.entries()
-    covariance = apart.covariance
-    return DiffAnswer(
+    return answers.DiffAnswer(
         schema=SCHEMA,
         comparison="diff",
         verdict=_MOVED[verdict],
@@ -163,20 +138,21 @@ def diff(
         parent=poses[0].parent,
         child=poses[0].child,
         within=None if within is None else within_entry(within),
-        translation=translation,
-        rotation=rotation,
+        **apart.entries(),
         significance=apart.significance(),
         test=test,
-        covariance=plain(covariance),
-        warnings=_warnings(first, second),
+        covariance=plain(apart.covariance),
+        warnings=[warning("diff.same_log", first=first[0], second=second[0]).message]
+        if first[1].provenance.shares_data_with(second[1].provenance)
+        else [],
         first=_side(*first),
         second=_side(*second),
     )
 
 
-def within_entry(within: Tolerance) -> Within:
+def within_entry(within: Tolerance) -> answers.Within:
     """A tolerance as answers write it."""
-    return Within(plain(within.translation * 1e3), plain(math.degrees(within.rotation)))
+    return answers.Within(plain(within.translation * 1e3), plain(math.degrees(within.rotation)))
 
 
 def _contradictions(result: Result) -> list[str]:
@@ -200,7 +176,6 @@ def _gaps(result: Result) -> Iterator[str]:
 
 
 def _open_questions(result: Result, apart: PoseComparison, within: Tolerance) -> Iterator[str]:
-    """Why neither yes nor no."""
     if apart.covariance is None:
         yield (
             f"--method {result.diagnostics.method} states no sigma, and the pose found is "
@@ -218,15 +193,14 @@ def _open_questions(result: Result, apart: PoseComparison, within: Tolerance) ->
         if part.determined and apart.judge(part, within) == "unknown":
             yield (
                 f"the {part.kind} is off by {part}, so by {part.range_words} within two sigma, "
-                f"and the tolerance of {part.bound_words(within)} lies in between: {remedy}, or "
+                f"and the tolerance of {within.words_of(part.kind)} lies in between: {remedy}, or "
                 "ask for another tolerance"
             )
 
 
-def _left_out(ignored: frozenset[int]) -> str:
-    """A clause on components that were not checked."""
-    names = ", ".join(POSE_NAMES[place] for place in sorted(ignored))
-    return f"; not checked: {names}" if names else ""
+def _names_words(what: str, names: Sequence[str]) -> str:
+    """A clause on components of the pose, where there are any."""
+    return f"; {what}: {', '.join(names)}" if names else ""
 
 
 def _given_beforehand(result: Result) -> str:
@@ -236,15 +210,10 @@ def _given_beforehand(result: Result) -> str:
     """
     stds = str(result.provenance.options.get("pose.std", "")).split()
     names = [name for name, std in zip(POSE_NAMES, stds, strict=False) if std != "inf"]
-    return f"; told beforehand, not found by the log alone: {', '.join(names)}" if names else ""
+    return _names_words("told beforehand, not found by the log alone", names)
 
 
-def tolerance_words(within: Tolerance) -> str:
-    """Such as ``5 mm and 0.5 deg``."""
-    return f"{within.translation * 1e3:.6g} mm and {math.degrees(within.rotation):.6g} deg"
-
-
-def _chance(test: TestEntry | None) -> str:
+def _chance(test: answers.TestEntry | None) -> str:
     if test is None:
         return ""
     chance = "less than 1e-12" if test.p_value < 1e-12 else figures(test.p_value, 2)
@@ -255,23 +224,8 @@ def _chance(test: TestEntry | None) -> str:
     )
 
 
-def _too_wide(apart: PoseComparison, within: Tolerance | None) -> str:
-    asked = "" if within is None else f", and {tolerance_words(within)} is allowed"
-    return (
-        f"within two sigma it is up to {apart.farthest_words}{asked}: record longer or livelier "
-        "motion"
-    )
-
-
-def _warnings(first: tuple[str, Result], second: tuple[str, Result]) -> list[str]:
-    """What sigma cannot know of two results."""
-    if not first[1].provenance.shares_data_with(second[1].provenance):
-        return []
-    return [warning("diff.same_log", first=first[0], second=second[0]).message]
-
-
-def _side(name: str, result: Result) -> Side:
-    return Side(
+def _side(name: str, result: Result) -> answers.Side:
+    return answers.Side(
         file=name,
         status=result.status,
         parent=result.parent,

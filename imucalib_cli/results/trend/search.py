@@ -13,7 +13,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
+from operator import attrgetter
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 import numpy as np
 
@@ -34,6 +35,7 @@ _ROUNDS = 10
 _SAME = 0.01
 """Relative difference of two variances that part the recordings alike."""
 _STEPS = 50
+"""Of scoring; ten or so settle."""
 _TOLD = 1e-9
 """Share of a recording's own variance, of what the fit leaves of it: less is rounding."""
 _SETTLED = 1e-3
@@ -70,24 +72,6 @@ class Series:
         """What must be gained by a further mount, an odd recording or a slope, in -2 log L."""
         return float(self.values.shape[1] * math.log(self.values.size) + DECISIVE)
 
-    def scatter(self, variances: Floats) -> Floats:
-        """(m, m), covariance between recordings: of the variances (2,) of the parts."""
-        return np.diag(variances[self.parts])
-
-
-class Model(Protocol):
-    """A mean of every recording that is linear in what is unknown."""
-
-    def fit(self, series: Series, weights: Floats) -> tuple[Floats, Floats]:
-        """Means (k, m) and their covariances (k, m, m), by weights (k, m, m)."""
-
-    @property
-    def extras(self) -> int:
-        """How many times the price is to be paid."""
-
-
-AnyModel = TypeVar("AnyModel", bound=Model)
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Mounts:
@@ -113,7 +97,7 @@ class Mounts:
         return int(self.numbers.max())
 
     def fit(self, series: Series, weights: Floats) -> tuple[Floats, Floats]:
-        """As Model has it."""
+        """Means (k, m) and their covariances (k, m, m), by weights (k, m, m)."""
         mean, covariance = means(series, weights, self.numbers)
         return mean[self.numbers], covariance[self.numbers]
 
@@ -131,7 +115,7 @@ class Line:
         return 1 + len(self.odd)
 
     def fit(self, series: Series, weights: Floats) -> tuple[Floats, Floats]:
-        """As Model has it."""
+        """Means (k, m) and their covariances (k, m, m), by weights (k, m, m)."""
         mean, spread = self.through(series, weights, series.times)
         mean[self.odd] = series.values[self.odd]
         spread[self.odd] = np.linalg.inv(weights[self.odd])
@@ -158,11 +142,15 @@ class Line:
         return covariance @ np.einsum("kai,kab,kb->i", columns, on, series.values), covariance
 
 
+Model = TypeVar("Model", Mounts, Line)
+"""A mean of every recording that is linear in what is unknown."""
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Explained(Generic[AnyModel]):
+class Explained(Generic[Model]):
     """A model with the scatter between recordings that goes with it."""
 
-    model: AnyModel
+    model: Model
     variances: Floats
     """(2,), between recordings: m² and rad²."""
     score: float
@@ -188,7 +176,7 @@ def _columns(series: Series, times: Floats) -> Floats:
     )
 
 
-def explained(series: Series, model: AnyModel) -> Explained[AnyModel]:
+def explained(series: Series, model: Model) -> Explained[Model]:
     """A model with its most likely scatter (restricted maximum likelihood).
 
     Fisher's scoring in the variances of the two parts, each the same in all directions: a step
@@ -215,24 +203,16 @@ def explained(series: Series, model: AnyModel) -> Explained[AnyModel]:
         variances = new
         if settled:
             break
-    return Explained(
-        model=model,
-        variances=variances,
-        score=_deviance(series, model, variances) + series.price * model.extras,
-    )
-
-
-def _deviance(series: Series, model: Model, variances: Floats) -> float:
-    """-2 log L, but for a constant."""
     weights = weights_of(series, variances)
     left = series.values - model.fit(series, weights)[0]
     chi2 = np.einsum("ki,kij,kj->", left, weights, left)
-    return float(chi2 - np.linalg.slogdet(weights)[1].sum())
+    deviance = float(chi2 - np.linalg.slogdet(weights)[1].sum())  # -2 log L, but for a constant
+    return Explained(model=model, variances=variances, score=deviance + series.price * model.extras)
 
 
 def weights_of(series: Series, variances: Floats) -> Floats:
     """(k, m, m), inverse covariance of the recordings about the pose of their mount."""
-    return np.asarray(np.linalg.inv(series.covariances + series.scatter(variances)))
+    return np.asarray(np.linalg.inv(series.covariances + np.diag(variances[series.parts])))
 
 
 def find_mounts(series: Series) -> Explained[Mounts]:
@@ -254,14 +234,14 @@ def find_mounts(series: Series) -> Explained[Mounts]:
             if numbers is None:
                 break
             found = explained(series, Mounts(numbers=numbers))
-            best = min(best, found, key=_score)
+            best = min(best, found, key=attrgetter("score"))
             variances = found.variances
     while True:
         with_odd = (joined for _, joined in with_an_odd_one(series, best).values())
         simpler = [*without_a_change(series, best), *with_odd]
-        if not simpler or min(map(_score, simpler)) >= best.score:
+        if not simpler or min(each.score for each in simpler) >= best.score:
             return best
-        best = min(simpler, key=_score)
+        best = min(simpler, key=attrgetter("score"))
 
 
 def find_line(series: Series) -> Explained[Line] | None:
@@ -296,10 +276,9 @@ def without_a_change(series: Series, found: Explained[Mounts]) -> Iterator[Expla
 def with_an_odd_one(
     series: Series, found: Explained[Mounts]
 ) -> dict[int, tuple[int, Explained[Mounts]]]:
-    """A partition with a recording that is alone put to the mount before or after it.
+    """A partition with a recording that is alone put to the mount before or after it, by its place.
 
-    Returns:
-        By its place: the number of that mount, and the partition.
+    Each after the number of that mount.
     """
     simpler = {}
     numbers, odd = found.model.numbers, found.model.odd
@@ -332,10 +311,6 @@ def chi2_about_one(series: Series) -> float:
     """Chi-squared about a common mean by what the results state alone, (k - 1) m of freedom."""
     weights = weights_of(series, np.zeros(2))
     return float(_chi2_from_the_end(series.values, weights)[0])
-
-
-def _score(found: Explained[Mounts]) -> float:
-    return found.score
 
 
 def _mounts(numbers: Indices) -> Mounts:

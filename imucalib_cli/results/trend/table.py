@@ -7,17 +7,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from imucalib_cli.digits import with_std
-from imucalib_cli.layout import Table, csv_text
+from imucalib_cli.layout import Table, csv_columns
 from imucalib_cli.results.fields import instant
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
     from imucalib_cli.layout import Block
-    from imucalib_cli.results.trend.answer import TrendAnswer, TrendRecording
+    from imucalib_cli.results.comparison.answers import TrendAnswer, TrendRecording
 
 _HEADS = ("recorded", "result", "mount", "shift mm", "turn deg")
-_AXES = "xyz"
 
 
 def blocks(answers: Sequence[TrendAnswer]) -> Iterator[Block]:
@@ -55,38 +54,28 @@ def _size(vector: Sequence[float], std: Sequence[float]) -> str:
 
 def as_csv(answers: Sequence[TrendAnswer]) -> str:
     """One row for each recording, with its pose; what is not known is empty."""
-    rows = (_row(answer, each) for answer in answers for each in answer.recordings)
-    return csv_text(_COLUMNS, rows)
+    rows = ((answer, each) for answer in answers for each in answer.recordings)
+    return csv_columns(_COLUMNS, rows)
 
 
-def _row(answer: TrendAnswer, each: TrendRecording) -> tuple[object, ...]:
-    """Of _COLUMNS."""
-    before = {change.before: change for change in answer.changes}.get(each.file)
-    return (
-        answer.parent,
-        answer.child,
-        answer.imu,
-        each.file,
-        "" if each.start is None else each.start.isoformat().replace("+00:00", "Z"),
-        each.duration,
-        each.mount,
-        int(each.odd),
-        "" if before is None else before.evidence,
-        *each.translation,
-        *each.rotation_xyzw,
-        *each.shift_mm,
-        *each.turn_deg,
-        *each.std_mm,
-        *each.std_deg,
-    )
+def _evidence(answer: TrendAnswer, each: TrendRecording) -> float | str:
+    return {change.before: change.evidence for change in answer.changes}.get(each.file, "")
 
 
-_COLUMNS = (
-    *("parent", "child", "imu", "file", "start", "duration_s", "mount", "odd", "change_evidence"),
-    *(f"translation_{axis}_m" for axis in _AXES),
-    *(f"rotation_q{axis}" for axis in (*_AXES, "w")),
-    *(f"shift_{axis}_mm" for axis in _AXES),
-    *(f"turn_{axis}_deg" for axis in _AXES),
-    *(f"std_{axis}_mm" for axis in _AXES),
-    *(f"std_{axis}_deg" for axis in _AXES),
-)
+_COLUMNS: dict[str, Callable[[TrendAnswer, TrendRecording], object]] = {
+    "parent": lambda answer, _: answer.parent,
+    "child": lambda answer, _: answer.child,
+    "imu": lambda answer, _: answer.imu,
+    "file": lambda _, each: each.file,
+    "start": lambda _, each: each.start and each.start.isoformat().replace("+00:00", "Z"),
+    "duration_s": lambda _, each: each.duration,
+    "mount": lambda _, each: each.mount,
+    "odd": lambda _, each: int(each.odd),
+    "change_evidence": _evidence,
+    "translation_x_m translation_y_m translation_z_m": lambda _, each: each.translation,
+    "rotation_qx rotation_qy rotation_qz rotation_qw": lambda _, each: each.rotation_xyzw,
+    "shift_x_mm shift_y_mm shift_z_mm": lambda _, each: each.shift_mm,
+    "turn_x_deg turn_y_deg turn_z_deg": lambda _, each: each.turn_deg,
+    "std_x_mm std_y_mm std_z_mm": lambda _, each: each.std_mm,
+    "std_x_deg std_y_deg std_z_deg": lambda _, each: each.std_deg,
+}

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from dataclasses import dataclass
-from itertools import pairwise
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field, replace
+from itertools import permutations, product
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -14,52 +14,27 @@ from imucalib_cli.digits import figures, sigma
 from imucalib_cli.estimate.checks.segments import DECISIVE
 from imucalib_cli.estimate.checks.stated import POSE_NAMES
 from imucalib_cli.findings import warning
+from imucalib_cli.results.comparison import answers
 from imucalib_cli.results.comparison.bounds import chance_of_more
 from imucalib_cli.results.comparison.pose_comparison import RARE, PoseComparison, compare_poses
-from imucalib_cli.results.comparison.verdicts import tolerance_words, within_entry
+from imucalib_cli.results.comparison.verdicts import within_entry
 from imucalib_cli.results.fields import instant, judgement
-from imucalib_cli.results.from_estimate import plain, pose_entry, tangent
+from imucalib_cli.results.from_estimate import copied, plain, pose_entry, tangent
 from imucalib_cli.results.pose import correlation
 from imucalib_cli.results.result import SCHEMA
-from imucalib_cli.results.trend.answer import (
-    ChangeEntry,
-    DriftEntry,
-    MountEntry,
-    OddEntry,
-    Scatter,
-    TrendAnswer,
-    TrendRecording,
-    UnusedResult,
-)
-from imucalib_cli.results.trend.search import (
-    LEAST,
-    Explained,
-    Line,
-    Mounts,
-    certainty_of_place,
-    chi2_about_one,
-    explained,
-    find_line,
-    find_mounts,
-    means,
-    weights_of,
-    with_an_odd_one,
-    without_a_change,
-)
-from imucalib_cli.results.trend.vectors import vectors_of
+from imucalib_cli.results.trend import search
+from imucalib_cli.robot.rotations import left_jacobian_inverse, matrix_from_rotvec, rotation_angle
 from imucalib_cli.shown import natural
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Collection, Iterator, Mapping, Sequence
     from datetime import datetime
 
-    from imucalib_cli.arrays import Floats, Indices
+    from imucalib_cli.arrays import Bools, Floats, Indices
     from imucalib_cli.findings import Finding
     from imucalib_cli.results.comparison.requirement import Tolerance
     from imucalib_cli.results.pose import UncertainPose
     from imucalib_cli.results.result import Result
-    from imucalib_cli.results.trend.answer import Moved, Order
-    from imucalib_cli.results.trend.vectors import Vectors
 
     Named = tuple[str, Result]
 
@@ -74,92 +49,51 @@ _SURE = 0.99
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Change:
-    """From one mount to the next."""
-
-    last: int
-    """Place of the last recording before it."""
-    first: int
-    """Place of the first one after it."""
-    apart: PoseComparison
-    evidence: float
-    probability: float
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Odd:
-    """A recording that is alone."""
-
-    place: int
-    apart: PoseComparison
-    evidence: float
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Drift:
-    """A steady change."""
-
-    apart: PoseComparison
-    """Last recording - first."""
-    per: float
-    """How many days, or steps from one recording to the next, that took."""
-    evidence: float
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
 class _Seen:
-    """What the recordings show: nothing if they are fewer than two."""
+    """What the recordings show, with the poses that it was told of; nothing if fewer than two."""
 
     used: Sequence[Named] = ()
-    shifts: Sequence[PoseComparison] = ()
-    """Of each recording, from the first mount or from where a drift begins."""
-    rows: Sequence[Indices] = ()
-    """Places of the recordings of each mount."""
-    mounts: Sequence[UncertainPose] = ()
-    changes: Sequence[_Change] = ()
-    odd: Sequence[_Odd] = ()
-    drift: _Drift | None = None
-    scatter: Floats | None = None
-    """(2,), variances between recordings, m² and rad²; None where too few tell them."""
+    recordings: Sequence[answers.TrendRecording] = ()
+    mounts: Sequence[answers.MountEntry] = ()
+    changes: Sequence[tuple[PoseComparison, answers.ChangeEntry]] = ()
+    odd: Mapping[int, tuple[PoseComparison, answers.OddEntry]] = field(default_factory=dict)
+    """By their places."""
+    drift: tuple[PoseComparison, answers.DriftEntry] | None = None
+    scatter: answers.Scatter | None = None
     chance: float = 1.0
     """That sigma alone makes the recordings as different as they are."""
 
 
 def trend(
     given: Sequence[Named], within: Tolerance | None = None, since: datetime | None = None
-) -> TrendAnswer:
+) -> answers.TrendAnswer:
     """Decide whether the mount of one IMU moved over its recordings, and between which.
 
-    Args:
-        given: Results of the same parent, child and topic after the names of their files, at
-            least one.
-        within: How far a mount may move; None makes an alarm of every decisive change.
-        since: Recordings from before that count no more.
+    Results, at least one, are of the same parent, child and topic, after the names of their files.
+    Without a tolerance every decisive change is an alarm; recordings from before ``since`` count no
+    more.
     """
     used, left_out = _usable(given, since)
-    order: Order = "recording time"
-    warnings = []
+    order: answers.Order = "recording time"
+    warnings: list[Finding] = []
     times = np.arange(len(used), dtype=np.float64)
     if untimed := [name for name, result in used if result.recorded_at is None]:
         order = "as given"
-        warnings.append(
-            warning("trend.unknown_time", file=untimed[0], others=len(untimed) - 1).message
-        )
+        warnings.append(warning("trend.unknown_time", file=untimed[0], others=len(untimed) - 1))
     else:
         used.sort(key=_key)
         times = np.array([_key(each)[0] / _DAY for each in used])
-        warnings += [each.message for each in _at_once(used)]
+        warnings += _at_once(used)
     _, first = given[0]
-    daily = order == "recording time"
     place = f"{first.child} in {first.parent}"
     if len(used) > 1:
-        seen = _seen(used, times)
-        verdict, reason = _judged(seen, place, within, daily=daily)
+        seen = _seen(used, times, "day" if order == "recording time" else "recording")
+        verdict, reason = _judged(seen, place, within)
     else:
         seen, verdict = _Seen(), "unknown"
         count = "one recording" if used else "no recording"
         reason = f"cannot tell whether {place} has moved: {count} can be used, two are needed"
-    return TrendAnswer(
+    return answers.TrendAnswer(
         schema=SCHEMA,
         comparison="trend",
         verdict=verdict,
@@ -169,14 +103,14 @@ def trend(
         imu=first.imu_topic,
         order=order,
         within=None if within is None else within_entry(within),
-        scatter=_scatter_entry(seen),
-        mounts=list(_mount_entries(seen)),
-        changes=[_change_entry(each, used) for each in seen.changes],
-        odd=[_odd_entry(each, used) for each in seen.odd],
-        drift=None if seen.drift is None else _drift_entry(seen.drift, daily=daily),
-        recordings=list(_recording_entries(seen)),
+        scatter=seen.scatter,
+        mounts=list(seen.mounts),
+        changes=[entry for _, entry in seen.changes],
+        odd=[entry for _, entry in seen.odd.values()],
+        drift=None if seen.drift is None else seen.drift[1],
+        recordings=list(seen.recordings),
         left_out=left_out,
-        warnings=warnings,
+        warnings=[each.message for each in warnings],
     )
 
 
@@ -200,57 +134,54 @@ def _at_once(used: Sequence[Named]) -> Iterator[Finding]:
 
 def _usable(
     given: Sequence[Named], since: datetime | None
-) -> tuple[list[Named], list[UnusedResult]]:
+) -> tuple[list[Named], list[answers.UnusedResult]]:
     """Results that tell where the mount was, each log once; and why the others do not."""
     used: list[Named] = []
     left_out = []
-    usual = Counter(map(_held, (result for _, result in given if result.covariance is not None)))
+    usual = Counter(_held(result) for _, result in given if result.covariance is not None)
     held = usual.most_common(1)[0][0] if usual else ()
     logs: dict[tuple[str, ...], str] = {}
     for name, result in given:
         log = result.provenance.log_identity
-        covariance = result.uncertain_pose.covariance
-        when = result.recorded_at
-        if since is not None and (when is None or when < since):
-            told = "when it was recorded is not known" if when is None else instant(when)
-            left_out.append(UnusedResult(name, f"before --since: {told}"))
-        elif result.diagnostics.combined is not None:
-            left_out.append(UnusedResult(name, "it is of several recordings together"))
-        elif result.status != "ok":
-            left_out.append(UnusedResult(name, f"untrusted: {judgement(result)[1]}"))
-        elif covariance is None:
-            method = result.diagnostics.method
-            left_out.append(UnusedResult(name, f"--method {method} states no sigma"))
-        elif not covariance.any():
-            left_out.append(UnusedResult(name, "all of its pose is held by --fix, not found"))
-        elif not _is_regular(covariance):
-            left_out.append(UnusedResult(name, "its covariance is singular"))
-        elif _held(result) != held:
-            left_out.append(UnusedResult(name, f"{_held_words(result)}, unlike most of the others"))
-        elif log and log in logs:
-            left_out.append(UnusedResult(name, f"it is of the same log as {logs[log]}"))
+        why = next(_against(result, held, since), "")
+        if not why and log and log in logs:
+            why = f"it is of the same log as {logs[log]}"
+        if why:
+            left_out.append(answers.UnusedResult(name, why))
         else:
             logs[log] = name
             used.append((name, result))
     return used, left_out
 
 
-def _is_regular(covariance: Floats) -> bool:
-    """Whether some sigma is known in every direction of the components that are not held."""
+def _against(result: Result, held: tuple[bool, ...], since: datetime | None) -> Iterator[str]:
+    """Why a result does not tell where the mount was."""
+    covariance, when = result.uncertain_pose.covariance, result.recorded_at
+    if since is not None and (when is None or when < since):
+        told = "when it was recorded is not known" if when is None else instant(when)
+        yield f"before --since: {told}"
+    if result.diagnostics.combined is not None:
+        yield "it is of several recordings together"
+    if result.status != "ok":
+        yield f"untrusted: {judgement(result)[1]}"
+    if covariance is None:
+        yield f"--method {result.diagnostics.method} states no sigma"
+        return
+    if not covariance.any():
+        yield "all of its pose is held by --fix, not found"
     free = np.diag(covariance) > 0.0
-    _, scaled = correlation(covariance[free][:, free])
-    return bool(np.linalg.eigvalsh(scaled)[0] > _ROUNDING)
+    if np.linalg.eigvalsh(correlation(covariance[free][:, free])[1])[0] <= _ROUNDING:
+        yield "its covariance is singular"
+    if _held(result) != held:
+        names = [name for name, is_held in zip(POSE_NAMES, _held(result), strict=True) if is_held]
+        told = f"--fix holds {', '.join(names)}" if names else "--fix holds nothing of it"
+        yield f"{told}, unlike most of the others"
 
 
 def _held(result: Result) -> tuple[bool, ...]:
     """Which components of the pose --fix holds."""
     covariance = np.array(result.covariance, dtype=np.float64)
     return tuple(bool(each) for each in np.diag(covariance) == 0.0)
-
-
-def _held_words(result: Result) -> str:
-    names = [name for name, held in zip(POSE_NAMES, _held(result), strict=True) if held]
-    return f"--fix holds {', '.join(names)}" if names else "--fix holds nothing of it"
 
 
 def _key(named: Named) -> tuple[float, list[tuple[int, str]]]:
@@ -260,280 +191,302 @@ def _key(named: Named) -> tuple[float, list[tuple[int, str]]]:
     return (0.0 if start is None else start.timestamp()), natural(name)
 
 
-def _seen(used: Sequence[Named], times: Floats) -> _Seen:
-    vectors = vectors_of([result.uncertain_pose for _, result in used], times)
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Vectors:
+    """Translation and rotation vector from a reference, of the components that results found."""
+
+    reference: UncertainPose
+    first: Floats
+    """(6,), of the first pose."""
+    free: Bools
+    """(6,), components that the results found: what --fix holds says nothing about the mount."""
+    series: search.Series
+
+    def pose(self, value: Floats, covariance: Floats) -> UncertainPose:
+        """The pose of a vector (m,) with its covariance (m, m); what is held is the first one's."""
+        full, C = self.first.copy(), np.zeros((6, 6))
+        full[self.free] = value
+        C[np.ix_(self.free, self.free)] = covariance
+        J = np.eye(6)
+        J[3:, 3:] = np.linalg.inv(left_jacobian_inverse(full[3:]))
+        return replace(
+            self.reference,
+            R=matrix_from_rotvec(full[3:]) @ self.reference.R,
+            t=self.reference.t + full[:3],
+            covariance=J @ C @ J.T,
+        )
+
+
+def _vectors_of(poses: Sequence[UncertainPose], times: Floats) -> _Vectors:
+    """Poses of the same frames at times (k,), with the same components held in each."""
+    R = _middle(np.array([pose.R for pose in poses]))
+    reference = poses[0].exactly(R, poses[0].t)
+    apart = [compare_poses(reference, pose) for pose in poses]
+    values = np.array([each.vector for each in apart])
+    covariances = np.array([each.covariance for each in apart])
+    free = np.diag(np.asarray(poses[0].covariance)) > 0.0
+    return _Vectors(
+        reference=reference,
+        first=values[0],
+        free=free,
+        series=search.Series(
+            values=values[:, free],
+            covariances=covariances[:, free][:, :, free],
+            parts=np.repeat([0, 1], 3)[free],
+            times=times,
+        ),
+    )
+
+
+def _middle(rotations: Floats) -> Floats:
+    """A rotation (3, 3) from which none of (k, 3, 3) is half a turn: its vector has two signs.
+
+    The first one, unless the IMU was put on the other way round.
+    """
+    turns = (
+        np.eye(3)[list(order)] * signs
+        for order in permutations(range(3))
+        for signs in product((1.0, -1.0), repeat=3)
+    )
+    candidates = np.array([turn for turn in turns if np.linalg.det(turn) > 0.0]) @ rotations[0]
+    turned = rotations @ np.swapaxes(candidates, 1, 2)[:, None]
+    return np.asarray(candidates[np.argmin(rotation_angle(turned).max(axis=1))])
+
+
+def _seen(used: Sequence[Named], times: Floats, unit: Literal["day", "recording"]) -> _Seen:
+    vectors = _vectors_of([result.uncertain_pose for _, result in used], times)
     series = vectors.series
-    chi2 = chi2_about_one(series)
-    chance = chance_of_more(chi2, series.values.size - series.values.shape[1])
-    if len(series) < LEAST:
-        one = Mounts(numbers=np.zeros(len(series), dtype=np.intp))
-        found = Explained(model=one, variances=np.zeros(2), score=0.0)
-        return _steps(used, vectors, found, chance)
-    found, line = find_mounts(series), find_line(series)
+    if len(series) < search.LEAST:
+        one = search.Mounts(numbers=np.zeros(len(series), dtype=np.intp))
+        found = search.Explained(model=one, variances=np.zeros(2), score=0.0)
+        return replace(_steps(used, vectors, found), scatter=None)
+    found, line = search.find_mounts(series), search.find_line(series)
     if line is not None and line.score < found.score:
-        return _drifting(used, vectors, line, chance)
-    return _steps(used, vectors, found, chance)
+        return _drifting(used, vectors, line, unit)
+    return _steps(used, vectors, found)
 
 
 def _steps(
-    used: Sequence[Named], vectors: Vectors, found: Explained[Mounts], chance: float
+    used: Sequence[Named], vectors: _Vectors, found: search.Explained[search.Mounts]
 ) -> _Seen:
     """Mounts that stand still, and what lies between them."""
     series, numbers, rows = vectors.series, found.model.numbers, found.model.rows
-    weights = weights_of(series, found.variances)
-    values, covariances = means(series, weights, numbers)
+    weights = search.weights_of(series, found.variances)
+    values, covariances = search.means(series, weights, numbers)
     poses = [vectors.pose(*each) for each in zip(values, covariances, strict=True)]
     mounts = [poses[numbers[each[0]]] for each in rows]
-    changes = [
-        _Change(
-            last=int(before[-1]),
-            first=int(after[0]),
-            apart=compare_poses(mounts[k], mounts[k + 1]),
-            evidence=without.score - found.score + DECISIVE,
-            probability=certainty_of_place(series, found, before, after),
+    changes = []
+    for k, without in enumerate(search.without_a_change(series, found)):
+        (name, last), (next_name, first) = used[rows[k][-1]], used[rows[k + 1][0]]
+        apart = compare_poses(mounts[k], mounts[k + 1])
+        entry = answers.ChangeEntry(
+            after=name,
+            before=next_name,
+            after_start=last.recorded_at,
+            before_start=first.recorded_at,
+            **apart.entries(),
+            evidence=_evidence(without, found),
+            place_probability=plain(search.certainty_of_place(series, found, rows[k], rows[k + 1])),
+            other_urdf=_urdf(last) != _urdf(first),
         )
-        for k, ((before, after), without) in enumerate(
-            zip(pairwise(rows), without_a_change(series, found), strict=True)
-        )
-    ]
-    odd = [
-        _Odd(
-            place=place,
-            apart=compare_poses(poses[other], poses[numbers[place]]),
-            evidence=joined.score - found.score + DECISIVE,
-        )
-        for place, (other, joined) in with_an_odd_one(series, found).items()
-    ]
+        changes.append((apart, entry))
+    odd = {
+        place: _odd(used[place], poses[other], poses[numbers[place]], _evidence(joined, found))
+        for place, (other, joined) in search.with_an_odd_one(series, found).items()
+    }
+    chi2 = search.chi2_about_one(series)
     return _Seen(
         used=used,
-        shifts=_shifts(mounts[0], used),
-        rows=rows,
-        mounts=mounts,
+        recordings=_recordings(used, mounts[0], rows, odd),
+        mounts=[
+            copied(
+                answers.MountEntry,
+                pose_entry(mount.R, mount.t),
+                first=used[row[0]][0],
+                last=used[row[-1]][0],
+                recordings=len(row),
+                covariance=plain(mount.covariance),
+            )
+            for row, mount in zip(rows, mounts, strict=True)
+        ],
         changes=changes,
         odd=odd,
-        scatter=found.variances if len(series) >= LEAST else None,
-        chance=chance,
+        scatter=_scatter(found.variances),
+        chance=chance_of_more(chi2, series.values.size - series.values.shape[1]),
     )
 
 
 def _drifting(
-    used: Sequence[Named], vectors: Vectors, found: Explained[Line], chance: float
+    used: Sequence[Named],
+    vectors: _Vectors,
+    found: search.Explained[search.Line],
+    unit: Literal["day", "recording"],
 ) -> _Seen:
     """A pose that changes steadily."""
     series, line = vectors.series, found.model
-    weights = weights_of(series, found.variances)
-    means_of_line, spreads = line.through(series, weights, series.times)
-    poses = [vectors.pose(*each) for each in zip(means_of_line, spreads, strict=True)]
+    weights = search.weights_of(series, found.variances)
+    values, spreads = line.through(series, weights, series.times)
+    poses = [vectors.pose(*each) for each in zip(values, spreads, strict=True)]
+    odd = {}
+    for place in line.odd.tolist():
+        own = vectors.pose(series.values[place], np.linalg.inv(weights[place]))
+        without = search.explained(series, search.Line(odd=line.odd[line.odd != place]))
+        odd[place] = _odd(used[place], poses[place], own, _evidence(without, found))
+    last = vectors.pose(values[-1], line.difference(series, weights))
+    apart = compare_poses(poses[0].exactly(poses[0].R, poses[0].t), last)
+    per = float(np.ptp(series.times)) or 1.0
+    std = np.sqrt(np.diag(np.asarray(apart.covariance))) / per
     still = np.zeros(len(series), dtype=np.intp)
     still[line.odd] = 1 + np.arange(len(line.odd))
-    change = vectors.pose(means_of_line[-1], line.difference(series, weights))
-    odd = []
-    for place in line.odd.tolist():
-        without = Line(odd=line.odd[line.odd != place])
-        own = vectors.pose(series.values[place], np.linalg.inv(weights[place]))
-        odd.append(
-            _Odd(
-                place=place,
-                apart=compare_poses(poses[place], own),
-                evidence=explained(series, without).score - found.score + DECISIVE,
-            )
-        )
+    drift = answers.DriftEntry(
+        per=unit,
+        translation_mm=plain(apart.translation.vector * apart.translation.scale / per),
+        translation_std_mm=plain(apart.translation.scale * std[:3]),
+        rotation_deg=plain(apart.rotation.vector * apart.rotation.scale / per),
+        rotation_std_deg=plain(apart.rotation.scale * std[3:]),
+        **apart.entries(),
+        evidence=_evidence(search.explained(series, search.Mounts(numbers=still)), found),
+    )
     return _Seen(
         used=used,
-        shifts=_shifts(poses[0], used),
+        recordings=_recordings(used, poses[0], (), odd),
         odd=odd,
-        drift=_Drift(
-            apart=compare_poses(poses[0].exactly(poses[0].R, poses[0].t), change),
-            per=float(np.ptp(series.times)) or 1.0,
-            evidence=explained(series, Mounts(numbers=still)).score - found.score + DECISIVE,
-        ),
-        scatter=found.variances,
-        chance=chance,
+        drift=(apart, drift),
+        scatter=_scatter(found.variances),
     )
 
 
-def _shifts(start: UncertainPose, used: Sequence[Named]) -> list[PoseComparison]:
-    return [compare_poses(start, result.uncertain_pose) for _, result in used]
+def _evidence(simpler: search.Explained[Any], found: search.Explained[Any]) -> float:
+    """Fall of the Bayesian information criterion from a simpler model to that which was found."""
+    return float(plain(simpler.score - found.score + DECISIVE))
 
 
-def _judged(seen: _Seen, place: str, within: Tolerance | None, *, daily: bool) -> tuple[Moved, str]:
-    """The verdict, and its reason in a sentence."""
-    used = seen.used
-    span = f"{len(used)} recordings, {_told(used[0])} to {_told(used[-1])}{_odd_words(seen)}"
-    moves = [each.apart for each in seen.changes] + ([seen.drift.apart] if seen.drift else [])
-    allowed = "" if within is None else f", within {tolerance_words(within)}"
+def _odd(
+    named: Named, usual: UncertainPose, own: UncertainPose, evidence: float
+) -> tuple[PoseComparison, answers.OddEntry]:
+    """A recording that is alone, and how far it is off what lies around it."""
+    apart = compare_poses(usual, own)
+    return apart, answers.OddEntry(
+        file=named[0],
+        start=named[1].recorded_at,
+        **apart.entries(),
+        evidence=evidence,
+    )
+
+
+def _scatter(variances: Floats) -> answers.Scatter:
+    mm, deg = 1e3 * np.sqrt(variances[0]), np.degrees(np.sqrt(variances[1]))
+    return answers.Scatter(plain(mm), plain(deg))
+
+
+def _recordings(
+    used: Sequence[Named], start: UncertainPose, rows: Sequence[Indices], odd: Collection[int]
+) -> list[answers.TrendRecording]:
+    """Each recording with its distance from a pose; rows are the places of each mount's."""
+    number = {int(row): k + 1 for k, each in enumerate(rows) for row in each}
+    found = []
+    for place, (name, result) in enumerate(used):
+        pose, recording = result.uncertain_pose, result.provenance.recording
+        shift_mm, turn_deg = tangent(compare_poses(start, pose).vector)
+        std_mm, std_deg = tangent(np.sqrt(np.diag(np.asarray(pose.covariance))))
+        found.append(
+            answers.TrendRecording(
+                file=name,
+                start=result.recorded_at,
+                duration=None if recording is None else recording.duration,
+                mount=number.get(place),
+                odd=place in odd,
+                translation=result.pose.translation,
+                rotation_xyzw=result.pose.rotation_xyzw,
+                shift_mm=shift_mm,
+                turn_deg=turn_deg,
+                std_mm=std_mm,
+                std_deg=std_deg,
+            )
+        )
+    return found
+
+
+def _judged(seen: _Seen, place: str, within: Tolerance | None) -> tuple[answers.Moved, str]:
+    first, last = (
+        _told(name, result.recorded_at) for name, result in (seen.used[0], seen.used[-1])
+    )
+    span = f"{len(seen.used)} recordings, {first} to {last}"
+    if seen.odd:
+        each = (f"{entry.file} by {apart}" for apart, entry in seen.odd.values())
+        span += f", of which odd and left out: {', '.join(each)}"
+    moves = [apart for apart, _ in seen.changes] + ([seen.drift[0]] if seen.drift else [])
+    allowed = "" if within is None else f", within {within}"
     verdicts = {"no" if within is None else each.verdict(within) for each in moves}
     if seen.drift is not None:
-        said = _drift_words(seen.drift, daily=daily)
+        said = _drift_words(*seen.drift)
     else:
-        said = "; ".join(_change_words(each, used) for each in seen.changes)
+        said = "; ".join(_change_words(*each) for each in seen.changes)
     if "no" in verdicts:
-        moved: Moved = "moved" if seen.drift is None else "drifting"
+        moved: answers.Moved = "moved" if seen.drift is None else "drifting"
         how = "has moved" if seen.drift is None else "moves steadily"
         return moved, f"{place} {how}{allowed}: {said}; {span}"
     doubt = _doubt(seen, within)
     if "unknown" in verdicts:
-        doubt = f"{said}, and {tolerance_words(within)} is allowed" if within else said
+        doubt = f"{said}, and {within} is allowed" if within else said
     if doubt:
         return "unknown", f"cannot tell whether {place} has moved{allowed}: {doubt}; {span}"
     if moves:
         return "not moved", f"{place} has not moved{allowed}: {said}; {span}"
-    return "not moved", f"{place} has not moved: {span}, {_agreement(seen)}"
+    return "not moved", f"{place} has not moved: {span}, {_agreement(seen.scatter)}"
 
 
 def _doubt(seen: _Seen, within: Tolerance | None) -> str:
     """Why recordings without a change do not yet say that there was none."""
-    last = len(seen.used) - 1
-    for odd in seen.odd:
-        allowed = within is not None and odd.apart.verdict(within) == "yes"
-        if odd.place in {0, last} and not allowed:
-            which = "the last" if odd.place == last else "the first"
+    ends = {0: "the first", len(seen.used) - 1: "the last"}
+    for place, (apart, entry) in seen.odd.items():
+        if place in ends and (within is None or apart.verdict(within) != "yes"):
             return (
-                f"{which} recording, {seen.used[odd.place][0]}, is off the others by {odd.apart}: "
+                f"{ends[place]} recording, {entry.file}, is off the others by {apart}: "
                 "it is odd, or the mount moved there; another recording tells"
             )
     if seen.scatter is None and seen.chance < RARE:
         return (
             f"they differ by more than sigma (p {figures(seen.chance, 2)}), and so few do not tell "
-            f"a move from a scatter between recordings: {LEAST} do"
+            f"a move from a scatter between recordings: {search.LEAST} do"
         )
     return ""
 
 
-def _agreement(seen: _Seen) -> str:
-    """How well recordings of one mount agree."""
-    entry = _scatter_entry(seen)
-    if entry is None or not (entry.translation_mm or entry.rotation_deg):
+def _agreement(scatter: answers.Scatter | None) -> str:
+    if scatter is None or not (scatter.translation_mm or scatter.rotation_deg):
         return "which agree within sigma"
-    sizes = ((entry.translation_mm, "mm"), (entry.rotation_deg, "deg"))
+    sizes = ((scatter.translation_mm, "mm"), (scatter.rotation_deg, "deg"))
     said = " and ".join(f"{sigma(size)} {unit}" for size, unit in sizes if size)
     return f"which scatter by {said} (1 sigma of an axis) beyond their own sigma"
 
 
-def _odd_words(seen: _Seen) -> str:
-    if not seen.odd:
-        return ""
-    each = (f"{seen.used[odd.place][0]} by {odd.apart}" for odd in seen.odd)
-    return f", of which odd and left out: {', '.join(each)}"
-
-
-def _change_words(change: _Change, used: Sequence[Named]) -> str:
-    before, after = used[change.last], used[change.first]
-    sure = f"evidence {figures(change.evidence, 3)}, {DECISIVE:g} is decisive"
-    if change.probability < _SURE:
-        sure += f"; {figures(100.0 * change.probability, 2)} % sure that it is there"
-    urdf = ", where the URDF changed too" if _urdf(before) != _urdf(after) else ""
-    return f"by {change.apart} between {_told(before)} and {_told(after)}{urdf} ({sure})"
-
-
-def _drift_words(drift: _Drift, *, daily: bool) -> str:
-    unit = "day" if daily else "recording"
-    each = " and ".join(
-        f"{figures(part.norm * part.scale / drift.per, 2)} {part.unit}"
-        for part in drift.apart.parts
+def _change_words(apart: PoseComparison, change: answers.ChangeEntry) -> str:
+    where = (
+        f"{_told(change.after, change.after_start)} and {_told(change.before, change.before_start)}"
     )
-    sure = f"evidence {figures(drift.evidence, 3)}, {DECISIVE:g} is decisive"
-    return f"by {drift.apart} in all, {each} a {unit} ({sure})"
+    urdf = ", where the URDF changed too" if change.other_urdf else ""
+    sure = _evidence_words(change.evidence)
+    if change.place_probability < _SURE:
+        sure += f"; {figures(100.0 * change.place_probability, 2)} % sure that it is there"
+    return f"by {apart} between {where}{urdf} ({sure})"
 
 
-def _told(named: Named) -> str:
+def _drift_words(apart: PoseComparison, drift: answers.DriftEntry) -> str:
+    rates = {"mm": drift.translation_mm, "deg": drift.rotation_deg}
+    each = " and ".join(f"{figures(math.hypot(*rate), 2)} {unit}" for unit, rate in rates.items())
+    return f"by {apart} in all, {each} a {drift.per} ({_evidence_words(drift.evidence)})"
+
+
+def _evidence_words(evidence: float) -> str:
+    return f"evidence {figures(evidence, 3)}, {DECISIVE:g} is decisive"
+
+
+def _told(name: str, when: datetime | None) -> str:
     """A recording: its file and when it was made."""
-    name, result = named
-    when = result.recorded_at
     return name if when is None else f"{name} ({instant(when)})"
 
 
-def _urdf(named: Named) -> str:
-    urdf = named[1].provenance.urdf
+def _urdf(result: Result) -> str:
+    urdf = result.provenance.urdf
     return "" if urdf is None else urdf.identity
-
-
-def _scatter_entry(seen: _Seen) -> Scatter | None:
-    if seen.scatter is None:
-        return None
-    mm, deg = 1e3 * np.sqrt(seen.scatter[0]), np.degrees(np.sqrt(seen.scatter[1]))
-    return Scatter(plain(mm), plain(deg))
-
-
-def _mount_entries(seen: _Seen) -> Iterator[MountEntry]:
-    for rows, found in zip(seen.rows, seen.mounts, strict=True):
-        pose = pose_entry(found.R, found.t)
-        yield MountEntry(
-            first=seen.used[rows[0]][0],
-            last=seen.used[rows[-1]][0],
-            recordings=len(rows),
-            translation=pose.translation,
-            rotation_xyzw=pose.rotation_xyzw,
-            rotation_rpy=pose.rotation_rpy,
-            covariance=plain(found.covariance),
-        )
-
-
-def _change_entry(change: _Change, used: Sequence[Named]) -> ChangeEntry:
-    before, after = used[change.last], used[change.first]
-    translation, rotation = change.apart.entries()
-    return ChangeEntry(
-        after=before[0],
-        before=after[0],
-        after_start=before[1].recorded_at,
-        before_start=after[1].recorded_at,
-        translation=translation,
-        rotation=rotation,
-        evidence=plain(change.evidence),
-        place_probability=plain(change.probability),
-        other_urdf=_urdf(before) != _urdf(after),
-    )
-
-
-def _odd_entry(odd: _Odd, used: Sequence[Named]) -> OddEntry:
-    name, result = used[odd.place]
-    translation, rotation = odd.apart.entries()
-    return OddEntry(
-        file=name,
-        start=result.recorded_at,
-        translation=translation,
-        rotation=rotation,
-        evidence=plain(odd.evidence),
-    )
-
-
-def _drift_entry(drift: _Drift, *, daily: bool) -> DriftEntry:
-    translation, rotation = drift.apart.entries()
-    covariance = drift.apart.covariance
-    std = None if covariance is None else np.sqrt(np.diag(covariance)) / drift.per
-    vectors = [part.vector * part.scale / drift.per for part in drift.apart.parts]
-    stds = [
-        part.scale * std[place : place + 3] if std is not None else np.zeros(3)
-        for part, place in zip(drift.apart.parts, (0, 3), strict=True)
-    ]
-    return DriftEntry(
-        per="day" if daily else "recording",
-        translation_mm=plain(vectors[0]),
-        translation_std_mm=plain(stds[0]),
-        rotation_deg=plain(vectors[1]),
-        rotation_std_deg=plain(stds[1]),
-        translation=translation,
-        rotation=rotation,
-        evidence=plain(drift.evidence),
-    )
-
-
-def _recording_entries(seen: _Seen) -> Iterator[TrendRecording]:
-    number = {int(row): k + 1 for k, rows in enumerate(seen.rows) for row in rows}
-    for place, ((name, result), apart) in enumerate(zip(seen.used, seen.shifts, strict=True)):
-        covariance, recording = result.uncertain_pose.covariance, result.provenance.recording
-        shift, turn = (plain(part.vector * part.scale) for part in apart.parts)
-        std_mm, std_deg = tangent(np.sqrt(np.diag(np.asarray(covariance))))
-        yield TrendRecording(
-            file=name,
-            start=result.recorded_at,
-            duration=None if recording is None else recording.duration,
-            mount=number.get(place),
-            odd=any(place == each.place for each in seen.odd),
-            translation=result.pose.translation,
-            rotation_xyzw=result.pose.rotation_xyzw,
-            shift_mm=shift,
-            turn_deg=turn,
-            std_mm=std_mm,
-            std_deg=std_deg,
-        )
