@@ -6,9 +6,9 @@ Another one is a field of ``ExtraFiles`` in cli/options.py and an entry of EXTRA
 from __future__ import annotations
 
 from dataclasses import fields
-from typing import TYPE_CHECKING, get_type_hints
+from typing import TYPE_CHECKING, Any
 
-from imucalib_cli.cli.options import ExtraFiles
+from imucalib_cli.cli.options import ExtraFiles, flag_of
 from imucalib_cli.cli.output import deliver
 from imucalib_cli.errors import ImucalibError
 from imucalib_cli.optional import optional
@@ -87,12 +87,11 @@ def for_each_log(names: Iterable[str]) -> tuple[tuple[str, Maker], ...]:
         InputError: What writes them is not installed.
     """
     makers = []
-    hints = get_type_hints(ExtraFiles, include_extras=True)
     for name in names:
-        (option,) = hints[name].__metadata__
+        option: Any = getattr(ExtraFiles, name)
         suffix = option.metavar.removeprefix("FILE").split("|")[0]  # the first that it takes
         _see_installed(name, suffix)
-        makers.append((f".{name.replace('_', '-')}{suffix}", EXTRAS[name]))
+        makers.append((f".{flag_of(name).removeprefix('--')}{suffix}", EXTRAS[name]))
     return tuple(makers)
 
 
@@ -100,7 +99,7 @@ def _see_installed(name: str, suffix: str) -> None:
     """Raise InputError where what writes files of a suffix is not installed."""
     if needed := _NEEDED.get(suffix.lower()):
         module, extra = needed
-        optional(module, f"--{name.replace('_', '-')} needs", extra)
+        optional(module, f"{flag_of(name)} needs", extra)
 
 
 def _asked(files: ExtraFiles) -> dict[str, Path]:

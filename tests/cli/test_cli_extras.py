@@ -73,7 +73,7 @@ def windows_of(outcome: Outcome) -> WindowSeries:
 
 
 def write(outcome: Outcome, *, written: Sequence[Path] = (), **files: Path) -> None:
-    extras = ExtraFiles(**files)
+    extras = ExtraFiles(**{**dict.fromkeys(EXTRAS), **files})
     for failure in write_extras(
         extras, outcome, read=[], written=written, force=False, quiet=False
     ):
@@ -451,7 +451,8 @@ def test_no_input_and_no_other_output_is_written_over(
 
 def test_one_that_cannot_be_written_stops_no_other(arm: Outcome, tmp_path: Path) -> None:
     taken = tmp_path / "out.foxglove.json"  # a result that was written before
-    extras = ExtraFiles(debug_mcap=tmp_path / "out.mcap", residuals=tmp_path / "out.csv")
+    files = {"debug_mcap": tmp_path / "out.mcap", "residuals": tmp_path / "out.csv"}
+    extras = ExtraFiles(**{**dict.fromkeys(EXTRAS), **files})
     (failure,) = write_extras(extras, arm, read=[], written=[taken], force=False, quiet=True)
     assert "would be written twice" in str(failure)
     assert [each.name for each in tmp_path.iterdir()] == ["out.csv"]

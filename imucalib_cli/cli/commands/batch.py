@@ -5,7 +5,7 @@ import sys
 from contextlib import closing, contextmanager
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Literal
 
 import typer
 
@@ -14,13 +14,13 @@ from imucalib_cli.cli.entry import last_words
 from imucalib_cli.cli.exit_codes import exit_code_of, worst
 from imucalib_cli.cli.files import files_of, listed
 from imucalib_cli.cli.options import (
-    OUTPUT,
     EstimatorOptions,
     ExtrasForEachLog,
     Quiet,
     RecordingOptions,
     Require,
     calibration_request,
+    output_option,
 )
 from imucalib_cli.cli.output import deliver, is_terminal, say
 from imucalib_cli.cli.progress import CountProgress
@@ -43,114 +43,87 @@ WORK = "Work"
 
 def batch_command(
     ctx: typer.Context,
-    logs: Annotated[
-        list[str],
-        typer.Argument(
-            metavar="LOG...",
-            help="Logs, also behind URLs, patterns and folders to be searched; - reads a list from "
-            "stdin.",
-        ),
-    ],
+    logs: list[str] = typer.Argument(
+        metavar="LOG...",
+        help="Logs, also behind URLs, patterns and folders to be searched; - reads a list from "
+        "stdin.",
+    ),
     *,
     recording: RecordingOptions,
     estimator: EstimatorOptions,
-    output: Annotated[
-        Path | None,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="FOLDER",
-            parser=parsers.output_folder,
-            help="Where results are kept: <log>.<imu>.yaml, summary.csv, records/. What is "
-            "finished there is not done again.",
-            show_default="none: nothing is kept",
-            rich_help_panel=OUTPUT,
-        ),
-    ] = None,
-    fmt: Annotated[
-        Literal["jsonl", "csv", "markdown", "junit", "summary"] | None,
-        typer.Option(
-            "--format",
-            help="What goes to stdout; jsonl: a line a log as they finish, the others at the end.",
-            show_default="nothing with -o; else summary on a terminal, jsonl into pipes",
-            rich_help_panel=OUTPUT,
-        ),
-    ] = None,
-    markdown: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            parser=parsers.output_file,
-            help="Also write a table for a summary of CI.",
-            show_default="none",
-            rich_help_panel=OUTPUT,
-        ),
-    ] = None,
-    junit: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            parser=parsers.output_file,
-            help="Also write JUnit XML.",
-            show_default="none",
-            rich_help_panel=OUTPUT,
-        ),
-    ] = None,
+    output: Path | None = output_option(
+        None,
+        "-o",
+        "--output",
+        metavar="FOLDER",
+        parser=parsers.output_folder,
+        help="Where results are kept: <log>.<imu>.yaml, summary.csv, records/. What is "
+        "finished there is not done again.",
+        show_default="none: nothing is kept",
+    ),
+    fmt: Literal["jsonl", "csv", "markdown", "junit", "summary"] | None = output_option(
+        None,
+        "--format",
+        help="What goes to stdout; jsonl: a line a log as they finish, the others at the end.",
+        show_default="nothing with -o; else summary on a terminal, jsonl into pipes",
+    ),
+    markdown: Path | None = output_option(
+        None,
+        metavar="FILE",
+        parser=parsers.output_file,
+        help="Also write a table for a summary of CI.",
+        show_default="none",
+    ),
+    junit: Path | None = output_option(
+        None,
+        metavar="FILE",
+        parser=parsers.output_file,
+        help="Also write JUnit XML.",
+        show_default="none",
+    ),
     require: Require = None,
     extras: ExtrasForEachLog,
-    workers: Annotated[
-        int | None,
-        typer.Option(
-            min=1,
-            metavar="N",
-            help="Processes at a time.",
-            show_default="all processors, as far as --memory allows",
-            rich_help_panel=WORK,
-        ),
-    ] = None,
-    memory: Annotated[
-        int | None,
-        typer.Option(
-            metavar="AMOUNT",
-            parser=parsers.memory,
-            help="What each process may take; a log that needs more fails. Enforced on Linux.",
-            show_default="2GiB",
-            rich_help_panel=WORK,
-        ),
-    ] = None,
-    timeout: Annotated[
-        float | None,
-        typer.Option(
-            metavar="SECONDS",
-            parser=parsers.duration,
-            help="What each log may take; one that needs longer fails, and is done again next "
-            "time.",
-            show_default="any time",
-            rich_help_panel=WORK,
-        ),
-    ] = None,
-    dask: Annotated[
-        str | None,
-        typer.Option(
-            metavar="ADDRESS|local",
-            parser=parsers.scheduler,
-            help="Let the workers of a Dask scheduler do it, or a Dask cluster of this machine.",
-            show_default="none: processes of this machine",
-            rich_help_panel=WORK,
-        ),
-    ] = None,
-    fresh: Annotated[
-        bool,
-        typer.Option("--fresh", help="Do finished logs again too.", rich_help_panel=WORK),
-    ] = False,
-    rehash: Annotated[
-        bool,
-        typer.Option(
-            "--rehash",
-            help="Read all logs to see whether they are as they were, though size and time are.",
-            rich_help_panel=WORK,
-        ),
-    ] = False,
+    workers: int | None = typer.Option(
+        None,
+        min=1,
+        metavar="N",
+        help="Processes at a time.",
+        show_default="all processors, as far as --memory allows",
+        rich_help_panel=WORK,
+    ),
+    memory: int | None = typer.Option(
+        None,
+        metavar="AMOUNT",
+        parser=parsers.memory,
+        help="What each process may take; a log that needs more fails. Enforced on Linux.",
+        show_default="2GiB",
+        rich_help_panel=WORK,
+    ),
+    timeout: float | None = typer.Option(
+        None,
+        metavar="SECONDS",
+        parser=parsers.duration,
+        help="What each log may take; one that needs longer fails, and is done again next time.",
+        show_default="any time",
+        rich_help_panel=WORK,
+    ),
+    dask: str | None = typer.Option(
+        None,
+        metavar="ADDRESS|local",
+        parser=parsers.scheduler,
+        help="Let the workers of a Dask scheduler do it, or a Dask cluster of this machine.",
+        show_default="none: processes of this machine",
+        rich_help_panel=WORK,
+    ),
+    fresh: bool = typer.Option(
+        False, "--fresh", help="Do finished logs again too.", rich_help_panel=WORK
+    ),
+    rehash: bool = typer.Option(
+        False,
+        "--rehash",
+        help="Read all logs to see whether they are as they were, though size and time are.",
+        rich_help_panel=WORK,
+    ),
     quiet: Quiet = False,
 ) -> None:
     """Calibrate many logs with the same options, each on its own; interrupted, it goes on later."""

@@ -1,7 +1,5 @@
 """``imucalib combine``: one answer from the statistics of several logs, or of one again."""
 
-from typing import Annotated
-
 import typer
 
 from imucalib_cli.cli.commands.run import deliverable, give, tell
@@ -20,14 +18,11 @@ from imucalib_cli.cli.parsers import local_file
 
 
 def combine_command(
-    results: Annotated[
-        list[str],
-        typer.Argument(
-            metavar="RESULT",
-            help="Results of `imucalib run` with their statistics beside them, files of "
-            "statistics, or folders of these; - reads a list of them from stdin.",
-        ),
-    ],
+    results: list[str] = typer.Argument(
+        metavar="RESULT",
+        help="Results of `imucalib run` with their statistics beside them, files of "
+        "statistics, or folders of these; - reads a list of them from stdin.",
+    ),
     *,
     known: KnownOptions,
     fmt: FormatOption = None,

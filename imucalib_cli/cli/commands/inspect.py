@@ -1,12 +1,11 @@
 """``imucalib inspect``: what is in a log and what can be done with it."""
 
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Literal
 
 import typer
 
 from imucalib_cli.cli.files import files_of, reading, writing
 from imucalib_cli.cli.options import (
-    OUTPUT,
     AllowRemoteScan,
     CsvColumns,
     JointColumnsOption,
@@ -16,6 +15,7 @@ from imucalib_cli.cli.options import (
     PartTo,
     Quiet,
     Verbose,
+    output_option,
     part_asked,
 )
 from imucalib_cli.cli.output import deliver
@@ -33,22 +33,17 @@ def inspect_command(
     logs: Logs,
     *,
     csv_columns: CsvColumns = None,
-    joints: JointColumnsOption = [],  # noqa: B006 - typer makes a new one
+    joints: JointColumnsOption = None,
     allow_remote_scan: AllowRemoteScan = False,
     part_from: PartFrom = None,
     part_to: PartTo = None,
-    urdf: Annotated[
-        LogPath | None,
-        typer.Option(
-            metavar="FILE|URL",
-            parser=path_or_url,
-            help="Also say what of the log is in this URDF.",
-        ),
-    ] = None,
-    fmt: Annotated[
-        Literal["text", "json"],
-        typer.Option("--format", help="Form of the report.", rich_help_panel=OUTPUT),
-    ] = "text",
+    urdf: LogPath | None = typer.Option(
+        None,
+        metavar="FILE|URL",
+        parser=path_or_url,
+        help="Also say what of the log is in this URDF.",
+    ),
+    fmt: Literal["text", "json"] = output_option("text", "--format", help="Form of the report."),
     output: OutputFile = None,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -66,7 +61,7 @@ def inspect_command(
                 urdf,
                 bar.report,
                 csv_columns or (),
-                joint_columns=tuple(joints),
+                joint_columns=tuple(joints or ()),
                 allow_remote_scan=allow_remote_scan,
                 part=part_asked(part_from, part_to),
             )

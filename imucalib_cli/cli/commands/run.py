@@ -3,7 +3,7 @@
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
@@ -12,7 +12,6 @@ from imucalib_cli.cli.extras import see_extras, write_extras
 from imucalib_cli.cli.files import deliver_into, files_of, of_log, reading, telling_what_is_left
 from imucalib_cli.cli.options import (
     LOG,
-    OUTPUT,
     EstimatorOptions,
     ExtraFiles,
     FormatOption,
@@ -22,6 +21,7 @@ from imucalib_cli.cli.options import (
     Require,
     Verbose,
     calibration_request,
+    output_option,
 )
 from imucalib_cli.cli.output import (
     chosen_format,
@@ -58,45 +58,34 @@ def run_command(
     recording: RecordingOptions,
     estimator: EstimatorOptions,
     fmt: FormatOption = None,
-    output: Annotated[
-        str | None,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="FILE|FOLDER/",
-            parser=file_or_folder,
-            help="Where to write; a folder gets <log>.<imu>.yaml.",
-            show_default="stdout",
-            rich_help_panel=OUTPUT,
-        ),
-    ] = None,
+    output: str | None = output_option(
+        None,
+        "-o",
+        "--output",
+        metavar="FILE|FOLDER/",
+        parser=file_or_folder,
+        help="Where to write; a folder gets <log>.<imu>.yaml.",
+        show_default="stdout",
+    ),
     require: Require = None,
-    force: Annotated[
-        bool,
-        typer.Option(
-            "--force",
-            help="Write a bare pose (urdf, tf, ...) that should not be trusted, and over a log or "
-            "a URDF.",
-            rich_help_panel=OUTPUT,
-        ),
-    ] = False,
-    joint: Annotated[
-        bool,
-        typer.Option(
-            "--joint",
-            help="Each LOG is a recording of its own; one result from all of them.",
-            rich_help_panel=LOG,
-        ),
-    ] = False,
-    kinematics_report: Annotated[
-        bool,
-        typer.Option(
-            "--kinematics-report",
-            help="Also list what the log tells of the robot: joint zeros and origins, with what "
-            "was known beforehand and what no log can tell.",
-            rich_help_panel=OUTPUT,
-        ),
-    ] = False,
+    force: bool = output_option(
+        False,
+        "--force",
+        help="Write a bare pose (urdf, tf, ...) that should not be trusted, and over a log or "
+        "a URDF.",
+    ),
+    joint: bool = typer.Option(
+        False,
+        "--joint",
+        help="Each LOG is a recording of its own; one result from all of them.",
+        rich_help_panel=LOG,
+    ),
+    kinematics_report: bool = output_option(
+        False,
+        "--kinematics-report",
+        help="Also list what the log tells of the robot: joint zeros and origins, with what "
+        "was known beforehand and what no log can tell.",
+    ),
     extras: ExtraFiles,
     quiet: Quiet = False,
     verbose: Verbose = False,

@@ -3,7 +3,7 @@
 import os
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Literal
 
 import typer
 
@@ -29,50 +29,38 @@ FOLDER = Path("imucalib-study")
 
 
 def study_command(
-    name: Annotated[
-        str,
-        typer.Argument(
-            metavar="[NAME]", help="Which study; none lists them.", autocompletion=complete.studies
-        ),
-    ] = "",
+    name: str = typer.Argument(
+        "", metavar="[NAME]", help="Which study; none lists them.", autocompletion=complete.studies
+    ),
     *,
-    quick: Annotated[bool, typer.Option("--quick", help="Few runs, for a look or for CI.")] = False,
-    config: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="Parameters of your own, as configs/studies/ has them.",
-            readable=False,
-        ),
-    ] = None,
-    folder: Annotated[
-        Path,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="DIR",
-            help="Where rows are kept and figures are drawn.",
-            readable=False,
-        ),
-    ] = FOLDER,
-    jobs: Annotated[
-        int | None,
-        typer.Option(min=1, metavar="N", help="Processes.", show_default="all processors"),
-    ] = None,
-    fresh: Annotated[
-        bool, typer.Option("--fresh", help="Forget what an earlier run left in DIR.")
-    ] = False,
-    fmt: Annotated[
-        Literal["markdown", "csv", "json"] | None,
-        typer.Option(
-            "--format",
-            help="Form of the tables; each prints the same cells.",
-            show_default="columns on a terminal, else markdown",
-        ),
-    ] = None,
-    figures: Annotated[
-        bool, typer.Option("--figures/--no-figures", help="Draw the figures, if there are any.")
-    ] = True,
+    quick: bool = typer.Option(False, "--quick", help="Few runs, for a look or for CI."),
+    config: Path | None = typer.Option(
+        None,
+        metavar="FILE",
+        help="Parameters of your own, as configs/studies/ has them.",
+        readable=False,
+    ),
+    folder: Path = typer.Option(
+        FOLDER,
+        "-o",
+        "--output",
+        metavar="DIR",
+        help="Where rows are kept and figures are drawn.",
+        readable=False,
+    ),
+    jobs: int | None = typer.Option(
+        None, min=1, metavar="N", help="Processes.", show_default="all processors"
+    ),
+    fresh: bool = typer.Option(False, "--fresh", help="Forget what an earlier run left in DIR."),
+    fmt: Literal["markdown", "csv", "json"] | None = typer.Option(
+        None,
+        "--format",
+        help="Form of the tables; each prints the same cells.",
+        show_default="columns on a terminal, else markdown",
+    ),
+    figures: bool = typer.Option(
+        True, "--figures/--no-figures", help="Draw the figures, if there are any."
+    ),
     quiet: Quiet = False,
 ) -> None:
     """Repeat an experiment of the paper, or one it leaves open; interrupted, it goes on later.

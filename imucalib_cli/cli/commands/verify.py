@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
@@ -22,6 +22,7 @@ from imucalib_cli.cli.options import (
     Within,
     calibration_request,
     options_given,
+    output_option,
 )
 from imucalib_cli.cli.output import chosen_format, deliver, say, say_error
 from imucalib_cli.cli.parsers import path_or_url
@@ -44,28 +45,22 @@ _OF_RESULTS = {"--urdf", "--imu-link", "--imu-topic", "--planar"}
 
 def verify_command(
     ctx: typer.Context,
-    logs: Annotated[
-        list[str],
-        typer.Argument(
-            metavar="LOG|RESULT",
-            help="One recording, as for `imucalib run`; or results of it, - for stdin.",
-        ),
-    ],
+    logs: list[str] = typer.Argument(
+        metavar="LOG|RESULT",
+        help="One recording, as for `imucalib run`; or results of it, - for stdin.",
+    ),
     *,
     recording: RecordingOptions,
     estimator: EstimatorOptions,
     within: Within = None,
-    ignore: Annotated[
-        Components | None,
-        typer.Option(
-            metavar="tx,ty,tz,rx,ry,rz",
-            parser=parsers.components,
-            help="Components that need not be right, such as tz of a robot that drives on a plane; "
-            "parent frame.",
-            show_default="none",
-            rich_help_panel=OUTPUT,
-        ),
-    ] = None,
+    ignore: Components | None = output_option(
+        None,
+        metavar="tx,ty,tz,rx,ry,rz",
+        parser=parsers.components,
+        help="Components that need not be right, such as tz of a robot that drives on a plane; "
+        "parent frame.",
+        show_default="none",
+    ),
     fmt: AnswersFormat = None,
     output: OutputFile = None,
     quiet: Quiet = False,
