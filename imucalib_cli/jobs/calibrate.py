@@ -114,17 +114,13 @@ def calibrate_recording(
         try:
             alone.append(_estimate_one(recording, imu, request, progress))
         except ImucalibError as error:
-            failures.append(_about(error, imu, several=len(recording.imus) > 1))
+            is_named = len(recording.imus) == 1 or error.topic == imu.name
+            failures.append(error if is_named else error.about(imu.name))
     found = together([(each.imu.name, each.estimate, each.motion.path) for each in alone])
     calibrated = tuple(
         _calibrated(recording, each, estimate) for each, estimate in zip(alone, found, strict=True)
     )
     return Outcome(recording=recording, calibrated=calibrated, failures=tuple(failures))
-
-
-def _about(error: ImucalibError, imu: ImuStream, *, several: bool) -> ImucalibError:
-    """Name the IMU in its error where there are several."""
-    return error.about(imu.name) if several and error.topic != imu.name else error
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -272,7 +268,9 @@ def _with_initial(
     prior, unverified = options.pose, request.unverified
     if request.planar:
         height = upright_component(motion.path)
-        prior, unverified = _with_height_held(prior, height), unverified | {height}
+        prior = prior or PosePrior()
+        std = tuple(0.0 if place == height else each for place, each in enumerate(prior.std))
+        prior, unverified = replace(prior, std=std), unverified | {height}
         options = replace(options, pose=prior)
     if prior is None or prior.R_parent_imu is not None:
         return options
@@ -295,12 +293,6 @@ def _with_initial(
             '--initial "X Y Z R P Y", or --imu-link'
         )
     return about_nominal(options, prior, nominal)
-
-
-def _with_height_held(prior: PosePrior | None, height: int) -> PosePrior:
-    known = prior or PosePrior()
-    std = tuple(0.0 if place == height else each for place, each in enumerate(known.std))
-    return replace(known, std=std)
 
 
 def about_nominal(options: MatchedOptions, prior: PosePrior, nominal: Nominal) -> MatchedOptions:

@@ -17,7 +17,6 @@ from imucalib_cli.jobs.input.reading import (
     open_requested,
     robot_and_names,
 )
-from imucalib_cli.jobs.input.request import CalibrationRequest
 from imucalib_cli.jobs.inspection import (
     Health,
     ImuFinding,
@@ -40,50 +39,22 @@ if TYPE_CHECKING:
 
     from imucalib_cli.findings import Finding
     from imucalib_cli.jobs.input.motion import Sources
-    from imucalib_cli.jobs.input.request import Progress
+    from imucalib_cli.jobs.input.request import CalibrationRequest, Progress
     from imucalib_cli.logs.clock import Clock
     from imucalib_cli.logs.log import Log, LogData
-    from imucalib_cli.logs.messages.columns import JointColumns
-    from imucalib_cli.logs.part import Part
-    from imucalib_cli.logs.reader import LogPath
     from imucalib_cli.logs.select import Selection
     from imucalib_cli.logs.streams import ImuStream, JointStream, PoseStream
     from imucalib_cli.robot.urdf import Robot
 
 
-def inspect(
-    logs: tuple[LogPath, ...],
-    urdf: LogPath | None = None,
-    progress: Progress | None = None,
-    csv_columns: tuple[str, ...] = (),
-    *,
-    joint_columns: tuple[JointColumns, ...] = (),
-    allow_remote_scan: bool = False,
-    part: Part | None = None,
-) -> Inspection:
-    """Describe a recording and find the command that calibrates it.
-
-    Args:
-        logs: One recording, as for calibrate.
-        urdf: Of the robot, to be checked against the log.
-        progress: As for calibrate.
-        csv_columns: Likewise.
-        joint_columns: Likewise.
-        allow_remote_scan: Likewise.
-        part: Of the log; None: all.
+def inspect(request: CalibrationRequest, progress: Progress | None = None) -> Inspection:
+    """Describe the recording of a request and find the command that calibrates it.
 
     Raises:
         InputError: A file cannot be read. A log that cannot be calibrated is no error.
         ChoiceError: The part holds nothing.
     """
-    request = CalibrationRequest(
-        logs=logs,
-        csv_columns=csv_columns,
-        joint_columns=joint_columns,
-        urdf=urdf,
-        allow_remote_scan=allow_remote_scan,
-        part=part,
-    )
+    urdf, part = request.urdf, request.part
     log = open_requested(request, progress)
     names = {
         topic.name for kind in ("imu", "joints", "pose") for topic in candidates(log.topics, kind)
@@ -114,11 +85,27 @@ def inspect(
     return Inspection(
         files=tuple(str(path) for path in log.paths),
         topics=log.topics,
-        health=_health(data, _counted(log)),
+        health=_health(data, {t.name for t in log.topics if t.reading and t.reading.has_ticks}),
         clock=clock.kind,
         imus=imus,
-        joints=_joints(robots[0].data if robot is not None else data, robot),
-        poses=_poses(data),
+        joints=tuple(
+            JointFinding(
+                topic=joint.topic,
+                names=joint.names,
+                missing=None
+                if robot is None
+                else tuple(name for name in joint.names if name not in robot.joint_by_name),
+            )
+            for joints in (data if robot is None else robots[0].data).joints.values()
+            for joint in joints
+        ),
+        poses=tuple(
+            PoseFinding(
+                topic=pose.topic, parent=pose.parent, child=pose.child, is_static=pose.is_static
+            )
+            for poses in data.poses.values()
+            for pose in poses
+        ),
         urdf=None if urdf is None else str(urdf),
         findings=tuple(dict.fromkeys(hints)),
         command=commands[0] if commands else None,
@@ -289,7 +276,12 @@ def _command(
     One for each; one for all where all can by the same options, for what they share is then solved
     together. If none can be without a choice that nothing tells, one that says what is missing.
     """
-    words = ["imucalib", "run", *_inputs(request)]
+    words = ["imucalib", "run", *(shlex.quote(str(path)) for path in request.logs)]
+    if request.part is not None:
+        words.append(str(request.part))
+    if request.csv_columns:
+        words.append(f"--csv-columns {shlex.quote(','.join(request.csv_columns))}")
+    words += [f"--joints {shlex.quote(str(each))}" for each in request.joint_columns]
     several = len(findings) > 1
     if not any((*data.joints.values(), *data.poses.values())):
         command = " ".join([*words, "--base-imu IMU"])
@@ -345,23 +337,11 @@ def _options(findings: Sequence[ImuFinding]) -> list[str]:
     return ["--gravity none"] if any(finding.floats for finding in findings) else []
 
 
-def _inputs(request: CalibrationRequest) -> list[str]:
-    words = [shlex.quote(str(path)) for path in request.logs]
-    if request.part is not None:
-        words.append(str(request.part))
-    if request.csv_columns:
-        words.append(f"--csv-columns {shlex.quote(','.join(request.csv_columns))}")
-    words += [f"--joints {shlex.quote(str(each))}" for each in request.joint_columns]
-    return words
-
-
-def _counted(log: Log) -> set[str]:
-    """Topics whose stamps are a counter."""
-    return {each.name for each in log.topics if each.reading and each.reading.has_ticks}
-
-
 def _health(data: LogData, counted: Collection[str]) -> tuple[Health, ...]:
-    """Stamps of each stream; of streams that share a topic's messages, once."""
+    """Stamps of each stream; of streams that share a topic's messages, once.
+
+    Those of topics that are ``counted`` are a counter.
+    """
     streams: list[tuple[str, ImuStream | JointStream | PoseStream]] = [
         (imu.name, imu) for imu in data.imus.values()
     ]
@@ -382,27 +362,3 @@ def _health(data: LogData, counted: Collection[str]) -> tuple[Health, ...]:
         for name, stream in streams
     )
     return tuple(dict.fromkeys(found))
-
-
-def _joints(data: LogData, robot: Robot | None) -> tuple[JointFinding, ...]:
-    return tuple(
-        JointFinding(
-            topic=joint.topic,
-            names=joint.names,
-            missing=None
-            if robot is None
-            else tuple(name for name in joint.names if name not in robot.joint_by_name),
-        )
-        for joints in data.joints.values()
-        for joint in joints
-    )
-
-
-def _poses(data: LogData) -> tuple[PoseFinding, ...]:
-    return tuple(
-        PoseFinding(
-            topic=pose.topic, parent=pose.parent, child=pose.child, is_static=pose.is_static
-        )
-        for poses in data.poses.values()
-        for pose in poses
-    )

@@ -21,12 +21,9 @@ if TYPE_CHECKING:
     from imucalib_cli.signals.imu.units import UnitGuess
 
 _MS = 1e3
-_TOPIC = ("topic", "type", "read as", "messages", "seconds", "Hz")
 _READ_AS: dict[Kind, str] = {"imu": "IMU", "joints": "joints", "pose": "poses", "text": "text"}
-_HEALTH = (
-    *("stream", "Hz", "jitter ms", "gaps", "longest s"),
-    *("same", "bunched", "back", "zero"),
-)
+_TOPIC = ("topic", "type", "read as", "messages", "seconds", "Hz")
+_HEALTH = ("stream", "Hz", "jitter ms", "gaps", "longest s", "same", "bunched", "back", "zero")
 """Heads of the two tables."""
 
 

@@ -25,8 +25,7 @@ def trend_of(
     Results are of one mount if parent, child and topic are the same.
 
     Args:
-        names: Result files; folders of them, of which other files are passed over; ``-`` reads
-            standard input.
+        names: As of :func:`.result_files.result_names`.
         within: How far a mount may move; None makes an alarm of every decisive change.
         since: Recordings from before that count no more.
 

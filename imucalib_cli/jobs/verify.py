@@ -43,15 +43,11 @@ def verify_recording(
 ) -> Answers[VerifyAnswer]:
     """Calibrate every IMU of a recording and compare each with its nominal pose.
 
-    Args:
-        request: As for calibrate.
-        within: Tolerance.
-        progress: As for calibrate.
-        ignored: Of the six components of the pose those that need not be right.
+    Of the six components of a pose those that are ``ignored`` need not be right.
 
     Raises:
-        InputError, ChoiceError: As :func:`imucalib_cli.jobs.calibrate.calibrate`; and ChoiceError
-            if the nominal pose of an IMU is not known.
+        InputError, ChoiceError: As :func:`.calibrate.calibrate`; and ChoiceError if the nominal
+            pose of an IMU is not known.
     """
     outcome = calibrate(replace(request, needs_nominal=True, unverified=ignored), progress)
     answers = []
@@ -78,7 +74,7 @@ def verify_results(
     """Compare results of earlier runs with the poses in a URDF.
 
     Args:
-        names: Result files; ``-`` reads standard input.
+        names: As of :func:`.result_files.result_names`.
         urdf: To be checked.
         within: Tolerance.
         imu_link: The IMU's link in the URDF, if it is not the result's child.

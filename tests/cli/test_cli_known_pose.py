@@ -10,14 +10,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from imucalib_cli.cli.main import main
 from imucalib_cli.errors import InputError
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from imucalib_cli.estimate.options import MatchedOptions, PosePrior
-    from tests.conftest import LogWriter
+    from tests.conftest import Imucalib, LogWriter
 
 INF = math.inf
 ELSEWHERE = "-1 2 3 0 0 1.5707963267948966"
@@ -47,17 +46,8 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> Asked:
     return fake
 
 
-@pytest.fixture
-def arm_log(log_writer: LogWriter) -> Path:
-    return log_writer.imu().joints().write()
-
-
-def run(*arguments: object, command: str = "run") -> int:
-    return main([command, *(str(argument) for argument in arguments)])
-
-
-def test_a_pose_is_known_from_the_urdf(asked: Asked, arm_log: Path, arm_urdf: Path) -> None:
-    run(arm_log, "--urdf", arm_urdf, "--fix", "tx,rz")
+def test_a_pose_is_known_from_the_urdf(asked: Asked, run_arm: Imucalib) -> None:
+    run_arm("--fix", "tx,rz", code=1)
     assert asked.pose.std == (0.0, INF, INF, INF, INF, 0.0)
     assert asked.pose.t_parent_imu is not None
     assert asked.pose.R_parent_imu is not None
@@ -65,13 +55,13 @@ def test_a_pose_is_known_from_the_urdf(asked: Asked, arm_log: Path, arm_urdf: Pa
     np.testing.assert_array_equal(asked.pose.R_parent_imu, np.eye(3))
 
 
-def test_a_fix_is_stronger_than_a_prior(asked: Asked, arm_log: Path, arm_urdf: Path) -> None:
-    run(arm_log, "--urdf", arm_urdf, "--prior-std", "2mm,ry=0.5deg", "--fix", "tz")
+def test_a_fix_is_stronger_than_a_prior(asked: Asked, run_arm: Imucalib) -> None:
+    run_arm("--prior-std", "2mm,ry=0.5deg", "--fix", "tz", code=1)
     assert asked.pose.std == pytest.approx((2e-3, 2e-3, 0.0, INF, math.radians(0.5), INF))
 
 
-def test_a_pose_told_goes_before_the_urdf(asked: Asked, arm_log: Path, arm_urdf: Path) -> None:
-    run(arm_log, "--urdf", arm_urdf, "--fix", "ty", "--initial", ELSEWHERE)
+def test_a_pose_told_goes_before_the_urdf(asked: Asked, run_arm: Imucalib) -> None:
+    run_arm("--fix", "ty", "--initial", ELSEWHERE, code=1)
     assert asked.pose.t_parent_imu is not None
     assert asked.pose.R_parent_imu is not None
     np.testing.assert_array_equal(asked.pose.t_parent_imu, [-1.0, 2.0, 3.0])
@@ -80,23 +70,20 @@ def test_a_pose_told_goes_before_the_urdf(asked: Asked, arm_log: Path, arm_urdf:
 
 
 def test_a_pose_told_is_needed_where_no_joint_tells_it(
-    asked: Asked, log_writer: LogWriter, arm_urdf: Path, capsys: pytest.CaptureFixture[str]
+    asked: Asked, log_writer: LogWriter, arm_urdf: Path, imucalib: Imucalib
 ) -> None:
     log = log_writer.imu(frame="elsewhere").joints().write()
     told = ("--urdf", arm_urdf, "--parent", "hand", "--prior-std", "1mm")
-    assert run(log, *told) == 2
-    err = capsys.readouterr().err
-    assert 'give --initial "X Y Z R P Y"' in err
+    assert 'give --initial "X Y Z R P Y"' in imucalib("run", log, *told, code=2).err
     assert asked.options is None
-    assert run(log, *told, "--initial", ELSEWHERE) == 1
-    assert "was asked" in capsys.readouterr().err
+    assert "was asked" in imucalib("run", log, *told, "--initial", ELSEWHERE, code=1).err
 
 
 def test_what_is_verified_cannot_be_what_is_known(
-    asked: Asked, arm_log: Path, arm_urdf: Path, capsys: pytest.CaptureFixture[str]
+    asked: Asked, arm_log: Path, arm_urdf: Path, imucalib: Imucalib
 ) -> None:
-    assert run(arm_log, "--urdf", arm_urdf, "--fix", "tx", command="verify") == 2
-    assert "which is what verify is to check" in capsys.readouterr().err
+    said = imucalib("verify", arm_log, "--urdf", arm_urdf, "--fix", "tx", code=2)
+    assert "which is what verify is to check" in said.err
     assert asked.options is None
 
 
@@ -114,38 +101,26 @@ def test_what_is_verified_cannot_be_what_is_known(
         (["--sensor-model", "none"], "'none' is not one of 'auto', 'ideal'"),
     ],
 )
-def test_what_makes_no_sense_is_one_line(
-    options: list[str],
-    words: str,
-    arm_log: Path,
-    arm_urdf: Path,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    assert run(arm_log, "--urdf", arm_urdf, *options) == 2
-    out, err = capsys.readouterr()
+def test_what_makes_no_sense_is_one_line(options: list[str], words: str, run_arm: Imucalib) -> None:
+    out, err = run_arm(*options, code=2)
     assert out == ""
     assert words in err
     assert len(err.splitlines()) == 1
 
 
-def test_the_sensor_model_reaches_the_estimator(
-    asked: Asked, arm_log: Path, arm_urdf: Path
-) -> None:
+def test_the_sensor_model_reaches_the_estimator(asked: Asked, run_arm: Imucalib) -> None:
     for model in ("ideal", "auto"):
-        run(arm_log, "--urdf", arm_urdf, "--sensor-model", model)
+        run_arm("--sensor-model", model, code=1)
         assert asked.options is not None
         assert asked.options.sensor_model == model
         assert asked.options.pose is None
 
 
 @pytest.mark.slow
-def test_a_result_says_what_was_held(
-    arm_log: Path, arm_urdf: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_result_says_what_was_held(run_arm: Imucalib) -> None:
     """With the estimator itself, on a log that fits no pose: the answer is still what was held."""
     options = ("--format", "json", "--fix", "tx,ty,tz,rx,ry,rz", "--sensor-model", "ideal")
-    assert run(arm_log, "--urdf", arm_urdf, *options) == 3
-    document = json.loads(capsys.readouterr().out)
+    document = json.loads(run_arm(*options, code=3).out)
     assert document["transform"]["translation"] == [0.05, 0.0, 0.0]
     np.testing.assert_array_equal(document["covariance"], np.zeros((6, 6)))
     told = document["provenance"]["options"]

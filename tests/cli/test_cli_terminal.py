@@ -25,8 +25,8 @@ from imucalib_cli.cli.tables import deliver_blocks
 from imucalib_cli.findings import Severity, texts
 from imucalib_cli.layout import Table, plain
 from imucalib_cli.results.codec import to_yaml
-from tests.cli.test_cli_run import ESTIMATE, Estimator
-from tests.conftest import LogWriter
+from tests.cli.stand_in import ESTIMATE, Estimator
+from tests.conftest import Imucalib, LogWriter
 from tests.results.test_results_documents import make_result
 
 if TYPE_CHECKING:
@@ -94,13 +94,6 @@ class Shown:
 @pytest.fixture
 def shown(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Shown:
     return Shown(monkeypatch, capsys)
-
-
-@pytest.fixture
-def estimator(monkeypatch: pytest.MonkeyPatch) -> Estimator:
-    fake = Estimator()
-    monkeypatch.setattr("imucalib_cli.jobs.calibrate._estimate", fake)
-    return fake
 
 
 @pytest.fixture
@@ -209,14 +202,13 @@ def test_verify_and_diff_answer_in_one_line(
 
 
 def test_an_answer_in_the_format_that_is_asked_for(
-    shown: Shown, result: Path, capsys: pytest.CaptureFixture[str]
+    shown: Shown, result: Path, imucalib: Imucalib
 ) -> None:
     _, out, err = shown("diff", result, result, "--format", "json")
     assert json.loads(out)["verdict"] == "not moved"
     assert "not moved: imu_link in hand has not moved" in err
     _, words, _ = shown("diff", result, result)
-    assert main(["diff", str(result), str(result), "--format", "summary"]) == 0
-    assert capsys.readouterr().out == words
+    assert imucalib("diff", result, result, "--format", "summary").out == words
 
 
 def test_no_name_commands_the_terminal(

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import imucalib_cli as ic
+from imucalib_cli.jobs.input.request import CalibrationRequest
 from imucalib_cli.jobs.inspect import inspect
 from tests.slow import slow_after
 from tools import republish as shapes
@@ -177,7 +178,11 @@ def test_unitree_low_state_has_imu_and_joints(
 
 def test_the_stamps_of_a_low_state_are_told_as_a_run_takes_them(tmp_path: Path) -> None:
     unitree, _ = shapes.low_state("unitree_go")
-    found = inspect((shapes.write_mcap(tmp_path / "log.mcap", unitree),), shapes.URDF)
+    found = inspect(
+        CalibrationRequest(
+            logs=(shapes.write_mcap(tmp_path / "log.mcap", unitree),), urdf=shapes.URDF
+        )
+    )
     (told, _, row, end) = found.as_text().partition("stamps    ")[2].splitlines()[:4]
     said = "the counter tick, ms, of /lowstate, which has no header stamp, would be used"
     assert told == said
@@ -186,7 +191,11 @@ def test_the_stamps_of_a_low_state_are_told_as_a_run_takes_them(tmp_path: Path) 
     # a counter that stands still is no stamp
     for each in unitree:
         each[2].tick = 0
-    found = inspect((shapes.write_mcap(tmp_path / "none.mcap", unitree),), shapes.URDF)
+    found = inspect(
+        CalibrationRequest(
+            logs=(shapes.write_mcap(tmp_path / "none.mcap", unitree),), urdf=shapes.URDF
+        )
+    )
     assert "log stamps would be used" in found.as_text()
 
 

@@ -35,10 +35,10 @@ def combine_command(
     It reads what `imucalib run --statistics` and `imucalib batch --statistics` write.
     """
     from imucalib_cli.jobs.combine import combine
-    from imucalib_cli.jobs.statistics_files import read_all
+    from imucalib_cli.jobs.result_files import read_statistics_files
 
     paths = [local_file(each) for each in listed(results, "results")]
-    there = read_all(paths)
+    there = read_statistics_files(paths)
     logs = there.logs
     for each in () if quiet else there.foreign:
         say("note", f"{each}: holds no statistics of imucalib and is left out")

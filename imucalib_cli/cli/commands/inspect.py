@@ -49,6 +49,7 @@ def inspect_command(
     verbose: Verbose = False,
 ) -> None:
     """Tell topics, rates, gaps, stamps and units of a log, and the command to run on it."""
+    from imucalib_cli.jobs.input.request import CalibrationRequest
     from imucalib_cli.jobs.inspect import inspect
 
     with (
@@ -56,15 +57,15 @@ def inspect_command(
         reading(*logs, urdf, verbose=verbose),
     ):
         with ProgressBar(quiet=quiet) as bar:
-            report = inspect(
-                tuple(logs),
-                urdf,
-                bar.report,
-                csv_columns or (),
+            request = CalibrationRequest(
+                logs=tuple(logs),
+                urdf=urdf,
+                csv_columns=csv_columns or (),
                 joint_columns=tuple(joints or ()),
                 allow_remote_scan=allow_remote_scan,
                 part=part_asked(part_from, part_to),
             )
+            report = inspect(request, bar.report)
         if fmt == "json":
             deliver(report.as_json(), output, quiet=quiet)
         else:

@@ -72,13 +72,9 @@ def checked(
     expected: ExpectedImu | None,
     dropped: tuple[Sensor, ...],
 ) -> Estimate:
-    """Compare the log with the data sheet; return the estimate with the findings.
+    """A final estimate with what the data sheet says of it and of the samples it was made from.
 
-    Args:
-        estimate: Final.
-        samples: From which the estimate was made.
-        expected: The IMU.
-        dropped: Sensors whose priors were dropped.
+    The priors of sensors that are ``dropped`` were left out.
     """
     if expected is None:
         return estimate

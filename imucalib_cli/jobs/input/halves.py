@@ -41,15 +41,7 @@ def joined(
     """A log in which the halves of an IMU are one, called by the gyroscope's topic.
 
     Two are halves of one IMU if the user says so; if their topics are called alike but for the name
-    of the sensor; or if no others are left, unless they are in two namespaces.
-
-    Args:
-        data: As read.
-        clock: Of all streams.
-        request: The topics that the user names.
-
-    Returns:
-        The log, and a note on each pair.
+    of the sensor; or if no others are left, unless they are in two namespaces. Each pair is told.
 
     Raises:
         ChoiceError: A topic that the user names has no IMU.

@@ -81,13 +81,7 @@ class Motion:
 def find_motion(
     sources: Sources, robot: Robot | None, frame_id: str, request: CalibrationRequest
 ) -> Motion:
-    """Find the link that carries an IMU and the path that moves it.
-
-    Args:
-        sources: Of the log.
-        robot: Of the URDF, if there is one.
-        frame_id: Of the IMU's messages.
-        request: Its parent, imu_link, world and pose_topics.
+    """Find the link that carries the IMU of a frame_id and the path that moves it.
 
     Raises:
         ChoiceError: The user must name the parent, the world or a topic; the error lists
@@ -363,13 +357,9 @@ def _labelled(edges: tuple[Edge, ...], label: str | None) -> tuple[Edge, ...]:
     return tuple(
         edge
         if edge.child
-        else replace(edge, child=label if label is not None else _topic_of(edge.track))
+        else replace(edge, child=edge.track.name.split(" ", 1)[0] if label is None else label)
         for edge in edges
     )
-
-
-def _topic_of(track: Track) -> str:
-    return track.name.split(" ", 1)[0]
 
 
 def _topics(path: KinematicPath, sources: Sources) -> tuple[str, ...]:

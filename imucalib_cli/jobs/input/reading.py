@@ -107,7 +107,10 @@ def read_recording(request: CalibrationRequest, progress: Progress | None = None
         None if progress is None else lambda share: progress("reading", share),
     )
     data = chosen.of(data)
-    _require_imus(data, chosen.imus, request)
+    used = {imu.topic for imu in data.imus.values() if len(imu)}
+    unused = [topic for topic in chosen.imus if topic not in used]
+    if unused and (request.imu_topics or not used):
+        raise InputError("; ".join(_why_unused(topic, data) for topic in unused))
     recording = recording_of(data, request, unasked=chosen.unasked, paths=log.paths, files=files)
     return replace(recording, sources=replace(recording.sources, unread=chosen.unread))
 
@@ -168,8 +171,13 @@ def recording_of(
     asked, part = _asked_for(data, request), None
     if request.part is not None:
         whole, (data, part) = data, part_of(data, clock, request.part)
-        if request.imu_topics:
-            _see_samples(asked, whole, data)
+        for name in sorted(asked) if request.imu_topics else ():
+            if len(whole.imus[name]) and not len(data.imus[name]):
+                raise ChoiceError(
+                    f"{name}: has no samples between --from and --to: choose another part, or "
+                    "leave this IMU out",
+                    topic=name,
+                )
     filled = [(name in asked, imu) for name, imu in data.imus.items() if len(imu)]
     imus, others = (tuple(imu for one, imu in filled if one == wanted) for wanted in (True, False))
     _require_advancing_stamps(imus, clock)
@@ -248,11 +256,6 @@ def recorded_at(recording: Recording, imu: ImuStream, seconds: float) -> datetim
 
     The stamps that are used tell it; where they count from elsewhere, such as the start of the
     computer, the others tell when the recording began.
-
-    Args:
-        recording: Of the log.
-        imu: One of its IMUs.
-        seconds: Of the log.
     """
     clock = recording.clock
     others = imu.log_ns if clock.kind == "header" else imu.header_ns
@@ -261,25 +264,6 @@ def recorded_at(recording: Recording, imu: ImuStream, seconds: float) -> datetim
         if ns >= _FIRST_DATE_NS:
             return _UNIX_EPOCH + timedelta(microseconds=ns // 1000)
     return None
-
-
-def _require_imus(data: LogData, topics: Iterable[str], request: CalibrationRequest) -> None:
-    """Refuse a log without a usable IMU, or without one that the user named."""
-    used = {imu.topic for imu in data.imus.values() if len(imu)}
-    unused = [topic for topic in topics if topic not in used]
-    if unused and (request.imu_topics or not used):
-        raise InputError("; ".join(_why_unused(topic, data) for topic in unused))
-
-
-def _see_samples(named: Iterable[str], whole: LogData, part: LogData) -> None:
-    """Refuse a part of the log in which an IMU that the user named has no samples."""
-    for name in sorted(named):
-        if len(whole.imus[name]) and not len(part.imus[name]):
-            raise ChoiceError(
-                f"{name}: has no samples between --from and --to: choose another part, or leave "
-                "this IMU out",
-                topic=name,
-            )
 
 
 def _require_advancing_stamps(imus: tuple[ImuStream, ...], clock: Clock) -> None:
@@ -313,11 +297,7 @@ def gather_sources(
 ) -> tuple[Sources, tuple[Finding, ...]]:
     """Tracks and edges of a log on its clock, and findings about duplicate poses.
 
-    Args:
-        data: As read.
-        clock: Of all streams.
-        unasked: Odometry topics that the user did not name; used only if nothing else moves the
-        base.
+    Odometry on topics that nobody named, ``unasked``, is used only if nothing else moves the base.
     """
     topics: dict[str, str] = {}
     joints = []
@@ -378,15 +358,8 @@ def _one_for_each_edge(poses: list[PoseStream]) -> tuple[list[PoseStream], tuple
             continue
         keep, drop = (pose, known) if len(pose) > len(known) else (known, pose)
         best[key] = keep
-        duplicates.append(
-            note(
-                "pose.told_twice",
-                topic=drop.topic,
-                child=pose.child,
-                parent=pose.parent,
-                used=keep.topic,
-            )
-        )
+        edge = {"child": pose.child, "parent": pose.parent}
+        duplicates.append(note("pose.told_twice", topic=drop.topic, **edge, used=keep.topic))
     return list(best.values()), tuple(duplicates)
 
 

@@ -34,10 +34,6 @@ def described_robot(
 
     Of several it is the one to which the log's joints and frames belong.
 
-    Args:
-        data: As read.
-        request: Its description_topics.
-
     Raises:
         ChoiceError: Several descriptions fit.
         InputError: That of the topic which the user named is no URDF.

@@ -90,15 +90,15 @@ def with_answer(
 ) -> ImucalibError:
     """An error that asks for the parent, with what the IMU's own motion tells of it.
 
-    Args:
-        error: That asks.
-        carriers: Links that move as the IMU does.
-        unread: Topics of poses that were not read.
+    ``unread`` are topics of poses that were not read.
     """
     if error.reason is None:
         return error
     if carriers.links:
-        told = f"{error.reason}; {_moves_like(carriers)}"
+        moves = " or ".join(map(str, carriers.links))
+        several = ", the log cannot tell which" if len(carriers.links) > 1 else ""
+        parents = " or ".join(f"--parent {each.frame}" for each in carriers.links)
+        told = f"{error.reason}; it moves like {moves}{several}: {parents}"
     elif carriers.still:
         told = (
             f"{error.reason}; it stands still while the robot moves, so that this log does not "
@@ -112,10 +112,3 @@ def with_answer(
     else:
         return error
     return ChoiceError(told, topic=error.topic, option=error.option)
-
-
-def _moves_like(carriers: Carriers) -> str:
-    moves = " or ".join(map(str, carriers.links))
-    several = ", the log cannot tell which" if len(carriers.links) > 1 else ""
-    parents = " or ".join(f"--parent {each.frame}" for each in carriers.links)
-    return f"it moves like {moves}{several}: {parents}"
