@@ -150,10 +150,10 @@ def test_require_turns_a_large_sigma_into_exit_3(run_arm: Imucalib) -> None:
     document = yaml.safe_load(out)
     assert document["status"] == "untrusted"
     assert document["provenance"]["options"]["require"] == "0.09mm,0.1deg"
-    said = (
+    words = (
         "--require asks for 0.09 mm, the largest sigma is 0.1 mm along x of hand: record about 1.2"
     )
-    assert f"untrusted: imu_link: {said} times as long" in err
+    assert f"untrusted: imu_link: {words} times as long" in err
     said = run_arm("--require", "1mm")
     assert yaml.safe_load(said.out)["provenance"]["options"]["require"] == "1mm"
 

@@ -2,7 +2,7 @@
 
 import os
 import sys
-from contextlib import closing, contextmanager
+from contextlib import closing
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Literal
 import typer
 
 from imucalib_cli.cli import parsers
-from imucalib_cli.cli.entry import last_words
 from imucalib_cli.cli.exit_codes import exit_code_of, worst
 from imucalib_cli.cli.files import files_of, listed
 from imucalib_cli.cli.options import (
@@ -29,13 +28,12 @@ from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.logs.remote.file import RemoteFile
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Sequence
 
     from imucalib_cli.batch.engine import Engine
     from imucalib_cli.batch.logs import BatchLog
     from imucalib_cli.batch.record import Record
     from imucalib_cli.findings import Finding
-    from imucalib_cli.logs.reader import LogPath
 
 WORK = "Work"
 """Panel of the help."""
@@ -146,7 +144,8 @@ def batch_command(
     found = find_logs(listed(logs, "logs"), left_out=output)
     if not found.logs:
         raise InputError("the list of logs on stdin is empty: write one path a line")
-    read = files_of(*_paths(found.logs), recording.urdf, estimator.imu_model)
+    paths = (path for log in found.logs for path in log.paths)
+    read = files_of(*paths, recording.urdf, estimator.imu_model)
     _see_places(read, output, (markdown, junit))
     tell = partial(_tell_finding, quiet=quiet)
     for finding in found.findings:
@@ -171,9 +170,8 @@ def batch_command(
         tell=tell,
     )
     records: dict[BatchLog, Record] = {}
-    progress = CountProgress("batch", "logs", jobs=jobs, quiet=quiet)
     with (
-        _telling_what_is_kept(progress, output, fresh=fresh),
+        CountProgress("batch", "logs", output, fresh=fresh, jobs=jobs, quiet=quiet) as progress,
         closing(batch.run(progress.report)) as done,
     ):
         for log, record in done:
@@ -215,11 +213,6 @@ def _show(records: "Sequence[Record]", form: str) -> None:
         deliver(TABLES[form](records))
 
 
-def _paths(logs: "Sequence[BatchLog]") -> "Iterator[LogPath]":
-    for log in logs:
-        yield from log.paths
-
-
 def _see_places(
     read: "Sequence[Path]", output: Path | None, files: "Sequence[Path | None]"
 ) -> None:
@@ -243,24 +236,6 @@ def _engine(dask: str | None, workers: int, memory: int, timeout: float | None) 
     from imucalib_cli.batch.on_dask import DaskWorkers
 
     return DaskWorkers(dask, workers, memory, timeout)
-
-
-@contextmanager
-def _telling_what_is_kept(
-    progress: CountProgress, folder: Path | None, *, fresh: bool
-) -> "Iterator[None]":
-    """Show the progress, and where it is interrupted say how to go on."""
-
-    def tell() -> None:
-        if folder is not None:
-            progress.tell_interrupted(folder, fresh=fresh)
-
-    try:
-        with last_words(tell), progress:
-            yield
-    except KeyboardInterrupt:
-        tell()
-        raise
 
 
 def _tell_finding(finding: "Finding", *, quiet: bool) -> None:

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Literal
 import typer
 
 from imucalib_cli.cli import complete
-from imucalib_cli.cli.entry import last_words
 from imucalib_cli.cli.files import files_of
 from imucalib_cli.cli.options import Quiet
 from imucalib_cli.cli.output import deliver, is_terminal, say
@@ -91,22 +90,18 @@ def study_command(
 
         drawn = [folder / f"{figure}{suffix}.svg" for figure in study.figures([])]
         see_places(read=files_of(config), written=[file, *drawn])
-    progress = CountProgress(
-        name, "runs", f"rows in {file}", jobs=jobs or os.cpu_count() or 1, quiet=quiet
-    )
-    try:
-        with last_words(lambda: progress.tell_interrupted(file, fresh=fresh)), progress:
-            rows = run_study(
-                study,
-                file,
-                jobs=jobs,
-                fresh=fresh,
-                prepare=lambda: see_installed(name),
-                report=progress.report,
-            )
-    except KeyboardInterrupt:
-        progress.tell_interrupted(file, fresh=fresh)
-        raise
+    at_a_time = jobs or os.cpu_count() or 1
+    with CountProgress(
+        name, "runs", file, "rows", fresh=fresh, jobs=at_a_time, quiet=quiet
+    ) as progress:
+        rows = run_study(
+            study,
+            file,
+            jobs=jobs,
+            fresh=fresh,
+            prepare=lambda: see_installed(name),
+            report=progress.report,
+        )
     tables = _tables(study, rows, file, old=progress.before > 0)
     _print(tables, fmt)
     if not quiet:

@@ -6,7 +6,7 @@ from typing import Literal
 
 import typer
 
-from imucalib_cli.cli.exit_codes import exit_code, verdict_code, worst
+from imucalib_cli.cli.exit_codes import exit_code_of_answers
 from imucalib_cli.cli.files import files_of, telling_what_is_left
 from imucalib_cli.cli.options import OutputFile, Quiet, Within, output_option
 from imucalib_cli.cli.output import deliver, say, say_error
@@ -80,5 +80,4 @@ def trend_command(
                 say(answer.verdict, answer.reason)
         for failure in found.failures:
             say_error(failure)
-        verdicts = [verdict_code(answer.verdict) for answer in answers]
-        raise typer.Exit(worst([*verdicts, *(exit_code(each) for each in found.failures)]))
+        raise typer.Exit(exit_code_of_answers(found))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from imucalib_cli.cli import parsers
-from imucalib_cli.cli.exit_codes import exit_code, verdict_code, worst
+from imucalib_cli.cli.exit_codes import exit_code_of_answers
 from imucalib_cli.cli.files import files_of, reading, writing
 from imucalib_cli.cli.options import (
     OUTPUT,
@@ -145,8 +145,7 @@ def give_answers(
             say(answer.verdict, named(answer, answer.reason, several=several))
     for failure in failures:
         say_error(failure)
-    verdicts = [verdict_code(answer.verdict) for answer in answers]
-    return worst([*verdicts, *(exit_code(failure) for failure in failures)])
+    return exit_code_of_answers(given)
 
 
 def named(answer: Any, sentence: str, *, several: bool) -> str:
