@@ -17,6 +17,7 @@ from imucalib_cli.cli.main import main
 from imucalib_cli.jobs.input.reading import read_recording
 from imucalib_cli.jobs.input.request import CalibrationRequest
 from imucalib_cli.robot.rotations import quaternion_from_matrix
+from tests.processes import python
 from tests.slow import slow_after
 
 if TYPE_CHECKING:
@@ -245,13 +246,7 @@ def test_importing_it_takes_no_numpy() -> None:
 def test_the_examples_of_the_page_run() -> None:
     page = (ROOT / "docs" / "python.md").read_text("utf-8")
     code = "\n".join(re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL))
-    done = subprocess.run(
-        [sys.executable, "-W", "error", "-c", code],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = python("-W", "error", "-c", code, cwd=ROOT)
     assert done.returncode == 0, done.stderr
     assert "give --urdf" in done.stdout.splitlines()[-1]
 

@@ -5,8 +5,6 @@ from __future__ import annotations
 import hashlib
 import os
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,6 +17,7 @@ from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.results.codec import to_document, to_yaml
 from imucalib_cli.results.places import see_places
 from tests.conftest import Imucalib, LogWriter
+from tests.processes import python
 from tests.results.test_results_documents import make_estimate, make_result
 
 if TYPE_CHECKING:
@@ -222,13 +221,8 @@ def test_the_file_behind_stdin_is_an_input(
     result.write_text(to_yaml([to_document(make_result(parent="hand", child="imu_link"))]))
     before = result.read_text()
     with result.open("rb") as file:
-        done = subprocess.run(
-            [sys.executable, "-m", "imucalib_cli", *command, "-", "--urdf", arm_urdf, "-o", result],
-            stdin=file,
-            capture_output=True,
-            text=True,
-            check=False,
-        )
+        arguments = (*command, "-", "--urdf", arm_urdf, "-o", result)
+        done = python("-m", "imucalib_cli", *arguments, stdin=file)
     assert done.returncode == 2, done.stderr
     assert "is an input and would be overwritten" in done.stderr
     assert result.read_text() == before

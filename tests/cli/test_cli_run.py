@@ -95,31 +95,6 @@ def test_imus_of_one_frame_do_not_overwrite_each_other(
     assert names == [f"{log.stem}.a_imu.yaml", f"{log.stem}.b_imu.yaml"]
 
 
-@pytest.mark.parametrize("which", ["log", "urdf", "link", "folder"])
-@pytest.mark.usefixtures("estimator")
-def test_inputs_are_never_overwritten(
-    which: str, arm_log: Path, arm_urdf: Path, tmp_path: Path, imucalib: Imucalib
-) -> None:
-    link = tmp_path / "link"
-    link.symlink_to(arm_log)
-    target = {"log": arm_log, "urdf": arm_urdf, "link": link, "folder": arm_log}[which]
-    log = arm_log.parent if which == "folder" else arm_log
-    before = arm_log.read_bytes(), arm_urdf.read_bytes()
-    said = imucalib("run", log, "--urdf", arm_urdf, "-o", target, code=2)
-    assert "is an input and would be overwritten" in said.err
-    assert (arm_log.read_bytes(), arm_urdf.read_bytes()) == before
-
-
-@pytest.mark.usefixtures("estimator")
-def test_unwritable_output_is_one_line(run_arm: Imucalib) -> None:
-    out, err = run_arm("-q", "-o", "/nowhere/result.yaml", code=1)
-    assert out == ""
-    assert err == (
-        "error: /nowhere/result.yaml: cannot be written: there is no folder /nowhere; make it, or "
-        "name another file\n"
-    )
-
-
 def test_untrusted_result_is_written_and_exits_3(estimator: Estimator, run_arm: Imucalib) -> None:
     estimator.estimate = replace(ESTIMATE, unobservable=(SIDEWAYS,))
     out, err = run_arm(code=3)

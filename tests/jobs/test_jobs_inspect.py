@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from imucalib_cli.cli.main import main
 from imucalib_cli.jobs.input.request import CalibrationRequest
 from imucalib_cli.jobs.inspect import inspect
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    import pytest
-
-    from tests.conftest import LogWriter
+    from tests.conftest import Imucalib, LogWriter
 
 
 def test_poses_without_a_frame_ask_for_a_name(log_writer: LogWriter) -> None:
@@ -34,11 +31,10 @@ def test_every_imu_gets_a_command(log_writer: LogWriter, arm_urdf: Path) -> None
 
 
 def test_an_imu_that_nothing_can_be_done_with_gets_none(
-    log_writer: LogWriter, arm_urdf: Path, capsys: pytest.CaptureFixture[str]
+    log_writer: LogWriter, arm_urdf: Path, imucalib: Imucalib
 ) -> None:
     log = log_writer.imu(gyro=0.0).joints().write()
-    assert main(["inspect", str(log), "--urdf", str(arm_urdf)]) == 0
-    out = capsys.readouterr().out
+    out = imucalib("inspect", log, "--urdf", arm_urdf).out
     assert "gyro is zero in all 400 messages" in out
     assert "There is nothing to run on this log" in out
 
