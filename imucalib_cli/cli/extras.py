@@ -48,13 +48,8 @@ def write_extras(
 ) -> list[ImucalibError]:
     """Write the files that are asked for, each whole or not at all, and say so.
 
-    Args:
-        files: What is asked for.
-        outcome: With details; where nothing could be calibrated, nothing is written.
-        read: Files of the command that must not be written over.
-        written: Files that it has written already.
-        force: Write over logs and URDFs.
-        quiet: Say nothing.
+    Not over what the command has read, or has written already. Where nothing could be calibrated,
+    nothing is written.
 
     Returns:
         Why some could not be written; the others are.
@@ -78,10 +73,7 @@ def write_extras(
 
 
 def for_each_log(names: Iterable[str]) -> tuple[tuple[str, Maker], ...]:
-    """Files of a batch: what follows the log's name in that of each, and what makes it.
-
-    Args:
-        names: Of fields of ExtraFiles.
+    """Of fields of ExtraFiles: what follows the log's name in that of a file, and what makes it.
 
     Raises:
         InputError: What writes them is not installed.
@@ -112,14 +104,14 @@ def _residuals(path: Path, outcome: Outcome) -> Files:
     from imucalib_cli.report.table import as_csv, as_parquet, residual_table
 
     write = as_parquet if path.suffix.lower() == ".parquet" else as_csv
-    for each, windows in _for_each_imu(path, outcome):
+    for each, windows in _windows(path, outcome):
         yield each, write(residual_table(windows, outcome.recording.clock.origin_ns))
 
 
 def _plot(path: Path, outcome: Outcome) -> Files:
     from imucalib_cli.report.paper_plot import draw_residuals
 
-    for each, windows in _for_each_imu(path, outcome):
+    for each, windows in _windows(path, outcome):
         yield each, draw_residuals(windows, path.suffix.lower())
 
 
@@ -145,14 +137,14 @@ def _layout_of(path: Path) -> Path:
     return path.with_suffix(".foxglove.json")
 
 
-def _for_each_imu(path: Path, outcome: Outcome) -> Iterator[tuple[Path, WindowSeries]]:
+def _windows(path: Path, outcome: Outcome) -> Iterator[tuple[Path, WindowSeries]]:
     """The file of each IMU, and its windows."""
-    for own, each in _named_for_each_imu(path, outcome):
+    for own, each in _for_each_imu(path, outcome):
         if each.estimate.details is not None:
             yield own, each.estimate.details.windows
 
 
-def _named_for_each_imu(path: Path, outcome: Outcome) -> Iterator[tuple[Path, Calibrated]]:
+def _for_each_imu(path: Path, outcome: Outcome) -> Iterator[tuple[Path, Calibrated]]:
     """The file of each IMU: ``<stem>.<imu><suffix>`` where there are several."""
     from imucalib_cli.results.names import names_of, short
 
@@ -165,7 +157,7 @@ def _named_for_each_imu(path: Path, outcome: Outcome) -> Iterator[tuple[Path, Ca
 def _statistics(path: Path, outcome: Outcome) -> Files:
     from imucalib_cli.results.statistics_file import statistics_bytes
 
-    for own, each in _named_for_each_imu(path, outcome):
+    for own, each in _for_each_imu(path, outcome):
         if each.estimate.statistics is not None:
             yield own, statistics_bytes(each.result, each.estimate.statistics)
 

@@ -572,6 +572,8 @@ _MATCHED_ONLY = {
 def _estimator_options(
     ctx: typer.Context, estimator: EstimatorOptions
 ) -> MatchedOptions | PaperOptions:
+    from imucalib_cli.estimate.options import MatchedOptions
+
     is_matched = estimator.method == "matched"
     for option, panel in options_given(ctx).items():
         if panel == PAPER if is_matched else option in _MATCHED_ONLY:
@@ -579,7 +581,7 @@ def _estimator_options(
                 f"{option} belongs to --method {'paper' if is_matched else 'matched'}: add that, "
                 f"or leave {option} out"
             )
-    options = _matched(estimator) if is_matched else _published(estimator)
+    options = MatchedOptions(**_given(estimator)) if is_matched else _published(estimator)
     samples = options.window.samples
     if samples is not None and samples <= options.degree:
         raise ChoiceError(
@@ -587,12 +589,6 @@ def _estimator_options(
             f"take at least {(options.degree + 1) | 1} samples"
         )
     return options
-
-
-def _matched(estimator: EstimatorOptions) -> MatchedOptions:
-    from imucalib_cli.estimate.options import MatchedOptions
-
-    return MatchedOptions(**_given(estimator))
 
 
 def changed_options(known: KnownOptions) -> Callable[[MatchedOptions], MatchedOptions]:
@@ -642,11 +638,9 @@ def _named_alike(estimator: KnownOptions, kind: type[Any]) -> dict[str, Any]:
 
 
 def _pose_prior(estimator: KnownOptions, held: Sequence[int]) -> PosePrior | None:
-    """What the user knows of the pose; where it is about may be left to the URDF.
+    """What the user knows of the pose, with components held; it may be left to the URDF where.
 
-    Args:
-        estimator: As given.
-        held: Components; that of --planar is known only with the robot's motion.
+    That of --planar is known only with the robot's motion.
     """
     from imucalib_cli.estimate.options import PosePrior
 

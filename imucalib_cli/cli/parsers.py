@@ -161,9 +161,7 @@ def degrees(text: str) -> float:
 def tolerance(text: str, left_out: Tolerance | None = None) -> Tolerance:
     """A length and an angle with their units, such as ``1mm,0.1deg``, in either order.
 
-    Args:
-        text: What the user wrote; one of the two may be left out.
-        left_out: What that one is then; without it there is no bound.
+    Of the two one may be left out, which then is that of ``left_out``, or else without bound.
     """
     from imucalib_cli.results.comparison.requirement import Tolerance
 

@@ -138,7 +138,7 @@ def run_command(
             )
             if kinematics_report:
                 # beside a result on stdout that programs read it goes to stderr
-                give_kinematics(outcome, to_stdout=chosen == "summary" or target is not None)
+                _give_kinematics(outcome, to_stdout=chosen == "summary" or target is not None)
         if not quiet:
             tell(found, chosen, target, hint=fmt is None)
         for failure in failures:
@@ -146,7 +146,7 @@ def run_command(
         raise typer.Exit(exit_code_of(failures, found))
 
 
-def give_kinematics(outcome: "Outcome", *, to_stdout: bool) -> None:
+def _give_kinematics(outcome: "Outcome", *, to_stdout: bool) -> None:
     """Print what each IMU tells of the robot's joints."""
     from imucalib_cli.jobs.kinematics import kinematics_report
     from imucalib_cli.layout import plain
@@ -166,11 +166,7 @@ def _see_joint(
     *,
     kinematics_report: bool,
 ) -> None:
-    """See that what is asked together with --joint can be done.
-
-    Raises:
-        ChoiceError: It cannot.
-    """
+    """Raise ChoiceError where something is asked that --joint cannot do."""
     if estimator.method != "matched":
         raise ChoiceError("--joint belongs to --method matched: add that, or leave --joint out")
     if len(logs) < _SEVERAL:
@@ -213,11 +209,7 @@ def _in_words(results: "Sequence[Result]", stream: "TextIO") -> str:
 def tell(results: "Sequence[Result]", fmt: str, target: Path | None, *, hint: bool) -> None:
     """To a person the summary, unless stdout has it; beside a result, and to a log, what is wrong.
 
-    Args:
-        results: Of all IMUs.
-        fmt: In which they are written.
-        target: Where to; None is stdout.
-        hint: Whether to say how to get the result as YAML, where stdout has words.
+    Where stdout has words, a ``hint`` says how to get the result as YAML.
     """
     from imucalib_cli.results.fields import findings_of, unobservable_fields
 
