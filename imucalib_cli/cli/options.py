@@ -13,7 +13,9 @@ import typer
 
 from imucalib_cli.cli import complete, parsers
 from imucalib_cli.errors import ChoiceError
+from imucalib_cli.logs.remote.file import path_or_url
 from imucalib_cli.results.formats import FORMATS
+from imucalib_cli.robot.names import frame_name
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -51,7 +53,7 @@ _estimator = partial(typer.Option, rich_help_panel=ESTIMATOR)
 _paper = partial(typer.Option, rich_help_panel=PAPER)
 output_option = partial(typer.Option, rich_help_panel=OUTPUT)
 _topic = partial(_log, metavar="TOPIC")
-_frame = partial(_robot, metavar="FRAME", parser=parsers.frame, autocompletion=complete.links)
+_frame = partial(_robot, metavar="FRAME", parser=frame_name, autocompletion=complete.links)
 _bias = partial(_known, metavar="free|none|STD", parser=parsers.bias_std, show_default="free")
 
 CsvColumns = Annotated[
@@ -152,7 +154,7 @@ Logs = Annotated[
     list[LogPath],
     typer.Argument(
         metavar="LOG",
-        parser=parsers.path_or_url,
+        parser=path_or_url,
         help="One recording: a ROS 1 bag, a ROS 2 folder or db3, an MCAP, tables; its URL; or the "
         "files of a split one.",
     ),
@@ -232,7 +234,7 @@ class RecordingOptions:
     urdf: LogPath | None = _robot(
         None,
         metavar="FILE|URL",
-        parser=parsers.path_or_url,
+        parser=path_or_url,
         help="The robot's URDF, - for stdin, or a .xacro (pip install 'imucalib[xacro]'); "
         "without it the log's /robot_description or its own frames must tell the motion.",
     )

@@ -14,7 +14,8 @@ from imucalib_cli.results.kalibr import (
     read_kalibr,
     read_truth,
 )
-from imucalib_cli.robot.urdf import frame_name, load_robot
+from imucalib_cli.robot.names import frame_name
+from imucalib_cli.robot.urdf import load_robot
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -19,9 +19,9 @@ from imucalib_cli.cli.options import (
     part_asked,
 )
 from imucalib_cli.cli.output import deliver
-from imucalib_cli.cli.parsers import path_or_url
 from imucalib_cli.cli.progress import ProgressBar
 from imucalib_cli.cli.tables import deliver_blocks
+from imucalib_cli.logs.remote.file import path_or_url
 
 if TYPE_CHECKING:
     from imucalib_cli.logs.reader import LogPath

@@ -25,10 +25,10 @@ from imucalib_cli.cli.options import (
     output_option,
 )
 from imucalib_cli.cli.output import chosen_format, deliver, say, say_error
-from imucalib_cli.cli.parsers import path_or_url
 from imucalib_cli.cli.progress import ProgressBar
 from imucalib_cli.errors import ChoiceError
 from imucalib_cli.layout import plain
+from imucalib_cli.logs.remote.file import path_or_url
 
 if TYPE_CHECKING:
     from imucalib_cli.jobs.verify import Answers
