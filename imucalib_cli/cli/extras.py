@@ -95,7 +95,6 @@ def _see_installed(name: str, suffix: str) -> None:
 
 
 def _asked(files: ExtraFiles) -> dict[str, Path]:
-    """Paths by the field's name."""
     paths = {each.name: getattr(files, each.name) for each in fields(files)}
     return {name: path for name, path in paths.items() if path is not None}
 
@@ -138,7 +137,6 @@ def _layout_of(path: Path) -> Path:
 
 
 def _windows(path: Path, outcome: Outcome) -> Iterator[tuple[Path, WindowSeries]]:
-    """The file of each IMU, and its windows."""
     for own, each in _for_each_imu(path, outcome):
         if each.estimate.details is not None:
             yield own, each.estimate.details.windows

@@ -525,11 +525,7 @@ def part_asked(start: float | None, end: float | None) -> Part | None:
 
 
 def _parents(given: Sequence[str]) -> tuple[str | None, tuple[tuple[str, str], ...]]:
-    """The parent of all IMUs, and those of single ones.
-
-    Raises:
-        ChoiceError: An IMU has two.
-    """
+    """The parent of all IMUs, and those of single ones; ChoiceError where one has two."""
     of_all = [text for text in given if "=" not in text]
     of_one = [(imu, frame) for imu, _, frame in (t.rpartition("=") for t in given if "=" in t)]
     if len(of_all) > 1 or len(dict(of_one)) < len(of_one):

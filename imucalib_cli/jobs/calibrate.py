@@ -218,7 +218,6 @@ def repair_streams(
 def _with_repairs(
     estimate: Estimate, repaired: Repaired, of_the_log: tuple[Finding, ...]
 ) -> Estimate:
-    """Add the findings and repairs before the fit to an estimate."""
     blamed = {each.code for each in estimate.findings if each.severity is Severity.UNTRUSTED}
     of_the_log, suspects = (
         tuple(each for each in some if each.code not in blamed)
@@ -302,7 +301,6 @@ def about_nominal(options: MatchedOptions, prior: PosePrior, nominal: Nominal) -
 
 
 def _driven(path: KinematicPath) -> set[str]:
-    """Names of the joints whose values the path takes from the log."""
     return {
         path.tracks[step.track].names[step.column]
         for step in path.steps

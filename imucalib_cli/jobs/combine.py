@@ -147,11 +147,7 @@ def _of_imu(
 
 
 def _usable(logs: Sequence[StoredLog]) -> tuple[list[StoredLog], list[tree.LeftOut]]:
-    """Logs that nothing contradicts; what their motion did not determine others may tell.
-
-    Raises:
-        UntrustedError: There is none.
-    """
+    """Logs that nothing contradicts; what their motion did not determine others may tell."""
     usable, left_out = [], []
     for log in logs:
         wrong = [
@@ -202,11 +198,7 @@ def _see_same_priors(logs: Sequence[StoredLog], options: Sequence[MatchedOptions
 
 
 def _changed(log: StoredLog, change: Change) -> MatchedOptions:
-    """Options of a run as they are asked for now.
-
-    Raises:
-        ChoiceError: Its statistics know nothing of what is asked.
-    """
+    """Options of a run as they are asked for now; ChoiceError where its statistics know no such."""
     before = log.statistics.options
     options = change(before)
     if options.has_gravity != before.has_gravity:
@@ -350,7 +342,6 @@ def _apart(logs: Sequence[StoredLog], found: Combined) -> Iterable[Finding]:
 
 
 def _own_values(log: StoredLog, own: OwnValues) -> dict[str, Floats]:
-    """Biases, time offset and gravity of one log."""
     layout, state = log.statistics.equations.layout, own.state
     values = {"gravity_world": state.gravity}
     for name, size in (("accel_bias", 3), ("gyro_bias", 3), ("time_offset", 1)):
@@ -366,7 +357,6 @@ def _window(entry: tree.WindowEntry) -> Window:
 
 
 def _residuals(said: Sequence[tree.Diagnostics]) -> Residuals:
-    """Of all windows of all logs."""
     used = np.array([each.windows_used for each in said], dtype=np.float64)
 
     def pooled(parts: Sequence[Any]) -> Any:

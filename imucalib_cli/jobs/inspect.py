@@ -163,7 +163,6 @@ def _seen(
     request: CalibrationRequest,
     problem: ImucalibError | None,
 ) -> _Seen:
-    """Look at the IMUs of every robot."""
     imus: list[ImuFinding] = []
     findings: list[Finding] = []
     for one in robots:

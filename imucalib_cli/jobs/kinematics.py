@@ -84,7 +84,6 @@ def _places(path: KinematicPath, first: int) -> Iterator[tuple[str, str, str]]:
 
 
 def _moving(path: KinematicPath) -> list[int]:
-    """Indices of the steps that move."""
     return [
         place
         for place, step in enumerate(path.steps)

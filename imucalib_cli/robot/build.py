@@ -210,7 +210,6 @@ def _moved_on(steps: Sequence[Step], tracks: int) -> list[Step]:
 
 
 def _outside(edges: Sequence[Edge], links: set[str]) -> list[Edge]:
-    """Edges that are not already joints of the URDF."""
     return [edge for edge in edges if not (edge.parent in links and edge.child in links)]
 
 
@@ -243,7 +242,6 @@ def _drive(robot: Robot, joint: Joint, logged: set[str]) -> tuple[str, float, fl
 def _columns(
     robot: Robot, needed: tuple[str, ...], tracks: Sequence[Track]
 ) -> dict[str, tuple[int, int]]:
-    """For each needed joint its (track, column)."""
     ranked = sorted(
         range(len(tracks)),
         key=lambda index: (

@@ -148,7 +148,6 @@ def _is_repeated(edge: Edge, known: Edge) -> bool:
 
 
 def _ancestors(frame: str, above: Tree) -> list[str]:
-    """The frame and its ancestors, up to the root."""
     path = [frame]
     while path[-1] in above:
         candidates = above[path[-1]]

@@ -108,7 +108,6 @@ class Robot:
         )
 
     def _ancestors(self, link: str) -> list[str]:
-        """The link and its ancestors, up to the root."""
         self.require_link(link)
         path = [link]
         while path[-1] in self.joint_above:

@@ -204,7 +204,6 @@ def _see_options(
 
 
 def _show(records: "Sequence[Record]", form: str) -> None:
-    """Write to stdout what is wanted there at the end."""
     from imucalib_cli.batch.tables import TABLES, words
 
     if form == "summary":

@@ -147,7 +147,6 @@ def run_command(
 
 
 def _give_kinematics(outcome: "Outcome", *, to_stdout: bool) -> None:
-    """Print what each IMU tells of the robot's joints."""
     from imucalib_cli.jobs.kinematics import kinematics_report
     from imucalib_cli.layout import plain
 

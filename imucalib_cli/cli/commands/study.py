@@ -138,11 +138,7 @@ def _blocks(tables: "Iterable[StudyTable]") -> "Iterator[Block]":
 
 
 def _tables(study: "Study", rows: "list[Row]", file: Path, *, old: bool) -> "list[StudyTable]":
-    """Tables of rows, of which some may be from a file that somebody changed.
-
-    Raises:
-        ChoiceError: They are none of this study's.
-    """
+    """Tables of rows; ChoiceError where somebody changed their file into another study's."""
     try:
         return study.tables(rows)
     except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:

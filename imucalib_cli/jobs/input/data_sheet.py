@@ -127,7 +127,6 @@ def _check(
 
 
 def _noise(check: ImuCheck, model: ImuModel) -> Iterator[Finding]:
-    """A finding for each sensor whose noise differs from the data sheet's."""
     factor = imu_assumptions().noise_factor
     for sensor in _SENSORS:
         found = check.accel if sensor == "accel" else check.gyro

@@ -110,11 +110,7 @@ def streams_of(
 
 
 def _given(**arguments: object) -> bool:
-    """Whether arguments that belong together are given.
-
-    Raises:
-        ChoiceError: Some are and some are not.
-    """
+    """Whether arguments that belong together are given; ChoiceError where only some are."""
     missing = [name for name, value in arguments.items() if value is None]
     if missing and len(missing) < len(arguments):
         raise ChoiceError(

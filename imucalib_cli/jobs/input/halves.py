@@ -120,7 +120,6 @@ def _namespace(topic: str) -> str:
 
 
 def _is_alone(imu: ImuStream, sensor: Sensor) -> bool:
-    """Whether this sensor has values and the other has none."""
     other = imu.accel if sensor == "gyro" else imu.gyro
     return bool((imu.gyro if sensor == "gyro" else imu.accel).any()) and not bool(other.any())
 
@@ -149,7 +148,6 @@ def _at_stamps_of(
 
 
 def _rate(imu: ImuStream, clock: Clock) -> float:
-    """Samples a second."""
     t = clock.seconds(imu)
     span = float(t.max() - t.min()) if len(t) else 0.0
     return (len(t) - 1) / span if span > 0.0 else 0.0

@@ -265,7 +265,6 @@ def _base(
 
 
 def _from_frames(sources: Sources, frame_id: str, request: CalibrationRequest) -> Motion:
-    """Motion of the log's frames, without a URDF."""
     if sources.base is not None:
         return _from_base(sources, sources.base, frame_id, request)
     if not sources.edges:

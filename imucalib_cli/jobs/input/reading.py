@@ -233,11 +233,7 @@ def robot_and_names(
 
 
 def _asked_for(data: LogData, request: CalibrationRequest) -> set[str]:
-    """Names of the IMUs to calibrate.
-
-    Raises:
-        ChoiceError: A topic has no IMU of the frame that the user named.
-    """
+    """Names of the IMUs to calibrate; ChoiceError where a topic has none of a frame named."""
     asked = request.imu_topics
     if not asked:
         return set(data.imus)
@@ -267,7 +263,6 @@ def recorded_at(recording: Recording, imu: ImuStream, seconds: float) -> datetim
 
 
 def _require_advancing_stamps(imus: tuple[ImuStream, ...], clock: Clock) -> None:
-    """Refuse an IMU whose stamps are all the same."""
     for imu in imus:
         stamps = clock.stamps_ns(imu)
         if len(stamps) > 1 and not np.diff(stamps).any():
