@@ -5,10 +5,8 @@ from __future__ import annotations
 import io
 import json
 import sys
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import jsonschema
 import numpy as np
 import pytest
 import yaml
@@ -20,6 +18,8 @@ from tests.cli.stand_in import ANSWERS
 from tests.results.test_results_documents import UP, make_result
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from imucalib_cli.results.result import Result
     from tests.conftest import Imucalib, Printed
 
@@ -27,10 +27,6 @@ if not hasattr(transform, "RigidTransform"):
     pytest.skip("RigidTransform, the truth here, needs scipy 1.16", allow_module_level=True)
 RigidTransform = transform.RigidTransform
 
-ROOT = Path(__file__).parents[2]
-SCHEMA = jsonschema.Draft202012Validator(
-    json.loads((ROOT / "docs/comparison.schema.json").read_text())
-)
 URDF = """<?xml version="1.0"?>
 <robot name="arm">
   <link name="base"/> <link name="hand"/> <link name="imu_link"/>

@@ -116,6 +116,11 @@ def derivation(small: Path, tmp_path: Path) -> tuple[str, ...]:
     return ("derivation", "--config", str(small), "-o", str(tmp_path / "out"), "--jobs", "1")
 
 
+@pytest.fixture
+def study(imucalib: Imucalib, derivation: tuple[str, ...]) -> Imucalib:
+    return imucalib.with_("study", *derivation)
+
+
 @pytest.mark.parametrize(
     ("name", "missing", "words"),
     [
@@ -138,26 +143,26 @@ def test_what_a_study_needs_is_looked_for_before_any_run(  # noqa: PLR0917 - fix
 
 
 def test_rows_that_are_there_need_nothing_and_no_figures_are_no_error(
-    derivation: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, imucalib: Imucalib
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, study: Imucalib
 ) -> None:
     monkeypatch.setitem(sys.modules, "matplotlib", None)
-    first = imucalib("study", *derivation)
+    first = study()
     assert first.err.startswith("warning: no figures without matplotlib: pip install")
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["derivation.jsonl"]
     monkeypatch.setitem(sys.modules, "mujoco", None)
-    again = imucalib("study", *derivation, "--no-figures")
+    again = study("--no-figures")
     assert again.out == first.out
     assert "warning" not in again.err
 
 
 @pytest.mark.slow
 def test_figures_of_a_quick_run_have_their_own_names(
-    derivation: tuple[str, ...], tmp_path: Path, imucalib: Imucalib
+    derivation: tuple[str, ...], tmp_path: Path, study: Imucalib
 ) -> None:
     (tmp_path / "out").mkdir()
     quick = yaml.safe_load(Path(derivation[2]).read_text("utf-8")) | {"quick": {"windows": [5]}}
     (tmp_path / "quick.yaml").write_text(yaml.safe_dump(quick), encoding="utf-8")
-    imucalib("study", *derivation, "--config", tmp_path / "quick.yaml", "--quick", "-q")
+    study("--config", tmp_path / "quick.yaml", "--quick", "-q")
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [
         "derivation-quick.jsonl",
         *(f"figure-{number}-quick.svg" for number in (5, 6, 7)),
@@ -165,9 +170,9 @@ def test_figures_of_a_quick_run_have_their_own_names(
 
 
 def test_rows_that_lack_something_are_not_the_rows_of_a_study(
-    derivation: tuple[str, ...], tmp_path: Path, imucalib: Imucalib
+    tmp_path: Path, study: Imucalib
 ) -> None:
-    imucalib("study", *derivation, "--no-figures", "-q")
+    study("--no-figures", "-q")
     file = tmp_path / "out" / "derivation.jsonl"
     header, first, *rest = file.read_text("utf-8").splitlines(keepends=True)
     entry = json.loads(first)
@@ -175,7 +180,7 @@ def test_rows_that_lack_something_are_not_the_rows_of_a_study(
     damaged: Any
     for damaged in ({"cell": {}}, [], entry | {"rows": [5]}, lacking):
         file.write_text(header + json.dumps(damaged) + "\n" + "".join(rest), encoding="utf-8")
-        shown = imucalib("study", *derivation, "--no-figures", "-q", code=2)
+        shown = study("--no-figures", "-q", code=2)
         assert shown.out == ""
         assert shown.err.startswith(f"error: {file}: not the rows of a study")
         assert shown.err.endswith("name another folder with -o, or give --fresh\n")
@@ -186,16 +191,16 @@ def _without(entry: dict[str, Any], key: str) -> dict[str, Any]:
 
 
 def test_a_long_run_says_a_line_now_and_then_off_a_terminal(
-    derivation: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, imucalib: Imucalib
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, study: Imucalib
 ) -> None:
     monkeypatch.setattr("imucalib_cli.cli.progress.LINE_PATIENCE", 0.0)
-    said = imucalib("study", *derivation, "--no-figures").err.splitlines()
+    said = study("--no-figures").err.splitlines()
     file = tmp_path / "out" / "derivation.jsonl"
     runs = len(file.read_text("utf-8").splitlines()) - 1
     assert said[0] == f"derivation: {runs} runs, rows in {file}"
     assert re.fullmatch(rf"derivation: 1 of {runs} runs, about \d+ (s|min) left", said[1])
     assert said[-2:] == [f"derivation: {runs} of {runs} runs", f"rows: {file}"]
-    assert imucalib("study", *derivation, "--no-figures", "--fresh", "-q").err == ""
+    assert study("--no-figures", "--fresh", "-q").err == ""
 
 
 @pytest.mark.parametrize("done", [0, 1])
@@ -204,7 +209,7 @@ def test_an_interruption_says_what_is_kept(
     derivation: tuple[str, ...],
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
-    imucalib: Imucalib,
+    study: Imucalib,
 ) -> None:
     measure, calls = DerivationStudy.measure, iter(range(9))
 
@@ -216,7 +221,7 @@ def test_an_interruption_says_what_is_kept(
     monkeypatch.setattr(DerivationStudy, "measure", interrupted)
     # The lines of progress depend on the machine's speed; here none is due.
     monkeypatch.setattr("imucalib_cli.cli.progress.LINE_PATIENCE", 3600.0)
-    said = imucalib("study", *derivation, code=130).err
+    said = study(code=130).err
     runs = len(load_study("derivation", Path(derivation[2])).cells())
     file = tmp_path / "out" / "derivation.jsonl"
     if done:
@@ -226,19 +231,19 @@ def test_an_interruption_says_what_is_kept(
         words = f"none of {runs} runs was done"
         assert not file.parent.exists()
     assert said == f"interrupted: {words}\n"
-    assert imucalib("study", *derivation, "--fresh", "-q", code=130).err == ""
+    assert study("--fresh", "-q", code=130).err == ""
 
 
 def test_a_terminal_gets_columns_that_fit(
-    derivation: tuple[str, ...], monkeypatch: pytest.MonkeyPatch, imucalib: Imucalib
+    monkeypatch: pytest.MonkeyPatch, imucalib: Imucalib, study: Imucalib
 ) -> None:
-    said = imucalib("study", *derivation, "--no-figures", "-q", "--format", "json")
+    said = study("--no-figures", "-q", "--format", "json")
     tables = json.loads(said.out)
     for module in ("commands.study", "tables"):
         monkeypatch.setattr(f"imucalib_cli.cli.{module}.is_terminal", lambda _: True)
     monkeypatch.setenv("COLUMNS", "110")
     monkeypatch.setenv("NO_COLOR", "1")
-    shown = imucalib("study", *derivation, "--no-figures", "-q").out
+    shown = study("--no-figures", "-q").out
     cells = [line for line in shown.splitlines() if line.startswith("  ")]
     assert max(map(len, cells)) <= 110
     for table in tables:
@@ -247,5 +252,5 @@ def test_a_terminal_gets_columns_that_fit(
             assert word in shown
     said = imucalib("study")
     assert "  study          what it repeats or asks\n  derivation     Figures" in (said.out)
-    said = imucalib("study", *derivation, "--no-figures", "-q", "--format", "markdown")
+    said = study("--no-figures", "-q", "--format", "markdown")
     assert "|---|" in said.out

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree as ET
 
-import jsonschema
 import numpy as np
 import pytest
 
@@ -27,10 +26,6 @@ from tests.results.trend_results import drawn, named, result, written
 if TYPE_CHECKING:
     from tests.conftest import Imucalib
 
-ROOT = Path(__file__).parents[2]
-SCHEMA = jsonschema.Draft202012Validator(
-    json.loads((ROOT / "docs/comparison.schema.json").read_text())
-)
 MOVE = np.array([2e-3, 0.0, 0.0, 0.0, 1e-3, 0.0])
 
 

@@ -16,7 +16,6 @@ import pytest
 import yaml
 from scipy.spatial.transform import Rotation
 
-from imucalib_cli.cli.main import main
 from imucalib_cli.findings import Severity, texts
 from tests.cli.stand_in import ANSWERS, ESTIMATE, SIDEWAYS, Estimator, answers
 
@@ -28,12 +27,17 @@ DATA = ROOT / "sample_data"
 
 
 @pytest.fixture
-def result(estimator: Estimator, arm_log: Path, arm_urdf: Path, tmp_path: Path) -> Path:
+def result(estimator: Estimator, tmp_path: Path, run_arm: Imucalib) -> Path:
     """Of `run`: 10 mm from the URDF's 50 mm along x of hand, sigma 0.1 mm."""
     assert estimator.estimate is ESTIMATE
     path = tmp_path / "result.yaml"
-    assert main(["run", str(arm_log), "--urdf", str(arm_urdf), "-q", "-o", str(path)]) == 0
+    run_arm("-q", "-o", path)
     return path
+
+
+@pytest.fixture
+def verify_arm(imucalib: Imucalib, arm_log: Path, arm_urdf: Path) -> Imucalib:
+    return imucalib.with_("verify", arm_log, "--urdf", arm_urdf)
 
 
 @pytest.mark.parametrize(
@@ -47,16 +51,9 @@ def result(estimator: Estimator, arm_log: Path, arm_urdf: Path, tmp_path: Path) 
 )
 @pytest.mark.usefixtures("estimator")
 def test_the_answer_is_a_document_a_sentence_and_an_exit_code(
-    *,
-    within: list[str],
-    code: int,
-    verdict: str,
-    words: str,
-    arm_log: Path,
-    arm_urdf: Path,
-    imucalib: Imucalib,
+    *, within: list[str], code: int, verdict: str, words: str, arm_urdf: Path, verify_arm: Imucalib
 ) -> None:
-    (document,), err = answers(imucalib("verify", arm_log, "--urdf", arm_urdf, *within, code=code))
+    (document,), err = answers(verify_arm(*within, code=code))
     assert document["verdict"] == verdict
     assert document["translation"]["difference_mm"] == pytest.approx(10.0)
     np.testing.assert_allclose(document["translation"]["vector_mm"], [10.0, 0, 0], atol=1e-12)
@@ -69,13 +66,9 @@ def test_the_answer_is_a_document_a_sentence_and_an_exit_code(
 
 
 @pytest.mark.usefixtures("estimator")
-def test_quiet_json_into_a_file(
-    arm_log: Path, arm_urdf: Path, tmp_path: Path, imucalib: Imucalib
-) -> None:
+def test_quiet_json_into_a_file(tmp_path: Path, verify_arm: Imucalib) -> None:
     target = tmp_path / "answer.json"
-    said = imucalib(
-        "verify", arm_log, "--urdf", arm_urdf, "-q", "--format", "json", "-o", target, code=4
-    )
+    said = verify_arm("-q", "--format", "json", "-o", target, code=4)
     assert said == ("", "")
     assert json.loads(target.read_text())["significance"]["of"] == "translation"
 
@@ -94,18 +87,16 @@ def test_one_imu_that_is_wrong_settles_it(
 
 
 def test_an_unobservable_direction_cannot_tell_unless_the_rest_says_no(
-    estimator: Estimator, arm_log: Path, arm_urdf: Path, imucalib: Imucalib
+    estimator: Estimator, verify_arm: Imucalib
 ) -> None:
     wide = ESTIMATE.covariance + np.diag([0, 100.0, 0, 0, 0, 0])
     estimator.estimate = replace(ESTIMATE, unobservable=(SIDEWAYS,), covariance=wide)
-    (document,), _ = answers(
-        imucalib("verify", arm_log, "--urdf", arm_urdf, "--within", "11mm", code=3)
-    )
+    (document,), _ = answers(verify_arm("--within", "11mm", code=3))
     assert "not determined: translation along (0.00 1.00 0.00) of hand" in document["reason"]
     assert document["found"]["status"] == "untrusted"
-    imucalib("verify", arm_log, "--urdf", arm_urdf, code=4)
+    verify_arm(code=4)
     estimator.estimate = replace(ESTIMATE, findings=texts(Severity.UNTRUSTED, ["it wobbles"]))
-    said = imucalib("verify", arm_log, "--urdf", arm_urdf, code=3)
+    said = verify_arm(code=3)
     assert "contradicts itself or its model: it wobbles" in said.err
 
 
