@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.options import MatchedOptions, PaperOptions, PosePrior, WindowChoice
     from imucalib_cli.jobs.input.request import CalibrationRequest, ExpectedImu
     from imucalib_cli.logs.messages.columns import JointColumns
+    from imucalib_cli.logs.messages.table import Kind
     from imucalib_cli.logs.part import Part
     from imucalib_cli.logs.reader import LogPath
     from imucalib_cli.results.comparison.requirement import Tolerance
@@ -52,9 +53,20 @@ _known = partial(typer.Option, rich_help_panel=KNOWN)
 _estimator = partial(typer.Option, rich_help_panel=ESTIMATOR)
 _paper = partial(typer.Option, rich_help_panel=PAPER)
 output_option = partial(typer.Option, rich_help_panel=OUTPUT)
-_topic = partial(_log, metavar="TOPIC")
 _frame = partial(_robot, metavar="FRAME", parser=frame_name, autocompletion=complete.links)
 _bias = partial(_known, metavar="free|none|STD", parser=parsers.bias_std, show_default="free")
+
+
+def _topics(kind: Kind, flag: str, **told: Any) -> Any:
+    return _log([], flag, metavar="TOPIC", autocompletion=complete.topics(kind), **told)
+
+
+def file_option(forms: str, *other: str, **told: Any) -> Any:
+    """A file whose suffix says its form: ``FILE.csv|.parquet``, and others that are not told."""
+    suffixes = forms.removeprefix("FILE").split("|")
+    parser = parsers.file_ending(*suffixes, *other)
+    return output_option(None, metavar=forms, parser=parser, show_default="none", **told)
+
 
 CsvColumns = Annotated[
     Names | None,
@@ -176,39 +188,34 @@ Quiet = Annotated[bool, output_option("-q", "--quiet", help="Errors only on stde
 class RecordingOptions:
     """What to read and on which robot; the names are those of a CalibrationRequest."""
 
-    imu_topics: list[str] = _topic(
-        [],
+    imu_topics: list[str] = _topics(
+        "imu",
         "--imu-topic",
-        autocompletion=complete.topics("imu"),
         help="IMU to calibrate, repeatable.",
         show_default="every one in the log",
     )
-    gyro_topics: list[str] = _topic(
-        [],
+    gyro_topics: list[str] = _topics(
+        "imu",
         "--gyro-topic",
-        autocompletion=complete.topics("imu"),
         help="Gyroscope that is apart from its accelerometer, by which the two are called; "
         "repeatable.",
         show_default="found",
     )
-    accel_topics: list[str] = _topic(
-        [],
+    accel_topics: list[str] = _topics(
+        "imu",
         "--accel-topic",
-        autocompletion=complete.topics("imu"),
         help="Its accelerometer; repeatable, in the same order.",
         show_default="found",
     )
-    joint_topics: list[str] = _topic(
-        [],
+    joint_topics: list[str] = _topics(
+        "joints",
         "--joint-topic",
-        autocompletion=complete.topics("joints"),
         help="Joint states to use, repeatable.",
         show_default="all",
     )
-    pose_topics: list[str] = _topic(
-        [],
+    pose_topics: list[str] = _topics(
+        "pose",
         "--pose-topic",
-        autocompletion=complete.topics("pose"),
         help="Poses (tf, odometry, motion capture) to use, repeatable.",
         show_default="found",
     )
@@ -414,44 +421,30 @@ class EstimatorOptions(KnownOptions):
 class ExtraFiles:
     """Files beside the result; what makes each is in cli/extras.py, by the field's name."""
 
-    statistics: Path | None = output_option(
-        None,
-        metavar="FILE.npz",
-        parser=parsers.file_ending(".npz"),
+    statistics: Path | None = file_option(
+        "FILE.npz",
         help="Also write what the log tells, summed: imucalib combine solves it again, alone "
         "or with other logs.",
-        show_default="none",
     )
-    report: Path | None = output_option(
-        None,
-        metavar="FILE.html",
-        parser=parsers.file_ending(".html", ".htm"),
+    report: Path | None = file_option(
+        "FILE.html",
+        ".htm",
         help="Also write a page to look at: the verdict, the pose to copy, and plots of all "
         "that it rests on.",
-        show_default="none",
     )
-    residuals: Path | None = output_option(
-        None,
-        metavar="FILE.csv|.parquet",
-        parser=parsers.file_ending(".csv", ".parquet"),
+    residuals: Path | None = file_option(
+        "FILE.csv|.parquet",
         help="Also write what was measured and predicted over time; column time_s is the time "
         "axis.",
-        show_default="none",
     )
-    debug_mcap: Path | None = output_option(
-        None,
-        metavar="FILE.mcap",
-        parser=parsers.file_ending(".mcap"),
+    debug_mcap: Path | None = file_option(
+        "FILE.mcap",
         help="Also write measured, predicted, residuals and the moving robot for Foxglove and "
         "Rerun, with FILE.foxglove.json, a layout.",
-        show_default="none",
     )
-    plot: Path | None = output_option(
-        None,
-        metavar="FILE.svg|.pdf|.png",
-        parser=parsers.file_ending(".svg", ".pdf", ".png"),
+    plot: Path | None = file_option(
+        "FILE.svg|.pdf|.png",
         help="Also draw measured against predicted and the residuals, one page for papers.",
-        show_default="none",
     )
 
 

@@ -35,8 +35,7 @@ if TYPE_CHECKING:
     from imucalib_cli.batch.record import Record
     from imucalib_cli.findings import Finding
 
-WORK = "Work"
-"""Panel of the help."""
+_work = partial(typer.Option, rich_help_panel="Work")
 
 
 def batch_command(
@@ -81,46 +80,39 @@ def batch_command(
     ),
     require: Require = None,
     extras: ExtrasForEachLog,
-    workers: int | None = typer.Option(
+    workers: int | None = _work(
         None,
         min=1,
         metavar="N",
         help="Processes at a time.",
         show_default="all processors, as far as --memory allows",
-        rich_help_panel=WORK,
     ),
-    memory: int | None = typer.Option(
+    memory: int | None = _work(
         None,
         metavar="AMOUNT",
         parser=parsers.memory,
         help="What each process may take; a log that needs more fails. Enforced on Linux.",
         show_default="2GiB",
-        rich_help_panel=WORK,
     ),
-    timeout: float | None = typer.Option(
+    timeout: float | None = _work(
         None,
         metavar="SECONDS",
         parser=parsers.duration,
         help="What each log may take; one that needs longer fails, and is done again next time.",
         show_default="any time",
-        rich_help_panel=WORK,
     ),
-    dask: str | None = typer.Option(
+    dask: str | None = _work(
         None,
         metavar="ADDRESS|local",
         parser=parsers.scheduler,
         help="Let the workers of a Dask scheduler do it, or a Dask cluster of this machine.",
         show_default="none: processes of this machine",
-        rich_help_panel=WORK,
     ),
-    fresh: bool = typer.Option(
-        False, "--fresh", help="Do finished logs again too.", rich_help_panel=WORK
-    ),
-    rehash: bool = typer.Option(
+    fresh: bool = _work(False, "--fresh", help="Do finished logs again too."),
+    rehash: bool = _work(
         False,
         "--rehash",
         help="Read all logs to see whether they are as they were, though size and time are.",
-        rich_help_panel=WORK,
     ),
     quiet: Quiet = False,
 ) -> None:

@@ -8,9 +8,9 @@ import typer
 
 from imucalib_cli.cli.exit_codes import exit_code_of_answers
 from imucalib_cli.cli.files import files_of, telling_what_is_left
-from imucalib_cli.cli.options import OutputFile, Quiet, Within, output_option
+from imucalib_cli.cli.options import OutputFile, Quiet, Within, file_option, output_option
 from imucalib_cli.cli.output import deliver, say, say_error
-from imucalib_cli.cli.parsers import file_ending, moment
+from imucalib_cli.cli.parsers import moment
 from imucalib_cli.cli.tables import deliver_blocks
 
 
@@ -35,12 +35,8 @@ def trend_command(
         "for each IMU.",
     ),
     output: OutputFile = None,
-    plot: Path | None = output_option(
-        None,
-        metavar="FILE.svg|.pdf|.png",
-        parser=file_ending(".svg", ".pdf", ".png"),
-        help="Also draw the mount over time with 1 sigma.",
-        show_default="none",
+    plot: Path | None = file_option(
+        "FILE.svg|.pdf|.png", help="Also draw the mount over time with 1 sigma."
     ),
     quiet: Quiet = False,
 ) -> None:
