@@ -35,7 +35,6 @@ from imucalib_cli.results.comparison.requirement import require
 from imucalib_cli.results.from_estimate import result_of, scalars
 from imucalib_cli.results.result import Provenance, RecordingEntry, SourceFile, Topics
 from imucalib_cli.robot.path import JointStep
-from imucalib_cli.signals.imu.repair import Repaired, repair
 from imucalib_cli.signals.imu.stream_health import missing_parts
 from imucalib_cli.signals.samples import samples_of
 from imucalib_cli.signals.timing.stamps import usual_interval
@@ -50,6 +49,7 @@ if TYPE_CHECKING:
     from imucalib_cli.results.result import Result
     from imucalib_cli.robot.mount import Nominal
     from imucalib_cli.robot.path import KinematicPath
+    from imucalib_cli.signals.imu.repair import Repaired
     from imucalib_cli.signals.samples import ImuSamples
 
 
@@ -152,7 +152,7 @@ def _estimate_one(
     check_overlap(samples, motion, recording.clock)
     tracks = {track.name: track.t for track in motion.path.tracks}
     missing = tuple(missing_parts({imu.name: samples.t, **tracks}))
-    repaired = repair_streams(samples, motion.path, request)
+    repaired = request.repaired(samples, motion.path)
     options = with_priors(request.estimator, request.imu)
     if isinstance(options, MatchedOptions):
         options = options.along(motion.path)
@@ -195,24 +195,6 @@ def _calibrated(recording: Recording, alone: _Alone, estimate: Estimate) -> Cali
         provenance=_provenance(recording, alone.imu, motion, alone.repaired.samples.t, request),
     )
     return Calibrated(result=result, estimate=estimate, samples=alone.samples, motion=motion)
-
-
-def repair_streams(
-    samples: ImuSamples, path: KinematicPath, request: CalibrationRequest
-) -> Repaired:
-    """Repair one IMU and the streams that move it, with the options of a request.
-
-    Raises:
-        InputError: As :func:`imucalib_cli.signals.imu.repair.repair`.
-    """
-    return repair(
-        samples,
-        path,
-        units=request.units,
-        gravity=request.gravity,
-        max_offset=request.max_offset,
-        accel_ranges=() if request.imu is None else request.imu.model.ranges("accel"),
-    )
 
 
 def _with_repairs(

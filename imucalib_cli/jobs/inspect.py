@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from imucalib_cli.errors import ChoiceError, ImucalibError
 from imucalib_cli.estimate.options import MatchedOptions
-from imucalib_cli.jobs.calibrate import check_overlap, repair_streams
+from imucalib_cli.jobs.calibrate import check_overlap
 from imucalib_cli.jobs.input.halves import joined
 from imucalib_cli.jobs.input.motion import find_motion
 from imucalib_cli.jobs.input.reading import (
@@ -257,7 +257,7 @@ def _imu(
     if found.floats:
         request = replace(request, estimator=MatchedOptions(gravity="none"))
     try:
-        repaired = repair_streams(samples, motion.path, request)
+        repaired = request.repaired(samples, motion.path)
     except ImucalibError as error:
         return replace(found, problem=str(error)), ()
     if repaired.gyro_unit == "deg/s":

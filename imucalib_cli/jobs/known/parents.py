@@ -11,7 +11,6 @@ from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.jobs.input.motion import other_frames
 from imucalib_cli.robot.frames import with_static_frames
 from imucalib_cli.shown import meant
-from imucalib_cli.signals.imu.repair import repair
 from imucalib_cli.signals.samples import samples_of
 
 if TYPE_CHECKING:
@@ -72,13 +71,7 @@ def find_parents(
     def repaired(path: KinematicPath) -> ImuSamples:
         samples = samples_of(imu, clock)
         try:
-            return repair(
-                samples,
-                path,
-                units=request.units,
-                gravity=request.gravity,
-                max_offset=request.max_offset,
-            ).samples
+            return request.repaired(samples, path).samples
         except ImucalibError:
             return samples
 
