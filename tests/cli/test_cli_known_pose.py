@@ -87,27 +87,6 @@ def test_what_is_verified_cannot_be_what_is_known(
     assert asked.options is None
 
 
-@pytest.mark.usefixtures("asked")
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (["--fix", "x"], "--fix x: 'x' is no component"),
-        (["--prior-std", "2"], "--prior-std 2:"),
-        (["--initial", ELSEWHERE], "--initial belongs to --fix, --prior-std or --method paper"),
-        (["--fix", "tx", "--initial", "1 2 3"], "expected six numbers"),
-        (["--fix", "tx", "--method", "paper"], "--fix belongs to --method matched"),
-        (["--prior-std", "1mm", "--method", "paper"], "--prior-std belongs to --method matched"),
-        (["--sensor-model", "ideal", "--method", "paper"], "--sensor-model belongs to --method"),
-        (["--sensor-model", "none"], "'none' is not one of 'auto', 'ideal'"),
-    ],
-)
-def test_what_makes_no_sense_is_one_line(options: list[str], words: str, run_arm: Imucalib) -> None:
-    out, err = run_arm(*options, code=2)
-    assert out == ""
-    assert words in err
-    assert len(err.splitlines()) == 1
-
-
 def test_the_sensor_model_reaches_the_estimator(asked: Asked, run_arm: Imucalib) -> None:
     for model in ("ideal", "auto"):
         run_arm("--sensor-model", model, code=1)

@@ -59,13 +59,6 @@ def test_what_makes_no_sense_is_refused_by_name(option: str, imucalib: Imucalib)
         assert err.count("\n") == 1
 
 
-def test_what_is_expected_is_said(imucalib: Imucalib) -> None:
-    said = imucalib("run", "nowhere.mcap", "--fix", "roll", code=2)
-    assert "expected some of tx, ty, tz, rx, ry, rz" in said.err
-    said = imucalib("run", "nowhere.mcap", "--clock", "sun", code=2)
-    assert "'auto', 'header', 'log'" in said.err
-
-
 @pytest.mark.parametrize(
     ("text", "seconds"),
     [("0.5", 0.5), ("-0.042", -0.042), ("-42ms", -0.042), ("3 s", 3.0), ("1e-3", 1e-3)],

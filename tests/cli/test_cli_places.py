@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 import pytest
 import yaml
 
-from imucalib_cli.cli.main import main
 from imucalib_cli.configuration import _configs
 from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.results.codec import to_document, to_yaml
@@ -53,10 +52,7 @@ def house(tmp_path: Path, log_writer: LogWriter, arm_urdf: Path) -> Iterator[Pat
 
 @pytest.fixture
 def refused(
-    estimator: Estimator,
-    house: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    estimator: Estimator, house: Path, monkeypatch: pytest.MonkeyPatch, imucalib: Imucalib
 ) -> Callable[[str], str]:
     """What a command in the house says that is wrong usage."""
     del estimator
@@ -64,8 +60,7 @@ def refused(
 
     def said(arguments: str) -> str:
         short = SHORT if arguments.startswith("simulate") else ()
-        assert main([*arguments.split(), *short]) == 2
-        return capsys.readouterr().err
+        return imucalib(*arguments.split(), *short, code=2).err
 
     return said
 

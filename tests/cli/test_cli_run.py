@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import shlex
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -224,18 +225,26 @@ def test_the_published_method_starts_from_the_urdf_or_as_told(
         ("--require 1", "--require 1: expected a length, an angle or both"),
         ("--require 1mm,2mm", "--require 1mm,2mm: expected a length, an angle or both"),
         ("--require 0mm", "--require 0mm: must be positive"),
-        ("--clock sun", "'sun' is not one of 'auto'"),
+        ("--clock sun", "'sun' is not one of 'auto', 'header', 'log'"),
         ("--degree 1", "Invalid value for '--degree'"),
         ("--unknown", "No such option: --unknown"),
         ("--imu-topic /imu", "/imu is not in the log"),
         ("--parent nowhere", "--parent nowhere: no such link"),
         ("--imu-link nowhere", "--imu-link nowhere: no such link"),
+        ("--fix x", "--fix x: 'x' is no component; expected some of tx, ty, tz, rx, ry, rz"),
+        ("--prior-std 2", "--prior-std 2:"),
+        ("--initial '1 2 3 0 0 1'", "--initial belongs to --fix, --prior-std or --method paper"),
+        ("--fix tx --initial '1 2 3'", "expected six numbers"),
+        ("--fix tx --method paper", "--fix belongs to --method matched"),
+        ("--prior-std 1mm --method paper", "--prior-std belongs to --method matched"),
+        ("--sensor-model ideal --method paper", "--sensor-model belongs to --method"),
+        ("--sensor-model none", "'none' is not one of 'auto', 'ideal'"),
     ],
 )
 def test_wrong_usage_is_one_line_and_exit_2(
     options: str, complaint: str, estimator: Estimator, run_arm: Imucalib
 ) -> None:
-    out, err = run_arm(*options.split(), code=2)
+    out, err = run_arm(*shlex.split(options), code=2)
     assert out == ""
     assert err.startswith("error: ")
     assert complaint in err

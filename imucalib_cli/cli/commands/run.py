@@ -47,10 +47,6 @@ if TYPE_CHECKING:
     from imucalib_cli.results.result import Result
 
 
-_SEVERAL = 2
-"""Recordings, at least, that are solved together."""
-
-
 def run_command(
     ctx: typer.Context,
     logs: Logs,
@@ -168,7 +164,7 @@ def _see_joint(
     """Raise ChoiceError where something is asked that --joint cannot do."""
     if estimator.method != "matched":
         raise ChoiceError("--joint belongs to --method matched: add that, or leave --joint out")
-    if len(logs) < _SEVERAL:
+    if len(logs) == 1:
         raise ChoiceError("--joint takes several recordings: name another LOG, or leave it out")
     if kinematics_report:
         raise ChoiceError("--kinematics-report is of one recording: leave --joint out")

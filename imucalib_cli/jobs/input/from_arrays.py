@@ -38,18 +38,7 @@ def streams_of(
 ) -> tuple[LogData, int]:
     """Streams on topics ``imu``, ``joints`` and ``poses``, and what to add to their stamps, ns.
 
-    Args:
-        t: (N,), s.
-        gyro: (N, 3), rad/s.
-        accel: (N, 3), m/s².
-        pose_t: (M,), s; None, as what belongs to it, where there are no poses.
-        positions: (M, 3), m.
-        quaternions_xyzw: (M, 4), of any length but zero.
-        joint_t: (K,), s; None where there are no joints.
-        joint_positions: (K, J), rad or m.
-        joint_names: Of the J columns.
-        frame: Of the IMU.
-        world: In which the poses are.
+    Their shapes and units are those of :func:`imucalib_cli.api.calibrate_arrays`.
 
     Raises:
         InputError: Shapes do not fit, or a value is no finite number.
