@@ -167,13 +167,11 @@ def _seen(
     findings: list[Finding] = []
     for one in robots:
         read = one.data if chosen is None else chosen.of(one.data)
-        clock = choose_clock(moving_streams(read), "auto")
+        clock = choose_clock(moving_streams(read), request.clock)
         read, pairs = joined(read, clock, request)
         if request.part is not None:
             read, _ = part_of(read, clock, request.part)
-        unasked, unread = ((), ()) if chosen is None else (chosen.unasked, chosen.unread)
-        sources, duplicates = gather_sources(read, clock, unasked)
-        sources = replace(sources, prefixes=one.prefixes, unread=unread)
+        sources, duplicates = gather_sources(read, clock, chosen, one.prefixes)
         findings += [*clock.findings, *pairs, *duplicates]
         base = None
         unknown = problem or one.problem

@@ -31,13 +31,14 @@ from imucalib_cli.robot.urdf_xml import SIZE_LIMIT
 from imucalib_cli.shown import meant
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable
+    from collections.abc import Iterable
     from pathlib import Path
 
     from imucalib_cli.jobs.input.request import CalibrationRequest, Progress
     from imucalib_cli.logs.clock import Clock
     from imucalib_cli.logs.log import Log, LogData
     from imucalib_cli.logs.reader import LogPath
+    from imucalib_cli.logs.select import Selection
     from imucalib_cli.logs.streams import ImuStream, JointStream, PoseStream, Stream
     from imucalib_cli.robot.urdf import Robot
 
@@ -111,8 +112,7 @@ def read_recording(request: CalibrationRequest, progress: Progress | None = None
     unused = [topic for topic in chosen.imus if topic not in used]
     if unused and (request.imu_topics or not used):
         raise InputError("; ".join(_why_unused(topic, data) for topic in unused))
-    recording = recording_of(data, request, unasked=chosen.unasked, paths=log.paths, files=files)
-    return replace(recording, sources=replace(recording.sources, unread=chosen.unread))
+    return recording_of(data, request, chosen, paths=log.paths, files=files)
 
 
 def open_requested(request: CalibrationRequest, progress: Progress | None = None) -> Log:
@@ -144,8 +144,8 @@ def robot_of(urdf: LogPath) -> Robot:
 def recording_of(
     data: LogData,
     request: CalibrationRequest,
+    chosen: Selection | None = None,
     *,
-    unasked: Collection[str] = (),
     paths: tuple[LogPath, ...] = (),
     files: Fingerprints | None = None,
     epoch_ns: int = 0,
@@ -155,7 +155,7 @@ def recording_of(
     Args:
         data: As read, or made of arrays; at least one IMU.
         request: Its clock, URDF and part of the log.
-        unasked: Odometry topics that nobody named; used only if nothing else moves the base.
+        chosen: Topics of a log.
         paths: Of the log.
         files: Their hashes.
         epoch_ns: What was taken off the stamps of the data, ns.
@@ -181,14 +181,9 @@ def recording_of(
     filled = [(name in asked, imu) for name, imu in data.imus.items() if len(imu)]
     imus, others = (tuple(imu for one, imu in filled if one == wanted) for wanted in (True, False))
     _require_advancing_stamps(imus, clock)
-    sources, duplicates = gather_sources(data, clock, unasked)
-    sources = replace(
-        sources,
-        prefixes=prefixes,
-        undescribed=warnings(
-            each for each in findings if each.code == "robot.description_unusable"
-        ),
-    )
+    sources, duplicates = gather_sources(data, clock, chosen, prefixes)
+    unusable = (each for each in findings if each.code == "robot.description_unusable")
+    sources = replace(sources, undescribed=warnings(unusable))
     check_parents((*imus, *others), request)
     imus, sources, reckoned = with_base_imu((imus, others), sources, clock, robot, request)
     used = {imu.topic for imu in imus} | set(sources.topics.values())
@@ -288,12 +283,13 @@ def _why_unused(topic: str, data: LogData) -> str:
 
 
 def gather_sources(
-    data: LogData, clock: Clock, unasked: Collection[str] = ()
+    data: LogData, clock: Clock, chosen: Selection | None, prefixes: tuple[str, ...]
 ) -> tuple[Sources, tuple[Finding, ...]]:
     """Tracks and edges of a log on its clock, and findings about duplicate poses.
 
-    Odometry on topics that nobody named, ``unasked``, is used only if nothing else moves the base.
+    Several ``prefixes`` may fit the joints' names.
     """
+    unasked, unread = ((), ()) if chosen is None else (chosen.unasked, chosen.unread)
     topics: dict[str, str] = {}
     joints = []
     for topic, streams in data.joints.items():
@@ -310,8 +306,8 @@ def gather_sources(
                 )
             )
     poses = [pose for streams in data.poses.values() for pose in streams]
-    chosen = {(pose.parent, pose.child) for pose in poses if pose.topic not in unasked}
-    poses = [p for p in poses if p.topic not in unasked or (p.parent, p.child) not in chosen]
+    asked = {(pose.parent, pose.child) for pose in poses if pose.topic not in unasked}
+    poses = [p for p in poses if p.topic not in unasked or (p.parent, p.child) not in asked]
     kept, duplicates = _one_for_each_edge(poses)
     edges = []
     for pose in kept:
@@ -336,6 +332,8 @@ def gather_sources(
         unused=unused,
         unused_joints=tuple(topic for topic, streams in data.joints.items() if not streams),
         unasked=frozenset(unasked),
+        unread=unread,
+        prefixes=prefixes,
     )
     return sources, duplicates
 
