@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 
 import imucalib_cli as ic
-from imucalib_cli.cli.main import main
 from imucalib_cli.jobs.input.reading import read_recording
 from imucalib_cli.jobs.input.request import CalibrationRequest
 from imucalib_cli.robot.rotations import quaternion_from_matrix
@@ -22,7 +21,7 @@ from tests.slow import slow_after
 
 if TYPE_CHECKING:
     from imucalib_cli.jobs.input.reading import Recording
-    from tests.conftest import LogWriter
+    from tests.conftest import Imucalib, LogWriter
 
 ROOT = Path(__file__).resolve().parent.parent
 SAMPLES = ROOT / "sample_data"
@@ -52,12 +51,9 @@ def streams() -> dict[str, Any]:
     }
 
 
-def test_a_call_gives_what_the_command_writes(
-    arm: ic.Calibration, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_call_gives_what_the_command_writes(arm: ic.Calibration, imucalib: Imucalib) -> None:
     for form in ("json", "urdf"):
-        assert main(["run", str(LOG), "--urdf", str(URDF), "-q", "--format", form]) == 0
-        assert arm.render(form) == capsys.readouterr().out
+        assert arm.render(form) == imucalib("run", LOG, "--urdf", URDF, "-q", "--format", form).out
 
 
 def test_a_calibration_has_arrays_residuals_and_words(arm: ic.Calibration) -> None:
