@@ -58,7 +58,9 @@ def kinematics_report(each: Calibrated) -> Iterator[Block]:
     moving = _moving(path)
     for name, kind, why in _places(path, min(moving, default=0)):
         entries = found.get((name, kind), [])
-        rows += (_row(entry, name, _what(entry, kind)) for entry in entries)
+        for entry in entries:
+            what = "zero" if kind == ZERO else f"origin {entry.label.rpartition(' ')[2]}"
+            rows.append(_row(entry, name, what))
         if len(entries) < (1 if kind == ZERO else len("xyz")):
             some = "zero" if kind == ZERO else "origin" if not entries else "origin, the rest"
             rows.append((name, some, "", "", why))
@@ -97,10 +99,6 @@ def _reported(path: KinematicPath, place: int) -> str:
     return path.tracks[step.track].names[step.column] if isinstance(step, JointStep) else ""
 
 
-def _what(entry: ParameterEntry, kind: str) -> str:
-    return "zero" if kind == ZERO else f"origin {entry.label.rpartition(' ')[2]}"
-
-
 def _row(entry: ParameterEntry, joint: str, what: str) -> tuple[str, ...]:
     unit, scale = _UNITS[entry.unit]
     value, std, before = (
@@ -113,10 +111,5 @@ def _row(entry: ParameterEntry, joint: str, what: str) -> tuple[str, ...]:
         remark = f"{figures(off, 3)} sigma: clear"
     elif std > _TAUGHT * before > 0.0:
         remark = "the log says nothing of it"
-    return (
-        joint,
-        f"{what}, {unit}",
-        with_std(value, std),
-        f"± {sigma(before)}{learnt}",
-        remark,
-    )
+    told = with_std(value, std), f"± {sigma(before)}{learnt}"
+    return joint, f"{what}, {unit}", *told, remark

@@ -36,6 +36,12 @@ class Edge:
     is_static: bool = False
     """From /tf_static: the last value holds for the whole log."""
 
+    @property
+    def last(self) -> FixedStep:
+        """The last pose."""
+        values = self.track.values[-1]
+        return FixedStep(R=matrix_from_quaternion(values[3:7]), p=values[:3].copy())
+
 
 def with_static_frames(robot: Robot, edges: Sequence[Edge]) -> Robot:
     """A robot with the frames that the log's static edges hang on its links, by nameless joints.
@@ -54,7 +60,6 @@ def with_static_frames(robot: Robot, edges: Sequence[Edge]) -> Robot:
     while fitting := [edge for edge in hanging.values() if edge.parent in links]:
         for edge in fitting:
             del hanging[edge.child]
-            last = edge.track.values[-1]
             links.append(edge.child)
             joints.append(
                 Joint(
@@ -62,8 +67,8 @@ def with_static_frames(robot: Robot, edges: Sequence[Edge]) -> Robot:
                     kind="fixed",
                     parent=edge.parent,
                     child=edge.child,
-                    R_origin=matrix_from_quaternion(last[3:7]),
-                    p_origin=last[:3].copy(),
+                    R_origin=edge.last.R,
+                    p_origin=edge.last.p,
                     axis=np.array([1.0, 0.0, 0.0]),
                 )
             )
@@ -178,8 +183,6 @@ def _step(edge: Edge, tracks: list[Track], *, inverse: bool) -> Step:
     if not np.any(values[:, 3:] != 0.0, axis=1).all():
         raise InputError(f"{what} has a quaternion of zeros in some messages: fix its publisher")
     if edge.is_static:
-        last = edge.track.values[-1]
-        step = FixedStep(R=matrix_from_quaternion(last[3:7]), p=last[:3].copy())
-        return fixed_inverse(step) if inverse else step
+        return fixed_inverse(edge.last) if inverse else edge.last
     tracks.append(edge.track)
     return PoseStep(track=len(tracks) - 1, inverse=inverse)

@@ -22,7 +22,6 @@ from imucalib_cli.robot.frames import Edge, frame_path, with_static_frames
 from imucalib_cli.robot.mount import Mount, Nominal, find_mount, require_nominal
 from imucalib_cli.robot.names import known_name
 from imucalib_cli.robot.path import FixedStep
-from imucalib_cli.robot.rotations import matrix_from_quaternion
 from imucalib_cli.shown import near_matches
 from imucalib_cli.signals.moves import track_moves
 
@@ -334,12 +333,8 @@ def _guess_parent(edges: tuple[Edge, ...], frame_id: str) -> tuple[str, Nominal 
             continue
         if not edge.is_static:  # the IMU's frame itself is tracked
             return frame_id, Nominal(joint="", R_parent_imu=np.eye(3), t_parent_imu=np.zeros(3))
-        last = edge.track.values[-1]
-        return edge.parent, Nominal(
-            joint="",
-            R_parent_imu=matrix_from_quaternion(last[3:7]),
-            t_parent_imu=last[:3].copy(),
-        )
+        last = edge.last
+        return edge.parent, Nominal(joint="", R_parent_imu=last.R, t_parent_imu=last.p)
     candidates = tuple(dict.fromkeys(edge.child for edge in edges if not edge.is_static))
     if len(candidates) == 1:
         return candidates[0], None
