@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import io
 import os
 import zlib
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -183,8 +185,9 @@ class Imucalib:
     def __init__(self, capsys: pytest.CaptureFixture[str], *first: object) -> None:
         self._capsys, self._first = capsys, first
 
-    def __call__(self, *arguments: object, code: int = 0) -> Printed:
-        assert main([str(each) for each in (*self._first, *arguments)]) == code
+    def __call__(self, *arguments: object, code: int = 0, stdin: bytes = b"") -> Printed:
+        with mock.patch("sys.stdin", io.TextIOWrapper(io.BytesIO(stdin))):
+            assert main([str(each) for each in (*self._first, *arguments)]) == code
         return Printed(*self._capsys.readouterr())
 
     def with_(self, *first: object) -> Imucalib:

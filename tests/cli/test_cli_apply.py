@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import re
 from hashlib import sha256
-from io import BytesIO
-from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -217,10 +215,8 @@ def test_the_origin_of_a_xacro_is_changed_where_it_is_a_number(
     assert "--format xacro" in said
 
 
-def test_a_urdf_from_stdin_is_written_to_stdout(
-    tmp_path: Path, imucalib: Imucalib, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_urdf_from_stdin_is_written_to_stdout(tmp_path: Path, imucalib: Imucalib) -> None:
     result = tmp_path / "result.yaml"
     result.write_text(to_yaml([imu("left")]))
-    monkeypatch.setattr("sys.stdin", SimpleNamespace(buffer=BytesIO(URDF.encode())))
-    assert imucalib("apply", result, "--urdf", "-").out == URDF.replace("0.303", "0.3")
+    said = imucalib("apply", result, "--urdf", "-", stdin=URDF.encode())
+    assert said.out == URDF.replace("0.303", "0.3")

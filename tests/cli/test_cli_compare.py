@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import io
 import json
-import sys
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -112,9 +110,11 @@ def files(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def compare(files: Path, imucalib: Imucalib) -> Any:
-    def compare(*more: object, result: object = "", kalibr: object = "", code: int = 0) -> Printed:
+    def compare(
+        *more: object, result: object = "", kalibr: object = "", **expected: Any
+    ) -> Printed:
         read = (result or files / "result.yaml", "--kalibr", kalibr or files / "kalibr.yaml")
-        return imucalib("compare", *read, "--urdf", files / "robot.urdf", *more, code=code)
+        return imucalib("compare", *read, "--urdf", files / "robot.urdf", *more, **expected)
 
     return compare
 
@@ -278,10 +278,9 @@ def test_another_camera_of_the_chain(files: Path, compare: Any) -> None:
     assert "has cam0, cam1" in compare("--camera", "cam2", code=2).err
 
 
-def test_stdin_output_and_quiet(files: Path, compare: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_stdin_output_and_quiet(files: Path, compare: Any) -> None:
     content = (files / "kalibr.yaml").read_bytes()
-    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(content)))
-    out, err = compare("-q", "-o", files / "answer.yaml", kalibr="-")
+    out, err = compare("-q", "-o", files / "answer.yaml", kalibr="-", stdin=content)
     assert out == err == ""
     document = yaml.safe_load((files / "answer.yaml").read_text())
     assert document["kalibr"]["file"] == "standard input"

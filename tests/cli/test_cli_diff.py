@@ -78,12 +78,9 @@ def test_within_asks_for_a_size_instead(write: Any, imucalib: Imucalib) -> None:
     imucalib("diff", first, second, "--within", "1mm", code=3)
 
 
-def test_one_of_them_from_stdin(
-    write: Any, monkeypatch: pytest.MonkeyPatch, imucalib: Imucalib
-) -> None:
+def test_one_of_them_from_stdin(write: Any, imucalib: Imucalib) -> None:
     first, second = write("a.yaml", make()), write("b.yaml", make())
-    monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(first.read_bytes())))
-    (document,), err = answers(imucalib("diff", "-", second))
+    (document,), err = answers(imucalib("diff", "-", second, stdin=first.read_bytes()))
     assert document["first"]["file"] == "standard input"
     assert "warning: standard input and " in err
     assert "were computed from the same log" in err

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -49,9 +48,7 @@ def test_the_result_is_the_truth_within_its_sigma(log: str, imucalib: Imucalib) 
     assert abs(offset["seconds"] - truth["time_offset"]) < 4 * offset["std"] < 1e-4
 
 
-def test_apply_puts_the_result_where_the_joint_was(
-    tmp_path: Path, imucalib: Imucalib, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_apply_puts_the_result_where_the_joint_was(tmp_path: Path, imucalib: Imucalib) -> None:
     result, before = tmp_path / "result.yaml", DATA / "rihibot.urdf"
     log = DATA / "rihibot.mcap"
     imucalib("run", log, "--urdf", before, "-q", "-o", result)
@@ -66,9 +63,8 @@ def test_apply_puts_the_result_where_the_joint_was(
     assert document["diagnostics"]["nominal"]["distance_mm"] < 1e-6
     assert document["diagnostics"]["nominal"]["distance_deg"] < 1e-6
     # by way of stdin and stdout it is the same file
-    stdin = io.TextIOWrapper(io.BytesIO(result.read_bytes()))
-    monkeypatch.setattr("sys.stdin", stdin)
-    assert imucalib("apply", "-", "--urdf", before).out == after.read_text()
+    said = imucalib("apply", "-", "--urdf", before, stdin=result.read_bytes())
+    assert said.out == after.read_text()
 
 
 def test_apply_without_a_joint_offers_one(tmp_path: Path, imucalib: Imucalib) -> None:
