@@ -9,7 +9,6 @@ from imucalib_cli.errors import ChoiceError, ImucalibError, UntrustedError
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from imucalib_cli.jobs.verify import Answers
     from imucalib_cli.results.result import Result
 
 EXIT_OK, EXIT_INPUT, EXIT_USAGE, EXIT_UNTRUSTED, EXIT_NO = 0, 1, 2, 3, 4
@@ -95,10 +94,10 @@ def exit_code_of(errors: Iterable[ImucalibError], results: Sequence[Result] = ()
     return worst([*map(exit_code, errors), *untrusted])
 
 
-def exit_code_of_answers(given: Answers[Any]) -> int:
+def exit_code_of_answers(answers: Iterable[Any], failures: Iterable[ImucalibError]) -> int:
     """Exit code of a comparison: of its verdicts, and of why some IMUs have none."""
-    verdicts = [_VERDICTS[answer.verdict] for answer in given.answers]
-    return worst([*verdicts, *map(exit_code, given.failures)])
+    verdicts = [_VERDICTS[answer.verdict] for answer in answers]
+    return worst([*verdicts, *map(exit_code, failures)])
 
 
 def worst(codes: Iterable[int]) -> int:

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 
 from imucalib_cli.errors import ChoiceError, ImucalibError
 from imucalib_cli.jobs.result_files import display_name, read_result_file
-from imucalib_cli.jobs.verify import Answers
 from imucalib_cli.results.comparison.verdicts import diff
 from imucalib_cli.robot.urdf import load_robot
 
@@ -29,7 +28,7 @@ def diff_results(
     *,
     urdf: Path | None = None,
     within: Tolerance | None = None,
-) -> Answers[DiffAnswer]:
+) -> tuple[list[DiffAnswer], list[ImucalibError]]:
     """Compare every IMU of one file with the same IMU of each other file.
 
     IMUs are paired by frame and topic, else by frame, else by topic, where the pair is unique. Of
@@ -67,7 +66,7 @@ def diff_results(
                 answers.append(diff(*sides, _in_the_same_frames(a, b, names, robot), within))
             except ImucalibError as error:
                 failures.append(error)
-    return Answers(answers=tuple(answers), failures=tuple(failures))
+    return answers, failures
 
 
 def _pairs(first: list[Result], second: list[Result]) -> list[Pair]:

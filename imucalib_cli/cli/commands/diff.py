@@ -32,10 +32,12 @@ def diff_command(
         from imucalib_cli.jobs.diff import diff_results
         from imucalib_cli.results.fields import Field
 
-        answers = diff_results(first, others, urdf=urdf, within=within)
+        answers, failures = diff_results(first, others, urdf=urdf, within=within)
         warnings = [
             Field("warning", warning, "warning")
-            for answer in answers.answers
+            for answer in answers
             for warning in answer.warnings
         ]
-        raise typer.Exit(give_answers(answers, warnings, fmt=fmt, output=output, quiet=quiet))
+        raise typer.Exit(
+            give_answers(answers, failures, warnings, fmt=fmt, output=output, quiet=quiet)
+        )

@@ -52,8 +52,7 @@ def trend_command(
     if plot is not None:
         optional("matplotlib", "--plot needs", "plot")
     with telling_what_is_left(*written):
-        found = trend_of(names, within, since)
-        answers = found.answers
+        answers, failures = trend_of(names, within, since)
         if fmt == "text":
             from imucalib_cli.results.trend.table import blocks
 
@@ -74,6 +73,6 @@ def trend_command(
                 for each in answer.left_out:
                     say("left out", f"{each.file}: {each.reason}")
                 say(answer.verdict, answer.reason)
-        for failure in found.failures:
+        for failure in failures:
             say_error(failure)
-        raise typer.Exit(exit_code_of_answers(found))
+        raise typer.Exit(exit_code_of_answers(answers, failures))
