@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import sys
-from dataclasses import dataclass, field
 from glob import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -149,48 +148,40 @@ def read_text(name: str, expected: str = "a result of imucalib run") -> str:
         raise InputError(f"{shown}: {error}: it should be {expected}") from error
 
 
-@dataclass
-class Statistics:
-    """What arguments lead to."""
-
-    logs: list[StoredLog] = field(default_factory=list)
-    foreign: list[Path] = field(default_factory=list)
-    """Archives of something else in folders."""
-    failures: list[ImucalibError] = field(default_factory=list)
-    """Why other files in folders cannot be used."""
-
-
-def read_statistics_files(paths: Iterable[Path]) -> Statistics:
+def read_statistics_files(
+    paths: Iterable[Path],
+) -> tuple[list[StoredLog], list[Path], list[ImucalibError]]:
     """Statistics named themselves, beside a result, or in a folder, whose bad files stop no others.
+
+    Returns:
+        The statistics; archives of something else in folders; why other files there are not used.
 
     Raises:
         InputError: A file that is named cannot be used, or a folder or a result has none.
     """
-    found = Statistics()
-    for path in paths:
-        if path.is_dir():
-            _read_statistics_in(path, found)
-        else:
-            found.logs += _statistics_of(path)
-    return found
-
-
-def _read_statistics_in(folder: Path, found: Statistics) -> None:
     from imucalib_cli.results.statistics_file import read_statistics  # with all of the estimator
 
-    files = sorted(folder.glob(f"*{_STATISTICS}"), key=lambda each: natural(each.name))
-    own = [file for file in files if not _is_foreign(file)]
-    if not own:
-        raise InputError(
-            f"{folder}: no statistics in it: `imucalib batch LOGS -o {folder} --statistics` writes "
-            "them"
-        )
-    found.foreign += [file for file in files if file not in own]
-    for file in own:
-        try:
-            found.logs.append(read_statistics(file))
-        except ImucalibError as error:
-            found.failures.append(error)
+    logs: list[StoredLog] = []
+    foreign: list[Path] = []
+    failures: list[ImucalibError] = []
+    for path in paths:
+        if not path.is_dir():
+            logs += _statistics_of(path)
+            continue
+        files = sorted(path.glob(f"*{_STATISTICS}"), key=lambda each: natural(each.name))
+        own = [file for file in files if not _is_foreign(file)]
+        if not own:
+            raise InputError(
+                f"{path}: no statistics in it: `imucalib batch LOGS -o {path} --statistics` writes "
+                "them"
+            )
+        foreign += [file for file in files if file not in own]
+        for file in own:
+            try:
+                logs.append(read_statistics(file))
+            except ImucalibError as error:
+                failures.append(error)
+    return logs, foreign, failures
 
 
 def _is_foreign(file: Path) -> bool:

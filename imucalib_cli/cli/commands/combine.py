@@ -38,9 +38,8 @@ def combine_command(
     from imucalib_cli.jobs.result_files import read_statistics_files
 
     paths = [local_file(each) for each in listed(results, "results")]
-    there = read_statistics_files(paths)
-    logs = there.logs
-    for each in () if quiet else there.foreign:
+    logs, foreign, unread = read_statistics_files(paths)
+    for each in () if quiet else foreign:
         say("note", f"{each}: holds no statistics of imucalib and is left out")
     with writing(output, read=files_of(*paths, *(log.name for log in logs))):
         found, failures = combine(logs, changed_options(known), require)
@@ -48,6 +47,6 @@ def combine_command(
         give(deliverable(found, chosen, force=False), chosen, output, quiet=quiet)
         if not quiet:
             tell(found, chosen, output, hint=fmt is None)
-        for failure in (unused := [*there.failures, *failures]):
+        for failure in (unused := [*unread, *failures]):
             say_error(failure)
         raise typer.Exit(exit_code_of(unused, found))
