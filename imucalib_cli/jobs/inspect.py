@@ -63,20 +63,19 @@ def inspect(request: CalibrationRequest, progress: Progress | None = None) -> In
     data = log.read(names, None if progress is None else lambda share: progress("reading", share))
     robots = _robots(data, request)
     chosen, request, problem = _chosen(log, request)
-    seen = _seen(robots, chosen, request, problem)
-    if seen.carrier_unknown and chosen is not None and len(chosen.unread) == 1:
+    clock, imus, told = _seen(robots, chosen, request, problem)
+    if _lacks_carrier(imus) and chosen is not None and len(chosen.unread) == 1:
         # perhaps the pose of the base
         with_pose = replace(request, pose_topics=chosen.unread)
         with_base = select_topics(log.topics, pose_topics=chosen.unread)
         other = _seen(robots, with_base, with_pose, problem)
-        if not other.carrier_unknown:
-            seen, request = other, with_pose
-    imus, clock = seen.imus, seen.clock
+        if not _lacks_carrier(other[1]):
+            (clock, imus, told), request = other, with_pose
     hints = [
         *data.findings,
         *log.undefined,
         *(each for one in robots for each in one.findings),
-        *seen.findings,
+        *told,
     ]
     if part is not None:
         data, _ = part_of(data, clock, part)
@@ -114,21 +113,11 @@ def inspect(request: CalibrationRequest, progress: Progress | None = None) -> In
     )
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Seen:
-    """Every IMU of a log, by the topics of one choice."""
-
-    clock: Clock
-    imus: tuple[ImuFinding, ...]
-    findings: tuple[Finding, ...]
-
-    @property
-    def carrier_unknown(self) -> bool:
-        """Whether there is an IMU of which neither log nor motion tells what carries it."""
-        return any(
-            each.solved_by == "--parent" and not each.moves_like and not each.still
-            for each in self.imus
-        )
+def _lacks_carrier(imus: Sequence[ImuFinding]) -> bool:
+    """Whether there is an IMU of which neither log nor motion tells what carries it."""
+    return any(
+        each.solved_by == "--parent" and not each.moves_like and not each.still for each in imus
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -162,7 +151,7 @@ def _seen(
     chosen: Selection | None,
     request: CalibrationRequest,
     problem: ImucalibError | None,
-) -> _Seen:
+) -> tuple[Clock, tuple[ImuFinding, ...], list[Finding]]:
     imus: list[ImuFinding] = []
     findings: list[Finding] = []
     for one in robots:
@@ -187,7 +176,7 @@ def _seen(
             found = replace(found, base_imu=base)
             imus.append(found)
             findings += problems
-    return _Seen(clock=clock, imus=tuple(imus), findings=tuple(findings))
+    return clock, tuple(imus), findings
 
 
 def _chosen(
