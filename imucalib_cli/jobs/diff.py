@@ -35,11 +35,8 @@ def diff_results(
     two files with one result each these two are compared. A file that cannot be used, or that has
     another IMU, does not stop the others.
 
-    Args:
-        first: A result file; ``-`` reads standard input.
-        others: Likewise, later ones.
-        urdf: Its fixed joints relate the frames, if two results have different ones.
-        within: Tolerance for a movement; None tests for significance instead.
+    Frames that differ are related by the fixed joints of the URDF. Without a tolerance movements are
+    tested for significance. ``-`` reads standard input.
 
     Raises:
         InputError: The first file or the URDF cannot be used.

@@ -152,13 +152,7 @@ def recording_of(
 ) -> Recording:
     """Streams on one clock, what they tell of the motion, and the URDF.
 
-    Args:
-        data: As read, or made of arrays; at least one IMU.
-        request: Its clock, URDF and part of the log.
-        chosen: Topics of a log.
-        paths: Of the log.
-        files: Their hashes.
-        epoch_ns: What was taken off the stamps of the data, ns.
+    Data have one IMU at least; what was taken off their stamps, if they are arrays, is epoch_ns.
 
     Raises:
         InputError: The stamps of an IMU stand still, or the URDF cannot be used.
