@@ -35,7 +35,7 @@ def diff_results(
     two files with one result each these two are compared. A file that cannot be used, or that has
     another IMU, does not stop the others.
 
-    Frames that differ are related by the fixed joints of the URDF. Without a tolerance a movement is
+    Frames that differ are related by fixed joints of the URDF. Without a tolerance a movement is
     tested for significance. ``-`` reads standard input.
 
     Raises:
