@@ -100,17 +100,10 @@ class ProgressBar:
 
 
 class CountProgress:
-    """Context manager that is told how many of many alike are done.
+    """Context manager that is told how many of many alike are done, some at a time.
 
-    Interrupted, it says how many are kept, and how to go on.
-
-    Attributes:
-        name: Of the work.
-        noun: What there are many of.
-        place: File or folder where what is done is kept; None: nowhere.
-        kept: What is kept there, such as "rows", if that is to be said at the beginning.
-        fresh: Whether it was asked to begin anew.
-        jobs: How many are done at a time.
+    Interrupted, it says how many are kept in a file or a folder, and how to go on. What is kept
+    there, such as rows, is said at the beginning if it is named.
     """
 
     def __init__(
