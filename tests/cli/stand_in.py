@@ -11,8 +11,9 @@ import numpy as np
 import yaml
 
 from imucalib_cli.errors import InputError
-from imucalib_cli.estimate.estimate import Estimate, Residuals, UnobservableDirection, Window
+from imucalib_cli.estimate.estimate import Estimate, UnobservableDirection
 from imucalib_cli.findings import Severity, texts
+from tests.results.test_results_documents import make_estimate
 
 if TYPE_CHECKING:
     from tests.conftest import Printed
@@ -21,27 +22,11 @@ ROOT = Path(__file__).parents[2]
 ANSWERS = jsonschema.Draft202012Validator(
     json.loads((ROOT / "docs/comparison.schema.json").read_text())
 )
-ESTIMATE = Estimate(
-    method="matched",
+ESTIMATE = make_estimate(
     R_parent_imu=np.eye(3),
     t_parent_imu=np.array([0.06, 0.0, 0.0]),
     covariance=np.diag([1e-8] * 3 + [1e-10] * 3),
     time_offset=0.012,
-    time_offset_std=1e-5,
-    accel_bias=np.zeros(3),
-    accel_bias_std=np.ones(3),
-    gyro_bias=np.zeros(3),
-    gyro_bias_std=np.ones(3),
-    gravity_world=np.array([0.0, 0.0, -9.80665]),
-    window=Window(samples=51, seconds=0.5, reason="so it was told"),
-    residuals=Residuals(
-        accel_rms=np.ones(3),
-        gyro_rms=np.ones(3),
-        windows_used=10,
-        windows_dropped=0,
-        samples_replaced=0,
-        gaps=0,
-    ),
     findings=texts(Severity.WARNING, ["the moon is full"]),
 )
 SIDEWAYS = UnobservableDirection(
