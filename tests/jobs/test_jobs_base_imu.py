@@ -17,6 +17,7 @@ from imucalib_cli.jobs.calibrate import calibrate
 from imucalib_cli.jobs.input.reading import read_recording
 from imucalib_cli.jobs.input.request import CalibrationRequest
 from imucalib_cli.jobs.inspect import inspect
+from imucalib_cli.layout import plain
 from tests.jobs.walking import LEG, ON_LEG, ON_TRUNK, ROBOT, TRUNK, log_of, of_imu, walk
 from tests.logs.logs_samples import Said, T
 
@@ -164,7 +165,7 @@ def test_inspect_shows_the_choice_and_the_command(tmp_path: Path) -> None:
     assert found.command is not None
     assert found.command.endswith(f"robot.urdf --base-imu {TRUNK}")
     assert found.more_commands == ()
-    assert "carried by trunk, tells how it moves" in found.as_text()
+    assert "carried by trunk, tells how it moves" in plain(found.blocks())
     alone = inspect(CalibrationRequest(logs=(log_of(tmp_path / "alone", TRUNK, LEG),)))
     assert alone.command is not None
     assert alone.command.endswith("--base-imu IMU")

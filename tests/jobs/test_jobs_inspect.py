@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from imucalib_cli.jobs.input.request import CalibrationRequest
 from imucalib_cli.jobs.inspect import inspect
+from imucalib_cli.layout import plain
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -27,7 +28,7 @@ def test_every_imu_gets_a_command(log_writer: LogWriter, arm_urdf: Path) -> None
     (other,) = found.more_commands
     assert other == f"imucalib run {log} --urdf {arm_urdf} --imu-topic /imu/b --parent FRAME"
     assert found.placeholders == "FRAME by the link or frame that carries the IMU"
-    assert other in found.as_text()
+    assert other in plain(found.blocks())
 
 
 def test_an_imu_that_nothing_can_be_done_with_gets_none(
@@ -57,4 +58,4 @@ def test_bursts_are_told(log_writer: LogWriter, arm_urdf: Path) -> None:
     found = inspect(CalibrationRequest(logs=(log_writer.write(),), urdf=arm_urdf))
     said = "/imu/data: stamps come in bursts (80% of the intervals"
     assert any(each.startswith(said) for each in found.warnings)
-    assert "bunched" in found.as_text()
+    assert "bunched" in plain(found.blocks())

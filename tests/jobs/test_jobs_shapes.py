@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import imucalib_cli as ic
+from imucalib_cli import layout
 from imucalib_cli.jobs.input.request import CalibrationRequest
 from imucalib_cli.jobs.inspect import inspect
 from tests.slow import slow_after
@@ -183,7 +184,7 @@ def test_the_stamps_of_a_low_state_are_told_as_a_run_takes_them(tmp_path: Path) 
             logs=(shapes.write_mcap(tmp_path / "log.mcap", unitree),), urdf=shapes.URDF
         )
     )
-    (told, _, row, end) = found.as_text().partition("stamps    ")[2].splitlines()[:4]
+    (told, _, row, end) = layout.plain(found.blocks()).partition("stamps    ")[2].splitlines()[:4]
     said = "the counter tick, ms, of /lowstate, which has no header stamp, would be used"
     assert told == said
     assert row.split()[:2] == ["/lowstate", "125.0"]
@@ -196,7 +197,7 @@ def test_the_stamps_of_a_low_state_are_told_as_a_run_takes_them(tmp_path: Path) 
             logs=(shapes.write_mcap(tmp_path / "none.mcap", unitree),), urdf=shapes.URDF
         )
     )
-    assert "log stamps would be used" in found.as_text()
+    assert "log stamps would be used" in layout.plain(found.blocks())
 
 
 def test_motors_that_nothing_names_ask_for_joints(tmp_path: Path) -> None:

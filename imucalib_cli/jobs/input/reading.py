@@ -71,11 +71,6 @@ class Recording:
     epoch_ns: int = 0
     """What to add to the stamps to get those of the source, ns; not zero for arrays alone."""
 
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """The findings in words."""
-        return warnings(self.findings)
-
 
 def read_recording(request: CalibrationRequest, progress: Progress | None = None) -> Recording:
     """Open, choose topics, read them in one pass, load the URDF.
