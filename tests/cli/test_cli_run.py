@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
     from tests.conftest import Imucalib, LogWriter
 
+pytestmark = pytest.mark.usefixtures("estimator")
+
 
 def test_a_document_on_stdout_and_warnings_on_stderr(
     estimator: Estimator, run_arm: Imucalib
@@ -39,7 +41,6 @@ def test_a_document_on_stdout_and_warnings_on_stderr(
     assert path.parent == "hand"
 
 
-@pytest.mark.usefixtures("estimator")
 def test_fingerprints_are_those_of_sha256sum(
     arm_log: Path, arm_urdf: Path, run_arm: Imucalib
 ) -> None:
@@ -53,12 +54,10 @@ def test_fingerprints_are_those_of_sha256sum(
     assert provenance["urdf"]["sha256"] == hashlib.sha256(arm_urdf.read_bytes()).hexdigest()
 
 
-@pytest.mark.usefixtures("estimator")
 def test_quiet_leaves_stderr_empty(run_arm: Imucalib) -> None:
     assert run_arm("-q").err == ""
 
 
-@pytest.mark.usefixtures("estimator")
 def test_output_file_leaves_stdout_empty(tmp_path: Path, run_arm: Imucalib) -> None:
     target = tmp_path / "result.json"
     assert run_arm("--format", "json", "-o", target).out == ""
@@ -66,7 +65,6 @@ def test_output_file_leaves_stdout_empty(tmp_path: Path, run_arm: Imucalib) -> N
     assert [p for p in tmp_path.iterdir() if p.name.startswith(".")] == []
 
 
-@pytest.mark.usefixtures("estimator")
 def test_output_folder_gets_a_file_for_each_imu(
     log_writer: LogWriter, arm_urdf: Path, tmp_path: Path, imucalib: Imucalib
 ) -> None:
@@ -77,7 +75,6 @@ def test_output_folder_gets_a_file_for_each_imu(
     assert names == [f"{log.stem}.hand.yaml", f"{log.stem}.imu_link.yaml"]
 
 
-@pytest.mark.usefixtures("estimator")
 def test_a_joint_alone_is_not_called_a_urdf(
     arm_log: Path, tmp_path: Path, run_arm: Imucalib
 ) -> None:
@@ -86,7 +83,6 @@ def test_a_joint_alone_is_not_called_a_urdf(
     assert [path.name for path in folder.iterdir()] == [f"{arm_log.stem}.imu_link.joint.xml"]
 
 
-@pytest.mark.usefixtures("estimator")
 def test_imus_of_one_frame_do_not_overwrite_each_other(
     log_writer: LogWriter, arm_urdf: Path, tmp_path: Path, imucalib: Imucalib
 ) -> None:
@@ -119,7 +115,6 @@ def test_untrusted_pose_is_refused_unless_forced(
     assert "imu_link" in said.out
 
 
-@pytest.mark.usefixtures("estimator")
 def test_require_turns_a_large_sigma_into_exit_3(run_arm: Imucalib) -> None:
     run_arm("--require", "0.11mm,0.1deg")
     out, err = run_arm("--require", "0.09mm,0.1deg", code=3)
@@ -134,7 +129,6 @@ def test_require_turns_a_large_sigma_into_exit_3(run_arm: Imucalib) -> None:
     assert yaml.safe_load(said.out)["provenance"]["options"]["require"] == "1mm"
 
 
-@pytest.mark.usefixtures("estimator")
 def test_options_are_recorded_in_the_words_of_the_documentation(run_arm: Imucalib) -> None:
     def recorded(*options: str) -> dict[str, Any]:
         document = json.loads(run_arm("--format", "json", *options).out)
@@ -167,7 +161,6 @@ def test_one_imu_may_fail_and_the_others_still_come_out(
     assert "error: /a: too short" in err
 
 
-@pytest.mark.usefixtures("estimator")
 def test_the_joint_to_paste_has_the_name_it_has_in_the_urdf(run_arm: Imucalib) -> None:
     out = run_arm("--format", "urdf").out
     assert out.startswith('<joint name="imu_joint" type="fixed">\n')
@@ -296,7 +289,6 @@ def test_a_log_without_an_imu_lists_what_it_has(
         (9.8, ["--gravity", "none"], 0, "yet --gravity none was given"),
     ],
 )
-@pytest.mark.usefixtures("estimator")
 def test_gravity_at_rest_must_fit_the_option(
     *,
     accel: float,
@@ -311,7 +303,6 @@ def test_gravity_at_rest_must_fit_the_option(
     assert words in imucalib("run", log, "--urdf", arm_urdf, *options, code=code).err
 
 
-@pytest.mark.usefixtures("estimator")
 def test_stamps_that_never_meet_are_told(
     log_writer: LogWriter, arm_urdf: Path, imucalib: Imucalib
 ) -> None:
@@ -319,7 +310,6 @@ def test_stamps_that_never_meet_are_told(
     assert "they do not overlap" in imucalib("run", log, "--urdf", arm_urdf, code=1).err
 
 
-@pytest.mark.usefixtures("estimator")
 def test_summary_on_stdout_holds_both_directions(run_arm: Imucalib) -> None:
     out = run_arm("--format", "summary").out
     assert "pose of imu_link in hand: p_hand = R p_imu_link + t" in out
@@ -329,12 +319,10 @@ def test_summary_on_stdout_holds_both_directions(run_arm: Imucalib) -> None:
     assert "\x1b" not in out
 
 
-@pytest.mark.usefixtures("estimator")
 def test_a_file_given_twice_is_a_mistake(arm_log: Path, arm_urdf: Path, imucalib: Imucalib) -> None:
     assert "is given twice" in imucalib("run", arm_log, arm_log, "--urdf", arm_urdf, code=2).err
 
 
-@pytest.mark.usefixtures("estimator")
 def test_one_imu_link_is_not_for_two_imus(
     log_writer: LogWriter, arm_urdf: Path, imucalib: Imucalib
 ) -> None:
@@ -343,7 +331,6 @@ def test_one_imu_link_is_not_for_two_imus(
     assert "--imu-topic: /one, /two" in said.err
 
 
-@pytest.mark.usefixtures("estimator")
 def test_a_frame_may_be_typed_with_a_leading_slash(run_arm: Imucalib) -> None:
     frames = ("--parent", "/upper", "--imu-link", "/imu_link", "--world", "/base")
     document = yaml.safe_load(run_arm(*frames).out)
